@@ -1,0 +1,33 @@
+# The whole developer story. Each target is short and says what it proves.
+RUN ?= uv run --extra all --group dev
+CODE := capabilities policies pep ztpm_idp ztpm
+
+.PHONY: check format lint types imports test docs demo constraints
+
+check: lint types imports test  ## all of it; green before anything lands
+
+format:  ## rewrite to the one format
+	$(RUN) ruff format .
+	$(RUN) ruff check --fix-only .
+
+lint:
+	$(RUN) ruff format --check .
+	$(RUN) ruff check .
+
+types:
+	$(RUN) mypy
+
+imports:  ## who may import whom (DESIGN: one direction)
+	$(RUN) lint-imports
+
+test:
+	$(RUN) pytest -q -n 2 --dist worksteal
+
+docs:  ## regenerate the generated pages; a test fails while they differ
+	$(RUN) python -m docs.generate
+
+demo:
+	$(RUN) ztpm demo
+
+constraints:  ## pin the whole set with hashes, without naming an index
+	uv pip compile pyproject.toml --all-extras --group dev --generate-hashes --no-emit-index-url --no-header --universal --python-version 3.11 -o constraints.txt -q

@@ -1,0 +1,48 @@
+"""Every cap of this package in one place, each with its unit and reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Caps:
+    """Bounds that hold before anything costly is done. Frozen; `DEFAULT` is what the profile `ztpm/1` states."""
+
+    token_bytes: int = 9_000
+    """Bytes of a token before base64: 12 KiB of header once encoded (DESIGN section 4, carriage)."""
+    hops: int = 8
+    """Hops after the authority block; verification is linear, about 40 us each (reference measurements)."""
+    grants: int = 64
+    """Grants in a scope."""
+    parameters: int = 32
+    """Parameters of one operation."""
+    one_of: int = 64
+    """Members of a finite set."""
+    text_bytes: int = 256
+    """UTF-8 bytes of any name, id or URL in a token."""
+    purpose_bytes: int = 512
+    """UTF-8 bytes of a stated purpose."""
+    proof_bytes: int = 4_096
+    """Bytes of a proof of possession."""
+    statement_bytes: int = 262_144
+    """Bytes of a signed statement."""
+    proof_age_s: int = 30
+    """Oldest accepted proof (DESIGN section 4)."""
+    skew_s: int = 5
+    """Accepted clock skew into the future."""
+    lifetime_s: int = 86_400
+    """Longest lifetime of a token, issue to expiry."""
+    key_evidence_lifetime_s: int = 3_600
+    """Longest lifetime of a hop whose attestation is of kind `key`."""
+    key_evidence_ceiling: int = 3
+    """Highest tier under an attestation of kind `key`."""
+    nonce_age_s: int = 60
+    """Oldest accepted attestation nonce."""
+    datalog_ms: int = 1_000
+    """Wall time given to one Datalog evaluation. Generous: a tight limit refuses valid tokens under load."""
+    datalog_facts: int = 5_000
+    datalog_iterations: int = 200
+
+
+DEFAULT = Caps()

@@ -1,0 +1,134 @@
+"""A verified chain of authority, as values. An instance exists only because `verify` made it: its existence is the proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from capabilities.errors import FaultCode
+from capabilities.scope import Bound, Scope
+from capabilities.units import Unit
+
+
+class EvidenceKind(StrEnum):
+    """How a delegate was attested. The kind bounds lifetime and ceiling (capabilities.caps)."""
+
+    KEY = "key"
+    """The agent's own key signed its own measurement. Proves the key, not the software."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sponsor:
+    """A human principal.
+
+    Attributes:
+        issuer: who authenticated the person (an issuer URL).
+        subject: the person's id there.
+        method: how, e.g. "operator-key".
+        authenticated_at: when, seconds since the epoch.
+    """
+
+    issuer: str
+    subject: str
+    method: str
+    authenticated_at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Attestation:
+    """The identity provider's statement about a hop's agent, as its block carries it.
+
+    Attributes:
+        kind: form of the evidence.
+        measurement: SHA-256 over what the agent runs, as the agent stated it.
+        at: seconds since the epoch.
+    """
+
+    kind: EvidenceKind
+    measurement: bytes
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Hop:
+    """One holder in the chain.
+
+    Attributes:
+        index: 0 is the authority block's agent.
+        hop_id: 16 random bytes as 32 hex digits; the unit of revocation.
+        agent: the holder's id.
+        key: the holder's Ed25519 public key, 32 raw bytes.
+        delegator: agent id of the parent hop; the sponsor's subject at hop 0.
+        purpose: stated reason of the delegation.
+        request_digest: SHA-256 of the delegator's signed request, kept in the ledger.
+        attestation: see there.
+        scope: what holds from here on (the meet so far).
+    """
+
+    index: int
+    hop_id: str
+    agent: str
+    key: bytes
+    delegator: str
+    purpose: str
+    request_digest: bytes
+    attestation: Attestation
+    scope: Scope
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A chain that passed steps 1 to 9 of `verify`.
+
+    Attributes:
+        token_id: of the authority block; 22 base64url characters.
+        digest: SHA-256 of the canonical bytes.
+        sponsor: the human root.
+        root_key_id: which root key signed.
+        hops: in order, at least one.
+        epoch: of the revocation view that it was checked against.
+        view_age_ms: age of that view, on the verifier's monotonic clock.
+    """
+
+    token_id: str
+    digest: bytes
+    sponsor: Sponsor
+    root_key_id: int
+    hops: tuple[Hop, ...]
+    epoch: int
+    view_age_ms: int
+
+    @property
+    def leaf(self) -> Hop:
+        """The holder."""
+        return self.hops[-1]
+
+    @property
+    def scope(self) -> Scope:
+        """The effective scope: the meet of all blocks."""
+        return self.leaf.scope
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a request is outside what a chain (or a robot) allows, and who drew the line.
+
+    Attributes:
+        code: `NOT_GRANTED`, `PARAMETERS_WRONG`, `LIMIT_EXCEEDED_BY_REQUEST`, `ABOVE_CEILING` or an engine's fault.
+        parameter, value, unit, bound, nearest: of the parameter that is out of bounds; `nearest` is the permitted integer nearest to `value`.
+        hop: index of the hop that set the tightest bound, or None when no hop did (the robot's own limit).
+        hop_id, agent, sponsor: that hop's id and holder, and the person behind the chain.
+        detail: for the record.
+    """
+
+    code: FaultCode
+    parameter: str | None = None
+    value: int | None = None
+    unit: Unit | None = None
+    bound: Bound | None = None
+    nearest: int | None = None
+    hop: int | None = None
+    hop_id: str | None = None
+    agent: str | None = None
+    sponsor: str | None = None
+    detail: str = ""

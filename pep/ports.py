@@ -1,0 +1,78 @@
+"""What the gate asks of the world, as protocols: time, feeds, stores, physics. Shells implement them; tests inject their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from capabilities.scope import Tier
+    from capabilities.statements.revocation import RevocationView
+    from policies.evidence import ImpactFault, ImpactReading
+    from policies.model import Request
+
+
+class Clock(Protocol):
+    """Two clocks, never mixed: the wall for what others wrote, the monotonic one for ages and durations."""
+
+    def wall_s(self) -> float:
+        """Seconds since the epoch."""
+        ...
+
+    def monotonic_ms(self) -> int:
+        """Milliseconds of a clock that never goes back."""
+        ...
+
+
+class RevocationFeed(Protocol):
+    """The newest verified revocation view."""
+
+    def view(self) -> RevocationView:
+        """The view, with its age taken now; a feed that has never been read has an infinite age."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RegisteredTool:
+    """A tool as the signed registry knows it."""
+
+    name: str
+    definition_digest: str
+    operation: str
+    base_tier: Tier
+
+
+class Registry(Protocol):
+    """The newest verified registry snapshot for this PEP's audience."""
+
+    def tool(self, name: str) -> RegisteredTool | None:
+        """The registered tool, or None."""
+        ...
+
+    def trust_permille(self, agent: str) -> int | None:
+        """The signed static trust of an agent, or None when nothing is stated."""
+        ...
+
+
+class ReplayStore(Protocol):
+    """Proof ids seen. Storing is the check: one call, atomic."""
+
+    def first_use(self, jti: str, *, key: bytes, expires_ms: int) -> bool:
+        """True exactly once for each (key, jti) until `expires_ms` on the monotonic clock. A store that cannot answer raises."""
+        ...
+
+
+class Journal(Protocol):
+    """The PEP's durable record. When `append` returns, the record survives a power cut."""
+
+    def append(self, kind: str, body: dict[str, object]) -> str:
+        """The record's hash (hex). Raises when it cannot be made durable."""
+        ...
+
+
+class Physics(Protocol):
+    """The runtime physical impact of a request in the world as it is now."""
+
+    def assess(self, request: Request) -> ImpactReading | ImpactFault:
+        """One reading of perception and robot state, one assessment. Never raises; a time-out is a fault."""
+        ...
