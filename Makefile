@@ -17,7 +17,7 @@ lint:
 types:
 	$(RUN) mypy
 
-imports:  ## who may import whom (DESIGN: one direction)
+imports:  ## who may import whom (one direction)
 	$(RUN) lint-imports
 
 test:

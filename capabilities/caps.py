@@ -10,9 +10,9 @@ class Caps:
     """Bounds that hold before anything costly is done. Frozen; `DEFAULT` is what the profile `ztpm/1` states."""
 
     token_bytes: int = 9_000
-    """Bytes of a token before base64: 12 KiB of header once encoded (DESIGN section 4, carriage)."""
+    """Bytes of a token before base64: 12 KiB of header once encoded."""
     hops: int = 8
-    """Hops after the authority block; verification is linear, about 40 us each (reference measurements)."""
+    """Hops after the authority block. Checking the signatures of each costs about 40 us of one core."""
     grants: int = 64
     """Grants in a scope."""
     parameters: int = 32
@@ -28,7 +28,7 @@ class Caps:
     statement_bytes: int = 262_144
     """Bytes of a signed statement."""
     proof_age_s: int = 30
-    """Oldest accepted proof (DESIGN section 4)."""
+    """Oldest accepted proof."""
     skew_s: int = 5
     """Accepted clock skew into the future."""
     lifetime_s: int = 86_400

@@ -1,13 +1,13 @@
-"""A verified chain of authority, as values. An instance exists only because `verify` made it: its existence is the proof."""
+"""A verified chain of authority, as values. An instance exists because `verify` made it: its existence is the proof."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-from capabilities.errors import FaultCode
-from capabilities.scope import Bound, Scope
-from capabilities.units import Unit
+from capabilities.errors import FaultCode  # noqa: TC001 - a dataclass field: its annotation must resolve
+from capabilities.scope import Bound, Scope  # noqa: TC001 - a dataclass field: its annotation must resolve
+from capabilities.units import Unit  # noqa: TC001 - a dataclass field: its annotation must resolve
 
 
 class EvidenceKind(StrEnum):
@@ -50,6 +50,20 @@ class Attestation:
 
 
 @dataclass(frozen=True, slots=True)
+class HopGrant:
+    """What the identity provider states about a new holder, as its block carries it. Fields as in `Hop`."""
+
+    hop_id: str
+    agent: str
+    key: bytes
+    delegator: str
+    purpose: str
+    request_digest: bytes
+    attestation: Attestation
+    role: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Hop:
     """One holder in the chain.
 
@@ -63,6 +77,8 @@ class Hop:
         request_digest: SHA-256 of the delegator's signed request, kept in the ledger.
         attestation: see there.
         scope: what holds from here on (the meet so far).
+        role: the holder's role among the sponsor's own agents, as the attester vouches for it; empty for none, and for
+            an agent of another sponsor, which can therefore be delegated to by name alone.
     """
 
     index: int
@@ -74,6 +90,7 @@ class Hop:
     request_digest: bytes
     attestation: Attestation
     scope: Scope
+    role: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +132,8 @@ class Refusal:
 
     Attributes:
         code: `NOT_GRANTED`, `PARAMETERS_WRONG`, `LIMIT_EXCEEDED_BY_REQUEST`, `ABOVE_CEILING` or an engine's fault.
-        parameter, value, unit, bound, nearest: of the parameter that is out of bounds; `nearest` is the permitted integer nearest to `value`.
+        parameter, value, unit, bound, nearest: of the parameter that is out of bounds; `nearest` is the permitted
+            integer nearest to `value`.
         hop: index of the hop that set the tightest bound, or None when no hop did (the robot's own limit).
         hop_id, agent, sponsor: that hop's id and holder, and the person behind the chain.
         detail: for the record.

@@ -1,13 +1,17 @@
 """What can be wrong with a token, a proof, a statement or a quantity: one small tree, each with a reason code.
 
-The code is stable and safe for strangers. The detail is for the record and for the token's own holder; it never holds a token, a key
-or text from one.
+The code is stable and safe for strangers. The detail is for the record and for the token's own holder; it never holds a
+token, a key or text from one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from capabilities.scope import Widening
 
 
 class FaultCode(StrEnum):
@@ -19,9 +23,9 @@ class FaultCode(StrEnum):
     NOT_ON_GRID = "NOT_ON_GRID"
     OUT_OF_RANGE = "OUT_OF_RANGE"
     # tokens, in the order in which `verify` finds them
-    TOKEN_MISSING = "TOKEN_MISSING"
-    TOKEN_TOO_LARGE = "TOKEN_TOO_LARGE"
-    TOKEN_MALFORMED = "TOKEN_MALFORMED"
+    TOKEN_MISSING = "TOKEN_MISSING"  # noqa: S105 - a reason, not a secret
+    TOKEN_TOO_LARGE = "TOKEN_TOO_LARGE"  # noqa: S105 - a reason, not a secret
+    TOKEN_MALFORMED = "TOKEN_MALFORMED"  # noqa: S105 - a reason, not a secret
     TOO_MANY_HOPS = "TOO_MANY_HOPS"
     SIGNATURE_INVALID = "SIGNATURE_INVALID"
     UNKNOWN_ROOT_KEY = "UNKNOWN_ROOT_KEY"
@@ -79,7 +83,11 @@ class ScopeError(CapabilityError):
 
 
 class TokenError(CapabilityError):
-    """A token that cannot be minted or extended."""
+    """A token that cannot be minted, extended or read. `widenings` says where a hop would have more than its parent."""
+
+    def __init__(self, code: FaultCode, detail: str = "", widenings: tuple[Widening, ...] = ()) -> None:
+        super().__init__(code, detail)
+        self.widenings = widenings
 
 
 class StatementError(CapabilityError):

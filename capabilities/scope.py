@@ -1,8 +1,8 @@
 """What a token allows, as values, and the partial order *narrows*.
 
-A scope has seven dimensions: grants, limits per parameter, tier ceiling, audience, delegates, depth and time window. Scopes form a
-meet-semilattice: the scope of a chain is the meet of its blocks, and a hop must be strictly below its parent in grants, limits,
-ceiling, audience or delegates. All numbers are integers (capabilities.units).
+A scope has seven dimensions: grants, limits per parameter, tier ceiling, audience, delegates, depth and time window.
+Scopes form a meet-semilattice: the scope of a chain is the meet of its blocks, and a hop must be strictly below its
+parent in grants, limits, ceiling, audience or delegates. All numbers are integers (capabilities.units).
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-from capabilities.units import Parameter
+from capabilities.units import Parameter  # noqa: TC001 - a dataclass field: its annotation must resolve
 
 
 class Tier(IntEnum):
@@ -25,7 +25,7 @@ class Tier(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """All integers from `low` to `high`, both included. Always two-sided: an upper bound alone would admit every negative."""
+    """All integers from `low` to `high`, both included. Two-sided: an upper bound alone would admit every negative."""
 
     low: int
     high: int

@@ -1,9 +1,9 @@
 """Physical quantities as integers: one table of units and the only conversions of the project.
 
-A token, a request and a policy hold whole numbers, each with its unit. Floats live at the edges alone: `parse` turns one into an
-integer or says exactly why it will not, and `si` turns an integer back for a library that wants SI floats. A float is accepted only
-when it lies on the unit's grid, that is when the integer found for it converts back to the very same float: what was decided is then
-what is sent, to the last bit.
+A token, a request and a policy hold whole numbers, each with its unit. Floats live at the edges alone: `parse` turns
+one into an integer or says exactly why it will not, and `si` turns an integer back for a library that wants SI floats.
+A float is accepted only when it lies on the unit's grid, that is when the integer found for it converts back to the
+very same float: what was decided is then what is sent, to the last bit.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Final
 from capabilities.errors import FaultCode, QuantityError
 
 INT_LIMIT: Final = 2**53 - 1
-"""Largest magnitude of any integer in a request: the largest that every JSON reader keeps exactly (RFC 8259 section 6)."""
+"""Largest magnitude of any integer in a request: every JSON reader keeps it exactly (RFC 8259 section 6)."""
 
 
 class Unit(StrEnum):
@@ -78,12 +78,14 @@ def parse(value: object, unit: Unit) -> int:
     """The integer for an SI number.
 
     Args:
-        value: an int or float in the SI unit that `unit` divides (rad, m/s, N, kg, s ...); anything else is refused, bool included.
+        value: an int or float in the SI unit that `unit` divides (rad, m/s, N, kg, s ...); anything else is refused,
+            bool included.
         unit: the unit wanted.
 
     Raises:
-        QuantityError: `NOT_A_NUMBER` for another type, `NOT_FINITE` for NaN and infinities, `OUT_OF_RANGE` beyond 2^53 - 1 units,
-            `NOT_ON_GRID` when the nearest integer does not convert back to the same number (the error names the nearest one).
+        QuantityError: `NOT_A_NUMBER` for another type, `NOT_FINITE` for NaN and infinities, `OUT_OF_RANGE` beyond 2^53
+            - 1 units, `NOT_ON_GRID` when the nearest integer does not convert back to the same number (the error names
+            the nearest one).
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise QuantityError(FaultCode.NOT_A_NUMBER, f"{type(value).__name__} is not a number")

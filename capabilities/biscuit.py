@@ -1,0 +1,307 @@
+"""The one door to the Biscuit library: bytes and values go in and come out, and nothing of the library gets past.
+
+Datalog is written here alone. Its text is made of fixed words and counters; every value of a token, a request or a
+caller is bound as a parameter, never formatted in. The library's panics derive from `BaseException`; they are turned
+into errors here.
+"""
+
+from __future__ import annotations
+
+import functools
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import timedelta
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final, assert_never
+
+import biscuit_auth
+
+from capabilities.block import ARITY, AUTHORITY_ONLY, Alternative, Checks, Row, Term
+from capabilities.errors import FaultCode, TokenError
+from capabilities.keys import KEY_BYTES
+from capabilities.scope import OneOf, Range
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    from capabilities.caps import Caps
+    from capabilities.scope import Bound
+
+_library: Any = biscuit_auth
+"""The library without its type stubs, which lack half of what it has (limits, algorithms)."""
+_PANIC: Final = "PanicException"
+_LIMITS_WORD: Final = "execution limits"
+"""Part of the library's text when a Datalog limit was reached; it has no code for that. A test watches the wording."""
+
+
+class Answer(Enum):
+    """What Biscuit's own authorizer says to a request."""
+
+    ALLOWED = "allowed"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """A request as the authorizer sees it: ``req(object, operation, v0 .. vn)`` and ``req_ctx(time, base_tier)``."""
+
+    object: str
+    operation: str
+    values: tuple[int, ...]
+    time: int
+    base_tier: int
+
+
+class OpenedToken:
+    """A token whose signatures hold. It carries the next block's secret: never printed, compared or stored."""
+
+    __slots__ = ("_biscuit",)
+
+    def __init__(self, biscuit: Any) -> None:
+        self._biscuit = biscuit
+
+    def __repr__(self) -> str:
+        return "OpenedToken(...)"
+
+    def encode(self) -> bytes:
+        """The token written again, in the library's one encoding."""
+        with _contained(FaultCode.TOKEN_MALFORMED):
+            return bytes(self._biscuit.to_bytes())
+
+    def external_keys(self) -> tuple[bytes | None, ...]:
+        """The raw Ed25519 key that signed each block from outside, in order; None for none, or another kind."""
+        with _contained(FaultCode.TOKEN_MALFORMED):
+            found = [self._biscuit.block_external_key(i) for i in range(self._biscuit.block_count())]
+            return tuple(
+                None if key is None or not repr(key).startswith("ed25519/") else bytes(key.to_bytes()) for key in found
+            )
+
+    def rows(self, caps: Caps, attesters: frozenset[bytes]) -> dict[bytes | None, tuple[Row, ...]]:
+        """The facts of the profile's predicates, by who signed the blocks that state them; None is the authority block.
+
+        No rule of the token and no fact of a caller takes part: step [TOK-4] and the structure were checked before.
+
+        Raises:
+            TokenError: `LIMIT_EXCEEDED` for a Datalog limit, `CHAIN_BROKEN` for a term that is no integer, text or
+                bytes.
+        """
+        with _contained(FaultCode.CHAIN_BROKEN):
+            builder = _library.AuthorizerBuilder("")
+            builder.set_limits(_limits(builder, caps))
+            authorizer = builder.build(self._biscuit)
+            return {signer: _rows_of(authorizer, signer) for signer in (None, *attesters)}
+
+    def decide(self, probe: Probe, caps: Caps) -> Answer:
+        """What Biscuit's authorizer answers to one request, with nothing but that request as its own facts.
+
+        Raises:
+            TokenError: `LIMIT_EXCEEDED` for a Datalog limit, `ENGINES_DISAGREE` for an answer that is neither yes nor
+                no.
+        """
+        with _contained(FaultCode.ENGINES_DISAGREE):
+            builder = _library.AuthorizerBuilder("allow if true;")
+            builder.set_limits(_limits(builder, caps))
+            bound = {
+                "object": probe.object,
+                "operation": probe.operation,
+                **{f"v{i}": v for i, v in enumerate(probe.values)},
+            }
+            request = ", ".join(f"{{{parameter}}}" for parameter in bound)
+            builder.add_fact(_library.Fact(f"req({request})", bound))
+            builder.add_fact(_library.Fact("req_ctx({time}, {tier})", {"time": probe.time, "tier": probe.base_tier}))
+            authorizer = builder.build(self._biscuit)
+            try:
+                authorizer.authorize()
+            except _library.AuthorizationError as refusal:
+                if str(refusal).startswith("authorization failed"):
+                    return Answer.REFUSED
+                raise
+            return Answer.ALLOWED
+
+
+def open_token(token: bytes, root: bytes) -> OpenedToken:
+    """The token, with every signature checked: the root's, each block's on the next, each external one.
+
+    Raises:
+        TokenError: `SIGNATURE_INVALID`.
+    """
+    with _contained(FaultCode.SIGNATURE_INVALID):
+        return OpenedToken(
+            _library.Biscuit.from_bytes(token, _library.PublicKey.from_bytes(root, _library.Algorithm.Ed25519))
+        )
+
+
+def seal_authority(rows: tuple[Row, ...], checks: Checks, *, root: Ed25519PrivateKey, root_key_id: int) -> bytes:
+    """A new token of one block, signed by the root key.
+
+    Raises:
+        TokenError: `TOKEN_MALFORMED` when a value cannot be bound.
+    """
+    with _contained(FaultCode.TOKEN_MALFORMED):
+        source = _source(rows, checks)
+        builder = _library.BiscuitBuilder(source.text, source.bound)
+        builder.set_root_key_id(root_key_id)
+        return bytes(builder.build(_private(root)).to_bytes())
+
+
+def append_hop(token: OpenedToken, rows: tuple[Row, ...], checks: Checks, *, attester: Ed25519PrivateKey) -> bytes:
+    """The token with one more block, signed by the attester for this place in this token alone.
+
+    Raises:
+        TokenError: `TOKEN_MALFORMED` when a value cannot be bound.
+    """
+    with _contained(FaultCode.TOKEN_MALFORMED):
+        source = _source(rows, checks)
+        biscuit = token._biscuit  # noqa: SLF001 - this module is the class's only friend
+        private = _private(attester)
+        block = biscuit.third_party_request().create_block(private, _library.BlockBuilder(source.text, source.bound))
+        return bytes(
+            biscuit.append_third_party(_library.KeyPair.from_private_key(private).public_key, block).to_bytes()
+        )
+
+
+# --- Datalog ---------------------------------------------------------------------------------------------------------
+
+
+class _Source:
+    """Datalog text under construction, with the values bound so far."""
+
+    __slots__ = ("_parts", "bound")
+
+    def __init__(self) -> None:
+        self._parts: list[str] = []
+        self.bound: dict[str, Any] = {}
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self._parts)
+
+    def bind(self, value: Term | set[int]) -> str:
+        """A placeholder for `value`."""
+        name = f"p{len(self.bound)}"
+        self.bound[name] = value
+        return f"{{{name}}}"
+
+    def add(self, statement: str) -> None:
+        self._parts.append(statement + ";")
+
+
+def _source(rows: tuple[Row, ...], checks: Checks) -> _Source:
+    source = _Source()
+    for predicate, terms in rows:
+        if len(terms) != ARITY[predicate]:
+            raise TokenError(FaultCode.TOKEN_MALFORMED, "a fact of a wrong arity")
+        source.add(f"{predicate}({', '.join(source.bind(term) for term in terms)})")
+    if checks.alternatives is not None:
+        source.add("check if " + " or ".join(_alternative(source, alternative) for alternative in checks.alternatives))
+    context = ["req_ctx($time, $tier)"]
+    if checks.not_before is not None:
+        context.append(f"$time >= {source.bind(checks.not_before)}")
+    if checks.not_after is not None:
+        context.append(f"$time < {source.bind(checks.not_after)}")
+    if checks.ceiling is not None:
+        context.append(f"$tier <= {source.bind(checks.ceiling)}")
+    if len(context) > 1:
+        source.add("check if " + ", ".join(context))
+    return source
+
+
+def _alternative(source: _Source, alternative: Alternative) -> str:
+    head = [source.bind(alternative.object), source.bind(alternative.operation)]
+    head += [f"$v{i}" for i in range(len(alternative.bounds))]
+    demands = [_demand(source, f"$v{i}", bound) for i, bound in enumerate(alternative.bounds) if bound is not None]
+    return ", ".join([f"req({', '.join(head)})", *demands])
+
+
+def _demand(source: _Source, variable: str, bound: Bound) -> str:
+    match bound:
+        case Range(low, high):
+            return f"{variable} >= {source.bind(low)}, {variable} <= {source.bind(high)}"
+        case OneOf(values):
+            return f"{source.bind(set(values))}.contains({variable})"
+        case _:
+            assert_never(bound)
+
+
+@functools.lru_cache(maxsize=64)
+def _queries(signer: bytes | None) -> tuple[tuple[str, Any], ...]:
+    """One rule for each predicate, trusting exactly the blocks of one signer."""
+    predicates = [predicate for predicate in ARITY if signer is None or predicate not in AUTHORITY_ONLY]
+    rules = []
+    for predicate in predicates:
+        variables = ", ".join(f"$t{i}" for i in range(ARITY[predicate]))
+        body = f"row({variables}) <- {predicate}({variables}) trusting "
+        if signer is None:
+            rule = _library.Rule(body + "authority")
+        else:
+            rule = _library.Rule(body + "{signer}", {}, {"signer": _public(signer)})
+        rules.append((predicate, rule))
+    return tuple(rules)
+
+
+def _rows_of(authorizer: Any, signer: bytes | None) -> tuple[Row, ...]:
+    return tuple((predicate, _terms(fact)) for predicate, rule in _queries(signer) for fact in authorizer.query(rule))
+
+
+def _terms(fact: Any) -> tuple[Term, ...]:
+    terms = tuple(fact.terms)
+    for term in terms:
+        if type(term) not in {int, str, bytes}:
+            raise TokenError(FaultCode.CHAIN_BROKEN, "a term that is no integer, text or bytes")
+    return terms
+
+
+# --- the library's edges ---------------------------------------------------------------------------------------------
+
+
+def _limits(builder: Any, caps: Caps) -> Any:
+    limits = builder.limits()
+    limits.max_time = timedelta(milliseconds=caps.datalog_ms)
+    limits.max_facts = caps.datalog_facts
+    limits.max_iterations = caps.datalog_iterations
+    return limits
+
+
+def _public(raw: bytes) -> Any:
+    return _library.PublicKey.from_bytes(raw, _library.Algorithm.Ed25519)
+
+
+def _private(key: Ed25519PrivateKey) -> Any:
+    raw = key.private_bytes_raw()
+    assert len(raw) == KEY_BYTES
+    return _library.PrivateKey.from_bytes(raw, _library.Algorithm.Ed25519)
+
+
+@contextmanager
+def _contained(code: FaultCode) -> Iterator[None]:
+    """Turn every exception and panic of the library into a `TokenError`; let interrupts and our own errors through."""
+    try:
+        yield
+    except TokenError:
+        raise
+    except Exception as error:  # noqa: BLE001 - whatever the library raises is a refusal
+        reached = _LIMITS_WORD in str(error)
+        raise TokenError(FaultCode.LIMIT_EXCEEDED if reached else code, type(error).__name__) from None
+    except BaseException as error:
+        if type(error).__name__ != _PANIC:
+            raise
+        raise TokenError(code, _PANIC) from None
+
+
+def unsafe_append_unattested(token: bytes, root: bytes) -> bytes:
+    """The token with an empty block of the holder's own behind it: what every verifier must refuse.
+
+    Biscuit lets any holder append a block offline; the profile does not. This exists to show the refusal.
+
+    Args:
+        token: a valid token.
+        root: the root key that signed it, 32 raw bytes.
+
+    Raises:
+        TokenError: when the token is none.
+    """
+    with _contained(FaultCode.TOKEN_MALFORMED):
+        opened = open_token(token, root)
+        return bytes(opened._biscuit.append(_library.BlockBuilder("")).to_bytes())  # noqa: SLF001 - its own module

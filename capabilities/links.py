@@ -1,0 +1,138 @@
+"""What makes a hop a valid child of the hop before it. Issuing and verifying ask the very same functions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, assert_never
+
+from capabilities import algebra, keys
+from capabilities.chain import EvidenceKind, Hop
+from capabilities.errors import FaultCode, TokenError
+from capabilities.scope import Scope, Tier
+from capabilities.text import ROLE_PREFIX
+
+if TYPE_CHECKING:
+    from capabilities.block import AuthorityBlock, HopBlock, HopFacts
+    from capabilities.caps import Caps
+
+
+def first_hop(block: AuthorityBlock, *, reserved: frozenset[bytes], caps: Caps) -> Hop:
+    """The hop of an authority block.
+
+    Args:
+        block: well formed.
+        reserved: keys that have another role, so that no agent may hold them.
+        caps: the bounds.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` when the first holder was not delegated to by the sponsor; otherwise as `next_hop`.
+    """
+    facts = block.hop
+    if facts.index != 0 or facts.grant.delegator != block.sponsor.subject or facts.delegator_thumbprint:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "hop 0 does not continue the sponsor")
+    hop = _hop(facts, block.scope)
+    _check_holder(hop, (), reserved)
+    _check_ceiling(hop, caps)
+    return hop
+
+
+def next_hop(parents: tuple[Hop, ...], block: HopBlock, *, reserved: frozenset[bytes], caps: Caps) -> Hop:
+    """The hop that `block` adds to `parents`.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` for a wrong index or delegator, or an agent, key or hop id that occurs before;
+            `KEY_WRONG_ROLE` for a key with another role; `TOO_MANY_HOPS` when no depth is left; `DELEGATE_NOT_ALLOWED`;
+            `NOT_NARROWER`, with the widenings, for a hop that is wider anywhere or strictly narrower nowhere;
+            `HOP_NOT_ATTESTED` for a ceiling above what its evidence carries.
+    """
+    parent, facts = parents[-1], block.hop
+    continues = (
+        facts.index == len(parents)
+        and facts.grant.delegator == parent.agent
+        and facts.delegator_thumbprint == keys.thumbprint_bytes(parent.key)
+    )
+    if not continues:
+        raise TokenError(FaultCode.CHAIN_BROKEN, f"hop {len(parents)} does not continue the holder before it")
+    if parent.scope.depth < 1:
+        raise TokenError(FaultCode.TOO_MANY_HOPS, "no depth is left")
+    names = {facts.grant.agent, ROLE_PREFIX + facts.grant.role} if facts.grant.role else {facts.grant.agent}
+    if not names & parent.scope.delegates:
+        raise TokenError(FaultCode.DELEGATE_NOT_ALLOWED, f"hop {parent.index} does not name this delegate")
+    hop = _hop(facts, _narrower(parent.scope, block))
+    _check_holder(hop, parents, reserved)
+    _check_ceiling(hop, caps)
+    return hop
+
+
+def check_lifetimes(hops: tuple[Hop, ...], caps: Caps) -> None:
+    """Pass when the token and each hop live no longer than the profile and the evidence of each hop allow.
+
+    Raises:
+        TokenError: `LIFETIME_TOO_LONG`.
+    """
+    whole = hops[0].scope
+    if whole.not_after - whole.not_before > caps.lifetime_s:
+        raise TokenError(FaultCode.LIFETIME_TOO_LONG, f"longer than {caps.lifetime_s} s")
+    for hop in hops:
+        longest = _longest_s(hop.attestation.kind, caps)
+        if hop.scope.not_after - hop.attestation.at > longest:
+            raise TokenError(
+                FaultCode.LIFETIME_TOO_LONG, f"hop {hop.index} outlives its evidence by more than {longest} s"
+            )
+
+
+def _narrower(parent: Scope, block: HopBlock) -> Scope:
+    child = algebra.stated(parent, block.restriction)
+    found = algebra.narrows(child, parent)
+    if child.depth >= parent.depth and not found.widenings:
+        # Every hop uses up one; a stated depth that does not is a widening of what is left.
+        raise TokenError(FaultCode.NOT_NARROWER, "the depth does not shrink")
+    if found.widenings or not found.strict:
+        raise TokenError(FaultCode.NOT_NARROWER, "wider, or nowhere strictly narrower", found.widenings)
+    if not child.not_before < child.not_after:
+        raise TokenError(FaultCode.NOT_NARROWER, "no time is left")
+    return child  # nowhere wider, so it is the meet with the parent: algebra.apply gives the same
+
+
+def _hop(facts: HopFacts, scope: Scope) -> Hop:
+    grant = facts.grant
+    return Hop(
+        index=facts.index,
+        hop_id=grant.hop_id,
+        agent=grant.agent,
+        key=grant.key,
+        delegator=grant.delegator,
+        purpose=grant.purpose,
+        request_digest=grant.request_digest,
+        attestation=grant.attestation,
+        scope=scope,
+        role=grant.role,
+    )
+
+
+def _check_holder(hop: Hop, parents: tuple[Hop, ...], reserved: frozenset[bytes]) -> None:
+    if hop.key in reserved:
+        raise TokenError(FaultCode.KEY_WRONG_ROLE, f"the key of hop {hop.index} has another role")
+    for parent in parents:
+        if hop.agent == parent.agent or hop.key == parent.key or hop.hop_id == parent.hop_id:
+            raise TokenError(FaultCode.CHAIN_BROKEN, f"hop {hop.index} repeats hop {parent.index}")
+
+
+def _check_ceiling(hop: Hop, caps: Caps) -> None:
+    if hop.scope.ceiling > _highest(hop.attestation.kind, caps):
+        raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"the evidence of hop {hop.index} does not carry its ceiling")
+
+
+def _longest_s(kind: EvidenceKind, caps: Caps) -> int:
+    match kind:
+        case EvidenceKind.KEY:
+            return caps.key_evidence_lifetime_s
+        case _:
+            assert_never(kind)
+
+
+def _highest(kind: EvidenceKind, caps: Caps) -> Tier:
+    match kind:
+        case EvidenceKind.KEY:
+            return Tier(caps.key_evidence_ceiling)
+        case _:
+            assert_never(kind)

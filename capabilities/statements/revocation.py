@@ -1,0 +1,163 @@
+"""The signed revocation index, and the view that a verifier makes of it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Final
+
+from capabilities import keys
+from capabilities.statements import sealed
+from capabilities.statements.attestation import NONCE
+from capabilities.statements.claims import Claims, malformed
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    from capabilities.caps import Caps
+    from capabilities.chain import Chain
+
+KIND: Final = "revocation"
+ENTRIES: Final = 4_096
+"""Most entries of one index; one that is cut, here or earlier, is asked for again from its last epoch."""
+_ID: Final = re.compile(r"[A-Za-z0-9._:@/|+=~%\[\]-]{1,256}", re.ASCII)
+NEVER_MS: Final = 2**53 - 1
+"""Age of a view that was never made."""
+
+
+class Revoked(StrEnum):
+    """What can be revoked. Revoking a hop kills everything below it; a sponsor, every tree of that person."""
+
+    TOKEN = "token"  # noqa: S105 - a word, not a secret
+    HOP = "hop"
+    AGENT = "agent"
+    KEY = "key"
+    SPONSOR = "sponsor"
+    AUDIENCE = "audience"
+
+
+_KINDS: Final = frozenset(map(str, Revoked))
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One revocation: since `epoch`, the thing of `kind` with this id (a key's id is its thumbprint) is dead."""
+
+    epoch: int
+    kind: str
+    id: str
+
+
+@dataclass(frozen=True, slots=True)
+class RevocationIndex:
+    """What a feed answers.
+
+    Attributes:
+        issuer: canonical URL of the identity provider.
+        epoch: the highest epoch of its store when `as_of_ms` was read.
+        since: the epoch that was asked for; `entries` are those after it, the oldest first.
+        as_of_ms: wall clock of the identity provider before it read the store, milliseconds since the epoch.
+        nonce: of the one who asked, echoed.
+        registry_version: version of the registry snapshot at that time.
+        entries: ascending by epoch, exactly one for each. Where `last` is below `epoch` the index is cut, and the
+            rest is to be asked for before it is acted on.
+    """
+
+    issuer: str
+    epoch: int
+    since: int
+    as_of_ms: int
+    nonce: str
+    registry_version: int
+    entries: tuple[Entry, ...]
+
+    @property
+    def last(self) -> int:
+        """The epoch up to which this index tells everything; the index is whole when that is `epoch`."""
+        return self.entries[-1].epoch if self.entries else self.since
+
+
+@dataclass(frozen=True, slots=True)
+class RevocationView:
+    """All that a verifier knows to be revoked, and how old that knowledge is.
+
+    Attributes:
+        epoch: of the newest index that went in.
+        age_ms: since the nonce of that index was sent, on the verifier's monotonic clock.
+        revoked: (kind, id) pairs.
+    """
+
+    epoch: int
+    age_ms: int
+    revoked: frozenset[tuple[str, str]]
+
+    @classmethod
+    def never(cls) -> RevocationView:
+        """The view of a feed that was never read: nothing is known, and it is older than any lease."""
+        return cls(epoch=0, age_ms=NEVER_MS, revoked=frozenset())
+
+    def why(self, chain: Chain, *, audience: str | None = None) -> tuple[str, str] | None:
+        """The first (kind, id) by which the chain is dead, from the sponsor down, or None.
+
+        Args:
+            chain: a chain that passed steps 1 to 8.
+            audience: where the token is presented; None asks for every audience of its scope.
+        """
+        audiences = sorted(chain.scope.audiences) if audience is None else [audience]
+        candidates = [
+            (Revoked.SPONSOR, chain.sponsor.subject),
+            (Revoked.TOKEN, chain.token_id),
+            *((Revoked.AUDIENCE, url) for url in audiences),
+        ]
+        for hop in chain.hops:
+            candidates += [
+                (Revoked.HOP, hop.hop_id),
+                (Revoked.AGENT, hop.agent),
+                (Revoked.KEY, keys.thumbprint(hop.key)),
+            ]
+        return next(((str(kind), name) for kind, name in candidates if (str(kind), name) in self.revoked), None)
+
+
+def sign(index: RevocationIndex, key: Ed25519PrivateKey) -> str:
+    """The signed index."""
+    claims: dict[str, object] = {
+        "issuer": index.issuer,
+        "epoch": index.epoch,
+        "since": index.since,
+        "as_of_ms": index.as_of_ms,
+        "nonce": index.nonce,
+        "registry_version": index.registry_version,
+        "entries": [{"epoch": entry.epoch, "kind": str(entry.kind), "id": entry.id} for entry in index.entries],
+    }
+    return sealed.sign(KIND, claims, key)
+
+
+def open(text: str, keys: Collection[bytes], caps: Caps) -> RevocationIndex:  # noqa: A001 - read as revocation.open
+    """The index, signed by one of these keys, its entries ascending and inside (since, epoch].
+
+    Raises:
+        StatementError: as `sealed.open`.
+    """
+    members = sealed.open(KIND, text, keys, caps)
+    claims = Claims(members, "issuer", "epoch", "since", "as_of_ms", "nonce", "registry_version", "entries")
+    index = RevocationIndex(
+        issuer=claims.url("issuer"),
+        epoch=claims.integer("epoch"),
+        since=claims.integer("since"),
+        as_of_ms=claims.integer("as_of_ms"),
+        nonce=claims.token("nonce", NONCE),
+        registry_version=claims.integer("registry_version"),
+        entries=claims.each("entries", _entry, most=ENTRIES),
+    )
+    epochs = [index.since, *(entry.epoch for entry in index.entries)]
+    if epochs != sorted(epochs) or any(epoch <= index.since for epoch in epochs[1:]) or epochs[-1] > index.epoch:
+        raise malformed("entries out of order, or outside what was asked")
+    return index
+
+
+def _entry(value: object) -> Entry:
+    claims = Claims(value, "epoch", "kind", "id")
+    return Entry(epoch=claims.integer("epoch"), kind=claims.one_of("kind", _KINDS), id=claims.token("id", _ID))

@@ -1,0 +1,404 @@
+"""From token bytes to a verified chain, in numbered steps; each cites its clause in docs/spec.md.
+
+Steps 1 to 6 ask nothing of the moment and are remembered. Steps 7 to 9 ask time, audience and revocation, every time.
+Step 10, proof of possession, is `capabilities.proof`. Steps 11 and 12 judge one request.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
+
+from capabilities import biscuit, block, keys, links, request, structure
+from capabilities.caps import DEFAULT
+from capabilities.carriage import token_from_text, token_to_text
+from capabilities.chain import Chain, Hop, Refusal
+from capabilities.errors import Fault, FaultCode, TokenError
+from capabilities.request import tightest
+from capabilities.scope_json import scope_to_json
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from capabilities.caps import Caps
+    from capabilities.keys import TrustBundle
+    from capabilities.scope import Tier
+    from capabilities.statements.revocation import RevocationView
+    from capabilities.units import Quantity
+
+__all__ = ["Verifier", "inspect_token", "tightest", "token_from_text", "token_to_text", "verify"]
+
+REMEMBERED: Final = 1_024
+"""Tokens and verdicts that one verifier remembers; the least recently used goes first."""
+
+_AGREED: Final = object()
+
+_K = TypeVar("_K")
+_V = TypeVar("_V")
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """What steps 1 to 6 found: the chain, with no view of revocation yet, and the token opened."""
+
+    chain: Chain
+    opened: biscuit.OpenedToken
+
+
+class _Remembered(Generic[_K, _V]):
+    """A bounded memory, safe between threads."""
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._kept: OrderedDict[_K, _V] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: _K) -> _V | None:
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+            return self._kept.get(key)
+
+    def put(self, key: _K, value: _V) -> None:
+        with self._lock:
+            self._kept[key] = value
+            self._kept.move_to_end(key)
+            while len(self._kept) > self._capacity:
+                self._kept.popitem(last=False)
+
+
+class Verifier:
+    """Verifies tokens under one trust bundle.
+
+    It remembers what steps 1 to 6 found, by token digest, revocation epoch and bundle version, and what step 12 found,
+    by those and the operation. Only what was found valid is remembered, and only for the canonical bytes.
+    """
+
+    def __init__(self, trust: TrustBundle, caps: Caps, *, remembered: int = REMEMBERED) -> None:
+        self._trust = trust
+        self._caps = caps
+        self._read: _Remembered[tuple[bytes, int, int], _Read] = _Remembered(remembered)
+        self._agreed: _Remembered[tuple[bytes, int, int, str, str], object] = _Remembered(remembered)
+
+    def verify(self, token: bytes, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
+        """The chain of a token that passes steps 1 to 9 now, here; or the first fault.
+
+        Args:
+            token: canonical bytes.
+            at: seconds since the epoch.
+            audience: canonical URL of this server.
+            view: of revocations.
+            lease_ms: oldest view that may be acted on.
+        """
+        read = self._known(token, view)  # [TOK-1] to [TOK-6]
+        if isinstance(read, Fault):
+            return read
+        chain = replace(read.chain, epoch=view.epoch, view_age_ms=view.age_ms)
+        return (
+            _check_times(chain, at, self._caps)  # [TOK-7]
+            or _check_audience(chain, audience)  # [TOK-8]
+            or _check_revocation(chain, audience, view, lease_ms)  # [TOK-9]
+            or chain
+        )
+
+    def audiences(self, token: bytes, *, view: RevocationView) -> frozenset[str] | Fault:
+        """The servers that a token is for, when it passes steps 1 to 6: for who issues and serves no audience itself.
+
+        Grants nothing; `verify` with the same view reads the token no second time.
+        """
+        read = self._known(token, view)
+        return read if isinstance(read, Fault) else read.chain.scope.audiences
+
+    def _known(self, token: bytes, view: RevocationView) -> _Read | Fault:
+        """What steps 1 to 6 say of a token, remembered when they pass."""
+        key = (hashlib.sha256(token).digest(), view.epoch, self._trust.version)
+        read = self._read.get(key)
+        if read is None:
+            try:
+                read = _read_chain(token, self._trust, self._caps)
+            except _Broken as broken:
+                return broken.fault
+            self._read.put(key, read)
+        return read
+
+    def check_request(
+        self,
+        chain: Chain,
+        *,
+        object: str,  # noqa: A002 - the word of the profile
+        operation: str,
+        values: tuple[Quantity, ...],
+        base_tier: Tier,
+        at: float,
+    ) -> Refusal | Fault | None:
+        """None when the chain allows the request (step 11) and Biscuit's own authorizer agrees (step 12).
+
+        Args:
+            chain: that this verifier returned.
+            object: the thing acted on.
+            operation: what is done to it.
+            values: every parameter, in the operation's order.
+            base_tier: the operation's registered base tier.
+            at: seconds since the epoch.
+        """
+        # [TOK-11] the compiled scope decides this request
+        late = _check_window(chain, at, "TOK-11")
+        if late is not None:
+            return late
+        refused = request.refusal(chain, object=object, operation=operation, values=values, base_tier=base_tier)
+        if refused is not None:
+            return refused
+        # [TOK-12] Biscuit's own authorizer agrees, once for each operation
+        return self._check_agreement(chain, object, operation)
+
+    def _check_agreement(self, chain: Chain, thing: str, operation: str) -> Fault | None:
+        key = (chain.digest, chain.epoch, self._trust.version)
+        known = self._agreed.get((*key, thing, operation))
+        if known is _AGREED:
+            return None
+        read = self._read.get(key)
+        grant = request.find(chain.scope, thing, operation)
+        if read is None or grant is None:
+            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-12", "the token is no longer remembered; verify it again")
+        fault = request.disagreement(read.opened, chain.scope, grant, self._caps)
+        if fault is None:
+            self._agreed.put((*key, thing, operation), _AGREED)
+        return fault
+
+
+def verify(
+    token: bytes, *, at: float, audience: str, view: RevocationView, lease_ms: int, trust: TrustBundle, caps: Caps
+) -> Chain | Fault:
+    """As `Verifier.verify`, for one token and with nothing remembered."""
+    return Verifier(trust, caps).verify(token, at=at, audience=audience, view=view, lease_ms=lease_ms)
+
+
+# --- steps 1 to 6 ----------------------------------------------------------------------------------------------------
+
+
+class _Broken(Exception):  # noqa: N818 - not an error of the caller: it carries the fault out of the recipe
+    def __init__(self, fault: Fault) -> None:
+        super().__init__(fault.code)
+        self.fault = fault
+
+
+def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
+    # [TOK-1] the size cap, before anything is parsed
+    with _clause("TOK-1"):
+        _check_size(token, caps)
+
+    # [TOK-2] the number of blocks, before any signature is checked
+    with _clause("TOK-2"):
+        shape = structure.read(token)
+        _check_length(shape, caps)
+
+    # [TOK-3] every signature
+    with _clause("TOK-3"):
+        root_key_id, root = _root_key(shape, trust)
+        opened = biscuit.open_token(token, root)
+
+    # [TOK-4] every hop signed by a trusted attester, and nothing but facts and checks, before any Datalog
+    with _clause("TOK-4"):
+        signers = opened.external_keys()
+        _check_attested(shape, signers, trust)
+
+    # [TOK-5] canonical bytes
+    with _clause("TOK-5"):
+        _check_canonical(opened, token)
+
+    # [TOK-6] profile, hop sequence, holder continuity, narrowing
+    with _clause("TOK-6"):
+        authority, hops = _hops(opened, shape, signers, trust, caps)
+
+    chain = Chain(
+        token_id=authority.token_id,
+        digest=hashlib.sha256(token).digest(),
+        sponsor=authority.sponsor,
+        root_key_id=root_key_id,
+        hops=hops,
+        epoch=0,
+        view_age_ms=0,
+    )
+    return _Read(chain, opened)
+
+
+@contextmanager
+def _clause(clause: str) -> Iterator[None]:
+    """Name the clause of whatever goes wrong inside."""
+    try:
+        yield
+    except TokenError as error:
+        raise _Broken(Fault(error.code, clause, error.detail)) from None
+
+
+def _check_size(token: bytes, caps: Caps) -> None:
+    """[TOK-1]."""
+    if not token:
+        raise TokenError(FaultCode.TOKEN_MISSING)
+    if len(token) > caps.token_bytes:
+        raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"over {caps.token_bytes} bytes")
+
+
+def _check_length(shape: structure.Structure, caps: Caps) -> None:
+    """[TOK-2]."""
+    if len(shape.blocks) > 1 + caps.hops:
+        raise TokenError(FaultCode.TOO_MANY_HOPS, f"more than {caps.hops} hops")
+
+
+def _root_key(shape: structure.Structure, trust: TrustBundle) -> tuple[int, bytes]:
+    """[TOK-3]: the root key that the token names."""
+    if shape.root_key_id is None or shape.root_key_id not in trust.roots:
+        raise TokenError(FaultCode.UNKNOWN_ROOT_KEY)
+    return shape.root_key_id, trust.roots[shape.root_key_id]
+
+
+def _check_canonical(opened: biscuit.OpenedToken, token: bytes) -> None:
+    """[TOK-5]: writing the token again gives the very same bytes."""
+    if opened.encode() != token:
+        raise TokenError(FaultCode.NOT_CANONICAL)
+
+
+def _check_attested(shape: structure.Structure, signers: tuple[bytes | None, ...], trust: TrustBundle) -> None:
+    """[TOK-4]: the authority block by nobody else, each further one by a trusted attester; no rule, no scope."""
+    if len(signers) != len(shape.blocks):
+        raise TokenError(FaultCode.TOKEN_MALFORMED, "two readers count different blocks")
+    if signers[0] is not None:
+        raise TokenError(FaultCode.HOP_NOT_ATTESTED, "an authority block with a second signer")
+    for index, (signer, parts) in enumerate(zip(signers, shape.blocks, strict=True)):
+        if index and not (parts.third_party and signer in trust.attesters):
+            raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"hop {index} is signed by no trusted attester")
+        if parts.rules or parts.scoped:
+            raise TokenError(FaultCode.WRONG_PROFILE, f"block {index} holds a rule or a scope")
+
+
+def _hops(
+    opened: biscuit.OpenedToken,
+    shape: structure.Structure,
+    signers: tuple[bytes | None, ...],
+    trust: TrustBundle,
+    caps: Caps,
+) -> tuple[block.AuthorityBlock, tuple[Hop, ...]]:
+    """[TOK-6]: each block's facts, read by its own signer and index, are exactly its contents and narrow its parent."""
+    found = opened.rows(caps, frozenset(signer for signer in signers if signer is not None))
+    by_block = _rows_by_block(found, signers)
+
+    authority = block.authority_from_rows(by_block[0], caps)
+    hops: tuple[Hop, ...] = (links.first_hop(authority, reserved=trust.all_keys, caps=caps),)
+    _check_counts(0, shape.blocks[0], by_block[0], block.checks(authority, None))
+    for index in range(1, len(signers)):
+        added = block.hop_from_rows(by_block[index], caps)
+        parent = hops[-1].scope
+        hops = (*hops, links.next_hop(hops, added, reserved=trust.all_keys, caps=caps))
+        _check_counts(index, shape.blocks[index], by_block[index], block.checks(added, parent))
+    return authority, hops
+
+
+def _rows_by_block(
+    found: dict[bytes | None, tuple[block.Row, ...]], signers: tuple[bytes | None, ...]
+) -> list[list[block.Row]]:
+    """The rows of each block: a row of index i must come from the signer of block i; any other breaks the chain."""
+    by_block: list[list[block.Row]] = [[] for _ in signers]
+    for signer, rows in found.items():
+        for predicate, terms in rows:
+            index = 0 if predicate in block.AUTHORITY_ONLY else terms[0]
+            if not isinstance(index, int) or not 0 <= index < len(signers) or signers[index] != signer:
+                raise TokenError(FaultCode.CHAIN_BROKEN, "a fact about a block that its signer did not sign")
+            by_block[index].append((predicate, terms))
+    return by_block
+
+
+def _check_counts(index: int, parts: structure.BlockShape, rows: list[block.Row], checks: block.Checks) -> None:
+    """The block holds exactly the facts that were read, and as many checks as they compile to."""
+    if parts.facts != len(rows) or parts.checks != checks.count:
+        raise TokenError(FaultCode.CHAIN_BROKEN, f"block {index} holds more or less than its typed facts say")
+
+
+# --- steps 7 to 9 ----------------------------------------------------------------------------------------------------
+
+
+def _check_times(chain: Chain, at: float, caps: Caps) -> Fault | None:
+    """[TOK-7]."""
+    try:
+        links.check_lifetimes(chain.hops, caps)
+    except TokenError as error:
+        return Fault(error.code, "TOK-7", error.detail)
+    attested = max(chain.sponsor.authenticated_at, *(hop.attestation.at for hop in chain.hops))
+    if not attested <= at + caps.skew_s:
+        return Fault(FaultCode.NOT_YET_VALID, "TOK-7", "attested in the future")
+    return _check_window(chain, at, "TOK-7")
+
+
+def _check_window(chain: Chain, at: float, clause: str) -> Fault | None:
+    scope = chain.scope
+    if not at >= scope.not_before:
+        return Fault(FaultCode.NOT_YET_VALID, clause)
+    if not at < scope.not_after:
+        return Fault(FaultCode.EXPIRED, clause)
+    return None
+
+
+def _check_audience(chain: Chain, audience: str) -> Fault | None:
+    """[TOK-8]."""
+    return None if audience in chain.scope.audiences else Fault(FaultCode.WRONG_AUDIENCE, "TOK-8")
+
+
+def _check_revocation(chain: Chain, audience: str, view: RevocationView, lease_ms: int) -> Fault | None:
+    """[TOK-9]: what is revoked stays revoked however old the view is, so that is asked first."""
+    why = view.why(chain, audience=audience)
+    if why is not None:
+        return Fault(FaultCode.REVOKED, "TOK-9", f"{why[0]}:{why[1]}")
+    if not 0 <= view.age_ms <= lease_ms:
+        return Fault(FaultCode.REVOCATION_VIEW_STALE, "TOK-9", f"{view.age_ms} ms old, at most {lease_ms} ms")
+    return None
+
+
+# --- looking ---------------------------------------------------------------------------------------------------------
+
+
+def inspect_token(token: bytes, trust: TrustBundle, caps: Caps = DEFAULT) -> dict[str, object]:
+    """A JSON-ready description of a token that passes steps 1 to 6: never the token, its signatures or its secret.
+
+    Raises:
+        TokenError: with the code of the fault.
+    """
+    try:
+        chain = _read_chain(token, trust, caps).chain
+    except _Broken as broken:
+        raise TokenError(broken.fault.code, f"{broken.fault.clause} {broken.fault.detail}".strip()) from None
+    return {
+        "profile": block.PROFILE,
+        "token_id": chain.token_id,
+        "digest": chain.digest.hex(),
+        "bytes": len(token),
+        "root_key_id": chain.root_key_id,
+        "sponsor": {
+            "issuer": chain.sponsor.issuer,
+            "subject": chain.sponsor.subject,
+            "method": chain.sponsor.method,
+            "authenticated_at": chain.sponsor.authenticated_at,
+        },
+        "hops": [_describe(hop) for hop in chain.hops],
+    }
+
+
+def _describe(hop: Hop) -> dict[str, object]:
+    return {
+        "index": hop.index,
+        "hop_id": hop.hop_id,
+        "agent": hop.agent,
+        "role": hop.role,
+        "key": keys.thumbprint(hop.key),
+        "delegator": hop.delegator,
+        "purpose": hop.purpose,
+        "request_digest": hop.request_digest.hex(),
+        "attestation": {
+            "kind": str(hop.attestation.kind),
+            "measurement": hop.attestation.measurement.hex(),
+            "at": hop.attestation.at,
+        },
+        "scope": scope_to_json(hop.scope),
+    }

@@ -1,0 +1,61 @@
+"""The specification and the code cite the same clauses, codes and numbers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from capabilities import block
+from capabilities.caps import DEFAULT
+from capabilities.errors import FaultCode
+from capabilities.statements import attestation, checkpoint, observation, registry, revocation
+from capabilities.units import Unit
+
+ROOT = Path(__file__).parents[2]
+SPEC = (ROOT / "docs" / "spec.md").read_text()
+CODE = "\n".join(path.read_text() for path in sorted((ROOT / "capabilities").rglob("*.py")))
+CLAUSE = re.compile(r"\b(?:TOK|PRF|STM)-\d+\b")
+
+
+def test_every_clause_is_in_both():
+    written = set(re.findall(r"^\*\*\[((?:TOK|PRF|STM)-\d+)\]", SPEC, re.MULTILINE))
+    assert written == {
+        *(f"TOK-{n}" for n in range(1, 13)),
+        *(f"PRF-{n}" for n in range(1, 7)),
+        *(f"STM-{n}" for n in range(1, 6)),
+    }
+    assert set(CLAUSE.findall(CODE)) | {"TOK-10"} == written  # step 10 joins two modules in the enforcement point
+
+
+def test_every_code_of_a_clause_exists():
+    steps = SPEC.split("## 3.", 1)[1].split("## 6.", 1)[0]
+    cited = set(re.findall(r"`([A-Z][A-Z_]{5,})`", steps)) - {"MUST"}
+    assert cited <= set(FaultCode.__members__)
+    verification = {code for code in FaultCode.__members__ if code in cited}
+    assert {
+        "NOT_NARROWER",
+        "HOP_NOT_ATTESTED",
+        "ENGINES_DISAGREE",
+        "PROOF_STALE",
+        "STATEMENT_UNTRUSTED",
+    } <= verification
+
+
+def test_numbers_units_facts_and_kinds():
+    for number in (
+        DEFAULT.token_bytes,
+        DEFAULT.lifetime_s,
+        DEFAULT.key_evidence_lifetime_s,
+        DEFAULT.proof_bytes,
+        DEFAULT.statement_bytes,
+        DEFAULT.datalog_facts,
+        revocation.ENTRIES,
+    ):
+        assert f"{number}" in SPEC
+    assert f"{DEFAULT.proof_age_s} s" in SPEC
+    assert all(f"`{unit}`" in SPEC for unit in Unit)
+    assert all(f"| `{predicate}` |" in SPEC for predicate in block.ARITY)
+    assert all(
+        f"| `{module.KIND}` |" in SPEC for module in (attestation, checkpoint, observation, registry, revocation)
+    )
+    assert all(f"`{region}`" in SPEC for region in observation.REGIONS)

@@ -1,0 +1,386 @@
+"""Signed statements: one kind, one key, one spelling, every member of its form."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import pytest
+
+from capabilities import jws, keys, strict_json
+from capabilities.caps import DEFAULT
+from capabilities.errors import FaultCode, StatementError
+from capabilities.scope import Tier
+from capabilities.statements import attestation, checkpoint, observation, registry, revocation, sealed
+from capabilities.units import INT_LIMIT
+from tests.capabilities.world import CELL, ISSUER, NOW, chain_of_four, chain_of, key_of, raw_of
+
+HEX = "ab" * 32
+SIGNER = key_of("signer")
+TRUSTED = frozenset({raw_of("signer"), raw_of("other")})
+
+EVIDENCE = attestation.Evidence(
+    "robotic", keys.thumbprint(raw_of("signer")), "n" * 22, "orchestrator", b"\1" * 32, b"\2" * 32, NOW
+)
+INDEX = revocation.RevocationIndex(
+    ISSUER,
+    9,
+    2,
+    NOW * 1_000,
+    "n" * 22,
+    4,
+    (revocation.Entry(3, "agent", "robotic"), revocation.Entry(9, "audience", CELL)),
+)
+SNAPSHOT = registry.RegistrySnapshot(
+    ISSUER,
+    4,
+    CELL,
+    NOW * 1_000,
+    (registry.ToolEntry("move_joint", HEX, "move_joint", Tier.REVERSIBLE),),
+    (registry.SensorEntry("camera-1", raw_of("camera"), HEX, 100),),
+    (registry.TrustEntry("robotic", 800),),
+)
+FRAME = observation.Observation(
+    "camera-1",
+    "0f" * 16,
+    7,
+    NOW * 1_000,
+    HEX,
+    True,
+    (
+        observation.ObservedPerson(
+            "p1",
+            (
+                ("head", observation.Sphere((500_000, 0, 1_700_000), 120_000)),
+                ("torso", observation.Capsule((0, 0, 0), (0, 0, 9), 5)),
+            ),
+        ),
+    ),
+    (observation.ObservedObject("vase", "fragile", observation.Box((1, 2, 3), (4, 5, 6), (1_000_000, 0, 0, 0))),),
+)
+POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
+
+KINDS = {
+    attestation: EVIDENCE,
+    revocation: INDEX,
+    registry: SNAPSHOT,
+    observation: FRAME,
+    checkpoint: POINT,
+}
+each = pytest.mark.parametrize("module", KINDS, ids=lambda module: module.KIND)
+
+
+def code_of(module, text: str, trusted=TRUSTED, caps=DEFAULT) -> FaultCode:
+    with pytest.raises(StatementError) as caught:
+        module.open(text, trusted, caps)
+    return caught.value.code
+
+
+def claims_of(module) -> dict:
+    return json.loads(jws.split(module.sign(KINDS[module], SIGNER), most_bytes=10**6).payload_raw)
+
+
+@each
+def test_a_statement_comes_back(module):
+    text = module.sign(KINDS[module], SIGNER)
+    assert module.open(text, TRUSTED, DEFAULT) == KINDS[module]
+    assert module.sign(module.open(text, TRUSTED, DEFAULT), SIGNER) == text
+
+
+@each
+def test_another_kind_is_refused(module):
+    for other in KINDS:
+        if other is not module:
+            assert code_of(module, other.sign(KINDS[other], SIGNER)) is FaultCode.STATEMENT_WRONG_KIND
+
+
+@each
+def test_another_key_is_refused(module):
+    text = module.sign(KINDS[module], SIGNER)
+    assert code_of(module, text, frozenset({raw_of("other")})) is FaultCode.STATEMENT_UNTRUSTED
+    assert code_of(module, text, frozenset()) is FaultCode.STATEMENT_UNTRUSTED
+    # Signed by another, naming the trusted one.
+    forged = jws.sign(
+        {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))},
+        strict_json.canonical(claims_of(module)),
+        key_of("eve"),
+    )
+    assert code_of(module, forged) is FaultCode.STATEMENT_UNTRUSTED
+
+
+@each
+def test_only_canonical_bytes(module):
+    claims = claims_of(module)
+    header = {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
+    canonical = strict_json.canonical(claims)
+    first = next(iter(claims))
+    payloads = [
+        json.dumps(claims).encode(),
+        canonical + b" ",
+        b" " + canonical,
+        canonical.replace(b"{", b'{"%s":null,' % first.encode(), 1),  # a member twice
+        canonical[:-1],
+        canonical.replace(b":", b": ", 1),
+        b"\xef\xbb\xbf" + canonical,
+        canonical.decode().encode("utf-16"),
+        b"",
+        b"null",
+        b"[]",
+    ]
+    for payload in payloads:
+        assert code_of(module, jws.sign(header, payload, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+    assert module.open(jws.sign(header, canonical, SIGNER), TRUSTED, DEFAULT) == KINDS[module]
+
+
+@each
+def test_the_header_is_closed(module):
+    header = {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
+    canonical = strict_json.canonical(claims_of(module))
+    for extra in (
+        {"crit": ["x"]},
+        {"jwk": jws.jwk(raw_of("signer"))},
+        {"jku": "http://evil.example"},
+        {"x": 1},
+        {"cty": "json"},
+    ):
+        assert code_of(module, jws.sign({**header, **extra}, canonical, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+    assert code_of(module, jws.sign({"typ": header["typ"]}, canonical, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+    assert code_of(module, jws.sign({**header, "kid": "5"}, canonical, SIGNER)) is FaultCode.STATEMENT_UNTRUSTED
+    assert code_of(module, jws.sign({**header, "typ": "JWT"}, canonical, SIGNER)) is FaultCode.STATEMENT_WRONG_KIND
+    text = module.sign(KINDS[module], SIGNER)
+    head, payload, signature = text.split(".")
+    spaced = keys.b64u(json.dumps(json.loads(keys.unb64u(head))).encode())
+    assert code_of(module, f"{spaced}.{payload}.{signature}") is FaultCode.STATEMENT_MALFORMED
+    number = keys.b64u(strict_json.canonical({**header, "alg": "EdDSA", "kid": 5}))
+    assert code_of(module, f"{number}.{payload}.{signature}") is FaultCode.STATEMENT_UNTRUSTED
+    none = keys.b64u(strict_json.canonical({**header, "alg": "none"}))
+    assert code_of(module, f"{none}.{payload}.") is FaultCode.STATEMENT_MALFORMED
+
+
+@each
+def test_other_spellings_and_sizes(module):
+    from dataclasses import replace  # noqa: PLC0415
+
+    text = module.sign(KINDS[module], SIGNER)
+    for other in (
+        "",
+        ".",
+        "..",
+        text + "=",
+        text + "\n",
+        " " + text,
+        text[:-1],
+        text + "A",
+        text.replace(".", "..", 1),
+        "ä",
+        text[:100],
+    ):
+        assert code_of(module, other) in {FaultCode.STATEMENT_MALFORMED, FaultCode.STATEMENT_UNTRUSTED}
+    assert code_of(module, text, caps=replace(DEFAULT, statement_bytes=len(text) - 1)) is FaultCode.STATEMENT_MALFORMED
+    head, payload, signature = text.split(".")
+    flipped = keys.unb64u(payload)
+    for at in range(0, len(flipped), 7):
+        mutant = flipped[:at] + bytes([flipped[at] ^ 1]) + flipped[at + 1 :]
+        assert code_of(module, f"{head}.{keys.b64u(mutant)}.{signature}") is FaultCode.STATEMENT_UNTRUSTED
+
+
+def places(value: object, path: tuple = ()):
+    """Every place in a JSON value."""
+    yield path
+    if isinstance(value, dict):
+        for name, member in value.items():
+            yield from places(member, (*path, name))
+    if isinstance(value, list):
+        for at, member in enumerate(value):
+            yield from places(member, (*path, at))
+
+
+def put(value: object, path: tuple, new: object) -> object:
+    if not path:
+        return new
+    copied = copy.copy(value)
+    copied[path[0]] = put(copied[path[0]], path[1:], new)
+    return copied
+
+
+WRONG = [None, True, -1, INT_LIMIT, "", "x y", "\n", "\u202e", [], {}, [[]], ["x"], {"x": 1}, "A" * 300]
+HARMLESS = {
+    # values that are right in their place by chance
+    ("attestation", ("delegator",), ""),
+    ("attestation", ("at",), INT_LIMIT),
+    ("observation", ("complete",), True),
+}
+
+
+@each
+def test_every_member_has_its_form(module):
+    """Each place of the claims replaced by each wrong value, and each member removed or doubled under another name."""
+    claims = claims_of(module)
+    refused = 0
+    for path in places(claims):
+        for wrong in WRONG:
+            text = sealed_text(module, put(claims, path, wrong))
+            if text is None:
+                continue
+            try:
+                opened = module.open(text, TRUSTED, DEFAULT)
+            except StatementError as error:
+                assert error.code is FaultCode.STATEMENT_MALFORMED
+                refused += 1
+            else:
+                # What is accepted must come back as it was sent.
+                assert module.sign(opened, SIGNER) == text, (path, wrong)
+    for name in claims:
+        rest = {other: value for other, value in claims.items() if other != name}
+        assert code_of(module, sealed.sign(module.KIND, rest, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+        assert (
+            code_of(module, sealed.sign(module.KIND, {**claims, name + "2": 1}, SIGNER))
+            is FaultCode.STATEMENT_MALFORMED
+        )
+    assert refused > 25
+
+
+def sealed_text(module, claims: object) -> str | None:
+    if not isinstance(claims, dict):
+        header = {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
+        return jws.sign(header, strict_json.canonical(claims), SIGNER)
+    return sealed.sign(module.KIND, claims, SIGNER)
+
+
+@pytest.mark.parametrize(
+    "value", [1.5, float("nan"), float("inf"), INT_LIMIT + 1, b"x", {1, 2}, object(), "\ud800", {1: 2}]
+)
+def test_what_no_statement_can_hold_is_not_signed(value):
+    with pytest.raises(StatementError) as caught:
+        sealed.sign("checkpoint", {"x": value}, SIGNER)
+    assert caught.value.code is FaultCode.STATEMENT_MALFORMED
+
+
+# --- each kind -------------------------------------------------------------------------------------------------------------
+
+
+def test_evidence_names_the_key_that_signed_it():
+    claims = {**claims_of(attestation), "key": keys.thumbprint(raw_of("other"))}
+    assert code_of(attestation, sealed.sign("attestation", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"epoch": 8},
+        {"since": 3},
+        {"entries": [{"epoch": 9, "kind": "agent", "id": "b"}, {"epoch": 3, "kind": "agent", "id": "a"}]},
+        {"entries": [{"epoch": 2, "kind": "agent", "id": "b"}]},
+        {"entries": [{"epoch": 10, "kind": "agent", "id": "b"}]},
+        {"entries": [{"epoch": 3, "kind": "person", "id": "b"}]},
+        {"nonce": "short"},
+        {"nonce": "n" * 65},
+    ],
+)
+def test_an_index_is_consistent(change):
+    assert (
+        code_of(revocation, sealed.sign("revocation", {**claims_of(revocation), **change}, SIGNER))
+        is FaultCode.STATEMENT_MALFORMED
+    )
+
+
+def test_an_index_is_bounded():
+    many = [{"epoch": 3, "kind": "agent", "id": f"a{i}"} for i in range(revocation.ENTRIES + 1)]
+    text = sealed.sign("revocation", {**claims_of(revocation), "entries": many}, SIGNER)
+    assert code_of(revocation, text) is FaultCode.STATEMENT_MALFORMED
+
+
+def test_a_view_that_was_never_read_knows_nothing_and_is_older_than_any_lease():
+    view = revocation.RevocationView.never()
+    assert view.why(chain_of(chain_of_four())) is None
+    assert view.age_ms > 10**12
+
+
+def test_a_view_asks_for_every_audience_when_none_is_given():
+    chain = chain_of(chain_of_four())
+    view = revocation.RevocationView(1, 0, frozenset({("audience", CELL)}))
+    assert view.why(chain) == ("audience", CELL)
+    assert view.why(chain, audience=CELL) == ("audience", CELL)
+    assert view.why(chain, audience="http://127.0.0.1:9001/mcp") is None
+
+
+@pytest.mark.parametrize("member", ["tools", "sensors", "trust"])
+def test_a_snapshot_names_each_once(member):
+    claims = claims_of(registry)
+    text = sealed.sign("registry", {**claims, member: claims[member] * 2}, SIGNER)
+    assert code_of(registry, text) is FaultCode.STATEMENT_MALFORMED
+
+
+def test_a_snapshot_answers_by_name():
+    assert SNAPSHOT.tool("move_joint").base_tier is Tier.REVERSIBLE
+    assert SNAPSHOT.sensor("camera-1").transit_ms == 100
+    assert SNAPSHOT.trust_permille("robotic") == 800
+    assert (SNAPSHOT.tool("x"), SNAPSHOT.sensor("x"), SNAPSHOT.trust_permille("x")) == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"form": "cone", "center_um": [0, 0, 0], "radius_um": 1},
+        {"form": "sphere", "center_um": [0, 0], "radius_um": 1},
+        {"form": "sphere", "center_um": [0, 0, 0, 0], "radius_um": 1},
+        {"form": "sphere", "center_um": [0, 0, 0], "radius_um": 0},
+        {"form": "sphere", "center_um": [0, 0, 0], "radius_um": -5},
+        {"form": "sphere", "center_um": [0, 0, 100_000_001], "radius_um": 5},
+        {"form": "sphere", "center_um": [0, 0, True], "radius_um": 5},
+        {"form": "sphere", "center_um": [0, 0, "0"], "radius_um": 5},
+        {"form": "sphere", "center_um": [0, 0, 0], "radius_um": 5, "extra": 1},
+        {"form": "box", "center_um": [0, 0, 0], "half_um": [1, 1, 1], "quaternion_ppm": [0, 0, 0, 0]},
+        {"form": "box", "center_um": [0, 0, 0], "half_um": [1, 1, 1], "quaternion_ppm": [1_000_000, 1_000_000, 0, 0]},
+        {"form": "box", "center_um": [0, 0, 0], "half_um": [0, 1, 1], "quaternion_ppm": [1_000_000, 0, 0, 0]},
+        {"form": "capsule", "a_um": [0, 0, 0], "radius_um": 5},
+    ],
+)
+def test_a_shape_is_well_formed(shape):
+    claims = claims_of(observation)
+    wrong = put(claims, ("objects", 0, "shape"), shape)
+    assert code_of(observation, sealed.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("people", 0, "regions"), []),
+        (("people", 0, "regions", 0, "region"), "tail"),
+        (
+            ("people", 0, "regions", 0, "shape"),
+            {"form": "box", "center_um": [0, 0, 0], "half_um": [1, 1, 1], "quaternion_ppm": [1_000_000, 0, 0, 0]},
+        ),
+        (("objects", 0, "kind"), "soft"),
+        (("boot_id",), "0F" * 16),
+        (("complete",), 1),
+        (("sequence",), -1),
+    ],
+)
+def test_a_frame_is_well_formed(path, value):
+    wrong = put(claims_of(observation), path, value)
+    assert code_of(observation, sealed.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+
+
+def test_a_frame_names_each_once():
+    claims = claims_of(observation)
+    for member in ("people", "objects"):
+        assert (
+            code_of(observation, sealed.sign("observation", {**claims, member: claims[member] * 2}, SIGNER))
+            is FaultCode.STATEMENT_MALFORMED
+        )
+
+
+def test_the_largest_snapshot_fits():
+    """The counts and the size cap of a statement belong together."""
+    long = "x" * 40
+    full = registry.RegistrySnapshot(
+        ISSUER,
+        1,
+        CELL,
+        NOW,
+        tuple(registry.ToolEntry(f"{long}{i}", HEX, long, Tier(1)) for i in range(registry.TOOLS)),
+        (),
+        tuple(registry.TrustEntry(f"{long}{i}", 1) for i in range(registry.AGENTS)),
+    )
+    assert registry.open(registry.sign(full, SIGNER), TRUSTED, DEFAULT) == full
