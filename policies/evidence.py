@@ -1,18 +1,21 @@
 """What the PDP may know: one frozen set of readings, each with its age, or `NOT_COLLECTED`.
 
-Readings are made by the PEP at one instant. Cheap ones come first; once one is a fault, what would have come after is marked
-`NOT_COLLECTED`, and a primitive that needs it does not hold.
+Readings are made by the PEP at one instant. Cheap ones come first; once one is a fault, what would have come after is
+marked `NOT_COLLECTED`, and a primitive that needs it does not hold.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from capabilities.chain import Chain, Refusal
-from capabilities.errors import Fault
-from capabilities.scope import Tier
+from policies import canonical
+
+if TYPE_CHECKING:
+    from capabilities.errors import Fault
+    from capabilities.scope import Tier
 
 
 class NotCollected(Enum):
@@ -43,7 +46,7 @@ class ToolReading:
 
 @dataclass(frozen=True, slots=True)
 class TrustReading:
-    """Trust in the weakest edge of the chain, in permille, as the signed registry states it (capped by the policy's prior)."""
+    """Trust in the weakest edge of the chain, in permille, as `policies.trust` makes it of signed statements."""
 
     score_permille: int
 
@@ -68,9 +71,11 @@ class ImpactReading:
     Attributes:
         tier: ceil of the certified index.
         index_milli: the index in thousandths, 0 to 4000.
-        violations: named violations ("person", "joint_limit", "workspace", "zone", "self"); any one denies whatever is authorised.
+        violations: named violations ("person", "joint_limit", "workspace", "zone", "self"); any one denies whatever is
+            authorised.
         contributions: ranked, highest index first.
-        lower_tier_speed: highest value of the speed parameter (its own unit) at which the tier falls below `tier`, or None when none does.
+        lower_tier_speed: highest value of the speed parameter (its own unit) at which the tier falls below `tier`, or
+            None when none does.
         perception: "fresh", "stale" or "missing".
         perception_age_ms: age of the frame that was used, or None.
         scene_digest, model_digest, engine: what it was computed on and with.
@@ -93,7 +98,8 @@ class ImpactFault:
     """Physics that could not be computed or must not be believed. A fault is no tier, and no approval overrides it.
 
     Attributes:
-        reason: a `policies.reasons.Reason` code, e.g. "PERCEPTION_INVALID", "PHYSICS_FAULT", "ENGINES_DISAGREE", "NOT_FINITE".
+        reason: a `policies.reasons.Reason` code, e.g. "PERCEPTION_INVALID", "PHYSICS_FAULT", "ENGINES_DISAGREE",
+            "NOT_FINITE".
         detail: for the record and the holder.
     """
 
@@ -103,12 +109,15 @@ class ImpactFault:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """All readings for one request, taken at one instant (`at`, seconds since the epoch, and `at_ms`, the PEP's monotonic clock).
+    """All readings for one request, taken at one instant.
 
     Attributes:
+        at: the instant, seconds since the epoch.
+        at_ms: the same instant on the PEP's monotonic clock.
         chain: the verified chain (steps 1 to 9), or the fault that verification found.
         proof: True after a valid proof of possession by the leaf's key that was never seen before, or the fault.
-        request_fault: what the compiled scope and Biscuit's own authorizer (steps 11 and 12) say against the request, or None.
+        request_fault: what the compiled scope and Biscuit's own authorizer (steps 11 and 12) say against the request,
+            or None.
         robot_fault: the robot's own parameter limit that the request breaks, or None.
         tool: the tool's identity.
         trust: of the chain.
@@ -119,8 +128,33 @@ class Evidence:
     at_ms: int
     chain: Chain | Fault | NotCollected = NOT_COLLECTED
     proof: bool | Fault | NotCollected = NOT_COLLECTED
-    request_fault: Refusal | None | NotCollected = NOT_COLLECTED
-    robot_fault: Refusal | None | NotCollected = NOT_COLLECTED
+    request_fault: Refusal | Fault | NotCollected | None = NOT_COLLECTED
+    robot_fault: Refusal | NotCollected | None = NOT_COLLECTED
     tool: ToolReading | NotCollected = NOT_COLLECTED
     trust: TrustReading | NotCollected = NOT_COLLECTED
     impact: ImpactReading | ImpactFault | NotCollected = NOT_COLLECTED
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) of all readings, for the record.
+
+        A verified chain stands in it by the digest of its canonical bytes, which fixes sponsor, hops and scope,
+        together with what verification added: the root key, the epoch and the age of the revocation view.
+        """
+        chain: object = self.chain
+        if isinstance(chain, Chain):
+            chain = ("verified", chain.token_id, chain.digest, chain.root_key_id, chain.epoch, chain.view_age_ms)
+        return canonical.digest(
+            "evidence",
+            {
+                "at": self.at,
+                "at_ms": self.at_ms,
+                "chain": chain,
+                "proof": self.proof,
+                "request_fault": self.request_fault,
+                "robot_fault": self.robot_fault,
+                "tool": self.tool,
+                "trust": self.trust,
+                "impact": self.impact,
+            },
+        )

@@ -1,7 +1,7 @@
 """What is decided, about what, and the answer: frozen values that every enforcement point shares.
 
-The flow is one way: a Request and its Evidence go in, a Decision comes out (policies.pdp). Nothing here reads a clock, a file or a
-socket.
+The flow is one way: a Request and its Evidence go in, a Decision comes out (policies.pdp). Nothing here reads a
+clock, a file or a socket.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Request:
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) of what would be done: audience, object, operation and values, and nothing that varies between retries."""
+        """SHA-256 (hex) of what would be done: audience, object, operation and values; the same for every retry."""
         return hashlib.sha256(
             rfc8785.dumps(
                 {
@@ -85,7 +85,7 @@ class ObligationKind(StrEnum):
     RECORD = "record"
     """Write the decision durably before the effect."""
     WATCH = "watch"
-    """Keep assessing while the effect lasts."""
+    """Keep watching while the effect lasts: in this version the authority for it, and not yet what the sensors see."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,8 @@ class Finding:
     Attributes:
         primitive: id, e.g. "TEA-2".
         reason: the code.
-        detail: parameter, value, unit, limit, who set it, nearest permitted ...: plain JSON values, safe for the holder.
+        detail: parameter, value, unit, limit, who set it, nearest permitted ...: plain JSON values, safe for the
+            holder.
     """
 
     primitive: str

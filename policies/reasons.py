@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 class Reason(StrEnum):
-    """Why a decision is what it is. The first block repeats `capabilities.errors.FaultCode` name by name (a test compares)."""
+    """Why a decision is what it is. The first block repeats `capabilities.errors.FaultCode` (a test compares)."""
 
     NOT_A_NUMBER = "NOT_A_NUMBER"
     NOT_FINITE = "NOT_FINITE"
     NOT_ON_GRID = "NOT_ON_GRID"
     OUT_OF_RANGE = "OUT_OF_RANGE"
-    TOKEN_MISSING = "TOKEN_MISSING"
-    TOKEN_TOO_LARGE = "TOKEN_TOO_LARGE"
-    TOKEN_MALFORMED = "TOKEN_MALFORMED"
+    TOKEN_MISSING = "TOKEN_MISSING"  # noqa: S105 - a reason, no secret
+    TOKEN_TOO_LARGE = "TOKEN_TOO_LARGE"  # noqa: S105 - a reason, no secret
+    TOKEN_MALFORMED = "TOKEN_MALFORMED"  # noqa: S105 - a reason, no secret
     TOO_MANY_HOPS = "TOO_MANY_HOPS"
     SIGNATURE_INVALID = "SIGNATURE_INVALID"
     UNKNOWN_ROOT_KEY = "UNKNOWN_ROOT_KEY"
@@ -53,6 +59,8 @@ class Reason(StrEnum):
     PERMITTED = "PERMITTED"
     NO_POLICY = "NO_POLICY"
     POLICY_ERROR = "POLICY_ERROR"
+    PROHIBITED = "PROHIBITED"
+    APPROVAL_REQUIRED = "APPROVAL_REQUIRED"
     EVIDENCE_MISSING = "EVIDENCE_MISSING"
     SPONSOR_AUTHENTICATION_OLD = "SPONSOR_AUTHENTICATION_OLD"
     ATTESTATION_OLD = "ATTESTATION_OLD"
@@ -77,3 +85,217 @@ class Reason(StrEnum):
     BODY_MALFORMED = "BODY_MALFORMED"
     BODY_TOO_LARGE = "BODY_TOO_LARGE"
     EFFECT_FAILED = "EFFECT_FAILED"
+
+
+@dataclass(frozen=True, slots=True)
+class ReasonRow:
+    """What may be said about one reason.
+
+    Attributes:
+        text: one fixed sentence, safe for strangers: no name, number or limit of this request.
+        remedy: what the holder can do about it.
+        owners: ids of the primitives that find it, the one that leads first; empty for what no primitive finds.
+    """
+
+    text: str
+    remedy: str
+    owners: tuple[str, ...] = ()
+
+
+_RENEW = "Ask the delegator, or the sponsor, for a new token."
+_PROVE = "Sign a new proof with the key of the token's last hop, for exactly this request."
+_SEND = "Send every parameter of the operation as a finite number on its unit's grid."
+_REPORT = "Nothing the caller can do; the record holds the cause for the operator."
+
+REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
+    {
+        Reason.NOT_A_NUMBER: ReasonRow("A parameter is not a number.", _SEND, ("TEA-2",)),
+        Reason.NOT_FINITE: ReasonRow("A number is not finite.", _SEND, ("TEA-2", "TEA-4")),
+        Reason.NOT_ON_GRID: ReasonRow("A parameter is finer than its unit.", _SEND, ("TEA-2",)),
+        Reason.OUT_OF_RANGE: ReasonRow("A number is outside what can be represented.", _SEND, ("TEA-2", "TEA-4")),
+        Reason.TOKEN_MISSING: ReasonRow("No token was presented.", "Present a token and a proof.", ("AID-1",)),
+        Reason.TOKEN_TOO_LARGE: ReasonRow("The token is too large.", "Delegate fewer grants or hops.", ("AID-5",)),
+        Reason.TOKEN_MALFORMED: ReasonRow("The token cannot be read.", _RENEW, ("AID-3",)),
+        Reason.TOO_MANY_HOPS: ReasonRow("The chain is too long.", "Delegate over fewer hops.", ("AID-5",)),
+        Reason.SIGNATURE_INVALID: ReasonRow("A signature is not valid.", _RENEW, ("AID-3",)),
+        Reason.UNKNOWN_ROOT_KEY: ReasonRow("The token's root key is not trusted here.", _RENEW, ("AID-3",)),
+        Reason.HOP_NOT_ATTESTED: ReasonRow(
+            "A hop of the chain was not attested by the identity provider.",
+            "Delegate through the identity provider, which attests the delegate.",
+            ("CATP-4",),
+        ),
+        Reason.NOT_CANONICAL: ReasonRow("The token is not in its canonical form.", _RENEW, ("AID-3",)),
+        Reason.WRONG_PROFILE: ReasonRow("The token is of another profile.", _RENEW, ("AID-3",)),
+        Reason.CHAIN_BROKEN: ReasonRow("The chain does not hold together.", _RENEW, ("AID-3", "AID-2")),
+        Reason.NOT_NARROWER: ReasonRow(
+            "A hop of the chain is not narrower than its parent.",
+            "Delegate strictly less than what is held.",
+            ("CATP-2", "AID-4"),
+        ),
+        Reason.NOT_YET_VALID: ReasonRow("The token is not valid yet.", "Wait until its window begins.", ("AID-3",)),
+        Reason.EXPIRED: ReasonRow("The token has expired.", _RENEW, ("AID-3",)),
+        Reason.LIFETIME_TOO_LONG: ReasonRow(
+            "The token lives longer than is allowed.", "Ask for a shorter window.", ("AID-5",)
+        ),
+        Reason.WRONG_AUDIENCE: ReasonRow(
+            "The token is not for this server.", "Ask for a token that names this server.", ("AID-5",)
+        ),
+        Reason.REVOKED: ReasonRow("The authority was revoked.", _RENEW, ("AID-3", "AID-2")),
+        Reason.REVOCATION_VIEW_STALE: ReasonRow(
+            "The enforcement point's view of revocations is too old.", "Try again once the feed is back.", ("AID-3",)
+        ),
+        Reason.PROOF_MISSING: ReasonRow("No proof of possession was presented.", _PROVE, ("AID-1",)),
+        Reason.PROOF_MALFORMED: ReasonRow("The proof of possession cannot be read.", _PROVE, ("AID-1",)),
+        Reason.PROOF_WRONG_KEY: ReasonRow("The proof is not by the holder of the token.", _PROVE, ("AID-1",)),
+        Reason.PROOF_STALE: ReasonRow("The proof is too old, or from the future.", _PROVE, ("AID-1",)),
+        Reason.PROOF_NOT_FOR_THIS_REQUEST: ReasonRow("The proof is for another request.", _PROVE, ("AID-1",)),
+        Reason.REPLAYED: ReasonRow("The proof was used before.", _PROVE, ("AID-1",)),
+        Reason.NOT_GRANTED: ReasonRow(
+            "The token does not grant this operation.", "Ask the delegator for this grant.", ("TEA-1",)
+        ),
+        Reason.PARAMETERS_WRONG: ReasonRow(
+            "The parameters are not those of the operation.",
+            "Send exactly the operation's parameters, each in its unit.",
+            ("TEA-2",),
+        ),
+        Reason.LIMIT_EXCEEDED_BY_REQUEST: ReasonRow(
+            "A parameter is outside what the token allows.",
+            "Stay inside the limit, or ask the hop that set it for more.",
+            ("TEA-2",),
+        ),
+        Reason.ABOVE_CEILING: ReasonRow(
+            "The physical impact is above the token's ceiling.",
+            "Reduce speed, or keep away from people and fragile things; no approval raises a ceiling.",
+            ("TEA-4",),
+        ),
+        Reason.DELEGATE_NOT_ALLOWED: ReasonRow(
+            "The delegate may not hold this authority.", "Delegate to an agent that the scope names.", ("CATP-4",)
+        ),
+        Reason.LIMIT_EXCEEDED: ReasonRow("The token takes too long to evaluate.", _RENEW, ("AID-3", "TEA-1")),
+        Reason.ENGINES_DISAGREE: ReasonRow("Two independent computations disagree.", _REPORT, ("TEA-4", "TEA-1")),
+        Reason.STATEMENT_MALFORMED: ReasonRow("A signed statement cannot be read.", _REPORT, ("AID-3", "TEA-4")),
+        Reason.STATEMENT_WRONG_KIND: ReasonRow("A signed statement is of another kind.", _REPORT, ("AID-3", "TEA-4")),
+        Reason.STATEMENT_UNTRUSTED: ReasonRow(
+            "A statement is not signed by a trusted key.", _REPORT, ("AID-3", "TEA-4")
+        ),
+        Reason.KEY_MALFORMED: ReasonRow("A key cannot be read.", "Register a valid Ed25519 key.", ("AID-1",)),
+        Reason.KEY_WRONG_ROLE: ReasonRow(
+            "A key is used outside its role.", "Use the key of the right role.", ("AID-1",)
+        ),
+        Reason.ATTESTATION_INVALID: ReasonRow(
+            "An attestation is not valid.", "Attest again through the identity provider.", ("CATP-4",)
+        ),
+        Reason.PERMITTED: ReasonRow("Permitted.", "Nothing is needed."),
+        Reason.NO_POLICY: ReasonRow("No policy permits this.", "Ask the operator for a policy that covers it."),
+        Reason.POLICY_ERROR: ReasonRow("A policy could not be evaluated.", _REPORT),
+        Reason.PROHIBITED: ReasonRow("A policy forbids this.", "Ask the operator who wrote the policy."),
+        Reason.APPROVAL_REQUIRED: ReasonRow("A policy wants a person's approval.", "Wait for a person's answer."),
+        Reason.EVIDENCE_MISSING: ReasonRow("Evidence that the decision needs is missing.", _REPORT),
+        Reason.SPONSOR_AUTHENTICATION_OLD: ReasonRow(
+            "The human sponsor has not been authenticated recently enough.",
+            "The sponsor logs in again and issues a new token.",
+            ("AID-2",),
+        ),
+        Reason.ATTESTATION_OLD: ReasonRow(
+            "An agent of the chain has not been attested recently enough.",
+            "Attest again, and delegate anew.",
+            ("AID-1", "CATP-4"),
+        ),
+        Reason.CHAIN_OUT_OF_BOUNDS: ReasonRow(
+            "The chain is outside this policy's bounds.", "Delegate over fewer hops, for a shorter time.", ("AID-5",)
+        ),
+        Reason.ROBOT_LIMIT: ReasonRow(
+            "A parameter is outside what the robot can do.", "Stay inside the robot's own limit.", ("TEA-2",)
+        ),
+        Reason.TOOL_UNKNOWN: ReasonRow(
+            "The tool is not registered.", "An administrator registers the tool.", ("TEA-3",)
+        ),
+        Reason.TOOL_DEFINITION_CHANGED: ReasonRow(
+            "The tool's definition is not the approved one.", "An administrator reviews and registers it.", ("TEA-3",)
+        ),
+        Reason.TRUST_TOO_LOW: ReasonRow(
+            "Trust in the chain is too low for this impact.",
+            "Wait for a person's answer, or lower the impact to tier 1.",
+            ("CATP-3",),
+        ),
+        Reason.TIER_NEEDS_APPROVAL: ReasonRow(
+            "The physical impact needs a person's approval.",
+            "Wait for a person's answer, or lower the impact.",
+            ("TEA-4",),
+        ),
+        Reason.TIER_SAFETY_CRITICAL: ReasonRow(
+            "The physical impact is safety critical.",
+            "Lower the impact; two people can authorise it beforehand.",
+            ("TEA-4",),
+        ),
+        Reason.PHYSICS_VIOLATION: ReasonRow(
+            "The motion breaks a physical rule that no authority lifts.",
+            "Choose another path, or clear the cell.",
+            ("TEA-4",),
+        ),
+        Reason.PHYSICS_FAULT: ReasonRow("The physical impact could not be computed.", _REPORT, ("TEA-4",)),
+        Reason.PERCEPTION_INVALID: ReasonRow("The view of the cell must not be believed.", _REPORT, ("TEA-4",)),
+        Reason.PERCEPTION_MISSING: ReasonRow(
+            "There is no fresh view of the cell.", "Wait for a person's answer, or for the sensor.", ("TEA-4",)
+        ),
+        Reason.APPROVAL_TIMEOUT: ReasonRow("Nobody answered in time.", "Ask again while an approver is present."),
+        Reason.BUSY: ReasonRow("A motion is not finished.", "Wait until it ends, or stop it.", ("TEA-6", "TEA-4")),
+        Reason.VERDICT_EXPIRED: ReasonRow("The decision was too old to act on.", "Send the request again."),
+        Reason.NOT_WHAT_WAS_DECIDED: ReasonRow("What was about to be sent is not what was decided.", _REPORT),
+        Reason.RECORD_FAILED: ReasonRow("The decision could not be recorded.", _REPORT),
+        Reason.BODY_MALFORMED: ReasonRow("The request cannot be read.", "Send well-formed JSON, each key once."),
+        Reason.BODY_TOO_LARGE: ReasonRow("The request is too large.", "Send less."),
+        Reason.EFFECT_FAILED: ReasonRow("The effect did not happen as decided.", _REPORT),
+    }
+)
+"""Every reason with its fixed text, remedy and owners."""
+
+PRECEDENCE: Final[tuple[Reason, ...]] = (
+    # what is wrong with the authority, in the order in which verification finds it
+    *(r for r in tuple(Reason)[tuple(Reason).index(Reason.TOKEN_MISSING) : tuple(Reason).index(Reason.NOT_GRANTED)]),
+    Reason.KEY_MALFORMED,
+    Reason.KEY_WRONG_ROLE,
+    Reason.ATTESTATION_INVALID,
+    Reason.DELEGATE_NOT_ALLOWED,
+    Reason.CHAIN_OUT_OF_BOUNDS,
+    Reason.SPONSOR_AUTHENTICATION_OLD,
+    Reason.ATTESTATION_OLD,
+    # then the tool, the grant and the parameters
+    Reason.TOOL_UNKNOWN,
+    Reason.TOOL_DEFINITION_CHANGED,
+    Reason.LIMIT_EXCEEDED,
+    Reason.NOT_GRANTED,
+    Reason.NOT_A_NUMBER,
+    Reason.NOT_FINITE,
+    Reason.NOT_ON_GRID,
+    Reason.OUT_OF_RANGE,
+    Reason.PARAMETERS_WRONG,
+    Reason.LIMIT_EXCEEDED_BY_REQUEST,
+    Reason.ROBOT_LIMIT,
+    # then physics: what cannot be believed, what nothing lifts, what the token forbids, what a person may answer
+    Reason.ENGINES_DISAGREE,
+    Reason.STATEMENT_MALFORMED,
+    Reason.STATEMENT_WRONG_KIND,
+    Reason.STATEMENT_UNTRUSTED,
+    Reason.PERCEPTION_INVALID,
+    Reason.PHYSICS_FAULT,
+    Reason.BUSY,
+    Reason.PHYSICS_VIOLATION,
+    Reason.ABOVE_CEILING,
+    Reason.TIER_SAFETY_CRITICAL,
+    Reason.PROHIBITED,
+    Reason.TIER_NEEDS_APPROVAL,
+    Reason.PERCEPTION_MISSING,
+    Reason.TRUST_TOO_LOW,
+    Reason.APPROVAL_REQUIRED,
+    # last, what only says that something else was not known
+    Reason.POLICY_ERROR,
+    Reason.NO_POLICY,
+    Reason.EVIDENCE_MISSING,
+)
+"""Which finding leads a decision when there are several: a total order, so that no order of policies matters."""
+
+
+def reasons_of(primitive: str) -> tuple[Reason, ...]:
+    """The reasons that a primitive can find, in the enum's order."""
+    return tuple(reason for reason, row in REASONS.items() if primitive in row.owners)

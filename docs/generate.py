@@ -1,0 +1,199 @@
+"""Writes docs/primitives.md from the catalog: `python -m docs.generate`, or `--check` to fail on a difference."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import sys
+import textwrap
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from policies import CATALOG, PARAMETERS, REASONS, Reason
+from policies.row import Attack, Defence, Domain
+from policies.tiers import RULES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from policies.row import Row
+
+WIDTH: Final = 120
+PAGE: Final = Path(__file__).with_name("primitives.md")
+
+OPENING: Final = """# The 25 primitives
+
+<!-- Generated from policies/catalog.py, policies/parameters.py and policies/reasons.py by `python -m docs.generate`.
+Do not edit. -->
+
+A primitive is one thing that must hold before an agent's act may have an effect. It looks at the evidence for one
+request and says *holds*, *fails* or *defers* (a person may answer). A policy names primitives; `policies.decide`
+combines what they say by deny-overrides.
+
+## Where the meanings come from
+
+The ids are the paper's ("When Agents Control Robots: A Zero Trust Policy Model for Agentic Cyber-Physical Systems").
+The figure in which the paper draws them is not legible in our source. USED of the ids occur in its text and tables,
+and the meanings below agree with every sentence and cell that uses them. The others have meanings that are **ours**,
+taken from the paragraphs on their domains: OURS. All names are ours. Where the paper's authors mean something else by
+an id, they are right and this page is to be mended.
+
+## The table
+
+"Points" are the enforcement points at which a primitive has evidence: e1 operator to orchestrator, e2 agent to agent,
+e3 context admission, e4 tool call, e5 pre-actuation. A primitive that is not written yet decides nothing, and a
+policy that names it is refused when it is loaded.
+"""
+
+COMMON: Final = """## What all have in common
+
+* **[POL-1]** Evidence that was not collected never permits: the primitive fails with `EVIDENCE_MISSING`.
+* **[POL-2]** A fault of verification keeps its reason, whichever primitive meets it, and the finding is of the
+  primitive that owns the reason.
+* **[POL-3]** A fault of physics is no tier. It fails with its own reason, and no approval overrides it.
+* **[POL-4]** Raising the tier never makes an answer milder; nor does any check that fails. A policy for which it
+  would is refused when it is loaded.
+* **[POL-5]** A DENY of any policy denies; a DEFER stands over a PERMIT; a policy that errors denies; where no policy
+  that may permit concerns a request, it is denied.
+* **[POL-6]** The runtime tier is the maximum of the tool's registered base tier and the computed one, and at least 3
+  while the view of the cell is not fresh.
+* **[POL-7]** A stop is asked for no grant, limit, trust, tier or physics.
+* **[POL-8]** Trust in an edge is at most the policy's prior; a chain is as trusted as its weakest edge.
+"""
+
+
+def _cells(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _table(heading: tuple[str, ...], rows: Iterable[Iterable[str]]) -> list[str]:
+    return [_cells(heading), _cells("---" for _ in heading), *(_cells(row) for row in rows), ""]
+
+
+def _codes(reasons: Iterable[Reason]) -> str:
+    return ", ".join(f"`{reason}`" for reason in reasons) or "none yet"
+
+
+def _section(row: Row) -> list[str]:
+    """The clause of one primitive and what belongs to it."""
+    lines = [f"### {row.id} {row.name}", "", f"**[{row.clause}]** {row.must_hold}", ""]
+    lines.append(f"* Points: {' '.join(sorted(row.points))}. Evidence: {', '.join(row.evidence)}.")
+    if row.meaning_is_ours:
+        lines.append("* The meaning of this id is ours.")
+    if row.counters:
+        counters = ", ".join(f"{attack} ({defence})" for attack, defence in row.counters)
+        lines.append(f"* Counters: {counters}.")
+    if row.decides is None:
+        lines.append("* Not written yet: a policy that names it is refused.")
+    else:
+        lines.append(f"* Decided by `{row.decides.__module__}.{row.decides.__name__}`; reasons: {_codes(row.reasons)}.")
+    if row.parameters:
+        lines.append(f"* Parameters: {', '.join(f'`{p.name}`' for p in row.parameters)}.")
+    return [*lines, ""]
+
+
+def _wrapped(line: str) -> list[str]:
+    """A line of prose in lines of the usual width; tables and headings stay whole."""
+    if line.startswith(("|", "#", "<!--")) or len(line) <= WIDTH:
+        return [line]
+    indent = "  " if line.startswith("* ") else ""
+    return textwrap.wrap(line, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+
+
+def _refilled(text: str) -> str:
+    """The same paragraphs in lines of the usual width."""
+    paragraphs = text.split("\n\n")
+    return "\n\n".join(
+        p if p.startswith(("#", "<!--")) else textwrap.fill(" ".join(p.split()), WIDTH) for p in paragraphs
+    )
+
+
+def page() -> str:
+    """The whole page."""
+    ours = [row.id for row in CATALOG if row.meaning_is_ours]
+    opening = OPENING.replace("USED", str(len(CATALOG) - len(ours)))
+    lines = [_refilled(opening.replace("OURS", f"{', '.join(ours[:-1])} and {ours[-1]}")), ""]
+    lines += _table(
+        ("id", "name", "points", "class", "reasons"),
+        (
+            (
+                row.id,
+                row.name,
+                " ".join(sorted(row.points)),
+                "not written yet" if row.decides is None else f"`{row.decides.__name__}`",
+                _codes(row.reasons),
+            )
+            for row in CATALOG
+        ),
+    )
+    lines += [COMMON]
+    lines += ["## Tiers", ""]
+    lines += _table(
+        ("tier", "name", "asks for"),
+        ((str(int(t)), t.name.lower().replace("_", " "), rule) for t, rule in RULES.items()),
+    )
+    lines += [
+        "## Attacks",
+        "",
+        "The coverage that the paper claims. It is shown by tests only for what is written.",
+        "",
+    ]
+    lines += _table(
+        ("attack", *(str(defence) for defence in Defence)),
+        (
+            (
+                attack,
+                *(", ".join(row.id for row in CATALOG if (attack, defence) in row.counters) for defence in Defence),
+            )
+            for attack in Attack
+        ),
+    )
+    for domain in Domain:
+        lines += [f"## {domain.name}: {domain}", ""]
+        for row in CATALOG:
+            if row.domain is domain:
+                lines += _section(row)
+    lines += [
+        "## Parameters",
+        "",
+        "A set states them under `[parameters]`; a policy may state another value beside a primitive.",
+        "",
+    ]
+    lines += _table(
+        ("name", "default", "unit", "range", "meaning", "source"),
+        (
+            (f"`{p.name}`", str(p.default), p.unit, f"{p.low} to {p.high}", p.meaning, p.source)
+            for p in PARAMETERS.values()
+        ),
+    )
+    lines += [
+        "## Reasons",
+        "",
+        "The text is fixed: it is all that a stranger is told. The holder of a token also gets the detail.",
+        "",
+    ]
+    lines += _table(
+        ("code", "text", "remedy", "primitives"),
+        ((f"`{reason}`", row.text, row.remedy, ", ".join(row.owners)) for reason, row in REASONS.items()),
+    )
+    return "\n".join(wrapped for line in "\n".join(lines).split("\n") for wrapped in _wrapped(line))
+
+
+def main(arguments: list[str]) -> int:
+    """0 when the page is (or now is) what the catalog says, 1 when `--check` finds a difference."""
+    parser = argparse.ArgumentParser(prog="python -m docs.generate", description=__doc__)
+    parser.add_argument("--check", action="store_true", help="write nothing; print the difference and fail on one")
+    checking = parser.parse_args(arguments).check
+    wanted = page()
+    if not checking:
+        PAGE.write_text(wanted, encoding="utf-8")
+        return 0
+    found = PAGE.read_text("utf-8") if PAGE.exists() else ""
+    sys.stdout.writelines(
+        difflib.unified_diff(found.splitlines(keepends=True), wanted.splitlines(keepends=True), "found", "wanted")
+    )
+    return int(found != wanted)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

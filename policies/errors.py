@@ -1,0 +1,50 @@
+"""What can be wrong with a policy or a policy set. Each fault is found when the set is made, never when it decides."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class PolicyFault(StrEnum):
+    """Codes of `PolicyError`."""
+
+    TOO_LARGE = "TOO_LARGE"
+    NOT_TOML = "NOT_TOML"
+    TOO_DEEP = "TOO_DEEP"
+    UNKNOWN_SET = "UNKNOWN_SET"
+    UNKNOWN_KEY = "UNKNOWN_KEY"
+    MISSING_KEY = "MISSING_KEY"
+    WRONG_TYPE = "WRONG_TYPE"
+    NOT_FINITE = "NOT_FINITE"
+    OUT_OF_RANGE = "OUT_OF_RANGE"
+    UNKNOWN_VALUE = "UNKNOWN_VALUE"
+    EMPTY = "EMPTY"
+    DUPLICATE_ID = "DUPLICATE_ID"
+    DUPLICATE_VALUE = "DUPLICATE_VALUE"
+    UNKNOWN_PRIMITIVE = "UNKNOWN_PRIMITIVE"
+    PRIMITIVE_NOT_WRITTEN = "PRIMITIVE_NOT_WRITTEN"
+    WRONG_POINT = "WRONG_POINT"
+    """The policy names a primitive at an enforcement point where that primitive has no evidence."""
+    LOOSENS = "LOOSENS"
+    """A check that fails would make the answer milder: `not` in a PERMIT, or a bare primitive in a DENY or DEFER."""
+    NO_RECORD = "NO_RECORD"
+    """A PERMIT without the obligation to record."""
+    BOUND_WITHOUT_GATE = "BOUND_WITHOUT_GATE"
+    """PITBound and TEA-4 come together or not at all."""
+    NOT_MONOTONE = "NOT_MONOTONE"
+    """A higher tier would ask for less than a lower one."""
+
+
+class PolicyError(Exception):
+    """A policy that is refused.
+
+    Attributes:
+        code: the fault.
+        where: place in the set, e.g. "policy[2].predicate.all[0]".
+    """
+
+    def __init__(self, code: PolicyFault, where: str, detail: str = "") -> None:
+        super().__init__(f"{where}: {code}{': ' if detail else ''}{detail}")
+        self.code = code
+        self.where = where
+        self.detail = detail

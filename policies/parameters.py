@@ -1,0 +1,165 @@
+"""Every number that a policy set may choose, in one place: value, unit, range, meaning and source.
+
+A set states the values that hold for all its policies; a policy may state another one beside the primitive that uses
+it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+def _named(default: int, *, unit: str, low: int, high: int, meaning: str, source: str) -> int:
+    """A field with its row in the table of parameters."""
+    metadata = {"unit": unit, "low": low, "high": high, "meaning": meaning, "source": source}
+    value: int = field(default=default, metadata=metadata)
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """The values of one policy set. Integers only; each name ends in its unit."""
+
+    trust_prior_permille: int = _named(
+        800,
+        unit="permille",
+        low=0,
+        high=1000,
+        meaning="trust in an edge of which nothing is stated; also the most that a statement can give",
+        source="the paper: prior 0.8",
+    )
+    trust_theta_permille: int = _named(
+        700,
+        unit="permille",
+        low=0,
+        high=1000,
+        meaning="least trust at which a tier 2 act needs no person",
+        source="the paper: theta 0.7",
+    )
+    lease_motion_ms: int = _named(
+        2_000,
+        unit="ms",
+        low=1,
+        high=2_000,
+        meaning="oldest revocation view on which an act with physical impact may be permitted",
+        source="ours: a PEP that hears nothing of revocations permits motion for at most 2 s",
+    )
+    lease_other_ms: int = _named(
+        30_000,
+        unit="ms",
+        low=1,
+        high=30_000,
+        meaning="oldest revocation view on which any other act may be permitted, a stop included",
+        source="ours: what moves nothing may bear a short outage of the feed",
+    )
+    attestation_age_s: int = _named(
+        3_600,
+        unit="s",
+        low=1,
+        high=86_400,
+        meaning="oldest attestation of an agent in the chain",
+        source="ours: the longest life of a hop with evidence of kind key",
+    )
+    sponsor_age_tier_1_s: int = _named(
+        86_400,
+        unit="s",
+        low=1,
+        high=86_400,
+        meaning="oldest authentication of the sponsor for tiers 0 and 1",
+        source="ours: the longest life of a token",
+    )
+    sponsor_age_tier_2_s: int = _named(
+        28_800,
+        unit="s",
+        low=1,
+        high=86_400,
+        meaning="oldest authentication of the sponsor for tier 2",
+        source="ours: one working shift",
+    )
+    sponsor_age_tier_3_s: int = _named(
+        3_600,
+        unit="s",
+        low=1,
+        high=86_400,
+        meaning="oldest authentication of the sponsor for tier 3",
+        source="ours: one hour",
+    )
+    sponsor_age_tier_4_s: int = _named(
+        900,
+        unit="s",
+        low=1,
+        high=86_400,
+        meaning="oldest authentication of the sponsor for tier 4",
+        source="ours: NIST SP 800-63B-4 asks for re-authentication after 15 idle minutes at AAL3",
+    )
+    hops_max_count: int = _named(
+        8,
+        unit="count",
+        low=0,
+        high=8,
+        meaning="most delegations after the authority block",
+        source="capabilities.caps: hops",
+    )
+    lifetime_max_s: int = _named(
+        86_400,
+        unit="s",
+        low=1,
+        high=86_400,
+        meaning="longest window of the effective scope",
+        source="capabilities.caps: lifetime_s",
+    )
+    skew_s: int = _named(
+        5,
+        unit="s",
+        low=0,
+        high=5,
+        meaning="how far in the future a time that another machine wrote may lie",
+        source="capabilities.caps: skew_s",
+    )
+    verdict_lifetime_ms: int = _named(
+        50,
+        unit="ms",
+        low=1,
+        high=50,
+        meaning="how long after the decision an act with physical impact may begin",
+        source="ours: in 50 ms a person at 1.6 m/s comes 0.08 m nearer than was judged",
+    )
+    verdict_lifetime_other_ms: int = _named(
+        1_000,
+        unit="ms",
+        low=1,
+        high=1_000,
+        meaning="how long after the decision any other act may begin",
+        source="ours: evidence of an act without physical impact may be one second old",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRow:
+    """One parameter as the documentation and the loader know it. `low` and `high` are both allowed."""
+
+    name: str
+    default: int
+    unit: str
+    low: int
+    high: int
+    meaning: str
+    source: str
+
+
+def _rows() -> Mapping[str, ParameterRow]:
+    rows = {}
+    for f in fields(Parameters):
+        if not isinstance(f.default, int):
+            raise TypeError(f.name)
+        rows[f.name] = ParameterRow(f.name, f.default, **f.metadata)
+    return MappingProxyType(rows)
+
+
+PARAMETERS: Final = _rows()
+"""Every parameter by name."""

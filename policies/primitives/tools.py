@@ -1,0 +1,276 @@
+"""Domain TEA, tool execution and actuation: what is called, with which parameters, and what it does to the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, Final, assert_never
+
+from capabilities.algebra import bound_to_json
+from capabilities.chain import Chain, Refusal
+from capabilities.errors import Fault, FaultCode
+from capabilities.request import set_ceiling
+from policies.evidence import ImpactFault, ImpactReading, NotCollected, ToolReading
+from policies.primitives.base import (
+    Case,
+    Defers,
+    Fails,
+    Holds,
+    Verdict,
+    chain_fault,
+    fails,
+    found,
+    missing,
+    verified_chain,
+)
+from policies.reasons import REASONS, Reason
+from policies.tiers import FRESH, RULES, TierRule, base_tier, runtime_tier
+
+if TYPE_CHECKING:
+    from capabilities.scope import Tier
+    from policies.model import Finding
+
+
+def refusal_detail(refusal: Refusal) -> dict[str, object]:
+    """What the holder may know of a refusal: parameter, value, unit, limit, who set it, what would be permitted."""
+    return {
+        "parameter": refusal.parameter,
+        "value": refusal.value,
+        "unit": None if refusal.unit is None else str(refusal.unit),
+        "limit": None if refusal.bound is None else bound_to_json(refusal.bound),
+        "set_by": {
+            "hop": refusal.hop,
+            "hop_id": refusal.hop_id,
+            "agent": refusal.agent,
+            "sponsor": refusal.sponsor,
+        },
+        "nearest_permitted": refusal.nearest,
+    }
+
+
+def scope_answer(primitive: str, case: Case) -> Refusal | Fails | None:
+    """What the scope says against the request: a refusal that belongs to `primitive`, nothing, or another's finding.
+
+    A refusal of another primitive leaves this one undecided, so it fails too, with the owner's reason. The exception is
+    a limit: who finds a value out of bounds has found the grant first, so TEA-1 holds then.
+    """
+    chain = verified_chain(primitive, case)
+    if not isinstance(chain, Chain):
+        return chain
+    match case.evidence.request_fault:
+        case None:
+            return None
+        case NotCollected():
+            return missing(primitive, "request_fault")
+        case Fault() as fault:
+            return chain_fault(primitive, fault)
+        case Refusal() as refusal:
+            owners = REASONS[Reason(refusal.code)].owners
+            if primitive in owners:
+                return refusal
+            if primitive == ToolScope.id and refusal.code in _AFTER_THE_GRANT:
+                return None
+            return fails(owners[0] if owners else primitive, Reason(refusal.code), **refusal_detail(refusal))
+        case _:
+            assert_never(case.evidence.request_fault)
+
+
+_AFTER_THE_GRANT: Final = frozenset({FaultCode.PARAMETERS_WRONG, FaultCode.LIMIT_EXCEEDED_BY_REQUEST})
+
+
+@dataclass(frozen=True, slots=True)
+class ToolScope:
+    """TEA-1: the operation on this object is granted at every hop."""
+
+    id: ClassVar[str] = "TEA-1"
+
+    def judge(self, case: Case) -> Verdict:
+        """Holds when the effective scope, the meet of all hops, has the grant."""
+        match scope_answer(self.id, case):
+            case None:
+                return Holds()
+            case Fails() as other:
+                return other
+            case Refusal() as refusal:
+                detail = {"object": case.request.object, "operation": case.request.operation, **refusal_detail(refusal)}
+                return fails(self.id, Reason(refusal.code), **detail)
+            case other:
+                assert_never(other)
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterLimits:
+    """TEA-2: every parameter is inside every hop's limits, and inside the robot's own."""
+
+    id: ClassVar[str] = "TEA-2"
+
+    def judge(self, case: Case) -> Verdict:
+        """Holds when neither scope nor robot refuses a parameter; a refusal names the tightest bound and who set it."""
+        match scope_answer(self.id, case):
+            case None:
+                pass
+            case Fails() as other:
+                return other
+            case Refusal() as refusal:
+                return fails(self.id, Reason(refusal.code), **refusal_detail(refusal))
+        match case.evidence.robot_fault:
+            case None:
+                return Holds()
+            case NotCollected():
+                return missing(self.id, "robot_fault")
+            case Refusal(code=FaultCode.LIMIT_EXCEEDED_BY_REQUEST) as refusal:
+                return fails(
+                    self.id, Reason.ROBOT_LIMIT, **{**refusal_detail(refusal), "set_by": {"robot": case.request.object}}
+                )
+            case Refusal() as refusal:
+                return fails(self.id, Reason(refusal.code), **refusal_detail(refusal))
+            case _:
+                assert_never(case.evidence.robot_fault)
+
+
+@dataclass(frozen=True, slots=True)
+class ToolIdentity:
+    """TEA-3: the tool's definition equals its approved pin, and its base tier is registered."""
+
+    id: ClassVar[str] = "TEA-3"
+
+    def judge(self, case: Case) -> Verdict:
+        """Holds for a registered tool that serves, now, exactly the definition which was approved."""
+        match case.evidence.tool:
+            case NotCollected():
+                return missing(self.id, "tool")
+            case ToolReading() as tool:
+                return self._reading(tool)
+            case _:
+                assert_never(case.evidence.tool)
+
+    def _reading(self, tool: ToolReading) -> Verdict:
+        if not tool.approved_digest or tool.base_tier is None:
+            return fails(self.id, Reason.TOOL_UNKNOWN, tool=tool.name)
+        if tool.actual_digest != tool.approved_digest:
+            return fails(
+                self.id,
+                Reason.TOOL_DEFINITION_CHANGED,
+                tool=tool.name,
+                approved_digest=tool.approved_digest,
+                actual_digest=tool.actual_digest,
+            )
+        return Holds()
+
+
+IMPACT_FAULTS: Final = frozenset(
+    {
+        Reason.NOT_A_NUMBER,
+        Reason.NOT_FINITE,
+        Reason.NOT_ON_GRID,
+        Reason.OUT_OF_RANGE,
+        Reason.ENGINES_DISAGREE,
+        Reason.STATEMENT_MALFORMED,
+        Reason.STATEMENT_WRONG_KIND,
+        Reason.STATEMENT_UNTRUSTED,
+        Reason.PHYSICS_FAULT,
+        Reason.PERCEPTION_INVALID,
+        Reason.PERCEPTION_MISSING,
+        Reason.BUSY,
+    }
+)
+"""What physics may say of itself. Any other word, above all a mild one, is itself a fault of physics."""
+
+
+def impact_detail(case: Case, chain: Chain, tier: Tier) -> dict[str, object]:
+    """What a decision for physics says: tier, index, ceiling, what contributes, and what would be allowed."""
+    detail: dict[str, object] = {"tier": int(tier), "ceiling": int(chain.scope.ceiling)}
+    impact = case.evidence.impact
+    if isinstance(impact, ImpactReading):
+        detail |= {
+            "index_milli": impact.index_milli,
+            "contributions": [
+                {
+                    "kind": c.kind,
+                    "index_milli": c.index_milli,
+                    "link": c.link,
+                    "object": c.object,
+                    "at_ms": c.at_ms,
+                    "clearance_um": c.clearance_um,
+                    "speed_um_s": c.speed_um_s,
+                }
+                for c in impact.contributions
+            ],
+            "highest_speed_of_lower_tier": impact.lower_tier_speed,
+            "violations": list(impact.violations),
+            "perception": impact.perception,
+            "perception_age_ms": impact.perception_age_ms,
+        }
+    return detail
+
+
+def ceiling_set_by(chain: Chain) -> dict[str, object]:
+    """Who drew the line of the effective ceiling, as plain JSON."""
+    hop = set_ceiling(chain)
+    return {"hop": hop.index, "hop_id": hop.hop_id, "agent": hop.agent, "sponsor": chain.sponsor.subject}
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicalImpactGate:
+    """TEA-4: the runtime tier, computed from the live world, is under the token's ceiling and selects the effect."""
+
+    id: ClassVar[str] = "TEA-4"
+
+    def judge(self, case: Case) -> Verdict:
+        """Holds up to tier 2 (CATP-3 asks for trust there), defers at tier 3, fails at tier 4.
+
+        Before that: what cannot be believed is a fault and no tier, a violation is refused whatever is authorised,
+        and a tier above the ceiling is refused whatever else holds and asks nobody.
+        """
+        chain = verified_chain(self.id, case)
+        if not isinstance(chain, Chain):
+            return chain
+        impact = case.evidence.impact
+        if isinstance(impact, ImpactFault):
+            return self._fault(impact)
+        base = base_tier(case.evidence)
+        match impact:
+            case NotCollected() if base is not None and not base <= chain.scope.ceiling:
+                # the base tier alone is above the ceiling: no physics was needed to know
+                return Fails((self._above(case, chain, base),))
+            case NotCollected():
+                return missing(self.id, "impact")
+            case ImpactReading():
+                return missing(self.id, "tool") if base is None else self._reading(case, chain, impact)
+            case _:
+                assert_never(impact)
+
+    def _reading(self, case: Case, chain: Chain, impact: ImpactReading) -> Verdict:
+        """The verdict on a reading whose base tier is known and under the ceiling."""
+        tier = runtime_tier(case.evidence, physical=True)
+        if tier is None or not 0 <= impact.index_milli <= 4000:
+            return fails(self.id, Reason.PHYSICS_FAULT)
+        detail = impact_detail(case, chain, tier)
+        refused: list[Finding] = []
+        if impact.violations != ():
+            refused.append(found(self.id, Reason.PHYSICS_VIOLATION, **detail))
+        if not tier <= chain.scope.ceiling:
+            refused.append(self._above(case, chain, tier))
+        if refused:
+            return Fails(tuple(refused))
+        match RULES[tier]:
+            case TierRule.AUDIT | TierRule.TRUST:
+                return Holds()
+            case TierRule.ASK:
+                asked = [found(self.id, Reason.TIER_NEEDS_APPROVAL, **detail)]
+                if impact.perception != FRESH:
+                    asked.append(found(self.id, Reason.PERCEPTION_MISSING, **detail))
+                return Defers(tuple(asked))
+            case TierRule.REFUSE:
+                return fails(self.id, Reason.TIER_SAFETY_CRITICAL, **detail)
+            case rule:
+                assert_never(rule)
+
+    def _fault(self, impact: ImpactFault) -> Fails:
+        """The refusal for physics that could not be computed or must not be believed."""
+        known = {str(reason): reason for reason in IMPACT_FAULTS}
+        return fails(self.id, known.get(impact.reason, Reason.PHYSICS_FAULT), said=impact.reason, cause=impact.detail)
+
+    def _above(self, case: Case, chain: Chain, tier: Tier) -> Finding:
+        """The finding for a tier above the ceiling, with the hop that set the ceiling."""
+        detail = impact_detail(case, chain, tier)
+        return found(self.id, Reason.ABOVE_CEILING, **detail, set_by=ceiling_set_by(chain))

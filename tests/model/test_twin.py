@@ -1,0 +1,47 @@
+"""`policies.decide` against its slow twin, on random triples from a printed seed."""
+
+import os
+import random
+
+import pytest
+
+from policies import decide
+from policies.reasons import PRECEDENCE
+from tests.model import triples, twin
+
+ROUNDS = int(os.environ.get("ZTPM_TWIN_ROUNDS", "400"))
+"""Triples for each seed; a campaign sets more."""
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_decide_agrees_with_the_slow_twin(seed):
+    pick = random.Random(seed).choice
+    for number in range(ROUNDS):
+        request, evidence, policies = triples.request(pick), triples.evidence(pick), triples.policy_set(pick)
+        decision = decide(request, evidence, policies)
+        effect, tier, findings, leading = twin.decide(request, evidence, policies)
+        where = f"seed {seed}, triple {number}"
+        assert decision.effect.value == effect, where
+        assert decision.tier == tier, where
+        assert {(f.primitive, f.reason.value) for f in decision.findings} == findings, where
+        if effect == "PERMIT":
+            assert decision.reason.value == "PERMITTED"
+        else:
+            assert (decision.primitive, decision.reason.value) in leading, where
+            assert decision.reason == min(
+                (f.reason for f in decision.findings if (f.primitive, f.reason.value) in leading), key=PRECEDENCE.index
+            )
+
+
+def test_the_random_triples_reach_every_effect_and_most_reasons():
+    """A differential test that only ever sees denials proves little."""
+    pick = random.Random(1).choice
+    seen = {"effects": {}, "reasons": set()}
+    for _ in range(4_000):
+        decision = decide(triples.request(pick), triples.evidence(pick), triples.policy_set(pick))
+        seen["effects"][decision.effect] = seen["effects"].get(decision.effect, 0) + 1
+        seen["reasons"].add(decision.reason)
+    assert len(seen["effects"]) == 3
+    assert min(seen["effects"].values()) > 100, seen["effects"]
+    assert len(seen["reasons"]) > 30
+    assert "POLICY_ERROR" not in seen["reasons"]

@@ -1,0 +1,216 @@
+"""Random requests, evidence and policy sets, from tables that sit on every boundary. `pick(options)` chooses; who chooses is the caller's."""
+
+from dataclasses import replace
+
+from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
+from capabilities.errors import Fault, FaultCode
+from capabilities.scope import Range, Scope, Tier
+from capabilities.units import Quantity, Unit
+from policies import (
+    NOT_COLLECTED,
+    ROWS,
+    Contribution,
+    Effect,
+    Evidence,
+    ImpactFault,
+    ImpactReading,
+    Object,
+    Obligation,
+    ObligationKind,
+    Parameters,
+    Point,
+    Policy,
+    PolicySet,
+    Reason,
+    Request,
+    Subject,
+    ToolReading,
+    TrustReading,
+)
+from policies.combine import AllOf, Always, AnyOf, Check, Not
+
+NOW = 1_000_000
+STRANGE = 20
+"""One value in so many is strange: a triple has about fifteen of them, and one strange one is enough for a denial."""
+DECIDING = [row for row in ROWS.values() if row.decides is not None]
+RECORD = Obligation(ObligationKind.RECORD)
+
+
+def mostly(pick, ordinary, strange):
+    return pick(list(strange)) if pick(range(STRANGE)) == 0 else ordinary
+
+
+def request(pick):
+    return Request(
+        request_id="r",
+        points=frozenset(
+            mostly(pick, (Point.TOOL, Point.ACTUATION), [(Point.TOOL,), (Point.ACTUATION,), (Point.AGENT,)])
+        ),
+        audience=mostly(pick, "https://a/", ["https://b/"]),
+        object=mostly(pick, "ur3e", ["ur5e"]),
+        operation=mostly(pick, "move_joint", ["gripper_move", "read_state", "stop", "dance"]),
+        values=(Quantity("speed", Unit.MICRORADIAN_PER_SECOND, pick([0, 400_000])),),
+        at=float(NOW),
+    )
+
+
+def fault(pick):
+    return Fault(pick(list(FaultCode)), pick(["TOK-1", "PRF-2"]), pick(["", "sponsor:alice", "hop:1"]))
+
+
+def chain(pick):
+    count = mostly(pick, 2, [1, 3, 9, 10])
+    ages = [0, 3_600, 3_601, -5, -6, 86_400, 86_401]
+    window = mostly(pick, 3_600, [86_400, 86_401])
+    start = mostly(pick, NOW - 600, [NOW, NOW + 1, NOW - window])
+    ceiling = Tier.SAFETY_CRITICAL
+    hops = []
+    for i in range(count):
+        ceiling = min(ceiling, mostly(pick, Tier.HIGH_CONSEQUENCE, list(Tier)))
+        hops.append(
+            Hop(
+                index=i,
+                hop_id=f"{i:032x}",
+                agent=mostly(pick, "robotic", ["vision"]),
+                key=bytes(32),
+                delegator="alice",
+                purpose="",
+                request_digest=bytes(32),
+                attestation=Attestation(EvidenceKind.KEY, bytes(32), NOW - mostly(pick, 60, ages)),
+                scope=Scope((), ceiling, frozenset({"https://a/"}), frozenset(), 0, start, start + window),
+            )
+        )
+    sponsor_age = mostly(pick, 300, [0, -5, -6, 900, 901, 3_600, 3_601, 28_800, 28_801, 86_400, 86_401])
+    sponsor = Sponsor("https://idp/", mostly(pick, "alice", ["bob", ""]), "operator-key", NOW - sponsor_age)
+    age = mostly(pick, 100, [-1, 0, 2_000, 2_001, 30_000, 30_001])
+    return Chain("t", bytes(32), sponsor, 1, tuple(hops), 1, age)
+
+
+def refusal(pick):
+    return Refusal(
+        pick(list(FaultCode)),
+        parameter=pick([None, "speed"]),
+        value=7,
+        unit=Unit.COUNT,
+        bound=pick([None, Range(0, 5)]),
+        nearest=5,
+        hop=pick([None, 0]),
+    )
+
+
+def impact(pick):
+    return ImpactReading(
+        tier=pick([Tier(1), Tier(1), Tier(2), Tier(2), Tier(3), Tier(4)]),
+        index_milli=mostly(pick, 1_500, [0, 4_000, 4_001, -1]),
+        violations=mostly(pick, (), [("person",), ("zone", "self")]),
+        contributions=pick([(), (Contribution("person", 1_500, "wrist", "p1", 10, 20, 30),)]),
+        lower_tier_speed=pick([None, 10]),
+        perception=mostly(pick, "fresh", ["stale", "missing", "", "Fresh"]),
+        perception_age_ms=pick([None, 50]),
+        scene_digest="s",
+        model_digest="m",
+        engine="numpy",
+    )
+
+
+def evidence(pick):
+    faults = [*Reason, "", "nonsense"]
+    return Evidence(
+        at=float(NOW),
+        at_ms=5,
+        chain=mostly(pick, chain(pick), [fault(pick), NOT_COLLECTED]),
+        proof=mostly(pick, True, [False, fault(pick), NOT_COLLECTED]),
+        request_fault=mostly(pick, None, [refusal(pick), fault(pick), NOT_COLLECTED]),
+        robot_fault=mostly(pick, None, [refusal(pick), NOT_COLLECTED]),
+        tool=mostly(
+            pick,
+            ToolReading("t", "aa", "aa", mostly(pick, Tier(1), list(Tier))),
+            [
+                ToolReading("t", "aa", "bb", Tier(1)),
+                ToolReading("t", None, "aa", None),
+                ToolReading("t", "", "", Tier(0)),
+                NOT_COLLECTED,
+            ],
+        ),
+        trust=mostly(
+            pick, TrustReading(mostly(pick, pick([699, 700, 800]), [0, 701, 1_000, 1_001, -1])), [NOT_COLLECTED]
+        ),
+        impact=mostly(pick, impact(pick), [ImpactFault(str(pick(faults))), NOT_COLLECTED]),
+    )
+
+
+def check(pick, points, *, gate):
+    rows = [row for row in DECIDING if points <= row.points and (gate or row.id != "TEA-4")]
+    row = pick(rows)
+    values = {p.name: p.default for p in row.parameters}
+    if row.id == "CATP-3":
+        values["trust_theta_permille"] = pick([0, 700, 1_000])
+    return Check(row.make(**values))
+
+
+def positive(pick, points, depth):
+    """A predicate in which every primitive stands under an even number of `not`."""
+    kind = pick(["check", "check", "all", "any", "notnot"]) if depth else "check"
+    match kind:
+        case "check":
+            return check(pick, points, gate=False)
+        case "all":
+            return AllOf(tuple(positive(pick, points, depth - 1) for _ in range(pick([1, 2, 3]))))
+        case "any":
+            return AnyOf(tuple(positive(pick, points, depth - 1) for _ in range(pick([1, 2, 3]))))
+        case "notnot":
+            return Not(Not(positive(pick, points, depth - 1)))
+
+
+def negative(pick, points, depth):
+    """The mirror: every primitive under an odd number."""
+    kind = pick(["not", "not", "all", "any"]) if depth else "not"
+    match kind:
+        case "not":
+            return Not(positive(pick, points, max(0, depth - 1)))
+        case "all":
+            return AllOf(tuple(negative(pick, points, depth - 1) for _ in range(pick([1, 2]))))
+        case "any":
+            return AnyOf(tuple(negative(pick, points, depth - 1) for _ in range(pick([1, 2]))))
+
+
+def policy(pick, name):
+    effect = pick([Effect.PERMIT, Effect.PERMIT, Effect.PERMIT, Effect.DENY, Effect.DEFER])
+    points = pick([frozenset({Point.TOOL}), frozenset({Point.TOOL, Point.ACTUATION}), frozenset({Point.ACTUATION})])
+    pit_bound = None
+    if effect is Effect.PERMIT:
+        predicate = positive(pick, points, pick([0, 1, 2]))
+        if pick([True, False]):
+            pit_bound = pick([Tier(0), Tier(1), Tier(2), Tier(3), Tier(3), Tier(4)])
+            predicate = AllOf((predicate, Check(ROWS["TEA-4"].make())))
+    else:
+        predicate = mostly(pick, negative(pick, points, pick([0, 1, 2])), [Always()])
+    return Policy(
+        id=name,
+        subject=pick(
+            [Subject(), Subject(), Subject(), Subject(frozenset({"robotic"})), Subject(None, frozenset({"alice"}))]
+        ),
+        object=pick(
+            [
+                Object(),
+                Object(),
+                Object(None, None, frozenset({"stop"})),
+                Object(frozenset({"ur3e"}), frozenset({"move_joint", "stop"})),
+            ]
+        ),
+        predicate=predicate,
+        points=points,
+        effect=effect,
+        obligations=frozenset({RECORD}),
+        pit_bound=pit_bound,
+    )
+
+
+def policy_set(pick):
+    return PolicySet(
+        "random", 1, tuple(policy(pick, f"p{i}") for i in range(pick([0, 1, 1, 1, 2, 2, 3, 4]))), Parameters()
+    )
+
+
+def raised(impact_reading, tier):
+    return replace(impact_reading, tier=tier)

@@ -1,0 +1,264 @@
+"""The slow, obvious decision: the same promise as `policies.decide`, written a second time with other means.
+
+Truth is a number (0 no, 1 ask, 2 yes); `all` is min, `any` is max, `not` is 2 - x. What a primitive finds is a set of (primitive, reason).
+Nothing is shared with the package but its types and its table of reasons' owners.
+"""
+
+from capabilities.chain import Chain, Refusal
+from capabilities.errors import Fault
+from policies.combine import AllOf, Always, AnyOf, Check, Not
+from policies.evidence import NOT_COLLECTED, ImpactFault, ImpactReading, ToolReading, TrustReading
+from policies.reasons import REASONS, Reason
+
+NO, ASK, YES = 0, 1, 2
+BELIEVABLE = {
+    "NOT_A_NUMBER", "NOT_FINITE", "NOT_ON_GRID", "OUT_OF_RANGE", "ENGINES_DISAGREE", "STATEMENT_MALFORMED", "STATEMENT_WRONG_KIND",
+    "STATEMENT_UNTRUSTED", "PHYSICS_FAULT", "PERCEPTION_INVALID", "PERCEPTION_MISSING", "BUSY",
+}  # fmt: skip
+
+
+def fault_of(asker, fault):
+    if fault.code == "REVOKED":
+        owners = ["AID-2"] if fault.detail.startswith("sponsor") else ["AID-3"]
+    else:
+        owners = list(REASONS[Reason(fault.code.value)].owners)
+    owner = asker if asker in owners or not owners else owners[0]
+    return {(owner, fault.code.value)}
+
+
+def missing(asker):
+    return {(asker, "EVIDENCE_MISSING")}
+
+
+def broken_chain(asker, e):
+    """The findings of a chain that is not verified, or the empty set."""
+    if isinstance(e.chain, Chain):
+        return set()
+    if isinstance(e.chain, Fault):
+        return fault_of(asker, e.chain)
+    return missing(asker)
+
+
+def base(e):
+    return e.tool.base_tier if isinstance(e.tool, ToolReading) else None
+
+
+def pit(e, physical):
+    if base(e) is None:
+        return None
+    if not physical:
+        return int(base(e))
+    if not isinstance(e.impact, ImpactReading):
+        return None
+    tiers = [int(base(e)), int(e.impact.tier)]
+    if e.impact.perception != "fresh":
+        tiers.append(3)
+    return sorted(tiers)[-1]
+
+
+def in_age(e, then, bound):
+    return not (e.at - then > bound or then - e.at > 5)
+
+
+def judge(primitive, r, e, physical):
+    """(truth, findings) of one primitive with the default parameters of its set."""
+    me = primitive.id
+    if me not in {"TEA-3", "CATP-3"}:
+        found = broken_chain(me, e)
+        if found:
+            return NO, found
+    c = e.chain
+    if me == "AID-1":
+        if isinstance(e.proof, Fault):
+            return NO, fault_of(me, e.proof)
+        if e.proof is NOT_COLLECTED:
+            return NO, missing(me)
+        if e.proof is not True:
+            return NO, {(me, "PROOF_MISSING")}
+        if not in_age(e, c.hops[-1].attestation.at, primitive.attestation_age_s):
+            return NO, {(me, "ATTESTATION_OLD")}
+        return YES, set()
+    if me == "AID-2":
+        if c.sponsor.subject == "" or c.sponsor.issuer == "":
+            return NO, {(me, "CHAIN_BROKEN")}
+        tier = pit(e, physical)
+        if tier is None:
+            tier = base(e)
+        if tier is None:
+            return NO, missing(me)
+        bound = [86_400, 86_400, 28_800, 3_600, 900][tier]
+        return (
+            (YES, set()) if in_age(e, c.sponsor.authenticated_at, bound) else (NO, {(me, "SPONSOR_AUTHENTICATION_OLD")})
+        )
+    if me == "AID-3":
+        if e.at < c.hops[-1].scope.not_before:
+            return NO, {(me, "NOT_YET_VALID")}
+        if e.at >= c.hops[-1].scope.not_after:
+            return NO, {(me, "EXPIRED")}
+        if c.view_age_ms < 0 or c.view_age_ms > (2_000 if physical else 30_000):
+            return NO, {(me, "REVOCATION_VIEW_STALE")}
+        return YES, set()
+    if me in {"AID-4", "CATP-2"}:
+        return YES, set()
+    if me == "AID-5":
+        scope = c.hops[-1].scope
+        if r.audience not in scope.audiences:
+            return NO, {(me, "WRONG_AUDIENCE")}
+        if len(c.hops) > 9 or scope.not_after - scope.not_before > 86_400 or scope.not_after <= scope.not_before:
+            return NO, {(me, "CHAIN_OUT_OF_BOUNDS")}
+        return YES, set()
+    if me == "CATP-3":
+        if not isinstance(e.trust, TrustReading) or e.trust.score_permille < 0 or e.trust.score_permille > 1_000:
+            return NO, missing(me)
+        tier = pit(e, physical)
+        if e.trust.score_permille < primitive.trust_theta_permille and tier not in {0, 1}:
+            return ASK, {(me, "TRUST_TOO_LOW")}
+        return YES, set()
+    if me == "CATP-4":
+        if any(not in_age(e, hop.attestation.at, primitive.attestation_age_s) for hop in c.hops):
+            return NO, {(me, "ATTESTATION_OLD")}
+        return YES, set()
+    if me in {"TEA-1", "TEA-2"}:
+        f = e.request_fault
+        if f is NOT_COLLECTED:
+            return NO, missing(me)
+        if isinstance(f, Fault):
+            return NO, fault_of(me, f)
+        if isinstance(f, Refusal) and not (
+            me == "TEA-1" and f.code in {"PARAMETERS_WRONG", "LIMIT_EXCEEDED_BY_REQUEST"}
+        ):
+            owners = REASONS[Reason(f.code.value)].owners
+            return NO, {(me if me in owners or not owners else owners[0], f.code.value)}
+        if me == "TEA-2":
+            f = e.robot_fault
+            if f is NOT_COLLECTED:
+                return NO, missing(me)
+            if f is not None:
+                return NO, {(me, "ROBOT_LIMIT" if f.code == "LIMIT_EXCEEDED_BY_REQUEST" else f.code.value)}
+        return YES, set()
+    if me == "TEA-3":
+        if e.tool is NOT_COLLECTED:
+            return NO, missing(me)
+        if not e.tool.approved_digest or e.tool.base_tier is None:
+            return NO, {(me, "TOOL_UNKNOWN")}
+        return (
+            (YES, set()) if e.tool.approved_digest == e.tool.actual_digest else (NO, {(me, "TOOL_DEFINITION_CHANGED")})
+        )
+    if me == "TEA-4":
+        ceiling = int(c.hops[-1].scope.ceiling)
+        if isinstance(e.impact, ImpactFault):
+            return NO, {(me, e.impact.reason if e.impact.reason in BELIEVABLE else "PHYSICS_FAULT")}
+        if e.impact is NOT_COLLECTED:
+            return NO, {(me, "ABOVE_CEILING")} if base(e) is not None and base(e) > ceiling else missing(me)
+        if base(e) is None:
+            return NO, missing(me)
+        if e.impact.index_milli < 0 or e.impact.index_milli > 4_000:
+            return NO, {(me, "PHYSICS_FAULT")}
+        tier = pit(e, True)
+        refused = set()
+        if e.impact.violations:
+            refused.add((me, "PHYSICS_VIOLATION"))
+        if tier > ceiling:
+            refused.add((me, "ABOVE_CEILING"))
+        if refused:
+            return NO, refused
+        if tier == 4:
+            return NO, {(me, "TIER_SAFETY_CRITICAL")}
+        if tier == 3:
+            asked = {(me, "TIER_NEEDS_APPROVAL")}
+            return ASK, asked | ({(me, "PERCEPTION_MISSING")} if e.impact.perception != "fresh" else set())
+        return YES, set()
+    raise AssertionError(me)
+
+
+def truth(predicate, r, e, physical):
+    """(truth, findings, findings that a `not` would bring out)."""
+    if isinstance(predicate, Always):
+        return YES, set(), set()
+    if isinstance(predicate, Check):
+        value, found = judge(predicate.primitive, r, e, physical)
+        return value, found, set()
+    if isinstance(predicate, Not):
+        value, found, hidden = truth(predicate.part, r, e, physical)
+        return (ASK, found, set()) if value == ASK else (YES - value, hidden, found)
+    parts = [truth(part, r, e, physical) for part in predicate.parts]
+    worst = (min if isinstance(predicate, AllOf) else max)(value for value, _, _ in parts)
+    assert isinstance(predicate, AllOf | AnyOf)
+    if isinstance(predicate, AllOf):
+        found = set().union(*(f for value, f, _ in parts if value in {NO, ASK})) if worst == NO else set()
+        found = set().union(*(f for value, f, _ in parts if value == ASK)) if worst == ASK else found
+        hidden = set().union(*(h for _, _, h in parts)) if worst == YES else set()
+        return worst, found, hidden
+    hidden = (
+        set().union(*(h for value, _, h in parts if value == YES), *(f for value, f, _ in parts if value == ASK))
+        if worst == YES
+        else set()
+    )
+    found = set().union(*(f for value, f, _ in parts if value == ASK)) if worst == ASK else set()
+    found = set().union(*(f for _, f, _ in parts)) if worst == NO else found
+    return worst, found, hidden
+
+
+def decide(r, e, policies):
+    """(effect, tier, findings) as plain words."""
+    about = [
+        p
+        for p in policies.policies
+        if p.points & r.points
+        and (p.object.ids is None or r.object in p.object.ids)
+        and (p.object.operations is None or r.operation in p.object.operations)
+        and r.operation not in p.object.without
+    ]
+    physical = about == [] or any(p.pit_bound is not None for p in about)
+    tier = pit(e, physical)
+    denied, deferred, permitting = set(), set(), 0
+    denies = defers = False
+    for p in about:
+        effect = p.effect.value
+        anybody = p.subject.agents is None and p.subject.sponsors is None
+        if isinstance(e.chain, Chain):
+            if p.subject.agents is not None and e.chain.hops[-1].agent not in p.subject.agents:
+                continue
+            if p.subject.sponsors is not None and e.chain.sponsor.subject not in p.subject.sponsors:
+                continue
+        elif not anybody and effect == "PERMIT":
+            permitting += 1
+            denies = True
+            denied |= broken_chain("AID-1", e)
+            continue
+        value, found, hidden = truth(p.predicate, r, e, physical)
+        if effect == "PERMIT":
+            permitting += 1
+            if value == NO:
+                denies = True
+                denied |= found
+            elif value == ASK:
+                defers = True
+                deferred |= found
+            elif p.pit_bound is not None:
+                if tier is None:
+                    denies = True
+                    denied |= missing("TEA-4")
+                elif tier >= p.pit_bound and tier == 4:
+                    denies = True
+                    denied.add(("TEA-4", "TIER_SAFETY_CRITICAL"))
+                elif tier >= p.pit_bound:
+                    defers = True
+                    deferred.add(("TEA-4", "TIER_NEEDS_APPROVAL"))
+        elif value == ASK:
+            defers = True
+            deferred |= found
+        elif value == YES and effect == "DENY":
+            denies = True
+            denied |= hidden | {("", "PROHIBITED")}
+        elif value == YES:
+            defers = True
+            deferred |= hidden | {("", "APPROVAL_REQUIRED")}
+    if not permitting:
+        denies = True
+        denied.add(("", "NO_POLICY"))
+    if denies:
+        return "DENY", tier, denied | deferred, denied
+    if defers:
+        return "DEFER", tier, deferred, deferred
+    return "PERMIT", tier, set(), set()

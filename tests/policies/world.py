@@ -1,0 +1,193 @@
+"""Builds requests, evidence and cases from the plain documents of tests/vectors/primitives."""
+
+import copy
+import tomllib
+from pathlib import Path
+
+from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
+from capabilities.errors import Fault, FaultCode
+from capabilities.scope import Grant, Limit, OneOf, Range, Scope, Tier
+from capabilities.units import Parameter, Quantity, Unit
+from policies.evidence import (
+    NOT_COLLECTED,
+    Contribution,
+    Evidence,
+    ImpactFault,
+    ImpactReading,
+    ToolReading,
+    TrustReading,
+)
+from policies.model import Point, Request
+from policies.primitives.base import Case
+from policies.tiers import runtime_tier
+
+VECTORS = Path(__file__).parents[1] / "vectors" / "primitives"
+WORLD = tomllib.loads((VECTORS / "world.toml").read_text("utf-8"))
+
+GRANTS = (
+    Grant(
+        "ur3e",
+        "move_joint",
+        (
+            Limit(Parameter("q0", Unit.MICRORADIAN), Range(-3_000_000, 3_000_000)),
+            Limit(Parameter("speed", Unit.MICRORADIAN_PER_SECOND), Range(0, 1_000_000)),
+        ),
+    ),
+    Grant("ur3e", "read_state"),
+)
+
+
+def changed(given=None):
+    """A copy of the ordinary case with `given` written over it."""
+    world = copy.deepcopy(WORLD)
+    for path, value in (given or {}).items():
+        where = world
+        *steps, last = path.split(".")
+        for step in steps:
+            where = where[int(step)] if isinstance(where, list) else where[step]
+        if isinstance(where, list):
+            where[int(last)] = value
+        else:
+            assert last in where or path in {"evidence.proof"}, f"{path} is not in world.toml"
+            where[last] = value
+    return world
+
+
+def bound(plain):
+    match plain:
+        case None | "none":
+            return None
+        case {"one_of": values}:
+            return OneOf(frozenset(values))
+        case {"low": low, "high": high}:
+            return Range(low, high)
+
+
+def fault(plain):
+    return Fault(FaultCode(plain["fault"]), plain.get("clause", "TOK-0"), plain.get("detail", ""))
+
+
+def refusal(plain):
+    if plain == "none":
+        return None
+    if plain == "not collected":
+        return NOT_COLLECTED
+    if "fault" in plain:
+        return fault(plain)
+    rest = {k: plain[k] for k in ("parameter", "value", "nearest", "hop", "hop_id", "agent", "sponsor") if k in plain}
+    if "unit" in plain:
+        rest["unit"] = Unit(plain["unit"])
+    return Refusal(FaultCode(plain["refusal"]), bound=bound(plain.get("bound")), **rest)
+
+
+def chain(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    if "fault" in plain:
+        return fault(plain)
+    hops = tuple(
+        Hop(
+            index=i,
+            hop_id=h["hop_id"],
+            agent=h["agent"],
+            key=bytes([i]) * 32,
+            delegator=h["delegator"],
+            purpose="test",
+            request_digest=bytes(32),
+            attestation=Attestation(EvidenceKind.KEY, bytes(32), h["attested_at"]),
+            scope=Scope(
+                grants=GRANTS,
+                ceiling=Tier(h["ceiling"]),
+                audiences=frozenset(h["audiences"]),
+                delegates=frozenset(),
+                depth=1,
+                not_before=h["not_before"],
+                not_after=h["not_after"],
+            ),
+        )
+        for i, h in enumerate(plain["hops"])
+    )
+    return Chain(
+        token_id=plain["token_id"],
+        digest=bytes(32),
+        sponsor=Sponsor(**plain["sponsor"]),
+        root_key_id=plain["root_key_id"],
+        hops=hops,
+        epoch=plain["epoch"],
+        view_age_ms=plain["view_age_ms"],
+    )
+
+
+def none(value):
+    return None if value == "none" else value
+
+
+def tool(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    base = none(plain["base_tier"])
+    return ToolReading(
+        plain["name"], none(plain["approved_digest"]), plain["actual_digest"], None if base is None else Tier(base)
+    )
+
+
+def impact(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    if "fault" in plain:
+        return ImpactFault(plain["fault"], plain.get("detail", ""))
+    return ImpactReading(
+        **{
+            **plain,
+            "tier": Tier(plain["tier"]),
+            "violations": tuple(plain["violations"]),
+            "contributions": tuple(Contribution(**c) for c in plain["contributions"]),
+            "lower_tier_speed": none(plain["lower_tier_speed"]),
+            "perception_age_ms": none(plain["perception_age_ms"]),
+        }
+    )
+
+
+def proof(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    return fault(plain) if isinstance(plain, dict) else plain
+
+
+def request(plain):
+    return Request(
+        **{
+            **plain,
+            "points": frozenset(Point(p) for p in plain["points"]),
+            "values": tuple(Quantity(v["name"], Unit(v["unit"]), v["value"]) for v in plain["values"]),
+        }
+    )
+
+
+def evidence(plain):
+    trust = plain["trust"]
+    return Evidence(
+        at=plain["at"],
+        at_ms=plain["at_ms"],
+        chain=chain(plain["chain"]),
+        proof=proof(plain["proof"]),
+        request_fault=refusal(plain["request_fault"]),
+        robot_fault=refusal(plain["robot_fault"]),
+        tool=tool(plain["tool"]),
+        trust=NOT_COLLECTED if trust == "not collected" else TrustReading(**trust),
+        impact=impact(plain["impact"]),
+    )
+
+
+def case(given=None):
+    world = changed(given)
+    readings = evidence(world["evidence"])
+    return Case(
+        request(world["request"]), readings, world["physical"], runtime_tier(readings, physical=world["physical"])
+    )
+
+
+def asked(given=None):
+    """Request and evidence."""
+    one = case(given)
+    return one.request, one.evidence
