@@ -1,4 +1,4 @@
-"""What the gate asks of the world, as protocols: time, feeds, stores, physics. Shells implement them; tests inject their own."""
+"""What the gate asks of the world, as protocols: time, feeds, stores, physics. Shells implement them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from capabilities.chain import Refusal
     from capabilities.scope import Tier
     from capabilities.statements.revocation import RevocationView
     from policies.evidence import ImpactFault, ImpactReading
@@ -54,11 +57,36 @@ class Registry(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class RegisteredSensor:
+    """A sensor as the signed registry knows it.
+
+    Attributes:
+        sensor: its id.
+        key: raw Ed25519 public key, 32 bytes.
+        calibration: digest (hex) of the calibration that its frames must name.
+        transit_ms: declared longest time from exposure to arrival.
+    """
+
+    sensor: str
+    key: bytes
+    calibration: str
+    transit_ms: int
+
+
+class Sensors(Protocol):
+    """The sensors of this PEP's audience, from the newest verified registry snapshot."""
+
+    def sensors(self) -> Mapping[str, RegisteredSensor]:
+        """By id; empty while no snapshot has been verified."""
+        ...
+
+
 class ReplayStore(Protocol):
     """Proof ids seen. Storing is the check: one call, atomic."""
 
     def first_use(self, jti: str, *, key: bytes, expires_ms: int) -> bool:
-        """True exactly once for each (key, jti) until `expires_ms` on the monotonic clock. A store that cannot answer raises."""
+        """True exactly once for each (key, jti) until `expires_ms` (monotonic). A store that cannot answer raises."""
         ...
 
 
@@ -67,6 +95,26 @@ class Journal(Protocol):
 
     def append(self, kind: str, body: dict[str, object]) -> str:
         """The record's hash (hex). Raises when it cannot be made durable."""
+        ...
+
+
+class RobotLimits(Protocol):
+    """The robot's own limits, whatever authority says."""
+
+    def refuse(self, request: Request) -> Refusal | None:
+        """The first parameter outside of the robot's limits, or None."""
+        ...
+
+
+class MotionSlot(Protocol):
+    """One motion at a time. Taking the slot is the check: one call, atomic."""
+
+    def reserve(self, request_id: str) -> bool:
+        """True when nothing moves and the slot is now this request's."""
+        ...
+
+    def release(self, request_id: str) -> None:
+        """The slot is free again, if it was this request's."""
         ...
 
 

@@ -1,0 +1,358 @@
+"""The gate: the one place that knows every step from a request to its effect. Whatever fails on the way is DENY.
+
+    request -> collect evidence -> decide -> record -> effect -> record its outcome
+               cheap before dear    pure     durable   within the verdict's lifetime, and only what was decided
+
+One run stands for e4 and e5 together: the tool server that decides also holds the only connection that moves the robot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, assert_never
+
+from capabilities.chain import Chain, Refusal
+from capabilities.errors import Fault
+from pep import records
+from pep.approvals import Ask, Asks, AskState
+from pep.authority import NO_TOKEN
+from pep.errors import ActuationRefusedError, JournalError
+from pep.permit import Permit
+from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading, ToolReading
+from policies.model import Decision, Effect, Finding, Request
+from policies.pdp import decide
+from policies.policy import requirement
+from policies.reasons import Reason
+from policies.trust import chain_trust
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Mapping
+
+    from pep.authority import Authority, Credentials
+    from pep.operations import Operation
+    from pep.ports import Clock, Journal, MotionSlot, Physics, Registry, RobotLimits
+    from policies.policy import PolicySet
+
+PHYSICS_TIMEOUT_S: Final = 3.0
+"""An assessment that takes longer is a fault, and a fault is no tier."""
+ATTEMPTS: Final = 8
+"""How often a decision is taken afresh, on fresh evidence, while its record outlasts its lifetime; then DENY."""
+SEQUENCE: Final = "TEA-6"
+"""The primitive behind `BUSY`: a command together with what is unfinished."""
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One request with what the shell knows about it.
+
+    Attributes:
+        request: in integers.
+        operation: of it.
+        tool: as it is registered and as it is served now.
+        credentials: what the caller presented, after steps 1 to 10.
+        arrived_ms: monotonic time of arrival.
+    """
+
+    request: Request
+    operation: Operation
+    tool: ToolReading
+    credentials: Credentials
+    arrived_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What an effect reports. `value` is plain JSON for the record; `carried` is whatever the shell wants back."""
+
+    value: Mapping[str, Any]
+    carried: Any = None
+    failed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The end of one run: the decision, and what came of it."""
+
+    decision: Decision
+    ask: Ask | None = None
+    result: Result | None = None
+
+
+class Gate:
+    """Decides and enforces. All IO is in its ports.
+
+    Args:
+        clock: both clocks.
+        authority: steps 1 to 10, and again at the last moment.
+        registry: trust in agents.
+        limits: the robot's own limits.
+        slot: one motion at a time.
+        physics: runtime impact.
+        policies: what is decided by.
+        journal: durable; nothing moves before its answer.
+        asks: open deferrals.
+    """
+
+    def __init__(
+        self,
+        *,
+        clock: Clock,
+        authority: Authority,
+        registry: Registry,
+        limits: RobotLimits,
+        slot: MotionSlot,
+        physics: Physics,
+        policies: PolicySet,
+        journal: Journal,
+        asks: Asks,
+    ) -> None:
+        self._clock = clock
+        self._authority = authority
+        self._registry = registry
+        self._limits = limits
+        self._slot = slot
+        self._physics = physics
+        self._policies = policies
+        self._journal = journal
+        self._asks = asks
+        # A worker each, so that a long assessment never delays a record, and neither delays a stop (which has its own
+        # in the shell).
+        self._recorder = ThreadPoolExecutor(1, "journal")
+        self._assessor = ThreadPoolExecutor(1, "physics")
+
+    async def run(self, call: Call, effect: Callable[[Permit], Awaitable[Result]]) -> Answer:
+        """The answer to one call; its effect has happened exactly when the decision is PERMIT.
+
+        Args:
+            call: of an operation that is not a stop.
+            effect: sends, once, what the permit allows; raises `ActuationRefusedError` when it did not send.
+        """
+        held, permitted = False, None
+        try:
+            physical, attempt = requirement(call.request, self._policies).physical, 0
+            while True:
+                attempt += 1
+                evidence = self._cheap(call)
+                if physical and not _fault(evidence):
+                    held = held or self._slot.reserve(call.request.request_id)
+                    if not held:
+                        return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
+                    evidence = await self._dear(call, evidence)
+                decided_ms = self._clock.monotonic_ms()
+                decision = decide(call.request, evidence, self._policies)
+                if decision.effect is not Effect.PERMIT:
+                    return await self._conclude(call, evidence, decision)
+                permit = self._permit(call, decision, decided_ms)
+                permitted = self._recorder.submit(
+                    self._journal.append, "decision", records.decision(call, evidence, decision)
+                )
+                record = await asyncio.wrap_future(permitted)
+                if self._clock.monotonic_ms() <= permit.deadline_ms:
+                    return await self._effect(call, decision, permit, record, effect)
+                late = records.outcome(call.request, record, "refused", reason=Reason.VERDICT_EXPIRED)
+                await self._record("outcome", late)
+                permitted = None
+                if attempt == ATTEMPTS:
+                    expired = self._denied(call, evidence, Reason.VERDICT_EXPIRED, SEQUENCE)
+                    return await self._conclude(call, evidence, expired)
+        except asyncio.CancelledError:
+            # The caller has gone, and the shell has stopped what was moving. Whoever goes waits for no record.
+            if permitted is not None:
+                self._recorder.submit(self._abandoned, call.request, permitted)
+            raise
+        except Exception as error:  # noqa: BLE001 - any exception on the way is DENY; a narrower net would leak
+            return await self._broken(call, error)
+        finally:
+            if held:
+                self._slot.release(call.request.request_id)
+
+    def _cheap(self, call: Call) -> Evidence:
+        """Everything but physics, in order, up to the first fault."""
+        seen = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms(), proof=call.credentials.proof)
+        chain = self._standing(call)
+        seen = replace(seen, chain=chain)
+        if isinstance(chain, Fault) or seen.proof is not True:
+            return seen
+        seen = replace(seen, tool=call.tool)
+        if _fault(seen) or call.tool.base_tier is None:
+            return seen
+        request = call.request
+        refused = self._authority.verifier.check_request(
+            chain,
+            object=request.object,
+            operation=request.operation,
+            values=request.values,
+            base_tier=call.tool.base_tier,
+            at=seen.at,
+        )
+        seen = replace(seen, request_fault=refused)
+        if refused is not None:
+            return seen
+        seen = replace(seen, robot_fault=self._limits.refuse(request))
+        if seen.robot_fault is not None:
+            return seen
+        stated = (self._registry.trust_permille(hop.agent) for hop in chain.hops)
+        return replace(seen, trust=chain_trust(stated, self._policies.parameters))
+
+    async def _dear(self, call: Call, seen: Evidence) -> Evidence:
+        """Physics, and then authority once more: an assessment takes long enough for a revocation to arrive."""
+        loop = asyncio.get_running_loop()
+        try:
+            impact: ImpactReading | ImpactFault = await asyncio.wait_for(
+                loop.run_in_executor(self._assessor, self._physics.assess, call.request), PHYSICS_TIMEOUT_S
+            )
+        except TimeoutError:
+            impact = ImpactFault(Reason.PHYSICS_FAULT, "the assessment took too long")
+        at, at_ms = self._clock.wall_s(), self._clock.monotonic_ms()
+        return replace(seen, at=at, at_ms=at_ms, impact=impact, chain=self._standing(call))
+
+    def _standing(self, call: Call) -> Chain | Fault:
+        """Steps 1 to 9 as of now, with the lease that the policies want for the request."""
+        credentials = call.credentials
+        if credentials.token is None or credentials.fault is not None:
+            return credentials.fault or NO_TOKEN
+        return self._authority.verify(credentials.token, lease_ms=self.lease_ms(call.request))
+
+    def lease_ms(self, request: Request | None) -> int:
+        """Oldest acceptable revocation view in ms, for a request, or (None) for what asks for no operation."""
+        if request is None:
+            return self._policies.parameters.lease_other_ms
+        return requirement(request, self._policies).lease_ms
+
+    def _permit(self, call: Call, decision: Decision, decided_ms: int) -> Permit:
+        def standing() -> Fault | None:
+            chain = self._standing(call)
+            return chain if isinstance(chain, Fault) else None
+
+        return Permit(
+            request_id=call.request.request_id,
+            digest=decision.request_digest,
+            since_ms=call.arrived_ms,
+            deadline_ms=decided_ms + decision.lifetime_ms,
+            clock=self._clock,
+            standing=standing,
+        )
+
+    async def _effect(
+        self, call: Call, decision: Decision, permit: Permit, record: str, effect: Callable[[Permit], Awaitable[Result]]
+    ) -> Answer:
+        """The effect, and the record of what came of it."""
+        try:
+            result = await effect(permit)
+        except ActuationRefusedError as refused:
+            body = records.outcome(call.request, record, "refused", reason=refused.reason, detail=refused.detail)
+            await self._record("outcome", body)
+            return Answer(_denial(call.request, decision, refused.reason, SEQUENCE))
+        except Exception as error:  # noqa: BLE001 - what an effect raises is an outcome
+            body = records.outcome(
+                call.request, record, "failed", reason=Reason.EFFECT_FAILED, detail=type(error).__name__
+            )
+            await self._record("outcome", body)
+            return Answer(_denial(call.request, decision, Reason.EFFECT_FAILED, ""))
+        body = records.outcome(call.request, record, "failed" if result.failed else "done", result=result.value)
+        await self._record("outcome", body)
+        return Answer(decision, result=result)
+
+    async def _conclude(self, call: Call, evidence: Evidence, decision: Decision) -> Answer:
+        """A DENY or DEFER, on record; a deferral is asked once, and its silence is a DENY."""
+        ask: Ask | None = None
+        if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
+            # On the recorder: an expiry that is found here is on record before it is told.
+            consult = partial(
+                self._asks.consult, agent=evidence.chain.leaf.agent, request=call.request, decision=decision
+            )
+            state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
+            match state:
+                case AskState.OPEN:
+                    pass
+                case AskState.EXPIRED:
+                    decision = replace(
+                        _denial(call.request, decision, Reason.APPROVAL_TIMEOUT, decision.primitive),
+                        tier=decision.tier,
+                        index=decision.index,
+                    )
+                case _:
+                    assert_never(state)
+        await self._record("decision", records.decision(call, evidence, decision, ask=ask))
+        return Answer(decision, ask=ask)
+
+    def _denied(self, call: Call, evidence: Evidence, reason: Reason, primitive: str) -> Decision:
+        """A denial that is the gate's own, over the digests of what is known."""
+        decided = decide(call.request, evidence, self._policies)
+        return replace(_denial(call.request, decided, reason, primitive), findings=(Finding(primitive, reason),))
+
+    async def _broken(self, call: Call, error: Exception) -> Answer:
+        """An exception on the way: DENY, recorded if that is still possible."""
+        reason = Reason.RECORD_FAILED if isinstance(error, JournalError) else Reason.EVIDENCE_MISSING
+        decision = Decision(
+            request_id=call.request.request_id,
+            request_digest=call.request.digest,
+            effect=Effect.DENY,
+            reason=reason,
+            primitive="",
+            findings=(Finding("", reason, {"error": type(error).__name__}),),
+            tier=None,
+            index=None,
+            obligations=(),
+            policy_digest=self._policies.digest,
+            evidence_digest="",
+            lifetime_ms=0,
+        )
+        if reason is not Reason.RECORD_FAILED:
+            unknown = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms())
+            try:
+                await self._record("decision", records.decision(call, unknown, decision))
+            except JournalError:
+                return Answer(replace(decision, reason=Reason.RECORD_FAILED))
+        return Answer(decision)
+
+    def _abandoned(self, request: Request, decided: Future[str]) -> None:
+        """The outcome of a PERMIT whose caller went away. On the recorder, so after the decision's own record."""
+        if not decided.cancelled() and decided.exception() is None:
+            self._journal.append("outcome", records.outcome(request, decided.result(), "cancelled"))
+
+    async def _record(self, kind: str, body: dict[str, object]) -> str:
+        """The hash of a durable record. Raises when it cannot be one: the caller then has no effect to give."""
+        return await asyncio.get_running_loop().run_in_executor(self._recorder, self._journal.append, kind, body)
+
+    async def record(self, kind: str, body: dict[str, object]) -> str:
+        """A record that a shell makes beside decisions: a refusal at its edge, an incident, a stop."""
+        return await self._record(kind, body)
+
+    def close(self) -> None:
+        """The workers have ended."""
+        self._assessor.shutdown(wait=False, cancel_futures=True)
+        self._recorder.shutdown(wait=True)
+
+
+def _fault(seen: Evidence) -> object:
+    """The first thing that makes dearer evidence pointless, or None."""
+    if isinstance(seen.chain, Fault):
+        return seen.chain
+    if seen.proof is not True:
+        return seen.proof
+    if isinstance(seen.request_fault, (Refusal, Fault)):
+        return seen.request_fault
+    if isinstance(seen.robot_fault, Refusal):
+        return seen.robot_fault
+    tool = seen.tool
+    if tool is not NOT_COLLECTED and (tool.base_tier is None or tool.approved_digest != tool.actual_digest):
+        return tool
+    return None
+
+
+def _denial(request: Request, decided: Decision, reason: Reason, primitive: str) -> Decision:
+    """`decided` turned into a denial for `reason`; its own findings stay behind it."""
+    return replace(
+        decided,
+        request_id=request.request_id,
+        effect=Effect.DENY,
+        reason=reason,
+        primitive=primitive,
+        findings=(Finding(primitive, reason), *decided.findings),
+        obligations=(),
+        lifetime_ms=0,
+    )

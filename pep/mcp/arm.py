@@ -1,0 +1,191 @@
+"""The tools of a UR3e cell as an MCP server: move, grip, stop, look. Their wording is what people approve.
+
+The tools decide nothing. Without the guard around them they refuse to move, since they find no permit.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+
+from mcp.server import MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
+from pydantic import Field
+from typing_extensions import TypedDict
+
+from pep.errors import ActuationRefusedError, RobotError
+from pep.mcp.mapping import ARM_TOOLS
+from pep.mcp.pins import definition_digest
+from pep.permit import current_permit
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from capabilities.scope import Tier
+    from pep.permit import Permit
+    from pep.rtde.drive import MotionEnd
+    from pep.rtde.gripper import Grip
+    from pep.rtde.state import JointState
+
+NAME = "ur3e-cell"
+Joints = Annotated[list[float], Field(min_length=6, max_length=6, description="Six joint angles in rad, base first.")]
+JointSpeed = Annotated[float, Field(description="Greatest speed of the leading joint in rad/s.")]
+JointAcceleration = Annotated[float, Field(description="Acceleration of the leading joint in rad/s^2.")]
+Width = Annotated[float, Field(description="Opening between the fingers in m.")]
+FingerSpeed = Annotated[float, Field(description="Speed of the fingers in m/s.")]
+Force = Annotated[float, Field(description="Grip force in N.")]
+
+
+class Moved(TypedDict):
+    """How a motion ended, and where the arm is now."""
+
+    outcome: Literal["reached", "stopped", "authority_lost", "robot_failed"]
+    q_rad: list[float]
+    reason: str
+
+
+class Gripped(TypedDict):
+    """Where the fingers are now, whether something stopped them, and whether the move has ended by itself."""
+
+    width_m: float
+    object: bool
+    arrived: bool
+
+
+class World(TypedDict):
+    """What the sensors see: whether it is believed, how old it is, how many people and objects."""
+
+    perception: Literal["fresh", "stale", "missing", "invalid"]
+    age_ms: int | None
+    people: int | None
+    objects: int | None
+
+
+class State(TypedDict):
+    """The robot and its surroundings now."""
+
+    q_rad: list[float]
+    qd_rad_s: list[float]
+    moving: bool
+    robot_mode: int
+    safety_mode: int
+    world: World
+
+
+class ArmDriver(Protocol):
+    """What the tools need of the robot."""
+
+    async def move_joint(
+        self, q_rad: Sequence[float], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
+    ) -> MotionEnd:
+        """The arm has moved."""
+        ...
+
+    async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
+        """The fingers have moved."""
+        ...
+
+    async def stop(self) -> MotionEnd:
+        """Everything stands still."""
+        ...
+
+    async def read_state(self) -> JointState:
+        """The robot's state now."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ToolPin:
+    """A tool as it is to be registered: its definition, its operation, and the base tier that its author proposes."""
+
+    name: str
+    definition_digest: str
+    operation: str
+    base_tier: Tier
+
+
+def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPServer[Any]:
+    """An MCP server with the tools of a cell, not yet guarded.
+
+    Args:
+        driver: of the robot.
+        world: what the sensors see, as in `World`.
+    """
+    server: MCPServer[Any] = MCPServer(NAME, log_level="ERROR")
+
+    @server.tool()
+    async def move_joint(q_rad: Joints, speed_rad_s: JointSpeed, acceleration_rad_s2: JointAcceleration) -> Moved:
+        """Move the arm in a straight line of joint space to six joint angles, and tell where it has stopped."""
+        end = await _permitted(lambda permit: driver.move_joint(q_rad, speed_rad_s, acceleration_rad_s2, permit))
+        return Moved(outcome=end.end.value, q_rad=list(end.q_rad), reason=end.reason)
+
+    @server.tool()
+    async def stop() -> Moved:
+        """Stop the arm and the gripper now. Always allowed; what was asked for before will not move them any more."""
+        end = await driver.stop()
+        return Moved(outcome=end.end.value, q_rad=list(end.q_rad), reason=end.reason)
+
+    @server.tool()
+    async def gripper_move(width_m: Width, speed_m_s: FingerSpeed, force_n: Force) -> Gripped:
+        """Move the gripper's fingers to an opening, and tell where they have stopped."""
+        grip = await _permitted(lambda permit: driver.gripper_move(width_m, speed_m_s, force_n, permit))
+        return Gripped(width_m=grip.width_um / 1e6, object=grip.object, arrived=grip.arrived)
+
+    @server.tool()
+    async def read_state() -> State:
+        """Read joint angles and speeds, the robot's modes, and how much of the surroundings is seen."""
+        try:
+            state = await driver.read_state()
+        except RobotError as error:
+            raise ToolError(str(error.code)) from error
+        return State(
+            q_rad=list(state.q_rad),
+            qd_rad_s=list(state.qd_rad_s),
+            moving=not state.still,
+            robot_mode=state.robot_mode,
+            safety_mode=state.safety_mode,
+            world=World(**world()),  # type: ignore[typeddict-item]  # the callable gives exactly these keys
+        )
+
+    return server
+
+
+async def _permitted(effect: Callable[[Permit], Any]) -> Any:
+    """The effect under the permit of this gate run; without one nothing moves."""
+    permit = current_permit()
+    if permit is None:
+        raise ToolError(str(Reason.NOT_WHAT_WAS_DECIDED))
+    try:
+        return await effect(permit)
+    except ActuationRefusedError as refused:
+        permit.refusal = refused.reason
+        raise ToolError(str(refused.reason)) from refused
+    except RobotError as error:
+        raise ToolError(str(error.code)) from error
+
+
+class _NoDriver:
+    """A robot that is not there: enough to ask the tools who they are."""
+
+    async def move_joint(self, *_: Any) -> MotionEnd:
+        raise ActuationRefusedError(Reason.EFFECT_FAILED)
+
+    async def gripper_move(self, *_: Any) -> Grip:
+        raise ActuationRefusedError(Reason.EFFECT_FAILED)
+
+    async def stop(self) -> MotionEnd:
+        raise ActuationRefusedError(Reason.EFFECT_FAILED)
+
+    async def read_state(self) -> JointState:
+        raise ActuationRefusedError(Reason.EFFECT_FAILED)
+
+
+def tool_definitions() -> tuple[ToolPin, ...]:
+    """The tools of a cell as they are to be registered. Not to be called inside a running event loop."""
+    served = asyncio.run(arm_server(_NoDriver(), dict).list_tools())
+    return tuple(
+        ToolPin(tool.name, definition_digest(tool), ARM_TOOLS[tool.name].operation.name, ARM_TOOLS[tool.name].base_tier)
+        for tool in served
+    )

@@ -1,0 +1,291 @@
+"""The guard inside a tool server: every `tools/call` runs through the gate, whatever the tool is.
+
+    from pep.mcp.guard import guard
+
+    app = guard(server, gate=..., authority=..., ...)
+
+is what to add to an existing `MCPServer`; `pep.mcp.guard` itself is this module. A tool that is not in the guard's
+table cannot be called at all.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import secrets
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from mcp.server.extension import Extension
+from mcp.server.transport_security import TransportSecuritySettings
+from mcp_types import CallToolResult, TextContent
+
+from capabilities.chain import Chain
+from pep import records
+from pep.authority import NOBODY, Credentials
+from pep.errors import ActuationRefusedError, JournalError
+from pep.gate import Answer, Call, Gate, Result
+from pep.mcp.dpop import CREDENTIALS, DPoPLayer
+from pep.mcp.mapping import Misfit, ToolBinding, to_request
+from pep.mcp.pins import definition_digest
+from pep.operations import Kind
+from pep.permit import Permit, PermitScope
+from policies.evidence import ToolReading
+from policies.model import Effect
+from policies.reasons import REASONS, Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from mcp.server import MCPServer
+    from mcp.server.context import CallNext, HandlerResult, ServerRequestContext
+    from mcp_types import CallToolRequestParams
+    from starlette.types import ASGIApp
+
+    from pep.approvals import Ask
+    from pep.authority import Authority
+    from pep.ports import Clock, Registry
+
+EXTENSION: Final = "dev.ztpm/pep"
+DECISION_META: Final = "dev.ztpm/decision"
+"""Key in a result's `_meta` under which the decision stands, also for a PERMIT."""
+
+
+class Guard(Extension):
+    """The SDK extension that stands before every tool.
+
+    Args:
+        server: whose live definitions are pinned.
+        gate: decides and enforces.
+        registry: approved definitions and base tiers.
+        bindings: the tools that may be called, by name.
+        audience: canonical URL of the server.
+        clock: both clocks.
+    """
+
+    identifier = EXTENSION
+
+    def __init__(
+        self,
+        server: MCPServer[Any],
+        *,
+        gate: Gate,
+        registry: Registry,
+        bindings: Mapping[str, ToolBinding],
+        audience: str,
+        clock: Clock,
+    ) -> None:
+        self._server = server
+        self._gate = gate
+        self._registry = registry
+        self._bindings = bindings
+        self._audience = audience
+        self._clock = clock
+
+    def settings(self) -> dict[str, Any]:
+        """What is told about the guard in the server's capabilities."""
+        return {"version": "1", "proof": ["dpop"]}
+
+    async def intercept_tool_call(
+        self, params: CallToolRequestParams, ctx: ServerRequestContext[Any, Any], call_next: CallNext
+    ) -> HandlerResult:
+        """The tool's own result when the call is permitted, else a denial or deferral in its place."""
+        arrived_ms, at = self._clock.monotonic_ms(), self._clock.wall_s()
+        # The scope is this very request's; a context variable could be an older request's of the same session.
+        credentials: Credentials = NOBODY if ctx.request is None else ctx.request.scope.get(CREDENTIALS, NOBODY)
+        binding = self._bindings.get(params.name)
+        if binding is None:
+            return await self._refuse(Reason.TOOL_UNKNOWN, "TEA-3", credentials, {"tool": params.name[:64]})
+        if binding.operation.kind is Kind.STOP:
+            return await self._stop(binding, credentials, ctx, call_next)
+        if credentials.fault is not None:
+            return await self._refuse(Reason(credentials.fault.code), "AID-1", credentials, {"tool": params.name})
+        request = to_request(
+            binding, params.arguments or {}, request_id=secrets.token_hex(16), audience=self._audience, at=at
+        )
+        if isinstance(request, Misfit):
+            where: dict[str, object] = {"tool": params.name, "argument": request.argument, "detail": request.detail}
+            return await self._refuse(request.reason, "TEA-2", credentials, where)
+        tool = await self._tool(binding)
+
+        async def effect(permit: Permit) -> Result:
+            with PermitScope(permit):
+                outcome = await call_next(ctx)
+            if permit.refusal is not None:
+                raise ActuationRefusedError(permit.refusal)
+            return _result(outcome)
+
+        call = Call(
+            request=request, operation=binding.operation, tool=tool, credentials=credentials, arrived_ms=arrived_ms
+        )
+        return _told(await self._gate.run(call, effect))
+
+    async def _tool(self, binding: ToolBinding) -> ToolReading:
+        """The tool as it is registered, and as this server serves it at this moment."""
+        registered = self._registry.tool(binding.tool)
+        served = next((tool for tool in await self._server.list_tools() if tool.name == binding.tool), None)
+        known = registered is not None and registered.operation == binding.operation.name
+        return ToolReading(
+            name=binding.tool,
+            approved_digest=registered.definition_digest if registered is not None and known else None,
+            actual_digest="" if served is None else definition_digest(served),
+            base_tier=registered.base_tier if registered is not None and known else None,
+        )
+
+    async def _stop(
+        self, binding: ToolBinding, credentials: Credentials, ctx: ServerRequestContext[Any, Any], call_next: CallNext
+    ) -> HandlerResult:
+        """Stopped first, recorded afterwards: a stop is never subject to a permit, and waits for nothing."""
+        outcome = await call_next(ctx)
+        fault = credentials.fault
+        body: dict[str, object] = {
+            "effect": "PERMIT",
+            "operation": binding.operation.name,
+            "caller": credentials.chain.leaf.agent if isinstance(credentials.chain, Chain) and fault is None else None,
+            "fault": None if fault is None else str(fault.code),
+            "result": records.jsonable(dict(_result(outcome).value)),
+        }
+        # A stop that cannot be recorded is still a stop.
+        with contextlib.suppress(JournalError):
+            await self._gate.record("outcome", {"request_id": "stop", "decision": "", "outcome": "done", "stop": body})
+        told = {"decision": "PERMIT", "reason": str(Reason.PERMITTED), "primitive": "", "tier": 0}
+        return _with_meta(outcome if fault is None else _untold(outcome), told)
+
+    async def _refuse(
+        self, reason: Reason, primitive: str, credentials: Credentials, where: dict[str, object]
+    ) -> CallToolResult:
+        """A denial before there was a request to decide."""
+        body = records.refusal(
+            at=self._clock.wall_s(),
+            at_ms=self._clock.monotonic_ms(),
+            reason=reason,
+            status=200,
+            credentials=credentials,
+            where={**where, "primitive": primitive},
+        )
+        try:
+            await self._gate.record("refusal", body)
+        except JournalError:
+            reason = Reason.RECORD_FAILED
+        detail = {k: v for k, v in where.items() if k in {"argument", "detail"} and v and credentials.fault is None}
+        told = {**detail, "decision": "DENY", "reason": str(reason), "primitive": primitive, "tier": None}
+        return _denied(told | _remedy(reason, detail))
+
+
+def guard(
+    server: MCPServer[Any],
+    *,
+    gate: Gate,
+    authority: Authority,
+    registry: Registry,
+    bindings: Mapping[str, ToolBinding],
+    audience: str,
+    issuer: str,
+    clock: Clock,
+) -> ASGIApp:
+    """The guarded HTTP app of an existing server: no tool of it can be reached but through the gate.
+
+    Args:
+        server: any `MCPServer`, its tools already added.
+        gate: decides and enforces.
+        authority: steps 1 to 10.
+        registry: approved definitions and base tiers.
+        bindings: the tools that may be called, by name.
+        audience: canonical URL of the server; its path is where the app answers.
+        issuer: of the tokens.
+        clock: both clocks.
+
+    Raises:
+        RuntimeError: when this SDK does not let the guard stand before the tools.
+    """
+    extension = Guard(server, gate=gate, registry=registry, bindings=bindings, audience=audience, clock=clock)
+    # The SDK takes extensions in the constructor only; these two calls are what the constructor does with them. A later
+    # SDK without them raises here, before anything is served.
+    try:
+        before = server._lowlevel_server.get_request_handler("tools/call")  # noqa: SLF001
+        server._apply_extension(extension)  # noqa: SLF001
+        server._install_extension_interceptor()  # noqa: SLF001
+        if server._lowlevel_server.get_request_handler("tools/call") is before:  # noqa: SLF001
+            raise RuntimeError("the guard does not stand before the tools")
+    except AttributeError as error:
+        raise RuntimeError("this MCP SDK is not known to the guard") from error
+    parts = urlsplit(audience)
+    app = server.streamable_http_app(
+        streamable_http_path=parts.path,
+        # No sessions: each request stands for itself, with a token and proof of its own.
+        stateless_http=True,
+        transport_security=TransportSecuritySettings(
+            enable_dns_rebinding_protection=True,
+            allowed_hosts=[parts.netloc],
+            allowed_origins=[f"{parts.scheme}://{parts.netloc}"],
+        ),
+    )
+    return DPoPLayer(
+        app, authority=authority, gate=gate, bindings=bindings, audience=audience, issuer=issuer, clock=clock
+    )
+
+
+def _untold(outcome: HandlerResult) -> HandlerResult:
+    """A stop's result for a stranger: that it stopped, not where the arm is."""
+    if not isinstance(outcome, CallToolResult) or not isinstance(outcome.structured_content, dict):
+        return outcome
+    told = {**outcome.structured_content, "q_rad": [], "reason": ""}
+    return outcome.model_copy(
+        update={"structured_content": told, "content": [TextContent(type="text", text=json.dumps(told))]}
+    )
+
+
+def _result(outcome: HandlerResult) -> Result:
+    if not isinstance(outcome, CallToolResult):
+        return Result(value={}, carried=outcome, failed=True)
+    content = outcome.structured_content
+    return Result(value=content if isinstance(content, dict) else {}, carried=outcome, failed=bool(outcome.is_error))
+
+
+def _told(answer: Answer) -> HandlerResult:
+    """What the holder is told: its own result, or why there is none and what would be permitted."""
+    decision = answer.decision
+    detail = decision.findings[0].detail if decision.findings else {}
+    told: dict[str, object] = {
+        **records.jsonable(detail),  # type: ignore[dict-item]  # a dict stays a dict
+        "decision": str(decision.effect),
+        "reason": str(decision.reason),
+        "primitive": decision.primitive,
+        "tier": None if decision.tier is None else int(decision.tier),
+    }
+    if decision.index is not None:
+        told["index_milli"] = decision.index
+    if decision.effect is Effect.PERMIT and answer.result is not None:
+        return _with_meta(answer.result.carried, told)
+    if answer.ask is not None:
+        told |= _asked(answer.ask, decision.effect)
+    return _denied(told | _remedy(decision.reason, detail))
+
+
+def _asked(ask: Ask, effect: Effect) -> dict[str, object]:
+    asked: dict[str, object] = {"ask_id": ask.ask_id}
+    if effect is Effect.DEFER:
+        asked["expires_at"] = int(ask.expires_at)
+        asked["retry_after_s"] = 1
+    return asked
+
+
+def _remedy(reason: Reason, detail: Mapping[str, object]) -> dict[str, object]:
+    """What the caller can do, where the finding itself does not say."""
+    return {} if "remedy" in detail else {"remedy": REASONS[reason].remedy}
+
+
+def _denied(told: dict[str, object]) -> CallToolResult:
+    """A result in place of the tool's: a model can read it, a program can take it apart."""
+    return CallToolResult(
+        is_error=True,
+        content=[TextContent(type="text", text=json.dumps(told))],
+        structured_content=told,
+        _meta={DECISION_META: told},
+    )
+
+
+def _with_meta(outcome: HandlerResult, told: dict[str, object]) -> HandlerResult:
+    if not isinstance(outcome, CallToolResult):
+        return outcome
+    return outcome.model_copy(update={"meta": {**(outcome.meta or {}), DECISION_META: told}})

@@ -1,0 +1,150 @@
+"""From the arguments of a tool call to a Request in integers. Pure; what does not fit exactly is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.errors import QuantityError
+from capabilities.scope import Tier
+from capabilities.units import Parameter, Quantity, parse
+from pep.operations import GRIPPER_MOVE, MOVE_JOINT, READ_STATE, STOP, Operation
+from policies.model import Point, Request
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+POINTS: Final = frozenset({Point.TOOL, Point.ACTUATION})
+"""One gate run stands for the tool call and for what it sends to the robot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """An argument that is one number in SI units."""
+
+    argument: str
+    parameter: Parameter
+
+
+@dataclass(frozen=True, slots=True)
+class Vector:
+    """An argument that is a list of exactly as many numbers as there are parameters."""
+
+    argument: str
+    parameters: tuple[Parameter, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolBinding:
+    """How a tool's arguments become an operation's parameters, in the operation's order.
+
+    Attributes:
+        tool: its name.
+        operation: what it does.
+        base_tier: the tier that its author proposes for the registry; the registry's own counts.
+        fields: one for each argument.
+    """
+
+    tool: str
+    operation: Operation
+    base_tier: Tier
+    fields: tuple[Scalar | Vector, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """Why arguments are no request.
+
+    Attributes:
+        reason: the code.
+        argument: the first that does not fit; "" when it is the whole.
+        detail: for the holder.
+    """
+
+    reason: Reason
+    argument: str
+    detail: str
+
+
+_MOVE: Final = MOVE_JOINT.parameters
+_GRIP: Final = GRIPPER_MOVE.parameters
+ARM_TOOLS: Final[Mapping[str, ToolBinding]] = {
+    binding.tool: binding
+    for binding in (
+        ToolBinding(
+            "move_joint",
+            MOVE_JOINT,
+            Tier.REVERSIBLE,
+            (Vector("q_rad", _MOVE[:6]), Scalar("speed_rad_s", _MOVE[6]), Scalar("acceleration_rad_s2", _MOVE[7])),
+        ),
+        ToolBinding("stop", STOP, Tier.NO_EFFECT),
+        ToolBinding(
+            "gripper_move",
+            GRIPPER_MOVE,
+            Tier.REVERSIBLE,
+            (Scalar("width_m", _GRIP[0]), Scalar("speed_m_s", _GRIP[1]), Scalar("force_n", _GRIP[2])),
+        ),
+        ToolBinding("read_state", READ_STATE, Tier.NO_EFFECT),
+    )
+}
+"""The tools of a UR3e cell."""
+
+
+def bare_request(binding: ToolBinding, *, audience: str) -> Request:
+    """A request for the tool's operation without its values: enough to know what the policies want to see of it.
+
+    Args:
+        binding: of the called tool.
+        audience: canonical URL of this server.
+    """
+    return Request("", POINTS, audience, binding.operation.object, binding.operation.name, (), 0.0)
+
+
+def to_request(
+    binding: ToolBinding, arguments: Mapping[str, Any], *, request_id: str, audience: str, at: float
+) -> Request | Misfit:
+    """The canonical request that these arguments mean.
+
+    Args:
+        binding: of the called tool.
+        arguments: as the tool will get them.
+        request_id: made by the PEP.
+        audience: canonical URL of this server.
+        at: wall clock of arrival, seconds since the epoch.
+
+    Returns:
+        The request; or `PARAMETERS_WRONG` for a missing or extra argument or a list of another length, and the codes of
+        `capabilities.units.parse` for a number that is none, not finite, out of range or off the grid.
+    """
+    wanted = [field.argument for field in binding.fields]
+    for argument in arguments:
+        if argument not in wanted:
+            return Misfit(Reason.PARAMETERS_WRONG, "", "an argument that the tool does not have")
+    values: list[Quantity] = []
+    for field in binding.fields:
+        if field.argument not in arguments:
+            return Misfit(Reason.PARAMETERS_WRONG, field.argument, "the argument is missing")
+        given = arguments[field.argument]
+        if isinstance(field, Scalar):
+            pairs = [(field.parameter, given)]
+        elif isinstance(given, list) and len(given) == len(field.parameters):
+            pairs = list(zip(field.parameters, given, strict=True))
+        else:
+            return Misfit(
+                Reason.PARAMETERS_WRONG, field.argument, f"a list of {len(field.parameters)} numbers is wanted"
+            )
+        for parameter, number in pairs:
+            try:
+                values.append(Quantity(parameter.name, parameter.unit, parse(number, parameter.unit)))
+            except QuantityError as error:
+                return Misfit(Reason(error.code), field.argument, error.detail)
+    return Request(
+        request_id=request_id,
+        points=POINTS,
+        audience=audience,
+        object=binding.operation.object,
+        operation=binding.operation.name,
+        values=tuple(values),
+        at=at,
+    )

@@ -1,0 +1,88 @@
+"""The operations of a UR3e cell as the gate knows them: object, name, parameters in order, and the kind of effect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING, Final
+
+from capabilities.errors import QuantityError
+from capabilities.units import Parameter, Quantity, Unit, parse
+from policies.model import Request
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+ROBOT: Final = "ur3e"
+
+
+class Kind(Enum):
+    """What an operation does to the world."""
+
+    READ = "read"
+    """Nothing."""
+    MOTION = "motion"
+    """It moves something: physics is computed, one at a time."""
+    STOP = "stop"
+    """It ends motion. Never subject to a permit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation.
+
+    Attributes:
+        object: the thing acted on.
+        name: of the operation.
+        parameters: in order; a request gives exactly these.
+        kind: see there.
+    """
+
+    object: str
+    name: str
+    parameters: tuple[Parameter, ...]
+    kind: Kind
+
+
+MOVE_JOINT: Final = Operation(
+    ROBOT,
+    "move_joint",
+    (
+        *(Parameter(f"q{i}", Unit.MICRORADIAN) for i in range(6)),
+        Parameter("speed", Unit.MICRORADIAN_PER_SECOND),
+        Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
+    ),
+    Kind.MOTION,
+)
+GRIPPER_MOVE: Final = Operation(
+    ROBOT,
+    "gripper_move",
+    (
+        Parameter("width", Unit.MICROMETRE),
+        Parameter("speed", Unit.MICROMETRE_PER_SECOND),
+        Parameter("force", Unit.MILLINEWTON),
+    ),
+    Kind.MOTION,
+)
+STOP: Final = Operation(ROBOT, "stop", (), Kind.STOP)
+READ_STATE: Final = Operation(ROBOT, "read_state", (), Kind.READ)
+
+
+def digest_of(operation: Operation, numbers: Sequence[float], *, audience: str) -> str:
+    """`Request.digest` of what sending these numbers would do; "" when they are no such request.
+
+    Args:
+        operation: that is about to be sent.
+        numbers: its parameters in order, in SI units: the very values that go to the device.
+        audience: canonical URL of the server that decided.
+    """
+    if len(numbers) != len(operation.parameters):
+        return ""
+    try:
+        values = tuple(
+            Quantity(parameter.name, parameter.unit, parse(number, parameter.unit))
+            for parameter, number in zip(operation.parameters, numbers, strict=True)
+        )
+    except QuantityError:
+        return ""
+    return Request("", frozenset(), audience, operation.object, operation.name, values, 0.0).digest

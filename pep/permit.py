@@ -1,0 +1,105 @@
+"""The right to one effect: made by the gate, spent once by whoever sends, worthless a moment later."""
+
+from __future__ import annotations
+
+import threading
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Final
+
+from pep.errors import ActuationRefusedError
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.errors import Fault
+    from pep.ports import Clock
+
+
+class Permit:
+    """One decided effect. The gate makes it; `spend` is the only way to use it, and works once.
+
+    Attributes:
+        request_id: of the request that was decided.
+        digest: `Request.digest` of what was decided.
+        since_ms: monotonic time at which the request arrived; a stop after that voids the permit.
+        deadline_ms: monotonic time after which nothing may be sent.
+        spent: whether `spend` has succeeded.
+        refusal: why the last `spend` failed, or None.
+    """
+
+    def __init__(
+        self,
+        *,
+        request_id: str,
+        digest: str,
+        since_ms: int,
+        deadline_ms: int,
+        clock: Clock,
+        standing: Callable[[], Fault | None],
+    ) -> None:
+        self.request_id = request_id
+        self.digest = digest
+        self.since_ms = since_ms
+        self.deadline_ms = deadline_ms
+        self.spent = False
+        self.refusal: Reason | None = None
+        self._clock = clock
+        self._standing = standing
+        self._lock = threading.Lock()
+
+    def spend(self, *, digest: str, stopped_ms: int | None) -> None:
+        """The one effect may be sent now.
+
+        Args:
+            digest: of what is about to be sent, computed from the very numbers that will be.
+            stopped_ms: monotonic time of the newest stop, or None when there was none.
+
+        Raises:
+            ActuationRefusedError: `NOT_WHAT_WAS_DECIDED` for another digest or a second use, `VERDICT_EXPIRED` when it
+                is too late or a stop came in between. The permit is then spoilt for good.
+        """
+        with self._lock:
+            reason, detail = self._why_not(digest, stopped_ms)
+            if reason is not None:
+                self.refusal = reason
+                raise ActuationRefusedError(reason, detail)
+            self.spent = True
+
+    def _why_not(self, digest: str, stopped_ms: int | None) -> tuple[Reason | None, str]:
+        if self.refusal is not None:
+            return self.refusal, "the permit is spoilt"
+        if self.spent:
+            return Reason.NOT_WHAT_WAS_DECIDED, "the permit was used before"
+        if digest != self.digest:
+            return Reason.NOT_WHAT_WAS_DECIDED, "what would be sent differs from what was decided"
+        if stopped_ms is not None and stopped_ms >= self.since_ms:
+            return Reason.VERDICT_EXPIRED, "a stop came after the request"
+        if not self._clock.monotonic_ms() <= self.deadline_ms:
+            return Reason.VERDICT_EXPIRED, "the decision is too old"
+        return None, ""
+
+    def standing(self) -> Fault | None:
+        """What has become of the authority behind it: None while the chain is valid and the revocation view fresh."""
+        return self._standing()
+
+
+_CURRENT: Final[ContextVar[Permit | None]] = ContextVar("ztpm_permit", default=None)
+
+
+def current_permit() -> Permit | None:
+    """The permit of the gate run inside which this code is called, or None outside of any."""
+    return _CURRENT.get()
+
+
+class PermitScope:
+    """A block inside which `current_permit` gives this permit."""
+
+    def __init__(self, permit: Permit) -> None:
+        self._permit = permit
+
+    def __enter__(self) -> None:
+        self._token = _CURRENT.set(self._permit)
+
+    def __exit__(self, *_: object) -> None:
+        _CURRENT.reset(self._token)

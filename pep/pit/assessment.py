@@ -1,0 +1,122 @@
+"""The answer of the physics room: an index with its proof, and what to tell about it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from capabilities.units import Unit
+from pep.pit.tier import HIGHEST, TIE
+from policies.evidence import Contribution, ImpactReading
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from capabilities.scope import Tier
+    from pep.pit.motion import Floats
+    from pep.pit.view import View
+
+ENGINE: Final = "numpy-1"
+MILLI: Final = 1000  # index_milli
+MICRO: Final = 1e6  # micrometres
+LISTED: Final = 12  # contributions told: more would be noise to a person
+
+
+def milli(index: float) -> int:
+    """Thousandths, rounded up, with the same tie as tiers."""
+    return min(math.ceil((index - TIE) * MILLI), int(HIGHEST) * MILLI)
+
+
+def seen(view: View) -> tuple[Contribution, ...]:
+    """The view's own part in the index."""
+    if view.floor == 0:
+        return ()
+    return (Contribution("perception", milli(view.floor), "", view.perception, 0, 0, 0),)
+
+
+def micro(metres: float) -> int:
+    """Micrometres, 0 for what has no distance."""
+    return round(metres * MICRO) if math.isfinite(metres) else 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Certificate:
+    """The proof, for the record: per row a pair, an interval of the path in 1 / GRID, and the index proven there.
+
+    For every pair the intervals cover the whole path, so a checker that recomputes each row confirms the index without
+    any search.
+    """
+
+    pair: NDArray[np.intp]
+    low: NDArray[np.int64]
+    high: NDArray[np.int64]
+    index: Floats
+
+    @property
+    def rows(self) -> tuple[tuple[int, int, int, float], ...]:
+        """(pair, low, high, index) in the order of pair and interval."""
+        order = np.lexsort((self.low, self.pair))
+        columns = (
+            self.pair[order].tolist(),
+            self.low[order].tolist(),
+            self.high[order].tolist(),
+            self.index[order].tolist(),
+        )
+        return tuple(zip(*columns, strict=True))
+
+
+EMPTY_CERTIFICATE: Final = Certificate(
+    np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assessment:
+    """What a command could do.
+
+    Attributes:
+        tier: of the index.
+        index: proven upper bound, 0 to 4.
+        clearance_m: where the index is decided, signed; infinite when no pair decides it.
+        speed_m_s: proven bound on the surface speed of any part of the robot.
+        contributions: what raises the index, highest first.
+        violations: kinds that are denied whatever is authorised.
+        lower_tier_speed: highest leading-axis speed (rad/s) at which the tier is proven to fall, or None.
+        certificate: the proof.
+        perception: "fresh", "stale" or "missing".
+        perception_age_s: of the view that was used, or None.
+    """
+
+    tier: Tier
+    index: float
+    clearance_m: float
+    speed_m_s: float
+    contributions: tuple[Contribution, ...]
+    violations: tuple[str, ...]
+    lower_tier_speed: float | None
+    certificate: Certificate
+    perception: str
+    perception_age_s: float | None
+    engine: str
+    model_digest: str
+    scene_digest: str
+
+    def reading(self) -> ImpactReading:
+        """The same as integers, for the decision: index rounded up, speed rounded down."""
+        lower = self.lower_tier_speed
+        age = self.perception_age_s
+        return ImpactReading(
+            tier=self.tier,
+            index_milli=milli(self.index),
+            violations=self.violations,
+            contributions=self.contributions,
+            lower_tier_speed=None if lower is None else math.floor(lower * Unit.MICRORADIAN_PER_SECOND.per_si),
+            perception=self.perception,
+            perception_age_ms=None if age is None else math.ceil(age * Unit.MILLISECOND.per_si),
+            scene_digest=self.scene_digest,
+            model_digest=self.model_digest,
+            engine=self.engine,
+        )

@@ -1,0 +1,191 @@
+"""The cell's parameters: how the arm stops, how people move, which bands and limits count, what stands there.
+
+All of them are named, have a default with its source, and may be set in the cell's file; none comes from a call.
+Sources: PHY-n is a clause of docs/physics.md (bands chosen so that the paper's three cells keep their tiers); the other
+marks are in its list of sources.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
+
+from pep.pit.errors import CellError
+from pep.pit.scene import Box, Capsule, Scene, Shape, Sphere, Vector, Workspace
+from pep.pit.strict import STRICT, FormError, read_table, read_toml
+from pep.stopping import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from pydantic import ConfigDict
+
+_ONE_OF: Final = "exactly one of box, capsule, sphere"
+
+
+def _the_shape(capsule: Capsule | None, sphere: Sphere | None, box: Box | None) -> Shape:
+    given = [shape for shape in (capsule, sphere, box) if shape is not None]
+    if len(given) != 1:
+        raise CellError("PARAMETERS_WRONG", _ONE_OF)
+    return given[0]
+
+
+@dataclass(frozen=True, slots=True)
+class StaticObject:
+    """A surveyed object: a name, what it is, and one shape."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    name: str
+    kind: Literal["fragile", "rigid"] = "rigid"
+    capsule: Capsule | None = None
+    sphere: Sphere | None = None
+    box: Box | None = None
+
+    @property
+    def shape(self) -> Shape:
+        """The one shape that is given."""
+        return _the_shape(self.capsule, self.sphere, self.box)
+
+
+@dataclass(frozen=True, slots=True)
+class StaticZone:
+    """A zone: hard when no tier is given, else entering it has that tier."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    name: str
+    tier: Literal[1, 2, 3, 4] | None = None
+    capsule: Capsule | None = None
+    sphere: Sphere | None = None
+    box: Box | None = None
+
+    @property
+    def shape(self) -> Shape:
+        """The one shape that is given."""
+        return _the_shape(self.capsule, self.sphere, self.box)
+
+
+TABLE: Final = StaticObject(
+    name="table",
+    box=Box(
+        (-0.3, 0.0, -0.06),  # the embedded demo cell: in front of the arm, top 10 mm below the flange of the base
+        (0.5, 0.5, 0.05),  # likewise: 1 m x 1 m x 0.1 m
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CellParameters:
+    """Everything about a cell that is not the robot and not what a sensor sees now. SI units, unit in each name."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    tool: str = "robotiq_2f85"
+    payload_kg: float | None = 0.0  # held part; None is unknown and counts as the robot's whole payload
+    objects: tuple[StaticObject, ...] = (TABLE,)
+    zones: tuple[StaticZone, ...] = ()
+    workspace: Workspace | None = None
+
+    # stopping: one model for the index, every stop sent and the simulator
+    stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
+    stop_delay_s: float = STOP_DELAY_S
+    watch_age_limit_s: float = 0.15  # PHY-2: least age that the model reckons with
+    reaction_s: float = 0.06  # PHY-2: 0.03 s computing and 0.03 s on the wire
+
+    # people
+    person_speed_m_s: float = 1.6  # ISO 13855 walking speed, as N1 restates it
+    intrusion_tracked_m: float = 0.10  # PHY-3: reach of a tracked limb before it is seen
+    intrusion_untracked_m: float = 0.85  # PHY-3: reach of an arm when only the trunk is tracked
+    person_uncertainty_m: float = 0.05  # PHY-3: Z_d
+    warn_band_m: float = 0.30  # PHY-5: policy band
+    penetration_band_m: float = 0.05  # PHY-5: path through a person, full scale
+    harm_ratio_body: float = 2.0  # PHY-5: phi4 of trunk and limbs: four times the energy of pain onset
+    harm_ratio_head: float = 1.0  # PHY-5: phi4 of head, face, neck, and of any tool that is not blunt
+    contact_area_m2: float = 1.96e-4  # N6: the 1.4 cm x 1.4 cm probe behind the pressure limits
+
+    # things
+    robot_uncertainty_m: float = 0.005  # PHY-11: calibration 2 mm and tracking 3 mm
+    object_uncertainty_m: float = 0.010  # PHY-11: observed object, with the robot's 5 mm in all 15 mm
+    surveyed_uncertainty_m: float = 0.0  # surveyed objects: only the robot's own uncertainty is left
+    fragile_band_m: float = 0.25  # PHY-6: policy band
+    rigid_band_m: float = 0.02  # PHY-6: policy band
+    self_overlap_m: float = 0.05  # PHY-6: deeper than capsules can pretend
+    fragile_break_force_n: float = 20.0  # G1: the gripper's least force; unknown strength breaks at it
+
+    # limits that the robot's own safety configuration also holds
+    tcp_speed_limit_m_s: float = 1.5  # PHY-1: from memory of the default row; read it from the installation
+    elbow_speed_limit_m_s: float = 1.5  # likewise
+    momentum_limit_kg_m_s: float = 25.0  # likewise
+
+    # perception
+    perception_age_limit_s: float = 0.5  # PHY-8: older is unknown
+    unknown_floor: float = 3.0  # PHY-8: index floor without a valid view
+
+    # retreat of a stuck arm
+    retreat_joint_speed_rad_s: float = math.pi / 6  # U5: recovery mode, 30 deg/s
+    retreat_speed_m_s: float = 0.25  # U5: recovery mode, 250 mm/s
+    retreat_tolerance_m: float = 0.001  # numerical room of the proof that no violated clearance shrinks
+
+    time_limit_s: float = 2.0  # numpy engine on a loaded machine (50 ms on an idle one); later is a fault
+
+    @staticmethod
+    def from_toml(text: str) -> CellParameters:
+        """The parameters that a TOML text spells; what it leaves out keeps its default.
+
+        Raises:
+            CellError: unknown keys, wrong types, numbers that are not finite or out of any sense.
+        """
+        try:
+            return CellParameters.from_table(read_toml(text))
+        except FormError as error:
+            raise CellError("PARAMETERS_WRONG", str(error)) from error
+
+    @staticmethod
+    def from_table(table: Mapping[str, Any]) -> CellParameters:
+        """The same, from an already parsed table (the `[cell]` part of a larger file).
+
+        Raises:
+            CellError: as above.
+        """
+        try:
+            cell = read_table(CellParameters, table)
+        except FormError as error:
+            raise CellError("PARAMETERS_WRONG", str(error)) from error
+        wrong = cell.defect()
+        if wrong is not None:
+            raise CellError("PARAMETERS_WRONG", wrong)
+        return cell
+
+    def defect(self) -> str | None:
+        """What makes these parameters unfit, or None: each number is finite, at least 0, above 0 where it divides."""
+        dividing = {
+            "stop_deceleration_rad_s2",
+            "person_speed_m_s",
+            "warn_band_m",
+            "penetration_band_m",
+            "harm_ratio_body",
+            "harm_ratio_head",
+            "contact_area_m2",
+            "fragile_band_m",
+            "rigid_band_m",
+            "fragile_break_force_n",
+            "tcp_speed_limit_m_s",
+            "elbow_speed_limit_m_s",
+            "momentum_limit_kg_m_s",
+            "time_limit_s",
+        }
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, (int, float)):
+                continue
+            if not (math.isfinite(value) and value >= 0 and (value > 0 or field.name not in dividing)):
+                return f"{field.name} is out of range"
+        names = [o.name for o in self.objects] + [z.name for z in self.zones]
+        if len(set(names)) != len(names):
+            return "names repeat"
+        try:
+            return Scene.of_cell(self).defect()
+        except CellError as error:
+            return error.detail
+
+
+__all__ = ["TABLE", "CellError", "CellParameters", "StaticObject", "StaticZone", "Vector"]

@@ -1,0 +1,38 @@
+"""What can be wrong with what the physics room is given: one tree, each leaf with a code of `policies.reasons`."""
+
+from __future__ import annotations
+
+
+class PitError(ValueError):
+    """Root of the tree.
+
+    Attributes:
+        reason: a `policies.reasons.Reason` code.
+        detail: for the record and the holder; never shown to strangers.
+    """
+
+    def __init__(self, reason: str, detail: str) -> None:
+        """An error with its code."""
+        super().__init__(f"{reason}: {detail}")
+        self.reason = reason
+        self.detail = detail
+
+
+class ModelError(PitError):
+    """A robot model that must not be used."""
+
+
+class CellError(PitError):
+    """A cell file that must not be used."""
+
+
+class SceneError(PitError):
+    """A view of the world that must not be believed."""
+
+
+class MotionError(PitError):
+    """A motion that cannot be assessed because it is not a motion."""
+
+
+class WorkLimitError(PitError):
+    """The answer did not come within its time."""

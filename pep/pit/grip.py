@@ -1,0 +1,70 @@
+"""The index of a gripper move: what stands at the fingers, and what the force does to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.contact import payload_kg
+from pep.pit.motion import MoveJ
+from pep.pit.oracle import Disagreement, cross_check_rest
+from pep.pit.pairs import Kind, pairs_of
+from pep.pit.path import Path
+from pep.pit.separation import stopping
+from pep.pit.tier import HIGHEST, MOVING, ratio_index
+
+if TYPE_CHECKING:
+    from pep.pit.cell import CellParameters
+    from pep.pit.motion import GripperMove
+    from pep.pit.robot import Robot
+    from pep.pit.view import View
+
+HELD: Final = 2.0  # PHY-7: opening while holding a part of unknown strength, m g h / E_break taken as 1
+
+
+@dataclass(frozen=True, slots=True)
+class GripCause:
+    """One thing that raises the index of a gripper move."""
+
+    kind: str
+    index: float
+    object: str
+    clearance_m: float
+
+
+def grip_causes(
+    robot: Robot, view: View, motion: GripperMove, cell: CellParameters
+) -> tuple[GripCause, ...] | Disagreement:
+    """Everything that a gripper move's index comes from, highest first; never empty."""
+    tool = robot.tool
+    asked = {
+        "force": motion.force_n / tool.force_limit_n,
+        "width": HIGHEST if motion.width_m > tool.width_limit_m else 0.0,
+        "finger_speed": HIGHEST if motion.speed_m_s > tool.finger_speed_limit_m_s else 0.0,
+    }
+    causes = [GripCause(name, max(MOVING, ratio_index(ratio)), tool.name, np.inf) for name, ratio in asked.items()]
+    if payload_kg(robot, cell) > 0:
+        causes.append(GripCause("held_part", HELD, tool.name, np.inf))
+    path = Path(robot, MoveJ(motion.q, motion.q, 1.0, 1.0))
+    pairs = pairs_of(robot, view.scene, cell, grown_m=view.grown_m)
+    everything = np.arange(len(pairs))
+    clearance = path.clearance_at(pairs, 0, everything)
+    checked = cross_check_rest(path, pairs, view.scene, clearance)
+    if isinstance(checked, Disagreement):
+        return checked
+    stop = stopping(cell, perception_age_s=view.stopping_age_s, joint_speed_rad_s=0.0)
+    fingers = {c.name for c in tool.capsules}
+    travel = float(stop.travel_m(np.array(motion.speed_m_s)))
+    for row in everything[np.isin([robot.bodies[b].name for b in pairs.body], list(fingers))].tolist():
+        near = float(clearance[row] - pairs.uncertainty[row])
+        kind, name = pairs.kind_of(row), pairs.names[row]
+        if kind is Kind.PERSON and near < float(stop.approach_m(pairs.intrusion[row])) + travel:
+            share = motion.force_n / float(pairs.force_limit[row])
+            index = HIGHEST if share > 1 and near <= travel else 2 + min(1.0, share)
+            causes.append(GripCause(str(kind), index, name, float(clearance[row])))
+        elif kind is Kind.FRAGILE and near <= cell.rigid_band_m:
+            index = 1 + min(2.0, motion.force_n / cell.fragile_break_force_n)
+            causes.append(GripCause(str(kind), index, name, float(clearance[row])))
+    return tuple(sorted(causes, key=lambda c: (-c.index, c.kind, c.object)))

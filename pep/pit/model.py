@@ -1,0 +1,145 @@
+"""The robot file as frozen values: read strictly, and refused when no robot can be like that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
+
+from pep.pit.errors import ModelError
+from pep.pit.strict import STRICT
+
+if TYPE_CHECKING:
+    from pydantic import ConfigDict
+
+JOINTS: Final = 6  # a UR arm: six revolute joints in a row
+SCHEMA: Final = 1
+TOOL_PAIR: Final = "tool"  # in `self_pairs`: every capsule of the tool
+SIZE_LIMIT_M: Final = 10.0  # no part of a table-top arm is longer; a larger number is a wrong unit
+MASS_LIMIT_KG: Final = 1000.0  # likewise
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """One revolute joint, turning about its own z axis, and the link that it carries."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    name: str
+    offset_m: Vector
+    rpy_rad: Vector
+    position_limit_rad: float
+    speed_limit_rad_s: float
+    torque_limit_nm: float
+    mass_kg: float
+    com_m: Vector
+    inertia_kg_m2: Vector
+
+
+@dataclass(frozen=True, slots=True)
+class LinkCapsule:
+    """A capsule that contains a piece of a link; link 0 is the fixed base."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    name: str
+    link: int
+    a_m: Vector
+    b_m: Vector
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class ToolCapsule:
+    """A capsule that contains a piece of the tool, in the flange frame."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    name: str
+    a_m: Vector
+    b_m: Vector
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """What is screwed to the flange."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    name: str
+    mass_kg: float
+    com_m: Vector
+    tcp_m: Vector
+    shape: Literal["blunt", "wedge", "edge", "sheet"]
+    width_limit_m: float
+    force_min_n: float
+    force_limit_n: float
+    finger_speed_limit_m_s: float
+    capsules: tuple[ToolCapsule, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A robot file, read strictly."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    schema: int
+    name: str
+    payload_limit_kg: float
+    acceleration_limit_rad_s2: float
+    joints: tuple[Joint, ...]
+    capsules: tuple[LinkCapsule, ...]
+    self_pairs: dict[str, tuple[str, ...]]
+    tools: tuple[Tool, ...]
+
+
+def validated(model: Model) -> Model:
+    """The model, when every moving link has geometry and mass and every number can be a UR arm's."""
+
+    def need(holds: bool, what: str) -> None:  # noqa: FBT001 - local assertion with an error of its own
+        if not holds:
+            raise ModelError("PHYSICS_FAULT", what)
+
+    need(model.schema == SCHEMA, "unknown schema")
+    need(len(model.joints) == JOINTS, "six joints are needed")
+    need(0 < model.payload_limit_kg <= MASS_LIMIT_KG, "payload limit")
+    need(model.acceleration_limit_rad_s2 > 0, "acceleration limit")
+    for joint in model.joints:
+        need(joint.position_limit_rad > 0, f"{joint.name}: position limit")
+        need(joint.speed_limit_rad_s > 0, f"{joint.name}: speed limit")
+        need(joint.torque_limit_nm > 0, f"{joint.name}: torque limit")
+        need(0 < joint.mass_kg <= MASS_LIMIT_KG, f"{joint.name}: mass")
+        need(min(joint.inertia_kg_m2) > 0, f"{joint.name}: inertia")
+        need(max(map(abs, (*joint.offset_m, *joint.com_m))) <= SIZE_LIMIT_M, f"{joint.name}: size")
+    # A link without geometry would answer "all clear" to every question.
+    need({c.link for c in model.capsules} == set(range(JOINTS + 1)), "every link needs a capsule")
+    names = [c.name for c in model.capsules] + [c.name for t in model.tools for c in t.capsules]
+    need(len(set(names)) == len(names) and TOOL_PAIR not in names, "capsule names repeat")
+    need(len({t.name for t in model.tools}) == len(model.tools) > 0, "tool names repeat or none is given")
+    parts: list[LinkCapsule | ToolCapsule] = [*model.capsules, *(c for t in model.tools for c in t.capsules)]
+    for part in parts:
+        need(0 < part.radius_m <= SIZE_LIMIT_M, f"{part.name}: radius")
+        need(max(map(abs, (*part.a_m, *part.b_m))) <= SIZE_LIMIT_M, f"{part.name}: size")
+    for tool in model.tools:
+        need(len(tool.capsules) > 0 and 0 < tool.mass_kg <= MASS_LIMIT_KG, f"{tool.name}: geometry or mass")
+        need(0 < tool.force_min_n <= tool.force_limit_n and tool.finger_speed_limit_m_s > 0, f"{tool.name}: limits")
+    known = {*names, TOOL_PAIR}
+    pairs = [(a, b) for a, others in model.self_pairs.items() for b in others]
+    need(len(pairs) > 0, "self-collision pairs are needed")
+    need(all(a in known and b in known for a, b in pairs), "a self-collision pair names an unknown capsule")
+    return model
+
+
+def read_back(model: Model) -> dict[str, Any]:
+    """The model as plain JSON values; every float prints in its shortest exact form."""
+
+    def plain(value: object) -> Any:
+        match value:
+            case dict():
+                return {k: plain(v) for k, v in value.items()}
+            case tuple():
+                return [plain(v) for v in value]
+            case str() | int() | float():
+                return value
+            case _:
+                return {f.name: plain(getattr(value, f.name)) for f in fields(value)}  # type: ignore[arg-type]
+
+    return dict(plain(model))

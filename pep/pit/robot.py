@@ -1,0 +1,237 @@
+"""The robot as numbers: kinematics, limits, masses, link capsules and the motion-bound constants derived from them.
+
+A model is data (`robots/*.toml`) and is named by the hash of its content. Everything else is computed from the data
+here: the pinocchio model, and for each capsule the constants that bound how far a joint can carry it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio
+
+from pep.pit.errors import ModelError
+from pep.pit.model import JOINTS, TOOL_PAIR, LinkCapsule, Model, Tool, Vector, read_back, validated
+from pep.pit.strict import FormError, read_table, read_toml
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A capsule (or, with radius 0 and one point, a tracked point) of link `link` as seen from link `reference`.
+
+    Seen from link 0 it moves in the world. Seen from a link of the arm it moves relative to that link alone, which is
+    what self-collision asks about: joints below `reference` do not matter.
+    """
+
+    name: str
+    link: int
+    reference: int
+    a_m: Vector
+    b_m: Vector
+    radius_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """One arm with one tool, ready to be asked about. Immutable; safe to share.
+
+    Attributes:
+        model: the file.
+        tool: the tool that it carries.
+        model_digest: SHA-256 (hex) of the file's content and the tool's name.
+        bodies: first the moving capsules seen from the world, then those seen from other links, then the tracked
+            points.
+        world_bodies: how many of `bodies` are moving capsules seen from the world.
+        self_pairs: (index of a body, capsule of that body's reference link) that must stay apart.
+        reach: shape (bodies, 6), metre: bound on the distance of a body's endpoints from each joint's axis, 0 where the
+            joint does not move it.
+        pinocchio: kinematics and dynamics built from the same data (tool included, payload not).
+    """
+
+    model: Model
+    tool: Tool
+    model_digest: str
+    capsules: tuple[LinkCapsule, ...]
+    bodies: tuple[Body, ...]
+    world_bodies: int
+    self_pairs: tuple[tuple[int, LinkCapsule], ...]
+    reach: NDArray[np.float64]
+    rotations: NDArray[np.float64] = field(repr=False)
+    offsets: NDArray[np.float64] = field(repr=False)
+    pinocchio: Any = field(repr=False)
+
+    @staticmethod
+    def load(name: str, *, tool: str = "robotiq_2f85") -> Robot:
+        """The robot shipped under `name` with one of its tools.
+
+        Raises:
+            ModelError: no such model or tool, or a model that fails validation.
+        """
+        return _load(name, tool)
+
+    @staticmethod
+    def from_toml(text: str, *, tool: str) -> Robot:
+        """The robot that a model file spells.
+
+        Raises:
+            ModelError: a file that is not strictly of the declared form, or whose geometry or dynamics cannot be.
+        """
+        try:
+            model = read_table(Model, read_toml(text))
+        except FormError as error:
+            raise ModelError("PHYSICS_FAULT", str(error)) from error
+        return _assemble(validated(model), tool)
+
+    @property
+    def position_limits_rad(self) -> NDArray[np.float64]:
+        """Symmetric joint position limits."""
+        return np.array([j.position_limit_rad for j in self.model.joints])
+
+    @property
+    def speed_limits_rad_s(self) -> NDArray[np.float64]:
+        """Joint speed limits."""
+        return np.array([j.speed_limit_rad_s for j in self.model.joints])
+
+    @property
+    def torque_limits_nm(self) -> NDArray[np.float64]:
+        """Joint torque limits."""
+        return np.array([j.torque_limit_nm for j in self.model.joints])
+
+    @property
+    def moving_mass_kg(self) -> float:
+        """Mass of links 1 to 6."""
+        return sum(j.mass_kg for j in self.model.joints)
+
+    def body_index(self, name: str) -> int:
+        """Index of the body with this name seen from the world.
+
+        Raises:
+            KeyError: no such body.
+        """
+        for index, body in enumerate(self.bodies):
+            if body.name == name and body.reference == 0:
+                return index
+        raise KeyError(name)
+
+
+@cache  # shipped models only: a handful
+def _load(name: str, tool: str) -> Robot:
+    if not name.isidentifier():
+        raise ModelError("PHYSICS_FAULT", "a model's name is an identifier")
+    source = resources.files("pep.pit") / "robots" / f"{name}.toml"
+    if not source.is_file():
+        raise ModelError("PHYSICS_FAULT", f"no model named {name}")
+    return Robot.from_toml(source.read_text(encoding="utf-8"), tool=tool)
+
+
+def _assemble(model: Model, tool_name: str) -> Robot:
+    tool = next((t for t in model.tools if t.name == tool_name), None)
+    if tool is None:
+        raise ModelError("PHYSICS_FAULT", f"no tool named {tool_name}")
+    on_tool = tuple(LinkCapsule(c.name, JOINTS, c.a_m, c.b_m, c.radius_m) for c in tool.capsules)
+    capsules = (*model.capsules, *on_tool)
+    bodies = [Body(c.name, c.link, 0, c.a_m, c.b_m, c.radius_m) for c in capsules if c.link > 0]
+    world_bodies = len(bodies)
+    pairs = _self_pairs(model, capsules, {c.name for c in on_tool}, bodies)
+    bodies += [Body(f"com_{j.name}", k + 1, 0, j.com_m, j.com_m, 0) for k, j in enumerate(model.joints)]
+    bodies.append(Body("com_tool", JOINTS, 0, tool.com_m, tool.com_m, 0))
+    bodies.append(Body("tcp", JOINTS, 0, tool.tcp_m, tool.tcp_m, 0))
+    bodies.append(Body("elbow_point", 2, 0, model.joints[2].offset_m, model.joints[2].offset_m, 0))
+    rotations = np.array([pinocchio.rpy.rpyToMatrix(*j.rpy_rad) for j in model.joints])
+    offsets = np.array([j.offset_m for j in model.joints])
+    reach = np.array([_reach(b, offsets) for b in bodies])
+    for array in (rotations, offsets, reach):
+        array.setflags(write=False)
+    return Robot(
+        model=model,
+        tool=tool,
+        model_digest=_digest(model, tool),
+        capsules=capsules,
+        bodies=tuple(bodies),
+        world_bodies=world_bodies,
+        self_pairs=pairs,
+        reach=reach,
+        rotations=rotations,
+        offsets=offsets,
+        pinocchio=_pinocchio(model, tool, rotations),
+    )
+
+
+def _self_pairs(
+    model: Model, capsules: tuple[LinkCapsule, ...], on_tool: set[str], bodies: list[Body]
+) -> tuple[tuple[int, LinkCapsule], ...]:
+    """The pairs: (moving body, capsule at rest in that body's reference frame); adds the bodies that it needs."""
+    by_name = {c.name: c for c in capsules}
+    index = {(b.name, b.reference): i for i, b in enumerate(bodies)}
+    pairs: list[tuple[int, LinkCapsule]] = []
+    for inner_name, outer_names in model.self_pairs.items():
+        for outer_name in outer_names:
+            for name in sorted(on_tool) if outer_name == TOOL_PAIR else [outer_name]:
+                inner, outer = by_name.get(inner_name), by_name.get(name)
+                if inner is None or outer is None:  # a capsule of a tool that is not mounted
+                    continue
+                if inner.link >= outer.link:
+                    raise ModelError("PHYSICS_FAULT", f"pair {inner_name}, {name}: the first must sit nearer the base")
+                key = (outer.name, inner.link)
+                if key not in index:
+                    index[key] = len(bodies)
+                    bodies.append(Body(outer.name, outer.link, inner.link, outer.a_m, outer.b_m, outer.radius_m))
+                pairs.append((index[key], inner))
+    return tuple(pairs)
+
+
+def _reach(body: Body, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Per joint a rigorous bound on the distance of the body's endpoints from the joint's axis, at any joint angles.
+
+    Own joint: the exact distance. Joint k further in: the next joint's origin lies at a fixed distance from axis k, and
+    the endpoint is at most the sum of the remaining offsets away from that origin (triangle inequality).
+    """
+    reach = np.zeros(JOINTS)
+    ends = np.array([body.a_m, body.b_m])
+    beyond = float(np.linalg.norm(ends, axis=1).max())
+    for k in range(body.link, body.reference, -1):
+        if k == body.link:
+            reach[k - 1] = float(np.hypot(ends[:, 0], ends[:, 1]).max())
+        else:
+            reach[k - 1] = float(np.hypot(offsets[k, 0], offsets[k, 1])) + beyond
+            beyond += float(np.linalg.norm(offsets[k]))
+    return reach
+
+
+def _digest(model: Model, tool: Tool) -> str:
+    content = read_back(model) | {"mounted_tool": tool.name}
+    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def _pinocchio(model: Model, tool: Tool, rotations: NDArray[np.float64]) -> Any:
+    built = pinocchio.Model()
+    built.name = model.name
+    parent = 0
+    for joint, rotation in zip(model.joints, rotations, strict=True):
+        parent = built.addJoint(
+            parent,
+            pinocchio.JointModelRZ(),
+            pinocchio.SE3(rotation, np.array(joint.offset_m)),
+            joint.name,
+            np.array([joint.torque_limit_nm]),
+            np.array([joint.speed_limit_rad_s]),
+            np.array([-joint.position_limit_rad]),
+            np.array([joint.position_limit_rad]),
+        )
+        inertia = pinocchio.Inertia(joint.mass_kg, np.array(joint.com_m), np.diag(joint.inertia_kg_m2))
+        built.appendBodyToJoint(parent, inertia, pinocchio.SE3.Identity())
+    # The tool's inertia about its own centre is published nowhere and small; as a point mass it loads the joints.
+    point = pinocchio.Inertia(tool.mass_kg, np.array(tool.com_m), np.zeros((3, 3)))
+    built.appendBodyToJoint(parent, point, pinocchio.SE3.Identity())
+    flange = pinocchio.Frame("flange", parent, 0, pinocchio.SE3.Identity(), pinocchio.FrameType.OP_FRAME)
+    built.addFrame(flange)
+    return built

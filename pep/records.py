@@ -1,0 +1,163 @@
+"""What a PEP writes down, as plain JSON: decisions with their evidence, refusals at the edge, outcomes."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Any
+
+import rfc8785
+
+from policies.canonical import plain
+from policies.evidence import Evidence
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from pep.approvals import Ask
+    from pep.authority import Credentials
+    from pep.gate import Call
+    from policies.model import Decision, Request
+
+
+def request_body(request: Request) -> dict[str, object]:
+    """A request, whole."""
+    return {
+        "id": request.request_id,
+        "digest": request.digest,
+        "points": sorted(str(point) for point in request.points),
+        "audience": request.audience,
+        "object": request.object,
+        "operation": request.operation,
+        "values": [[v.name, str(v.unit), v.value] for v in request.values],
+    }
+
+
+def decision_body(decision: Decision) -> dict[str, object]:
+    """A decision, whole."""
+    return {
+        "effect": str(decision.effect),
+        "reason": str(decision.reason),
+        "primitive": decision.primitive,
+        "tier": None if decision.tier is None else int(decision.tier),
+        "index_milli": decision.index,
+        "findings": [
+            {"primitive": f.primitive, "reason": str(f.reason), "detail": jsonable(f.detail)} for f in decision.findings
+        ],
+        "obligations": [str(o.kind) for o in decision.obligations],
+        "policy_digest": decision.policy_digest,
+        "evidence_digest": decision.evidence_digest,
+        "lifetime_ms": decision.lifetime_ms,
+    }
+
+
+def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: Ask | None = None) -> dict[str, object]:
+    """The record of a decision: what was asked, what was known, what was answered."""
+    body: dict[str, object] = {
+        "request": request_body(call.request),
+        "evidence": plain(evidence),
+        "decision": decision_body(decided),
+        "proof": call.credentials.proof_name,
+    }
+    if ask is not None:
+        body["ask"] = {"ask_id": ask.ask_id, "expires_at_ms": int(ask.expires_at * 1000)}
+    return body
+
+
+def outcome(
+    request: Request,
+    record: str,
+    what: str,
+    *,
+    reason: str | None = None,
+    detail: str = "",
+    result: Mapping[str, Any] | None = None,
+) -> dict[str, object]:
+    """The record of what came of a PERMIT.
+
+    Args:
+        request: that was permitted.
+        record: hash of the decision's record.
+        what: "done", "failed", "refused" (nothing was sent), "cancelled" or "unknown" (the PEP died in between).
+        reason: a code, when it is not "done".
+        detail: for the record.
+        result: what the effect reported.
+    """
+    body: dict[str, object] = {"request_id": request.request_id, "decision": record, "outcome": what}
+    if reason is not None:
+        body["reason"] = str(reason)
+    if detail:
+        body["detail"] = detail
+    if result is not None:
+        body["result"] = jsonable(result)
+    return body
+
+
+def refusal(
+    *, at: float, at_ms: int, reason: str, status: int, credentials: Credentials | None, where: Mapping[str, object]
+) -> dict[str, object]:
+    """The record of a request that was refused before there was anything to decide.
+
+    Args:
+        at: wall clock, seconds since the epoch.
+        at_ms: monotonic clock.
+        reason: the code.
+        status: HTTP status of the answer; 200 for a tool result.
+        credentials: as far as they were verified; None when they were not looked at.
+        where: what is known of the request: method, path, tool, digest of the body.
+    """
+    evidence = Evidence(at=at, at_ms=at_ms)
+    fault = None
+    if credentials is not None:
+        evidence = Evidence(at=at, at_ms=at_ms, chain=credentials.chain, proof=credentials.proof)
+        fault = credentials.fault
+    body: dict[str, object] = {
+        "effect": "DENY",
+        "reason": str(reason),
+        "status": status,
+        "where": dict(where),
+        "evidence": plain(evidence),
+    }
+    if fault is not None:
+        body["clause"] = fault.clause
+        body["detail"] = fault.detail
+    return body
+
+
+def unfinished(records: Iterable[Mapping[str, Any]]) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """What an earlier process left open: permitted requests without outcome, and deferrals without end.
+
+    Args:
+        records: of the whole journal, oldest first.
+
+    Returns:
+        (request id, hash of the decision's record) pairs, and (ask id, request digest) pairs.
+    """
+    permits: dict[str, str] = {}
+    asks: dict[str, str] = {}
+    for record in records:
+        body = record["body"]
+        match record["kind"]:
+            case "decision" if body["decision"]["effect"] == "PERMIT":
+                permits[body["request"]["id"]] = hashlib.sha256(rfc8785.dumps(dict(record))).hexdigest()
+            case "decision" if body["decision"]["effect"] == "DEFER" and "ask" in body:
+                asks[body["ask"]["ask_id"]] = body["request"]["digest"]
+            case "outcome":
+                permits.pop(body["request_id"], None)
+            case "ask-expired":
+                asks.pop(body["ask_id"], None)
+            case _:
+                pass
+    return list(permits.items()), list(asks.items())
+
+
+def jsonable(value: object) -> object:
+    """`value` with tuples as lists and keys as text, so that it is plain JSON; floats stay (they are measurements)."""
+    match value:
+        case dict():
+            return {str(k): jsonable(v) for k, v in value.items()}
+        case list() | tuple() | set() | frozenset():
+            return [jsonable(v) for v in value]
+        case None | bool() | int() | float() | str():
+            return value
+        case _:
+            return plain(value)

@@ -1,0 +1,269 @@
+"""`GuardedControl`: the interface of `rtde_control.RTDEControlInterface`, and nothing moves without a permit.
+
+Composition, not inheritance: every method is written here on purpose, and a name that is not is refused. Stops are
+always let through, past the lock and past the gate. This is a convenience inside one process, no isolation: who holds
+the raw object holds the robot.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any, Final, NoReturn
+
+from pep.errors import ActuationRefusedError
+from pep.operations import MOVE_JOINT, digest_of
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from pep.permit import Permit
+    from pep.ports import Clock
+
+JOINT_DECELERATION_LIMIT_RAD_S2: Final = 40.0
+TOOL_DECELERATION_LIMIT_M_S2: Final = 150.0
+"""ur_rtde, rtde_control_interface.h: it sends no stop that asks for more than these."""
+TOOL_STOP_DEFAULT: Final = 10.0
+"""ur_rtde: default of stopL and servoStop in m/s2, and of speedStop in m/s2 or rad/s2, as the speed was given."""
+LEVER_M: Final = 1.0
+"""A tool this far from the leading axis: 0.65 m of a stretched UR3e with its gripper (U8, G1), rounded up."""
+
+STOP_PATIENCE_S: Final = 0.02
+"""Longest wait of a stop for a command that is just being handed over (a hand-over takes some milliseconds)."""
+
+MOTION: Final = (
+    "directTorque", "forceMode", "forceModeSetDamping", "forceModeSetGainScaling", "freedriveMode",
+    "jogStart", "moveJ_IK", "moveL", "moveL_FK", "movePath", "moveUntilContact", "servoC", "servoJ", "servoL", "speedJ",
+    "speedL", "startContactDetection", "teachMode", "toolContact",
+)  # fmt: skip
+"""They move the arm, or let it be moved, and no operation of the cell stands for them."""
+CONFIGURATION: Final = (
+    "enableExternalFtSensor", "ftRtdeInputEnable", "kickWatchdog", "reconnect", "reuploadScript", "sendCustomScript",
+    "sendCustomScriptFile", "sendCustomScriptFunction", "setCustomScriptFile", "setExternalForceTorque", "setGravity",
+    "setPayload", "setTargetPayload", "setTcp", "setWatchdog", "stopContactDetection", "waitPeriod", "initPeriod",
+    "zeroFtSensor",
+)  # fmt: skip
+"""They change what later commands mean, run programs of the caller, or send registers beside the gate."""
+READING: Final = (
+    "getActualJointPositionsHistory", "getActualToolFlangePose", "getAsyncOperationProgress",
+    "getAsyncOperationProgressEx", "getCoriolisAndCentrifugalTorques", "getForwardKinematics", "getFreedriveStatus",
+    "getInverseKinematics", "getInverseKinematicsHasSolution", "getJacobian", "getJacobianTimeDerivative",
+    "getJointTorques", "getMassMatrix", "getRobotStatus", "getStepTime", "getTCPOffset", "getTargetJointAccelerations",
+    "getTargetWaypoint", "isConnected", "isJointsWithinSafetyLimits", "isPoseWithinSafetyLimits", "isProgramRunning",
+    "isSteady", "poseTrans", "readContactDetection",
+)  # fmt: skip
+"""They answer questions. Those that ask over the command register take the lock like a command."""
+LOCAL_READING: Final = frozenset(
+    {"getAsyncOperationProgress", "getAsyncOperationProgressEx", "getRobotStatus", "isConnected", "isProgramRunning"}
+)
+"""Answered from the last package, without a command."""
+STOPPING: Final = (
+    "endFreedriveMode", "endTeachMode", "forceModeStop", "jogStop", "servoStop", "speedStop", "stopJ", "stopL",
+    "stopScript", "triggerProtectiveStop",
+)  # fmt: skip
+"""They end motion and are never subject to a permit."""
+
+
+class GuardedControl:
+    """A control connection behind permits.
+
+    Args:
+        control: the raw `RTDEControlInterface`; keep no other reference to it.
+        audience: canonical URL of the server whose permits count here.
+        clock: both clocks.
+        raise_refusals: whether a refused motion raises `ActuationRefusedError` (True) or returns False, as callers of
+            ur_rtde expect.
+        stop_deceleration_rad_s2: the cell's stop model, of the leading axis: every stop is at least this hard.
+
+    Raises:
+        ValueError: for a deceleration that no stop can have; every stop would fail.
+    """
+
+    def __init__(
+        self, control: Any, *, audience: str, clock: Clock, raise_refusals: bool, stop_deceleration_rad_s2: float
+    ) -> None:
+        if not 0.0 < stop_deceleration_rad_s2 <= JOINT_DECELERATION_LIMIT_RAD_S2:
+            raise ValueError(f"the stop deceleration must lie in (0, {JOINT_DECELERATION_LIMIT_RAD_S2}] rad/s2")
+        self._control = control
+        self._audience = audience
+        self._clock = clock
+        self._raise = raise_refusals
+        self._deceleration = stop_deceleration_rad_s2
+        self._lock = threading.Lock()
+        self._noting = threading.Lock()
+        self._stopped_ms: int | None = None
+        self._stops = 0
+
+    def moveJ(  # noqa: N802 - the interface's own name
+        self,
+        q: Sequence[float],
+        speed: float = 1.05,
+        acceleration: float = 1.4,
+        asynchronous: bool = False,  # noqa: FBT001, FBT002 - the interface's own order
+        *,
+        permit: Permit | None = None,
+    ) -> bool:
+        """Starts a straight move in joint space; False (or an exception) when it was not sent.
+
+        A stop that comes while the command is being handed over may reach the controller before it; it is given once
+        more behind it. So is a stop after a command that the controller did not acknowledge.
+
+        The controller is always asked for an asynchronous move: only that can be stopped by a command. Wait for the end
+        by watching the joints; `asynchronous=False` is refused, since it would promise a wait that a stop could not
+        end.
+
+        Args:
+            q: 6 joint angles, rad.
+            speed: of the leading axis, rad/s.
+            acceleration: of the leading axis, rad/s2.
+            asynchronous: must be True.
+            permit: of exactly these numbers.
+
+        Raises:
+            ActuationRefusedError: if `raise_refusals`, with `NOT_WHAT_WAS_DECIDED` without permit or for other numbers,
+                `VERDICT_EXPIRED` when the permit is too old, `EFFECT_FAILED` when the controller did not take the
+                command.
+        """
+        if permit is None:
+            return self._refuse(Reason.NOT_WHAT_WAS_DECIDED, "moveJ: no permit")
+        if not asynchronous:
+            return self._refuse(Reason.PARAMETERS_WRONG, "moveJ: only asynchronous")
+        numbers = (*q, speed, acceleration)
+        digest = digest_of(MOVE_JOINT, numbers, audience=self._audience)
+        with self._lock:
+            stops = self._stops
+            try:
+                # Inside the lock: nothing may come between the last check and the command.
+                permit.spend(digest=digest, stopped_ms=self._stopped_ms)
+            except ActuationRefusedError as refused:
+                return self._refuse(refused.reason, f"moveJ: {refused.detail}")
+            taken = False
+            try:
+                taken = bool(self._control.moveJ(list(q), speed, acceleration, True))  # noqa: FBT003 - its own order
+            finally:
+                # A stop counts before it sends: one that is not counted yet is sent after this command anyway.
+                if self._stops != stops or not taken:
+                    self._control.stopJ(self._deceleration, False)  # noqa: FBT003 - likewise
+            if taken:
+                return True
+        return self._refuse(Reason.EFFECT_FAILED, "moveJ: the controller did not take the command")
+
+    @property
+    def stopped_ms(self) -> int | None:
+        """Monotonic time of the newest stop, or None."""
+        return self._stopped_ms
+
+    @property
+    def stops(self) -> int:
+        """How many stops have been asked for; whoever sends something later compares it with what it was."""
+        return self._stops
+
+    def note_stop(self) -> None:
+        """A stop has been asked for: every permit of an earlier request is void from now on, spent or not."""
+        with self._noting:
+            self._stopped_ms = self._clock.monotonic_ms()
+            self._stops += 1
+
+    def stopJ(self, a: float = 0.0, asynchronous: bool = False) -> None:  # noqa: N802, FBT001, FBT002
+        """The arm decelerates, at least as hard as the cell's stop model assumes.
+
+        Args:
+            a: rad/s2 of the leading axis; a weaker one than the model's is raised to it.
+            asynchronous: whether to return before standstill.
+        """
+        self._stop("stopJ", (_between(self._deceleration, a, JOINT_DECELERATION_LIMIT_RAD_S2), asynchronous), {})
+
+    def stopL(self, a: float = 0.0, asynchronous: bool = False) -> None:  # noqa: N802, FBT001, FBT002
+        """The tool decelerates along a line.
+
+        Args:
+            a: m/s2 of the tool; raised to what the cell's deceleration is at a lever of 1 m, and to 10 m/s2, which
+                ur_rtde asks for by itself. Only `stopJ` is the stop of the cell's model.
+            asynchronous: whether to return before standstill.
+        """
+        self._stop("stopL", (self._tool_stop(a), asynchronous), {})
+
+    def speedStop(self, a: float = 0.0) -> Any:  # noqa: N802
+        """Ends a speed motion.
+
+        Args:
+            a: m/s2 of the tool or rad/s2 of the leading axis, as the speed was given: raised as in `stopL`, which at a
+                lever of 1 m is the same number in both.
+        """
+        return self._stop("speedStop", (self._tool_stop(a),), {})
+
+    def servoStop(self, a: float = 0.0) -> Any:  # noqa: N802
+        """Ends a servo motion.
+
+        Args:
+            a: m/s2 of the tool, raised as in `stopL`.
+        """
+        return self._stop("servoStop", (self._tool_stop(a),), {})
+
+    def _tool_stop(self, asked: float) -> float:
+        return _between(max(TOOL_STOP_DEFAULT, self._deceleration * LEVER_M), asked, TOOL_DECELERATION_LIMIT_M_S2)
+
+    def disconnect(self) -> None:
+        """The arm is told to stop, and the connection ends."""
+        self.note_stop()
+        self._control.disconnect()
+
+    def _refuse(self, reason: Reason, detail: str) -> bool:
+        if self._raise:
+            raise ActuationRefusedError(reason, detail)
+        return False
+
+    def _read(self, name: str, arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        if name in LOCAL_READING:
+            return getattr(self._control, name)(*arguments, **options)
+        with self._lock:
+            return getattr(self._control, name)(*arguments, **options)
+
+    def _stop(self, name: str, arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
+        self.note_stop()
+        # The raw object is not thread-safe: a command under way is given a moment to end. It is never waited for.
+        ended = self._lock.acquire(timeout=STOP_PATIENCE_S)
+        try:
+            return getattr(self._control, name)(*arguments, **options)
+        finally:
+            if ended:
+                self._lock.release()
+
+    def __getattr__(self, name: str) -> NoReturn:
+        # A method that a later ur_rtde adds is refused until somebody has read what it does.
+        raise AttributeError(f"GuardedControl has no {name}")
+
+
+def _between(least: float, asked: float, most: float) -> float:
+    """`asked`, but a stop that can be sent: what is no number, or too weak, is `least`; what is too hard is `most`."""
+    return min(asked, most) if asked > least else least
+
+
+def _refusing(name: str) -> Callable[..., bool]:
+    def refuse(self: GuardedControl, *_: Any, **__: Any) -> bool:
+        return self._refuse(Reason.NOT_GRANTED, f"{name}: no operation of this cell stands for it")
+
+    refuse.__doc__ = f"Refused: no operation of this cell stands for `{name}`."
+    return refuse
+
+
+def _reading(name: str) -> Callable[..., Any]:
+    def read(self: GuardedControl, *arguments: Any, **options: Any) -> Any:
+        return self._read(name, arguments, options)
+
+    read.__doc__ = f"`{name}` of the control interface."
+    return read
+
+
+def _stopping(name: str) -> Callable[..., Any]:
+    def stop(self: GuardedControl, *arguments: Any, **options: Any) -> Any:
+        return self._stop(name, arguments, options)
+
+    stop.__doc__ = f"`{name}` of the control interface: past lock and gate."
+    return stop
+
+
+for _names, _make in (((*MOTION, *CONFIGURATION), _refusing), (READING, _reading), (STOPPING, _stopping)):
+    for _name in _names:
+        if _name not in GuardedControl.__dict__:
+            setattr(GuardedControl, _name, _make(_name))

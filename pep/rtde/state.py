@@ -1,0 +1,82 @@
+"""What the robot says about itself, over a receive connection of our own, and only when it is saying it now."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+from pep.errors import PepFault, RobotError
+
+FRESH_S: Final = 0.1
+"""Longest wait for a new package, fifty of which are due: a joint state older than 100 ms is none for a move."""
+POLL_S: Final = 0.001
+STILL_RAD_S: Final = 1e-3
+"""All joints slower than this is standstill (1 mrad/s)."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """One package of the controller.
+
+    Attributes:
+        q_rad, qd_rad_s: actual joint angles and speeds.
+        robot_mode, safety_mode: as the controller numbers them.
+    """
+
+    q_rad: tuple[float, ...]
+    qd_rad_s: tuple[float, ...]
+    robot_mode: int
+    safety_mode: int
+
+    @property
+    def still(self) -> bool:
+        """Whether every joint is slower than 1 mrad/s."""
+        return all(abs(speed) < STILL_RAD_S for speed in self.qd_rad_s)
+
+
+class RobotState(Protocol):
+    """The robot's state now."""
+
+    def read(self) -> JointState:
+        """A package that arrived during the call. Raises `RobotError` when none does."""
+        ...
+
+
+class ReceivedState:
+    """`RobotState` over `rtde_receive.RTDEReceiveInterface`.
+
+    Args:
+        host: of the controller.
+    """
+
+    def __init__(self, host: str) -> None:
+        from rtde_receive import RTDEReceiveInterface
+
+        self._host = host
+        try:
+            self._receive: Any = RTDEReceiveInterface(host)
+        except RuntimeError as error:
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, host) from error
+
+    def read(self) -> JointState:
+        """A package that arrived during the call.
+
+        Raises:
+            RobotError: `ROBOT_STALLED` when none arrives, or one that holds no finite numbers.
+        """
+        before = self._receive.getTimestamp()
+        deadline = time.monotonic() + FRESH_S
+        while self._receive.getTimestamp() == before:
+            if time.monotonic() > deadline:
+                raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
+            time.sleep(POLL_S)
+        q, qd = tuple(self._receive.getActualQ()), tuple(self._receive.getActualQd())
+        if not (len(q) == len(qd) == 6 and all(math.isfinite(number) for number in (*q, *qd))):
+            raise RobotError(PepFault.ROBOT_STALLED, "joint angles that are no six finite numbers")
+        return JointState(q, qd, int(self._receive.getRobotMode()), int(self._receive.getSafetyMode()))
+
+    def close(self) -> None:
+        """The connection has ended."""
+        self._receive.disconnect()

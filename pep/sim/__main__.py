@@ -1,0 +1,132 @@
+"""`python -m pep.sim`: a simulated UR3e controller in a process of its own.
+
+Prints one JSON line when every port listens, and another with its timing when it ends. SIGTERM and SIGINT end it,
+and so does a client's `shutdown`. With `--commands` it also reads faults as JSON lines from standard input, and ends
+when that does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+import threading
+import traceback
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from pep.rtde.messages import ControlVersion
+from pep.sim.server import HOME, Settings, Simulator
+from pep.stopping import STOP_DECELERATION_RAD_S2
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from pep.sim.arm import Joints
+
+EXIT_FAILED, EXIT_USAGE = 1, 2
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs until told to end; exit status 0 after a clean end, 1 after a failure, 2 for settings that cannot be."""
+    options = _parser().parse_args(arguments)
+    over = threading.Event()
+    settings = Settings(
+        host=options.host,
+        joints=options.joints,
+        stop_deceleration_rad_s2=options.stop_deceleration,
+        version=options.version,
+        object_width_m=options.gripper_object,
+    )
+    try:
+        simulator = Simulator(settings, over.set)
+    except OSError as error:
+        _say({"ready": False, "error": "PORT_UNAVAILABLE", "address": error.filename})
+        sys.stderr.write(f"pep.sim: cannot listen on {error.filename}: {error.strerror}\n")
+        return EXIT_FAILED
+    except ValueError as error:
+        _say({"ready": False, "error": "SETTINGS"})
+        sys.stderr.write(f"pep.sim: {error}\n")
+        return EXIT_USAGE
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: over.set())
+    simulator.start()
+    if options.commands:
+        threading.Thread(target=_obey, args=(simulator, over.set), name="commands", daemon=True).start()
+    _say({"ready": True, "host": options.host, "ports": [port.number for port in simulator.ports]})
+    over.wait()
+    simulator.stop()
+    with suppress(BrokenPipeError):  # nobody may be left to hear it
+        _say({"ready": False, **simulator.clock.report()})
+    if simulator.clock.error is not None:
+        traceback.print_exception(simulator.clock.error)
+        return EXIT_FAILED
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="python -m pep.sim", description="A simulated UR3e controller.")
+    parser.add_argument("--host", required=True, help="IPv4 address to listen on; the ports are fixed")
+    parser.add_argument("--joints", type=_joints, default=HOME, help="j1,..,j6 [rad] to start at; write --joints=...")
+    parser.add_argument(
+        "--stop-deceleration",
+        type=float,
+        default=STOP_DECELERATION_RAD_S2,
+        help="of stops that do not say their own [rad/s2]",
+    )
+    parser.add_argument("--version", type=_version, default="5.11.6.1010327", help="PolyScope 5.11 to 5.22")
+    parser.add_argument("--gripper-object", type=float, default=None, help="width between the gripper's fingers [m]")
+    parser.add_argument("--commands", action="store_true", help="read faults from standard input; end with it")
+    return parser
+
+
+def _joints(text: str) -> Joints:
+    joints = tuple(float(part) for part in text.split(","))
+    if len(joints) != 6:
+        raise argparse.ArgumentTypeError("six numbers, separated by commas")
+    return joints
+
+
+def _version(text: str) -> ControlVersion:
+    numbers = [int(part) for part in text.split(".")]
+    if not 2 <= len(numbers) <= 4 or not all(0 <= number < 2**31 for number in numbers):
+        raise argparse.ArgumentTypeError("two to four numbers, separated by dots")
+    return ControlVersion(*numbers, *[0] * (4 - len(numbers)))
+
+
+def _obey(simulator: Simulator, end: Callable[[], None]) -> None:
+    controller = simulator.controller
+
+    def protective_stop() -> None:
+        controller.robot.alarm = "asked for"
+
+    faults: dict[str, Callable[[], None]] = {
+        "protective_stop": lambda: controller.ask(protective_stop),
+        "emergency_stop": lambda: controller.ask(controller.emergency_stop),
+        "release_emergency_stop": lambda: controller.ask(controller.release_emergency_stop),
+        "drop_connections": simulator.drop,
+    }
+    for line in _standard_input():
+        try:
+            faults[json.loads(line)["fault"]]()
+        except (ValueError, KeyError, TypeError):
+            sys.stderr.write(f"pep.sim: no such fault; known: {', '.join(faults)}\n")
+    end()
+
+
+def _standard_input() -> Iterator[str]:
+    """Lines until the end. Unbuffered: a thread waiting inside a buffered reader can crash the interpreter's exit."""
+    held = b""
+    while received := os.read(sys.stdin.fileno(), 4096):
+        *lines, held = (held + received).split(b"\n")
+        yield from (line.decode("utf-8", "replace") for line in lines)
+
+
+def _say(told: dict[str, object]) -> None:
+    print(json.dumps(told), flush=True)  # noqa: T201  standard output is this program's interface
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

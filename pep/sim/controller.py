@@ -1,0 +1,266 @@
+"""The controller: one state, one thread that changes it, once every 2 ms.
+
+Other threads (connections) hand in what they received; it takes effect at the start of the next tick, in order. What a
+tick produces goes out through `listeners`, called at its end.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from concurrent.futures import Future
+from enum import Enum
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from pep.sim.motion import MotionError
+from pep.sim.program import Ended, Execution
+from pep.sim.robot import TICK_S, Robot, RobotMode, RuntimeState, SafetyMode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from pep.rtde.codec import Value
+    from pep.sim.compiler import Compiled
+    from pep.sim.gripper import Gripper
+
+MAX_INBOX: Final = 4096  # writes waiting for the next tick; a connection that outruns the controller waits for it
+ANSWER_DEADLINE_S: Final = 5.0  # for a question to the tick thread; it answers within one tick unless the host stalls
+UNLOCK_AFTER_S: Final = 5.0  # a protective stop cannot be released sooner, as on the real controller
+POWER_STEP_S: Final = 0.5  # time for each step of powering up; the real one takes longer, clients poll for up to 30 s
+
+T = TypeVar("T")
+
+
+class Event(Enum):
+    """What primary clients are told."""
+
+    STARTED = "PROGRAM_XXX_STARTED"
+    STOPPED = "PROGRAM_XXX_STOPPED"
+
+
+class Controller:
+    """Owns the robot, runs programs, keeps the safety state.
+
+    Args:
+        robot: the state; from now on only `tick` changes it.
+        gripper: moved by the same tick.
+    """
+
+    def __init__(self, robot: Robot, gripper: Gripper) -> None:
+        self.robot = robot
+        self.gripper = gripper
+        self.listeners: list[Callable[[], None]] = []
+        self.on_event: Callable[[Event, str], object] = _unheard
+        self.on_exception: Callable[[int, str], object] = _unheard
+        self.program_name = ""
+        self._execution: Execution | None = None
+        self._next: Compiled | None = None
+        self._inbox: deque[Mapping[str, Value] | Callable[[], None]] = deque()
+        self._stopped_at: int | None = None  # step of the last protective stop
+        self._power_goal = RobotMode.RUNNING
+        self._power_due = 0
+
+    # -- for other threads
+
+    def write(self, inputs: Mapping[str, Value]) -> None:
+        """`inputs` are written at the start of the next tick. Waits while the controller is behind."""
+        while len(self._inbox) >= MAX_INBOX:
+            time.sleep(TICK_S)
+        self._inbox.append(inputs)
+
+    def ask(self, question: Callable[[], T]) -> T:
+        """The answer to `question`, computed by the tick thread.
+
+        Raises:
+            TimeoutError: the controller does not tick.
+        """
+        answer: Future[T] = Future()
+
+        def settle() -> None:
+            try:
+                answer.set_result(question())
+            except Exception as error:  # noqa: BLE001  the asker's problem, never the tick's
+                answer.set_exception(error)
+
+        self._inbox.append(settle)
+        return answer.result(ANSWER_DEADLINE_S)
+
+    # -- the tick
+
+    def tick(self) -> None:
+        """Two milliseconds of the controller's life."""
+        robot = self.robot
+        robot.step += 1
+        for _ in range(len(self._inbox)):
+            received = self._inbox.popleft()
+            if callable(received):
+                received()
+            else:
+                robot.write(received)
+        self._power()
+        self._run()
+        try:
+            robot.drive.advance(TICK_S)
+        except MotionError as error:
+            robot.alarm = str(error)
+        if robot.alarm is not None:
+            self._protective_stop(robot.alarm)
+        self._settle()
+        self.gripper.tick(TICK_S)
+        for listener in self.listeners:
+            listener()
+
+    def _run(self) -> None:
+        if self._execution is None or self.robot.runtime is not RuntimeState.PLAYING:
+            return
+        ending = self._execution.tick()
+        if ending is None:
+            return
+        if ending.why is Ended.WATCHDOG_PAUSE:
+            self.pause()
+            return
+        if ending.why in (Ended.FAILED, Ended.WATCHDOG_STOP):
+            self.on_exception(ending.line, ending.text)
+        self._end()
+
+    def _settle(self) -> None:
+        """A state that waits for the arm to be still, or to go on, does so."""
+        robot = self.robot
+        match robot.runtime:
+            case RuntimeState.STOPPING if not robot.drive.moving:
+                robot.runtime = RuntimeState.STOPPED
+                if self._next is not None:
+                    self._begin(self._next)
+            case RuntimeState.PAUSING if not robot.drive.moving:
+                robot.runtime = RuntimeState.PAUSED
+            case RuntimeState.RESUMING:
+                robot.runtime = RuntimeState.PLAYING
+            case _:
+                pass
+
+    # -- programs; called in the tick thread
+
+    def load(self, compiled: Compiled) -> str | None:
+        """Runs a program as soon as the arm is still, in place of the one that runs; the refusal when it cannot.
+
+        A secondary program runs at once, beside whatever runs.
+        """
+        robot = self.robot
+        if compiled.secondary:
+            ending = Execution(compiled, robot).run_through()
+            if ending.why is Ended.FAILED:
+                self.on_exception(ending.line, ending.text)
+            return None
+        if robot.mode is not RobotMode.RUNNING or robot.safety is not SafetyMode.NORMAL:
+            return "the robot is not ready to run a program"
+        self._end()
+        self._next = compiled
+        self._settle()
+        return None
+
+    def stop(self) -> None:
+        """No program runs; the arm brakes. A stop is never refused."""
+        self._end()
+        self._settle()
+
+    def pause(self) -> bool:
+        """The running program waits, the arm brakes; whether there was one."""
+        if self.robot.runtime is not RuntimeState.PLAYING:
+            return False
+        self.robot.drive.suspend()
+        self.robot.runtime = RuntimeState.PAUSING
+        return True
+
+    def play(self) -> bool:
+        """A paused program goes on; whether there was one and it may."""
+        robot = self.robot
+        if robot.runtime is not RuntimeState.PAUSED or robot.safety is not SafetyMode.NORMAL:
+            return False
+        robot.drive.resume()
+        robot.runtime = RuntimeState.RESUMING
+        return True
+
+    def _begin(self, compiled: Compiled) -> None:
+        self._next = None
+        self._execution = Execution(compiled, self.robot)
+        self.program_name = compiled.name
+        self.robot.runtime = RuntimeState.PLAYING
+        self.on_event(Event.STARTED, compiled.name)
+
+    def _end(self) -> None:
+        self._next = None
+        self.robot.drive.halt()
+        if self._execution is not None:
+            self._execution.finish()
+            self._execution = None
+            self.on_event(Event.STOPPED, self.program_name)
+        self.robot.runtime = RuntimeState.STOPPING
+
+    # -- safety and power; called in the tick thread
+
+    def _protective_stop(self, reason: str) -> None:
+        robot = self.robot
+        robot.alarm = None
+        if robot.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
+            return
+        robot.safety = SafetyMode.PROTECTIVE_STOP
+        self._stopped_at = robot.step
+        self.on_exception(0, f"protective stop: {reason}")
+        if not self.pause():
+            robot.drive.halt()
+
+    def emergency_stop(self) -> None:
+        """The button is pressed: the arm brakes, the program is over, the power goes."""
+        self.robot.safety = SafetyMode.ROBOT_EMERGENCY_STOP
+        self.power_off()
+
+    def release_emergency_stop(self) -> None:
+        """The button is pulled out; power stays off."""
+        if self.robot.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
+            self.robot.safety = SafetyMode.NORMAL
+
+    def unlock_protective_stop(self) -> bool:
+        """Releases a protective stop that is old enough; whether it did, or there was none."""
+        robot = self.robot
+        if robot.safety is not SafetyMode.PROTECTIVE_STOP:
+            return True
+        if self._stopped_at is not None and (robot.step - self._stopped_at) * TICK_S < UNLOCK_AFTER_S:
+            return False
+        robot.safety = SafetyMode.NORMAL
+        return True
+
+    def power_on(self) -> None:
+        """Towards power, brakes still closed."""
+        if self.robot.mode is RobotMode.POWER_OFF and self.robot.safety is not SafetyMode.ROBOT_EMERGENCY_STOP:
+            self._aim_power(RobotMode.IDLE)
+
+    def brake_release(self) -> None:
+        """Towards running, from whatever mode."""
+        if self.robot.mode is not RobotMode.RUNNING and self.robot.safety is not SafetyMode.ROBOT_EMERGENCY_STOP:
+            self._aim_power(RobotMode.RUNNING)
+
+    def power_off(self) -> None:
+        """No program, and no power once the arm is still."""
+        self.stop()
+        self._power_goal = RobotMode.POWER_OFF
+
+    def _aim_power(self, goal: RobotMode) -> None:
+        self._power_goal = goal
+        self._power_due = self.robot.step + round(POWER_STEP_S / TICK_S)
+
+    def _power(self) -> None:
+        robot = self.robot
+        if self._power_goal is robot.mode:
+            return
+        if self._power_goal is RobotMode.POWER_OFF:
+            if not robot.drive.moving:
+                robot.mode = RobotMode.POWER_OFF
+            return
+        if robot.step >= self._power_due:
+            ladder = (RobotMode.POWER_OFF, RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
+            robot.mode = ladder[ladder.index(robot.mode) + 1]
+            self._aim_power(self._power_goal)
+
+
+def _unheard(*told: object) -> None:
+    del told

@@ -1,0 +1,200 @@
+"""The dashboard server (port 29999): one line in, one line out, and nothing outside a closed grammar."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Final
+
+from pep.sim.robot import RobotMode, RuntimeState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.rtde.messages import ControlVersion
+    from pep.sim.controller import Controller
+    from pep.sim.sockets import Connection
+
+BANNER: Final = "Connected: Universal Robots Dashboard Server"
+MAX_LINE: Final = 1024
+SERIAL_NUMBER: Final = "20235300001"  # e-Series serials start with the year and are digits alone; ur_rtde checks that
+MODEL: Final = "UR3"  # what a UR3e answers
+TOO_SOON: Final = (
+    "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+)
+_ROLES: Final = ("none", "operator", "programmer", "locked", "restricted")
+
+_STATE: Final = {
+    RuntimeState.STOPPING: "STOPPED",
+    RuntimeState.STOPPED: "STOPPED",
+    RuntimeState.PLAYING: "PLAYING",
+    RuntimeState.PAUSING: "PAUSED",
+    RuntimeState.PAUSED: "PAUSED",
+    RuntimeState.RESUMING: "PLAYING",
+}
+
+
+class Dashboard:
+    """Answers one controller's dashboard clients.
+
+    Args:
+        controller: what the commands act on.
+        version: the PolyScope version; commands younger than it are not understood.
+        shutdown: called after the answer to `shutdown` has been sent.
+    """
+
+    def __init__(self, controller: Controller, version: ControlVersion, shutdown: Callable[[], None]) -> None:
+        self._controller = controller
+        self._version = version
+        self._shutdown = shutdown
+        self._role = "programmer"
+        self._mode = "NONE"
+        self._rows = [
+            (re.compile(pattern), answer) for since, pattern, answer in self._grammar() if since <= version.minor
+        ]
+
+    def serve(self, connection: Connection) -> None:
+        """Talks to one client until it leaves, says `quit`, or sends a line that is too long."""
+        connection.send(BANNER.encode() + b"\n")
+        held = b""
+        while received := connection.receive():
+            *lines, held = (held + received).split(b"\n")
+            for line in lines:
+                if len(line) > MAX_LINE:
+                    return
+                text = line.decode("ascii", "replace").strip()
+                connection.send(self.answer(text).encode() + b"\n")
+                if text == "shutdown":
+                    # After the answer: the process may be gone before the next line.
+                    self._shutdown()
+                if text == "quit":
+                    return
+            if len(held) > MAX_LINE:
+                return
+
+    def answer(self, line: str) -> str:
+        """The reply to one command."""
+        for pattern, answer in self._rows:
+            found = pattern.fullmatch(line)
+            if found is not None:
+                return answer(*found.groups())
+        shown = "".join(c if c.isprintable() and c.isascii() else "?" for c in line[:80])
+        return f"could not understand: '{shown}'"
+
+    # One row per command: PolyScope 5 minor version it came with, its whole grammar, its answer.
+    def _grammar(self) -> list[tuple[int, str, Callable[..., str]]]:
+        say = _say
+        file = r"([A-Za-z0-9_./-]{1,200})"
+        return [
+            (0, "stop", self._stop),
+            (0, "play", self._play),
+            (0, "pause", self._pause),
+            (0, "quit", say("Disconnected")),
+            (0, "shutdown", self._turn_off),
+            (0, "running", lambda: f"Program running: {_flag(self._runtime is RuntimeState.PLAYING)}"),
+            (0, "robotmode", lambda: f"Robotmode: {self._controller.robot.mode.name}"),
+            (0, f"load {file}", lambda name: f"File not found: {name}"),  # this controller keeps no files
+            (0, f"load installation {file}", lambda name: f"File not found: {name}"),
+            (0, "get loaded program", say("No program loaded")),
+            (0, r"popup (.{0,500})", lambda _text: "showing popup"),
+            (0, "close popup", say("closing popup")),
+            (0, r"addToLog (.{0,500})", lambda _text: "Added log message"),
+            (0, "isProgramSaved", self._saved),
+            (0, "programState", self._program_state),
+            (0, "PolyscopeVersion", lambda: f"URSoftware {self._dotted} (Apr 01 2022)"),
+            (0, "version", lambda: self._dotted),
+            (0, r"setUserRole (\w+)", self._set_role),
+            (0, "getUserRole", self._get_role),
+            (0, "set operational mode (manual|automatic)", self._set_mode),
+            (0, "clear operational mode", self._clear_mode),
+            (6, "get operational mode", lambda: self._mode),
+            (0, "power on", self._power(self._controller.power_on, "Powering on")),
+            (0, "power off", self._power(self._controller.power_off, "Powering off")),
+            (0, "brake release", self._power(self._controller.brake_release, "Brake releasing")),
+            (0, "safetymode", lambda: f"Safetymode: {self._controller.robot.safety.name}"),
+            (4, "safetystatus", lambda: f"Safetystatus: {self._controller.robot.safety.name}"),
+            (0, "unlock protective stop", self._unlock),
+            (0, "close safety popup", say("closing safety popup")),
+            (1, "restart safety", self._restart_safety),
+            (6, "is in remote control", say("true")),
+            (6, "get serial number", say(SERIAL_NUMBER)),
+            (6, "get robot model", say(MODEL)),
+        ]
+
+    @property
+    def _runtime(self) -> RuntimeState:
+        return self._controller.robot.runtime
+
+    @property
+    def _name(self) -> str:
+        return self._controller.program_name
+
+    @property
+    def _dotted(self) -> str:
+        v = self._version
+        return f"{v.major}.{v.minor}.{v.bugfix}.{v.build}"
+
+    def _saved(self) -> str:
+        return f"true {self._name}".rstrip()
+
+    def _program_state(self) -> str:
+        return f"{_STATE[self._runtime]} {self._name}".rstrip()
+
+    def _get_role(self) -> str:
+        return self._role.upper()
+
+    def _stop(self) -> str:
+        self._controller.ask(self._controller.stop)
+        return "Stopped"
+
+    def _play(self) -> str:
+        return "Starting program" if self._controller.ask(self._controller.play) else "Failed to execute: play"
+
+    def _pause(self) -> str:
+        return "Pausing program" if self._controller.ask(self._controller.pause) else "Failed to execute: pause"
+
+    def _turn_off(self) -> str:
+        self._controller.ask(self._controller.power_off)
+        return "Shutting down"
+
+    def _power(self, act: Callable[[], None], said: str) -> Callable[[], str]:
+        def answer() -> str:
+            self._controller.ask(act)
+            return said
+
+        return answer
+
+    def _unlock(self) -> str:
+        if self._controller.ask(self._controller.unlock_protective_stop):
+            return "Protective stop releasing"
+        return TOO_SOON
+
+    def _restart_safety(self) -> str:
+        def restart() -> None:
+            self._controller.release_emergency_stop()
+            if self._controller.robot.mode is not RobotMode.POWER_OFF:
+                self._controller.power_off()
+
+        self._controller.ask(restart)
+        return "Restarting safety"
+
+    def _set_role(self, role: str) -> str:
+        if role not in _ROLES:
+            return f"Failed setting user role: {role}"
+        self._role = role
+        return f"Setting user role: {role}"
+
+    def _set_mode(self, mode: str) -> str:
+        self._mode = mode.upper()
+        return f"Operational mode {self._mode} is set"
+
+    def _clear_mode(self) -> str:
+        self._mode = "NONE"
+        return "No longer controlling the operational mode. Current operational mode: NONE."
+
+
+def _say(text: str) -> Callable[[], str]:
+    return lambda: text
+
+
+def _flag(value: bool) -> str:  # noqa: FBT001
+    return "true" if value else "false"

@@ -1,0 +1,113 @@
+"""The script ports (30001 primary, 30002 secondary, 30003 real-time): state goes out, programs come in."""
+
+from __future__ import annotations
+
+import codecs
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.urscript import ProgramStream, ScriptError
+from pep.sim.compiler import CompileError, compile_text
+from pep.sim.primary import (
+    READ_ONLY,
+    error_message,
+    exception_message,
+    key_message,
+    realtime_message,
+    state_message,
+    version_message,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.rtde.messages import ControlVersion
+    from pep.sim.controller import Controller, Event
+    from pep.sim.sockets import Connection, Port
+
+MAX_PROGRAM: Final = 512 * 1024  # characters; ur_rtde's script has 42 thousand, a waypoint about 100
+STATE_EVERY: Final = 50  # ticks: 10 Hz
+
+
+class ScriptServer:
+    """Serves the three ports of one controller.
+
+    Args:
+        controller: what the programs run on.
+        version: told in the greeting.
+    """
+
+    def __init__(self, controller: Controller, version: ControlVersion) -> None:
+        self._controller = controller
+        self._version = version
+        self.primary: Port | None = None
+        self.secondary: Port | None = None
+        self.realtime: Port | None = None
+        controller.on_event = self._event
+        controller.on_exception = self._exception
+        self._commands: dict[str, Callable[[], object]] = {
+            "stop program": controller.stop,
+            "power on": controller.power_on,
+            "power off": controller.power_off,
+            "set robotmode run": controller.brake_release,
+            "set unlock protective stop": controller.unlock_protective_stop,
+        }
+
+    def greet_and_serve(self, connection: Connection) -> None:
+        """Talks to one client of 30001 or 30002."""
+        connection.send(version_message(self._version))
+        connection.send(self._controller.ask(lambda: state_message(self._controller.robot)))
+        self.serve(connection)
+
+    def serve(self, connection: Connection) -> None:
+        """Runs what one client sends, until it leaves, sends what is no text, or a program without end."""
+        stream = ProgramStream(MAX_PROGRAM)
+        decoder = codecs.getincrementaldecoder("utf-8")()
+        try:
+            while received := connection.receive():
+                for program in stream.feed(decoder.decode(received)):
+                    self._run(program)
+        except UnicodeDecodeError:
+            return
+        except ScriptError as error:
+            self._exception(error.line, str(error))
+
+    def publish(self) -> None:
+        """Sends what is due; called at the end of each tick."""
+        robot = self._controller.robot
+        if robot.step % STATE_EVERY == 0:
+            watching = [c for port in (self.primary, self.secondary) if port is not None for c in port.connections()]
+            if watching:
+                frame = state_message(robot)
+                for connection in watching:
+                    connection.send(frame)
+        listening = self.realtime.connections() if self.realtime is not None else ()
+        frame = b""
+        for connection in listening:
+            if connection.behind:  # ur_rtde never reads this port
+                connection.flush()
+                continue
+            frame = frame or realtime_message(robot)
+            connection.send(frame)
+
+    def _run(self, program: str) -> None:
+        command = self._commands.get(" ".join(program.split()))
+        if command is not None:
+            self._controller.ask(command)
+            return
+        try:
+            compiled = compile_text(program)
+        except (ScriptError, CompileError) as error:
+            self._exception(error.line, str(error))
+            return
+        if self._controller.ask(lambda: self._controller.load(compiled)) is not None:
+            self._tell(error_message(READ_ONLY))
+
+    def _event(self, event: Event, name: str) -> None:
+        self._tell(key_message(event.value, name))
+
+    def _exception(self, line: int, text: str) -> None:
+        self._tell(exception_message(line, text))
+
+    def _tell(self, message: bytes) -> None:
+        for connection in self.primary.connections() if self.primary is not None else ():
+            connection.send(message)

@@ -1,0 +1,403 @@
+"""An enforcement point on recorded evidence: real tokens, real policies, real journal; the world around it is made by hand."""
+
+import json
+import os
+import secrets
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import httpx2
+
+from capabilities import keys
+from capabilities.caps import DEFAULT as CAPS
+from capabilities.carriage import token_to_text
+from capabilities.chain import Attestation, EvidenceKind, HopGrant, Sponsor
+from capabilities.mint import mint
+from capabilities.proof import prove
+from capabilities.scope import Grant, Limit, Range, Scope, Tier
+from capabilities.statements import registry as registry_statement
+from capabilities.statements import revocation
+from capabilities.statements.revocation import RevocationView
+from capabilities.verify import Verifier
+from pep.approvals import Asks
+from pep.authority import Authority, Presented
+from pep.gate import Call, Gate, Result
+from pep.mcp.mapping import ARM_TOOLS, to_request
+from pep.operations import GRIPPER_MOVE, MOVE_JOINT
+from pep.ports import RegisteredSensor, RegisteredTool
+from pep.record import FileJournal
+from pep.replay import ReplayCache
+from pep.rtde.limits import Ur3eLimits
+from policies.evidence import ImpactReading, ToolReading
+from policies.load import load_shipped
+
+HOST = f"127.{64 + os.getpid() % 63}.{os.getpid() // 63 % 250}.9"
+"""A loopback address of this test process alone."""
+PORT = 8899
+AUDIENCE = f"http://{HOST}:{PORT}/mcp"
+ISSUER = "http://127.0.0.1:8898/ztpm"
+PEP = "pep-1"
+CALIBRATION = "ab" * 32
+MOVE = {"q_rad": [0.1, -1.2, 1.0, -1.1, -1.57, 0.0], "speed_rad_s": 0.5, "acceleration_rad_s2": 1.4}
+
+
+class ManualClock:
+    """Two clocks that go only when they are told to."""
+
+    def __init__(self, wall_s=None):
+        self.wall = time.time() if wall_s is None else wall_s
+        self.mono = 1_000_000
+
+    def wall_s(self):
+        return self.wall
+
+    def monotonic_ms(self):
+        return self.mono
+
+    def advance(self, ms):
+        self.mono += ms
+        self.wall += ms / 1000
+
+
+def issuer_keys():
+    made = {name: keys.generate() for name in ("root", "attester", "feed", "registry", "ledger")}
+    raw = {name: keys.public_raw(key) for name, key in made.items()}
+    trust = keys.TrustBundle(
+        issuer=ISSUER,
+        version=1,
+        roots={1: raw["root"]},
+        attesters=frozenset({raw["attester"]}),
+        feed=frozenset({raw["feed"]}),
+        registry=frozenset({raw["registry"]}),
+        ledger=frozenset({raw["ledger"]}),
+    )
+    return made, trust
+
+
+def full_scope(at, *, audience=AUDIENCE, ceiling=Tier.HIGH_CONSEQUENCE, speed_high=1_050_000, lifetime_s=600):
+    def limits(operation, ranges):
+        return tuple(Limit(p, Range(*r)) for p, r in zip(operation.parameters, ranges, strict=True))
+
+    move = limits(MOVE_JOINT, [(-6_500_000, 6_500_000)] * 6 + [(0, speed_high), (0, 2_000_000)])
+    grip = limits(GRIPPER_MOVE, [(0, 85_000), (20_000, 150_000), (20_000, 100_000)])
+    grants = (
+        Grant("ur3e", "gripper_move", grip),
+        Grant("ur3e", "move_joint", move),
+        Grant("ur3e", "read_state"),
+        Grant("ur3e", "stop"),
+    )
+    return Scope(
+        grants=grants,
+        ceiling=ceiling,
+        audiences=frozenset({audience}),
+        delegates=frozenset(),
+        depth=0,
+        not_before=int(at) - 10,
+        not_after=int(at) + lifetime_s,
+    )
+
+
+@dataclass
+class Agent:
+    """A holder with its key and token."""
+
+    name: str
+    key: object
+    token: bytes
+    hop_id: str
+
+    @property
+    def text(self):
+        return token_to_text(self.token)
+
+    def proof(self, body, *, at, url=AUDIENCE, method="POST", key=None, token=None, jti=None):
+        return prove(
+            key or self.key,
+            method=method,
+            url=url,
+            body=body,
+            token=token or self.text,
+            at=int(at),
+            jti=jti or secrets.token_urlsafe(16),
+        )
+
+
+def agent(made, at, *, name="robotic", scope=None):
+    key, hop_id = keys.generate(), secrets.token_hex(16)
+    hop = HopGrant(
+        hop_id=hop_id,
+        agent=name,
+        key=keys.public_raw(key),
+        delegator="alice",
+        purpose="move",
+        request_digest=b"\1" * 32,
+        attestation=Attestation(EvidenceKind.KEY, b"\2" * 32, int(at) - 1),
+        role="robotic",
+    )
+    token = mint(
+        root=made["root"],
+        root_key_id=1,
+        token_id=keys.b64u(secrets.token_bytes(16)),
+        sponsor=Sponsor(ISSUER, "alice", "operator-key", int(at) - 1),
+        hop=hop,
+        scope=scope or full_scope(at),
+        caps=CAPS,
+    )
+    return Agent(name, key, token, hop_id)
+
+
+class Feed:
+    """A revocation view that is as old and as revoked as a test says."""
+
+    def __init__(self):
+        self.epoch, self.age_ms, self.revoked = 1, 0, frozenset()
+
+    def view(self):
+        return RevocationView(self.epoch, self.age_ms, self.revoked)
+
+    def revoke(self, kind, identity):
+        self.epoch += 1
+        self.revoked |= {(kind, identity)}
+
+
+class Registry:
+    """Registered tools, trust and sensors."""
+
+    def __init__(self):
+        self.tools = {n: RegisteredTool(n, "d" * 64, b.operation.name, b.base_tier) for n, b in ARM_TOOLS.items()}
+        self.trust, self.known = {}, {}
+
+    def tool(self, name):
+        return self.tools.get(name)
+
+    def trust_permille(self, agent):
+        return self.trust.get(agent)
+
+    def sensors(self):
+        return self.known
+
+    def add_sensor(self, name="camera-1", *, calibration=CALIBRATION, transit_ms=20):
+        key = keys.generate()
+        self.known = {**self.known, name: RegisteredSensor(name, keys.public_raw(key), calibration, transit_ms)}
+        return key
+
+
+def reading(tier=1, index_milli=900, **changes):
+    fields = {
+        "tier": Tier(tier),
+        "index_milli": index_milli,
+        "violations": (),
+        "contributions": (),
+        "lower_tier_speed": None,
+        "perception": "fresh",
+        "perception_age_ms": 10,
+        "scene_digest": "s" * 64,
+        "model_digest": "m" * 64,
+        "engine": "test",
+    }
+    return ImpactReading(**{**fields, **changes})
+
+
+class Physics:
+    """Says what a test says, and counts how often it was asked."""
+
+    def __init__(self):
+        self.answer, self.asked = reading(), 0
+        self.before = lambda: None
+
+    def assess(self, request):
+        self.asked += 1
+        self.before()
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+class Slot:
+    """One motion at a time."""
+
+    def __init__(self):
+        self.holder = None
+
+    def reserve(self, request_id):
+        if self.holder is None:
+            self.holder = request_id
+        return self.holder == request_id
+
+    def release(self, request_id):
+        if self.holder == request_id:
+            self.holder = None
+
+
+class FailingJournal:
+    """A journal on a disk that is full from some record on."""
+
+    def __init__(self, inner, *, fail_from=0):
+        self.inner, self.left = inner, fail_from
+
+    def append(self, kind, body):
+        from pep.errors import JournalError, PepFault
+
+        if self.left <= 0:
+            raise JournalError(PepFault.JOURNAL_BROKEN, "disk full")
+        self.left -= 1
+        return self.inner.append(kind, body)
+
+
+@dataclass
+class Rig:
+    """A gate with everything injected."""
+
+    tmp: Path
+    clock: object = field(default_factory=ManualClock)
+    timeout_ms: int = 60_000
+
+    def __post_init__(self):
+        self.made, self.trust = issuer_keys()
+        self.path = self.tmp / "journal.ndjson"
+        self.journal = FileJournal.open(self.path, pep_id=PEP, clock=self.clock)
+        self.feed, self.registry, self.physics, self.slot = Feed(), Registry(), Physics(), Slot()
+        self.policies = load_shipped("paper-default")
+        self.replay = ReplayCache(self.clock)
+        self.sent = []
+        self.before_effect = lambda: None
+        self.build()
+
+    def build(self, journal=None):
+        journal = journal or self.journal
+        self.asks = Asks(clock=self.clock, journal=journal, timeout_ms=self.timeout_ms)
+        self.authority = Authority(
+            verifier=Verifier(self.trust, CAPS),
+            feed=self.feed,
+            replay=self.replay,
+            clock=self.clock,
+            caps=CAPS,
+            audience=AUDIENCE,
+            started_s=self.clock.wall_s() - 100,
+        )
+        self.gate = Gate(
+            clock=self.clock,
+            authority=self.authority,
+            registry=self.registry,
+            limits=Ur3eLimits(),
+            slot=self.slot,
+            physics=self.physics,
+            policies=self.policies,
+            journal=journal,
+            asks=self.asks,
+        )
+        return self
+
+    def agent(self, **options):
+        return agent(self.made, self.clock.wall_s(), **options)
+
+    def credentials(self, holder, *, lease_ms=30_000):
+        body = b"{}"
+        presented = Presented(holder.text, holder.proof(body, at=self.clock.wall_s()), "POST", AUDIENCE, body)
+        return self.authority.check(presented, lease_ms=lease_ms)
+
+    def call(self, holder, tool="move_joint", arguments=None, *, credentials=None, digest="d" * 64):
+        binding = ARM_TOOLS[tool]
+        if arguments is None:
+            arguments = MOVE if tool == "move_joint" else {}
+        request = to_request(
+            binding, arguments, request_id=secrets.token_hex(16), audience=AUDIENCE, at=self.clock.wall_s()
+        )
+        registered = self.registry.tool(tool)
+        return Call(
+            request=request,
+            operation=binding.operation,
+            tool=ToolReading(
+                tool,
+                registered.definition_digest if registered else None,
+                digest,
+                registered.base_tier if registered else None,
+            ),
+            credentials=credentials or self.credentials(holder),
+            arrived_ms=self.clock.monotonic_ms(),
+        )
+
+    async def effect(self, permit):
+        self.before_effect()
+        permit.spend(digest=permit.digest, stopped_ms=None)
+        self.sent.append(permit.request_id)
+        return Result(value={"moved": True})
+
+    def records(self, kind=None):
+        return [r for r in self.journal.records() if kind is None or r["kind"] == kind]
+
+
+class FakeIssuer:
+    """The provider's feed, registry and ledger on the wire, with every lie that a test wants told."""
+
+    def __init__(self, made, clock, *, tools=(), sensors=()):
+        self.made, self.clock = made, clock
+        self.epoch, self.registry_version, self.entries = 0, 1, []
+        self.tools, self.sensors, self.trust = tuple(tools), tuple(sensors), ()
+        self.down = False
+        self.lie = {}
+        self.signer = made["feed"]
+        self.registry_audience = None
+        self.shipped, self.through = [], 0
+        self.asked = []
+
+    def revoke(self, kind, identity):
+        self.epoch += 1
+        self.entries.append(revocation.Entry(self.epoch, kind, identity))
+
+    def client(self):
+        return httpx2.AsyncClient(transport=httpx2.MockTransport(self.handle))
+
+    def handle(self, request):
+        if self.down:
+            raise httpx2.ConnectError("down")
+        parts = urlsplit(str(request.url))
+        query = {k: v[0] for k, v in parse_qs(parts.query).items()}
+        path = parts.path.removeprefix(urlsplit(ISSUER).path)
+        self.asked.append(path)
+        match path:
+            case "/revocations":
+                return httpx2.Response(200, text=self.index(**query))
+            case "/registry":
+                return httpx2.Response(200, text=self.snapshot(**query))
+            case "/ledger/records":
+                return self.take(json.loads(request.content)["records"])
+        return httpx2.Response(404)
+
+    def index(self, *, since, nonce):
+        since = int(since)
+        fields = {
+            "issuer": ISSUER,
+            "epoch": self.epoch,
+            "since": since,
+            "as_of_ms": int(self.clock.wall_s() * 1000),
+            "nonce": nonce,
+            "registry_version": self.registry_version,
+            "entries": tuple(e for e in self.entries if e.epoch > since)[: revocation.ENTRIES],
+        }
+        return revocation.sign(revocation.RevocationIndex(**{**fields, **self.lie}), self.signer)
+
+    def snapshot(self, *, audience):
+        return registry_statement.sign(
+            registry_statement.RegistrySnapshot(
+                issuer=ISSUER,
+                version=self.registry_version,
+                audience=self.registry_audience or audience,
+                as_of_ms=int(self.clock.wall_s() * 1000),
+                tools=self.tools,
+                sensors=self.sensors,
+                trust=self.trust,
+            ),
+            self.made["registry"],
+        )
+
+    def take(self, records):
+        for record in records:
+            if record["seq"] == self.through + 1:
+                self.shipped.append(record)
+                self.through += 1
+            elif record["seq"] > self.through + 1:
+                return httpx2.Response(409, json={"code": "RECORD_GAP"})
+        return httpx2.Response(200, json={"accepted_through": self.through})

@@ -1,0 +1,289 @@
+"""A whole cell without the identity provider's process: the real controller, the real physics, the real ur_rtde client, a real sensor."""
+
+import asyncio
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+
+import httpx2
+import pytest
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+
+from capabilities import keys
+from capabilities.statements.registry import SensorEntry, ToolEntry
+from pep.mcp.arm import tool_definitions
+from pep.mcp.guard import DECISION_META
+from pep.pit import CellParameters
+from pep.rtde.gripper import RobotiqGripper
+from pep.rtde.state import ReceivedState
+from policies.load import load_shipped
+from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys
+from tests.pep.test_mcp import Signed
+from ztpm.tool_server import CellConfig, ToolServer
+
+LEFT = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
+RIGHT = (0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
+PASSPHRASE = "correct horse battery staple"
+pytestmark = pytest.mark.e2e
+
+
+class Child:
+    """A process that says when it is ready."""
+
+    def __init__(self, module, *arguments):
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "ZTPM_PASSPHRASE": PASSPHRASE},
+        )
+        timer = threading.Timer(60, self.popen.kill)
+        timer.start()
+        line = self.popen.stdout.readline()
+        timer.cancel()
+        assert json.loads(line)["ready"] is True
+
+    def tell(self, **command):
+        self.popen.stdin.write(json.dumps(command).encode() + b"\n")
+        self.popen.stdin.flush()
+
+    def end(self):
+        self.popen.terminate()
+        try:
+            self.popen.wait(10)
+        except subprocess.TimeoutExpired:
+            self.popen.kill()
+            self.popen.wait(10)
+        self.popen.stdin.close()
+        self.popen.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def controller():
+    child = Child("pep.sim", "--host", HOST, "--joints=" + ",".join(map(str, LEFT)))
+    yield child
+    child.end()
+
+
+class Cell:
+    """A running tool server with everything around it."""
+
+    def __init__(self, tmp, sensor):
+        self.made, trust = issuer_keys()
+        sensor_key, pep_key = keys.generate(), keys.generate()
+        (tmp / "sensor.key").write_bytes(keys.to_pem(sensor_key, PASSPHRASE.encode()))
+        (tmp / "sensor.key").chmod(0o600)
+        config = CellConfig(
+            audience=AUDIENCE,
+            host=HOST,
+            port=PORT,
+            pep_id=PEP,
+            issuer=ISSUER,
+            trust_file=tmp / "trust.json",
+            pep_key_file=tmp / "pep.key",
+            journal_file=tmp / "journal.ndjson",
+            state_dir=tmp,
+            robot_host=HOST,
+            perception_port=PORT + 1,
+            policy="paper-default",
+            defer_timeout_s=1,
+            cell=CellParameters(),
+        )
+        tools = [ToolEntry(t.name, t.definition_digest, t.operation, t.base_tier) for t in tool_definitions_cached()]
+        sensors = [SensorEntry("camera-1", keys.public_raw(sensor_key), CALIBRATION, 20)]
+        from pep.clock import SystemClock
+
+        self.clock = SystemClock()
+        self.issuer = FakeIssuer(self.made, self.clock, tools=tools, sensors=sensors)
+        self.server = ToolServer(
+            config, trust=trust, key=pep_key, policies=load_shipped("paper-default"), http=self.issuer.client()
+        )
+        self.server.recover()
+        self.sensor = sensor(str(tmp / "sensor.key"))
+
+    @contextlib.asynccontextmanager
+    async def running(self):
+        task = asyncio.create_task(self.server.run())
+        try:
+            async with asyncio.timeout(60):
+                while True:
+                    with contextlib.suppress(OSError):
+                        _, writer = await asyncio.open_connection(HOST, PORT)
+                        writer.close()
+                        break
+                    assert not task.done(), task.exception()
+                    await asyncio.sleep(0.05)
+            yield self
+        finally:
+            self.server.ended.set()
+            await task
+            self.sensor.end()
+
+    def holder(self, name="robotic", **options):
+        return agent(self.made, self.clock.wall_s(), name=name, **options)
+
+    async def use(self, holder, tool, arguments):
+        async with httpx2.AsyncClient(auth=Signed(holder, self.clock), timeout=60) as http:
+            async with Client(streamable_http_client(AUDIENCE, http_client=http)) as client:
+                return await client.call_tool(tool, arguments)
+
+    async def move(self, holder, q, speed=0.5):
+        arguments = {"q_rad": list(q), "speed_rad_s": speed, "acceleration_rad_s2": 1.4}
+        return await self.use(holder, "move_joint", arguments)
+
+    async def see(self, holder, people=(), objects=()):
+        self.sensor.tell(people=list(people), objects=list(objects))
+        async with asyncio.timeout(20):
+            while True:
+                world = (await self.use(holder, "read_state", {})).structured_content["world"]
+                if (world["people"], world["objects"]) == (len(people), len(objects)):
+                    return
+
+    def records(self, kind):
+        return [r["body"] for r in self.server.journal.records() if r["kind"] == kind]
+
+
+_DEFINITIONS = []
+
+
+def tool_definitions_cached():
+    if not _DEFINITIONS:
+        _DEFINITIONS.extend(tool_definitions())
+    return _DEFINITIONS
+
+
+tool_definitions_cached()
+
+
+def sensor(key_file):
+    return Child(
+        "pep.sim.sensor", "--key-file", key_file, "--sensor", "camera-1", "--calibration", CALIBRATION,
+        "--to", f"{HOST}:{PORT + 1}",
+    )  # fmt: skip
+
+
+def in_cell(tmp_path, scenario):
+    async def inside():
+        cell = Cell(tmp_path, sensor)
+        async with cell.running():
+            return await scenario(cell)
+
+    return asyncio.run(inside())
+
+
+def decided(result):
+    told = result.meta[DECISION_META]
+    return told["decision"], told["reason"], told["tier"]
+
+
+def test_the_arm_moves_stops_and_loses_authority(controller, tmp_path):
+    eyes = ReceivedState(HOST)
+
+    async def scenario(cell):
+        holder = cell.holder()
+        await cell.see(holder)
+
+        # an empty cell: permitted, and the arm arrives
+        result = await cell.move(holder, RIGHT)
+        assert decided(result) == ("PERMIT", "PERMITTED", 1)
+        assert result.structured_content["outcome"] == "reached", result.structured_content
+        assert eyes.read().q_rad == pytest.approx(RIGHT, abs=2e-3)
+
+        # a stop while it moves
+        moving = asyncio.create_task(cell.move(holder, LEFT, speed=0.3))
+        await moved(eyes, RIGHT)
+        stopped = await cell.use(holder, "stop", {})
+        assert stopped.structured_content["outcome"] == "stopped"
+        assert (await moving).structured_content["outcome"] == "stopped"
+        assert eyes.read().still
+
+        # busy while it moves
+        here = eyes.read().q_rad
+        moving = asyncio.create_task(cell.move(holder, LEFT, speed=0.3))
+        await moved(eyes, here)
+        second = await cell.move(holder, RIGHT)
+        assert decided(second)[:2] == ("DENY", "BUSY")
+
+        # authority lost while it moves
+        cell.issuer.revoke("hop", holder.hop_id)
+        with contextlib.suppress(Exception):
+            # The SDK lists the tools to check the result, and is refused by then.
+            await moving
+        ends = [body.get("result", {}).get("outcome") for body in cell.records("outcome")]
+        assert "authority_lost" in ends
+        assert eyes.read().still
+        holder = cell.holder()
+
+        # a caller who goes away
+        here = eyes.read().q_rad
+        moving = asyncio.create_task(cell.move(holder, RIGHT, speed=0.2))
+        await moved(eyes, here)
+        moving.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await moving
+        async with asyncio.timeout(10):
+            while "cancelled" not in [body["outcome"] for body in cell.records("outcome")]:
+                await asyncio.sleep(0.02)
+        assert eyes.read().still
+
+        # a person in the way: deferred, nothing moves, and silence denies
+        await cell.see(holder, people=[{"id": "bob", "x_m": 0.66, "y_m": 0.0}])
+        before = eyes.read().q_rad
+        deferred = await cell.move(holder, RIGHT)
+        assert decided(deferred)[0] == "DEFER"
+        async with asyncio.timeout(10):
+            while not cell.records("ask-expired"):
+                await asyncio.sleep(0.05)
+        assert decided(await cell.move(holder, RIGHT))[:2] == ("DENY", "APPROVAL_TIMEOUT")
+        assert eyes.read().q_rad == pytest.approx(before, abs=2e-3)
+
+        # a sensor that falls silent over an empty cell: nobody knows whether it still is
+        await cell.see(holder)
+        cell.sensor.tell(pause=True)
+        async with asyncio.timeout(10):
+            while (await cell.use(holder, "read_state", {})).structured_content["world"]["perception"] != "stale":
+                await asyncio.sleep(0.05)
+        assert decided(await cell.move(holder, RIGHT)) == ("DEFER", "TIER_NEEDS_APPROVAL", 3)
+        cell.sensor.tell(pause=False)
+        await cell.see(holder)
+
+        # the gripper: not before a person has activated it
+        inactive = await cell.use(holder, "gripper_move", {"width_m": 0.04, "speed_m_s": 0.1, "force_n": 40.0})
+        assert inactive.is_error
+        await asyncio.to_thread(RobotiqGripper(HOST).activate)
+        grip = await cell.use(holder, "gripper_move", {"width_m": 0.04, "speed_m_s": 0.1, "force_n": 40.0})
+        assert decided(grip)[0] == "PERMIT"
+        assert grip.structured_content["width_m"] == pytest.approx(0.04, abs=2e-3)
+
+        # an arm that is moving when the server ends
+        here = eyes.read().q_rad
+        target = RIGHT if abs(here[0] - RIGHT[0]) > 0.3 else LEFT
+        asyncio.create_task(cell.move(holder, target, speed=0.2))
+        await moved(eyes, here)
+
+    in_cell(tmp_path, scenario)
+    assert eyes.read().still
+    eyes.close()
+
+
+async def moved(eyes, start):
+    async with asyncio.timeout(10):
+        while abs(eyes.read().q_rad[0] - start[0]) < 0.02:
+            await asyncio.sleep(0.005)
+
+
+def test_the_journal_reaches_the_ledger(controller, tmp_path):
+    async def scenario(cell):
+        await cell.see(cell.holder())
+        async with asyncio.timeout(10):
+            while cell.issuer.through < cell.server.journal.last_seq:
+                await asyncio.sleep(0.05)
+        return cell.issuer.shipped
+
+    shipped = in_cell(tmp_path, scenario)
+    assert [record["seq"] for record in shipped] == list(range(1, len(shipped) + 1))

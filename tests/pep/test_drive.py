@@ -1,0 +1,325 @@
+"""Driving: how a motion ends, and that a stop ends everything, by the dashboard if it must."""
+
+import asyncio
+import threading
+import time
+
+import pytest
+
+from capabilities.errors import Fault, FaultCode
+from pep.clock import SystemClock
+from pep.errors import ActuationRefusedError, PepFault, RobotError
+from pep.operations import GRIPPER_MOVE, MOVE_JOINT, digest_of
+from pep.permit import Permit
+from pep.rtde.drive import Drive, End
+from pep.rtde.gripper import Grip
+from pep.rtde.guard import GuardedControl
+from pep.rtde.state import JointState
+from policies.reasons import Reason
+from tests.pep.kit import AUDIENCE
+
+HERE = (0.0,) * 6
+THERE = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Arm:
+    """Moves its first joint towards a target, as fast as it is asked to."""
+
+    def __init__(self):
+        self.q, self.target, self.speed, self.asked = 0.0, None, 0.0, []
+        self.deaf, self.silent, self.sticks = False, False, False
+        self.unheard, self.decelerations = False, []
+        self.mode, self.at = 1, time.monotonic()
+        self.lock = threading.Lock()
+
+    def go_on(self):
+        now = time.monotonic()
+        step, self.at = self.speed * (now - self.at), now
+        if self.target is not None and not self.sticks:
+            way = self.target - self.q
+            self.q += max(-step, min(step, way))
+            if self.q == self.target:
+                self.target = None
+
+    # rtde_control
+    def moveJ(self, q, speed, acceleration, asynchronous):
+        with self.lock:
+            self.go_on()
+            self.asked.append("moveJ")
+            self.target, self.speed = q[0], speed
+        return not self.unheard
+
+    def stopJ(self, a, asynchronous):
+        self.asked.append("stopJ")
+        self.decelerations.append(a)
+        if self.deaf:
+            raise RuntimeError("not connected")
+        self.halt()
+
+    def halt(self):
+        with self.lock:
+            self.go_on()
+            self.target = None
+
+    def stopScript(self):
+        self.asked.append("stopScript")
+
+    def disconnect(self):
+        self.asked.append("disconnect")
+
+    # state
+    def read(self):
+        time.sleep(0.001)
+        if self.silent:
+            raise RobotError(PepFault.ROBOT_STALLED)
+        with self.lock:
+            self.go_on()
+            moving = self.target is not None and not self.sticks
+            return JointState((self.q, *HERE[1:]), (self.speed if moving else 0.0, *HERE[1:]), 7, self.mode)
+
+
+class Fingers:
+    def __init__(self):
+        self.halted, self.moves = threading.Event(), []
+
+    def move(self, *, stopped, **numbers):
+        self.moves.append(numbers)
+        self.halted.clear()  # as a gripper does that only knows its own last command
+        while not stopped():
+            self.halted.wait(0.01)
+        return Grip(40_000, object=False, arrived=False)
+
+    def halt(self):
+        self.halted.set()
+
+
+class World:
+    def __init__(self):
+        self.clock, self.arm, self.fingers = SystemClock(), Arm(), Fingers()
+        self.fault, self.dashboard = None, []
+        self.starts = {"r": HERE}
+        self.deceleration = 6.0
+
+    def drive(self):
+        def by_dashboard():
+            self.dashboard.append("stop")
+            self.arm.halt()
+
+        return Drive(
+            control=GuardedControl(
+                self.arm,
+                audience=AUDIENCE,
+                clock=self.clock,
+                raise_refusals=True,
+                stop_deceleration_rad_s2=self.deceleration,
+            ),
+            state=self.arm,
+            gripper=self.fingers,
+            dashboard_stop=by_dashboard,
+            start_of=self.starts.get,
+            audience=AUDIENCE,
+            clock=self.clock,
+        )
+
+    def permit(self, operation=MOVE_JOINT, numbers=(*THERE, 2.0, 1.4), lifetime_ms=5_000):
+        now = self.clock.monotonic_ms()
+        return Permit(
+            request_id="r",
+            digest=digest_of(operation, numbers, audience=AUDIENCE),
+            since_ms=now,
+            deadline_ms=now + lifetime_ms,
+            clock=self.clock,
+            standing=lambda: self.fault,
+        )
+
+
+@pytest.fixture
+def world():
+    return World()
+
+
+def driven(world, scenario):
+    async def inside():
+        drive = world.drive()
+        async with asyncio.timeout(20):
+            end = await scenario(drive)
+            await drive.close()
+            return end
+
+    return asyncio.run(inside())
+
+
+async def until(seen):
+    while not seen():
+        await asyncio.sleep(0.002)
+
+
+def test_it_arrives(world):
+    end = driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit()))
+    assert (end.end, end.q_rad[0]) == (End.REACHED, pytest.approx(0.5, abs=1e-3))
+
+
+def test_a_stop_ends_it(world):
+    async def scenario(drive):
+        moving = asyncio.create_task(drive.move_joint(THERE, 0.2, 1.4, world.permit(numbers=(*THERE, 0.2, 1.4))))
+        await until(lambda: world.arm.target is not None)
+        stopped = await drive.stop()
+        return stopped, await moving
+
+    stopped, moving = driven(world, scenario)
+    assert stopped.end is moving.end is End.STOPPED
+    assert world.arm.q < 0.5
+    assert world.arm.decelerations[0] == 6.0
+    assert world.dashboard == []
+
+
+def test_lost_authority_ends_it(world):
+    async def scenario(drive):
+        moving = asyncio.create_task(drive.move_joint(THERE, 0.2, 1.4, world.permit(numbers=(*THERE, 0.2, 1.4))))
+        await until(lambda: world.arm.target is not None)
+        world.fault = Fault(FaultCode.REVOKED, "TOK-9")
+        return await moving
+
+    end = driven(world, scenario)
+    assert (end.end, end.reason) == (End.AUTHORITY_LOST, "REVOKED")
+    assert world.arm.target is None
+
+
+def test_a_cancelled_caller_ends_it(world):
+    async def scenario(drive):
+        moving = asyncio.create_task(drive.move_joint(THERE, 0.2, 1.4, world.permit(numbers=(*THERE, 0.2, 1.4))))
+        await until(lambda: world.arm.target is not None)
+        moving.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await moving
+        assert world.arm.target is None
+
+    driven(world, scenario)
+
+
+def test_a_silent_arm_is_stopped(world):
+    async def scenario(drive):
+        moving = asyncio.create_task(drive.move_joint(THERE, 0.2, 1.4, world.permit(numbers=(*THERE, 0.2, 1.4))))
+        await until(lambda: world.arm.target is not None)
+        world.arm.silent = True
+        await until(lambda: "stopJ" in world.arm.asked)
+        world.arm.silent = False
+        return await moving
+
+    end = driven(world, scenario)
+    assert (end.end, end.reason) == (End.ROBOT_FAILED, "ROBOT_STALLED")
+
+
+def test_an_arm_that_does_not_begin_is_stopped(world):
+    world.arm.sticks = True
+    end = driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit()))
+    assert end.end is End.ROBOT_FAILED
+    assert world.arm.target is None
+
+
+def test_a_protective_stop_is_told_at_once(world):
+    world.arm.mode, world.arm.sticks = 3, True
+    assert driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit())).end is End.ROBOT_FAILED
+
+
+@pytest.mark.parametrize("start", [None, (0.003, *HERE[1:])])
+def test_an_arm_that_is_elsewhere_than_assessed_does_not_move(world, start):
+    world.starts = {"r": start}
+
+    async def scenario(drive):
+        with pytest.raises(ActuationRefusedError) as raised:
+            await drive.move_joint(THERE, 2.0, 1.4, world.permit())
+        assert raised.value.reason is Reason.NOT_WHAT_WAS_DECIDED
+
+    driven(world, scenario)
+    assert "moveJ" not in world.arm.asked
+
+
+def test_the_dashboard_stops_what_the_control_connection_cannot(world):
+    async def scenario(drive):
+        moving = asyncio.create_task(drive.move_joint(THERE, 0.05, 1.4, world.permit(numbers=(*THERE, 0.05, 1.4))))
+        await until(lambda: world.arm.target is not None)
+        world.arm.deaf = True
+        end = await drive.stop()
+        await moving
+        return end
+
+    assert driven(world, scenario).end is End.STOPPED
+    assert "stop" in world.dashboard
+    assert world.arm.target is None
+
+
+def test_closing_stops_a_moving_arm(world):
+    async def scenario(drive):
+        asyncio.create_task(drive.move_joint(THERE, 0.05, 1.4, world.permit(numbers=(*THERE, 0.05, 1.4))))
+        await until(lambda: world.arm.target is not None)
+
+    driven(world, scenario)
+    assert world.arm.target is None
+    assert world.arm.asked[-2:] == ["stopScript", "disconnect"]
+
+
+GRIP = (0.04, 0.1, 40.0)
+
+
+def test_the_fingers_get_what_was_decided_and_stop_with_authority(world):
+    async def scenario(drive):
+        moving = asyncio.create_task(drive.gripper_move(*GRIP, world.permit(GRIPPER_MOVE, GRIP)))
+        await until(lambda: world.fingers.moves)
+        world.fault = Fault(FaultCode.REVOKED, "TOK-9")
+        return await moving
+
+    driven(world, scenario)
+    assert world.fingers.moves == [{"width_um": 40_000, "speed_um_s": 100_000, "force_mn": 40_000}]
+    assert world.fingers.halted.is_set()
+
+
+def test_a_stop_between_the_permit_and_the_fingers_is_not_lost(world):
+    async def scenario(drive):
+        free = threading.Event()
+        drive._fingers.submit(free.wait, 10)  # the worker is busy when the permit is spent
+        permit = world.permit(GRIPPER_MOVE, GRIP)
+        moving = asyncio.create_task(drive.gripper_move(*GRIP, permit))
+        await until(lambda: permit.spent)
+        await drive.stop()
+        free.set()
+        with pytest.raises(ActuationRefusedError) as raised:
+            await moving
+        assert raised.value.reason is permit.refusal is Reason.VERDICT_EXPIRED
+
+    driven(world, scenario)
+    assert world.fingers.moves == []
+
+
+def test_an_arm_that_may_have_heard_an_unacknowledged_command_is_stopped(world):
+    world.arm.unheard = True
+
+    async def scenario(drive):
+        with pytest.raises(ActuationRefusedError) as raised:
+            await drive.move_joint(THERE, 2.0, 1.4, world.permit())
+        assert raised.value.reason is Reason.EFFECT_FAILED
+        assert world.arm.target is None
+
+    driven(world, scenario)
+
+
+def test_the_fingers_do_not_move_for_another_decision(world):
+    async def scenario(drive):
+        with pytest.raises(ActuationRefusedError) as raised:
+            await drive.gripper_move(0.04, 0.1, 41.0, world.permit(GRIPPER_MOVE, GRIP))
+        assert raised.value.reason is Reason.NOT_WHAT_WAS_DECIDED
+
+    driven(world, scenario)
+    assert world.fingers.moves == []
+
+
+def test_one_holder_at_a_time(world):
+    async def scenario(drive):
+        assert drive.reserve("a")
+        assert not drive.reserve("b")
+        drive.release("b")
+        assert not drive.reserve("b")
+        drive.release("a")
+        assert drive.reserve("b")
+
+    driven(world, scenario)

@@ -1,0 +1,263 @@
+"""`GuardedControl`: the interface of ur_rtde, every name of it sorted by hand, and no motion without a permit."""
+
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from pep.errors import ActuationRefusedError
+from pep.operations import MOVE_JOINT, digest_of
+from pep.permit import Permit
+from pep.rtde.guard import CONFIGURATION, MOTION, READING, STOPPING, GuardedControl
+from policies.reasons import Reason
+from tests.pep.kit import AUDIENCE, ManualClock
+
+Q = [0.1, -1.2, 1.0, -1.1, -1.57, 0.0]
+
+
+class Raw:
+    """Remembers what reached it."""
+
+    def __init__(self):
+        self.calls = []
+
+    def __getattr__(self, name):
+        def call(*arguments, **options):
+            self.calls.append((name, arguments))
+            return True
+
+        return call
+
+
+@pytest.fixture
+def clock():
+    return ManualClock()
+
+
+@pytest.fixture
+def raw():
+    return Raw()
+
+
+def guarded(raw, clock, *, raise_refusals=True, deceleration=6.0):
+    return GuardedControl(
+        raw, audience=AUDIENCE, clock=clock, raise_refusals=raise_refusals, stop_deceleration_rad_s2=deceleration
+    )
+
+
+@pytest.fixture
+def control(raw, clock):
+    return guarded(raw, clock)
+
+
+def permit(clock, numbers=(*Q, 0.5, 1.4), **changes):
+    fields = {
+        "request_id": "r",
+        "digest": digest_of(MOVE_JOINT, numbers, audience=AUDIENCE),
+        "since_ms": clock.mono,
+        "deadline_ms": clock.mono + 50,
+        "clock": clock,
+        "standing": lambda: None,
+    }
+    return Permit(**{**fields, **changes})
+
+
+def refused(call, reason, raw):
+    with pytest.raises(ActuationRefusedError) as raised:
+        call()
+    assert raised.value.reason is reason
+    assert raw.calls == []
+
+
+def test_every_name_of_the_interface_is_sorted_once():
+    interface = pytest.importorskip("rtde_control").RTDEControlInterface
+    names = {name for name in vars(interface) if not name.startswith("_") and callable(getattr(interface, name))}
+    names -= {"Flags", "Feature"}
+    ours = [*MOTION, *CONFIGURATION, *READING, *STOPPING, "moveJ", "disconnect"]
+    assert len(ours) == len(set(ours))
+    assert set(ours) == names
+
+
+def test_with_its_permit_exactly_these_numbers_are_sent(control, raw, clock):
+    assert control.moveJ(Q, 0.5, 1.4, True, permit=permit(clock)) is True
+    assert raw.calls == [("moveJ", (Q, 0.5, 1.4, True))]
+
+
+def test_without_permit(control, raw):
+    refused(lambda: control.moveJ(Q, 0.5, 1.4, True), Reason.NOT_WHAT_WAS_DECIDED, raw)
+
+
+@pytest.mark.parametrize("index", range(8))
+def test_one_unit_off_in_any_number_is_something_else(control, raw, clock, index):
+    numbers = [*Q, 0.5, 1.4]
+    numbers[index] = round(numbers[index] + 1e-6, 6)
+    right = permit(clock)
+    refused(lambda: control.moveJ(numbers[:6], *numbers[6:], True, permit=right), Reason.NOT_WHAT_WAS_DECIDED, raw)
+
+
+def test_less_than_one_unit_off_is_something_else(control, raw, clock):
+    wrong = [Q[0] + 1e-9, *Q[1:]]
+    refused(lambda: control.moveJ(wrong, 0.5, 1.4, True, permit=permit(clock)), Reason.NOT_WHAT_WAS_DECIDED, raw)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_not_finite(control, raw, clock, value):
+    right = permit(clock)
+    refused(lambda: control.moveJ([value, *Q[1:]], 0.5, 1.4, True, permit=right), Reason.NOT_WHAT_WAS_DECIDED, raw)
+
+
+def test_too_late(control, raw, clock):
+    right = permit(clock)
+    clock.advance(51)
+    refused(lambda: control.moveJ(Q, 0.5, 1.4, True, permit=right), Reason.VERDICT_EXPIRED, raw)
+
+
+def test_a_spoilt_permit_stays_spoilt(control, raw, clock):
+    right = permit(clock)
+    refused(lambda: control.moveJ([0.0] * 6, 0.5, 1.4, True, permit=right), Reason.NOT_WHAT_WAS_DECIDED, raw)
+    refused(lambda: control.moveJ(Q, 0.5, 1.4, True, permit=right), Reason.NOT_WHAT_WAS_DECIDED, raw)
+
+
+def test_twice(control, raw, clock):
+    right = permit(clock)
+    control.moveJ(Q, 0.5, 1.4, True, permit=right)
+    raw.calls.clear()
+    refused(lambda: control.moveJ(Q, 0.5, 1.4, True, permit=right), Reason.NOT_WHAT_WAS_DECIDED, raw)
+
+
+def test_a_stop_voids_what_was_asked_for_before(control, raw, clock):
+    right = permit(clock)
+    clock.advance(1)
+    control.stopJ()
+    raw.calls.clear()
+    refused(lambda: control.moveJ(Q, 0.5, 1.4, True, permit=right), Reason.VERDICT_EXPIRED, raw)
+    clock.advance(1)
+    assert control.moveJ(Q, 0.5, 1.4, True, permit=permit(clock))
+
+
+def test_a_path_or_a_waiting_move_is_refused(control, raw, clock):
+    right = permit(clock)
+    refused(lambda: control.moveJ(Q, 0.5, 1.4, permit=right), Reason.PARAMETERS_WRONG, raw)
+    refused(
+        lambda: control.moveJ([[*Q, 0.5, 1.4, 0.0]], 0.5, 1.4, True, permit=right), Reason.NOT_WHAT_WAS_DECIDED, raw
+    )
+
+
+@pytest.mark.parametrize("name", [*MOTION, *CONFIGURATION])
+def test_everything_else_that_moves_or_configures_is_refused(control, raw, name):
+    refused(lambda: getattr(control, name)([0.0] * 6), Reason.NOT_GRANTED, raw)
+
+
+@pytest.mark.parametrize("name", STOPPING)
+def test_every_stop_passes(control, raw, clock, name):
+    getattr(control, name)()
+    assert raw.calls[0][0] == name
+    assert control.stopped_ms == clock.mono
+
+
+@pytest.mark.parametrize(
+    ("asked", "sent"), [((), 6.0), ((0.1,), 6.0), ((float("nan"),), 6.0), ((9.0,), 9.0), ((float("inf"),), 40.0)]
+)
+def test_a_weak_stop_is_made_as_strong_as_the_cells(control, raw, asked, sent):
+    control.stopJ(*asked)
+    assert raw.calls == [("stopJ", (sent, False))]
+
+
+@pytest.mark.parametrize(("name", "rest"), [("stopL", (False,)), ("speedStop", ()), ("servoStop", ())])
+@pytest.mark.parametrize(("deceleration", "asked", "sent"), [(6.0, 0.1, 10.0), (12.0, 0.1, 12.0), (6.0, 20.0, 20.0)])
+def test_no_other_stop_is_weaker_either(raw, clock, name, rest, deceleration, asked, sent):
+    control = guarded(raw, clock, deceleration=deceleration)
+    getattr(control, name)(asked)
+    getattr(control, name)(a=asked)
+    assert raw.calls == [(name, (sent, *rest))] * 2
+
+
+@pytest.mark.parametrize("deceleration", [0.0, -1.0, 40.1, float("nan")])
+def test_a_deceleration_that_no_stop_can_have(raw, clock, deceleration):
+    with pytest.raises(ValueError, match="deceleration"):
+        guarded(raw, clock, deceleration=deceleration)
+
+
+def test_a_stop_does_not_wait_for_a_command_that_hangs(raw, clock):
+    hanging, enough = threading.Event(), threading.Event()
+
+    class Hangs(Raw):
+        def moveJ(self, *_):
+            hanging.set()
+            enough.wait(10)
+            return True
+
+    control = guarded(Hangs(), clock)
+    moving = threading.Thread(target=lambda: control.moveJ(Q, 0.5, 1.4, True, permit=permit(clock)))
+    moving.start()
+    hanging.wait(10)
+    control.stopJ()
+    assert moving.is_alive()
+    enough.set()
+    moving.join()
+
+
+@pytest.mark.parametrize("name", ["somethingNew", "_control_raw", "FLAG_UPLOAD_SCRIPT"])
+def test_an_unknown_name_is_refused(control, name):
+    with pytest.raises(AttributeError):
+        getattr(control, name)
+
+
+def test_as_ur_rtde_would_a_refusal_returns_false(raw, clock):
+    control = guarded(raw, clock, raise_refusals=False)
+    assert control.moveJ(Q, 0.5, 1.4, True) is False
+    assert control.moveL(Q) is False
+    assert raw.calls == []
+
+
+def test_a_controller_that_does_not_take_the_command(clock):
+    class Deaf(Raw):
+        def moveJ(self, *_):
+            return False
+
+    deaf = Deaf()
+    with pytest.raises(ActuationRefusedError) as raised:
+        guarded(deaf, clock).moveJ(Q, 0.5, 1.4, True, permit=permit(clock))
+    assert raised.value.reason is Reason.EFFECT_FAILED
+    assert deaf.calls == [("stopJ", (6.0, False))]  # it may have been heard all the same
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_a_stop_that_overtakes_a_command_is_given_again_behind_it(clock, fails):
+    handing, enough = threading.Event(), threading.Event()
+
+    class Slow(Raw):
+        def moveJ(self, *_):
+            handing.set()
+            enough.wait(10)
+            self.calls.append(("moveJ", ()))
+            if fails:
+                raise RuntimeError("connection lost")
+            return True
+
+    slow = Slow()
+    control = guarded(slow, clock)
+    ends = []
+
+    def move():
+        try:
+            ends.append(control.moveJ(Q, 0.5, 1.4, True, permit=permit(clock)))
+        except RuntimeError as error:
+            ends.append(str(error))
+
+    moving = threading.Thread(target=move)
+    moving.start()
+    assert handing.wait(10)
+    control.stopJ()
+    enough.set()
+    moving.join(10)
+    assert [name for name, _ in slow.calls] == ["stopJ", "moveJ", "stopJ"]
+    assert ends == ["connection lost" if fails else True]
+
+
+def test_the_package_exports_it_without_loading_it():
+    script = (
+        "import sys, pep.rtde.codec; assert 'pep.rtde.guard' not in sys.modules; from pep.rtde import GuardedControl"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, timeout=60)

@@ -1,0 +1,374 @@
+"""Frames: only what a registered sensor signed, in order and in time, may say what the world is; and a bad frame is never nothing."""
+
+import asyncio
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from capabilities import keys
+from capabilities.caps import DEFAULT as CAPS
+from capabilities.statements import observation
+from pep.context.frames import FRAME_BYTES, Distrusted, Frame, FrameFault, Frames, Rejected, Seen, Unseen
+from pep.perception import Receiver
+from pep.pit import CellParameters, observed, standing_adult
+from pep.rtde.state import JointState
+from pep.sim.sensor import SceneCommandError, Sensor
+from pep.world import CellPhysics
+from policies.reasons import Reason
+from tests.pep.kit import AUDIENCE, CALIBRATION, MOVE, ManualClock, Registry
+from pep.mcp.mapping import ARM_TOOLS, to_request
+
+
+class World:
+    def __init__(self):
+        self.clock, self.registry = ManualClock(), Registry()
+        self.key = self.registry.add_sensor()
+        self.frames = Frames(sensors=self.registry, clock=self.clock, caps=CAPS)
+        self.boot, self.sequence = "0" * 32, 0
+
+    def observation(self, **changes):
+        self.sequence += 1
+        seen = observation.Observation(
+            sensor="camera-1",
+            boot_id=self.boot,
+            sequence=self.sequence,
+            captured_ms=int(self.clock.wall_s() * 1000),
+            calibration=CALIBRATION,
+            complete=True,
+            people=(),
+            objects=(),
+        )
+        return replace(seen, **changes)
+
+    def text(self, *, key=None, **changes):
+        return observation.sign(self.observation(**changes), key or self.key).encode()
+
+    def admit(self, **changes):
+        return self.frames.admit(self.text(**changes))
+
+    def distrusted(self, text, fault):
+        verdict = self.frames.admit(text)
+        assert isinstance(verdict, Rejected)
+        assert verdict.fault is fault
+        assert isinstance(self.frames.view(), Distrusted)
+        assert isinstance(self.admit(), Frame)
+        assert isinstance(self.frames.view(), Seen)
+
+
+@pytest.fixture
+def world():
+    world = World()
+    assert isinstance(world.admit(), Frame)
+    return world
+
+
+def test_age_counts_from_arrival_and_adds_the_declared_transit(world):
+    assert world.frames.view().age_ms == 20
+    world.clock.advance(300)
+    assert world.frames.view().age_ms == 320
+    world.clock.wall += 60
+    assert world.frames.view().age_ms == 320
+
+
+def test_nothing_seen_yet():
+    world = World()
+    assert isinstance(world.frames.view(), Unseen)
+
+
+def test_no_registered_sensor_is_no_view(world):
+    world.registry.known = {}
+    assert isinstance(world.frames.view(), Unseen)
+
+
+def test_every_registered_sensor_must_be_heard(world):
+    second = world.registry.add_sensor("camera-2")
+    assert isinstance(world.frames.view(), Unseen)
+    world.clock.advance(100)
+    world.admit(sensor="camera-2", key=second)
+    assert world.frames.view().age_ms == 120  # the older of the two
+
+
+def test_forged(world):
+    world.distrusted(world.text(key=keys.generate()), FrameFault.UNTRUSTED)
+
+
+def test_signed_by_another_registered_sensor(world):
+    second = world.registry.add_sensor("camera-2")
+    world.frames.admit(world.text(sensor="camera-2", key=second))
+    world.distrusted(world.text(key=second), FrameFault.UNTRUSTED)
+
+
+def test_replayed(world):
+    text = world.text()
+    assert isinstance(world.frames.admit(text), Frame)
+    world.distrusted(text, FrameFault.NOT_NEWER)
+
+
+def test_reordered(world):
+    first, second = world.text(), world.text()
+    world.frames.admit(second)
+    world.distrusted(first, FrameFault.NOT_NEWER)
+
+
+def test_an_earlier_boot_does_not_come_back(world):
+    old = world.text()
+    world.clock.advance(10)
+    assert isinstance(world.admit(boot_id="1" * 32, sequence=1), Frame)
+    verdict = world.frames.admit(old)
+    assert verdict.fault is FrameFault.NOT_NEWER
+    world.clock.advance(10)
+    assert world.admit(boot_id="0" * 32, sequence=99).fault is FrameFault.NOT_NEWER
+
+
+def test_a_new_boot_continues(world):
+    world.clock.advance(10)
+    assert isinstance(world.admit(boot_id="1" * 32, sequence=1), Frame)
+    assert isinstance(world.frames.view(), Seen)
+
+
+def test_a_recording_from_before_the_start():
+    world = World()
+    assert world.admit(captured_ms=int((world.clock.wall_s() - 60) * 1000)).fault is FrameFault.OUT_OF_TIME
+    assert isinstance(world.frames.view(), Distrusted)
+
+
+def test_a_frame_that_was_held_up_is_as_old_as_its_sender_says():
+    world = World()
+    captured_ms = int(world.clock.wall_s() * 1000) - 800
+    world.frames.admit(world.text(captured_ms=captured_ms))
+    assert world.frames.view().age_ms >= 800
+    assert world.admit(captured_ms=captured_ms - 5_000).fault in {FrameFault.OUT_OF_TIME, FrameFault.NOT_NEWER}
+
+
+def test_seconds_late_is_a_recording():
+    world = World()
+    assert world.admit(captured_ms=int((world.clock.wall_s() - 4) * 1000)).fault is FrameFault.OUT_OF_TIME
+
+
+def test_from_the_future(world):
+    world.distrusted(world.text(captured_ms=int((world.clock.wall_s() + 60) * 1000)), FrameFault.OUT_OF_TIME)
+
+
+def test_wrong_calibration(world):
+    world.distrusted(world.text(calibration="cd" * 32), FrameFault.WRONG_CALIBRATION)
+
+
+def test_unknown_sensor(world):
+    world.distrusted(world.text(sensor="camera-9", key=keys.generate()), FrameFault.UNKNOWN_SENSOR)
+
+
+@pytest.mark.parametrize("text", [b"", b"hello", b"a.b.c", b"\xff\xfe", b"e30.e30.e30", b"{}"])
+def test_garbage(world, text):
+    world.distrusted(text, FrameFault.MALFORMED)
+
+
+def test_oversized(world):
+    world.distrusted(world.text() + b"A" * FRAME_BYTES, FrameFault.TOO_LARGE)
+
+
+@pytest.mark.parametrize("value", [b"NaN", b"Infinity", b"1e999", b"1.5"])
+def test_a_number_that_is_no_integer(world, value):
+    import base64
+
+    from capabilities import jws
+
+    claims = world.text().split(b".")[1]
+    raw = base64.urlsafe_b64decode(claims + b"=" * (-len(claims) % 4))
+    assert b'"sequence":' in raw
+    spoilt = raw.replace(b'"sequence":%d' % world.sequence, b'"sequence":' + value)
+    signed = jws.sign(
+        {"typ": "ztpm-observation+jwt", "kid": keys.thumbprint(keys.public_raw(world.key))}, spoilt, world.key
+    )
+    verdict = world.frames.admit(signed.encode())
+    assert isinstance(verdict, Rejected)
+    assert isinstance(world.frames.view(), Distrusted)
+
+
+def test_one_sensors_good_frame_does_not_excuse_anothers_bad_one(world):
+    second = world.registry.add_sensor("camera-2")
+    world.admit(sensor="camera-2", key=second)
+    world.frames.admit(world.text(key=keys.generate()))
+    world.clock.advance(10)
+    world.admit(sensor="camera-2", key=second)
+    assert isinstance(world.frames.view(), Distrusted)
+
+
+def test_a_withdrawn_sensor_is_not_believed_any_more(world):
+    world.registry.known = {}
+    assert world.admit().fault is FrameFault.UNKNOWN_SENSOR
+
+
+# -- on the wire
+
+
+def received(world, *chunks, until):
+    told = []
+
+    async def scenario():
+        receiver = Receiver(world.frames, clock=world.clock, incident=lambda *what: told.append(what))
+        port = await receiver.listen("127.0.0.1", 0)
+        _, writer = await asyncio.open_connection("127.0.0.1", port)
+        for chunk in chunks:
+            writer.write(chunk)
+        if chunks:
+            await writer.drain()
+        async with asyncio.timeout(10):
+            while not until(told):
+                await asyncio.sleep(0.005)
+        writer.close()
+        await receiver.close()
+
+    asyncio.run(scenario())
+    return told
+
+
+def test_frames_arrive_in_pieces_and_several_at_once(world):
+    text = b"\n".join([world.text(), world.text(), world.text()]) + b"\n"
+    last = world.sequence
+    received(
+        world,
+        text[:100],
+        text[100:],
+        until=lambda _: world.frames.view().frames[0].observation.sequence == last,
+    )
+
+
+def test_bad_frames_are_told_without_flooding(world):
+    told = received(world, b"x\n" * 50, until=lambda told: told and isinstance(world.frames.view(), Distrusted))
+    assert told == [("", "MALFORMED", "", 1)]
+
+
+def ended(world, *chunks):
+    """Whether the receiver hangs up on a sender of these chunks."""
+
+    async def scenario():
+        receiver = Receiver(world.frames, clock=world.clock, incident=lambda *what: None)
+        port = await receiver.listen("127.0.0.1", 0)
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        for chunk in chunks:
+            writer.write(chunk)
+        await writer.drain()
+        try:
+            async with asyncio.timeout(3):
+                return await reader.read() == b""
+        except TimeoutError:
+            return False
+        finally:
+            writer.close()
+            await receiver.close()
+
+    return asyncio.run(scenario())
+
+
+def test_a_stranger_is_hung_up_on(world, monkeypatch):
+    monkeypatch.setattr("pep.perception.FIRST_FRAME_S", 0.2)
+    assert ended(world, b"\n")
+    assert ended(world, b"x\n")
+    assert ended(world, world.text(sensor="camera-9") + b"\n")
+    assert ended(world), "who says nothing makes room"
+    assert not ended(world, world.text() + b"\n"), "a sensor stays"
+
+
+def test_invented_names_are_one_incident(world):
+    frames = [world.text(sensor=f"camera-{n}") + b"\n" for n in range(7, 12)]
+    told = []
+
+    async def scenario():
+        receiver = Receiver(world.frames, clock=world.clock, incident=lambda *what: told.append(what))
+        port = await receiver.listen("127.0.0.1", 0)
+        for frame in frames:
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(frame)
+            await reader.read()
+            writer.close()
+        await receiver.close()
+
+    asyncio.run(scenario())
+    assert [(sensor, fault) for sensor, fault, *_ in told] == [("", "UNKNOWN_SENSOR")]
+
+
+def test_an_endless_line_ends_the_connection(world):
+    told = received(world, b"A" * (2 * FRAME_BYTES), until=bool)
+    assert told[0][1] == "TOO_LARGE"
+    assert isinstance(world.frames.view(), Distrusted)
+
+
+# -- what physics makes of it
+
+
+class Still:
+    def read(self):
+        return JointState((0.0,) * 6, (0.0,) * 6, 7, 1)
+
+
+def physics(world):
+    return CellPhysics(robot=None, cell=CellParameters(), frames=world.frames, state=Still())
+
+
+def request():
+    return to_request(ARM_TOOLS["move_joint"], MOVE, request_id="r", audience=AUDIENCE, at=0.0)
+
+
+def test_distrusted_perception_is_a_fault_not_a_tier(world):
+    world.frames.admit(world.text(key=keys.generate()))
+    assert physics(world).assess(request()).reason == Reason.PERCEPTION_INVALID
+    assert physics(world).summary()["perception"] == "invalid"
+
+
+def test_what_breaks_in_physics_is_a_fault(world):
+    assert physics(world).assess(request()).reason == Reason.PHYSICS_FAULT
+
+
+def test_summary_counts(world):
+    sensor = Sensor(world.key, name="camera-1", calibration=CALIBRATION)
+    sensor.obey(
+        '{"people": [{"id": "bob", "x_m": 1.0, "y_m": 0.0}], "objects": [{"id": "glass", "kind": "fragile",'
+        ' "shape": {"type": "sphere", "center_m": [0.4, 0.0, 0.1], "radius_m": 0.03}}]}'
+    )
+    world.clock.advance(10)
+    assert isinstance(world.frames.admit(sensor.frame(captured_s=world.clock.wall_s()).encode()), Frame)
+    summary = physics(world).summary()
+    assert (summary["perception"], summary["people"], summary["objects"]) == ("fresh", 1, 1)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "",
+        "[]",
+        "{",
+        '{"people": [{}]}',
+        '{"people": [{"x_m": NaN, "y_m": 0}]}',
+        '{"people": [{"x_m": 1e999, "y_m": 0}]}',
+        '{"objects": [{"kind": "fragile"}]}',
+        '{"people": 1}',
+    ],
+)
+def test_the_simulated_sensor_keeps_its_scene_when_a_command_is_none(world, line):
+    sensor = Sensor(world.key, name="camera-1", calibration=CALIBRATION)
+    sensor.obey('{"people": [{"id": "bob", "x_m": 1.0, "y_m": 0.0}]}')
+    with pytest.raises(SceneCommandError):
+        sensor.obey(line)
+    assert len(sensor.people) == 1
+
+
+def test_the_simulated_sensor_makes_nobody_thinner(world):
+    sensor = Sensor(world.key, name="camera-1", calibration=CALIBRATION)
+    sensor.obey('{"people": [{"id": "bob", "x_m": 1.0000004, "y_m": 0.3, "facing_rad": 0.5}]}')
+    assert sensor.people == (observed(standing_adult(1.0000004, 0.3, facing_rad=0.5, name="bob")),)
+
+
+def test_the_simulated_sensor_refuses_a_key_that_others_can_read(tmp_path):
+    path = tmp_path / "sensor.key"
+    path.write_bytes(keys.to_pem(keys.generate(), b"secret words"))
+    path.chmod(0o644)
+    ended = subprocess.run(
+        [sys.executable, "-m", "pep.sim.sensor", "--key-file", str(path), "--sensor", "s", "--calibration", "ab" * 32,
+         "--to", "127.0.0.1:9"],
+        env={**os.environ, "ZTPM_PASSPHRASE": "secret words"}, input="", capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert "CONFIG_INVALID" in ended.stderr

@@ -1,0 +1,113 @@
+"""The paper's three cells, and random scenes and moves, for the tests of the physics room."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from pep.pit import (
+    Box,
+    Capsule,
+    CellParameters,
+    MoveJ,
+    Person,
+    Region,
+    Robot,
+    Scene,
+    Sphere,
+    Thing,
+    Zone,
+    adult_at_distance,
+)
+from pep.pit.path import Path
+
+ROBOT = Robot.load("ur3e")
+CELL = CellParameters()
+SEED = b"a command's digest"
+HOME = (0.0, -1.62, 1.25, -1.20, -1.57, 0.0)
+
+
+def sweep(speed=1.05, acceleration=1.4, half=0.6):
+    """The paper's arc from left to right, through the front."""
+    return MoveJ((-half, *HOME[1:]), (half, *HOME[1:]), speed, acceleration)
+
+
+def tcp(q=HOME):
+    path = Path(ROBOT, MoveJ(q, q, 1.0, 1.0))
+    _, poses = path.nodes(np.array([0]))
+    return poses.ends[0, ROBOT.body_index("tcp"), 0]
+
+
+FRONT = math.atan2(tcp()[1], tcp()[0])
+
+
+def empty():
+    return Scene.of_cell(CELL)
+
+
+def with_glass():
+    x, y, _ = tcp()
+    glass = Thing("glass", "fragile", Capsule((x, y, 0.03), (x, y, 0.10), 0.035), CELL.object_uncertainty_m)
+    return replace(empty(), objects=(*empty().objects, glass))
+
+
+def with_person(distance=0.5, bearing=FRONT):
+    return replace(empty(), people=(adult_at_distance(distance, bearing_rad=bearing),))
+
+
+def random_move(rng, amplitude=2.0):
+    while True:
+        start = np.array(
+            [
+                rng.uniform(-math.pi, math.pi),
+                rng.uniform(-2.2, -0.9),
+                rng.uniform(0.4, 2.0) * rng.choice([-1, 1]),
+                rng.uniform(-2.5, 0),
+                rng.uniform(-2, 2),
+                rng.uniform(-math.pi, math.pi),
+            ]
+        )
+        target = start + amplitude * rng.uniform(-1, 1, 6)
+        if abs(target[2]) < 3.1 and -3.3 < target[1] < 0.2:
+            return MoveJ(
+                tuple(start.tolist()), tuple(target.tolist()), float(rng.uniform(0.1, 3)), float(rng.uniform(0.5, 5))
+            )
+
+
+def random_shape(rng, kinds="csb", near=0.25, far=0.9):
+    while True:
+        direction = rng.standard_normal(3)
+        center = direction / np.linalg.norm(direction) * rng.uniform(near, far) + np.array([0, 0, 0.15])
+        if math.hypot(center[0], center[1]) > 0.15:
+            break
+    center = center.tolist()
+    match rng.choice(list(kinds)):
+        case "s":
+            return Sphere(tuple(center), float(rng.uniform(0.02, 0.06)))
+        case "c":
+            way = rng.standard_normal(3)
+            way *= rng.uniform(0.03, 0.12) / np.linalg.norm(way)
+            return Capsule(
+                tuple((center - way).tolist()), tuple((center + way).tolist()), float(rng.uniform(0.015, 0.05))
+            )
+        case _:
+            turn = rng.standard_normal(4)
+            turn /= np.linalg.norm(turn)
+            return Box(tuple(center), tuple(rng.uniform(0.02, 0.07, 3).tolist()), tuple(turn.tolist()))
+
+
+def random_scene(rng, things=4, regions=3, zones=1):
+    people = ()
+    if regions:
+        parts = tuple((Region(rng.choice(list(Region))), random_shape(rng, "cs", 0.4, 1.5)) for _ in range(regions))
+        people = (Person("someone", parts),)
+    return Scene(
+        people=people,
+        objects=tuple(
+            Thing(f"thing{k}", str(rng.choice(["fragile", "rigid"])), random_shape(rng), float(rng.uniform(0, 0.02)))
+            for k in range(things)
+        ),
+        zones=tuple(Zone(f"zone{k}", random_shape(rng), int(rng.integers(1, 5))) for k in range(zones)),
+    )

@@ -1,0 +1,485 @@
+"""The cell's MCP tool server: perception, feeds, gate, guard and robot in one process.
+
+    python -m ztpm.tool_server --config cell.toml
+
+The passphrase of the PEP's key comes from the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line
+with `"ready": true`. SIGTERM stops the arm first and everything else after it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import ipaddress
+import json
+import logging
+import math
+import resource
+import signal
+import sys
+import tomllib
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+import httpx2
+import uvicorn
+
+from capabilities import keys
+from capabilities.caps import DEFAULT as CAPS
+from capabilities.errors import CapabilityError
+from capabilities.verify import Verifier
+from pep import key_file, records
+from pep.approvals import Asks, expired_body
+from pep.authority import Authority, proof_life_ms
+from pep.clock import SystemClock
+from pep.context.frames import Frames
+from pep.errors import ConfigError, PepError, PepFault
+from pep.feed import Follower, MarkFile
+from pep.gate import Gate
+from pep.mcp.arm import arm_server
+from pep.mcp.guard import guard
+from pep.mcp.mapping import ARM_TOOLS
+from pep.perception import Receiver
+from pep.pit import CellError, CellParameters, Robot
+from pep.record import FileJournal
+from pep.replay import ReplayCache
+from pep.rtde.dashboard import stop_program
+from pep.rtde.drive import Drive
+from pep.rtde.gripper import RobotiqGripper
+from pep.rtde.guard import JOINT_DECELERATION_LIMIT_RAD_S2, GuardedControl
+from pep.rtde.limits import Ur3eLimits
+from pep.rtde.state import ReceivedState
+from pep.ship import Shipper
+from pep.world import CellPhysics
+from policies.errors import PolicyError
+from policies.load import SHIPPED, load, load_shipped
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    from policies.policy import PolicySet
+
+ROBOT_MODEL: Final = "ur3e"
+CONFIG_BYTES: Final = 1_048_576
+FIRST_VIEW_S: Final = 30.0
+"""Longest wait for the first verified view before the server listens anyway, denying everything until it comes."""
+EXPIRY_PERIOD_S: Final = 0.1
+SHUTDOWN_S: Final = 3
+KEEP_ALIVE_S: Final = 5
+CONNECTIONS: Final = 64
+"""Callers at once; a cell has a handful of agents. The next are told 503."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellConfig:
+    """`cell.toml`, checked.
+
+    Attributes:
+        audience: canonical URL of this server; also the `htu` of every proof.
+        host, port: where it listens.
+        pep_id: this PEP's registered id.
+        issuer: base URL of the identity provider.
+        trust_file: its public trust bundle.
+        pep_key_file: this PEP's key, encrypted.
+        journal_file: the durable journal.
+        state_dir: what is kept over restarts besides.
+        robot_host: address of the controller.
+        perception_port: where sensors push frames, on `host`.
+        policy: name of a shipped set, or a path.
+        defer_timeout_s: how long a deferral waits for a person.
+        cell: the physical cell.
+    """
+
+    audience: str
+    host: str
+    port: int
+    pep_id: str
+    issuer: str
+    trust_file: Path
+    pep_key_file: Path
+    journal_file: Path
+    state_dir: Path
+    robot_host: str
+    perception_port: int
+    policy: str
+    defer_timeout_s: int
+    cell: CellParameters
+
+    @staticmethod
+    def from_toml(text: str) -> CellConfig:
+        """The configuration that a TOML text spells, every key given, none unknown.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`, naming the key.
+        """
+        try:
+            table = tomllib.loads(text)
+        except (tomllib.TOMLDecodeError, RecursionError) as error:
+            raise ConfigError(PepFault.CONFIG_INVALID, "not TOML") from error
+        names = {field.name for field in fields(CellConfig)}
+        for wrong in sorted(names ^ set(table)):
+            raise ConfigError(PepFault.CONFIG_INVALID, f"{wrong} is {'missing' if wrong in names else 'unknown'}")
+        given: dict[str, Any] = {}
+        for field in fields(CellConfig):
+            value = table[field.name]
+            wanted = {"int": int, "CellParameters": dict}.get(str(field.type), str)
+            if type(value) is not wanted or value == "":
+                raise ConfigError(PepFault.CONFIG_INVALID, f"{field.name} must be a {wanted.__name__}, and not empty")
+            given[field.name] = Path(str(value)) if field.type == "Path" else value
+        try:
+            given["cell"] = CellParameters.from_table(given["cell"])
+        except CellError as error:
+            raise ConfigError(PepFault.CONFIG_INVALID, f"cell: {error.detail}") from error
+        config = CellConfig(**given)
+        config.check()
+        return config
+
+    def check(self) -> None:
+        """Nothing in it is insecure.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`, naming the key.
+        """
+        for name, url in (("audience", self.audience), ("issuer", self.issuer)):
+            parts = urlsplit(url)
+            if (
+                parts.scheme not in {"http", "https"}
+                or not parts.hostname
+                or len(parts.path) < 2
+                or parts.query
+                or parts.fragment
+            ):
+                raise ConfigError(PepFault.CONFIG_INVALID, f"{name} must be a URL with a path")
+            if parts.scheme == "http" and not _loopback(parts.hostname):
+                raise ConfigError(PepFault.CONFIG_INVALID, f"{name}: plain HTTP on loopback only")
+        if urlsplit(self.audience).scheme == "http" and not _loopback(self.host):
+            raise ConfigError(PepFault.CONFIG_INVALID, "host: plain HTTP on loopback only")
+        for name, port in (("port", self.port), ("perception_port", self.perception_port)):
+            if not 1 <= port <= 65_535:
+                raise ConfigError(PepFault.CONFIG_INVALID, f"{name} is no port")
+        if not 1 <= self.defer_timeout_s <= 3_600:
+            raise ConfigError(PepFault.CONFIG_INVALID, "defer_timeout_s must be 1 to 3600")
+        if self.cell.stop_deceleration_rad_s2 > JOINT_DECELERATION_LIMIT_RAD_S2:
+            raise ConfigError(PepFault.CONFIG_INVALID, "cell: stop_deceleration_rad_s2 is harder than a stop can be")
+
+
+def _loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def read_config(path: Path) -> CellConfig:
+    """The configuration at `path`.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
+    try:
+        raw = path.read_bytes()
+        if len(raw) > CONFIG_BYTES:
+            raise ConfigError(PepFault.CONFIG_INVALID, "too large")
+        return CellConfig.from_toml(raw.decode("utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"{path}: {type(error).__name__}") from error
+
+
+def read_trust(config: CellConfig) -> keys.TrustBundle:
+    """The trust bundle of the configured issuer.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
+    try:
+        trust = keys.TrustBundle.from_json(config.trust_file.read_bytes())
+    except (OSError, CapabilityError) as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"trust_file: {type(error).__name__}") from error
+    if trust.issuer != config.issuer:
+        raise ConfigError(PepFault.CONFIG_INVALID, "trust_file is of another issuer")
+    return trust
+
+
+def read_key(config: CellConfig) -> Ed25519PrivateKey:
+    """The PEP's key.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID` when it is missing, readable by others, or the passphrase is missing or wrong.
+    """
+    return key_file.read_key(config.pep_key_file, name="pep_key_file")
+
+
+def read_policies(config: CellConfig) -> PolicySet:
+    """The policy set.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
+    try:
+        if config.policy in SHIPPED:
+            return load_shipped(config.policy)
+        return load(Path(config.policy).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, PolicyError) as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"policy: {error}") from error
+
+
+class _Server(uvicorn.Server):
+    """A server that leaves signals to the composition: the arm is stopped before anything else ends."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """No signal is captured here."""
+        yield
+
+
+class ToolServer:
+    """All parts of one cell, composed.
+
+    Args:
+        config: of the cell.
+        trust: the issuer's public keys.
+        key: of this PEP.
+        policies: what is decided by.
+        http: client of the identity provider.
+
+    Attributes:
+        ended: set it to end the server.
+    """
+
+    def __init__(
+        self,
+        config: CellConfig,
+        *,
+        trust: keys.TrustBundle,
+        key: Ed25519PrivateKey,
+        policies: PolicySet,
+        http: httpx2.AsyncClient,
+    ) -> None:
+        self.config = config
+        self.clock = SystemClock()
+        # Rounded up: a proof counts whole seconds, and one made before the start must not pass for one made after it.
+        self.started_s = math.ceil(self.clock.wall_s())
+        self.journal = FileJournal.open(config.journal_file, pep_id=config.pep_id, clock=self.clock)
+        self.http = http
+        self.ended = asyncio.Event()
+        self.follower = Follower(
+            self.http,
+            issuer=config.issuer,
+            audience=config.audience,
+            trust=trust,
+            caps=CAPS,
+            clock=self.clock,
+            mark=MarkFile(config.state_dir / "feed.json"),
+            incident=self._feed_incident,
+        )
+        self.shipper = Shipper(
+            self.journal,
+            self.http,
+            issuer=config.issuer,
+            key=key,
+            clock=self.clock,
+            incident=lambda error: self._log("ledger", error),
+        )
+        self.frames = Frames(sensors=self.follower, clock=self.clock, caps=CAPS)
+        self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
+        self.state = ReceivedState(config.robot_host)
+        self.physics = CellPhysics(
+            robot=Robot.load(ROBOT_MODEL), cell=config.cell, frames=self.frames, state=self.state
+        )
+        self.drive = Drive(
+            control=GuardedControl(
+                _connect(config.robot_host),
+                audience=config.audience,
+                clock=self.clock,
+                raise_refusals=True,
+                stop_deceleration_rad_s2=config.cell.stop_deceleration_rad_s2,
+            ),
+            state=self.state,
+            gripper=RobotiqGripper(config.robot_host),
+            dashboard_stop=lambda: stop_program(config.robot_host),
+            start_of=self.physics.start_of,
+            audience=config.audience,
+            clock=self.clock,
+        )
+        self.replay = ReplayCache(self.clock)
+        self.asks = Asks(clock=self.clock, journal=self.journal, timeout_ms=config.defer_timeout_s * 1000)
+        self.authority = Authority(
+            verifier=Verifier(trust, CAPS),
+            feed=self.follower,
+            replay=self.replay,
+            clock=self.clock,
+            caps=CAPS,
+            audience=config.audience,
+            started_s=self.started_s,
+        )
+        self.gate = Gate(
+            clock=self.clock,
+            authority=self.authority,
+            registry=self.follower,
+            limits=Ur3eLimits(),
+            slot=self.drive,
+            physics=self.physics,
+            policies=policies,
+            journal=self.journal,
+            asks=self.asks,
+        )
+        self.app = guard(
+            arm_server(self.drive, self.physics.summary),
+            gate=self.gate,
+            authority=self.authority,
+            registry=self.follower,
+            bindings=ARM_TOOLS,
+            audience=config.audience,
+            issuer=config.issuer,
+            clock=self.clock,
+        )
+        self._told: dict[str, int] = {}
+
+    def recover(self) -> None:
+        """What an earlier process left unfinished has an end on record, and what it accepted is not accepted again."""
+        permits, asks = records.unfinished(self.journal.records())
+        earliest_ms = (self.clock.wall_s() * 1000) - proof_life_ms(CAPS)
+        expires_ms = self.clock.monotonic_ms() + proof_life_ms(CAPS)
+        for record in self.journal.records():
+            if record["kind"] == "decision" and record["at_ms"] >= earliest_ms and record["body"]["proof"]:
+                self.replay.remember(bytes.fromhex(record["body"]["proof"]), expires_ms=expires_ms)
+        if self.journal.repaired_bytes:
+            self.journal.append("incident", {"what": "torn-tail", "bytes": self.journal.repaired_bytes})
+        for request_id, digest in permits:
+            self.journal.append("outcome", {"request_id": request_id, "decision": digest, "outcome": "unknown"})
+        for ask_id, digest in asks:
+            self.journal.append("ask-expired", expired_body(ask_id, digest))
+
+    async def run(self) -> None:
+        """The server has run until it was told to end, and the arm stands still."""
+        loop = asyncio.get_running_loop()
+        config = uvicorn.Config(
+            self.app,
+            host=self.config.host,
+            port=self.config.port,
+            log_level="error",
+            access_log=False,
+            h11_max_incomplete_event_size=32_768,
+            http="h11",
+            timeout_graceful_shutdown=SHUTDOWN_S,
+            timeout_keep_alive=KEEP_ALIVE_S,
+            limit_concurrency=CONNECTIONS,
+        )
+        server = _Server(config)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.ended.set)
+        tasks = [asyncio.create_task(part) for part in (self.follower.run(), self.shipper.run(), self._expire())]
+        try:
+            await self._first_view()
+            # Not before: a frame is judged by the registered keys, and without them every sensor is a stranger.
+            await self.receiver.listen(self.config.host, self.config.perception_port)
+            serving = asyncio.create_task(server.serve())
+            while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn offers no event for it
+                await asyncio.sleep(0.01)
+            if server.started:
+                sys.stdout.write(json.dumps({"ready": True, "audience": self.config.audience}) + "\n")
+                sys.stdout.flush()
+            await asyncio.wait({serving, asyncio.create_task(self.ended.wait())}, return_when=asyncio.FIRST_COMPLETED)
+            await self.drive.stop()
+            server.should_exit = True
+            await serving
+        finally:
+            await self._close(tasks)
+
+    async def _first_view(self) -> None:
+        """The first verified view is there and proofs made now are accepted, or it has been waited for long enough."""
+        deadline_ms = self.clock.monotonic_ms() + int(FIRST_VIEW_S * 1000)
+        while not self.ended.is_set() and self.clock.monotonic_ms() < deadline_ms:
+            if self.follower.view().age_ms < FIRST_VIEW_S * 1000 and self.clock.wall_s() >= self.started_s:
+                return
+            await asyncio.sleep(0.02)
+
+    async def _expire(self) -> None:
+        """Deferrals end on time, also when nobody comes back for them."""
+        while True:
+            try:
+                await asyncio.to_thread(self.asks.expire)
+            except PepError as error:
+                self._log("journal", error)
+            await asyncio.sleep(EXPIRY_PERIOD_S)
+
+    async def _close(self, tasks: list[asyncio.Task[None]]) -> None:
+        await self.drive.close()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await self.receiver.close()
+        self.gate.close()
+        await self.http.aclose()
+        self.state.close()
+        self.journal.close()
+
+    def _feed_incident(self, error: PepError) -> None:
+        """A refused answer is on record, once a minute for each kind; an unreachable provider is only told."""
+        self._log("feed", error)
+        now = self.clock.monotonic_ms()
+        if error.code is PepFault.FEED_UNREACHABLE or now - self._told.get(error.code, now - 60_000) < 60_000:
+            return
+        self._told[error.code] = now
+        self._note({"what": "feed", "fault": str(error.code), "detail": error.detail})
+
+    def _frame_incident(self, sensor: str, fault: str, detail: str, count: int) -> None:
+        self._note({"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count})
+
+    def _note(self, body: dict[str, object]) -> None:
+        noted = asyncio.get_running_loop().create_task(self.gate.record("incident", body))
+        noted.add_done_callback(lambda task: None if task.cancelled() else self._log("journal", task.exception()))
+
+    def _log(self, what: str, error: BaseException | None) -> None:
+        if error is not None:
+            logging.getLogger("ztpm.tool_server").warning("%s: %s", what, error)
+
+
+def _connect(host: str) -> Any:
+    """A control connection with the uploaded script running.
+
+    Raises:
+        PepError: `ROBOT_UNREACHABLE`.
+    """
+    from rtde_control import RTDEControlInterface
+
+    try:
+        return RTDEControlInterface(host)
+    except RuntimeError as error:
+        raise PepError(PepFault.ROBOT_UNREACHABLE, str(error)) from error
+
+
+async def serve(config: CellConfig) -> None:
+    """The cell's tool server has run and ended, its arm standing still.
+
+    Raises:
+        PepError: when a part cannot be had; nothing was served then.
+    """
+    policies, trust, key = read_policies(config), read_trust(config), read_key(config)
+    server = ToolServer(config, trust=trust, key=key, policies=policies, http=httpx2.AsyncClient())
+    server.recover()
+    await server.run()
+
+
+def main() -> None:
+    """The command line. Exit code 1 for whatever keeps it from serving."""
+    parser = argparse.ArgumentParser(prog="python -m ztpm.tool_server", description="The MCP tool server of a cell.")
+    parser.add_argument("--config", type=Path, required=True)
+    options = parser.parse_args()
+    # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    try:
+        asyncio.run(serve(read_config(options.config)))
+    except PepError as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
