@@ -1,0 +1,29 @@
+"""The identity provider: who may lend authority to whom, what is revoked, and the record of it all."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ztpm_idp.app import create_app
+    from ztpm_idp.server import serve
+    from ztpm_idp.settings import IdpKeys, Settings, SettingsError
+
+__all__ = ["IdpKeys", "Settings", "SettingsError", "create_app", "serve"]
+
+_HOMES = {
+    "IdpKeys": "ztpm_idp.settings",
+    "Settings": "ztpm_idp.settings",
+    "SettingsError": "ztpm_idp.settings",
+    "create_app": "ztpm_idp.app",
+    "serve": "ztpm_idp.server",
+}
+
+
+def __getattr__(name: str) -> object:
+    # Loaded when asked for: an agent that only wants the client needs no web server and no database library.
+    from importlib import import_module
+
+    if name not in _HOMES:
+        raise AttributeError(name)
+    return getattr(import_module(_HOMES[name]), name)

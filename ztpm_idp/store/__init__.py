@@ -1,0 +1,6 @@
+"""Where the identity provider's state lives: one SQL schema, one transaction for each command."""
+
+from ztpm_idp.store.engine import Store
+from ztpm_idp.store.errors import ConflictError, OnceOnlyError, StoreError, StoreUnavailableError
+
+__all__ = ["ConflictError", "OnceOnlyError", "Store", "StoreError", "StoreUnavailableError"]

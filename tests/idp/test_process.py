@@ -1,0 +1,201 @@
+"""The identity provider as a process: ready line, clean end, no secret on its outputs, and nothing acknowledged is lost to kill -9."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import random
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import httpx2
+import pytest
+
+from capabilities import keys
+from capabilities.caps import DEFAULT
+from capabilities.statements import revocation
+from tests.idp.world import MEASUREMENT, World
+from ztpm_idp import ledger_file
+from ztpm_idp.bootstrap import FirstPerson, initialise
+from ztpm_idp.client import Agent, ClientError, Operator
+
+pytestmark = pytest.mark.e2e
+PASSPHRASE = "correct horse battery staple"
+ROLES = ("root", "attester", "feed", "registry", "ledger")
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Process:
+    """A configured identity provider that can be started, killed and started again on the same files."""
+
+    def __init__(self, folder: Path):
+        self.folder, self.port = folder, free_port()
+        self.issuer = f"http://127.0.0.1:{self.port}/ztpm"
+        self.private = {role: keys.generate() for role in ROLES} | {"alice": keys.generate()}
+        for role in ROLES:
+            path = folder / f"{role}.key"
+            path.write_bytes(keys.to_pem(self.private[role], PASSPHRASE.encode()))
+            path.chmod(0o600)
+        url = f"sqlite+aiosqlite:///{folder}/idp.sqlite"
+        lines = [
+            f'issuer = "{self.issuer}"',
+            'host = "127.0.0.1"',
+            f"port = {self.port}",
+            f'database_url = "{url}"',
+            "root_key_id = 1",
+        ]
+        (folder / "idp.toml").write_text("\n".join(lines + [f'{role}_key_file = "{role}.key"' for role in ROLES]))
+        alice = FirstPerson("alice", "Alice", keys.public_raw(self.private["alice"]), ("sponsor", "admin"))
+        asyncio.run(initialise(url, people=[alice]))
+        self.output = b""
+
+    def start(self):
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", "ztpm_idp", "--config", str(self.folder / "idp.toml")],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=os.environ | {"ZTPM_PASSPHRASE": PASSPHRASE},
+        )  # fmt: skip
+        line = self.popen.stdout.readline()
+        self.output += line
+        assert json.loads(line) == {"ready": True, "port": self.port}
+        return self
+
+    def end(self, sign):
+        self.popen.send_signal(sign)
+        self.output += self.popen.stdout.read()
+        self.popen.stdout.close()
+        return self.popen.wait(20)
+
+    def operator(self):
+        return Operator("alice", self.private["alice"], self.issuer)
+
+
+@pytest.fixture
+def process(tmp_path):
+    made = Process(tmp_path).start()
+    yield made
+    if made.popen.poll() is None:
+        made.end(signal.SIGKILL)
+
+
+def test_ready_work_and_clean_end_without_a_secret_on_the_outputs(process):
+    with process.operator() as alice, httpx2.Client() as http:
+        process.private["mover"] = keys.generate()
+        alice.register_agent(
+            "mover", keys.public_raw(process.private["mover"]), software_digest=MEASUREMENT.hex(), model="m", role="r"
+        )
+        with Agent("mover", process.private["mover"], process.issuer, MEASUREMENT) as mover:
+            mover.attest()
+            scope = World.scope(type("W", (), {"clock": staticmethod(time.time)}))
+            lent = alice.issue(mover, scope, purpose="canary-purpose")
+        for _ in range(3):
+            http.post(
+                process.issuer + "/people",
+                content=b"{" * 100,
+                headers={"DPoP": "canary-proof", "Authorization": "DPoP canary-token"},
+            )
+        # Headers up to the profile's token and proof pass; far larger ones are refused by the server itself.
+        assert (
+            http.get(process.issuer + "/healthz", headers={"Authorization": "DPoP " + "a" * 12_288}).status_code == 200
+        )
+        assert http.get(process.issuer + "/healthz", headers={"X": "a" * 200_000}).status_code in {400, 431}
+    assert process.end(signal.SIGTERM) == 0
+    for secret in (PASSPHRASE, "canary", lent.token[:40], lent.token[-40:], "PRIVATE KEY", "DPoP"):
+        assert secret.encode() not in process.output
+    assert (process.folder / "idp.sqlite").stat().st_mode & 0o077 == 0o044 or (
+        process.folder / "idp.sqlite"
+    ).stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.timeout(300)
+def test_a_refused_configuration_ends_with_its_name(tmp_path):
+    made = Process(tmp_path)
+    config = tmp_path / "idp.toml"
+    for text, env, setting in (
+        (config.read_text().replace('127.0.0.1"\nport', '0.0.0.0"\nport'), PASSPHRASE, "host"),
+        (config.read_text(), "", "ZTPM_PASSPHRASE"),
+        (config.read_text(), "wrong", "root_key_file"),
+        (config.read_text() + "\nextra = 1\n", PASSPHRASE, "extra"),
+    ):
+        config.write_text(text)
+        ended = subprocess.run(
+            [sys.executable, "-m", "ztpm_idp", "--config", str(config)], env=os.environ | {"ZTPM_PASSPHRASE": env}, capture_output=True, timeout=60,
+        )  # fmt: skip
+        assert ended.returncode == 2
+        assert f"refused to start: {setting}:".encode() in ended.stderr
+        assert b"Traceback" not in ended.stderr
+        config.write_text(config.read_text().replace('0.0.0.0"\nport', '127.0.0.1"\nport').replace("\nextra = 1\n", ""))
+    assert made
+
+
+def revoke_until_dead(process, acknowledged, prefix, stop):
+    """Hop ids revoked and acknowledged, until the process is gone."""
+    number = 0
+    with process.operator() as alice:
+        while not stop.is_set():
+            hop = f"{prefix:08x}{number:024x}"
+            number += 1
+            try:
+                epoch = alice.revoke("hop", hop, "kill test")
+            except ClientError as error:
+                assert error.code in {"UNREACHABLE", "ANSWER_MALFORMED"}, error
+                return
+            acknowledged.append((epoch, hop))
+
+
+@pytest.mark.timeout(300)
+def test_kill_9_loses_no_acknowledged_revocation(tmp_path):
+    """Four people revoke as fast as they can; the process is killed at random instants and started again, four times."""
+    seed = random.SystemRandom().randrange(2**32)
+    print(f"seed {seed}")
+    chance, process, acknowledged = random.Random(seed), Process(tmp_path), []
+    for round_ in range(4):
+        process.start()
+        before, stop = len(acknowledged), threading.Event()
+        threads = [
+            threading.Thread(target=revoke_until_dead, args=(process, acknowledged, round_ * 4 + n, stop), daemon=True)
+            for n in range(4)
+        ]
+        for thread in threads:
+            thread.start()
+        # Not a wait for an effect: the instant of the kill is what is drawn. At least one must be acknowledged first.
+        least, deadline = before + 1 + chance.randrange(60), time.monotonic() + 30
+        while len(acknowledged) < least and time.monotonic() < deadline:
+            threads[0].join(chance.random() / 200)
+        assert len(acknowledged) >= least
+        process.end(signal.SIGKILL)
+        stop.set()
+        for thread in threads:
+            thread.join(30)
+            assert not thread.is_alive()
+    process.start()
+    with httpx2.Client() as http, process.operator() as alice:
+        trust = keys.TrustBundle.from_json(http.get(process.issuer + "/trust").content)
+        entries, since = {}, 0
+        while True:
+            text = http.get(process.issuer + "/revocations", params={"since": str(since), "nonce": "n" * 32}).text
+            index = revocation.open(text, trust.feed, DEFAULT)
+            entries |= {entry.id: entry.epoch for entry in index.entries}
+            since = index.entries[-1].epoch if index.entries else since
+            if index.nonce == "n" * 32:
+                break
+        lost = [(epoch, hop) for epoch, hop in acknowledged if entries.get(hop) != epoch]
+        assert lost == []
+        assert len(acknowledged) >= 4
+        assert sorted(entries.values()) == list(range(1, index.epoch + 1)), "epochs without a hole"
+        lines = alice.export_ledger().splitlines()
+        assert isinstance(ledger_file.verify(lines, trust), ledger_file.Verified)
+        # No half effects: what is in the index is in the ledger, and the other way round.
+        recorded = {e["body"]["id"] for e in map(json.loads, lines) if e.get("kind") == "revoked"}
+        assert recorded == entries.keys()
+    assert process.end(signal.SIGTERM) == 0

@@ -1,0 +1,142 @@
+"""A service with an unsafe or empty setting does not start, and names it."""
+
+from __future__ import annotations
+
+import pytest
+
+from capabilities import keys
+from ztpm_idp.settings import IdpKeys, SettingsError, check_settings, load_keys, load_settings
+
+KEY_FILES = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
+GOOD = {
+    "issuer": "http://127.0.0.1:8700/ztpm",
+    "host": "127.0.0.1",
+    "port": 8700,
+    "database_url": "sqlite+aiosqlite:////tmp/idp.sqlite",
+    "root_key_id": 1,
+}
+TLS = {"tls_certificate_file": "c.pem", "tls_key_file": "k.pem"}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"host": "::1"},
+        {"host": "localhost"},
+        {"issuer": "https://idp.example/ztpm"},
+        {"issuer": "https://idp.example/ztpm", "host": "0.0.0.0", **TLS},
+        {"lifetimes": {"token_s": 600, "nonce_s": 30}},
+    ],
+)
+def test_safe_settings_are_taken(changes):
+    assert check_settings(GOOD | changes).root_key_id == 1
+
+
+@pytest.mark.parametrize(
+    ("setting", "changes"),
+    [
+        ("issuer", {"issuer": ""}),
+        ("issuer", {"issuer": "http://idp.example/ztpm"}),
+        ("issuer", {"issuer": "http://192.168.1.2/ztpm"}),
+        ("issuer", {"issuer": "http://127.0.0.1.evil.example/ztpm"}),
+        ("issuer", {"issuer": "http://127.0.0.1:8700"}),
+        ("issuer", {"issuer": "http://127.0.0.1:8700/ztpm/"}),
+        ("issuer", {"issuer": "ftp://127.0.0.1/ztpm"}),
+        ("issuer", {"issuer": "http://user@127.0.0.1/ztpm"}),
+        ("issuer", {"issuer": "http://127.0.0.1:8700/ztpm?x=1"}),
+        ("issuer", {"issuer": 5}),
+        ("issuer", TLS),
+        ("host", {"host": ""}),
+        ("host", {"host": "0.0.0.0"}),
+        ("host", {"host": "::"}),
+        ("host", {"host": "192.168.1.2"}),
+        ("tls_key_file", {"tls_certificate_file": "c.pem"}),
+        ("tls_certificate_file", {"tls_key_file": "k.pem"}),
+        ("port", {"port": 0}),
+        ("port", {"port": "8700"}),
+        ("port", {"port": True}),
+        ("port", {"port": 65_536}),
+        ("database_url", {"database_url": ""}),
+        ("database_url", {"database_url": "sqlite+aiosqlite://"}),
+        ("database_url", {"database_url": "sqlite+aiosqlite:///:memory:"}),
+        ("database_url", {"database_url": "sqlite+aiosqlite:///file:x?mode=memory&uri=true"}),
+        ("database_url", {"database_url": "sqlite+aiosqlite:///x?isolation_level=IMMEDIATE"}),
+        ("database_url", {"database_url": "sqlite:///x"}),
+        ("database_url", {"database_url": "mysql://x/y"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp@/idp"}),
+        ("database_url", {"database_url": "nonsense"}),
+        ("root_key_id", {"root_key_id": -1}),
+        ("root_key_id", {"root_key_id": "1"}),
+        ("lifetimes.token_s", {"lifetimes": {"token_s": 0}}),
+        ("lifetimes.token_s", {"lifetimes": {"token_s": 86_401}}),
+        ("lifetimes.nonce_s", {"lifetimes": {"nonce_s": 61}}),
+        ("lifetimes.proof_s", {"lifetimes": {"proof_s": 9_999}}),
+        ("open_nonces", {"open_nonces": 0}),
+        ("debug", {"debug": True}),
+    ],
+)
+def test_unsafe_settings_are_refused_by_name(setting, changes):
+    with pytest.raises(SettingsError) as caught:
+        check_settings(GOOD | changes)
+    assert caught.value.setting == setting
+
+
+@pytest.mark.parametrize("missing", sorted(GOOD))
+def test_a_missing_setting_is_named(missing):
+    with pytest.raises(SettingsError) as caught:
+        check_settings({name: value for name, value in GOOD.items() if name != missing})
+    assert caught.value.setting == missing
+
+
+def write_config(folder, *, key_files=KEY_FILES, mode=0o600, passphrase=b"secret", lines=()):
+    for name in set(key_files):
+        (folder / name).write_bytes(keys.to_pem(keys.generate(), passphrase))
+        (folder / name).chmod(mode)
+    stated = [f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v}" for k, v in GOOD.items()]
+    stated += [f'{name} = "{file}"' for name, file in zip(KEY_FILES, key_files, strict=True)]
+    (folder / "idp.toml").write_text("\n".join([*stated, *lines]))
+    return folder / "idp.toml"
+
+
+def refused(folder, path, passphrase="secret"):
+    with pytest.raises(SettingsError) as caught:
+        load_keys(load_settings(path), folder, passphrase)
+    return caught.value.setting
+
+
+def test_a_good_file_is_loaded(tmp_path):
+    settings = load_settings(write_config(tmp_path))
+    assert isinstance(load_keys(settings, tmp_path, "secret"), IdpKeys)
+    assert "root_key_file" not in repr(settings.settings())
+
+
+def test_key_files(tmp_path):
+    path = write_config(tmp_path)
+    assert refused(tmp_path, path, "") == "ZTPM_PASSPHRASE"
+    assert refused(tmp_path, path, "wrong") == "root_key_file"
+    (tmp_path / "feed_key_file").chmod(0o640)
+    assert refused(tmp_path, path) == "feed_key_file"
+    (tmp_path / "feed_key_file").unlink()
+    assert refused(tmp_path, path) == "feed_key_file"
+    (tmp_path / "feed_key_file").write_text("nonsense")
+    (tmp_path / "feed_key_file").chmod(0o600)
+    assert refused(tmp_path, path) == "feed_key_file"
+
+
+def test_one_key_in_two_roles_is_refused(tmp_path):
+    path = write_config(tmp_path, key_files=("one", "one", "feed_key_file", "registry_key_file", "ledger_key_file"))
+    assert refused(tmp_path, path) == "root_key_file"
+
+
+@pytest.mark.parametrize("content", ["", "issuer = ", "\xff", "issuer = 'x'\nissuer = 'y'"])
+def test_files_that_are_no_configuration(tmp_path, content):
+    (tmp_path / "idp.toml").write_bytes(content.encode("latin-1"))
+    with pytest.raises(SettingsError):
+        load_settings(tmp_path / "idp.toml")
+    with pytest.raises(SettingsError):
+        load_settings(tmp_path / "absent.toml")
+
+
+def test_keys_are_not_shown(tmp_path):
+    assert repr(load_keys(load_settings(write_config(tmp_path)), tmp_path, "secret")) == "IdpKeys(...)"

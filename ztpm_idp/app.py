@@ -1,0 +1,128 @@
+"""The web application: routes under the issuer's path, refusals as problem details, one provider behind them."""
+
+from __future__ import annotations
+
+import logging
+import time
+import traceback
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+from fastapi import FastAPI
+from starlette.exceptions import HTTPException
+
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.feed import Heartbeat
+from ztpm_idp.problems import Problem, answer
+from ztpm_idp.provider import Provider
+from ztpm_idp.routes import ledger, registry, service, tokens
+from ztpm_idp.store import Store, StoreUnavailableError
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+    from fastapi import Request
+    from fastapi.responses import Response
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+    from ztpm_idp.settings import IdpKeys, Settings
+
+logger = logging.getLogger(__name__)
+
+
+def create_app(settings: Settings, keys: IdpKeys, *, now: Callable[[], float] = time.time) -> FastAPI:
+    """The identity provider as an ASGI application.
+
+    The store is opened, and its schema migrated, when the application starts.
+
+    Args:
+        settings: checked already; see `ztpm_idp.settings`.
+        keys: the five private keys.
+        now: wall clock, seconds since the epoch.
+    """
+    path = "/" + settings.issuer.split("/", 3)[3]
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        store = await Store.open(settings.database_url)
+        try:
+            app.state.provider = Provider(settings, keys, store, now)
+            app.state.heartbeat = Heartbeat(app.state.provider)
+            yield
+        finally:
+            await store.close()
+
+    app = FastAPI(
+        title="ZTPM identity provider",
+        version="1",
+        lifespan=lifespan,
+        # No page that loads scripts from elsewhere: the description is for tools.
+        docs_url=None,
+        openapi_url=f"{path}/openapi.json",
+        redoc_url=None,
+        redirect_slashes=False,
+        # Off: the framework's own records would hold exception messages, and so what callers sent.
+        telemetry={
+            "tracing": False,
+            "metrics": False,
+            "logs": False,
+            "operation_spans": False,
+            "auto_configure": False,
+        },
+    )
+    for routes in (service, registry, tokens, ledger):
+        app.include_router(routes.router, prefix=path)
+    app.add_exception_handler(Problem, _problem)
+    app.add_exception_handler(StoreUnavailableError, _unavailable)
+    app.add_exception_handler(HTTPException, _http)
+    app.add_middleware(_Shield)
+    return app
+
+
+async def _problem(_: Request, error: Exception) -> Response:
+    if not isinstance(error, Problem):
+        raise TypeError
+    return answer(error.code, error.detail)
+
+
+async def _unavailable(_: Request, error: Exception) -> Response:
+    cause = error.__cause__
+    logger.error("the store failed: %s", type(cause).__name__)
+    return answer(IdpCode.STORE_UNAVAILABLE)
+
+
+async def _http(_: Request, error: Exception) -> Response:
+    status = error.status_code if isinstance(error, HTTPException) else 404
+    return answer(IdpCode.METHOD_NOT_ALLOWED if status == 405 else IdpCode.PATH_UNKNOWN)
+
+
+class _Shield:
+    """Turns an error of ours into an answer, before the server logs its message, which may hold what a caller sent."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        started = False
+
+        async def tell(message: Message) -> None:
+            nonlocal started
+            started = started or message["type"] == "http.response.start"
+            await send(message)
+
+        try:
+            await self._app(scope, receive, tell)
+        except Exception as error:
+            if scope["type"] != "http":
+                raise
+            places = [f"{frame.filename}:{frame.lineno}" for frame in traceback.extract_tb(error.__traceback__)]
+            # No traceback: its message may hold what a caller sent.
+            path = " < ".join(reversed(places[-6:]))
+            logger.error("unexpected %s at %s", type(error).__name__, path)  # noqa: TRY400
+            if started:
+                raise _CutOffError from None
+            await answer(IdpCode.INTERNAL)(scope, receive, send)
+
+
+class _CutOffError(Exception):
+    """An answer that had begun could not be ended."""

@@ -1,0 +1,78 @@
+"""The first people of an identity provider, put beside the store before it is ever served."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pydantic import ValidationError
+
+from capabilities.keys import b64u, thumbprint
+from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.commands import Initialise, wanted
+from ztpm_idp.domain.parties import Person, Standing
+from ztpm_idp.domain.registry import initialise as first_people
+from ztpm_idp.problems import Problem
+from ztpm_idp.store import Store
+from ztpm_idp.wire import PersonBody
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+ACTOR = "bootstrap"
+"""Who stands in the ledger for what nobody on the wire did."""
+
+
+@dataclass(frozen=True, slots=True)
+class FirstPerson:
+    """A person of the first hour.
+
+    Attributes:
+        id: lower-case ASCII.
+        name: as shown to people.
+        key: raw public key.
+        roles: of "sponsor", "approver", "admin".
+    """
+
+    id: str
+    name: str
+    key: bytes
+    roles: tuple[str, ...]
+
+
+async def initialise(database_url: str, *, people: Iterable[FirstPerson], now: Callable[[], float] = time.time) -> None:
+    """The store exists, has the newest schema, and knows these people. Works on an empty store only.
+
+    Args:
+        database_url: as in the settings.
+        people: at least one of them an administrator.
+        now: wall clock.
+
+    Raises:
+        Problem: `STORE_NOT_EMPTY`, `NO_ADMINISTRATOR`, `ALREADY_REGISTERED`, `KEY_IN_USE`, `BODY_MALFORMED`.
+        StoreUnavailableError: the store cannot be opened.
+    """
+    command = Initialise(tuple(_person(person) for person in people))
+    at_ms = int(now() * 1_000)
+    store = await Store.open(database_url)
+    try:
+        async with store.write() as transaction:
+            outcome = first_people(await transaction.load(wanted(command), young_ms=at_ms), command)
+            if isinstance(outcome, Refusal):
+                raise Problem(outcome.code, outcome.detail)
+            await transaction.append(outcome, actor=ACTOR, at_ms=at_ms)
+    finally:
+        await store.close()
+
+
+def _person(first: FirstPerson) -> Person:
+    """The person, by the very rules that hold on the wire."""
+    try:
+        body = PersonBody.model_validate(
+            {"id": first.id, "name": first.name, "key": b64u(first.key), "roles": list(first.roles)}
+        )  # fmt: skip
+    except ValidationError as error:
+        field = str(error.errors(include_input=False)[0]["loc"][0])
+        raise Problem(IdpCode.BODY_MALFORMED, f"people: {field}") from None
+    return Person(body.id, first.key, thumbprint(first.key), Standing.ACTIVE, body.name, frozenset(body.roles))

@@ -1,0 +1,69 @@
+"""Every reason for which the identity provider refuses, closed.
+
+`capabilities.errors.FaultCode` joins it for what concerns tokens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from capabilities.errors import FaultCode
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.events import Event
+
+
+class IdpCode(StrEnum):
+    """Reasons of this package; the values are stable and safe for strangers."""
+
+    # who calls
+    CALLER_UNKNOWN = "CALLER_UNKNOWN"
+    CALLER_INACTIVE = "CALLER_INACTIVE"
+    NOT_PERMITTED = "NOT_PERMITTED"
+    # the body
+    BODY_MALFORMED = "BODY_MALFORMED"
+    BODY_TOO_LARGE = "BODY_TOO_LARGE"
+    QUERY_MALFORMED = "QUERY_MALFORMED"
+    TEXT_REFUSED = "TEXT_REFUSED"
+    # the registry
+    ALREADY_REGISTERED = "ALREADY_REGISTERED"
+    KEY_IN_USE = "KEY_IN_USE"
+    NOT_FOUND = "NOT_FOUND"
+    SPONSOR_INACTIVE = "SPONSOR_INACTIVE"
+    AGENT_INACTIVE = "AGENT_INACTIVE"
+    TOO_MANY_NONCES = "TOO_MANY_NONCES"
+    STORE_NOT_EMPTY = "STORE_NOT_EMPTY"
+    NO_ADMINISTRATOR = "NO_ADMINISTRATOR"
+    # records of enforcement points
+    RECORD_GAP = "RECORD_GAP"
+    RECORD_FORKED = "RECORD_FORKED"
+    RECORD_CHAIN_BROKEN = "RECORD_CHAIN_BROKEN"
+    RECORD_OF_ANOTHER = "RECORD_OF_ANOTHER"
+    # the service
+    EPOCH_AHEAD = "EPOCH_AHEAD"
+    CONFLICT = "CONFLICT"
+    STORE_UNAVAILABLE = "STORE_UNAVAILABLE"
+    PATH_UNKNOWN = "PATH_UNKNOWN"
+    METHOD_NOT_ALLOWED = "METHOD_NOT_ALLOWED"
+    INTERNAL = "INTERNAL"
+
+
+Code = FaultCode | IdpCode
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why a command is refused: the negative half of `events | refusal`.
+
+    Attributes:
+        code: the reason.
+        detail: for the caller, once authenticated, and for the record; holds no token, no key and no text of a
+            stranger.
+        recorded: what is kept of the attempt, for refusals that the ledger must show.
+    """
+
+    code: Code
+    detail: str = ""
+    recorded: tuple[Event, ...] = ()

@@ -1,0 +1,230 @@
+"""What can be asked of the identity provider, closed, and what each command must see to be judged.
+
+Every field has been parsed strictly at the edge: ids match their grammar, keys are 32 bytes, texts are clean and
+bounded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, assert_never
+
+from ztpm_idp.domain.events import RevocationKind
+from ztpm_idp.domain.state import Wanted
+
+if TYPE_CHECKING:
+    from capabilities.scope import Restriction, Scope
+    from ztpm_idp.domain.events import SignedRequest
+    from ztpm_idp.domain.parties import Person, PersonRole, Tool
+
+
+@dataclass(frozen=True, slots=True)
+class Initialise:
+    """Put the first people into an empty store. Has no caller: it is run beside the store, never over the wire."""
+
+    people: tuple[Person, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterPerson:
+    """An administrator registers a person."""
+
+    by: str
+    id: str
+    name: str
+    key: bytes
+    roles: frozenset[PersonRole]
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterAgent:
+    """A sponsor, or an administrator for one, registers an agent."""
+
+    by: str
+    id: str
+    key: bytes
+    software_digest: bytes
+    model: str
+    role: str
+    sponsor: str
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterPep:
+    """An administrator registers an enforcement point."""
+
+    by: str
+    id: str
+    key: bytes
+    audiences: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterSensor:
+    """An administrator registers a sensor."""
+
+    by: str
+    id: str
+    key: bytes
+    calibration: bytes
+    transit_ms: int
+    audience: str
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterTool:
+    """An administrator registers a tool, or a new definition of one."""
+
+    by: str
+    tool: Tool
+
+
+@dataclass(frozen=True, slots=True)
+class StateTrust:
+    """An agent's sponsor, or an administrator, states its trust."""
+
+    by: str
+    agent: str
+    permille: int
+
+
+@dataclass(frozen=True, slots=True)
+class GiveNonce:
+    """An agent asks for a nonce; `nonce` is fresh randomness."""
+
+    by: str
+    nonce: str
+
+
+@dataclass(frozen=True, slots=True)
+class Attest:
+    """An agent shows who it is and what it runs."""
+
+    by: str
+    agent: str
+    evidence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Issue:
+    """A sponsor lends authority to an agent.
+
+    Attributes:
+        request_digest: SHA-256 of the canonical request as it was sent.
+        evidence: the agent's, for exactly this request.
+        token_id, hop_id: fresh randomness.
+        signed: what the sponsor signed.
+    """
+
+    by: str
+    agent: str
+    purpose: str
+    scope: Scope
+    request_digest: bytes
+    evidence: str
+    token_id: str
+    hop_id: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class Delegate:
+    """A holder lends part of what it has.
+
+    `token` is the holder's, `by` and `key` are who proved possession of which key.
+    """
+
+    by: str
+    key: bytes
+    token: bytes
+    delegate: str
+    purpose: str
+    restriction: Restriction
+    request_digest: bytes
+    evidence: str
+    hop_id: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class Revoke:
+    """Someone wants something dead, for ever."""
+
+    by: str
+    kind: RevocationKind
+    id: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class TakeRecords:
+    """An enforcement point ships its journal."""
+
+    by: str
+    records: tuple[dict[str, object], ...]
+
+
+Command = (
+    Initialise
+    | RegisterPerson
+    | RegisterAgent
+    | RegisterPep
+    | RegisterSensor
+    | RegisterTool
+    | StateTrust
+    | GiveNonce
+    | Attest
+    | Issue
+    | Delegate
+    | Revoke
+    | TakeRecords
+)
+
+
+def wanted(command: Command) -> Wanted:
+    """What must be loaded to judge `command`."""
+    match command:
+        case Initialise(people=people):
+            return Wanted(parties=frozenset(p.id for p in people), keys=frozenset(p.key for p in people))
+        case (
+            RegisterPerson(by=by, id=id_, key=key)
+            | RegisterPep(by=by, id=id_, key=key)
+            | RegisterSensor(by=by, id=id_, key=key)
+        ):
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}))
+        case RegisterAgent(by=by, id=id_, key=key, sponsor=sponsor):
+            return Wanted(parties=frozenset({by, id_, sponsor}), keys=frozenset({key}))
+        case RegisterTool(by=by):
+            return Wanted(parties=frozenset({by}))
+        case StateTrust(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}))
+        case GiveNonce(by=by):
+            return Wanted(parties=frozenset({by}), nonces_of=by)
+        case Attest(by=by, agent=agent) | Issue(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}), nonces_of=agent)
+        case Delegate(by=by, delegate=delegate):
+            return Wanted(parties=frozenset({by, delegate}), nonces_of=delegate, revocations=True)
+        case Revoke():
+            return _wanted_by_revocation(command)
+        case TakeRecords(by=by, records=records):
+            seqs = frozenset(seq for r in records if isinstance(seq := r.get("seq"), int) and not isinstance(seq, bool))
+            return Wanted(parties=frozenset({by}), journal=by, journal_seqs=seqs)
+        case _:
+            assert_never(command)
+
+
+def _wanted_by_revocation(command: Revoke) -> Wanted:
+    parties, revocation = frozenset({command.by}), (command.kind.value, command.id)
+    match command.kind:
+        case RevocationKind.HOP:
+            return Wanted(parties=parties, hop=command.id, revocation=revocation)
+        case RevocationKind.TOKEN:
+            return Wanted(parties=parties, token=command.id, revocation=revocation)
+        case RevocationKind.KEY:
+            return Wanted(parties=parties, thumbprint=command.id, revocation=revocation)
+        case RevocationKind.AGENT | RevocationKind.SPONSOR:
+            return Wanted(parties=parties | {command.id}, revocation=revocation)
+        case RevocationKind.AUDIENCE:
+            return Wanted(parties=parties, revocation=revocation)
+        case _:
+            assert_never(command.kind)

@@ -1,0 +1,82 @@
+"""One pure function: what a command does to the state it sees."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, assert_never
+
+from ztpm_idp.domain import attestation, issuing, ledger, registry, revocation
+from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.commands import (
+    Attest,
+    Delegate,
+    GiveNonce,
+    Initialise,
+    Issue,
+    RegisterAgent,
+    RegisterPep,
+    RegisterPerson,
+    RegisterSensor,
+    RegisterTool,
+    Revoke,
+    StateTrust,
+    TakeRecords,
+)
+from ztpm_idp.domain.parties import Sensor, Standing
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.commands import Command
+    from ztpm_idp.domain.registry import Outcome
+    from ztpm_idp.domain.rules import Rules
+    from ztpm_idp.domain.state import State
+
+
+def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
+    """The events that follow from `command`, or why nothing does. Total and deterministic.
+
+    Args:
+        rules: what the deployment fixes.
+        state: at least what `wanted(command)` names.
+        command: parsed strictly.
+        at_ms: now, wall clock.
+    """
+    if not isinstance(command, Initialise) and (refused := caller_refused(state, command.by)) is not None:
+        return refused
+    match command:
+        case Initialise():
+            return registry.initialise(state, command)
+        case RegisterPerson():
+            return registry.register_person(rules, state, command)
+        case RegisterAgent():
+            return registry.register_agent(rules, state, command)
+        case RegisterPep():
+            return registry.register_pep(rules, state, command)
+        case RegisterSensor():
+            return registry.register_sensor(rules, state, command)
+        case RegisterTool():
+            return registry.register_tool(state, command)
+        case StateTrust():
+            return registry.state_trust(state, command)
+        case GiveNonce():
+            return attestation.give_nonce(rules, state, command, at_ms)
+        case Attest():
+            return attestation.attest(rules, state, command, at_ms)
+        case Issue():
+            return issuing.issue(rules, state, command, at_ms)
+        case Delegate():
+            return issuing.delegate(rules, state, command, at_ms)
+        case Revoke():
+            return revocation.revoke(state, command)
+        case TakeRecords():
+            return ledger.take_records(state, command)
+        case _:
+            assert_never(command)
+
+
+def caller_refused(state: State, caller: str) -> Refusal | None:
+    """Why this caller may do nothing at all: unknown, a sensor, or revoked since it proved who it is."""
+    party = state.parties.get(caller)
+    if party is None or isinstance(party, Sensor):
+        return Refusal(IdpCode.CALLER_UNKNOWN, "not registered")
+    if party.standing is Standing.REVOKED:
+        return Refusal(IdpCode.CALLER_INACTIVE, "revoked")
+    return None

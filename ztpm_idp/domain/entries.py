@@ -1,0 +1,126 @@
+"""What the ledger keeps of each event.
+
+No token, no private key; requests as they were signed, so that an auditor can verify them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, assert_never
+
+from capabilities.keys import thumbprint
+from capabilities.scope_json import scope_to_json
+from ztpm_idp.domain.events import (
+    AgentAttested,
+    DelegationRefused,
+    NonceConsumed,
+    NonceGiven,
+    PartyRegistered,
+    RecordTaken,
+    Revoked,
+    TokenDelegated,
+    TokenIssued,
+    ToolRegistered,
+    TrustStated,
+)
+from ztpm_idp.domain.parties import Agent, Pep, Person, Sensor, kind_of
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.events import Event, SignedRequest
+    from ztpm_idp.domain.parties import Party
+
+Json = dict[str, object]
+
+
+def entry_of(event: Event) -> tuple[str, Json] | None:
+    """The kind and body of the event's ledger entry; None for nonces, whose trace is what they were spent on."""
+    match event:
+        case PartyRegistered(party=party):
+            return f"{kind_of(party)}-registered", _party(party)
+        case ToolRegistered(tool=tool):
+            body: Json = {
+                "audience": tool.audience,
+                "name": tool.name,
+                "definition_digest": tool.definition_digest.hex(),
+                "operation": tool.operation,
+                "base_tier": int(tool.base_tier),
+            }
+            return "tool-registered", body
+        case TrustStated(agent=agent, permille=permille):
+            return "trust-stated", {"agent": agent, "permille": permille}
+        case NonceGiven() | NonceConsumed():
+            return None
+        case AgentAttested(agent=agent, measurement=measurement, evidence=evidence):
+            return "agent-attested", {"agent": agent, "measurement": measurement.hex(), "evidence": evidence}
+        case TokenIssued():
+            return "token-issued", _made(event) | {"token_id": event.token_id, "sponsor": event.sponsor.subject}
+        case TokenDelegated():
+            chain = event.chain
+            return "token-delegated", _made(event) | {
+                "token_id": chain.token_id,
+                "sponsor": chain.sponsor.subject,
+                "parent": chain.leaf.hop_id,
+                "index": len(chain.hops),
+            }
+        case DelegationRefused():
+            return "delegation-refused", {
+                "token_id": event.token_id,
+                "parent": event.parent_hop,
+                "holder": event.holder,
+                "delegate": event.delegate,
+                "code": event.code,
+                "widenings": [
+                    {"dimension": w.dimension, "what": w.what, "parent": w.parent, "child": w.child}
+                    for w in event.widenings
+                ],
+                "signed": _signed(event.signed),
+            }
+        case Revoked(kind=kind, id=id_, reason=reason, party=party_id):
+            return "revoked", {"kind": kind.value, "id": id_, "reason": reason, "party": party_id}
+        case RecordTaken(record=record):
+            return "pep-record", {"record": record}
+        case _:
+            assert_never(event)
+
+
+def _party(party: Party) -> Json:
+    common: Json = {"id": party.id, "key": thumbprint(party.key)}
+    match party:
+        case Person(name=name, roles=roles):
+            return common | {"name": name, "roles": sorted(role.value for role in roles)}
+        case Agent():
+            return common | {
+                "software_digest": party.software_digest.hex(),
+                "model": party.model,
+                "role": party.role,
+                "sponsor": party.sponsor,
+            }
+        case Pep(audiences=audiences):
+            return common | {"audiences": sorted(audiences)}
+        case Sensor():
+            return common | {
+                "calibration": party.calibration.hex(),
+                "transit_ms": party.transit_ms,
+                "audience": party.audience,
+            }
+        case _:
+            assert_never(party)
+
+
+def _made(event: TokenIssued | TokenDelegated) -> Json:
+    hop = event.hop
+    return {
+        "hop_id": hop.hop_id,
+        "agent": hop.agent,
+        "key": thumbprint(hop.key),
+        "delegator": hop.delegator,
+        "purpose": hop.purpose,
+        "request_digest": hop.request_digest.hex(),
+        "measurement": hop.attestation.measurement.hex(),
+        "scope": scope_to_json(event.scope),
+        "evidence": event.evidence,
+        "signed": _signed(event.signed),
+    }
+
+
+def _signed(signed: SignedRequest) -> Json:
+    return {"method": signed.method, "url": signed.url, "body": signed.body, "proof": signed.proof}

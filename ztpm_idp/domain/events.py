@@ -1,0 +1,165 @@
+"""What can have happened, closed. The store writes each to its tables and to the ledger in one transaction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from capabilities.chain import Chain, HopGrant, Sponsor
+    from capabilities.scope import Restriction, Scope, Widening
+    from ztpm_idp.domain.parties import Party, Tool
+
+
+class RevocationKind(StrEnum):
+    """What a revocation names."""
+
+    TOKEN = "token"  # noqa: S105  a word, not a secret
+    HOP = "hop"
+    AGENT = "agent"
+    KEY = "key"
+    SPONSOR = "sponsor"
+    AUDIENCE = "audience"
+
+
+@dataclass(frozen=True, slots=True)
+class SignedRequest:
+    """The caller's request as signed, kept for auditors to verify: the proof's `bdg` is the body's SHA-256."""
+
+    method: str
+    url: str
+    body: str
+    proof: str
+
+
+@dataclass(frozen=True, slots=True)
+class PartyRegistered:
+    """A party exists from now on."""
+
+    party: Party
+
+
+@dataclass(frozen=True, slots=True)
+class ToolRegistered:
+    """A tool has this definition from now on."""
+
+    tool: Tool
+
+
+@dataclass(frozen=True, slots=True)
+class TrustStated:
+    """An agent's static trust is this from now on."""
+
+    agent: str
+    permille: int
+
+
+@dataclass(frozen=True, slots=True)
+class NonceGiven:
+    """A nonce was handed to an agent. Not in the ledger: it is the hop or the attestation that counts."""
+
+    nonce: str
+    agent: str
+    given_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class NonceConsumed:
+    """A nonce is spent, on one hop or one attestation, for ever."""
+
+    nonce: str
+    purpose: str
+
+
+@dataclass(frozen=True, slots=True)
+class AgentAttested:
+    """An agent showed that it holds its key and states the registered software."""
+
+    agent: str
+    measurement: bytes
+    evidence: str
+
+
+@dataclass(frozen=True, slots=True)
+class TokenIssued:
+    """A person lent authority: everything that the authority block will say."""
+
+    token_id: str
+    sponsor: Sponsor
+    hop: HopGrant
+    scope: Scope
+    evidence: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class TokenDelegated:
+    """A holder lent part of its authority: everything that the new hop will say. `chain` is the holder's, verified."""
+
+    chain: Chain
+    hop: HopGrant
+    restriction: Restriction
+    scope: Scope
+    evidence: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class DelegationRefused:
+    """A holder tried to lend what it does not have. Kept: an attempt is detected, recorded and refused."""
+
+    token_id: str
+    parent_hop: str
+    holder: str
+    delegate: str
+    code: str
+    widenings: tuple[Widening, ...]
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class Revoked:
+    """Something is revoked for ever; the store gives it the next epoch.
+
+    Attributes:
+        kind, id: what.
+        reason: as the caller stated it.
+        party: the registered party that loses its standing by this, if any.
+    """
+
+    kind: RevocationKind
+    id: str
+    reason: str
+    party: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordTaken:
+    """One record of an enforcement point's journal is in the ledger.
+
+    Attributes:
+        pep, seq: whose, and which.
+        digest: the record's hash, hex.
+        record: the record itself.
+    """
+
+    pep: str
+    seq: int
+    digest: str
+    record: dict[str, object]
+
+
+Event = (
+    PartyRegistered
+    | ToolRegistered
+    | TrustStated
+    | NonceGiven
+    | NonceConsumed
+    | AgentAttested
+    | TokenIssued
+    | TokenDelegated
+    | DelegationRefused
+    | Revoked
+    | RecordTaken
+)

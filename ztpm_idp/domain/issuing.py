@@ -1,0 +1,158 @@
+"""Lending authority: by a person to an agent, and by a holder to the next agent.
+
+What comes out is what the token's block will say.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from capabilities import block, links
+from capabilities.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
+from capabilities.errors import CapabilityError, Fault, FaultCode, TokenError
+from capabilities.keys import thumbprint_bytes
+from capabilities.statements.revocation import RevocationView
+from capabilities.verify import Verifier
+from ztpm_idp.domain.attestation import judge, may_receive
+from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.events import DelegationRefused, RevocationKind, TokenDelegated, TokenIssued
+from ztpm_idp.domain.parties import PersonRole
+from ztpm_idp.domain.registry import active_person
+
+if TYPE_CHECKING:
+    from capabilities.scope import Scope
+    from ztpm_idp.domain.commands import Delegate, Issue
+    from ztpm_idp.domain.parties import Agent
+    from ztpm_idp.domain.registry import Outcome
+    from ztpm_idp.domain.rules import Rules
+    from ztpm_idp.domain.state import State
+
+
+def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
+    """A new token's authority block, when a sponsor lends to an agent that is attested for exactly this."""
+    # 1. The caller is a sponsor, now.
+    if active_person(state, command.by, PersonRole.SPONSOR) is None:
+        return Refusal(IdpCode.NOT_PERMITTED, "a sponsor issues tokens")
+    # 2. The agent may receive authority, and shows it for this sponsor and this request.
+    agent = may_receive(state, command.agent)
+    if isinstance(agent, Refusal):
+        return agent
+    spent = judge(
+        rules, state, agent, command.evidence,
+        delegator=command.by, request_digest=command.request_digest, purpose=command.hop_id, at_ms=at_ms,
+    )  # fmt: skip
+    if isinstance(spent, Refusal):
+        return spent
+    # 3. The scope keeps the profile's rules and what this kind of evidence can carry: the very checks that verifiers
+    # make.
+    hop = _hop(command, agent, delegator=command.by, sponsor=command.by, at_ms=at_ms)
+    sponsor = Sponsor(issuer=rules.issuer, subject=command.by, method="operator-key", authenticated_at=at_ms // 1_000)
+    authority = block.AuthorityBlock(command.token_id, sponsor, block.HopFacts(0, hop, b""), command.scope)
+    if command.scope.ceiling > rules.caps.key_evidence_ceiling:
+        return Refusal(
+            FaultCode.ABOVE_CEILING, f"evidence of kind key carries at most tier {rules.caps.key_evidence_ceiling}"
+        )
+    try:
+        block.well_formed(authority, rules.caps)
+        first = links.first_hop(authority, reserved=rules.own_keys, caps=rules.caps)
+        links.check_lifetimes((first,), rules.caps)
+    except CapabilityError as error:
+        return Refusal(error.code, error.detail)
+    if (over := _over(rules, command.scope, at_ms)) is not None:
+        return over
+    return (spent, TokenIssued(command.token_id, sponsor, hop, command.scope, command.evidence, command.signed))
+
+
+def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outcome:
+    """One more hop, when the holder lends strictly less than it has to an agent that is attested for exactly this."""
+    # 1. The token verifies in full against what is revoked in this very transaction.
+    chain = _verified(rules, state, command, at_ms)
+    if isinstance(chain, Refusal):
+        return chain
+    # 2. The caller proved possession of the leaf's key.
+    if command.key != chain.leaf.key or command.by != chain.leaf.agent:
+        return Refusal(FaultCode.PROOF_WRONG_KEY, "the proof is not by the holder of the token")
+    # 3. The agent may receive authority, and is new to the chain.
+    agent = may_receive(state, command.delegate)
+    if isinstance(agent, Refusal):
+        return _kept(agent, chain, command)
+    if any(hop.agent == agent.id or hop.key == agent.key for hop in chain.hops):
+        return _kept(Refusal(FaultCode.DELEGATE_NOT_ALLOWED, "no agent stands twice in a chain"), chain, command)
+    # 4. The delegate shows itself for this delegator and this request.
+    spent = judge(
+        rules, state, agent, command.evidence,
+        delegator=chain.leaf.agent, request_digest=command.request_digest, purpose=command.hop_id, at_ms=at_ms,
+    )  # fmt: skip
+    if isinstance(spent, Refusal):
+        return _kept(spent, chain, command)
+    # 5. The token names this delegate and has depth left, and what is lent is strictly less than what is held: the very
+    # checks that verifiers make.
+    hop = _hop(command, agent, delegator=chain.leaf.agent, sponsor=chain.sponsor.subject, at_ms=at_ms)
+    added = block.HopBlock(block.HopFacts(len(chain.hops), hop, thumbprint_bytes(chain.leaf.key)), command.restriction)
+    try:
+        block.well_formed(added, rules.caps)
+        leaf = links.next_hop(chain.hops, added, reserved=rules.own_keys, caps=rules.caps)
+        links.check_lifetimes((*chain.hops, leaf), rules.caps)
+    except TokenError as error:
+        wider = ", ".join(widening.what for widening in error.widenings)
+        return _kept(Refusal(error.code, f"{error.detail}: {wider}" if wider else error.detail), chain, command, error)
+    except CapabilityError as error:
+        return _kept(Refusal(error.code, error.detail), chain, command)
+    if (over := _over(rules, leaf.scope, at_ms)) is not None:
+        return _kept(over, chain, command)
+    return (spent, TokenDelegated(chain, hop, command.restriction, leaf.scope, command.evidence, command.signed))
+
+
+def _verified(rules: Rules, state: State, command: Delegate, at_ms: int) -> Chain | Refusal:
+    verifier = Verifier(rules.trust, rules.caps)
+    view = RevocationView(epoch=state.epoch, age_ms=0, revoked=state.revoked)
+    found: Chain | Fault
+    match verifier.audiences(command.token, view=view):
+        case Fault() as fault:
+            found = fault
+        case named:
+            # The provider serves no audience of its own: the token must be good for at least one of those it names.
+            alive = [one for one in sorted(named) if (RevocationKind.AUDIENCE.value, one) not in state.revoked]
+            audience = (alive or sorted(named))[0]
+            found = verifier.verify(command.token, at=at_ms / 1_000, audience=audience, view=view, lease_ms=0)
+    match found:
+        case Chain():
+            return found
+        case Fault(code=code, detail=detail):
+            return Refusal(code, detail)
+
+
+def _over(rules: Rules, scope: Scope, at_ms: int) -> Refusal | None:
+    if not at_ms < scope.not_after * 1_000:
+        return Refusal(FaultCode.EXPIRED, "it would be over before it begins")
+    if scope.not_after - at_ms // 1_000 > rules.token_lifetime_s:
+        return Refusal(FaultCode.LIFETIME_TOO_LONG, f"at most {rules.token_lifetime_s} s")
+    return None
+
+
+def _hop(command: Issue | Delegate, agent: Agent, *, delegator: str, sponsor: str, at_ms: int) -> HopGrant:
+    return HopGrant(
+        hop_id=command.hop_id,
+        agent=agent.id,
+        key=agent.key,
+        delegator=delegator,
+        purpose=command.purpose,
+        request_digest=command.request_digest,
+        attestation=Attestation(EvidenceKind.KEY, agent.software_digest, at_ms // 1_000),
+        # A role is vouched for among the sponsor's own agents only.
+        role=agent.role if agent.sponsor == sponsor else "",
+    )
+
+
+def _kept(refusal: Refusal, chain: Chain, command: Delegate, error: TokenError | None = None) -> Refusal:
+    """The refusal, with what the ledger keeps of the attempt."""
+    attempt = DelegationRefused(
+        token_id=chain.token_id,
+        parent_hop=chain.leaf.hop_id,
+        holder=chain.leaf.agent,
+        delegate=command.delegate,
+        code=refusal.code.value,
+        widenings=() if error is None else error.widenings,
+        signed=command.signed,
+    )
+    return Refusal(refusal.code, refusal.detail, (attempt,))

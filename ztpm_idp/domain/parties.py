@@ -1,0 +1,133 @@
+"""Who is registered: people, agents, enforcement points and sensors, each with one key; and the audiences' tools.
+
+Ids are unique over all kinds, so that a delegator's name in a token can mean one party only. One key has one owner
+and one role.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from capabilities.scope import Tier
+
+
+class PersonRole(StrEnum):
+    """What a person may do. A person may hold several."""
+
+    SPONSOR = "sponsor"
+    APPROVER = "approver"
+    ADMIN = "admin"
+
+
+class Standing(StrEnum):
+    """Where a party is in its life. There is no way back from `REVOKED`: an id is never used again."""
+
+    REGISTERED = "registered"
+    """An agent that has not been attested yet."""
+    ACTIVE = "active"
+    REVOKED = "revoked"
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """A human principal.
+
+    Attributes:
+        id: unique over all parties.
+        key: Ed25519 public key, 32 raw bytes; thumbprint: its RFC 7638 name.
+        standing: `ACTIVE` or `REVOKED`.
+        name: as shown to people.
+        roles: at least one.
+    """
+
+    id: str
+    key: bytes
+    thumbprint: str
+    standing: Standing
+    name: str
+    roles: frozenset[PersonRole]
+
+
+@dataclass(frozen=True, slots=True)
+class Agent:
+    """A software agent, vouched for by its sponsor.
+
+    Attributes:
+        id, key, thumbprint, standing: as for a person; an agent starts `REGISTERED`.
+        software_digest: SHA-256 of what it should run; evidence must state the same.
+        model: the language model behind it, as declared.
+        role: what it is for; `role:NAME` in a scope's delegates means agents of the same sponsor with this role.
+        sponsor: id of the person who answers for it.
+        trust_permille: signed static trust, or None when nobody stated one.
+    """
+
+    id: str
+    key: bytes
+    thumbprint: str
+    standing: Standing
+    software_digest: bytes
+    model: str
+    role: str
+    sponsor: str
+    trust_permille: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Pep:
+    """An enforcement point and the audiences that it serves."""
+
+    id: str
+    key: bytes
+    thumbprint: str
+    standing: Standing
+    audiences: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """A sensor that signs what it sees.
+
+    Attributes:
+        id, key, thumbprint, standing: as above. A sensor never calls.
+        calibration: SHA-256 of its calibration.
+        transit_ms: longest time from exposure to arrival.
+        audience: whose cell it watches.
+    """
+
+    id: str
+    key: bytes
+    thumbprint: str
+    standing: Standing
+    calibration: bytes
+    transit_ms: int
+    audience: str
+
+
+Party = Person | Agent | Pep | Sensor
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """A tool of an audience: its reviewed definition and the base tier of its operation."""
+
+    audience: str
+    name: str
+    definition_digest: bytes
+    operation: str
+    base_tier: Tier
+
+
+def kind_of(party: Party) -> str:
+    """The word for a party's kind, as the store and the ledger spell it."""
+    match party:
+        case Person():
+            return "person"
+        case Agent():
+            return "agent"
+        case Pep():
+            return "pep"
+        case Sensor():
+            return "sensor"

@@ -1,0 +1,137 @@
+"""Who may register whom, with one key and one role each; who may state trust."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from capabilities.keys import thumbprint
+from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.events import PartyRegistered, ToolRegistered, TrustStated
+from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.commands import (
+        Initialise,
+        RegisterAgent,
+        RegisterPep,
+        RegisterPerson,
+        RegisterSensor,
+        RegisterTool,
+        StateTrust,
+    )
+    from ztpm_idp.domain.events import Event
+    from ztpm_idp.domain.parties import Party
+    from ztpm_idp.domain.rules import Rules
+    from ztpm_idp.domain.state import State
+
+Outcome = tuple["Event", ...] | Refusal
+
+
+def active_person(state: State, id_: str, role: PersonRole) -> Person | None:
+    """The person, when registered, active and holding `role`."""
+    match state.parties.get(id_):
+        case Person(standing=Standing.ACTIVE, roles=roles) as person if role in roles:
+            return person
+        case _:
+            return None
+
+
+def initialise(state: State, command: Initialise) -> Outcome:
+    """The first people, into an empty store only; one of them must be an administrator."""
+    if not state.empty:
+        return Refusal(IdpCode.STORE_NOT_EMPTY, "the first people are registered once")
+    if not any(PersonRole.ADMIN in person.roles for person in command.people):
+        return Refusal(IdpCode.NO_ADMINISTRATOR, "nobody could register anyone")
+    if len({person.id for person in command.people}) != len(command.people):
+        return Refusal(IdpCode.ALREADY_REGISTERED, "an id occurs twice")
+    keys = {person.key for person in command.people}
+    if len(keys) != len(command.people):
+        return Refusal(IdpCode.KEY_IN_USE, "one key has one owner and one role")
+    return tuple(PartyRegistered(person) for person in command.people)
+
+
+def register_person(rules: Rules, state: State, command: RegisterPerson) -> Outcome:
+    """By an administrator."""
+    if active_person(state, command.by, PersonRole.ADMIN) is None:
+        return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers people")
+    person = Person(command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.name, command.roles)
+    return _new_party(rules, state, person)
+
+
+def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcome:
+    """By the sponsor named, or by an administrator for an active sponsor."""
+    if command.by != command.sponsor and active_person(state, command.by, PersonRole.ADMIN) is None:
+        return Refusal(IdpCode.NOT_PERMITTED, "the sponsor or an administrator registers an agent")
+    if active_person(state, command.sponsor, PersonRole.SPONSOR) is None:
+        if command.by == command.sponsor:
+            return Refusal(IdpCode.NOT_PERMITTED, "the caller is not a sponsor")
+        return Refusal(IdpCode.SPONSOR_INACTIVE, "the person named is not an active sponsor")
+    agent = Agent(
+        id=command.id,
+        key=command.key,
+        thumbprint=thumbprint(command.key),
+        standing=Standing.REGISTERED,
+        software_digest=command.software_digest,
+        model=command.model,
+        role=command.role,
+        sponsor=command.sponsor,
+        trust_permille=None,
+    )
+    return _new_party(rules, state, agent)
+
+
+def register_pep(rules: Rules, state: State, command: RegisterPep) -> Outcome:
+    """By an administrator."""
+    if active_person(state, command.by, PersonRole.ADMIN) is None:
+        return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers enforcement points")
+    return _new_party(
+        rules, state, Pep(command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.audiences)
+    )
+
+
+def register_sensor(rules: Rules, state: State, command: RegisterSensor) -> Outcome:
+    """By an administrator."""
+    if active_person(state, command.by, PersonRole.ADMIN) is None:
+        return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers sensors")
+    sensor = Sensor(
+        id=command.id,
+        key=command.key,
+        thumbprint=thumbprint(command.key),
+        standing=Standing.ACTIVE,
+        calibration=command.calibration,
+        transit_ms=command.transit_ms,
+        audience=command.audience,
+    )
+    return _new_party(rules, state, sensor)
+
+
+def register_tool(state: State, command: RegisterTool) -> Outcome:
+    """By an administrator. Registering again is how a reviewed new definition replaces the old one."""
+    if active_person(state, command.by, PersonRole.ADMIN) is None:
+        return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers tools")
+    return (ToolRegistered(command.tool),)
+
+
+def state_trust(state: State, command: StateTrust) -> Outcome:
+    """By the agent's sponsor or an administrator."""
+    agent = state.parties.get(command.agent)
+    admin = active_person(state, command.by, PersonRole.ADMIN) is not None
+    match agent:
+        case Agent() if admin or _is_sponsor_of(state, command.by, agent):
+            return (TrustStated(agent.id, command.permille),)
+        case Agent() | None if not admin:
+            return Refusal(IdpCode.NOT_PERMITTED, "the sponsor or an administrator states trust")
+        case _:
+            return Refusal(IdpCode.NOT_FOUND, "no such agent")
+
+
+def _is_sponsor_of(state: State, person: str, agent: Agent) -> bool:
+    return agent.sponsor == person and active_person(state, person, PersonRole.SPONSOR) is not None
+
+
+def _new_party(rules: Rules, state: State, party: Party) -> Outcome:
+    if party.id in state.parties:
+        return Refusal(IdpCode.ALREADY_REGISTERED, "the id is taken, and ids are never used again")
+    if party.key in rules.own_keys or party.key in state.key_owners:
+        return Refusal(IdpCode.KEY_IN_USE, "one key has one owner and one role")
+    return (PartyRegistered(party),)

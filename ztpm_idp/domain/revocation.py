@@ -1,0 +1,97 @@
+"""Who may revoke what.
+
+A holder its own hops and what is below them, a sponsor its own trees, an administrator anything, a PEP nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, assert_never
+
+from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.events import RevocationKind, Revoked
+from ztpm_idp.domain.parties import Agent, Person, PersonRole, Standing
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.commands import Revoke
+    from ztpm_idp.domain.registry import Outcome
+    from ztpm_idp.domain.state import State
+
+
+def revoke(state: State, command: Revoke) -> Outcome:
+    """The revocation; nothing happens again when it was made before."""
+    caller = state.parties.get(command.by)
+    match caller:
+        case Person(standing=Standing.ACTIVE, roles=roles) if PersonRole.ADMIN in roles:
+            missing = _missing_party(state, command)
+            if missing is not None:
+                return missing
+        case Person(standing=Standing.ACTIVE, roles=roles) if PersonRole.SPONSOR in roles and _in_trees_of(
+            state, command, caller.id
+        ):
+            pass
+        case Agent(standing=Standing.REGISTERED | Standing.ACTIVE) if _held_by(state, command, caller):
+            pass
+        case _:
+            return Refusal(IdpCode.NOT_PERMITTED, "not the caller's to revoke")
+    if state.revoked_at_epoch is not None:
+        return ()
+    return (Revoked(command.kind, command.id, command.reason, _party_concerned(state, command)),)
+
+
+def _missing_party(state: State, command: Revoke) -> Refusal | None:
+    """An agent's or a person's id must be registered; any other is a slip that would protect nobody."""
+    match command.kind:
+        case RevocationKind.AGENT if not isinstance(state.parties.get(command.id), Agent):
+            return Refusal(IdpCode.NOT_FOUND, "no such agent")
+        case RevocationKind.SPONSOR if not isinstance(state.parties.get(command.id), Person):
+            return Refusal(IdpCode.NOT_FOUND, "no such person")
+        case _:
+            return None
+
+
+def _in_trees_of(state: State, command: Revoke, person: str) -> bool:
+    match command.kind:
+        case RevocationKind.TOKEN | RevocationKind.HOP:
+            return bool(state.hops) and all(hop.sponsor == person for hop in state.hops.values())
+        case RevocationKind.AGENT:
+            agent = state.parties.get(command.id)
+            return isinstance(agent, Agent) and agent.sponsor == person
+        case RevocationKind.KEY:
+            owner = None if state.owner_of_thumbprint is None else state.parties.get(state.owner_of_thumbprint)
+            return owner is not None and (owner.id == person or (isinstance(owner, Agent) and owner.sponsor == person))
+        case RevocationKind.SPONSOR:
+            return command.id == person
+        case RevocationKind.AUDIENCE:
+            return False
+        case _:
+            assert_never(command.kind)
+
+
+def _held_by(state: State, command: Revoke, agent: Agent) -> bool:
+    match command.kind:
+        case RevocationKind.TOKEN:
+            # The whole token is what its first holder has and everything below.
+            return any(hop.parent is None and hop.agent == agent.id for hop in state.hops.values())
+        case RevocationKind.HOP:
+            # The state holds the hop and all hops above it: the caller must hold one of them.
+            return any(hop.agent == agent.id for hop in state.hops.values())
+        case RevocationKind.AGENT:
+            return command.id == agent.id
+        case RevocationKind.KEY:
+            return command.id == agent.thumbprint
+        case RevocationKind.SPONSOR | RevocationKind.AUDIENCE:
+            return False
+        case _:
+            assert_never(command.kind)
+
+
+def _party_concerned(state: State, command: Revoke) -> str | None:
+    match command.kind:
+        case RevocationKind.AGENT | RevocationKind.SPONSOR:
+            return command.id
+        case RevocationKind.KEY:
+            return state.owner_of_thumbprint
+        case RevocationKind.TOKEN | RevocationKind.HOP | RevocationKind.AUDIENCE:
+            return None
+        case _:
+            assert_never(command.kind)

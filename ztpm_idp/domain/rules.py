@@ -1,0 +1,33 @@
+"""What the deployment fixes for the domain: its name, its keys' public halves and its bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from capabilities.caps import Caps
+    from capabilities.keys import TrustBundle
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """Frozen for the life of the process.
+
+    Attributes:
+        issuer: base URL of this identity provider.
+        trust: what verifiers trust; also what this provider verifies tokens with.
+        caps: bounds of the profile.
+        own_keys: raw public keys of the provider itself; nobody else may have one of them.
+        token_lifetime_s: longest life of what is issued here, at most what the caps say.
+        nonce_age_s: oldest accepted attestation nonce.
+        open_nonces: nonces that one agent may hold unused at a time.
+    """
+
+    issuer: str
+    trust: TrustBundle
+    caps: Caps
+    own_keys: frozenset[bytes]
+    token_lifetime_s: int
+    nonce_age_s: int
+    open_nonces: int

@@ -1,0 +1,106 @@
+"""The slice of the identity provider's state that one command looks at.
+
+Loaded in the command's transaction, never changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from ztpm_idp.domain.parties import Party
+
+
+@dataclass(frozen=True, slots=True)
+class Nonce:
+    """An attestation nonce.
+
+    Attributes:
+        agent: to whom it was given.
+        given_ms: when, wall clock.
+        consumed: whether something was made with it already.
+    """
+
+    nonce: str
+    agent: str
+    given_ms: int
+    consumed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class HopRecord:
+    """A hop that was made: enough to know whose tree it stands in."""
+
+    hop_id: str
+    token_id: str
+    parent: str | None
+    agent: str
+    sponsor: str
+
+
+@dataclass(frozen=True, slots=True)
+class Journal:
+    """How far an enforcement point's journal has been taken in.
+
+    Attributes:
+        seq: of the last record, 0 when there is none.
+        head: hash of the last record, 64 zeros when there is none.
+        digests: hashes of records already taken, for those that are offered again.
+    """
+
+    seq: int
+    head: str
+    digests: Mapping[int, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What a command must see. The store loads exactly this."""
+
+    parties: frozenset[str] = frozenset()
+    keys: frozenset[bytes] = frozenset()
+    nonces_of: str | None = None
+    """An agent: its nonces that are young enough to count, consumed or not."""
+    hop: str | None = None
+    """A hop and, with it, every hop above it."""
+    token: str | None = None
+    """The first hop of this token."""
+    thumbprint: str | None = None
+    tool: tuple[str, str] | None = None
+    journal: str | None = None
+    journal_seqs: frozenset[int] = frozenset()
+    revocation: tuple[str, str] | None = None
+    revocations: bool = False
+    """Everything that is revoked, with its epoch: for judging a token."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What was found.
+
+    Attributes:
+        parties: by id.
+        key_owners: party ids by raw key.
+        nonces: of the wanted agent, by nonce.
+        hops: by hop id: the wanted one and those above it, or the first hop of the wanted token.
+        owner_of_thumbprint: party that holds the wanted key, if any.
+        journal: of the wanted enforcement point.
+        revoked_at_epoch: of the wanted revocation, if it was made before.
+        empty: no party is registered at all.
+        revoked: every (kind, id) that is revoked, when the command judges a token.
+        epoch: of that set.
+    """
+
+    parties: Mapping[str, Party] = field(default_factory=dict)
+    key_owners: Mapping[bytes, str] = field(default_factory=dict)
+    nonces: Mapping[str, Nonce] = field(default_factory=dict)
+    hops: Mapping[str, HopRecord] = field(default_factory=dict)
+    owner_of_thumbprint: str | None = None
+    journal: Journal | None = None
+    revoked_at_epoch: int | None = None
+    empty: bool = False
+    revoked: frozenset[tuple[str, str]] = frozenset()
+    epoch: int = 0

@@ -1,0 +1,148 @@
+"""What the identity provider publishes, signed: what is revoked, what is registered, how far the ledger goes."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import accumulate
+from typing import TYPE_CHECKING, Final
+
+from capabilities.scope import Tier
+from capabilities.statements import checkpoint, registry, revocation
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.parties import Agent, Sensor, Standing
+from ztpm_idp.problems import Problem
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+    from ztpm_idp.provider import Provider
+
+INDEX_BYTES: Final = 150_000
+"""Entries of one index, as JSON: in base64 and with the rest they stay below the size of a statement (256 KiB)."""
+INDEX_ENTRIES: Final = revocation.ENTRIES
+"""Most entries of one index."""
+_ENTRY_BYTES: Final = 60
+"""An entry without its id, as JSON, at most."""
+EXPORT_PAGE: Final = 500
+
+
+class Heartbeat:
+    """Proof that the store can commit, shared by everybody who asks at the same time.
+
+    One commit serves all callers that were waiting when it began; nobody is served by a commit that began before it
+    asked.
+    """
+
+    def __init__(self, provider: Provider) -> None:
+        self._provider = provider
+        self._turn = asyncio.Lock()
+        self._asked = 0
+        self._served = 0
+
+    async def beat(self) -> None:
+        """A commit that began after this call has succeeded.
+
+        Raises:
+            StoreUnavailableError: it has not.
+        """
+        self._asked += 1
+        mine = self._asked
+        async with self._turn:
+            if self._served >= mine:
+                return
+            everybody = self._asked
+            await self._provider.store.beat()
+            self._served = everybody
+
+
+async def revocation_index(provider: Provider, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
+    """The signed index of what was revoked after `since`.
+
+    `as_of` is taken first: everything acknowledged before it is in the snapshot. Each epoch has exactly one entry. An
+    index that cannot hold all of them brings the oldest; that its last entry is below its epoch says that more is to
+    come.
+
+    Raises:
+        StoreUnavailableError: the store cannot commit; there is no heartbeat then.
+        Problem: `EPOCH_AHEAD` when the caller knows more than the store.
+    """
+    as_of_ms = provider.now_ms()
+    await heartbeat.beat()
+    async with provider.store.read() as view:
+        counters = await view.counters()
+        found = await view.revocations_since(since, INDEX_ENTRIES)
+    if since > counters.epoch:
+        # A store restored from an older copy: saying so aloud beats signing an index that nobody can accept.
+        raise Problem(IdpCode.EPOCH_AHEAD)
+    index = revocation.RevocationIndex(
+        issuer=provider.settings.issuer,
+        epoch=counters.epoch,
+        since=since,
+        as_of_ms=as_of_ms,
+        nonce=nonce,
+        registry_version=counters.registry_version,
+        entries=_that_fit(found),
+    )
+    return revocation.sign(index, provider.keys.feed)
+
+
+def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.Entry, ...]:
+    sizes = accumulate(_ENTRY_BYTES + len(id_) for _, _, id_ in found)
+    return tuple(
+        revocation.Entry(epoch, kind, id_)
+        for (epoch, kind, id_), size in zip(found, sizes, strict=True)
+        if size <= INDEX_BYTES
+    )
+
+
+async def registry_snapshot(provider: Provider, *, audience: str) -> str:
+    """The signed registry as the enforcement point of `audience` needs it."""
+    as_of_ms = provider.now_ms()
+    async with provider.store.read() as view:
+        counters = await view.counters()
+        tools = await view.tools(audience)
+        sensors = [s for s in await view.all_parties("sensor") if isinstance(s, Sensor)]
+        agents = [a for a in await view.all_parties("agent") if isinstance(a, Agent)]
+    snapshot = registry.RegistrySnapshot(
+        issuer=provider.settings.issuer,
+        version=counters.registry_version,
+        audience=audience,
+        as_of_ms=as_of_ms,
+        tools=tuple(
+            registry.ToolEntry(t.name, bytes(t.definition_digest).hex(), t.operation, Tier(t.base_tier)) for t in tools
+        ),
+        sensors=tuple(
+            registry.SensorEntry(s.id, s.key, s.calibration.hex(), s.transit_ms)
+            for s in sensors
+            if s.audience == audience and s.standing is Standing.ACTIVE
+        ),
+        trust=tuple(
+            registry.TrustEntry(a.id, a.trust_permille)
+            for a in agents
+            if a.trust_permille is not None and a.standing is not Standing.REVOKED
+        ),
+    )
+    return registry.sign(snapshot, provider.keys.registry)
+
+
+async def ledger_export(provider: Provider) -> AsyncIterator[bytes]:
+    """The ledger's lines as of now, and the signed checkpoint that they end in.
+
+    Entries never change, so pages need no snapshot.
+    """
+    as_of_ms = provider.now_ms()
+    async with provider.store.read() as view:
+        counters = await view.counters()
+    after = 0
+    while after < counters.ledger_size:
+        async with provider.store.read() as view:
+            lines = await view.ledger_lines(after=after, through=counters.ledger_size, most=EXPORT_PAGE)
+        after += len(lines)
+        yield b"".join(line + b"\n" for line in lines)
+    signed = checkpoint.sign(
+        checkpoint.Checkpoint(
+            issuer=provider.settings.issuer, size=counters.ledger_size, head=counters.ledger_head, as_of_ms=as_of_ms
+        ),
+        provider.keys.ledger,
+    )
+    yield b'{"checkpoint":"' + signed.encode() + b'"}\n'

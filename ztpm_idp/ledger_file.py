@@ -1,0 +1,185 @@
+"""Verifying an exported ledger offline: pure, from lines and public keys to an answer.
+
+Checked in this order for each entry: one canonical JSON form, the seven fields, the number, the link to the entry
+before; for an enforcement point's record inside it, that record's own number and link. At the end the signed
+checkpoint must name exactly this ledger.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Final
+
+import rfc8785
+
+from capabilities.caps import DEFAULT
+from capabilities.errors import StatementError
+from capabilities.statements import checkpoint
+from ztpm_idp.domain.ledger import FIRST_PREV, RECORD_FIELDS, VERSION
+from ztpm_idp.strict_json import BodyError, parse_json
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from capabilities.keys import TrustBundle
+
+ENTRY_FIELDS: Final = frozenset({"v", "seq", "prev", "at_ms", "actor", "kind", "body"})
+LINE_BYTES: Final = 1_048_576
+"""Longest line: a record as large as a request body, and what is around it."""
+LINE_DEPTH: Final = 40
+"""Deepest nesting: a record as deep as a request body, and what is around it."""
+_HASH: Final = re.compile(r"[0-9a-f]{64}")
+
+
+class DefectCode(StrEnum):
+    """What is wrong with a ledger."""
+
+    LINE_MALFORMED = "LINE_MALFORMED"
+    NOT_CANONICAL = "NOT_CANONICAL"
+    ENTRY_MALFORMED = "ENTRY_MALFORMED"
+    OUT_OF_SEQUENCE = "OUT_OF_SEQUENCE"
+    CHAIN_BROKEN = "CHAIN_BROKEN"
+    RECORD_MALFORMED = "RECORD_MALFORMED"
+    RECORD_REPLAYED = "RECORD_REPLAYED"
+    RECORD_GAP = "RECORD_GAP"
+    RECORD_CHAIN_BROKEN = "RECORD_CHAIN_BROKEN"
+    CHECKPOINT_MISSING = "CHECKPOINT_MISSING"
+    CHECKPOINT_UNTRUSTED = "CHECKPOINT_UNTRUSTED"
+    CHECKPOINT_OF_ANOTHER = "CHECKPOINT_OF_ANOTHER"
+    CUT = "CUT"
+    AFTER_CHECKPOINT = "AFTER_CHECKPOINT"
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """The ledger is whole.
+
+    Attributes:
+        size: number of entries.
+        head: hash of the last, hex.
+    """
+
+    size: int
+    head: str
+
+
+@dataclass(frozen=True, slots=True)
+class Defect:
+    """The first thing that is wrong.
+
+    Attributes:
+        seq: the entry that is wrong, as counted from 1; for a broken link the one whose hash is not what the next one
+            says.
+        code: what is wrong.
+    """
+
+    seq: int
+    code: DefectCode
+
+
+class _Found(Exception):  # noqa: N818  it carries the defect out
+    def __init__(self, seq: int, code: DefectCode) -> None:
+        super().__init__(code)
+        self.defect = Defect(seq, code)
+
+
+def verify(lines: Iterable[bytes | str], trust: TrustBundle) -> Verified | Defect:
+    """Whether these lines are the whole, unchanged ledger that the identity provider signed.
+
+    Args:
+        lines: of the export, without line ends; the last one is the checkpoint.
+        trust: names the issuer and the ledger's keys.
+    """
+    walk = _Walk(trust)
+    try:
+        for line in lines:
+            walk.take(line.encode() if isinstance(line, str) else line)
+        return walk.end()
+    except _Found as found:
+        return found.defect
+
+
+class _Walk:
+    """State of one verification."""
+
+    def __init__(self, trust: TrustBundle) -> None:
+        self._trust = trust
+        self._size = 0
+        self._head = FIRST_PREV
+        self._journals: dict[str, tuple[int, str]] = {}
+        self._checkpoint: checkpoint.Checkpoint | None = None
+
+    def take(self, line: bytes) -> None:
+        """One more line."""
+        seq = self._size + 1
+        if self._checkpoint is not None:
+            raise _Found(seq, DefectCode.AFTER_CHECKPOINT)
+        try:
+            value = parse_json(line, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH)
+            canonical = rfc8785.dumps(value)  # type: ignore[arg-type]
+        except (BodyError, rfc8785.CanonicalizationError):
+            raise _Found(seq, DefectCode.LINE_MALFORMED) from None
+        if canonical != line:
+            raise _Found(seq, DefectCode.NOT_CANONICAL)
+        if not isinstance(value, dict):
+            raise _Found(seq, DefectCode.ENTRY_MALFORMED)
+        if value.keys() == {"checkpoint"}:
+            self._checkpoint = self._open(value["checkpoint"], seq)
+        else:
+            self._entry(value, seq)
+            self._size, self._head = seq, hashlib.sha256(line).hexdigest()
+
+    def end(self) -> Verified:
+        """Nothing more comes."""
+        signed = self._checkpoint
+        if signed is None:
+            raise _Found(self._size + 1, DefectCode.CHECKPOINT_MISSING)
+        if signed.issuer != self._trust.issuer:
+            raise _Found(self._size, DefectCode.CHECKPOINT_OF_ANOTHER)
+        if signed.size != self._size:
+            raise _Found(self._size, DefectCode.CUT)
+        if signed.head != self._head:
+            raise _Found(self._size, DefectCode.CHAIN_BROKEN)
+        return Verified(self._size, self._head)
+
+    def _entry(self, value: dict[str, Any], seq: int) -> None:
+        whole = value.keys() == ENTRY_FIELDS and all(type(value[name]) is int for name in ("v", "seq", "at_ms"))
+        text = (
+            whole
+            and all(type(value[name]) is str for name in ("prev", "actor", "kind"))
+            and type(value["body"]) is dict
+        )
+        if not text or value["v"] != VERSION or not _HASH.fullmatch(value["prev"]):
+            raise _Found(seq, DefectCode.ENTRY_MALFORMED)
+        if value["seq"] != seq:
+            raise _Found(seq, DefectCode.OUT_OF_SEQUENCE)
+        if value["prev"] != self._head:
+            raise _Found(max(1, seq - 1), DefectCode.CHAIN_BROKEN)
+        if value["kind"] == "pep-record":
+            self._record(value["actor"], value["body"], seq)
+
+    def _record(self, actor: str, body: dict[str, Any], seq: int) -> None:
+        record = body.get("record")
+        if body.keys() != {"record"} or not isinstance(record, dict) or record.keys() != RECORD_FIELDS:
+            raise _Found(seq, DefectCode.RECORD_MALFORMED)
+        if type(record["seq"]) is not int or record["pep"] != actor or record["v"] != VERSION:
+            raise _Found(seq, DefectCode.RECORD_MALFORMED)
+        last, head = self._journals.get(actor, (0, FIRST_PREV))
+        if record["seq"] <= last:
+            raise _Found(seq, DefectCode.RECORD_REPLAYED)
+        if record["seq"] != last + 1:
+            raise _Found(seq, DefectCode.RECORD_GAP)
+        if record["prev"] != head:
+            raise _Found(seq, DefectCode.RECORD_CHAIN_BROKEN)
+        self._journals[actor] = (last + 1, hashlib.sha256(rfc8785.dumps(record)).hexdigest())
+
+    def _open(self, text: object, seq: int) -> checkpoint.Checkpoint:
+        if not isinstance(text, str):
+            raise _Found(seq, DefectCode.CHECKPOINT_UNTRUSTED)
+        try:
+            return checkpoint.open(text, self._trust.ledger, DEFAULT)
+        except StatementError:
+            raise _Found(seq, DefectCode.CHECKPOINT_UNTRUSTED) from None

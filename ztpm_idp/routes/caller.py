@@ -1,0 +1,154 @@
+"""Who calls: the body within its cap, the proof of possession over it, and the registered party behind the proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from fastapi import Request  # noqa: TC002  the framework reads the annotations
+
+from capabilities.caps import DEFAULT
+from capabilities.carriage import token_from_text
+from capabilities.errors import Fault, FaultCode
+from capabilities.proof import check_proof
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.events import SignedRequest
+from ztpm_idp.problems import Problem
+from ztpm_idp.strict_json import BODY_BYTES, BodyError
+from ztpm_idp.wire import Body, parse_body
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.parties import Party
+    from ztpm_idp.feed import Heartbeat
+    from ztpm_idp.provider import Provider
+
+B = TypeVar("B", bound=Body)
+_SCHEME = "DPoP "
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """An authenticated request.
+
+    Attributes:
+        party: who calls.
+        key: the key that signed the proof.
+        token: what was presented as `Authorization: DPoP`, decoded; the proof names it.
+        raw: the body as it came.
+        signed: what the ledger keeps of it.
+    """
+
+    party: Party
+    key: bytes
+    token: bytes | None
+    raw: bytes
+    signed: SignedRequest
+
+    def body(self, model: type[B]) -> B:
+        """The body as `model`.
+
+        Raises:
+            Problem: with the code of what is wrong.
+        """
+        try:
+            return parse_body(model, self.raw)
+        except BodyError as error:
+            raise Problem(error.code, error.detail) from None
+
+
+def provider_of(request: Request) -> Provider:
+    """The provider that this application serves."""
+    provider: Provider = request.app.state.provider
+    return provider
+
+
+def heartbeat_of(request: Request) -> Heartbeat:
+    """The shared heartbeat of this application."""
+    heartbeat: Heartbeat = request.app.state.heartbeat
+    return heartbeat
+
+
+async def authenticated(request: Request) -> Call:
+    """The call, when its proof is by a registered party and for exactly this request.
+
+    Raises:
+        Problem: 401 with the fault of the proof or token, 403 for a revoked caller, 413 for a body over the cap.
+    """
+    provider = provider_of(request)
+    raw = await read_body(request)
+    proof_text, token_text = _one_header(request, "dpop"), _token_text(request)
+    if proof_text is None:
+        raise Problem(FaultCode.PROOF_MISSING)
+    url = provider.settings.issuer + request.scope["path"].removeprefix(prefix_of(provider))
+    proof = check_proof(
+        proof_text,
+        key=None,
+        method=request.method,
+        url=url,
+        body=raw,
+        token=token_text,
+        at=provider.now_ms() / 1_000,
+        caps=DEFAULT,
+    )
+    if isinstance(proof, Fault):
+        raise Problem(proof.code, proof.detail)
+    token = None if token_text is None else token_from_text(token_text, DEFAULT)
+    if isinstance(token, Fault):
+        raise Problem(token.code, token.detail)
+    party = await provider.caller(proof)
+    signed = SignedRequest(request.method, url, raw.decode("utf-8", errors="replace"), proof_text)
+    return Call(party, proof.key, token, raw, signed)
+
+
+def prefix_of(provider: Provider) -> str:
+    """The path of the issuer, below which every endpoint is."""
+    return "/" + provider.settings.issuer.split("/", 3)[3]
+
+
+async def read_body(request: Request) -> bytes:
+    """The body, never more than the cap in memory.
+
+    Raises:
+        Problem: `BODY_TOO_LARGE`.
+    """
+    raw = bytearray()
+    async for part in request.stream():
+        raw += part
+        if len(raw) > BODY_BYTES:
+            raise Problem(IdpCode.BODY_TOO_LARGE, f"at most {BODY_BYTES} bytes")
+    return bytes(raw)
+
+
+def _one_header(request: Request, name: str) -> str | None:
+    """A header that may occur once. Two would be read differently by two readers."""
+    found = request.headers.getlist(name)
+    if len(found) > 1:
+        raise Problem(FaultCode.PROOF_MALFORMED, "a header occurs twice")
+    return found[0] if found else None
+
+
+def _token_text(request: Request) -> str | None:
+    header = _one_header(request, "authorization")
+    if header is None:
+        return None
+    if not header.startswith(_SCHEME):
+        raise Problem(FaultCode.TOKEN_MALFORMED, "the scheme is DPoP")
+    return header.removeprefix(_SCHEME)
+
+
+def body_of(model: type[Body]) -> dict[str, Any]:
+    """The OpenAPI description of a body that we read ourselves."""
+    return {"requestBody": {"required": True, "content": {"application/json": {"schema": model.model_json_schema()}}}}
+
+
+def query_of(request: Request, *names: str) -> tuple[str, ...]:
+    """The values of exactly these query parameters, once each.
+
+    Raises:
+        Problem: `QUERY_MALFORMED`.
+    """
+    if sorted(request.query_params.multi_items()) != sorted(
+        (name, request.query_params.get(name, "")) for name in names
+    ):
+        raise Problem(IdpCode.QUERY_MALFORMED, f"exactly {' and '.join(names)}")
+    return tuple(request.query_params[name] for name in names)

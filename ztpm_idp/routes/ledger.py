@@ -1,0 +1,40 @@
+"""The ledger: taking in enforcement points' journals, and giving out the whole for offline verification."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Request
+from fastapi.responses import StreamingResponse
+
+from ztpm_idp import wire
+from ztpm_idp.domain import commands
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.parties import Person, PersonRole
+from ztpm_idp.feed import ledger_export
+from ztpm_idp.problems import Problem
+from ztpm_idp.routes.caller import Call, authenticated, body_of, provider_of
+
+router = APIRouter()
+Caller = Annotated[Call, Depends(authenticated)]
+
+
+@router.post("/ledger/records", openapi_extra=body_of(wire.RecordsBody))
+async def take_records(request: Request, call: Caller) -> dict[str, int]:
+    """An enforcement point's records are in the ledger; offering them again changes nothing."""
+    records = tuple(call.body(wire.RecordsBody).records)
+    await provider_of(request).run(commands.TakeRecords(call.party.id, records), actor=call.party.id)
+    return {"accepted_through": int(records[-1]["seq"])}
+
+
+@router.get("/ledger/export", response_class=StreamingResponse)
+async def export(request: Request, call: Caller) -> StreamingResponse:
+    """Every entry as one JSON line, then the signed checkpoint."""
+    match call.party:
+        case Person(roles=roles) if roles & {PersonRole.ADMIN, PersonRole.APPROVER}:
+            pass
+        case _:
+            raise Problem(IdpCode.NOT_PERMITTED)
+    return StreamingResponse(
+        ledger_export(provider_of(request)), media_type="application/x-ndjson", headers={"Cache-Control": "no-store"}
+    )  # fmt: skip

@@ -1,0 +1,32 @@
+"""Whether the service lives, whether it can work, and which keys to trust."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+
+from ztpm_idp.routes.caller import heartbeat_of, provider_of
+
+router = APIRouter()
+
+
+@router.get("/healthz")
+async def healthz() -> dict[str, bool]:
+    """The process answers."""
+    return {"alive": True}
+
+
+@router.get("/readyz")
+async def readyz(request: Request) -> dict[str, bool]:
+    """The store can commit, now."""
+    await heartbeat_of(request).beat()
+    return {"ready": True}
+
+
+@router.get("/trust")
+async def trust(request: Request) -> Response:
+    """The public keys of this provider, by role.
+
+    Fetch it over a channel that you trust, once; it is where trust begins.
+    """
+    return Response(provider_of(request).rules.trust.to_json(), media_type="application/json")

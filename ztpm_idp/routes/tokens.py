@@ -1,0 +1,119 @@
+"""Lending authority, and taking it back."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import secrets
+from typing import TYPE_CHECKING, Annotated, Any
+
+import rfc8785
+from fastapi import APIRouter, Depends, Request
+from fastapi.responses import PlainTextResponse
+
+from capabilities.errors import CapabilityError, FaultCode
+from capabilities.keys import b64u
+from capabilities.scope_json import restriction_from_json, scope_from_json
+from capabilities.units import INT_LIMIT
+from ztpm_idp import wire
+from ztpm_idp.domain import commands
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.events import TokenDelegated, TokenIssued
+from ztpm_idp.feed import revocation_index
+from ztpm_idp.problems import Problem
+from ztpm_idp.routes.caller import Call, authenticated, body_of, heartbeat_of, provider_of, query_of
+
+if TYPE_CHECKING:
+    from ztpm_idp.provider import Done
+
+router = APIRouter()
+Caller = Annotated[Call, Depends(authenticated)]
+_NONCE = re.compile(r"[A-Za-z0-9_-]{16,64}")
+_EPOCH = re.compile(r"0|[1-9][0-9]{0,15}")
+
+
+@router.post("/tokens", status_code=201, openapi_extra=body_of(wire.IssueBody))
+async def issue(request: Request, call: Caller) -> dict[str, Any]:
+    """A sponsor lends authority to an agent; the proof is the sponsor's signature over the request."""
+    body = call.body(wire.IssueBody)
+    try:
+        scope = scope_from_json(body.request.scope)
+    except CapabilityError as error:
+        raise Problem(error.code, error.detail) from None
+    command = commands.Issue(
+        by=call.party.id,
+        agent=body.request.agent,
+        purpose=body.request.purpose,
+        scope=scope,
+        request_digest=_digest(body.request),
+        evidence=body.evidence,
+        token_id=b64u(secrets.token_bytes(16)),
+        hop_id=secrets.token_hex(16),
+        signed=call.signed,
+    )
+    return _made(await provider_of(request).run(command, actor=call.party.id))
+
+
+@router.post("/tokens/delegate", status_code=201, openapi_extra=body_of(wire.DelegateBody))
+async def delegate(request: Request, call: Caller) -> dict[str, Any]:
+    """A holder lends part of what its token allows; the proof is by the token's holder."""
+    body = call.body(wire.DelegateBody)
+    if call.token is None:
+        raise Problem(FaultCode.TOKEN_MISSING)
+    try:
+        restriction = restriction_from_json(body.request.restriction)
+    except CapabilityError as error:
+        raise Problem(error.code, error.detail) from None
+    command = commands.Delegate(
+        by=call.party.id,
+        key=call.key,
+        token=call.token,
+        delegate=body.request.delegate,
+        purpose=body.request.purpose,
+        restriction=restriction,
+        request_digest=_digest(body.request),
+        evidence=body.evidence,
+        hop_id=secrets.token_hex(16),
+        signed=call.signed,
+    )
+    return _made(await provider_of(request).run(command, actor=call.party.id))
+
+
+@router.post("/revocations", openapi_extra=body_of(wire.RevocationBody))
+async def revoke(request: Request, call: Caller) -> dict[str, int]:
+    """A token, hop, agent, key, sponsor or audience is revoked, for ever; the answer is its epoch or a later one."""
+    body = call.body(wire.RevocationBody)
+    if not wire.REVOCATION_IDS[body.kind].fullmatch(body.id):
+        raise Problem(IdpCode.BODY_MALFORMED, "id: not of this kind")
+    command = commands.Revoke(call.party.id, body.kind, body.id, body.reason)
+    return {"epoch": (await provider_of(request).run(command, actor=call.party.id)).epoch}
+
+
+@router.get("/revocations", response_class=PlainTextResponse)
+async def revocations(request: Request) -> PlainTextResponse:
+    """The signed revocation index after an epoch, echoing the caller's nonce. Only a store that can commit answers."""
+    since, nonce = query_of(request, "since", "nonce")
+    if not _EPOCH.fullmatch(since) or int(since) > INT_LIMIT:
+        raise Problem(IdpCode.QUERY_MALFORMED, "since")
+    if not _NONCE.fullmatch(nonce):
+        raise Problem(IdpCode.QUERY_MALFORMED, "nonce")
+    text = await revocation_index(provider_of(request), heartbeat_of(request), since=int(since), nonce=nonce)
+    return PlainTextResponse(text, headers={"Cache-Control": "no-store"})
+
+
+def _digest(body: wire.Body) -> bytes:
+    """SHA-256 of the request's canonical form: what the agent's evidence names."""
+    return hashlib.sha256(rfc8785.dumps(body.model_dump(mode="json"))).digest()
+
+
+def _made(done: Done) -> dict[str, Any]:
+    for event in done.events:
+        match event:
+            case TokenIssued(token_id=token_id, hop=hop, scope=scope):
+                pass
+            case TokenDelegated(chain=chain, hop=hop, scope=scope):
+                token_id = chain.token_id
+            case _:
+                continue
+        return {"token": done.token, "token_id": token_id, "hop_id": hop.hop_id, "expires_at": scope.not_after}
+    raise AssertionError

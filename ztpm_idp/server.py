@@ -1,0 +1,56 @@
+"""Running the identity provider in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING
+
+import uvicorn
+
+from ztpm_idp.app import create_app
+
+if TYPE_CHECKING:
+    import socket
+
+    from ztpm_idp.settings import IdpKeys, Settings
+
+HEADER_BYTES = 32_768
+"""Headers that are read: a token of 12 KiB, its proof, and room."""
+GRACE_S = 5
+"""How long open requests may take to end after SIGTERM."""
+
+
+class _Announcing(uvicorn.Server):
+    """Says on standard output, in one JSON line, that it listens."""
+
+    def __init__(self, config: uvicorn.Config, *, port: int) -> None:
+        super().__init__(config)
+        self._port = port
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            sys.stdout.write(json.dumps({"ready": True, "port": self._port}) + "\n")
+            sys.stdout.flush()
+
+
+def serve(settings: Settings, keys: IdpKeys) -> None:
+    """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed."""
+    config = uvicorn.Config(
+        create_app(settings, keys),
+        host=settings.host,
+        port=settings.port,
+        ssl_certfile=settings.tls_certificate_file,
+        ssl_keyfile=settings.tls_key_file,
+        http="h11",
+        ws="none",
+        lifespan="on",
+        access_log=False,
+        log_level="warning",
+        server_header=False,
+        proxy_headers=False,
+        h11_max_incomplete_event_size=HEADER_BYTES,
+        timeout_graceful_shutdown=GRACE_S,
+    )
+    _Announcing(config, port=settings.port).run()

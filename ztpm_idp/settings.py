@@ -1,0 +1,258 @@
+"""What a deployment states, read strictly.
+
+A service with an unsafe or empty security setting does not start, and says which one.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import stat
+import tomllib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Final, Self, TypeVar
+from urllib.parse import urlsplit
+
+import sqlalchemy as sa
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from capabilities import text
+from capabilities.caps import DEFAULT
+from capabilities.errors import BadKeyError, ScopeError
+from capabilities.keys import TrustBundle, from_pem, public_raw
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+PASSPHRASE_VARIABLE: Final = "ZTPM_PASSPHRASE"  # noqa: S105  its name, not its value
+"""The environment variable that holds the passphrase of the key files."""
+S = TypeVar("S", bound=BaseModel)
+_DRIVER: Final = "sqlite+aiosqlite"
+
+
+class SettingsError(Exception):
+    """A setting that is refused.
+
+    Attributes:
+        setting: its name.
+        why: what is wrong with it; never its value.
+    """
+
+    def __init__(self, setting: str, why: str) -> None:
+        super().__init__(f"{setting}: {why}")
+        self.setting = setting
+        self.why = why
+
+
+class Lifetimes(BaseModel):
+    """How long things live, in seconds. Each can only be shorter than what the profile allows."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+    token_s: Annotated[int, Field(ge=1, le=DEFAULT.lifetime_s)] = DEFAULT.key_evidence_lifetime_s
+    nonce_s: Annotated[int, Field(ge=1, le=DEFAULT.nonce_age_s)] = DEFAULT.nonce_age_s
+
+
+class Settings(BaseModel):
+    """Where the identity provider is and how it keeps its state.
+
+    Attributes:
+        issuer: its base URL with a path; every endpoint is below it, every proof names it.
+        host, port: where it listens.
+        database_url: `sqlite+aiosqlite:///FILE`.
+        root_key_id: number of the root key, in every token.
+        tls_certificate_file, tls_key_file: PEM files; needed wherever it listens beyond loopback.
+        open_nonces: unused nonces that one agent may hold at a time.
+    """
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
+
+    issuer: Annotated[str, Field(min_length=1)]
+    host: Annotated[str, Field(min_length=1)]
+    port: Annotated[int, Field(ge=1, le=65_535)]
+    database_url: Annotated[str, Field(min_length=1)]
+    root_key_id: Annotated[int, Field(ge=0, lt=2**32)]
+    lifetimes: Lifetimes = Lifetimes()
+    open_nonces: Annotated[int, Field(ge=1, le=4_096)] = 256
+    tls_certificate_file: str | None = None
+    tls_key_file: str | None = None
+
+    @model_validator(mode="after")
+    def _safe(self) -> Self:
+        _check_issuer(self.issuer)
+        _check_listener(self)
+        _check_database(self.database_url)
+        return self
+
+
+class FileSettings(Settings):
+    """The settings of a configuration file, which also names the key files (PKCS #8, encrypted, mode 0600)."""
+
+    root_key_file: Annotated[str, Field(min_length=1)]
+    attester_key_file: Annotated[str, Field(min_length=1)]
+    feed_key_file: Annotated[str, Field(min_length=1)]
+    registry_key_file: Annotated[str, Field(min_length=1)]
+    ledger_key_file: Annotated[str, Field(min_length=1)]
+
+    def settings(self) -> Settings:
+        """The part that `create_app` needs."""
+        return Settings(**{name: getattr(self, name) for name in Settings.model_fields})
+
+
+@dataclass(frozen=True, slots=True)
+class IdpKeys:
+    """The five private keys of an identity provider, one for each role."""
+
+    root: Ed25519PrivateKey
+    attester: Ed25519PrivateKey
+    feed: Ed25519PrivateKey
+    registry: Ed25519PrivateKey
+    ledger: Ed25519PrivateKey
+
+    def __repr__(self) -> str:
+        return "IdpKeys(...)"
+
+    def trust(self, *, issuer: str, root_key_id: int, version: int = 1) -> TrustBundle:
+        """What verifiers need to know of these keys.
+
+        Raises:
+            BadKeyError: `KEY_WRONG_ROLE` when a key has two roles.
+        """
+        return TrustBundle(
+            issuer=issuer,
+            version=version,
+            roots={root_key_id: public_raw(self.root)},
+            attesters=frozenset({public_raw(self.attester)}),
+            feed=frozenset({public_raw(self.feed)}),
+            registry=frozenset({public_raw(self.registry)}),
+            ledger=frozenset({public_raw(self.ledger)}),
+        )
+
+
+def load_settings(path: Path) -> FileSettings:
+    """The settings of a TOML file, every one of them known and safe. File names are taken from the file's folder.
+
+    Raises:
+        SettingsError: naming the first setting that is refused.
+    """
+    try:
+        stated = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError:
+        raise SettingsError("config", "the file cannot be read") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError):
+        raise SettingsError("config", "the file is not TOML") from None
+    return _validated(FileSettings, stated)
+
+
+def check_settings(stated: dict[str, object]) -> Settings:
+    """The settings, when safe.
+
+    Raises:
+        SettingsError: naming the first setting that is refused.
+    """
+    return _validated(Settings, stated)
+
+
+def load_keys(settings: FileSettings, folder: Path, passphrase: str) -> IdpKeys:
+    """The private keys that the settings name.
+
+    Args:
+        settings: names the files.
+        folder: where relative names start.
+        passphrase: of all of them; not empty.
+
+    Raises:
+        SettingsError: naming the file's setting.
+    """
+    if not passphrase:
+        raise SettingsError(PASSPHRASE_VARIABLE, "empty")
+    names = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
+    root, attester, feed, registry, ledger = (
+        _load_key(name, folder / str(getattr(settings, name)), passphrase) for name in names
+    )
+    keys = IdpKeys(root, attester, feed, registry, ledger)
+    try:
+        keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
+    except BadKeyError as error:
+        raise SettingsError("root_key_file", f"{error.code}: five different keys are needed") from None
+    return keys
+
+
+def _load_key(setting: str, path: Path, passphrase: str) -> Ed25519PrivateKey:
+    try:
+        with path.open("rb") as file:
+            if stat.S_IMODE(os.fstat(file.fileno()).st_mode) & 0o077:
+                raise SettingsError(setting, "others may read or write the file; its mode must be 0600")
+            return from_pem(file.read(), passphrase.encode())
+    except OSError:
+        raise SettingsError(setting, "the file cannot be read") from None
+    except BadKeyError:
+        raise SettingsError(setting, "not an encrypted Ed25519 key, or a wrong passphrase") from None
+
+
+def _validated(model: type[S], stated: dict[str, object]) -> S:
+    try:
+        return model.model_validate(stated)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=True, include_input=False)[0]
+        cause = first.get("ctx", {}).get("error")
+        if isinstance(cause, _UnsafeError):
+            raise SettingsError(cause.setting, cause.why) from None
+        raise SettingsError(".".join(str(part) for part in first["loc"]) or "config", first["type"]) from None
+
+
+class _UnsafeError(ValueError):
+    """Carries a setting's name through pydantic."""
+
+    def __init__(self, setting: str, why: str) -> None:
+        super().__init__(why)
+        self.setting = setting
+        self.why = why
+
+
+def _check_issuer(issuer: str) -> None:
+    try:
+        text.url(issuer, most_bytes=DEFAULT.text_bytes)
+    except ScopeError:
+        raise _UnsafeError("issuer", "not a canonical URL") from None
+    parts = urlsplit(issuer)
+    if parts.scheme not in {"http", "https"}:
+        raise _UnsafeError("issuer", "not an HTTP URL")
+    if not parts.path:
+        raise _UnsafeError("issuer", "needs a path, e.g. /ztpm: readers differ on what a URL without one is called")
+    if parts.scheme == "http" and not is_loopback(parts.hostname or ""):
+        raise _UnsafeError("issuer", "plain HTTP beyond loopback")
+
+
+def _check_listener(settings: Settings) -> None:
+    tls = (settings.tls_certificate_file, settings.tls_key_file)
+    if any(tls) and not all(tls):
+        raise _UnsafeError("tls_certificate_file" if not tls[0] else "tls_key_file", "certificate and key go together")
+    if not is_loopback(settings.host) and not all(tls):
+        raise _UnsafeError("host", "listening beyond loopback needs TLS")
+    if all(tls) and not settings.issuer.startswith("https://"):
+        raise _UnsafeError("issuer", "TLS is configured but the issuer is plain HTTP")
+
+
+def _check_database(database_url: str) -> None:
+    try:
+        url = sa.make_url(database_url)
+    except sa.exc.ArgumentError:
+        raise _UnsafeError("database_url", "not a database URL") from None
+    if url.drivername != _DRIVER:
+        raise _UnsafeError("database_url", f"the driver is {_DRIVER}: this version supports no other database")
+    # A plain file and nothing else: options in the URL could put it into memory or loosen its durability.
+    if not url.database or url.database.startswith((":", "file:")):
+        raise _UnsafeError("database_url", "a database in memory forgets revocations")
+    if url.query:
+        raise _UnsafeError("database_url", "options are not taken")
+
+
+def is_loopback(host: str) -> bool:
+    """True for the names and addresses that never leave the machine."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

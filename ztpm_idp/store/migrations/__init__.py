@@ -1,0 +1,1 @@
+"""The schema's history. `env.py` runs on a connection that the store hands over."""

@@ -1,0 +1,89 @@
+"""Rows to values and back."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, assert_never
+
+import sqlalchemy as sa
+
+from ztpm_idp.domain.ledger import FIRST_PREV
+from ztpm_idp.domain.parties import Agent, Party, Pep, Person, PersonRole, Sensor, Standing, kind_of
+from ztpm_idp.store import schema as t
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+PARTY_COLUMNS = sa.select(
+    t.parties,
+    t.people.c.name,
+    t.people.c.roles,
+    t.agents.c.software_digest,
+    t.agents.c.model,
+    t.agents.c.role,
+    t.agents.c.sponsor,
+    t.agents.c.trust_permille,
+    t.peps.c.audiences,
+    t.sensors.c.calibration,
+    t.sensors.c.transit_ms,
+    t.sensors.c.audience,
+).select_from(
+    t.parties.outerjoin(t.people, t.people.c.id == t.parties.c.id)
+    .outerjoin(t.agents, t.agents.c.id == t.parties.c.id)
+    .outerjoin(t.peps, t.peps.c.id == t.parties.c.id)
+    .outerjoin(t.sensors, t.sensors.c.id == t.parties.c.id)
+)
+"""Every party with the columns of its kind."""
+
+
+def party(row: sa.Row[Any]) -> Party:
+    """The party of one row of `PARTY_COLUMNS`."""
+    r = row._mapping  # noqa: SLF001  SQLAlchemy's documented name
+    id_, key, thumbprint, standing = r["id"], bytes(r["key"]), r["thumbprint"], Standing(r["standing"])
+    match r["kind"]:
+        case "person":
+            return Person(id_, key, thumbprint, standing, r["name"], frozenset(PersonRole(x) for x in r["roles"]))
+        case "agent":
+            digest = bytes(r["software_digest"])
+            return Agent(
+                id_, key, thumbprint, standing, digest, r["model"], r["role"], r["sponsor"], r["trust_permille"]
+            )
+        case "pep":
+            return Pep(id_, key, thumbprint, standing, frozenset(r["audiences"]))
+        case "sensor":
+            return Sensor(id_, key, thumbprint, standing, bytes(r["calibration"]), r["transit_ms"], r["audience"])
+        case other:
+            raise AssertionError(other)
+
+
+def party_inserts(party: Party, at_ms: int) -> Sequence[sa.Insert]:
+    """The rows that make a party."""
+    common = sa.insert(t.parties).values(
+        id=party.id,
+        kind=kind_of(party),
+        key=party.key,
+        thumbprint=party.thumbprint,
+        standing=party.standing.value,
+        registered_ms=at_ms,
+    )
+    match party:
+        case Person(name=name, roles=roles):
+            own = sa.insert(t.people).values(id=party.id, name=name, roles=sorted(role.value for role in roles))
+        case Agent():
+            own = sa.insert(t.agents).values(
+                id=party.id,
+                software_digest=party.software_digest,
+                model=party.model,
+                role=party.role,
+                sponsor=party.sponsor,
+            )
+        case Pep(audiences=audiences):
+            own = sa.insert(t.peps).values(
+                id=party.id, audiences=sorted(audiences), journal_seq=0, journal_head=FIRST_PREV
+            )  # fmt: skip
+        case Sensor():
+            own = sa.insert(t.sensors).values(
+                id=party.id, calibration=party.calibration, transit_ms=party.transit_ms, audience=party.audience
+            )  # fmt: skip
+        case _:
+            assert_never(party)
+    return (common, own)

@@ -1,0 +1,153 @@
+"""The tables.
+
+What may happen once is a primary key or a unique constraint here, so that no race can make it happen twice.
+"""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+metadata = sa.MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "ck": "ck_%(table_name)s_%(constraint_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_N_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
+
+parties = sa.Table(
+    "parties",
+    metadata,
+    sa.Column("id", sa.String(64), primary_key=True),
+    sa.Column("kind", sa.String(16), nullable=False),
+    sa.Column("key", sa.LargeBinary(32), nullable=False, unique=True),
+    sa.Column("thumbprint", sa.String(43), nullable=False, unique=True),
+    sa.Column("standing", sa.String(16), nullable=False),
+    sa.Column("registered_ms", sa.BigInteger, nullable=False),
+    sa.CheckConstraint("kind IN ('person', 'agent', 'pep', 'sensor')", name="kind"),
+    sa.CheckConstraint("standing IN ('registered', 'active', 'revoked')", name="standing"),
+)
+
+people = sa.Table(
+    "people",
+    metadata,
+    sa.Column("id", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("name", sa.String(128), nullable=False),
+    sa.Column("roles", sa.JSON, nullable=False),
+)
+
+agents = sa.Table(
+    "agents",
+    metadata,
+    sa.Column("id", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("software_digest", sa.LargeBinary(32), nullable=False),
+    sa.Column("model", sa.String(128), nullable=False),
+    sa.Column("role", sa.String(64), nullable=False),
+    sa.Column("sponsor", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("attested_ms", sa.BigInteger, nullable=True),
+    sa.Column("trust_permille", sa.Integer, nullable=True),
+)
+
+peps = sa.Table(
+    "peps",
+    metadata,
+    sa.Column("id", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("audiences", sa.JSON, nullable=False),
+    sa.Column("journal_seq", sa.BigInteger, nullable=False),
+    sa.Column("journal_head", sa.String(64), nullable=False),
+)
+
+sensors = sa.Table(
+    "sensors",
+    metadata,
+    sa.Column("id", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("calibration", sa.LargeBinary(32), nullable=False),
+    sa.Column("transit_ms", sa.Integer, nullable=False),
+    sa.Column("audience", sa.String(256), nullable=False, index=True),
+)
+
+tools = sa.Table(
+    "tools",
+    metadata,
+    sa.Column("audience", sa.String(256), primary_key=True),
+    sa.Column("name", sa.String(64), primary_key=True),
+    sa.Column("definition_digest", sa.LargeBinary(32), nullable=False),
+    sa.Column("operation", sa.String(64), nullable=False),
+    sa.Column("base_tier", sa.Integer, nullable=False),
+)
+
+nonces = sa.Table(
+    "nonces",
+    metadata,
+    sa.Column("nonce", sa.String(64), primary_key=True),
+    sa.Column("agent", sa.ForeignKey("parties.id"), nullable=False, index=True),
+    sa.Column("given_ms", sa.BigInteger, nullable=False),
+    sa.Column("spent_on", sa.String(64), nullable=True),
+)
+
+hops = sa.Table(
+    "hops",
+    metadata,
+    sa.Column("hop_id", sa.String(32), primary_key=True),
+    sa.Column("token_id", sa.String(22), nullable=False, index=True),
+    sa.Column("parent", sa.ForeignKey("hops.hop_id"), nullable=True),
+    sa.Column("position", sa.Integer, nullable=False),
+    sa.Column("agent", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("sponsor", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("made_ms", sa.BigInteger, nullable=False),
+    sa.Column("not_after", sa.BigInteger, nullable=False),
+)
+
+revocations = sa.Table(
+    "revocations",
+    metadata,
+    sa.Column("epoch", sa.BigInteger, primary_key=True, autoincrement=False),
+    sa.Column("kind", sa.String(16), nullable=False),
+    sa.Column("id", sa.String(256), nullable=False),
+    sa.Column("by", sa.String(64), nullable=False),
+    sa.Column("reason", sa.String(512), nullable=False),
+    sa.Column("at_ms", sa.BigInteger, nullable=False),
+    sa.UniqueConstraint("kind", "id"),
+)
+
+proofs = sa.Table(
+    "proofs",
+    metadata,
+    sa.Column("key", sa.LargeBinary(32), primary_key=True),
+    sa.Column("jti", sa.String(128), primary_key=True),
+    sa.Column("forget_ms", sa.BigInteger, nullable=False, index=True),
+)
+
+ledger = sa.Table(
+    "ledger",
+    metadata,
+    sa.Column("seq", sa.BigInteger, primary_key=True, autoincrement=False),
+    sa.Column("hash", sa.String(64), nullable=False, unique=True),
+    sa.Column("line", sa.LargeBinary, nullable=False),
+)
+
+records = sa.Table(
+    "records",
+    metadata,
+    sa.Column("pep", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("seq", sa.BigInteger, primary_key=True, autoincrement=False),
+    sa.Column("hash", sa.String(64), nullable=False),
+)
+
+counters = sa.Table(
+    "counters",
+    metadata,
+    sa.Column("singleton", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("epoch", sa.BigInteger, nullable=False),
+    sa.Column("registry_version", sa.BigInteger, nullable=False),
+    sa.Column("ledger_size", sa.BigInteger, nullable=False),
+    sa.Column("ledger_head", sa.String(64), nullable=False),
+    sa.Column("beats", sa.BigInteger, nullable=False),
+    sa.CheckConstraint("singleton = 1", name="one_row"),
+)
+"""One row.
+
+Whoever changes the state updates it first and so holds its lock: epochs and ledger entries come in commit order.
+"""

@@ -1,0 +1,345 @@
+"""One transaction: what a command sees, and what its events leave behind."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, assert_never
+
+import sqlalchemy as sa
+
+from ztpm_idp.domain.entries import entry_of
+from ztpm_idp.domain.events import (
+    AgentAttested,
+    DelegationRefused,
+    NonceConsumed,
+    NonceGiven,
+    PartyRegistered,
+    RecordTaken,
+    RevocationKind,
+    Revoked,
+    TokenDelegated,
+    TokenIssued,
+    ToolRegistered,
+    TrustStated,
+)
+from ztpm_idp.domain.ledger import seal
+from ztpm_idp.domain.parties import Agent, Party, Sensor, Standing
+from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
+from ztpm_idp.store import rows
+from ztpm_idp.store import schema as t
+from ztpm_idp.store.errors import OnceOnlyError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sqlalchemy.ext.asyncio import AsyncConnection
+
+    from capabilities.chain import HopGrant
+    from capabilities.scope import Scope
+    from ztpm_idp.domain.events import Event
+    from ztpm_idp.domain.state import Wanted
+
+NONCE_MEMORY_MS = 600_000
+"""How long a nonce's row is kept: ten times the longest age at which it counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """The one row of counters, as this transaction sees it."""
+
+    epoch: int
+    registry_version: int
+    ledger_size: int
+    ledger_head: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a new hop stands."""
+
+    token_id: str
+    sponsor: str
+    parent: str | None
+    position: int
+
+
+class Transaction:
+    """Reads and writes of one command. Made by `Store`; commits when its block ends, rolls back when it raises."""
+
+    def __init__(self, connection: AsyncConnection) -> None:
+        self._connection = connection
+
+    # --- reading ---------------------------------------------------------------------------------------------------
+
+    async def load(self, wanted: Wanted, *, young_ms: int) -> State:
+        """The state that `wanted` names; nonces given before `young_ms` are left out."""
+        parties = await self._parties(wanted)
+        return State(
+            parties=parties,
+            key_owners=await self._key_owners(wanted.keys),
+            nonces=await self._nonces(wanted.nonces_of, young_ms),
+            hops=await self._hops(wanted),
+            owner_of_thumbprint=await self._owner_of(wanted.thumbprint, parties),
+            journal=await self._journal(wanted),
+            revoked_at_epoch=await self._revoked_at(wanted.revocation),
+            empty=await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
+            revoked=await self._revoked() if wanted.revocations else frozenset(),
+            epoch=(await self.counters()).epoch,
+        )
+
+    async def counters(self) -> Counters:
+        """The counters now."""
+        c = t.counters.c
+        found = (
+            await self._connection.execute(sa.select(c.epoch, c.registry_version, c.ledger_size, c.ledger_head))
+        ).one()
+        return Counters(*found)
+
+    async def party_of_key(self, key: bytes) -> Party | None:
+        """Who owns a key."""
+        found = (await self._connection.execute(rows.PARTY_COLUMNS.where(t.parties.c.key == key))).one_or_none()
+        return None if found is None else rows.party(found)
+
+    async def revocations_since(self, since: int, most: int) -> list[tuple[int, str, str]]:
+        """(epoch, kind, id) of revocations with a higher epoch, in order, at most `most`."""
+        c = t.revocations.c
+        found = await self._connection.execute(
+            sa.select(c.epoch, c.kind, c.id).where(c.epoch > since).order_by(c.epoch).limit(most)
+        )  # fmt: skip
+        return [(epoch, kind, id_) for epoch, kind, id_ in found]
+
+    async def all_parties(self, kind: str) -> list[Party]:
+        """Every party of a kind, by id."""
+        found = await self._connection.execute(
+            rows.PARTY_COLUMNS.where(t.parties.c.kind == kind).order_by(t.parties.c.id)
+        )
+        return [rows.party(row) for row in found]
+
+    async def tools(self, audience: str) -> list[sa.Row[Any]]:
+        """The tools of an audience, by name."""
+        return list(
+            await self._connection.execute(
+                sa.select(t.tools).where(t.tools.c.audience == audience).order_by(t.tools.c.name)
+            )
+        )
+
+    async def ledger_lines(self, *, after: int, through: int, most: int) -> list[bytes]:
+        """Lines of the ledger with after < seq <= through, in order, at most `most`."""
+        c = t.ledger.c
+        found = await self._connection.execute(
+            sa.select(c.line).where(c.seq > after, c.seq <= through).order_by(c.seq).limit(most)
+        )  # fmt: skip
+        return [bytes(line) for (line,) in found]
+
+    async def _scalar(self, query: sa.Select[Any]) -> Any:
+        return (await self._connection.execute(query)).scalar_one_or_none()
+
+    async def _parties(self, wanted: Wanted) -> dict[str, Party]:
+        found = {p.id: p for p in await self._by_id(wanted.parties)}
+        # Whoever judges an agent judges its sponsor too.
+        sponsors = {p.sponsor for p in found.values() if isinstance(p, Agent)} - found.keys()
+        return found | {p.id: p for p in await self._by_id(sponsors)}
+
+    async def _by_id(self, ids: Iterable[str]) -> list[Party]:
+        wanted = sorted(ids)
+        if not wanted:
+            return []
+        return [
+            rows.party(row)
+            for row in await self._connection.execute(rows.PARTY_COLUMNS.where(t.parties.c.id.in_(wanted)))
+        ]
+
+    async def _key_owners(self, keys: frozenset[bytes]) -> dict[bytes, str]:
+        if not keys:
+            return {}
+        c = t.parties.c
+        found = await self._connection.execute(sa.select(c.key, c.id).where(c.key.in_(sorted(keys))))
+        return {bytes(key): id_ for key, id_ in found}
+
+    async def _nonces(self, agent: str | None, young_ms: int) -> dict[str, Nonce]:
+        if agent is None:
+            return {}
+        c = t.nonces.c
+        found = await self._connection.execute(
+            sa.select(c.nonce, c.agent, c.given_ms, c.spent_on).where(c.agent == agent, c.given_ms >= young_ms)
+        )  # fmt: skip
+        return {
+            nonce: Nonce(nonce, owner, given_ms, spent_on is not None) for nonce, owner, given_ms, spent_on in found
+        }
+
+    async def _hops(self, wanted: Wanted) -> dict[str, HopRecord]:
+        c, found = t.hops.c, dict[str, HopRecord]()
+        query = sa.select(c.hop_id, c.token_id, c.parent, c.agent, c.sponsor)
+        if wanted.token is not None:
+            for row in await self._connection.execute(query.where(c.token_id == wanted.token, c.parent.is_(None))):
+                found[row.hop_id] = HopRecord(*row)
+        following = wanted.hop
+        while following is not None and following not in found:
+            above = (await self._connection.execute(query.where(c.hop_id == following))).one_or_none()
+            if above is None:
+                break
+            found[above.hop_id] = HopRecord(*above)
+            following = above.parent
+        return found
+
+    async def _owner_of(self, thumbprint: str | None, parties: dict[str, Party]) -> str | None:
+        if thumbprint is None:
+            return None
+        found = (
+            await self._connection.execute(rows.PARTY_COLUMNS.where(t.parties.c.thumbprint == thumbprint))
+        ).one_or_none()
+        if found is None:
+            return None
+        owner = rows.party(found)
+        parties[owner.id] = owner
+        return owner.id
+
+    async def _journal(self, wanted: Wanted) -> Journal | None:
+        if wanted.journal is None:
+            return None
+        c = t.peps.c
+        query = sa.select(c.journal_seq, c.journal_head).where(c.id == wanted.journal)
+        row = (await self._connection.execute(query)).one_or_none()
+        if row is None:
+            return None
+        seqs = sorted(seq for seq in wanted.journal_seqs if 1 <= seq <= row.journal_seq)
+        r = t.records.c
+        found = await self._connection.execute(
+            sa.select(r.seq, r.hash).where(r.pep == wanted.journal, r.seq.in_(seqs))
+        )  # fmt: skip
+        return Journal(row.journal_seq, row.journal_head, {row.seq: row.hash for row in found})
+
+    async def _revoked_at(self, what: tuple[str, str] | None) -> int | None:
+        if what is None:
+            return None
+        c = t.revocations.c
+        found: int | None = await self._scalar(sa.select(c.epoch).where(c.kind == what[0], c.id == what[1]))
+        return found
+
+    async def _revoked(self) -> frozenset[tuple[str, str]]:
+        c = t.revocations.c
+        return frozenset((kind, id_) for kind, id_ in await self._connection.execute(sa.select(c.kind, c.id)))
+
+    # --- writing ---------------------------------------------------------------------------------------------------
+
+    async def lock(self) -> None:
+        """Until it ends, this transaction alone changes the state, and what it reads from now on is newest."""
+        await self._connection.execute(sa.update(t.counters).values(beats=t.counters.c.beats + 1))
+
+    async def append(self, events: Iterable[Event], *, actor: str, at_ms: int) -> int:
+        """The events are in their tables and in the ledger; the highest epoch given, or the epoch as it was.
+
+        Raises:
+            OnceOnlyError: something that happens once has happened in another transaction.
+        """
+        counters = await self.counters()
+        size, head = counters.ledger_size, counters.ledger_head
+        for event in events:
+            await self._write(event, actor, at_ms)
+            kept = entry_of(event)
+            if kept is None:
+                continue
+            entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=actor, kind=kept[0], body=kept[1])
+            await self._connection.execute(
+                sa.insert(t.ledger).values(seq=entry.seq, hash=entry.digest, line=entry.line)
+            )
+            size, head = entry.seq, entry.digest
+        await self._connection.execute(sa.update(t.counters).values(ledger_size=size, ledger_head=head))
+        return (await self.counters()).epoch
+
+    async def _write(self, event: Event, actor: str, at_ms: int) -> None:
+        match event:
+            case PartyRegistered(party=party):
+                for insert in rows.party_inserts(party, at_ms):
+                    await self._connection.execute(insert)
+                if isinstance(party, Sensor):
+                    await self._registry_changed()
+            case ToolRegistered(tool=tool):
+                await self._connection.execute(
+                    sa.delete(t.tools).where(t.tools.c.audience == tool.audience, t.tools.c.name == tool.name)
+                )  # fmt: skip
+                await self._connection.execute(
+                    sa.insert(t.tools).values(
+                        audience=tool.audience,
+                        name=tool.name,
+                        definition_digest=tool.definition_digest,
+                        operation=tool.operation,
+                        base_tier=int(tool.base_tier),
+                    )
+                )
+                await self._registry_changed()
+            case TrustStated(agent=agent, permille=permille):
+                await self._connection.execute(
+                    sa.update(t.agents).where(t.agents.c.id == agent).values(trust_permille=permille)
+                )
+                await self._registry_changed()
+            case NonceGiven():
+                await self._connection.execute(sa.delete(t.nonces).where(t.nonces.c.given_ms < at_ms - NONCE_MEMORY_MS))
+                await self._connection.execute(
+                    sa.insert(t.nonces).values(nonce=event.nonce, agent=event.agent, given_ms=event.given_ms)
+                )  # fmt: skip
+            case NonceConsumed(nonce=nonce, purpose=purpose):
+                spent = await self._connection.execute(
+                    sa.update(t.nonces)
+                    .where(t.nonces.c.nonce == nonce, t.nonces.c.spent_on.is_(None))
+                    .values(spent_on=purpose)
+                )
+                if spent.rowcount != 1:
+                    raise OnceOnlyError
+            case AgentAttested(agent=agent):
+                await self._stand(agent, Standing.ACTIVE)
+                await self._connection.execute(
+                    sa.update(t.agents).where(t.agents.c.id == agent).values(attested_ms=at_ms)
+                )
+            case TokenIssued():
+                await self._hop(event.hop, event.scope, _Place(event.token_id, event.sponsor.subject, None, 0), at_ms)
+            case TokenDelegated(chain=chain):
+                place = _Place(chain.token_id, chain.sponsor.subject, chain.leaf.hop_id, len(chain.hops))
+                await self._hop(event.hop, event.scope, place, at_ms)
+            case DelegationRefused():
+                pass  # the ledger entry is all there is
+            case Revoked(kind=kind, id=id_, reason=reason, party=party_id):
+                await self._revoke(kind, id_, reason, actor, at_ms)
+                if party_id is not None:
+                    await self._stand(party_id, Standing.REVOKED)
+                    await self._registry_changed()
+            case RecordTaken(pep=pep, seq=seq, digest=digest):
+                await self._connection.execute(sa.insert(t.records).values(pep=pep, seq=seq, hash=digest))
+                await self._connection.execute(
+                    sa.update(t.peps).where(t.peps.c.id == pep).values(journal_seq=seq, journal_head=digest)
+                )  # fmt: skip
+            case _:
+                assert_never(event)
+
+    async def _registry_changed(self) -> None:
+        await self._connection.execute(sa.update(t.counters).values(registry_version=t.counters.c.registry_version + 1))
+
+    async def _stand(self, party: str, standing: Standing) -> None:
+        # Revoked is for ever: no later event brings a party back.
+        await self._connection.execute(
+            sa.update(t.parties)
+            .where(t.parties.c.id == party, t.parties.c.standing != Standing.REVOKED.value)
+            .values(standing=standing.value)
+        )
+
+    async def _hop(self, hop: HopGrant, scope: Scope, place: _Place, at_ms: int) -> None:
+        await self._connection.execute(
+            sa.insert(t.hops).values(
+                hop_id=hop.hop_id,
+                token_id=place.token_id,
+                parent=place.parent,
+                position=place.position,
+                agent=hop.agent,
+                sponsor=place.sponsor,
+                made_ms=at_ms,
+                not_after=scope.not_after,
+            )
+        )
+
+    async def _revoke(self, kind: RevocationKind, id_: str, reason: str, by: str, at_ms: int) -> None:
+        # The epoch is taken from the locked row inside this transaction: epochs become visible in their own order.
+        await self._connection.execute(sa.update(t.counters).values(epoch=t.counters.c.epoch + 1))
+        epoch = (await self.counters()).epoch
+        await self._connection.execute(
+            sa.insert(t.revocations).values(epoch=epoch, kind=kind.value, id=id_, by=by, reason=reason, at_ms=at_ms)
+        )  # fmt: skip
