@@ -1,0 +1,100 @@
+"""For each refusing step of the story: take out the defence that it rests on, and the step is no longer as told.
+
+Each case starts a cell of its own in which one process runs with one check undone (tests/e2e/sabotage.py), plays the step and what it
+needs, sees that everything before it is as told, and that the attack then does exactly what the check had kept from happening.
+"""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ztpm.demo.run import play, stage
+from ztpm.demo.story import STORY
+from ztpm.processes import Child
+
+TOP = Path(__file__).parents[2]
+IDP, PEP = "identity provider", "tool server"
+
+FOREVER = ("NONE", "STEP_FAILED", False)
+"""The refusal that the step waits for never comes: the wait itself is the observation."""
+MOVED = ("PERMIT", "PERMITTED", True)
+
+# step, process, defect, what is then seen: decision, reason, whether the arm moved
+CASES = [
+    ("widen-refused", IDP, "idp_lends_more", ("PERMIT", "DELEGATED", False)),
+    ("unattested-refused", IDP, "idp_takes_any_evidence", ("DENY", "HOP_NOT_ATTESTED", False)),
+    ("unattested-refused", PEP, "pep_takes_unattested_blocks", MOVED),
+    ("scope-refused", PEP, "pep_grants_everything", ("PERMIT", "PERMITTED", False)),
+    ("limit-refused", PEP, "pep_grants_everything", MOVED),
+    ("replay-refused", PEP, "pep_forgets_proofs", ("PERMIT", "PERMITTED", False)),
+    ("stolen-refused", PEP, "pep_takes_any_key", MOVED),
+    ("tampered-refused", PEP, "pep_trusts_a_token_it_knows", MOVED),
+    ("fragile-untrusted", PEP, "pep_ignores_trust", MOVED),
+    ("human-deferred", PEP, "pep_is_blind_to_people", MOVED),
+    ("human-deferred", PEP, "pep_moves_without_asking", MOVED),
+    ("deferral-expires", PEP, "pep_never_ends_an_ask", FOREVER),
+    ("ceiling-refused", PEP, "pep_ignores_the_ceiling", ("DEFER", "TIER_NEEDS_APPROVAL", False)),
+    ("through-person-denied", PEP, "pep_is_blind_to_people", MOVED),
+    ("not-finite-refused", PEP, "pep_reads_nan", ("DENY", "NOT_FINITE", False)),
+    ("revoked-refused", PEP, "pep_ignores_revocations", FOREVER),
+    ("sponsor-disabled", PEP, "pep_ignores_sponsors", FOREVER),
+    ("stale-feed-refused", PEP, "pep_ignores_the_age_of_its_view", FOREVER),
+]
+
+
+def test_every_refusing_step_has_a_case() -> None:
+    refusing = {step.id for step in STORY.steps if step.expect.decision in ("DENY", "DEFER")}
+    assert refusing == {step for step, *_ in CASES}
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize(("name", "process", "defect", "seen"), CASES, ids=[f"{s}-{d}" for s, _, d, _ in CASES])
+def test_step_fails_without_its_defence(
+    name: str, process: str, defect: str, seen: tuple[str, str, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ztpm.demo.stage.WAIT_S", 5.0)
+
+    def start(child: str, module: str, *arguments: str, environment: dict[str, str]) -> Child:
+        if child != process:
+            return Child.start(child, module, *arguments, environment=environment)
+        path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
+        return Child.start(
+            child, "tests.e2e.sabotage", defect, module, *arguments, environment={**environment, "PYTHONPATH": path}
+        )
+
+    steps = STORY.only(frozenset({name}))
+    assert steps[-1].id == name
+    with stage(start=start) as on_stage:
+        told = [play(on_stage, step) for step in steps]
+    assert [step.id for step in told[:-1] if not step.ok] == []
+    last = told[-1]
+    assert not last.ok, last
+    assert (last.decision, last.reason, last.moved_rad > 0.1) == seen, last
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(180)
+def test_audit_step_fails_without_the_chain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The offline check runs in this process: without its comparison of hashes the flipped bit goes unseen."""
+    from ztpm_idp import ledger_file
+
+    walk = ledger_file._Walk
+    entry, end = walk._entry, walk.end
+
+    def unlinked(self, value, seq):
+        entry(self, {**value, "prev": self._head}, seq)
+
+    def unsigned(self):
+        self._head = self._checkpoint.head
+        return end(self)
+
+    monkeypatch.setattr(walk, "_entry", unlinked)
+    monkeypatch.setattr(walk, "_record", lambda self, actor, body, seq: None)
+    monkeypatch.setattr(walk, "end", unsigned)
+    with stage() as on_stage:
+        told = [play(on_stage, step) for step in STORY.only(frozenset({"audit-verifies"}))]
+    assert [step.id for step in told[:-1] if not step.ok] == []
+    assert not told[-1].ok, told[-1]
+    assert (told[-1].decision, told[-1].reason) == ("DONE", "VERIFIED")

@@ -1,0 +1,45 @@
+"""The story as a user runs it: the real command, its JSON, its exit status."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+STEPS = [
+    "init", "register", "attest", "issue", "delegate", "widen-refused", "unattested-refused", "move-empty", "scope-refused",
+    "limit-refused", "replay-refused", "stolen-refused", "tampered-refused", "fragile-trusted", "fragile-untrusted", "human-deferred",
+    "deferral-expires", "ceiling-refused", "through-person-denied", "not-finite-refused", "revoked-refused", "sponsor-disabled",
+    "stale-feed-refused", "audit-verifies",
+]  # fmt: skip
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(180)
+def test_demo_is_as_told() -> None:
+    command = [str(Path(sys.executable).with_name("ztpm")), "demo", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=170)
+    story = json.loads(done.stdout)
+    assert [(step["id"], step["ok"]) for step in story["steps"]] == [(step, True) for step in STEPS], (
+        done.stdout + done.stderr
+    )
+    assert story["ok"] is True
+    assert done.returncode == 0
+    for step in story["steps"]:
+        assert step.keys() == {"id", "told", "decision", "reason", "tier", "latency_ms", "moved_rad", "ok"}
+        assert (step["moved_rad"] > 0.5) == (step["id"] in {"move-empty", "fragile-trusted"})
+
+
+def test_middle_of_the_sweep_is_where_the_story_says() -> None:
+    import numpy as np
+
+    from pep.pit import Robot
+    from pep.pit.kinematics import link_frames
+    from ztpm.demo.stage import LEFT
+    from ztpm.demo.props import MIDDLE_M
+
+    robot = Robot.load("ur3e")
+    rotations, origins = link_frames(robot, np.array([[0.0, *LEFT[1:]]]))
+    tool = origins[0, -1] + rotations[0, -1] @ np.array([0.0, 0.0, 0.177])
+    assert np.allclose(tool[:2], MIDDLE_M, atol=1e-3)

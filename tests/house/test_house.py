@@ -1,0 +1,98 @@
+"""What every landing promises about the house itself."""
+
+import importlib.metadata
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).parents[2]
+
+
+def tracked() -> list[Path]:
+    listing = subprocess.run(["git", "ls-files", "-z"], cwd=TOP, capture_output=True, text=True, timeout=30)
+    if listing.returncode:
+        pytest.skip("not a git checkout")
+    return [TOP / name for name in listing.stdout.split("\0") if name]
+
+
+def test_no_file_names_a_package_index() -> None:
+    hosts = re.compile(
+        "|".join((r"py" r"pi\.org", r"files\.python" r"hosted", r"registry\.npm" r"js", r"deb\.debian" r"\.org"))
+    )
+    found = [str(path) for path in tracked() if path.is_file() and hosts.search(path.read_text("utf-8", "ignore"))]
+    assert found == []
+
+
+def test_modules_are_one_noun() -> None:
+    long = {
+        str(p.relative_to(TOP)): n
+        for p in tracked()
+        if p.suffix == ".py" and "tests" not in p.parts and (n := len(p.read_text().splitlines())) > 500
+    }
+    assert long == {}
+
+
+BANNED = re.compile(
+    r"\b(?:class|def)\s+\w*(?:manager|helper|util|handler|data|info|process|misc)(?![a-z])\w*", re.IGNORECASE
+)
+
+
+def test_banned_words_stay_out_of_identifiers() -> None:
+    found = [
+        f"{path.relative_to(TOP)}: {match.group()}"
+        for path in tracked()
+        if path.suffix == ".py" and "tests" not in path.parts
+        for match in BANNED.finditer(path.read_text())
+    ]
+    assert found == []
+
+
+def test_top_level_names_belong_to_us() -> None:
+    """`capabilities`, `pep`, `policies` are plain words: no other installed distribution may claim them."""
+    owners = importlib.metadata.packages_distributions()
+    for name in ("capabilities", "policies", "pep", "ztpm_idp", "ztpm"):
+        assert set(owners.get(name, ["ztpm"])) == {"ztpm"}, name
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(300)
+def test_core_installs_alone(tmp_path: Path) -> None:
+    """In an empty environment the bare distribution brings `capabilities` and `policies`, and no web, database or robot package."""
+    uv = shutil.which("uv")
+    if uv is None:
+        pytest.skip("uv is not on the path")
+    where = tmp_path / "env"
+    subprocess.run([uv, "venv", "-q", "--python", sys.executable, where], check=True, timeout=60)
+    python = where / "bin" / "python"
+    subprocess.run([uv, "pip", "install", "-q", "--python", python, TOP], check=True, timeout=200)
+    subprocess.run(
+        [python, "-c", "import capabilities, policies; policies.load_shipped('paper-default')"],
+        check=True,
+        cwd=tmp_path,
+        timeout=60,
+    )
+    listing = subprocess.run(
+        [uv, "pip", "list", "--python", python, "--format", "freeze"],
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    installed = {line.split("==")[0].lower() for line in listing.stdout.splitlines()}
+    assert not installed & {
+        "fastapi",
+        "starlette",
+        "sqlalchemy",
+        "mcp",
+        "numpy",
+        "pin",
+        "coal",
+        "ur-rtde",
+        "httpx2",
+        "uvicorn",
+        "typer",
+    }

@@ -1,0 +1,72 @@
+"""Each import contract holds, and each is seen to fail when it is broken."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).parents[2]
+PACKAGES = ("capabilities", "policies", "pep", "ztpm_idp", "ztpm")
+
+BREAKS = [
+    ("layers", "capabilities/units.py", "import policies.model"),
+    ("layers", "policies/model.py", "import pep.ports"),
+    ("layers", "pep/ports.py", "import ztpm_idp"),
+    ("layers", "ztpm_idp/__init__.py", "import pep.ports"),
+    ("layers", "pep/ports.py", "import ztpm.cell"),
+    ("core-is-light", "policies/model.py", "import fastapi"),
+    ("core-is-light", "capabilities/units.py", "import numpy"),
+    ("core-is-light", "capabilities/units.py", "import socket"),
+    ("biscuit-fence", "pep/ports.py", "import biscuit_auth"),
+    ("biscuit-fence", "capabilities/units.py", "import biscuit_auth"),
+    ("physics-fence", "pep/gate.py", "import pinocchio"),
+    ("physics-fence", "ztpm/cell.py", "import coal"),
+    ("mcp-fence", "pep/gate.py", "import mcp"),
+    ("mcp-fence", "ztpm_idp/__init__.py", "import mcp"),
+    ("domain-is-pure", "ztpm_idp/domain/__init__.py", "import sqlalchemy"),
+    ("domain-is-pure", "ztpm_idp/domain/__init__.py", "import ztpm_idp.app"),
+    ("web-fence", "pep/gate.py", "import fastapi"),
+    ("web-fence", "ztpm/cell.py", "import sqlalchemy"),
+    ("physics-fence", "pep/world.py", "import pinocchio"),
+    ("mcp-fence", "pep/world.py", "import mcp"),
+    ("shells-outside", "pep/gate.py", "import pep.mcp.guard"),
+    ("shells-outside", "pep/gate.py", "import socket"),
+    ("shells-outside", "pep/pit/tier.py", "import pep.rtde.drive"),
+]
+
+
+def lint(tree: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=tree, capture_output=True, text=True, timeout=100,
+        env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(tree), "COLUMNS": "200"},
+    )  # fmt: skip
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    for package in PACKAGES:
+        shutil.copytree(TOP / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(TOP / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def test_kept(tree: Path) -> None:
+    result = lint(tree)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert " 0 broken" in result.stdout
+
+
+@pytest.mark.parametrize(("contract", "file", "line"), BREAKS, ids=[f"{c}-{f}-{i.split()[1]}" for c, f, i in BREAKS])
+def test_broken_is_seen(tree: Path, contract: str, file: str, line: str) -> None:
+    import tomllib
+
+    rows = tomllib.loads((TOP / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    (name,) = [row["name"] for row in rows if row["id"] == contract]
+    target = tree / file
+    text = target.read_text()
+    target.write_text(text + f"\n{line}\n")
+    result = lint(tree)
+    assert result.returncode == 1, result.stdout + result.stderr
+    assert [row for row in result.stdout.splitlines() if row.startswith(name) and "BROKEN" in row], result.stdout

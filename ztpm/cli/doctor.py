@@ -1,0 +1,114 @@
+"""`ztpm doctor`: is this machine able to run a cell?"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import secrets
+import sys
+import time
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from ztpm.cli.output import FAILURE, console, say_json
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+NEEDED: Final = (
+    "biscuit-python",
+    "cryptography",
+    "pyjwt",
+    "pydantic",
+    "fastapi",
+    "mcp",
+    "ur-rtde",
+    "pin",
+    "coal",
+    "sqlalchemy",
+)
+
+
+def doctor(*, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
+    """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record."""
+    rows: list[dict[str, object]] = []
+    for name, probe in CHECKS:
+        try:
+            ok, detail = probe()
+        except Exception as error:  # noqa: BLE001 - a doctor reports, whatever is wrong
+            ok, detail = False, f"{type(error).__name__}: {error}"
+        rows.append({"check": name, "ok": ok, "detail": detail})
+    sound = all(row["ok"] for row in rows)
+    if as_json:
+        say_json({"ok": sound, "checks": rows})
+    else:
+        for row in rows:
+            console.print(f"{'[green]ok  [/]' if row['ok'] else '[bold red]FAIL[/]'} {row['check']}: {row['detail']}")
+    raise typer.Exit(0 if sound else FAILURE)
+
+
+def _interpreter() -> tuple[bool, str]:
+    return sys.version_info >= (
+        3,
+        11,
+    ) and sys.platform == "linux", f"Python {platform.python_version()} on {platform.system()}"
+
+
+def _libraries() -> tuple[bool, str]:
+    found = {}
+    for name in NEEDED:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "MISSING"
+    return "MISSING" not in found.values(), ", ".join(f"{name} {number}" for name, number in found.items())
+
+
+def _loopback() -> tuple[bool, str]:
+    from ztpm.setup import free_addresses
+
+    addresses = free_addresses(secrets.token_bytes(16))
+    return True, f"all ports of a cell are free on {addresses.host}"
+
+
+def _physics() -> tuple[bool, str]:
+    from pep.pit import Assessment, CellParameters, MoveJ, Robot, Scene, assess
+    from ztpm.demo.stage import ACCELERATION_RAD_S2, LEFT, RIGHT, SPEED_RAD_S
+
+    robot, cell = Robot.load("ur3e"), CellParameters()
+    started = time.perf_counter()
+    motion = MoveJ(LEFT, RIGHT, SPEED_RAD_S, ACCELERATION_RAD_S2)
+    result = assess(robot, Scene.of_cell(cell), motion, cell, perception_age_s=0.0, seed=b"doctor")
+    spent_ms = (time.perf_counter() - started) * 1e3
+    if not isinstance(result, Assessment):
+        return False, f"{result.reason} {result.detail}"
+    return (
+        result.tier == 1,
+        f"the paper's sweep in an empty cell is tier {int(result.tier)}; engines agree; {spent_ms:.0f} ms",
+    )
+
+
+def _durable() -> tuple[bool, str]:
+    import tempfile
+
+    with tempfile.TemporaryFile() as file:
+        spent = []
+        for _ in range(20):
+            started = time.perf_counter()
+            file.write(b"x" * 512)
+            file.flush()
+            os.fsync(file.fileno())
+            spent.append((time.perf_counter() - started) * 1e3)
+    median = sorted(spent)[len(spent) // 2]
+    return True, f"a synced record costs {median:.2f} ms (median of {len(spent)})"
+
+
+CHECKS: Final[tuple[tuple[str, Callable[[], tuple[bool, str]]], ...]] = (
+    ("interpreter", _interpreter),
+    ("libraries", _libraries),
+    ("loopback", _loopback),
+    ("physics", _physics),
+    ("durable record", _durable),
+)

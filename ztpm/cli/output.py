@@ -1,0 +1,30 @@
+"""How commands speak: one JSON object with `--json`, a table or a sentence without."""
+
+from __future__ import annotations
+
+import json
+from typing import Final, NoReturn
+
+import typer
+from rich.console import Console
+
+FAILURE: Final = 1
+USAGE: Final = 2
+DENY: Final = 3
+"""What was asked about is refused: a token that does not verify."""
+
+console = Console(highlight=False, soft_wrap=True)
+
+
+def say_json(value: object) -> None:
+    """The value as one line of JSON on standard output."""
+    typer.echo(json.dumps(value, ensure_ascii=False, allow_nan=False))
+
+
+def fail(code: str, sentence: str, *, as_json: bool, status: int = FAILURE) -> NoReturn:
+    """The command ends with a reason code and a sentence."""
+    if as_json:
+        say_json({"ok": False, "code": code, "detail": sentence})
+    else:
+        typer.echo(f"{code}: {sentence}", err=True)
+    raise typer.Exit(status)

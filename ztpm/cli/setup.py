@@ -1,0 +1,66 @@
+"""`ztpm init` and `ztpm version`."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import secrets
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ztpm.cli.output import USAGE, fail, say_json
+
+MIN_PASSPHRASE = 12
+
+
+def version(*, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
+    """Print the version."""
+    number = importlib.metadata.version("ztpm")
+    if as_json:
+        say_json({"version": number})
+    else:
+        typer.echo(f"ztpm {number}")
+
+
+def init(
+    *,
+    where: Annotated[Path, typer.Option("--data", help="Directory to create.")] = Path(".ztpm"),
+    host: Annotated[str, typer.Option(help="Address the cell listens on; plain HTTP is for loopback only.")] = "",
+    policy: Annotated[str, typer.Option(help="Shipped policy set or a file.")] = "paper-default",
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+) -> None:
+    """Make a new cell: keys, operators, trust bundle, configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for."""
+    from ztpm.cell import PASSPHRASE_VARIABLE
+    from ztpm.layout import OPERATORS, Layout, LayoutError
+    from ztpm.setup import Addresses, SetupError, free_addresses, initialise
+
+    passphrase = os.environ.get(PASSPHRASE_VARIABLE) or typer.prompt(
+        "Passphrase for the keys", hide_input=True, confirmation_prompt=True
+    )
+    if len(passphrase) < MIN_PASSPHRASE:
+        fail("PASSPHRASE_TOO_SHORT", f"at least {MIN_PASSPHRASE} characters", as_json=as_json, status=USAGE)
+    addresses = Addresses(host=host) if host else free_addresses(secrets.token_bytes(16))
+    layout = Layout(where.resolve())
+    try:
+        initialise(layout, addresses, passphrase=passphrase.encode(), policy=policy, defer_timeout_s=60)
+    except LayoutError as error:
+        fail("EXISTS", str(error), as_json=as_json)
+    except SetupError as error:
+        fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
+    except OSError as error:
+        fail("UNWRITABLE", f"{layout.root}: {error.strerror or type(error).__name__}", as_json=as_json)
+    made = {
+        "data": str(layout.root),
+        "issuer": addresses.issuer,
+        "audience": addresses.audience,
+        "operators": list(OPERATORS),
+    }
+    if as_json:
+        say_json({"ok": True, **made})
+    else:
+        typer.echo(
+            f"A new cell in {layout.root}: issuer {addresses.issuer}, tools {addresses.audience}, "
+            f"operators {', '.join(OPERATORS)}."
+        )

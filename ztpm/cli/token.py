@@ -1,0 +1,53 @@
+"""`ztpm token inspect`: what a token says, after its signatures were checked."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from capabilities.errors import CapabilityError, Fault, TokenError
+from capabilities.keys import TrustBundle
+from ztpm.cli.output import DENY, USAGE, console, fail, say_json
+
+app = typer.Typer(no_args_is_help=True, help="Tokens.")
+
+
+@app.callback()
+def tokens_() -> None:
+    """Tokens."""
+
+
+@app.command("inspect")
+def inspect(
+    source: Annotated[str, typer.Argument(help="A file that holds the token's text, or - for standard input.")],
+    trust: Annotated[Path, typer.Option("--trust", help="The trust bundle.", exists=True, dir_okay=False)],
+    *,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+) -> None:
+    """Show sponsor, hops, scope and limits of a token that verifies. It comes from a file, since it is a secret."""
+    from capabilities.caps import DEFAULT
+    from capabilities.carriage import token_from_text
+    from capabilities.verify import inspect_token
+
+    try:
+        bundle = TrustBundle.from_json(trust.read_bytes())
+        text = (sys.stdin.read() if source == "-" else Path(source).read_text("utf-8")).strip()
+    except CapabilityError as error:
+        fail(str(error.code), f"{trust}: {error.detail}", as_json=as_json, status=USAGE)
+    except (OSError, UnicodeDecodeError) as error:
+        fail("UNREADABLE", f"{source}: {error}", as_json=as_json, status=USAGE)
+    token = token_from_text(text, DEFAULT)
+    if isinstance(token, Fault):
+        fail(str(token.code), f"{token.clause} {token.detail}".strip(), as_json=as_json, status=DENY)
+    try:
+        seen = inspect_token(token, bundle, DEFAULT)
+    except TokenError as error:
+        fail(str(error.code), error.detail, as_json=as_json, status=DENY)
+    if as_json:
+        say_json({"ok": True, **seen})
+    else:
+        console.print_json(json.dumps(seen))

@@ -1,0 +1,126 @@
+"""What the story is played with: scenes, tokens and a forgery, each made for real."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities import keys
+from capabilities.caps import DEFAULT
+from capabilities.carriage import token_from_text, token_to_text
+from capabilities.chain import Attestation, EvidenceKind, HopGrant
+from capabilities.delegate import delegate
+from capabilities.errors import Fault
+from capabilities.statements.revocation import RevocationView
+from capabilities.verify import inspect_token, verify
+from ztpm.demo.stage import StageError, arm_only, sweep_scope
+from ztpm.layout import read_key
+
+if TYPE_CHECKING:
+    from capabilities.scope import Restriction, Scope
+    from ztpm.demo.stage import Stage
+
+LIFETIME_S: Final = 900
+SLOWER: Final = 600_000
+"""The orchestrator leaves the robotic agent this joint speed, urad/s."""
+
+GLASS: Final = {"id": "glass-1", "kind": "fragile"}
+PERSON_AXIS_M: Final = 0.69
+"""Body axis of a standing adult whose nearest surface (torso, radius 0.19 m) is 0.5 m from the base axis: C2."""
+
+PLAIN_CALL: Final = {
+    "content-type": "application/json",
+    "accept": "application/json, text/event-stream",
+    "mcp-method": "tools/call",
+    "mcp-name": "move_joint",
+}
+"""Headers of a tool call that is written by hand."""
+
+
+def person(identity: str, x_m: float, y_m: float) -> dict[str, object]:
+    """A standing adult for the sensor, by the position of the body axis in the base frame."""
+    return {"id": identity, "x_m": x_m, "y_m": y_m}
+
+
+MIDDLE_M: Final = (-0.272, -0.131)
+"""Where the tool passes the middle of the sweep: x, y in the base frame, by forward kinematics."""
+
+
+def front(radius_m: float) -> tuple[float, float]:
+    """The point at that distance from the base axis in the direction of the middle of the sweep, base frame."""
+    x, y = MIDDLE_M
+    norm = (x * x + y * y) ** 0.5
+    return radius_m * x / norm, radius_m * y / norm
+
+
+def under_the_path() -> dict[str, object]:
+    """A fragile glass standing on the table under the middle of the sweep (condition C1)."""
+    x, y = MIDDLE_M
+    return {**GLASS, "shape": {"type": "capsule", "a_m": [x, y, 0.03], "b_m": [x, y, 0.10], "radius_m": 0.035}}
+
+
+def lent(stage: Stage, *delegates: str) -> Scope:
+    """What an operator lends now, to be handed down to these agents."""
+    return sweep_scope(
+        stage.cell.addresses.audience, delegates=frozenset(delegates), now=int(time.time()), lifetime_s=LIFETIME_S
+    )
+
+
+def hand_down(stage: Stage, to: str, restriction: Restriction, *, keep_as: str | None = None) -> str:
+    """The orchestrator delegates to an agent; the token is kept under `keep_as` or the agent's name."""
+    token = (
+        stage.agents["orchestrator"]
+        .delegate(stage.tokens["orchestrator"], stage.agents[to], restriction, purpose="move the arm along the sweep")
+        .token
+    )
+    stage.tokens[keep_as or to] = token
+    return token
+
+
+def self_attested(stage: Stage, to: str) -> str:
+    """The orchestrator's token with a hop that it appended itself: right in everything but the attester's key."""
+    rogue, now = keys.generate(), int(time.time())
+    token = raw(stage.tokens["orchestrator"])
+    known = RevocationView(epoch=0, age_ms=0, revoked=frozenset())
+    chain = verify(
+        token, at=now, audience=stage.cell.addresses.audience, view=known, lease_ms=1, trust=stage.trust, caps=DEFAULT
+    )
+    if isinstance(chain, Fault):
+        raise StageError(f"the orchestrator's token is {chain.code}")
+    agent = stage.agents[to]
+    hop = HopGrant(
+        hop_id=secrets.token_hex(16),
+        agent=to,
+        key=keys.public_raw(read_key(stage.cell.layout.agent_key(to), stage.cell.passphrase)),
+        delegator=chain.leaf.agent,
+        purpose="nobody else needs to know",
+        request_digest=secrets.token_bytes(32),
+        attestation=Attestation(EvidenceKind.KEY, agent.measurement, now),
+    )
+    believed = replace(stage.trust, attesters=stage.trust.attesters | {keys.public_raw(rogue)})
+    grafted = delegate(
+        token,
+        chain=chain,
+        attester=rogue,
+        trust=believed,
+        hop=hop,
+        restriction=arm_only(speed_high=SLOWER),
+        caps=DEFAULT,
+    )
+    return token_to_text(grafted)
+
+
+def raw(text: str) -> bytes:
+    """The bytes of a token text that is known to be well formed."""
+    token = token_from_text(text, DEFAULT)
+    if not isinstance(token, bytes):
+        raise StageError("a token that was just issued does not parse")
+    return token
+
+
+def hop_id(stage: Stage, token: str) -> str:
+    """The id of a token's last hop, as `ztpm token inspect` shows it."""
+    described: Any = inspect_token(raw(token), stage.trust, DEFAULT)
+    return str(described["hops"][-1]["hop_id"])

@@ -1,0 +1,186 @@
+"""Telling the story: each step in order, observed before, while and after, judged against what is told of it."""
+
+from __future__ import annotations
+
+import secrets
+import tempfile
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ztpm.cell import Cell
+from ztpm.demo.stage import LEFT, Stage, until
+from ztpm.layout import OPERATORS, Layout
+from ztpm.setup import free_addresses, initialise
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from ztpm.demo.calls import Answer
+    from ztpm.processes import Child
+
+MOVED_RAD: Final = 1e-3
+"""Less than this on every joint is standing still (the simulator's and the sensor's noise is far below)."""
+DEMO_DEFER_TIMEOUT_S: Final = 2
+"""The demo waits this long for an answer to a deferral, so that the story stays short."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expect:
+    """What a step must show to be as told.
+
+    Attributes:
+        decision, reason, tier: as answered; None stands for anything.
+        moves: whether the arm must move (True) or must not (False).
+        recorded: whether the PEP's journal must hold a record with this decision and reason.
+        ledger: kind of the entry that the identity provider's ledger must have gained, or None.
+    """
+
+    decision: str
+    reason: str | None = None
+    tier: int | None = None
+    moves: bool = False
+    recorded: bool = True
+    ledger: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a step did and saw.
+
+    Attributes:
+        told: one sentence, with the observed values in it.
+        decision, reason, tier, latency_ms: of the decisive call.
+        ok: whatever else the step itself had to see.
+    """
+
+    told: str
+    decision: str
+    reason: str
+    tier: int | None = None
+    latency_ms: float = 0.0
+    ok: bool = True
+
+    @classmethod
+    def answer(cls, told: str, answer: Answer, *, ok: bool = True) -> Seen:
+        """What an answer from the tool server says."""
+        return cls(told, answer.decision, answer.reason, answer.tier, answer.latency_ms, ok)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the story: its id, what it must show, what it needs first, how it is done."""
+
+    id: str
+    expect: Expect
+    play: Callable[[Stage], Seen]
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """One played step, as reported."""
+
+    id: str
+    told: str
+    decision: str
+    reason: str
+    tier: int | None
+    latency_ms: float
+    moved_rad: float
+    ok: bool
+
+
+@dataclass
+class Story:
+    """The steps, in order."""
+
+    steps: list[Step] = field(default_factory=list)
+
+    def step(
+        self, name: str, expect: Expect, *, needs: tuple[str, ...] = ()
+    ) -> Callable[[Callable[[Stage], Seen]], Callable[[Stage], Seen]]:
+        """Adds a step."""
+
+        def add(play: Callable[[Stage], Seen]) -> Callable[[Stage], Seen]:
+            self.steps.append(Step(name, expect, play, needs))
+            return play
+
+        return add
+
+    def only(self, names: frozenset[str] | None) -> list[Step]:
+        """The named steps and what they need, in order; all of them for None."""
+        if names is None:
+            return self.steps
+        wanted, rows = set(names), {step.id: step for step in self.steps}
+        frontier = list(names)
+        while frontier:
+            for need in rows[frontier.pop()].needs:
+                if need not in wanted:
+                    wanted.add(need)
+                    frontier.append(need)
+        return [step for step in self.steps if step.id in wanted]
+
+
+@contextmanager
+def stage(*, start: Callable[..., Child] | None = None, directory: Path | None = None) -> Iterator[Stage]:
+    """A stage on a fresh cell, gone afterwards.
+
+    Args:
+        start: starts a process in place of `Child.start`; the tests of the defences break one here.
+        directory: kept afterwards; a temporary one by default.
+    """
+    with tempfile.TemporaryDirectory(prefix="ztpm-") as temporary:
+        layout = Layout(directory or Path(temporary) / "cell")
+        addresses = free_addresses(secrets.token_bytes(16))
+        passphrase = secrets.token_urlsafe(24).encode()
+        initialise(
+            layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=DEMO_DEFER_TIMEOUT_S
+        )
+        with Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, start=start) as cell:
+            on_stage = Stage(cell=cell, people={})
+            on_stage.people = {name: on_stage.operator_from_disk(name) for name in OPERATORS}
+            cell.register(on_stage.people["carol"])
+            cell.start_tools()
+            try:
+                yield on_stage
+            finally:
+                on_stage.close()
+
+
+def play(on_stage: Stage, step: Step) -> Told:
+    """The step, played and judged. An exception is a step that is not as told."""
+    before = on_stage.joints
+    on_stage.begin()
+    started = time.perf_counter()
+    try:
+        seen = step.play(on_stage)
+        until(lambda: on_stage.still, "standstill")
+    except Exception as error:  # noqa: BLE001 - the story goes on, and says what happened
+        elapsed = (time.perf_counter() - started) * 1e3
+        return Told(
+            step.id, f"{type(error).__name__}: {error}"[:400], "NONE", "STEP_FAILED", None, elapsed, 0.0, ok=False
+        )
+    moved = max(abs(now - then) for now, then in zip(on_stage.joints, before, strict=True))
+    expect = step.expect
+    recorded = not expect.recorded or (seen.decision, seen.reason) in map(_verdict, on_stage.journal())
+    entered = expect.ledger is None or expect.ledger in on_stage.new_ledger_kinds()
+    ok = (
+        seen.ok
+        and recorded
+        and entered
+        and seen.decision == expect.decision
+        and expect.reason in (None, seen.reason)
+        and expect.tier in (None, seen.tier)
+        and (moved > MOVED_RAD) == expect.moves
+    )
+    return Told(step.id, seen.told, seen.decision, seen.reason, seen.tier, seen.latency_ms, moved, ok)
+
+
+def _verdict(row: dict[str, Any]) -> tuple[object, object]:
+    """Effect and reason of a decision or a refusal as the PEP recorded it."""
+    body = row["body"]
+    said = body["decision"] if row["kind"] == "decision" else body
+    return said.get("effect"), said.get("reason")

@@ -1,0 +1,240 @@
+"""The stage of the demo: the running cell, the people, the agents, and eyes of its own.
+
+The eyes are separate from everything that is judged: a receive connection of the demo's own to the controller, the
+PEP's journal read from disk, HTTP answers as they came over the wire.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from rtde_receive import RTDEReceiveInterface
+
+from capabilities import keys
+from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from capabilities.units import Parameter, Unit
+from ztpm.demo.calls import Answer, call
+from ztpm.layout import new_key, read_key
+from ztpm_idp.client import Agent, Operator
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from ztpm.cell import Cell
+
+STILL_RAD_S: Final = 1e-3
+"""All joints slower than this is standstill (1 mrad/s)."""
+LEFT: Final = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
+RIGHT: Final = (0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
+"""The two ends of the paper's sweep: left to right, passing through the front (rad)."""
+SPEED_RAD_S: Final = 0.5
+ACCELERATION_RAD_S2: Final = 1.4
+WAIT_S: Final = 15.0
+"""Longest wait for something that must become visible."""
+
+
+class StageError(RuntimeError):
+    """Something that the story needs did not happen."""
+
+
+def until(seen: Callable[[], bool], what: str) -> None:
+    """It has been seen.
+
+    Raises:
+        StageError: when it was not, for `WAIT_S` seconds.
+    """
+    deadline = time.monotonic() + WAIT_S
+    while not seen():
+        if time.monotonic() > deadline:
+            raise StageError(f"not seen within {WAIT_S:g} s: {what}")
+        time.sleep(0.02)
+
+
+@dataclass
+class Stage:
+    """Everything a step may touch.
+
+    Attributes:
+        cell: the running processes.
+        people: the three operators.
+        agents: by name, once registered.
+        tokens: by the holder's name.
+        eyes: joint angles and speeds over a connection of the demo's own.
+        open_ask: id of the deferral that waits for people.
+    """
+
+    cell: Cell
+    people: dict[str, Operator]
+    agents: dict[str, Agent] = field(default_factory=dict)
+    tokens: dict[str, str] = field(default_factory=dict)
+    eyes: RTDEReceiveInterface | None = None
+    open_ask: object = None
+    journal_at: int = 0
+    ledger_at: int = 0
+    side: tuple[float, ...] = LEFT
+
+    @property
+    def joints(self) -> tuple[float, ...]:
+        """The arm's angles now, rad."""
+        if self.eyes is None:
+            self.eyes = RTDEReceiveInterface(self.cell.addresses.host)
+        return tuple(self.eyes.getActualQ())
+
+    @property
+    def still(self) -> bool:
+        """Whether every joint stands still."""
+        assert self.eyes is not None
+        return all(abs(speed) < STILL_RAD_S for speed in self.eyes.getActualQd())
+
+    @property
+    def trust(self) -> keys.TrustBundle:
+        """The public keys that everything is verified with."""
+        return keys.TrustBundle.from_json(self.cell.layout.trust.read_bytes())
+
+    def journal(self, *, since: int | None = None) -> list[dict[str, Any]]:
+        """The PEP's records since the step began, or since byte `since`, read from disk."""
+        with self.cell.layout.journal.open("rb") as file:
+            file.seek(self.journal_at if since is None else since)
+            return [json.loads(line) for line in file if line.endswith(b"\n")]
+
+    def ended_asks(self) -> set[object]:
+        """Ids of the deferrals that ended in silence, by the whole journal."""
+        return {row["body"]["ask_id"] for row in self.journal(since=0) if row["kind"] == "ask-expired"}
+
+    def begin(self) -> None:
+        """A step begins: what is in the journal now belongs to earlier ones."""
+        self.journal_at = self.cell.layout.journal.stat().st_size
+
+    def new_ledger_kinds(self) -> set[str]:
+        """Kinds of the entries that the identity provider's ledger has gained since this was last asked."""
+        lines = self.person("carol").export_ledger().splitlines()[:-1]
+        fresh, self.ledger_at = lines[self.ledger_at :], len(lines)
+        return {json.loads(line)["kind"] for line in fresh}
+
+    def journal_records(self) -> int:
+        """How many records the PEP has on disk."""
+        return self.cell.layout.journal.read_bytes().count(b"\n")
+
+    def exported_pep_records(self) -> int:
+        """How many of them the ledger holds."""
+        lines = self.person("carol").export_ledger().splitlines()
+        return sum(1 for line in lines if json.loads(line).get("kind") == "pep-record")
+
+    def close(self) -> None:
+        """The eyes are closed."""
+        if self.eyes is not None:
+            self.eyes.disconnect()
+
+    def person(self, name: str) -> Operator:
+        """The operator of that name."""
+        return self.people[name]
+
+    def new_agent(self, name: str, *, sponsor: str, role: str) -> Agent:
+        """A registered and attested agent with a key of its own."""
+        key = new_key(self.cell.layout.agent_key(name), self.cell.passphrase)
+        measurement = secrets.token_bytes(32)
+        self.person(sponsor).register_agent(
+            name, keys.public_raw(key), software_digest=measurement.hex(), model="scripted", role=role, sponsor=sponsor
+        )
+        agent = Agent(name, key, self.cell.addresses.issuer, measurement)
+        self.agents[name] = agent
+        return agent
+
+    def operator_from_disk(self, name: str) -> Operator:
+        """The operator, with the key that `init` stored."""
+        return Operator(
+            name, read_key(self.cell.layout.operator_key(name), self.cell.passphrase), self.cell.addresses.issuer
+        )
+
+    def move(
+        self, agent: str, *, token: str | None = None, to: tuple[float, ...] | None = None, speed: float = SPEED_RAD_S
+    ) -> Answer:
+        """The agent's call of `move_joint` to the other side, or to `to`."""
+        target = to or (RIGHT if self.side == LEFT else LEFT)
+        answer = self.ask(
+            agent,
+            "move_joint",
+            {"q_rad": list(target), "speed_rad_s": speed, "acceleration_rad_s2": ACCELERATION_RAD_S2},
+            token=token,
+        )
+        if answer.decision == "PERMIT":
+            self.side = target
+        return answer
+
+    def ask(self, agent: str, tool: str, arguments: dict[str, object], *, token: str | None = None) -> Answer:
+        """The agent's call of a tool with its token."""
+        auth = self.agents[agent].auth(token or self.tokens[agent])
+        return call(self.cell.addresses.audience, auth, tool, arguments)
+
+    def scene(
+        self, *, people: list[dict[str, object]] | None = None, objects: list[dict[str, object]] | None = None
+    ) -> None:
+        """The sensor sees exactly these people and objects, and the PEP has seen it."""
+        people, objects = people or [], objects or []
+        self.cell.sensor.tell({"people": people, "objects": objects})
+
+        def arrived() -> bool:
+            world = self.ask("orchestrator", "read_state", {}).content.get("world") or {}
+            return (world.get("people"), world.get("objects")) == (len(people), len(objects))
+
+        until(arrived, "the new scene at the PEP")
+
+
+def sweep_scope(audience: str, *, delegates: frozenset[str], now: int, lifetime_s: int) -> Scope:
+    """What an operator lends to a planner: the arm, the gripper and the state of one cell, up to tier 3.
+
+    Args:
+        audience: canonical URL of the cell's tool server.
+        delegates: agents that the planner may lend to.
+        now: seconds since the epoch.
+        lifetime_s: how long.
+    """
+    angle, speed, acceleration = Unit.MICRORADIAN, Unit.MICRORADIAN_PER_SECOND, Unit.MICRORADIAN_PER_SECOND2
+    joints = tuple(Limit(Parameter(f"q{i}", angle), Range(-3_000_000, 3_000_000)) for i in range(6))
+    move = Grant(
+        "ur3e",
+        "move_joint",
+        (
+            *joints,
+            Limit(Parameter("speed", speed), Range(0, 1_050_000)),
+            Limit(Parameter("acceleration", acceleration), Range(0, 2_000_000)),
+        ),
+    )
+    gripper = Grant(
+        "ur3e",
+        "gripper_move",
+        (
+            Limit(Parameter("width", Unit.MICROMETRE), Range(0, 85_000)),
+            Limit(Parameter("speed", Unit.MICROMETRE_PER_SECOND), Range(20_000, 150_000)),
+            Limit(Parameter("force", Unit.MILLINEWTON), Range(20_000, 100_000)),
+        ),
+    )
+    return Scope(
+        grants=(gripper, move, Grant("ur3e", "read_state"), Grant("ur3e", "stop")),
+        ceiling=Tier.HIGH_CONSEQUENCE,
+        audiences=frozenset({audience}),
+        delegates=delegates,
+        depth=3,
+        not_before=now - 1,
+        not_after=now + lifetime_s,
+    )
+
+
+def arm_only(*, speed_high: int, ceiling: Tier | None = None, delegates: frozenset[str] = frozenset()) -> Restriction:
+    """What a delegation leaves: arm, state and stop, slower; no gripper.
+
+    Args:
+        speed_high: highest joint speed in urad/s.
+        ceiling: a lower tier ceiling, or None to keep the parent's.
+        delegates: who may be next; nobody by default.
+    """
+    speed = Limit(Parameter("speed", Unit.MICRORADIAN_PER_SECOND), Range(0, speed_high))
+    return Restriction(
+        grants=(Grant("ur3e", "move_joint", (speed,)), Grant("ur3e", "read_state"), Grant("ur3e", "stop")),
+        ceiling=ceiling,
+        delegates=delegates,
+    )

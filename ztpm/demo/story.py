@@ -1,0 +1,405 @@
+"""The story: each step does one thing for real, through the doors that anyone would use, and tells what it saw."""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+import time
+from typing import TYPE_CHECKING, Final
+
+import httpx2
+
+from capabilities.carriage import token_to_text
+from capabilities.scope import Tier
+from ztpm.demo.calls import Answer, resend, send
+from ztpm.demo.props import (
+    LIFETIME_S,
+    PERSON_AXIS_M,
+    PLAIN_CALL,
+    SLOWER,
+    front,
+    hand_down,
+    hop_id,
+    lent,
+    person,
+    raw,
+    self_attested,
+    under_the_path,
+)
+from ztpm.demo.run import DEMO_DEFER_TIMEOUT_S, Expect, Seen, Story
+from ztpm.demo.stage import ACCELERATION_RAD_S2, LEFT, SPEED_RAD_S, Stage, arm_only, until
+from ztpm_idp.client import ClientError
+from ztpm_idp.ledger_file import Defect, Verified
+from ztpm_idp.ledger_file import verify as verify_ledger
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+STORY: Final = Story()
+DELEGATED: Final = ("delegate",)
+HEX_DIGEST: Final = re.compile(rb'"[0-9a-f]{64}"')
+
+
+@STORY.step("init", Expect("DONE", recorded=False))
+def _init(stage: Stage) -> Seen:
+    layout = stage.cell.layout
+    started = time.perf_counter()
+    ready = httpx2.get(stage.cell.addresses.issuer + "/readyz").status_code
+    latency = (time.perf_counter() - started) * 1e3
+    private = [path for path in layout.root.rglob("*.key") if path.stat().st_mode & 0o077 == 0]
+    joints = len(stage.joints)
+    told = f"three operators, {len(private)} encrypted keys (600); the provider answers {ready}, the arm too"
+    return Seen(told, "DONE", "READY", None, latency, ok=ready == 200 and len(private) == 10 and joints == 6)
+
+
+@STORY.step("register", Expect("DONE", recorded=False, ledger="agent-registered"), needs=("init",))
+def _register(stage: Stage) -> Seen:
+    started = time.perf_counter()
+    for name, role in (
+        ("orchestrator", "planner"),
+        ("robotic", "actuator"),
+        ("vision", "observer"),
+        ("config", "planner"),
+    ):
+        stage.new_agent(name, sponsor="alice", role=role)
+    latency = (time.perf_counter() - started) * 1e3
+    known = {row["id"]: row["status"] for row in stage.person("alice").agents()}
+    told = f"alice registered {', '.join(sorted(known))}; none may act before it is attested"
+    return Seen(told, "DONE", "REGISTERED", None, latency, ok=set(known.values()) == {"registered"} and len(known) == 4)
+
+
+@STORY.step("attest", Expect("DONE", recorded=False, ledger="agent-attested"), needs=("register",))
+def _attest(stage: Stage) -> Seen:
+    started = time.perf_counter()
+    for agent in stage.agents.values():
+        agent.attest()
+    latency = (time.perf_counter() - started) * 1e3
+    known = {row["id"]: row["status"] for row in stage.person("alice").agents()}
+    told = f"each agent signed a fresh nonce and its measurement; {len(known)} active"
+    return Seen(told, "DONE", "ATTESTED", None, latency, ok=set(known.values()) == {"active"})
+
+
+@STORY.step("issue", Expect("DONE", recorded=False, ledger="token-issued"), needs=("attest",))
+def _issue(stage: Stage) -> Seen:
+    scope = lent(stage, "robotic", "vision", "config")
+    started = time.perf_counter()
+    issued = stage.person("alice").issue(
+        stage.agents["orchestrator"], scope, purpose="sweep the table and hand over parts"
+    )
+    latency = (time.perf_counter() - started) * 1e3
+    stage.tokens["orchestrator"] = issued.token
+    told = f"alice lent the orchestrator arm, gripper and state up to tier 3 for {LIFETIME_S} s"
+    return Seen(told, "DONE", "ISSUED", None, latency)
+
+
+@STORY.step("delegate", Expect("DONE", recorded=False, ledger="token-delegated"), needs=("issue",))
+def _delegate(stage: Stage) -> Seen:
+    started = time.perf_counter()
+    hand_down(stage, "robotic", arm_only(speed_high=SLOWER))
+    latency = (time.perf_counter() - started) * 1e3
+    told = "the orchestrator lent the robotic agent the arm alone, at most 0.6 rad/s, after it was attested anew"
+    return Seen(told, "DONE", "DELEGATED", None, latency)
+
+
+def asked_of_idp(action: Callable[[], object]) -> tuple[str, str, int, float]:
+    """Decision, code, status and latency of what the identity provider made of an action."""
+    started = time.perf_counter()
+    try:
+        action()
+    except ClientError as error:
+        return "DENY", str(error.code), error.status, (time.perf_counter() - started) * 1e3
+    return "PERMIT", "DELEGATED", 201, (time.perf_counter() - started) * 1e3
+
+
+@STORY.step(
+    "widen-refused", Expect("DENY", "NOT_NARROWER", recorded=False, ledger="delegation-refused"), needs=DELEGATED
+)
+def _widen(stage: Stage) -> Seen:
+    decision, code, status, latency = asked_of_idp(
+        lambda: hand_down(stage, "vision", arm_only(speed_high=2_000_000), keep_as="wider")
+    )
+    told = (
+        f"the orchestrator asked for a delegate at 2 rad/s, above its own 1.05: the identity provider answered {status}"
+    )
+    return Seen(told, decision, code, None, latency, ok=status == 403 and "wider" not in stage.tokens)
+
+
+@STORY.step("unattested-refused", Expect("DENY", "HOP_NOT_ATTESTED"), needs=DELEGATED)
+def _unattested(stage: Stage) -> Seen:
+    orchestrator, vision = stage.agents["orchestrator"], stage.agents["vision"]
+    _, code, status, _ = asked_of_idp(
+        lambda: orchestrator.delegate_with(
+            stage.tokens["orchestrator"], "vision", arm_only(speed_high=SLOWER), purpose="look",
+            evidence=vision.evidence("orchestrator", {"another": "request"}),
+        )
+    )  # fmt: skip
+    answer = stage.move("vision", token=self_attested(stage, "vision"))
+    told = (
+        f"evidence for another request: the provider answered {status} {code}; "
+        f"a perfect hop, but signed by an attester of the holder's own: {answer.status}"
+    )
+    return Seen.answer(told, answer, ok=status == 403 and code == "ATTESTATION_INVALID" and answer.status == 401)
+
+
+@STORY.step("move-empty", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED)
+def _move_empty(stage: Stage) -> Seen:
+    stage.scene()
+    answer = stage.move("robotic")
+    return Seen.answer(f"empty workspace (C0): the arm swept {2 * abs(LEFT[0]):.1f} rad at {SPEED_RAD_S} rad/s", answer)
+
+
+@STORY.step("scope-refused", Expect("DENY", "NOT_GRANTED"), needs=DELEGATED)
+def _scope(stage: Stage) -> Seen:
+    answer = stage.ask("robotic", "gripper_move", {"width_m": 0.04, "speed_m_s": 0.05, "force_n": 40})
+    told = f"the robotic agent called the gripper, which its hop dropped: {answer.content.get('primitive')}"
+    return Seen.answer(told, answer, ok=answer.content.get("primitive") == "TEA-1")
+
+
+@STORY.step("limit-refused", Expect("DENY", "LIMIT_EXCEEDED_BY_REQUEST"), needs=DELEGATED)
+def _limit(stage: Stage) -> Seen:
+    answer = stage.move("robotic", speed=0.8)
+    said = answer.content
+    by, limit = said.get("set_by") or {}, said.get("limit") or {}
+    told = (
+        f"{said.get('parameter')} {said.get('value')} {said.get('unit')} is outside {limit.get('low')} to "
+        f"{limit.get('high')}, set at hop {by.get('hop')} ({by.get('agent')}, under {by.get('sponsor')}); "
+        f"nearest permitted {said.get('nearest_permitted')}"
+    )
+    ok = (
+        (said.get("parameter"), said.get("value"), said.get("unit"), said.get("nearest_permitted"))
+        == ("speed", 800_000, "urad_s", SLOWER)
+        and said.get("limit") == {"low": 0, "high": SLOWER}
+        and (by.get("hop"), by.get("agent"), by.get("sponsor")) == (1, "robotic", "alice")
+    )
+    return Seen.answer(told, answer, ok=ok)
+
+
+@STORY.step("replay-refused", Expect("DENY", "REPLAYED"), needs=DELEGATED)
+def _replay(stage: Stage) -> Seen:
+    honest = stage.ask("robotic", "read_state", {})
+    assert honest.exchange is not None
+    answer = resend(honest.exchange)
+    told = f"the same bytes once more: first {honest.status}, then {answer.status}"
+    return Seen.answer(told, answer, ok=honest.decision == "PERMIT" and answer.status == 401)
+
+
+@STORY.step("stolen-refused", Expect("DENY", "PROOF_WRONG_KEY"), needs=DELEGATED)
+def _stolen(stage: Stage) -> Seen:
+    answer = stage.move("vision", token=stage.tokens["robotic"])
+    return Seen.answer(
+        f"the vision agent used the robotic agent's token with its own key: {answer.status}",
+        answer,
+        ok=answer.status == 401,
+    )
+
+
+@STORY.step("tampered-refused", Expect("DENY", "SIGNATURE_INVALID"), needs=DELEGATED)
+def _tampered(stage: Stage) -> Seen:
+    honest = stage.ask("robotic", "read_state", {})
+    token = bytearray(raw(stage.tokens["robotic"]))
+    place = token.find(b"move_joint")
+    token[place] ^= 1
+    answer = stage.move("robotic", token=token_to_text(bytes(token)))
+    told = f"one bit of the token flipped, at byte {place}: first {honest.status}, then {answer.status}"
+    return Seen.answer(told, answer, ok=honest.decision == "PERMIT" and answer.status == 401)
+
+
+@STORY.step("fragile-trusted", Expect("PERMIT", "PERMITTED", 2, moves=True), needs=DELEGATED)
+def _fragile_trusted(stage: Stage) -> Seen:
+    stage.scene(objects=[under_the_path()])
+    return Seen.answer("a glass under the path (C1), trust 0.8 over theta 0.7: the arm moved", stage.move("robotic"))
+
+
+@STORY.step("fragile-untrusted", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=DELEGATED)
+def _fragile_untrusted(stage: Stage) -> Seen:
+    stage.scene(objects=[under_the_path()])
+    trust(stage, 500)
+    answer = stage.move("robotic")
+    trust(stage, 800)
+    return Seen.answer("the same with trust 0.5, which alice signed: deferred, and the arm stood still", answer)
+
+
+def trust(stage: Stage, permille: int) -> None:
+    """Alice states the robotic agent's trust, and the PEP has read it."""
+    stage.person("alice").set_trust("robotic", permille)
+
+    def arrived() -> bool:
+        stage.ask("robotic", "read_state", {})
+        known = [row["body"]["evidence"]["trust"] for row in stage.journal() if row["kind"] == "decision"]
+        return bool(known) and known[-1].get("score_permille") == permille
+
+    until(arrived, f"trust {permille} in the PEP's evidence")
+
+
+@STORY.step("human-deferred", Expect("DEFER", "TIER_NEEDS_APPROVAL", 3), needs=DELEGATED)
+def _human(stage: Stage) -> Seen:
+    stage.scene(people=[person("person-1", *front(PERSON_AXIS_M))])
+    answer = stage.move("robotic")
+    stage.open_ask = answer.content.get("ask_id")
+    lower = answer.content.get("highest_speed_of_lower_tier", "absent")
+    words = "no speed lowers the tier" if lower is None else f"up to {lower} urad/s the tier is lower"
+    return Seen.answer(
+        f"a person 0.5 m from the base (C2): tier 3, people must decide; {words}", answer, ok=lower != "absent"
+    )
+
+
+@STORY.step("deferral-expires", Expect("DENY", "APPROVAL_TIMEOUT"), needs=("human-deferred",))
+def _expires(stage: Stage) -> Seen:
+    until(lambda: stage.open_ask in stage.ended_asks(), "the deferral's end in the journal")
+    answer = stage.move("robotic")
+    return Seen.answer(f"nobody answered for {DEMO_DEFER_TIMEOUT_S} s: silence denies", answer)
+
+
+@STORY.step("ceiling-refused", Expect("DENY", "ABOVE_CEILING", 3), needs=DELEGATED)
+def _ceiling(stage: Stage) -> Seen:
+    stage.scene(people=[person("person-1", *front(PERSON_AXIS_M))])
+    token = hand_down(stage, "config", arm_only(speed_high=SLOWER, ceiling=Tier.CONSEQUENTIAL))
+    answer = stage.move("config", token=token)
+    by = answer.content.get("set_by") or {}
+    told = f"a ceiling of 2, set at hop {by.get('hop')} ({by.get('agent')}), near the person; nobody was asked"
+    return Seen.answer(
+        told, answer, ok=(by.get("hop"), by.get("agent")) == (1, "config") and "ask_id" not in answer.content
+    )
+
+
+@STORY.step("through-person-denied", Expect("DENY", "PHYSICS_VIOLATION"), needs=DELEGATED)
+def _through(stage: Stage) -> Seen:
+    stage.scene(people=[person("person-1", *front(0.45))])
+    answer = stage.move("robotic")
+    told = f"violated: {', '.join(answer.content.get('violations') or [])} in the path; nothing can authorise it"
+    return Seen.answer(told, answer, ok="person" in (answer.content.get("violations") or []))
+
+
+@STORY.step("not-finite-refused", Expect("DENY", "NOT_FINITE"), needs=DELEGATED)
+def _not_finite(stage: Stage) -> Seen:
+    stage.scene()
+    arguments = {"q_rad": [0.1, *LEFT[1:]], "speed_rad_s": SPEED_RAD_S, "acceleration_rad_s2": ACCELERATION_RAD_S2}
+    call = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "move_joint", "arguments": arguments}}
+    body = json.dumps(call).replace("[0.1", "[NaN", 1).encode()
+    answer = send(
+        stage.agents["robotic"].auth(stage.tokens["robotic"]), stage.cell.addresses.audience, body, PLAIN_CALL
+    )
+    told = f"a target of NaN, properly signed: {answer.status}, a fault without a tier"
+    return Seen.answer(told, answer, ok=answer.status == 400 and answer.tier is None)
+
+
+@STORY.step("revoked-refused", Expect("DENY", "REVOKED"), needs=DELEGATED)
+def _revoked(stage: Stage) -> Seen:
+    stage.scene()
+    token = hand_down(stage, "vision", arm_only(speed_high=SLOWER - 1))
+    before = stage.ask("vision", "read_state", {}, token=token)
+    started = time.perf_counter()
+    stage.person("alice").revoke("hop", hop_id(stage, token), reason="demonstration")
+    answer = poll_refusal(stage, "vision", token)
+    horizon = (time.perf_counter() - started) * 1e3
+    answer = stage.move("vision", token=token)
+    told = f"alice revoked vision's hop: {before.status}, then {answer.status} {horizon:.0f} ms later; its parent lives"
+    parent = stage.ask("orchestrator", "read_state", {})
+    return Seen.answer(
+        told, answer, ok=before.decision == "PERMIT" and parent.decision == "PERMIT" and answer.status == 401
+    )
+
+
+def poll_refusal(stage: Stage, agent: str, token: str) -> Answer:
+    """The first refusal of a read with that token.
+
+    Raises:
+        StageError: when reads go on being permitted.
+    """
+    found: list[Answer] = []
+
+    def is_refused() -> bool:
+        answer = stage.ask(agent, "read_state", {}, token=token)
+        if answer.decision != "PERMIT":
+            found.append(answer)
+        return bool(found)
+
+    until(is_refused, "the refusal")
+    return found[0]
+
+
+@STORY.step("sponsor-disabled", Expect("DENY", "REVOKED"), needs=DELEGATED)
+def _sponsor(stage: Stage) -> Seen:
+    for name in ("scout", "carrier"):
+        stage.new_agent(name, sponsor="bob", role="actuator").attest()
+    root = stage.person("bob").issue(stage.agents["scout"], lent(stage, "carrier"), purpose="a tree of bob's").token
+    child = (
+        stage.agents["scout"]
+        .delegate(root, stage.agents["carrier"], arm_only(speed_high=SLOWER), purpose="below bob")
+        .token
+    )
+    before = [
+        stage.ask(name, "read_state", {}, token=token).decision for name, token in (("scout", root), ("carrier", child))
+    ]
+    stage.person("carol").disable_person("bob", reason="left the company")
+    poll_refusal(stage, "carrier", child)
+    answer = stage.move("carrier", token=child)
+    parent = stage.ask("scout", "read_state", {}, token=root)
+    told = f"carol disabled bob: his whole tree is dead ({parent.status} for the parent, {answer.status} for the child)"
+    return Seen.answer(told, answer, ok=before == ["PERMIT", "PERMIT"] and parent.reason == "REVOKED")
+
+
+@STORY.step("stale-feed-refused", Expect("DENY", "REVOCATION_VIEW_STALE"), needs=DELEGATED)
+def _stale(stage: Stage) -> Seen:
+    stage.scene()
+    stage.cell.idp.pause()
+    started = time.perf_counter()
+    try:
+        answer = poll_motion_refusal(stage)
+        lease = time.perf_counter() - started
+    finally:
+        stage.cell.idp.resume()
+    reading = stage.ask("robotic", "read_state", {})
+    told = f"the identity provider fell silent: motion was denied after {lease:.1f} s, reading state was not"
+    return Seen.answer(told, answer, ok=reading.decision == "PERMIT" and lease < 5.0)
+
+
+def poll_motion_refusal(stage: Stage) -> Answer:
+    """The first refusal of a motion to where the arm already is.
+
+    Raises:
+        StageError: when motions go on being permitted.
+    """
+    found: list[Answer] = []
+
+    def is_refused() -> bool:
+        answer = stage.ask(
+            "robotic", "move_joint",
+            {
+                "q_rad": [round(q, 6) for q in stage.joints],
+                "speed_rad_s": SPEED_RAD_S,
+                "acceleration_rad_s2": ACCELERATION_RAD_S2,
+            },
+        )  # fmt: skip
+        if answer.decision != "PERMIT":
+            found.append(answer)
+        return bool(found)
+
+    until(is_refused, "the refusal of motion")
+    return found[0]
+
+
+@STORY.step("audit-verifies", Expect("DONE", recorded=False), needs=DELEGATED)
+def _audit(stage: Stage) -> Seen:
+    shipped = stage.journal_records()
+
+    def complete() -> bool:
+        return stage.exported_pep_records() >= shipped
+
+    until(complete, "every record of the PEP in the ledger")
+    lines = stage.person("carol").export_ledger().splitlines()
+    started = time.perf_counter()
+    whole = verify_ledger(lines, stage.trust)
+    latency = (time.perf_counter() - started) * 1e3
+    row = secrets.randbelow(len(lines) - 1)
+    digests = list(HEX_DIGEST.finditer(lines[row]))
+    place = digests[-1].start() + 1  # inside a digest: the line stays well-formed JSON, only untrue
+    flipped = [*lines]
+    flipped[row] = lines[row][:place] + bytes([lines[row][place] ^ 1]) + lines[row][place + 1 :]
+    defect = verify_ledger(flipped, stage.trust)
+    named = isinstance(defect, Defect) and defect.seq == row + 1  # entries count from 1
+    found = f"{defect.code} at {defect.seq}" if isinstance(defect, Defect) else "nothing"
+    size = whole.size if isinstance(whole, Verified) else 0
+    told = f"{size} ledger entries verified offline; with one bit of entry {row + 1} flipped the check finds {found}"
+    return Seen(told, "DONE", "VERIFIED", None, latency, ok=isinstance(whole, Verified) and named)

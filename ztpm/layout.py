@@ -1,0 +1,121 @@
+"""Where a cell keeps its files: one directory; private keys are encrypted and readable by their owner alone."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities import keys
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+OPERATORS: Final = ("alice", "bob", "carol")
+"""Three, so that a tier-4 act can have two different approvers besides its sponsor."""
+IDP_KEYS: Final = ("root", "attester", "feed", "registry", "ledger")
+
+
+class LayoutError(RuntimeError):
+    """A directory that is not as it should be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Paths below one root directory."""
+
+    root: Path
+
+    @property
+    def trust(self) -> Path:
+        """The public trust bundle."""
+        return self.root / "trust.json"
+
+    @property
+    def idp_config(self) -> Path:
+        """Configuration of the identity provider."""
+        return self.root / "idp" / "idp.toml"
+
+    @property
+    def database(self) -> Path:
+        """Store of the identity provider."""
+        return self.root / "idp" / "idp.sqlite"
+
+    @property
+    def cell_config(self) -> Path:
+        """Configuration of the tool server."""
+        return self.root / "cell" / "cell.toml"
+
+    @property
+    def journal(self) -> Path:
+        """The PEP's durable journal."""
+        return self.root / "cell" / "journal.ndjson"
+
+    @property
+    def state(self) -> Path:
+        """What the PEP keeps over restarts."""
+        return self.root / "cell" / "state"
+
+    @property
+    def pep_key(self) -> Path:
+        """The PEP's key."""
+        return self.root / "cell" / "pep.key"
+
+    @property
+    def sensor_key(self) -> Path:
+        """The simulated sensor's key."""
+        return self.root / "cell" / "sensor.key"
+
+    def idp_key(self, name: str) -> Path:
+        """A key of the identity provider, by role."""
+        return self.root / "idp" / f"{name}.key"
+
+    def operator_key(self, name: str) -> Path:
+        """An operator's key."""
+        return self.root / "operators" / f"{name}.key"
+
+    def agent_key(self, name: str) -> Path:
+        """An agent's key."""
+        return self.root / "agents" / f"{name}.key"
+
+
+def write_private(path: Path, content: bytes) -> None:
+    """The file exists, new, with mode 0600 from its first instant, and is on disk.
+
+    Raises:
+        LayoutError: when it exists already; a key is never overwritten.
+    """
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError as error:
+        raise LayoutError(f"{path} exists already") from error
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def new_key(path: Path, passphrase: bytes) -> Ed25519PrivateKey:
+    """A fresh key, stored encrypted at `path`."""
+    key = keys.generate()
+    write_private(path, keys.to_pem(key, passphrase))
+    return key
+
+
+def read_key(path: Path, passphrase: bytes) -> Ed25519PrivateKey:
+    """The key stored at `path`.
+
+    Raises:
+        LayoutError: when the file is missing or others can read it.
+        capabilities.errors.BadKeyError: when it is no key or the passphrase is wrong.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError as error:
+        raise LayoutError(f"{path} is missing") from error
+    if mode & 0o077:
+        raise LayoutError(f"{path} can be read by others (mode {mode & 0o777:o}); it must be 600")
+    return keys.from_pem(path.read_bytes(), passphrase)

@@ -1,0 +1,225 @@
+"""Making a cell's directory: keys, trust bundle, configurations, first operators. What `ztpm init` does."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import shutil
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from capabilities import keys
+from ztpm.layout import IDP_KEYS, OPERATORS, Layout, LayoutError, new_key, write_private
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+PEP_ID: Final = "cell-1"
+SENSOR_ID: Final = "camera-1"
+SENSOR_CALIBRATION: Final = hashlib.sha256(b"simulated sensor, ideal pinhole, base frame").hexdigest()
+"""Digest of the calibration document; the simulated sensor's is this sentence."""
+SENSOR_TRANSIT_MS: Final = 20
+"""Declared longest transit of a frame from the simulated sensor on loopback."""
+ROOT_KEY_ID: Final = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Addresses:
+    """Where a cell listens: a loopback address of its own, since a robot's ports are fixed and cells must not meet.
+
+    Attributes:
+        host: an address in 127.0.0.0/8.
+        idp_port, tools_port, perception_port: TCP ports on it.
+    """
+
+    host: str
+    idp_port: int = 8700
+    tools_port: int = 8800
+    perception_port: int = 8801
+
+    @property
+    def issuer(self) -> str:
+        """Base URL of the identity provider."""
+        return f"http://{self.host}:{self.idp_port}/ztpm"
+
+    @property
+    def audience(self) -> str:
+        """Canonical URL of the cell's MCP server."""
+        return f"http://{self.host}:{self.tools_port}/mcp"
+
+
+ROBOT_PORTS: Final = (29999, 30001, 30002, 30003, 30004, 63352)
+"""Fixed ports of a UR controller and its Robotiq gripper (dashboard, primary, secondary, realtime, RTDE, gripper)."""
+
+
+def free_addresses(seed: bytes) -> Addresses:
+    """Addresses on a loopback host where every port of a cell is free now.
+
+    Args:
+        seed: random bytes; decides the order in which hosts are tried.
+
+    Raises:
+        OSError: when 64 hosts in a row are taken.
+    """
+    for attempt in range(64):
+        draw = hashlib.sha256(seed + bytes([attempt])).digest()
+        addresses = Addresses(host=f"127.{64 + draw[0] % 63}.{draw[1]}.{1 + draw[2] % 254}")
+        ports = (addresses.idp_port, addresses.tools_port, addresses.perception_port, *ROBOT_PORTS)
+        if all(_is_free(addresses.host, port) for port in ports):
+            return addresses
+    raise OSError("no free loopback address for a cell")
+
+
+def _is_free(host: str, port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError:
+            return False
+    return True
+
+
+class SetupError(ValueError):
+    """A cell that cannot be made as asked; the text names the setting."""
+
+
+def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
+    """Every file of a new cell exists, and its three operators are known to the identity provider; or no file does.
+
+    Args:
+        layout: an empty or missing directory.
+        addresses: where the cell will listen.
+        passphrase: encrypts every private key.
+        policy: name of a shipped policy set, or a path.
+        defer_timeout_s: how long the PEP waits for an answer to a deferral.
+
+    Raises:
+        ztpm.layout.LayoutError: when the directory has anything in it.
+        SetupError: when the services would not start on what is asked for.
+        OSError: when the directory cannot be written.
+    """
+    missing = not layout.root.exists()
+    layout.root.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if any(layout.root.iterdir()):
+        raise LayoutError(f"{layout.root} is not empty")
+    try:
+        _fill(layout, addresses, passphrase, policy, defer_timeout_s)
+    except BaseException:
+        # The directory was empty: all that is in it is ours.
+        for made in layout.root.iterdir():
+            shutil.rmtree(made) if made.is_dir() else made.unlink()
+        if missing:
+            layout.root.rmdir()
+        raise
+
+
+def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
+    write_private(layout.idp_config, _toml(_idp_settings(layout, addresses)))
+    cell = _toml(_cell_settings(layout, addresses, policy, defer_timeout_s))
+    write_private(layout.cell_config, cell + b"\n[cell]\n")
+    _check_readable(layout)
+    made = {name: new_key(layout.idp_key(name), passphrase) for name in IDP_KEYS}
+    operators = {name: new_key(layout.operator_key(name), passphrase) for name in OPERATORS}
+    new_key(layout.pep_key, passphrase)
+    new_key(layout.sensor_key, passphrase)
+    layout.state.mkdir(mode=0o700, parents=True, exist_ok=True)
+    write_private(layout.trust, _trust(addresses, made).to_json())
+    _bootstrap(layout, operators)
+
+
+def _check_readable(layout: Layout) -> None:
+    """Both services take their configuration, by the very readers that they start with.
+
+    Raises:
+        SetupError: naming what is refused.
+    """
+    from pep.errors import ConfigError
+    from ztpm.tool_server import read_config, read_policies
+    from ztpm_idp.settings import SettingsError, load_settings
+
+    try:
+        load_settings(layout.idp_config)
+        read_policies(read_config(layout.cell_config))
+    except (SettingsError, ConfigError) as error:
+        raise SetupError(str(error)) from error
+
+
+def _trust(addresses: Addresses, made: dict[str, Ed25519PrivateKey]) -> keys.TrustBundle:
+    return keys.TrustBundle(
+        issuer=addresses.issuer,
+        version=1,
+        roots={ROOT_KEY_ID: keys.public_raw(made["root"])},
+        attesters=frozenset({keys.public_raw(made["attester"])}),
+        feed=frozenset({keys.public_raw(made["feed"])}),
+        registry=frozenset({keys.public_raw(made["registry"])}),
+        ledger=frozenset({keys.public_raw(made["ledger"])}),
+    )
+
+
+def _toml(settings: dict[str, str | int]) -> bytes:
+    """Lines of TOML: a string as JSON spells it is a TOML basic string, but for DEL, which TOML wants escaped.
+
+    Raises:
+        SetupError: for a name that is not UTF-8.
+    """
+    lines = []
+    for name, value in settings.items():
+        try:
+            spelled = json.dumps(value, ensure_ascii=False).encode()
+        except UnicodeEncodeError as error:
+            raise SetupError(f"{name}: not UTF-8") from error
+        lines.append(b"%s = %s\n" % (name.encode(), spelled.replace(b"\x7f", rb"\u007f")))
+    return b"".join(lines)
+
+
+def _database_url(layout: Layout) -> str:
+    return f"sqlite+aiosqlite:///{layout.database}"
+
+
+def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
+    return {
+        "issuer": addresses.issuer,
+        "host": addresses.host,
+        "port": addresses.idp_port,
+        "database_url": _database_url(layout),
+        "root_key_id": ROOT_KEY_ID,
+        **{f"{name}_key_file": str(layout.idp_key(name)) for name in IDP_KEYS},
+    }
+
+
+def _cell_settings(layout: Layout, addresses: Addresses, policy: str, defer_timeout_s: int) -> dict[str, str | int]:
+    return {
+        "audience": addresses.audience,
+        "host": addresses.host,
+        "port": addresses.tools_port,
+        "pep_id": PEP_ID,
+        "issuer": addresses.issuer,
+        "trust_file": str(layout.trust),
+        "pep_key_file": str(layout.pep_key),
+        "journal_file": str(layout.journal),
+        "state_dir": str(layout.state),
+        "robot_host": addresses.host,
+        "perception_port": addresses.perception_port,
+        # A server may start in another directory: a path is written whole.
+        "policy": str(Path(policy).resolve()) if Path(policy).is_file() else policy,
+        "defer_timeout_s": defer_timeout_s,
+    }
+
+
+def _bootstrap(layout: Layout, operators: dict[str, Ed25519PrivateKey]) -> None:
+    from ztpm_idp.bootstrap import FirstPerson
+    from ztpm_idp.bootstrap import initialise as first_people
+    from ztpm_idp.store.errors import StoreUnavailableError
+
+    people = [
+        FirstPerson(id=name, name=name.title(), key=keys.public_raw(key), roles=("sponsor", "approver", "admin"))
+        for name, key in operators.items()
+    ]
+    try:
+        asyncio.run(first_people(_database_url(layout), people=people))
+    except StoreUnavailableError as error:
+        raise SetupError(f"database_url: {layout.database} cannot be made") from error
