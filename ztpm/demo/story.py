@@ -392,9 +392,10 @@ def _audit(stage: Stage) -> Seen:
     started = time.perf_counter()
     whole = verify_ledger(lines, stage.trust)
     latency = (time.perf_counter() - started) * 1e3
-    row = secrets.randbelow(len(lines) - 1)
-    digests = list(HEX_DIGEST.finditer(lines[row]))
-    place = digests[-1].start() + 1  # inside a digest: the line stays well-formed JSON, only untrue
+    # A digest inside an entry's body: the line stays well-formed JSON, only untrue.
+    bodies = [row for row, line in enumerate(lines[:-1]) if len(HEX_DIGEST.findall(line)) > 1]
+    row = secrets.choice(bodies)
+    place = next(HEX_DIGEST.finditer(lines[row])).start() + 1
     flipped = [*lines]
     flipped[row] = lines[row][:place] + bytes([lines[row][place] ^ 1]) + lines[row][place + 1 :]
     defect = verify_ledger(flipped, stage.trust)
