@@ -1,6 +1,5 @@
 # The whole developer story. Each target is short and says what it proves.
 RUN ?= uv run --extra all --group dev
-CODE := capabilities policies pep ztpm_idp ztpm
 
 .PHONY: check format lint types imports test docs demo constraints
 

@@ -288,20 +288,3 @@ def _contained(code: FaultCode) -> Iterator[None]:
         if type(error).__name__ != _PANIC:
             raise
         raise TokenError(code, _PANIC) from None
-
-
-def unsafe_append_unattested(token: bytes, root: bytes) -> bytes:
-    """The token with an empty block of the holder's own behind it: what every verifier must refuse.
-
-    Biscuit lets any holder append a block offline; the profile does not. This exists to show the refusal.
-
-    Args:
-        token: a valid token.
-        root: the root key that signed it, 32 raw bytes.
-
-    Raises:
-        TokenError: when the token is none.
-    """
-    with _contained(FaultCode.TOKEN_MALFORMED):
-        opened = open_token(token, root)
-        return bytes(opened._biscuit.append(_library.BlockBuilder("")).to_bytes())  # noqa: SLF001 - its own module
