@@ -76,6 +76,10 @@ class ImpactReading:
         contributions: ranked, highest index first.
         lower_tier_speed: highest value of the speed parameter (its own unit) at which the tier falls below `tier`, or
             None when none does.
+        tcp_speed_um_s: proven bound on the tool centre point's speed.
+        contact_permille: highest ratio of a body region's relative contact speed to its limit speed (PFL) over all
+            people that the motion could meet; 0 when there is nobody.
+        start_urad: joint angles from which it was computed, six integers; empty when nothing was read.
         perception: "fresh", "stale" or "missing".
         perception_age_ms: age of the frame that was used, or None.
         scene_digest, model_digest, engine: what it was computed on and with.
@@ -86,6 +90,9 @@ class ImpactReading:
     violations: tuple[str, ...]
     contributions: tuple[Contribution, ...]
     lower_tier_speed: int | None
+    tcp_speed_um_s: int
+    contact_permille: int
+    start_urad: tuple[int, ...]
     perception: str
     perception_age_ms: int | None
     scene_digest: str
@@ -108,6 +115,111 @@ class ImpactFault:
 
 
 @dataclass(frozen=True, slots=True)
+class SensorReading:
+    """One registered sensor's part in the view of the world.
+
+    Attributes:
+        sensor: its id; "" for frames that name no registered sensor.
+        state: "fresh", "stale", "missing" or "invalid".
+        fault: why its newest frame is not believed, a code; "" when it is.
+        age_ms: of its newest believed frame, transit included, or None.
+    """
+
+    sensor: str
+    state: str
+    fault: str
+    age_ms: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class PerceptionReading:
+    """Where the view of the world comes from: every sensor that the cell names, in the order of their ids."""
+
+    sensors: tuple[SensorReading, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotReading:
+    """What the robot says about its own readiness, and what the PEP knows about its hold on it.
+
+    Attributes:
+        robot_mode, safety_mode: as the controller numbers them (7 is running; 1 normal, 2 reduced).
+        remote_control: whether the controller takes commands from remote; None when it does not say.
+        exclusive: whether the program that runs is this PEP's own, and no other client commands the arm.
+        payload_g: the payload that the controller reckons with.
+        expected_payload_g: tool and held object by the committed state; None when the held mass is unknown.
+        frames_match: whether tool centre point and base frame are those of the model.
+    """
+
+    robot_mode: int
+    safety_mode: int
+    remote_control: bool | None
+    exclusive: bool
+    payload_g: int
+    expected_payload_g: int | None
+    frames_match: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ApprovalReading:
+    """What people have said to an earlier deferral of this very request by this very agent.
+
+    Every vote in it was verified with its approver's registered key over the ask that it binds.
+
+    Attributes:
+        ask_id: of the ask.
+        state: "open", "granted", "denied", "used" or "expired".
+        reasons: the deferral reasons that it resolves.
+        tier, index_milli: as they were shown.
+        contributors: (kind, object) of everything that contributed as it was shown.
+        start_urad: joint angles as they were shown, six integers, or none.
+        model_digest, policy_digest: as they were shown.
+        approvers: the different people who approved, sorted.
+        sponsor: of the chain that asked.
+        opening_id: the opening that it rests on, or "".
+        sees_clear: every approver attested to seeing the cell clear.
+        uses_left: how often it may still be used.
+        not_after: seconds since the epoch; the earliest of all votes.
+        age_ms: since the nonce of the identity provider's newest word about it was sent.
+    """
+
+    ask_id: str
+    state: str
+    reasons: frozenset[str]
+    tier: Tier
+    index_milli: int
+    contributors: frozenset[tuple[str, str]]
+    start_urad: tuple[int, ...]
+    model_digest: str
+    policy_digest: str
+    approvers: tuple[str, ...]
+    sponsor: str
+    opening_id: str
+    sees_clear: bool
+    uses_left: int
+    not_after: int
+    age_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningReading:
+    """A person's prior leave to ask for a safety-critical act of this agent, verified and in force.
+
+    Attributes:
+        opening_id, opener: which, and whose.
+        uses_left: how many acts may still rest on it.
+        not_after: seconds since the epoch.
+        age_ms: since the nonce of the identity provider's newest word about it was sent.
+    """
+
+    opening_id: str
+    opener: str
+    uses_left: int
+    not_after: int
+    age_ms: int
+
+
+@dataclass(frozen=True, slots=True)
 class Evidence:
     """All readings for one request, taken at one instant.
 
@@ -122,6 +234,10 @@ class Evidence:
         tool: the tool's identity.
         trust: of the chain.
         impact: of the request; `NOT_COLLECTED` for an operation that has no physical dependency.
+        perception: where the view of the world comes from; like `impact`.
+        robot: its readiness; like `impact`.
+        approval: what people said to this request, or None when nobody was asked.
+        opening: the prior leave that a safety-critical act needs, or None when there is none.
     """
 
     at: float
@@ -133,6 +249,10 @@ class Evidence:
     tool: ToolReading | NotCollected = NOT_COLLECTED
     trust: TrustReading | NotCollected = NOT_COLLECTED
     impact: ImpactReading | ImpactFault | NotCollected = NOT_COLLECTED
+    perception: PerceptionReading | NotCollected = NOT_COLLECTED
+    robot: RobotReading | NotCollected = NOT_COLLECTED
+    approval: ApprovalReading | NotCollected | None = NOT_COLLECTED
+    opening: OpeningReading | NotCollected | None = NOT_COLLECTED
 
     @property
     def digest(self) -> str:
@@ -156,5 +276,9 @@ class Evidence:
                 "tool": self.tool,
                 "trust": self.trust,
                 "impact": self.impact,
+                "perception": self.perception,
+                "robot": self.robot,
+                "approval": self.approval,
+                "opening": self.opening,
             },
         )

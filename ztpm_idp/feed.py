@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.scope import Tier
 from capabilities.statements import checkpoint, registry, revocation
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.parties import Agent, Sensor, Standing
+from ztpm_idp.domain.parties import Agent, Person, PersonRole, Sensor, Standing
 from ztpm_idp.problems import Problem
 
 if TYPE_CHECKING:
@@ -103,6 +103,7 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
         tools = await view.tools(audience)
         sensors = [s for s in await view.all_parties("sensor") if isinstance(s, Sensor)]
         agents = [a for a in await view.all_parties("agent") if isinstance(a, Agent)]
+        people = [p for p in await view.all_parties("person") if isinstance(p, Person)]
     snapshot = registry.RegistrySnapshot(
         issuer=provider.settings.issuer,
         version=counters.registry_version,
@@ -120,6 +121,11 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
             registry.TrustEntry(a.id, a.trust_permille)
             for a in agents
             if a.trust_permille is not None and a.standing is not Standing.REVOKED
+        ),
+        approvers=tuple(
+            registry.ApproverEntry(p.id, p.key)
+            for p in people
+            if PersonRole.APPROVER in p.roles and p.standing is Standing.ACTIVE
         ),
     )
     return registry.sign(snapshot, provider.keys.registry)

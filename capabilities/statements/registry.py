@@ -21,7 +21,8 @@ KIND: Final = "registry"
 TOOLS: Final = 512
 SENSORS: Final = 64
 AGENTS: Final = 1_024
-"""Most tools, sensors and agents of one snapshot; with the longest names they stay inside `Caps.statement_bytes`."""
+APPROVERS: Final = 64
+"""Most tools, sensors, agents and approvers of one snapshot; the longest names still fit a statement."""
 TRANSIT_MS: Final = 10_000
 """Longest declared transit of a frame."""
 
@@ -55,6 +56,14 @@ class TrustEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class ApproverEntry:
+    """A person who may answer asks: the id and raw public key."""
+
+    id: str
+    key: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class RegistrySnapshot:
     """What an enforcement point is to know.
 
@@ -63,7 +72,7 @@ class RegistrySnapshot:
         version: grows with each change.
         audience: canonical URL of the enforcement point.
         as_of_ms: wall clock before the store was read, milliseconds since the epoch.
-        tools, sensors, trust: each name once.
+        tools, sensors, trust, approvers: each name once.
     """
 
     issuer: str
@@ -73,6 +82,7 @@ class RegistrySnapshot:
     tools: tuple[ToolEntry, ...]
     sensors: tuple[SensorEntry, ...]
     trust: tuple[TrustEntry, ...]
+    approvers: tuple[ApproverEntry, ...]
 
     def tool(self, name: str) -> ToolEntry | None:
         """The tool of this name, or None."""
@@ -85,6 +95,10 @@ class RegistrySnapshot:
     def trust_permille(self, agent: str) -> int | None:
         """The stated trust of an agent, or None."""
         return next((entry.permille for entry in self.trust if entry.agent == agent), None)
+
+    def approver(self, name: str) -> ApproverEntry | None:
+        """The approver of this id, or None."""
+        return next((entry for entry in self.approvers if entry.id == name), None)
 
 
 def sign(snapshot: RegistrySnapshot, key: Ed25519PrivateKey) -> str:
@@ -113,6 +127,7 @@ def sign(snapshot: RegistrySnapshot, key: Ed25519PrivateKey) -> str:
             for sensor in snapshot.sensors
         ],
         "trust": [{"agent": entry.agent, "permille": entry.permille} for entry in snapshot.trust],
+        "approvers": [{"id": entry.id, "key": key_forms.b64u(entry.key)} for entry in snapshot.approvers],
     }
     return sealed.sign(KIND, claims, key)
 
@@ -124,7 +139,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  #
         StatementError: as `sealed.open`.
     """
     members = sealed.open(KIND, text, keys, caps)
-    claims = Claims(members, "issuer", "version", "audience", "as_of_ms", "tools", "sensors", "trust")
+    claims = Claims(members, "issuer", "version", "audience", "as_of_ms", "tools", "sensors", "trust", "approvers")
     return RegistrySnapshot(
         issuer=claims.url("issuer"),
         version=claims.integer("version"),
@@ -133,6 +148,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  #
         tools=unique(claims.each("tools", _tool, most=TOOLS), lambda tool: tool.name, "a tool"),
         sensors=unique(claims.each("sensors", _sensor, most=SENSORS), lambda sensor: sensor.id, "a sensor"),
         trust=unique(claims.each("trust", _trust, most=AGENTS), lambda entry: entry.agent, "an agent"),
+        approvers=unique(claims.each("approvers", _approver, most=APPROVERS), lambda entry: entry.id, "an approver"),
     )
 
 
@@ -159,3 +175,8 @@ def _sensor(value: object) -> SensorEntry:
 def _trust(value: object) -> TrustEntry:
     claims = Claims(value, "agent", "permille")
     return TrustEntry(agent=claims.name("agent"), permille=claims.integer("permille", high=1_000))
+
+
+def _approver(value: object) -> ApproverEntry:
+    claims = Claims(value, "id", "key")
+    return ApproverEntry(id=claims.name("id"), key=claims.public_key("key"))

@@ -12,6 +12,7 @@ import traceback
 from typing import TYPE_CHECKING, Final, assert_never
 
 from pep.pit.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, Assessment, micro, milli, seen
+from pep.pit.contact import contact_ratio
 from pep.pit.errors import MotionError, PitError, WorkLimitError
 from pep.pit.grip import grip_causes
 from pep.pit.motion import GripperMove, MoveJ
@@ -145,6 +146,9 @@ def _grip_answer(robot: Robot, view: View, motion: GripperMove, cell: CellParame
         contributions=tuple(told[:LISTED]),
         violations=(),
         lower_tier_speed=None,
+        tcp_speed_m_s=0.0,
+        contact_ratio=contact_ratio(view.scene.people, robot, cell, speed_m_s=motion.speed_m_s),
+        start=motion.q,
         certificate=EMPTY_CERTIFICATE,
         perception=view.perception,
         perception_age_s=view.age_s,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from capabilities.scope import Tier
-    from pep.pit.motion import Floats
+    from pep.pit.motion import Floats, Joints
     from pep.pit.view import View
 
 ENGINE: Final = "numpy-1"
@@ -85,6 +85,9 @@ class Assessment:
         contributions: what raises the index, highest first.
         violations: kinds that are denied whatever is authorised.
         lower_tier_speed: highest leading-axis speed (rad/s) at which the tier is proven to fall, or None.
+        tcp_speed_m_s: proven bound on the speed of the tool centre point.
+        contact_ratio: proven bound on speed by limit speed of any body region in the view (PFL).
+        start: joint angles from which the question was asked, rad.
         certificate: the proof.
         perception: "fresh", "stale" or "missing".
         perception_age_s: of the view that was used, or None.
@@ -97,6 +100,9 @@ class Assessment:
     contributions: tuple[Contribution, ...]
     violations: tuple[str, ...]
     lower_tier_speed: float | None
+    tcp_speed_m_s: float
+    contact_ratio: float
+    start: Joints
     certificate: Certificate
     perception: str
     perception_age_s: float | None
@@ -114,6 +120,9 @@ class Assessment:
             violations=self.violations,
             contributions=self.contributions,
             lower_tier_speed=None if lower is None else math.floor(lower * Unit.MICRORADIAN_PER_SECOND.per_si),
+            tcp_speed_um_s=math.ceil(self.tcp_speed_m_s * MICRO),
+            contact_permille=math.ceil(self.contact_ratio * MILLI),
+            start_urad=tuple(round(angle * Unit.MICRORADIAN.per_si) for angle in self.start),
             perception=self.perception,
             perception_age_ms=None if age is None else math.ceil(age * Unit.MILLISECOND.per_si),
             scene_digest=self.scene_digest,

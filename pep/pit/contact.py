@@ -17,8 +17,11 @@ from typing import TYPE_CHECKING, Final
 from pep.pit.scene import Region
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from pep.pit.cell import CellParameters
     from pep.pit.robot import Robot
+    from pep.pit.scene import Person
 
 PER_CM2: Final = 1e4  # 1 N/cm2 = 1e4 N/m2
 PER_MM: Final = 1e3  # 1 N/mm = 1e3 N/m
@@ -84,3 +87,11 @@ def harm_speed_m_s(region: Region, robot: Robot, cell: CellParameters) -> float:
     gentle = not LIMITS[region].sensitive and blunt
     ratio = cell.harm_ratio_body if gentle else cell.harm_ratio_head
     return ratio * contact_speed_m_s(region, mass_kg=effective_mass_kg(robot, cell), area_m2=cell.contact_area_m2)
+
+
+def contact_ratio(people: Iterable[Person], robot: Robot, cell: CellParameters, *, speed_m_s: float) -> float:
+    """Highest ratio of `speed_m_s` to the limit speed of any region of these people; 0 when there is nobody."""
+    mass = effective_mass_kg(robot, cell)
+    regions = {region for person in people for region, _ in person.regions}
+    limits = [contact_speed_m_s(region, mass_kg=mass, area_m2=cell.contact_area_m2) for region in regions]
+    return speed_m_s / min(limits) if limits else 0.0

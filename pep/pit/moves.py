@@ -11,6 +11,7 @@ import numpy as np
 from capabilities.units import Unit
 from pep.pit.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, Assessment, Certificate, micro, milli, seen
 from pep.pit.certify import approaching, certify, fits
+from pep.pit.contact import contact_ratio
 from pep.pit.errors import WorkLimitError
 from pep.pit.motion import profile_of
 from pep.pit.oracle import Disagreement, cross_check
@@ -87,7 +88,8 @@ class MoveQuestion:
         pairs = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m)
         demands = Demands(path, self.move, self.cell)
         ratios = demands.ratios(profile)
-        speed = float(demands.surface_speed_m_s(profile)[: self.robot.world_bodies].max())
+        speeds = demands.surface_speed_m_s(profile)
+        speed = float(speeds[: self.robot.world_bodies].max())
         stop = self._stop(profile)
         # 4. What is violated where the arm stands, and whether this is a retreat from it.
         slow = profile.peak_rad_s <= self.cell.retreat_joint_speed_rad_s and speed <= self.cell.retreat_speed_m_s
@@ -128,6 +130,7 @@ class MoveQuestion:
             tuple(sorted(violations)),
             clearance_m=math.inf if decided is None else decided.clearance_m,
             speed_m_s=speed,
+            tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
             certificate=Certificate(
                 certified.leaves.pair, certified.leaves.low, certified.leaves.high, certified.leaf_index
@@ -218,6 +221,7 @@ class MoveQuestion:
         *,
         clearance_m: float = math.inf,
         speed_m_s: float = 0.0,
+        tcp_speed_m_s: float = 0.0,
         lower: float | None = None,
         certificate: Certificate = EMPTY_CERTIFICATE,
     ) -> Assessment:
@@ -231,6 +235,9 @@ class MoveQuestion:
             contributions=told,
             violations=violations,
             lower_tier_speed=lower,
+            tcp_speed_m_s=tcp_speed_m_s,
+            contact_ratio=contact_ratio(self.view.scene.people, self.robot, self.cell, speed_m_s=speed_m_s),
+            start=self.move.start,
             certificate=certificate,
             perception=self.view.perception,
             perception_age_s=self.view.age_s,

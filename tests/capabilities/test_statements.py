@@ -11,8 +11,19 @@ from capabilities import jws, keys, strict_json
 from capabilities.caps import DEFAULT
 from capabilities.errors import FaultCode, StatementError
 from capabilities.scope import Tier
-from capabilities.statements import attestation, checkpoint, observation, registry, revocation, sealed
-from capabilities.units import INT_LIMIT
+from capabilities.statements import (
+    answers,
+    ask,
+    attestation,
+    checkpoint,
+    observation,
+    opening,
+    registry,
+    revocation,
+    sealed,
+    vote,
+)
+from capabilities.units import INT_LIMIT, Quantity, Unit
 from tests.capabilities.world import CELL, ISSUER, NOW, chain_of_four, chain_of, key_of, raw_of
 
 HEX = "ab" * 32
@@ -39,6 +50,7 @@ SNAPSHOT = registry.RegistrySnapshot(
     (registry.ToolEntry("move_joint", HEX, "move_joint", Tier.REVERSIBLE),),
     (registry.SensorEntry("camera-1", raw_of("camera"), HEX, 100),),
     (registry.TrustEntry("robotic", 800),),
+    (registry.ApproverEntry("alice", raw_of("alice")),),
 )
 FRAME = observation.Observation(
     "camera-1",
@@ -58,6 +70,40 @@ FRAME = observation.Observation(
     ),
     (observation.ObservedObject("vase", "fragile", observation.Box((1, 2, 3), (4, 5, 6), (1_000_000, 0, 0, 0))),),
 )
+ASKED = ask.Ask(
+    ask_id="0a" * 16,
+    nonce="0b" * 16,
+    pep="cell-1",
+    audience=CELL,
+    issuer=ISSUER,
+    sponsor="alice",
+    token_id="t" * 22,
+    agent="robotic",
+    agent_key=keys.thumbprint(raw_of("robotic")),
+    object="ur3e",
+    operation="move_joint",
+    values=(Quantity("q0", Unit.MICRORADIAN, -600_000), Quantity("speed", Unit.MICRORADIAN_PER_SECOND, 500_000)),
+    request_digest=HEX,
+    start_urad=(0, -1, 2, 3, 4, 5),
+    model_digest=HEX,
+    policy_digest=HEX,
+    scene_digest=HEX,
+    tier=Tier.HIGH_CONSEQUENCE,
+    index_milli=2_900,
+    reasons=("TIER_NEEDS_APPROVAL",),
+    contributors=(ask.Contributor("person", "wrist_3", "person-1/torso", 2_900, 410_000, 90_000),),
+    perception="fresh",
+    perception_age_ms=40,
+    approvers=1,
+    opening_id="",
+    asked_at=NOW,
+    expires_at=NOW + 60,
+)
+VOTED = vote.Vote("0a" * 16, "0b" * 16, HEX, "approve", "alice", False, 1, NOW + 120, NOW)
+OPENED = opening.Opening("0c" * 16, "bob", CELL, "robotic", "ur3e", "move_joint", "maintenance", 1, NOW, NOW + 600)
+STANDING = answers.Answers(
+    ISSUER, CELL, "n" * 22, NOW * 1_000, (answers.AnsweredAsk("0a" * 16, "granted", ("vote",)),), ("opening",)
+)
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
 
 KINDS = {
@@ -66,6 +112,10 @@ KINDS = {
     registry: SNAPSHOT,
     observation: FRAME,
     checkpoint: POINT,
+    ask: ASKED,
+    vote: VOTED,
+    opening: OPENED,
+    answers: STANDING,
 }
 each = pytest.mark.parametrize("module", KINDS, ids=lambda module: module.KIND)
 
@@ -382,5 +432,6 @@ def test_the_largest_snapshot_fits():
         tuple(registry.ToolEntry(f"{long}{i}", HEX, long, Tier(1)) for i in range(registry.TOOLS)),
         (),
         tuple(registry.TrustEntry(f"{long}{i}", 1) for i in range(registry.AGENTS)),
+        tuple(registry.ApproverEntry(f"{long}{i}", raw_of("alice")) for i in range(registry.APPROVERS)),
     )
     assert registry.open(registry.sign(full, SIGNER), TRUSTED, DEFAULT) == full

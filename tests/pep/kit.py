@@ -191,6 +191,9 @@ def reading(tier=1, index_milli=900, **changes):
         "violations": (),
         "contributions": (),
         "lower_tier_speed": None,
+        "tcp_speed_um_s": 100_000,
+        "contact_permille": 0,
+        "start_urad": (0, -1_620_000, 1_250_000, -1_200_000, -1_570_000, 0),
         "perception": "fresh",
         "perception_age_ms": 10,
         "scene_digest": "s" * 64,
@@ -335,7 +338,7 @@ class FakeIssuer:
     def __init__(self, made, clock, *, tools=(), sensors=()):
         self.made, self.clock = made, clock
         self.epoch, self.registry_version, self.entries = 0, 1, []
-        self.tools, self.sensors, self.trust = tuple(tools), tuple(sensors), ()
+        self.tools, self.sensors, self.trust, self.approvers = tuple(tools), tuple(sensors), (), ()
         self.down = False
         self.lie = {}
         self.signer = made["feed"]
@@ -389,6 +392,7 @@ class FakeIssuer:
                 tools=self.tools,
                 sensors=self.sensors,
                 trust=self.trust,
+                approvers=self.approvers,
             ),
             self.made["registry"],
         )

@@ -143,6 +143,7 @@ def impact(plain):
             "violations": tuple(plain["violations"]),
             "contributions": tuple(Contribution(**c) for c in plain["contributions"]),
             "lower_tier_speed": none(plain["lower_tier_speed"]),
+            "start_urad": tuple(plain["start_urad"]),
             "perception_age_ms": none(plain["perception_age_ms"]),
         }
     )
