@@ -40,6 +40,7 @@ from pep.errors import ConfigError, PepError, PepFault
 from pep.feed import Follower, MarkFile
 from pep.gate import Gate
 from pep.mcp.arm import arm_server
+from pep.mcp.deadline import DeadlineProtocol
 from pep.mcp.guard import guard
 from pep.mcp.mapping import ARM_TOOLS
 from pep.perception import Receiver
@@ -365,7 +366,7 @@ class ToolServer:
             log_level="error",
             access_log=False,
             h11_max_incomplete_event_size=32_768,
-            http="h11",
+            http=DeadlineProtocol,
             timeout_graceful_shutdown=SHUTDOWN_S,
             timeout_keep_alive=KEEP_ALIVE_S,
             limit_concurrency=CONNECTIONS,
