@@ -85,6 +85,7 @@ class CellPhysics:
             motion,
             self._cell,
             perception_age_s=age_s,
+            touch=frozenset(),
             seed=bytes.fromhex(request.digest),
         )
         match assessed:

@@ -1,15 +1,18 @@
 """The physics room: what could this command do to people, things and the robot, before it is sent?
 
-`assess` gives a proven upper bound of the physical impact index over the whole motion, or a fault. It claims no safety
-function: the robot's own safety configuration stays in force, and the tier decides authorisation, not protection.
+`assess` gives a proven upper bound of the physical impact index over the whole motion, or a fault; `remaining` says of
+a motion under way whether what is left of it stays inside what was authorised. They claim no safety function: the
+robot's own safety configuration stays in force, and the tier decides authorisation, not protection.
 """
 
 from pep.pit.adult import Build, adult_at_distance, standing_adult
 from pep.pit.assess import assess
 from pep.pit.assessment import Assessment, Certificate
-from pep.pit.cell import CellParameters, StaticObject, StaticZone
+from pep.pit.cell import CellParameters, Contact, Output, Part, StaticObject, StaticZone
 from pep.pit.errors import CellError, ModelError, PitError, SceneError
-from pep.pit.motion import GripperMove, Motion, MoveJ
+from pep.pit.held import Held, gripped, unknown_part
+from pep.pit.motion import GripperMove, Motion, MoveJ, OutputSet, SpeedJ
+from pep.pit.remaining import Remaining, remaining
 from pep.pit.robot import Robot
 from pep.pit.scene import Box, Capsule, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
 
@@ -21,16 +24,23 @@ __all__ = [
     "CellError",
     "CellParameters",
     "Certificate",
+    "Contact",
     "GripperMove",
+    "Held",
     "ModelError",
     "Motion",
     "MoveJ",
+    "Output",
+    "OutputSet",
+    "Part",
     "Person",
     "PitError",
     "Region",
+    "Remaining",
     "Robot",
     "Scene",
     "SceneError",
+    "SpeedJ",
     "Sphere",
     "StaticObject",
     "StaticZone",
@@ -39,6 +49,9 @@ __all__ = [
     "Zone",
     "adult_at_distance",
     "assess",
+    "gripped",
     "observed",
+    "remaining",
     "standing_adult",
+    "unknown_part",
 ]

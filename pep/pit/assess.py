@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 import time
 import traceback
-from typing import TYPE_CHECKING, Final, assert_never
+from typing import TYPE_CHECKING, assert_never
 
-from pep.pit.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, Assessment, micro, milli, seen
-from pep.pit.contact import contact_ratio
-from pep.pit.errors import MotionError, PitError, WorkLimitError
-from pep.pit.grip import grip_causes
-from pep.pit.motion import GripperMove, MoveJ
+from pep.pit.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, MILLI, Assessment, micro, milli, seen
+from pep.pit.errors import PitError
+from pep.pit.grip import gripping
+from pep.pit.motion import GripperMove, MoveJ, OutputSet, SpeedJ
 from pep.pit.moves import MoveQuestion
 from pep.pit.oracle import Disagreement
+from pep.pit.outputs import output_cause
+from pep.pit.question import as_run, deadline, refuse_nonsense, view_around
 from pep.pit.tier import MOVING, tier_of
 from pep.pit.view import view_of
 from policies.evidence import Contribution, ImpactFault
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from pep.pit.scene import Scene
     from pep.pit.view import View
 
-LEAST_RATE: Final = 1e-6  # one unit of the wire (urad/s); less would underflow to "does not move"
-
 
 def assess(
     robot: Robot,
@@ -41,22 +40,24 @@ def assess(
     cell: CellParameters,
     *,
     perception_age_s: float | None,
+    touch: frozenset[str],
     seed: bytes,
     clock: Callable[[], float] = time.monotonic,
 ) -> Assessment | ImpactFault:
     """What `motion` could do in `scene`. Never raises.
 
     Args:
-        robot: the arm with its tool; must be the tool that the cell names.
+        robot: the arm with its tool, which must be the one that the cell names, and with what that holds.
         scene: the newest valid view, or None when there is none.
         motion: what would be sent.
         cell: the cell's parameters.
         perception_age_s: age of the view, or None when there is none.
+        touch: names of objects that the token grants to touch; with the cell's contacts they make a touch a meant one.
         seed: digest of the command; picks the configurations at which the second engine is asked.
         clock: monotonic seconds; the answer comes within `cell.time_limit_s` or is a fault.
     """
     try:
-        return _assess(robot, scene, motion, cell, age_s=perception_age_s, seed=seed, clock=clock)
+        return _assess(robot, scene, motion, cell, age_s=perception_age_s, touch=touch, seed=seed, clock=clock)
     except PitError as error:
         return ImpactFault(error.reason, error.detail)
     except Exception as error:  # noqa: BLE001 - whatever breaks in here must end in a denial, not in the caller
@@ -71,65 +72,31 @@ def _assess(
     cell: CellParameters,
     *,
     age_s: float | None,
+    touch: frozenset[str],
     seed: bytes,
     clock: Callable[[], float],
 ) -> Assessment | ImpactFault:
-    until = clock() + cell.time_limit_s
-
-    def check_time() -> None:
-        if not clock() <= until:
-            raise WorkLimitError("PHYSICS_FAULT", "no answer in time")
-
-    # Refuse before any arithmetic: a NaN would compare as "far enough".
-    wrong = cell.defect()
-    if wrong is not None:
-        return ImpactFault("PHYSICS_FAULT", wrong)
-    if cell.tool != robot.tool.name:
-        return ImpactFault("PHYSICS_FAULT", "the robot carries another tool than the cell says")
-    _refuse_nonsense(motion)
-    view = view_of(scene, age_s, cell)
+    check_time = deadline(clock, cell.time_limit_s)
+    refuse_nonsense(robot, motion, cell, touch)
     match motion:
-        case MoveJ():
-            return MoveQuestion(robot, view, motion, cell, seed=seed, check_time=check_time).answer()
+        case MoveJ() | SpeedJ():
+            view = view_around(robot, scene, age_s, motion.start, cell)
+            run = as_run(motion, cell)
+            return MoveQuestion(robot, view, run, cell, touch=touch, seed=seed, check_time=check_time).answer()
         case GripperMove():
-            return _grip_answer(robot, view, motion, cell)
+            # What the fingers close on or let go is what is held: it stays in the view.
+            return _grip_answer(robot, view_of(scene, age_s, cell), motion, cell)
+        case OutputSet():
+            return _output_answer(robot, view_of(scene, age_s, cell), motion, cell)
         case _:
             assert_never(motion)
-
-
-def _refuse_nonsense(motion: Motion) -> None:
-    """Every number finite, every rate above 0, six joints.
-
-    Raises:
-        MotionError: otherwise.
-    """
-    joints: tuple[tuple[float, ...], ...]
-    match motion:
-        case MoveJ():
-            joints = (motion.start, motion.target)
-            rates = (motion.speed_rad_s, motion.acceleration_rad_s2)
-        case GripperMove():
-            joints = (motion.q,)
-            rates = (motion.speed_m_s, motion.force_n)
-            if not (math.isfinite(motion.width_m) and motion.width_m >= 0):
-                raise MotionError("NOT_FINITE" if not math.isfinite(motion.width_m) else "OUT_OF_RANGE", "width")
-        case _:
-            assert_never(motion)
-    for row in joints:
-        if len(row) != 6:  # a UR arm's joints
-            raise MotionError("PARAMETERS_WRONG", "six joint angles are needed")
-        if not all(math.isfinite(angle) for angle in row):
-            raise MotionError("NOT_FINITE", "a joint angle")
-    if not all(math.isfinite(rate) for rate in rates):
-        raise MotionError("NOT_FINITE", "a speed, acceleration or force")
-    if not all(rate >= LEAST_RATE for rate in rates):
-        raise MotionError("OUT_OF_RANGE", "a speed, acceleration or force below the least that a request can spell")
 
 
 def _grip_answer(robot: Robot, view: View, motion: GripperMove, cell: CellParameters) -> Assessment | ImpactFault:
-    causes = grip_causes(robot, view, motion, cell)
-    if isinstance(causes, Disagreement):
-        return ImpactFault("ENGINES_DISAGREE", causes.what)
+    grip = gripping(robot, view, motion, cell)
+    if isinstance(grip, Disagreement):
+        return ImpactFault("ENGINES_DISAGREE", grip.what)
+    causes = grip.causes
     finger_speed = micro(motion.speed_m_s)
     told = [
         Contribution(c.kind, milli(c.index), "gripper", c.object, 0, micro(c.clearance_m), finger_speed)
@@ -147,8 +114,31 @@ def _grip_answer(robot: Robot, view: View, motion: GripperMove, cell: CellParame
         violations=(),
         lower_tier_speed=None,
         tcp_speed_m_s=0.0,
-        contact_ratio=contact_ratio(view.scene.people, robot, cell, speed_m_s=motion.speed_m_s),
+        contact_ratio=grip.contact_ratio,
         start=motion.q,
+        certificate=EMPTY_CERTIFICATE,
+        perception=view.perception,
+        perception_age_s=view.age_s,
+        engine=ENGINE,
+        model_digest=robot.model_digest,
+        scene_digest=view.scene.digest,
+    )
+
+
+def _output_answer(robot: Robot, view: View, motion: OutputSet, cell: CellParameters) -> Assessment:
+    told = output_cause(motion, cell)
+    index = told.index_milli / MILLI
+    return Assessment(
+        tier=tier_of(index),
+        index=index,
+        clearance_m=math.inf,
+        speed_m_s=0.0,
+        contributions=(told,) if index > 0 else (),
+        violations=(),
+        lower_tier_speed=None,
+        tcp_speed_m_s=0.0,
+        contact_ratio=0.0,
+        start=(),
         certificate=EMPTY_CERTIFICATE,
         perception=view.perception,
         perception_age_s=view.age_s,

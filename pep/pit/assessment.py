@@ -86,8 +86,8 @@ class Assessment:
         violations: kinds that are denied whatever is authorised.
         lower_tier_speed: highest leading-axis speed (rad/s) at which the tier is proven to fall, or None.
         tcp_speed_m_s: proven bound on the speed of the tool centre point.
-        contact_ratio: proven bound on speed by limit speed of any body region in the view (PFL).
-        start: joint angles from which the question was asked, rad.
+        contact_ratio: proven bound on speed by limit speed of any body region that could be met (PFL).
+        start: joint angles from which the question was asked, rad; empty when it has nothing to do with the arm.
         certificate: the proof.
         perception: "fresh", "stale" or "missing".
         perception_age_s: of the view that was used, or None.
@@ -102,7 +102,7 @@ class Assessment:
     lower_tier_speed: float | None
     tcp_speed_m_s: float
     contact_ratio: float
-    start: Joints
+    start: Joints | tuple[()]
     certificate: Certificate
     perception: str
     perception_age_s: float | None

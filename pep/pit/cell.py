@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from pydantic import ConfigDict
 
+HIGHEST_PIN: Final = 17  # U12: 8 standard, 8 configurable and 2 tool outputs
 _ONE_OF: Final = "exactly one of box, capsule, sphere"
 
 
@@ -65,6 +66,35 @@ class StaticZone:
         return _the_shape(self.capsule, self.sphere, self.box)
 
 
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """An object that may be touched on purpose, and by what: the tool, or the part that it holds. Never a person."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    object: str
+    by: Literal["tool", "payload"]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What is known of an object that the robot may carry: its mass, and whether it has no edges (unknown: it has)."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    object: str
+    mass_kg: float
+    blunt: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A digital output: its pin, what is connected there, and the tier that switching it has."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    pin: int
+    tier: Literal[0, 1, 2, 3, 4]
+    name: str
+
+
 TABLE: Final = StaticObject(
     name="table",
     box=Box(
@@ -84,12 +114,17 @@ class CellParameters:
     objects: tuple[StaticObject, ...] = (TABLE,)
     zones: tuple[StaticZone, ...] = ()
     workspace: Workspace | None = None
+    contacts: tuple[Contact, ...] = ()
+    parts: tuple[Part, ...] = ()
+    outputs: tuple[Output, ...] = ()
 
     # stopping: one model for the index, every stop sent and the simulator
     stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
     stop_delay_s: float = STOP_DELAY_S
     watch_age_limit_s: float = 0.15  # PHY-2: least age that the model reckons with
     reaction_s: float = 0.06  # PHY-2: 0.03 s computing and 0.03 s on the wire
+    watch_time_limit_s: float = 0.15  # PHY-13: an answer about a moving arm that is older than the watch allows is none
+    tracking_tolerance_m: float = 0.003  # PHY-13: tracking's share of `robot_uncertainty_m`; farther is off the path
 
     # people
     person_speed_m_s: float = 1.6  # ISO 13855 walking speed, as N1 restates it
@@ -110,6 +145,17 @@ class CellParameters:
     rigid_band_m: float = 0.02  # PHY-6: policy band
     self_overlap_m: float = 0.05  # PHY-6: deeper than capsules can pretend
     fragile_break_force_n: float = 20.0  # G1: the gripper's least force; unknown strength breaks at it
+
+    # contact that is meant
+    contact_speed_m_s: float = 0.05  # DESIGN section 6, PHY-12: at most this
+    contact_near_m: float = 0.03  # DESIGN section 6, PHY-12: while nearer than this
+    contact_depth_m: float = 0.02  # PHY-12: fingers rise 13.5 mm on closing (G3) and the arm errs by 5 mm; more presses
+
+    # what is held
+    held_tolerance_m: float = 0.03  # PHY-14: seen this near to where it is held, it is what is held
+    grip_reach_m: float = 0.01  # PHY-14: a gripped object is this near to the fingers' pads
+    pad_m: float = 0.035  # PHY-14: the pads reach this far back from the tool point (G3: upper fingers)
+    unknown_part_m: float = 0.1  # PHY-14: radius, about the tool point, of a held part that nobody saw
 
     # limits that the robot's own safety configuration also holds
     tcp_speed_limit_m_s: float = 1.5  # PHY-1: from memory of the default row; read it from the installation
@@ -172,6 +218,9 @@ class CellParameters:
             "elbow_speed_limit_m_s",
             "momentum_limit_kg_m_s",
             "time_limit_s",
+            "watch_time_limit_s",
+            "contact_speed_m_s",
+            "unknown_part_m",
         }
         for field in fields(self):
             value = getattr(self, field.name)
@@ -180,12 +229,21 @@ class CellParameters:
             if not (math.isfinite(value) and value >= 0 and (value > 0 or field.name not in dividing)):
                 return f"{field.name} is out of range"
         names = [o.name for o in self.objects] + [z.name for z in self.zones]
-        if len(set(names)) != len(names):
-            return "names repeat"
+        once = (names, self.contacts, [p.object for p in self.parts], [o.pin for o in self.outputs])
+        if any(len(set(each)) != len(each) for each in (*once, [o.name for o in self.outputs])):
+            return "names, contacts, parts or outputs repeat"
+        if not all(contact.object and contact.by in ("tool", "payload") for contact in self.contacts):
+            return "a contact without an object, or by neither tool nor payload"
+        if not all(math.isfinite(part.mass_kg) and part.mass_kg > 0 for part in self.parts):
+            return "a part without mass"
+        if not all(0 <= o.pin <= HIGHEST_PIN and o.tier in (0, 1, 2, 3, 4) for o in self.outputs):
+            return "an output with a pin or tier that does not exist"
+        if self.tracking_tolerance_m > self.robot_uncertainty_m:
+            return "tracking_tolerance_m is more than the robot's whole uncertainty"
         try:
             return Scene.of_cell(self).defect()
         except CellError as error:
             return error.detail
 
 
-__all__ = ["TABLE", "CellError", "CellParameters", "StaticObject", "StaticZone", "Vector"]
+__all__ = ["TABLE", "CellError", "CellParameters", "Contact", "Output", "Part", "StaticObject", "StaticZone", "Vector"]

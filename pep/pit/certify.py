@@ -34,7 +34,6 @@ DEPTH: Final = 14  # halvings; an interval so short is 1e-5 of the path
 RESOLUTION: Final = 0.01  # PHY-9: index within which upper bound and witness may differ, inside one tier
 VIOLATION_RESOLUTION_M: Final = 1e-4  # a path that grazes to within this without touching is no violation
 ROWS_MOST: Final = 200_000  # rows examined in one question: bounds memory and time whatever the scene
-RETREAT_CUT: Final = 128  # equal intervals in the proof that nothing comes nearer
 LOWER_DEPTH: Final = 6  # halvings in the search for a lower tier: enough for 1 % of the speed
 
 
@@ -75,9 +74,10 @@ class Certified:
     leaf_index: Floats
 
 
-def first_cut(path: Path, pairs: Pairs, rows: NDArray[np.intp]) -> Leaves:
-    """Every pair of `rows` on every interval of the first cut, examined."""
+def first_cut(path: Path, pairs: Pairs, rows: NDArray[np.intp], *, since: int = 0) -> Leaves:
+    """Every pair of `rows` on every interval of the first cut that reaches beyond `since`, examined."""
     low, high = cut(path)
+    low, high = low[high > since], high[high > since]
     count = len(low)
     return path.examine(pairs, np.repeat(low, len(rows)), np.repeat(high, len(rows)), np.tile(rows, count))
 
@@ -224,22 +224,6 @@ class _Found:
     def witnesses(self) -> tuple[Witness, ...]:
         """Highest first; among equals the nearest."""
         return tuple(sorted(self._by_obstacle.values(), key=lambda w: (-w.index, w.clearance_m, w.key)))
-
-
-def approaching(path: Path, pairs: Pairs, rows: NDArray[np.intp], *, tolerance_m: float) -> NDArray[np.intp]:
-    """Of these violated pairs, those whose clearance is not proven never to shrink.
-
-    Proven means: on each interval the clearance stays within `tolerance_m` of the best reached before, or of the pair's
-    own bound once that was reached.
-    """
-    count = RETREAT_CUT
-    edges = np.arange(count + 1, dtype=np.int64) * (GRID // count)
-    intervals = np.tile(edges[:-1], len(rows)), np.tile(edges[1:], len(rows)), np.repeat(rows, count)
-    proven = path.examine(pairs, *intervals).clear_m.reshape(len(rows), count)
-    reached = np.stack([path.clearance_at(pairs, key, rows) for key in edges[:-1].tolist()], axis=1)
-    best = np.minimum(np.maximum.accumulate(reached, axis=1), pairs.violated_below[rows, None])
-    kept = (proven >= best - tolerance_m).all(axis=1)
-    return rows[~kept]
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,11 +17,8 @@ from typing import TYPE_CHECKING, Final
 from pep.pit.scene import Region
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from pep.pit.cell import CellParameters
     from pep.pit.robot import Robot
-    from pep.pit.scene import Person
 
 PER_CM2: Final = 1e4  # 1 N/cm2 = 1e4 N/m2
 PER_MM: Final = 1e3  # 1 N/mm = 1e3 N/m
@@ -69,8 +66,14 @@ def effective_mass_kg(robot: Robot, cell: CellParameters) -> float:
 
 
 def payload_kg(robot: Robot, cell: CellParameters) -> float:
-    """The held part's mass; an unknown one is the most that the robot may carry."""
-    return robot.model.payload_limit_kg if cell.payload_kg is None else cell.payload_kg
+    """Mass of all that is carried: what the cell says is always carried, and the held part.
+
+    An unknown mass is the most that the robot may carry.
+    """
+    held = 0.0 if robot.held is None else robot.held.mass_kg
+    if cell.payload_kg is None or held is None:
+        return robot.model.payload_limit_kg
+    return cell.payload_kg + held
 
 
 def contact_speed_m_s(region: Region, *, mass_kg: float, area_m2: float) -> float:
@@ -81,17 +84,14 @@ def contact_speed_m_s(region: Region, *, mass_kg: float, area_m2: float) -> floa
     return force / math.sqrt(reduced * limit.spring_n_mm * PER_MM)
 
 
+def limit_speed_m_s(region: Region, robot: Robot, cell: CellParameters) -> float:
+    """Speed at which a blow by this robot with all that it carries reaches the region's limit."""
+    return contact_speed_m_s(region, mass_kg=effective_mass_kg(robot, cell), area_m2=cell.contact_area_m2)
+
+
 def harm_speed_m_s(region: Region, robot: Robot, cell: CellParameters) -> float:
     """Speed from which a contact with this region is likely to harm: the limit speed times the region's harm ratio."""
-    blunt = robot.tool.shape == "blunt" and cell.payload_kg is not None
+    blunt = robot.tool.shape == "blunt" and cell.payload_kg is not None and (robot.held is None or robot.held.blunt)
     gentle = not LIMITS[region].sensitive and blunt
     ratio = cell.harm_ratio_body if gentle else cell.harm_ratio_head
-    return ratio * contact_speed_m_s(region, mass_kg=effective_mass_kg(robot, cell), area_m2=cell.contact_area_m2)
-
-
-def contact_ratio(people: Iterable[Person], robot: Robot, cell: CellParameters, *, speed_m_s: float) -> float:
-    """Highest ratio of `speed_m_s` to the limit speed of any region of these people; 0 when there is nobody."""
-    mass = effective_mass_kg(robot, cell)
-    regions = {region for person in people for region, _ in person.regions}
-    limits = [contact_speed_m_s(region, mass_kg=mass, area_m2=cell.contact_area_m2) for region in regions]
-    return speed_m_s / min(limits) if limits else 0.0
+    return ratio * limit_speed_m_s(region, robot, cell)

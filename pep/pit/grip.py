@@ -34,10 +34,21 @@ class GripCause:
     clearance_m: float
 
 
-def grip_causes(
-    robot: Robot, view: View, motion: GripperMove, cell: CellParameters
-) -> tuple[GripCause, ...] | Disagreement:
-    """Everything that a gripper move's index comes from, highest first; never empty."""
+@dataclass(frozen=True, slots=True)
+class Grip:
+    """What a gripper move could do.
+
+    Attributes:
+        causes: everything that its index comes from, highest first; never empty.
+        contact_ratio: bound on finger speed by limit speed of any body region that the fingers could meet.
+    """
+
+    causes: tuple[GripCause, ...]
+    contact_ratio: float
+
+
+def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters) -> Grip | Disagreement:
+    """What this gripper move could do in this view, or that the engines disagree on it."""
     tool = robot.tool
     asked = {
         "force": motion.force_n / tool.force_limit_n,
@@ -57,6 +68,7 @@ def grip_causes(
     stop = stopping(cell, perception_age_s=view.stopping_age_s, joint_speed_rad_s=0.0)
     fingers = {c.name for c in tool.capsules}
     travel = float(stop.travel_m(np.array(motion.speed_m_s)))
+    ratio = 0.0
     for row in everything[np.isin([robot.bodies[b].name for b in pairs.body], list(fingers))].tolist():
         near = float(clearance[row] - pairs.uncertainty[row])
         kind, name = pairs.kind_of(row), pairs.names[row]
@@ -64,7 +76,8 @@ def grip_causes(
             share = motion.force_n / float(pairs.force_limit[row])
             index = HIGHEST if share > 1 and near <= travel else 2 + min(1.0, share)
             causes.append(GripCause(str(kind), index, name, float(clearance[row])))
+            ratio = max(ratio, motion.speed_m_s / float(pairs.limit_speed[row]))
         elif kind is Kind.FRAGILE and near <= cell.rigid_band_m:
             index = 1 + min(2.0, motion.force_n / cell.fragile_break_force_n)
             causes.append(GripCause(str(kind), index, name, float(clearance[row])))
-    return tuple(sorted(causes, key=lambda c: (-c.index, c.kind, c.object)))
+    return Grip(tuple(sorted(causes, key=lambda c: (-c.index, c.kind, c.object))), ratio)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 JOINTS: Final = 6  # a UR arm: six revolute joints in a row
 SCHEMA: Final = 1
+PAYLOAD: Final = "payload"  # the body that stands for what is held
 TOOL_PAIR: Final = "tool"  # in `self_pairs`: every capsule of the tool
 SIZE_LIMIT_M: Final = 10.0  # no part of a table-top arm is longer; a larger number is a wrong unit
 MASS_LIMIT_KG: Final = 1000.0  # likewise
@@ -112,7 +113,7 @@ def validated(model: Model) -> Model:
     # A link without geometry would answer "all clear" to every question.
     need({c.link for c in model.capsules} == set(range(JOINTS + 1)), "every link needs a capsule")
     names = [c.name for c in model.capsules] + [c.name for t in model.tools for c in t.capsules]
-    need(len(set(names)) == len(names) and TOOL_PAIR not in names, "capsule names repeat")
+    need(len(set(names)) == len(names) and not {TOOL_PAIR, PAYLOAD} & {*names}, "capsule names repeat")
     need(len({t.name for t in model.tools}) == len(model.tools) > 0, "tool names repeat or none is given")
     parts: list[LinkCapsule | ToolCapsule] = [*model.capsules, *(c for t in model.tools for c in t.capsules)]
     for part in parts:

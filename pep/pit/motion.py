@@ -1,14 +1,15 @@
-"""What is asked of the arm, as path and profile: straight joint moves with a trapezoid of speed, and gripper moves.
+"""What is asked of the arm, as path and profile: straight joint motions with a trapezoid of speed, and the rest.
 
-A joint move with blend 0 is a straight segment in joint space, so what it sweeps does not depend on its timing. The
-path parameter s runs from 0 to 1; the profile gives the rate of s.
+A joint move with blend 0 is a straight segment in joint space, so what it sweeps does not depend on its timing; a joint
+speed held for a while is one too, and ends where the stop after it ends. The path parameter s runs from 0 to 1; the
+profile gives the rate of s.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, assert_never
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,69 +53,153 @@ class GripperMove:
     force_n: float
 
 
-Motion: TypeAlias = MoveJ | GripperMove
+@dataclass(frozen=True, slots=True)
+class SpeedJ:
+    """Joint speeds held for a while: a ramp up, the hold, and the cell's own stop at the end.
+
+    Attributes:
+        start: joint angles, rad.
+        qd_rad_s: the six speeds.
+        acceleration_rad_s2: of the leading axis, up to its speed.
+        duration_s: from the first movement until the stop is sent, ramp included.
+    """
+
+    start: Joints
+    qd_rad_s: Joints
+    acceleration_rad_s2: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class OutputSet:
+    """Switching a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
+
+    pin: int
+    value: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A straight joint motion from rest to rest, whatever asked for it.
+
+    Attributes:
+        start, target: joint angles, rad; both ends are at rest.
+        speed_rad_s: greatest speed of the leading axis.
+        acceleration_rad_s2, braking_rad_s2: of the leading axis, at the start and at the end.
+    """
+
+    start: Joints
+    target: Joints
+    speed_rad_s: float
+    acceleration_rad_s2: float
+    braking_rad_s2: float
+
+
+Motion: TypeAlias = MoveJ | SpeedJ | GripperMove | OutputSet
+Straight: TypeAlias = MoveJ | Run
+
+
+def run_of(motion: MoveJ | SpeedJ, *, stop_delay_s: float, stop_deceleration_rad_s2: float) -> Run:
+    """The motion as a run. A held speed goes on until its stop takes hold, and as far as that stop then takes."""
+    match motion:
+        case MoveJ(start, target, speed, acceleration):
+            return Run(start, target, speed, acceleration, acceleration)
+        case SpeedJ(start, qd, acceleration, duration):
+            leading = max(abs(each) for each in qd)
+            if not leading > 0:
+                return Run(start, start, 0.0, acceleration, stop_deceleration_rad_s2)
+            held_s = duration + stop_delay_s
+            ramp_s = min(leading / acceleration, held_s)
+            peak = min(leading, acceleration * ramp_s)
+            way = peak * (held_s - 0.5 * ramp_s) + 0.5 * peak * peak / stop_deceleration_rad_s2
+            a, b, c, d, e, f = (q + v / leading * way for q, v in zip(start, qd, strict=True))
+            return Run(start, (a, b, c, d, e, f), leading, acceleration, stop_deceleration_rad_s2)
+        case _:
+            assert_never(motion)
 
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """The trapezoid of a joint move, in closed form.
+    """The trapezoid of a straight joint motion, in closed form.
 
     Attributes:
         way_rad: way of the leading axis, more than 0.
         speed_rad_s: the commanded speed.
         acceleration_rad_s2: the commanded acceleration.
+        braking_rad_s2: of the end; that of the start when not given.
     """
 
     way_rad: float
     speed_rad_s: float
     acceleration_rad_s2: float
+    braking_rad_s2: float = math.nan
+
+    def __post_init__(self) -> None:
+        """Without another one the braking is the acceleration."""
+        if math.isnan(self.braking_rad_s2):
+            object.__setattr__(self, "braking_rad_s2", self.acceleration_rad_s2)
 
     @property
     def peak_rad_s(self) -> float:
-        """Speed that the leading axis reaches: a short move never gets to the commanded one."""
-        return min(self.speed_rad_s, math.sqrt(self.acceleration_rad_s2 * self.way_rad))
+        """Speed that the leading axis reaches: a short motion never gets to the commanded one."""
+        up, down = self.acceleration_rad_s2, self.braking_rad_s2
+        return min(self.speed_rad_s, math.sqrt(2 * self.way_rad * up * (down / (up + down))))
 
     @property
     def duration_s(self) -> float:
         """Time from rest to rest."""
-        return self.way_rad / self.peak_rad_s + self.peak_rad_s / self.acceleration_rad_s2
+        peak = self.peak_rad_s
+        return self.way_rad / peak + 0.5 * peak / self.acceleration_rad_s2 + 0.5 * peak / self.braking_rad_s2
+
+    @property
+    def _top(self) -> float:
+        """Path parameter at which the peak is reached first."""
+        return min(0.5 * self.peak_rad_s**2 / self.acceleration_rad_s2 / self.way_rad, 1.0)
 
     def rate(self, s: Floats) -> Floats:
         """ds/dt at path parameter `s`, 1/s: speed rises with the root of the way made, and falls likewise."""
-        to_end = np.clip(np.minimum(s, 1 - s), 0, None)
-        ramp = np.sqrt(2 * self.acceleration_rad_s2 * self.way_rad * to_end)
-        return np.asarray(np.minimum(self.peak_rad_s, ramp) / self.way_rad)
+        up = np.sqrt(2 * self.acceleration_rad_s2 * self.way_rad * np.clip(s, 0, None))
+        down = np.sqrt(2 * self.braking_rad_s2 * self.way_rad * np.clip(1 - s, 0, None))
+        return np.asarray(np.minimum(self.peak_rad_s, np.minimum(up, down)) / self.way_rad)
 
     def highest_rate(self, low: Floats, high: Floats) -> Floats:
-        """Supremum of ds/dt on [low, high]: the rate rises up to the middle of the path and falls from there."""
-        return self.rate(np.clip(0.5, low, high))
+        """Supremum of ds/dt on [low, high]: the rate rises until the peak and never rises again."""
+        top = self._top
+        spanned = (low <= top) & (top <= high)
+        return np.asarray(np.where(spanned, self.peak_rad_s / self.way_rad, self.rate(np.clip(top, low, high))))
 
     def at(self, t_s: float) -> tuple[float, float]:
         """(s, ds/dt) at time `t_s` after the start, from the time domain: shares nothing with `rate` but the peak."""
-        peak, acceleration, duration = self.peak_rad_s, self.acceleration_rad_s2, self.duration_s
-        ramp = peak / acceleration
+        peak, duration = self.peak_rad_s, self.duration_s
+        ramp, fall = peak / self.acceleration_rad_s2, peak / self.braking_rad_s2
         t = min(max(t_s, 0.0), duration)
         if t < ramp:
-            return 0.5 * acceleration * t * t / self.way_rad, acceleration * t / self.way_rad
-        if t <= duration - ramp:
+            return 0.5 * self.acceleration_rad_s2 * t * t / self.way_rad, self.acceleration_rad_s2 * t / self.way_rad
+        if t <= duration - fall:
             return peak * (t - 0.5 * ramp) / self.way_rad, peak / self.way_rad
         left = duration - t
-        return 1 - 0.5 * acceleration * left * left / self.way_rad, acceleration * left / self.way_rad
+        return 1 - 0.5 * self.braking_rad_s2 * left * left / self.way_rad, self.braking_rad_s2 * left / self.way_rad
 
     def time_of(self, s: float) -> float:
         """Time at which path parameter `s` is reached, s."""
-        ramp_way = 0.5 * self.peak_rad_s**2 / self.acceleration_rad_s2
+        peak = self.peak_rad_s
+        rise_way, fall_way = 0.5 * peak**2 / self.acceleration_rad_s2, 0.5 * peak**2 / self.braking_rad_s2
         way = min(max(s, 0.0), 1.0) * self.way_rad
-        if way <= ramp_way:
+        if way <= rise_way:
             return math.sqrt(2 * way / self.acceleration_rad_s2)
-        if way <= self.way_rad - ramp_way:
-            return self.peak_rad_s / self.acceleration_rad_s2 + (way - ramp_way) / self.peak_rad_s
-        return self.duration_s - math.sqrt(2 * max(self.way_rad - way, 0.0) / self.acceleration_rad_s2)
+        if way <= self.way_rad - fall_way:
+            return peak / self.acceleration_rad_s2 + (way - rise_way) / peak
+        return self.duration_s - math.sqrt(2 * max(self.way_rad - way, 0.0) / self.braking_rad_s2)
 
 
-def profile_of(move: MoveJ, speed_rad_s: float | None = None) -> Profile | None:
-    """The move's profile (at another commanded speed, when one is given), or None when it goes nowhere."""
+def profile_of(move: Straight, speed_rad_s: float | None = None) -> Profile | None:
+    """The move's profile (at another commanded speed, when one is given), or None when it goes nowhere.
+
+    A held speed at a lower speed covers less way; on the way of the higher one the profile is still a bound of it.
+    """
     way = max(abs(b - a) for a, b in zip(move.start, move.target, strict=True))
     if not way > STILL_RAD:
         return None
-    return Profile(way, move.speed_rad_s if speed_rad_s is None else speed_rad_s, move.acceleration_rad_s2)
+    speed = move.speed_rad_s if speed_rad_s is None else speed_rad_s
+    braking = move.braking_rad_s2 if isinstance(move, Run) else move.acceleration_rad_s2
+    return Profile(way, speed, move.acceleration_rad_s2, braking)

@@ -21,8 +21,8 @@ import numpy as np
 import pinocchio
 
 from pep.pit.certify import VIOLATION_RESOLUTION_M
-from pep.pit.pairs import rotation_of
 from pep.pit.scene import Box, Capsule, Sphere
+from pep.pit.solids import rotation_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

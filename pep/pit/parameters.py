@@ -20,8 +20,9 @@ from pep.pit.tier import ratio_index
 
 if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
-    from pep.pit.motion import Floats, MoveJ, Profile
+    from pep.pit.motion import Floats, Profile
     from pep.pit.path import Path
+    from pep.pit.robot import Robot
 
 FINER: Final = 2  # speeds are bounded on halves of the first cut: a quarter of the slack
 
@@ -44,12 +45,17 @@ class Ratio:
         return ratio_index(self.ratio)
 
 
+def _carried_kg(robot: Robot, cell: CellParameters) -> float:
+    """Mass at the tool point that is no body of the robot: what the cell says is always carried."""
+    return robot.model.payload_limit_kg if cell.payload_kg is None else cell.payload_kg
+
+
 class Demands:
     """What a move demands: the parts that do not depend on its timing, computed once, then ratios for any profile."""
 
-    def __init__(self, path: Path, move: MoveJ, cell: CellParameters) -> None:
+    def __init__(self, path: Path, cell: CellParameters) -> None:
         """Torque and speed terms at the path's nodes."""
-        self._robot, self._cell, self._move = path.robot, cell, move
+        self._robot, self._cell = path.robot, cell
         low, high = cut(path)
         step = (high - low)[0] // FINER
         self._low = np.arange(0, GRID, step, dtype=np.int64)
@@ -64,10 +70,10 @@ class Demands:
         """At each configuration the torque to hold, per unit of s'' and per s' squared, each of shape (n, 6)."""
         robot = self._robot
         model = robot.pinocchio
-        held = payload_kg(robot, self._cell)
-        if held > 0:
+        carried = _carried_kg(robot, self._cell)
+        if carried > 0:
             model = pinocchio.Model(model)
-            part = pinocchio.Inertia(held, np.array(robot.tool.tcp_m), np.zeros((3, 3)))
+            part = pinocchio.Inertia(carried, np.array(robot.tool.tcp_m), np.zeros((3, 3)))
             model.inertias[len(robot.model.joints)] += part
         data = model.createData()
         still = np.zeros(len(self._delta))
@@ -86,8 +92,7 @@ class Demands:
         robot, cell = self._robot, self._cell
         share = np.abs(self._delta) / profile.way_rad
         joint = float((share * profile.peak_rad_s / robot.speed_limits_rad_s).max())
-        leading = int(share.argmax())
-        asked = profile.speed_rad_s / float(robot.speed_limits_rad_s[leading])
+        asked = float((share * profile.speed_rad_s / robot.speed_limits_rad_s).max())
         speeds = self.surface_speed_m_s(profile)
         bodies = robot.bodies
         # A short move never reaches a forbidden speed, but asking for one is asking to break the limit.
@@ -96,8 +101,10 @@ class Demands:
         found.append(Ratio("tcp_speed", float(speeds[robot.body_index("tcp")]) / cell.tcp_speed_limit_m_s))
         found.append(Ratio("elbow_speed", float(speeds[robot.body_index("elbow_point")]) / cell.elbow_speed_limit_m_s))
         masses = {f"com_{j.name}": j.mass_kg for j in robot.model.joints} | {"com_tool": robot.tool.mass_kg}
+        if robot.held is not None:
+            masses["com_payload"] = robot.model.payload_limit_kg if robot.held.mass_kg is None else robot.held.mass_kg
         momentum = sum(masses[b.name] * float(v) for b, v in zip(bodies, speeds, strict=True) if b.name in masses)
-        momentum += payload_kg(robot, cell) * float(speeds[robot.body_index("tcp")])
+        momentum += _carried_kg(robot, cell) * float(speeds[robot.body_index("tcp")])
         found.append(Ratio("momentum", momentum / cell.momentum_limit_kg_m_s))
         found.append(Ratio("torque", self._torque_ratio(profile)))
         carried = robot.tool.mass_kg + payload_kg(robot, cell)
@@ -107,10 +114,9 @@ class Demands:
     def _torque_ratio(self, profile: Profile) -> float:
         """Worst torque by limit over the nodes: braking, coasting or accelerating, at rest or at the full rate."""
         rate2 = (profile.rate(self._node_s) ** 2)[:, None]
-        push = self._push * (profile.acceleration_rad_s2 / profile.way_rad)
         worst = 0.0
         for swing in (0.0 * self._swing, self._swing * rate2):
-            for sign in (-1.0, 0.0, 1.0):
-                torque = np.abs(self._hold + swing + sign * push)
+            for change in (-profile.braking_rad_s2, 0.0, profile.acceleration_rad_s2):
+                torque = np.abs(self._hold + swing + self._push * (change / profile.way_rad))
                 worst = max(worst, float((torque / self._robot.torque_limits_nm).max()))
         return worst

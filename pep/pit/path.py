@@ -17,7 +17,7 @@ from pep.pit.kinematics import Poses, bending, layout, poses
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pep.pit.motion import Floats, MoveJ
+    from pep.pit.motion import Floats, Straight
     from pep.pit.pairs import Pairs
     from pep.pit.robot import Robot
 
@@ -69,7 +69,7 @@ class Leaves:
 class Path:
     """A joint move's path for one robot. Holds every configuration it was asked for; not shared between threads."""
 
-    def __init__(self, robot: Robot, move: MoveJ) -> None:
+    def __init__(self, robot: Robot, move: Straight) -> None:
         """A path that holds no configuration yet."""
         self.robot = robot
         self.start = np.array(move.start)
@@ -132,15 +132,18 @@ class Path:
         rush_mid = known.speed[at_mid[row], body] + self.layout.radius[body] * known.spin[at_mid[row], body]
         return Leaves(low, high, pair, clear, rush, distance - radii, rush_mid)
 
-    def halve(self, pairs: Pairs, leaves: Leaves) -> Leaves:
-        """Both halves of every row, examined."""
+    def halve(self, pairs: Pairs, leaves: Leaves, *, since: int = 0) -> Leaves:
+        """Both halves of every row, examined; without those that end before `since`."""
         mid = leaves.mid
-        return self.examine(
-            pairs,
-            np.concatenate([leaves.low, mid]),
-            np.concatenate([mid, leaves.high]),
-            np.concatenate([leaves.pair, leaves.pair]),
-        )
+        low, high = np.concatenate([leaves.low, mid]), np.concatenate([mid, leaves.high])
+        ahead = high > since
+        return self.examine(pairs, low[ahead], high[ahead], np.concatenate([leaves.pair, leaves.pair])[ahead])
+
+    def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
+        """Surface speed per unit of ds/dt of the body of each of these pairs at one configuration, metre."""
+        at, known = self.nodes(np.array([key]))
+        body = pairs.body[pair]
+        return np.asarray(known.speed[at[0], body] + self.layout.radius[body] * known.spin[at[0], body])
 
     def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """Signed clearance of these pairs at one configuration."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +17,13 @@ import numpy as np
 import pinocchio
 
 from pep.pit.errors import ModelError
-from pep.pit.model import JOINTS, TOOL_PAIR, LinkCapsule, Model, Tool, Vector, read_back, validated
+from pep.pit.model import JOINTS, PAYLOAD, TOOL_PAIR, LinkCapsule, Model, Tool, Vector, read_back, validated
 from pep.pit.strict import FormError, read_table, read_toml
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from pep.pit.held import Held
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,19 +44,21 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """One arm with one tool, ready to be asked about. Immutable; safe to share.
+    """One arm with one tool and what that holds, ready to be asked about. Immutable; safe to share.
 
     Attributes:
         model: the file.
         tool: the tool that it carries.
-        model_digest: SHA-256 (hex) of the file's content and the tool's name.
+        model_digest: SHA-256 (hex) of the file's content, the tool's name and what it holds.
+        held: what the tool holds, or None.
         bodies: first the moving capsules seen from the world, then those seen from other links, then the tracked
             points.
         world_bodies: how many of `bodies` are moving capsules seen from the world.
         self_pairs: (index of a body, capsule of that body's reference link) that must stay apart.
         reach: shape (bodies, 6), metre: bound on the distance of a body's endpoints from each joint's axis, 0 where the
             joint does not move it.
-        pinocchio: kinematics and dynamics built from the same data (tool included, payload not).
+        pinocchio: kinematics and dynamics built from the same data (tool and what it holds included, the cell's payload
+            not).
     """
 
     model: Model
@@ -68,6 +72,7 @@ class Robot:
     rotations: NDArray[np.float64] = field(repr=False)
     offsets: NDArray[np.float64] = field(repr=False)
     pinocchio: Any = field(repr=False)
+    held: Held | None = None
 
     @staticmethod
     def load(name: str, *, tool: str = "robotiq_2f85") -> Robot:
@@ -90,6 +95,14 @@ class Robot:
         except FormError as error:
             raise ModelError("PHYSICS_FAULT", str(error)) from error
         return _assemble(validated(model), tool)
+
+    def holding(self, held: Held | None) -> Robot:
+        """The same arm and tool with `held` in it, or with nothing.
+
+        Raises:
+            ModelError: a held object that cannot be.
+        """
+        return self if held == self.held else _holding(self, None if held is None else held.checked())
 
     @property
     def position_limits_rad(self) -> NDArray[np.float64]:
@@ -133,17 +146,25 @@ def _load(name: str, tool: str) -> Robot:
     return Robot.from_toml(source.read_text(encoding="utf-8"), tool=tool)
 
 
-def _assemble(model: Model, tool_name: str) -> Robot:
+@lru_cache(maxsize=64)  # what one cell holds in a day; a robot takes a millisecond to build
+def _holding(robot: Robot, held: Held | None) -> Robot:
+    return _assemble(robot.model, robot.tool.name, held)
+
+
+def _assemble(model: Model, tool_name: str, held: Held | None = None) -> Robot:
     tool = next((t for t in model.tools if t.name == tool_name), None)
     if tool is None:
         raise ModelError("PHYSICS_FAULT", f"no tool named {tool_name}")
     on_tool = tuple(LinkCapsule(c.name, JOINTS, c.a_m, c.b_m, c.radius_m) for c in tool.capsules)
-    capsules = (*model.capsules, *on_tool)
+    payload = () if held is None else (LinkCapsule(PAYLOAD, JOINTS, *held.ends_m, held.shape.radius_m),)
+    capsules = (*model.capsules, *on_tool, *payload)
     bodies = [Body(c.name, c.link, 0, c.a_m, c.b_m, c.radius_m) for c in capsules if c.link > 0]
     world_bodies = len(bodies)
     pairs = _self_pairs(model, capsules, {c.name for c in on_tool}, bodies)
     bodies += [Body(f"com_{j.name}", k + 1, 0, j.com_m, j.com_m, 0) for k, j in enumerate(model.joints)]
     bodies.append(Body("com_tool", JOINTS, 0, tool.com_m, tool.com_m, 0))
+    if held is not None:
+        bodies.append(Body("com_payload", JOINTS, 0, held.center_m, held.center_m, 0))
     bodies.append(Body("tcp", JOINTS, 0, tool.tcp_m, tool.tcp_m, 0))
     bodies.append(Body("elbow_point", 2, 0, model.joints[2].offset_m, model.joints[2].offset_m, 0))
     rotations = np.array([pinocchio.rpy.rpyToMatrix(*j.rpy_rad) for j in model.joints])
@@ -154,7 +175,7 @@ def _assemble(model: Model, tool_name: str) -> Robot:
     return Robot(
         model=model,
         tool=tool,
-        model_digest=_digest(model, tool),
+        model_digest=_digest(model, tool, held),
         capsules=capsules,
         bodies=tuple(bodies),
         world_bodies=world_bodies,
@@ -162,7 +183,8 @@ def _assemble(model: Model, tool_name: str) -> Robot:
         reach=reach,
         rotations=rotations,
         offsets=offsets,
-        pinocchio=_pinocchio(model, tool, rotations),
+        pinocchio=_pinocchio(model, tool, held, rotations),
+        held=held,
     )
 
 
@@ -172,7 +194,7 @@ def _self_pairs(
     """The pairs: (moving body, capsule at rest in that body's reference frame); adds the bodies that it needs."""
     by_name = {c.name: c for c in capsules}
     index = {(b.name, b.reference): i for i, b in enumerate(bodies)}
-    pairs: list[tuple[int, LinkCapsule]] = []
+    wanted: list[tuple[LinkCapsule, LinkCapsule]] = []
     for inner_name, outer_names in model.self_pairs.items():
         for outer_name in outer_names:
             for name in sorted(on_tool) if outer_name == TOOL_PAIR else [outer_name]:
@@ -181,11 +203,16 @@ def _self_pairs(
                     continue
                 if inner.link >= outer.link:
                     raise ModelError("PHYSICS_FAULT", f"pair {inner_name}, {name}: the first must sit nearer the base")
-                key = (outer.name, inner.link)
-                if key not in index:
-                    index[key] = len(bodies)
-                    bodies.append(Body(outer.name, outer.link, inner.link, outer.a_m, outer.b_m, outer.radius_m))
-                pairs.append((index[key], inner))
+                wanted.append((inner, outer))
+    if PAYLOAD in by_name:  # of any length, so anything that does not move with it may come to touch it
+        wanted += [(inner, by_name[PAYLOAD]) for inner in capsules if inner.link < JOINTS]
+    pairs: list[tuple[int, LinkCapsule]] = []
+    for inner, outer in wanted:
+        key = (outer.name, inner.link)
+        if key not in index:
+            index[key] = len(bodies)
+            bodies.append(Body(outer.name, outer.link, inner.link, outer.a_m, outer.b_m, outer.radius_m))
+        pairs.append((index[key], inner))
     return tuple(pairs)
 
 
@@ -207,12 +234,16 @@ def _reach(body: Body, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
     return reach
 
 
-def _digest(model: Model, tool: Tool) -> str:
+def _digest(model: Model, tool: Tool, held: Held | None) -> str:
     content = read_back(model) | {"mounted_tool": tool.name}
+    if held is not None:
+        ends = [[x.hex() for x in map(float, end)] for end in held.ends_m]
+        mass = None if held.mass_kg is None else float(held.mass_kg).hex()
+        content["held"] = [held.object, ends, float(held.shape.radius_m).hex(), mass, held.blunt]
     return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
-def _pinocchio(model: Model, tool: Tool, rotations: NDArray[np.float64]) -> Any:
+def _pinocchio(model: Model, tool: Tool, held: Held | None, rotations: NDArray[np.float64]) -> Any:
     built = pinocchio.Model()
     built.name = model.name
     parent = 0
@@ -232,6 +263,10 @@ def _pinocchio(model: Model, tool: Tool, rotations: NDArray[np.float64]) -> Any:
     # The tool's inertia about its own centre is published nowhere and small; as a point mass it loads the joints.
     point = pinocchio.Inertia(tool.mass_kg, np.array(tool.com_m), np.zeros((3, 3)))
     built.appendBodyToJoint(parent, point, pinocchio.SE3.Identity())
+    if held is not None:  # likewise
+        mass = model.payload_limit_kg if held.mass_kg is None else held.mass_kg
+        part = pinocchio.Inertia(mass, np.array(held.center_m), np.zeros((3, 3)))
+        built.appendBodyToJoint(parent, part, pinocchio.SE3.Identity())
     flange = pinocchio.Frame("flange", parent, 0, pinocchio.SE3.Identity(), pinocchio.FrameType.OP_FRAME)
     built.addFrame(flange)
     return built

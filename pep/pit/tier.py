@@ -22,6 +22,8 @@ MOVING: Final = 1.0  # index of any motion that comes near nothing
 HIGHEST: Final = 4.0
 LEAST_TRAVEL_M: Final = 1e-12  # only keeps 0 / 0 away; a travel so small never decides
 
+MEANT: Final = 2.0  # PHY-12: the most that a gentle, meant contact counts
+
 CALM_RATIO: Final = 0.75  # PHY-7: up to here a limit plays no part
 BUSY_RATIO: Final = 0.90  # PHY-7: from here on the motion is close to a limit
 CALM_BAND: Final = BUSY_RATIO - CALM_RATIO  # PHY-7
@@ -75,6 +77,11 @@ def thing_index(near: Floats, speed: Floats, *, band: Floats, stop: Stopping) ->
     aware = 1 + np.clip((travel + band - near) / band, 0, 1)
     certain = 2 + np.clip((travel - near) / np.maximum(travel, LEAST_TRAVEL_M), 0, 1)
     return np.asarray(np.where(speed > 0, np.where(near <= travel, certain, aware), 0))
+
+
+def meant_index(ordinary: Floats, speed: Floats, *, gentle: float) -> Floats:
+    """Index of a contact that is meant: at most 2 while the body is gentle, else the `ordinary` index of a thing."""
+    return np.asarray(np.where(speed <= gentle, np.minimum(ordinary, MEANT), ordinary))
 
 
 def zone_index(near: Floats, speed: Floats, *, band: Floats, declared: Floats, stop: Stopping) -> Floats:

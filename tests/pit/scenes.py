@@ -25,6 +25,7 @@ from pep.pit.path import Path
 
 ROBOT = Robot.load("ur3e")
 CELL = CellParameters()
+NOTHING = frozenset()
 SEED = b"a command's digest"
 HOME = (0.0, -1.62, 1.25, -1.20, -1.57, 0.0)
 

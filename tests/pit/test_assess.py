@@ -33,14 +33,21 @@ from pep.pit.path import GRID, Path
 from pep.pit.view import view_of
 from policies.evidence import ImpactFault
 from policies.reasons import Reason
-from tests.pit.scenes import CELL, HOME, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
+from tests.pit.scenes import NOTHING, CELL, HOME, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
 NAN, INF = math.nan, math.inf
 
 
 def ask(scene=None, motion=None, cell=CELL, age=0.1, robot=ROBOT, **more):
     return assess(
-        robot, empty() if scene is None else scene, motion or sweep(), cell, perception_age_s=age, seed=SEED, **more
+        robot,
+        empty() if scene is None else scene,
+        motion or sweep(),
+        cell,
+        perception_age_s=age,
+        touch=NOTHING,
+        seed=SEED,
+        **more,
     )
 
 
@@ -82,7 +89,7 @@ BAD_MOTIONS = [
 
 @pytest.mark.parametrize(("motion", "reason"), BAD_MOTIONS)
 def test_p13_a_motion_that_is_none_is_a_fault(motion, reason):
-    answer = assess(ROBOT, empty(), motion, CELL, perception_age_s=0.1, seed=SEED)
+    answer = assess(ROBOT, empty(), motion, CELL, perception_age_s=0.1, touch=NOTHING, seed=SEED)
     assert isinstance(answer, ImpactFault)
     assert answer.reason == reason
     assert answer.reason in Reason.__members__
@@ -156,7 +163,7 @@ def test_standing_still_has_no_effect():
 
 @pytest.mark.parametrize(("scene", "age"), [(None, 0.1), (None, None), (empty(), None)])
 def test_p6_no_view_is_at_least_tier_three(scene, age):
-    answer = assess(ROBOT, scene, sweep(0.25, 0.8), CELL, perception_age_s=age, seed=SEED)
+    answer = assess(ROBOT, scene, sweep(0.25, 0.8), CELL, perception_age_s=age, touch=NOTHING, seed=SEED)
     assert (answer.tier, answer.perception, answer.perception_age_s) == (3, "missing", None)
     assert answer.contributions[0].kind == "perception"
     assert answer.lower_tier_speed is None
@@ -165,8 +172,18 @@ def test_p6_no_view_is_at_least_tier_three(scene, age):
 def test_p6_what_is_surveyed_still_counts_without_a_view():
     wall = StaticObject("wall", "rigid", box=Box((*tcp()[:2], 0.0), (0.02, 0.02, 0.3)))
     glass = StaticZone("store", 4, box=Box((*tcp()[:2], 0.0), (0.02, 0.02, 0.3)))
-    assert assess(ROBOT, None, sweep(), replace(CELL, zones=(glass,)), perception_age_s=None, seed=SEED).tier == 4
-    assert assess(ROBOT, None, sweep(), replace(CELL, objects=(wall,)), perception_age_s=None, seed=SEED).index == 3
+    assert (
+        assess(
+            ROBOT, None, sweep(), replace(CELL, zones=(glass,)), perception_age_s=None, touch=NOTHING, seed=SEED
+        ).tier
+        == 4
+    )
+    assert (
+        assess(
+            ROBOT, None, sweep(), replace(CELL, objects=(wall,)), perception_age_s=None, touch=NOTHING, seed=SEED
+        ).index
+        == 3
+    )
 
 
 def test_an_old_view_is_stale_people_are_grown_and_the_floor_holds():
@@ -186,7 +203,9 @@ def test_people_of_an_old_view_are_grown_by_walking_speed_times_age():
     assert view_of(empty(), 0.5, CELL).grown_m == 0
     far, move = with_person(1.6), sweep(3.0, 5.0)
     grown = replace(CELL, person_uncertainty_m=CELL.person_uncertainty_m + 1.6 * 0.6)
-    by_hand = assess(ROBOT, far, move, replace(grown, perception_age_limit_s=9.0), perception_age_s=0.6, seed=SEED)
+    by_hand = assess(
+        ROBOT, far, move, replace(grown, perception_age_limit_s=9.0), perception_age_s=0.6, touch=NOTHING, seed=SEED
+    )
     assert by_hand.index > 3
     assert ask(far, move, age=0.6).index == pytest.approx(by_hand.index, abs=1e-9)
 
@@ -356,6 +375,7 @@ def test_a_question_that_is_too_large_ends():
         replace(CELL, time_limit_s=0.3),
         perception_age_s=0.1,
         seed=SEED,
+        touch=NOTHING,
     )
     assert isinstance(answer, ImpactFault)
     assert answer.reason == "PHYSICS_FAULT"
@@ -435,7 +455,7 @@ def test_a_broken_kernel_is_found_out(monkeypatch, sabotage, scene):
     move = sweep(2.0, 3.0)
     assert isinstance(ask(scene, move), Assessment)
     sabotage(monkeypatch)
-    answers = [assess(ROBOT, scene, move, CELL, perception_age_s=0.1, seed=bytes([k])) for k in range(8)]
+    answers = [assess(ROBOT, scene, move, CELL, perception_age_s=0.1, touch=NOTHING, seed=bytes([k])) for k in range(8)]
     assert any(isinstance(a, ImpactFault) and a.reason == "ENGINES_DISAGREE" for a in answers)
 
 

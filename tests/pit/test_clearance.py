@@ -7,7 +7,8 @@ import pytest
 
 from pep.pit import Box, Capsule, Scene, Sphere, Thing
 from pep.pit.clearance import core_distance, segment_box, segment_segment
-from pep.pit.pairs import pairs_of, rotation_of
+from pep.pit.pairs import pairs_of
+from pep.pit.solids import rotation_of
 from pep.pit.path import GRID, Path
 from tests.pit.scenes import CELL, ROBOT, random_move, random_scene, random_shape
 

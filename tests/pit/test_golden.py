@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pep.pit import adult_at_distance, assess, standing_adult
-from tests.pit.scenes import CELL, FRONT, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
+from tests.pit.scenes import NOTHING, CELL, FRONT, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
 FRESH = 0.10  # age of the view, s
 SCENES = {"C0": empty(), "C1": with_glass(), "C2": with_person(), "C2 behind": with_person(bearing=FRONT + np.pi)}
@@ -23,24 +23,26 @@ ROWS = [(cell, v, a, tier, index) for v, (a, row) in TABLE.items() for cell, (ti
 
 @pytest.mark.parametrize(("cell", "speed", "acceleration", "tier", "index"), ROWS)
 def test_cells_keep_their_tiers(cell, speed, acceleration, tier, index):
-    answer = assess(ROBOT, SCENES[cell], sweep(speed, acceleration), CELL, perception_age_s=FRESH, seed=SEED)
+    answer = assess(
+        ROBOT, SCENES[cell], sweep(speed, acceleration), CELL, perception_age_s=FRESH, touch=NOTHING, seed=SEED
+    )
     assert (answer.tier, answer.violations, answer.perception) == (tier, (), "fresh")
     assert answer.index == pytest.approx(index, abs=0.02)
 
 
 def test_what_would_be_allowed_is_named_and_true():
     """A denial names the highest speed of a lower tier; that speed has it, and a little more has not."""
-    answer = assess(ROBOT, with_glass(), sweep(2.0, 3.0), CELL, perception_age_s=FRESH, seed=SEED)
+    answer = assess(ROBOT, with_glass(), sweep(2.0, 3.0), CELL, perception_age_s=FRESH, touch=NOTHING, seed=SEED)
     lower = answer.lower_tier_speed
     assert answer.tier == 3
     assert 1.0 < lower < 1.15
     for speed, tier in ((lower, 2), (lower * 1.02, 3)):
-        again = assess(ROBOT, with_glass(), sweep(speed, 3.0), CELL, perception_age_s=FRESH, seed=SEED)
+        again = assess(ROBOT, with_glass(), sweep(speed, 3.0), CELL, perception_age_s=FRESH, touch=NOTHING, seed=SEED)
         assert again.tier == tier
 
 
 def test_near_a_person_no_speed_lowers_the_tier():
-    answer = assess(ROBOT, with_person(), sweep(0.5, 1.0), CELL, perception_age_s=FRESH, seed=SEED)
+    answer = assess(ROBOT, with_person(), sweep(0.5, 1.0), CELL, perception_age_s=FRESH, touch=NOTHING, seed=SEED)
     assert answer.tier == 3
     assert answer.lower_tier_speed is None
     assert answer.reading().lower_tier_speed is None
@@ -64,7 +66,7 @@ def test_half_a_metre_is_from_the_base_axis_to_the_nearest_surface():
 def test_farther_people_count_less():
     indices = []
     for distance in (0.5, 0.7, 0.9, 1.1, 1.3, 1.6, 2.0):
-        answer = assess(ROBOT, with_person(distance), sweep(), CELL, perception_age_s=FRESH, seed=SEED)
+        answer = assess(ROBOT, with_person(distance), sweep(), CELL, perception_age_s=FRESH, touch=NOTHING, seed=SEED)
         indices.append(answer.index)
     assert all(a >= b - 0.01 for a, b in zip(indices, indices[1:], strict=False))
     assert indices[0] == pytest.approx(3, abs=0.01)
@@ -75,14 +77,14 @@ def test_a_path_through_a_person_is_a_violation():
     x, y, _ = tcp()
     scene = replace(empty(), people=(standing_adult(x * 1.2, y * 1.2),))
     for speed in (0.1, 1.05):
-        answer = assess(ROBOT, scene, sweep(speed, 1.0), CELL, perception_age_s=FRESH, seed=SEED)
+        answer = assess(ROBOT, scene, sweep(speed, 1.0), CELL, perception_age_s=FRESH, touch=NOTHING, seed=SEED)
         assert answer.violations == ("person",)
         assert answer.tier == 4
         assert answer.lower_tier_speed is None
 
 
 def test_the_reading_is_the_assessment_in_integers():
-    answer = assess(ROBOT, with_glass(), sweep(2.0, 3.0), CELL, perception_age_s=FRESH, seed=SEED)
+    answer = assess(ROBOT, with_glass(), sweep(2.0, 3.0), CELL, perception_age_s=FRESH, touch=NOTHING, seed=SEED)
     reading = answer.reading()
     assert reading.tier == answer.tier
     assert reading.index_milli == -int(-answer.index * 1000 // 1)

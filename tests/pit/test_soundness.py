@@ -14,13 +14,13 @@ from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path
 from pep.pit.model import Model
 from tests.pit import twin
-from tests.pit.scenes import CELL, ROBOT, SEED, random_move, random_scene, sweep, with_glass, with_person
+from tests.pit.scenes import NOTHING, CELL, ROBOT, SEED, random_move, random_scene, sweep, with_glass, with_person
 
 AGE = 0.1
 
 
 def ask(scene, move, cell=CELL, robot=ROBOT, age=AGE):
-    return assess(robot, scene, move, cell, perception_age_s=age, seed=SEED)
+    return assess(robot, scene, move, cell, perception_age_s=age, touch=NOTHING, seed=SEED)
 
 
 def dense_index(scene, move, samples=500):
@@ -59,7 +59,7 @@ def dense_index(scene, move, samples=500):
                     if kind == "self" and d < -0.051:
                         violated.add("self")
             worst = max(worst, index)
-    demands = max(r.index for r in Demands(path, move, CELL).ratios(profile))
+    demands = max(r.index for r in Demands(path, CELL).ratios(profile))
     return max(worst, 1.0), demands, violated
 
 
@@ -207,7 +207,7 @@ def test_surface_speed_is_above_every_sample():
     for _ in range(5):
         move = random_move(rng)
         path, profile = Path(ROBOT, move), profile_of(move)
-        bound = Demands(path, move, CELL).surface_speed_m_s(profile)[: ROBOT.world_bodies]
+        bound = Demands(path, CELL).surface_speed_m_s(profile)[: ROBOT.world_bodies]
         scene = Scene(objects=with_glass().objects)
         world = _World(ROBOT, scene, pairs_of(ROBOT, scene, CELL, grown_m=0.0))
         seen = np.max(
@@ -225,11 +225,11 @@ def test_torque_is_what_rigid_bodies_need():
     stretched = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     move = MoveJ(stretched, (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0), 1e-3, 1e-3)
     path = Path(ROBOT, move)
-    ratio = {r.name: r.ratio for r in Demands(path, move, CELL).ratios(profile_of(move))}["torque"]
+    ratio = {r.name: r.ratio for r in Demands(path, CELL).ratios(profile_of(move))}["torque"]
     model, data = ROBOT.pinocchio, ROBOT.pinocchio.createData()
     pinocchio.centerOfMass(model, data, np.zeros(6))
     lever = sum(i.mass * (data.oMi[k] * i.lever)[0] for k, i in enumerate(model.inertias) if k >= 2)
     assert ratio == pytest.approx(abs(lever) * 9.81 / 54, rel=1e-5)
-    heavy = {r.name: r.ratio for r in Demands(path, move, CellParameters(payload_kg=2.0)).ratios(profile_of(move))}
+    heavy = {r.name: r.ratio for r in Demands(path, CellParameters(payload_kg=2.0)).ratios(profile_of(move))}
     assert heavy["torque"] > ratio
     assert heavy["payload"] == pytest.approx(1.0)

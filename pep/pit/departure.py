@@ -1,0 +1,96 @@
+"""What is already wrong where a motion departs, and whether the motion only leads away from it.
+
+A stuck arm must be able to retreat: from beyond a joint limit, or from what it touches and should not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.path import GRID
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pep.pit.cell import CellParameters
+    from pep.pit.motion import Floats, Profile
+    from pep.pit.pairs import Pairs
+    from pep.pit.path import Path
+    from pep.pit.robot import Robot
+
+RETREAT: Final = 3.0  # PHY-6: index of a stuck arm's retreat
+RETREAT_CUT: Final = 128  # equal intervals in the proof that nothing comes nearer
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """How the move stands to the joint limits: it breaks one (and which), or it comes back from beyond one."""
+
+    broken: bool
+    retreating: bool
+    joint: str
+
+
+def joint_limits(robot: Robot, start: Floats, target: Floats) -> JointLimits:
+    """How a move between these joint angles (rad) stands to the limits."""
+    limit = robot.position_limits_rad
+    before = np.maximum(np.abs(start) - limit, 0)
+    after = np.maximum(np.abs(target) - limit, 0)
+    # From beyond one limit to beyond the other is no retreat, however the two excesses compare.
+    crossed = (before > 0) & (after > 0) & (np.sign(start) != np.sign(target))
+    worse = (after > before) | crossed
+    joint = robot.model.joints[int(worse.argmax())].name
+    return JointLimits(broken=bool(worse.any()), retreating=bool((before > 0).any()), joint=joint)
+
+
+def slow_enough(profile: Profile, cell: CellParameters, *, speed_m_s: float) -> bool:
+    """Whether a motion with this profile and surface speed may be a retreat."""
+    return profile.peak_rad_s <= cell.retreat_joint_speed_rad_s and speed_m_s <= cell.retreat_speed_m_s
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """What is already violated where the arm stands.
+
+    Attributes:
+        rows: pairs that the search asks about.
+        retreating: pairs that are violated and proven never to come nearer.
+    """
+
+    rows: NDArray[np.intp]
+    retreating: NDArray[np.intp]
+
+
+def departure(path: Path, pairs: Pairs, cell: CellParameters, *, slow: bool, since: int = 0) -> Departure:
+    """What is violated at `since` (in 1 / GRID), and what of it a slow motion from there leads away from."""
+    rows = np.arange(len(pairs))
+    may = rows[np.isfinite(pairs.violated_below)]
+    violated = may[path.clearance_at(pairs, since, may) < pairs.violated_below[may]]
+    if not violated.size or not slow or since >= GRID:
+        return Departure(rows, violated[:0])
+    nearer = _approaching(path, pairs, violated, tolerance_m=cell.retreat_tolerance_m, since=since)
+    retreating = np.setdiff1d(violated, nearer)
+    return Departure(np.setdiff1d(rows, retreating), retreating)
+
+
+def _approaching(
+    path: Path, pairs: Pairs, rows: NDArray[np.intp], *, tolerance_m: float, since: int
+) -> NDArray[np.intp]:
+    """Of these violated pairs, those whose clearance is not proven never to shrink.
+
+    Proven means: on each interval the clearance stays within `tolerance_m` of the best reached before, or of the pair's
+    own bound once that was reached.
+    """
+    edges = np.arange(RETREAT_CUT + 1, dtype=np.int64) * (GRID // RETREAT_CUT)
+    low, high = edges[:-1], edges[1:]
+    low, high = low[high > since], high[high > since]
+    count = len(low)
+    intervals = np.tile(low, len(rows)), np.tile(high, len(rows)), np.repeat(rows, count)
+    proven = path.examine(pairs, *intervals).clear_m.reshape(len(rows), count)
+    reached = np.stack([path.clearance_at(pairs, key, rows) for key in low.tolist()], axis=1)
+    best = np.minimum(np.maximum.accumulate(reached, axis=1), pairs.violated_below[rows, None])
+    kept = (proven >= best - tolerance_m).all(axis=1)
+    return rows[~kept]

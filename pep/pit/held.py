@@ -1,0 +1,187 @@
+"""What the gripper holds: as a body of the robot, as what the sensors see, and as a guess from what they saw.
+
+A held object moves with the arm, so it is no obstacle but a part of it: a capsule or ball in the flange's frame, with
+its mass. What the sensors still show of it where it is held is not counted twice; what they show elsewhere is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING, ClassVar, Final, assert_never
+
+import numpy as np
+
+from pep.pit.clearance import core_distance, segment_segment
+from pep.pit.errors import ModelError
+from pep.pit.kinematics import link_frames
+from pep.pit.scene import Box, Capsule, Sphere
+from pep.pit.solids import cores_of, rotation_of
+from pep.pit.strict import STRICT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from pydantic import ConfigDict
+
+    from pep.pit.cell import CellParameters
+    from pep.pit.motion import Floats, Joints
+    from pep.pit.robot import Robot
+    from pep.pit.scene import Scene, Shape, Thing, Vector
+
+SIZE_LIMIT_M: Final = 2.0  # a table-top arm holds nothing longer; a larger number is a wrong unit
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """An object in the gripper.
+
+    Attributes:
+        object: its id in the scene; "" when nobody knows which it is.
+        shape: in the frame of the flange, metre.
+        mass_kg: more than 0; None is unknown and counts as the robot's whole payload.
+        blunt: it is known to have no edges; otherwise a blow with it counts as one with an edge.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    object: str
+    shape: Capsule | Sphere
+    mass_kg: float | None
+    blunt: bool = False
+
+    @property
+    def ends_m(self) -> tuple[Vector, Vector]:
+        """Both ends of the shape's axis, in the frame of the flange."""
+        match self.shape:
+            case Capsule(a, b, _):
+                return a, b
+            case Sphere(center, _):
+                return center, center
+            case _:
+                assert_never(self.shape)
+
+    @property
+    def center_m(self) -> Vector:
+        """Middle of the shape: where its mass is reckoned."""
+        (ax, ay, az), (bx, by, bz) = self.ends_m
+        return (0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz))
+
+    def checked(self) -> Held:
+        """The same, when it can be.
+
+        Raises:
+            ModelError: a number that is not finite, a size or mass that cannot be.
+        """
+        numbers = [*self.ends_m[0], *self.ends_m[1]]
+        sound = all(abs(n) <= SIZE_LIMIT_M for n in numbers) and 0 < self.shape.radius_m <= SIZE_LIMIT_M
+        weighs = self.mass_kg is None or (math.isfinite(self.mass_kg) and self.mass_kg > 0)
+        if not (sound and weighs):
+            raise ModelError("PHYSICS_FAULT", "a held object that cannot be")
+        return self
+
+
+def unknown_part(robot: Robot, cell: CellParameters) -> Held:
+    """What to reckon with when the gripper holds something and nobody knows what: the whole payload, about the tip."""
+    return Held("", Sphere(robot.tool.tcp_m, cell.unknown_part_m), None)
+
+
+def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParameters) -> Held | None:
+    """The one object that is between the fingers, as held; None when there is none or more than one.
+
+    Args:
+        robot: the arm, holding nothing yet.
+        q: measured joint angles, rad.
+        objects: as the sensors show them in the base frame at that configuration.
+        cell: how near counts, and what is known of the parts that may be carried.
+
+    None is to be treated as `unknown_part`: the gripper says that it holds something.
+    """
+    rotation, origin = _flange(robot, q)
+    x, y, z = robot.tool.tcp_m
+    pads = np.array([(x, y, z - cell.pad_m), (x, y, z)]) @ rotation.T + origin
+    near: list[Thing] = []
+    for thing in objects:
+        cores, radius = cores_of([thing.shape])
+        distance, _ = core_distance(pads[None], cores)
+        if float(distance[0] - radius[0]) <= cell.grip_reach_m + thing.uncertainty_m:
+            near.append(thing)
+    if len(near) != 1:
+        return None
+    thing = near[0]
+    a, b, radius_m = _capsule_around(thing.shape)
+    # Where it was seen, give or take: the ball of the uncertainty around every point of it.
+    radius_m += thing.uncertainty_m
+    start, end = (_vector((point - origin) @ rotation) for point in (a, b))
+    known = next((part for part in cell.parts if part.object == thing.id), None)
+    return Held(
+        object=thing.id,
+        shape=Sphere(start, radius_m) if start == end else Capsule(start, end, radius_m),
+        mass_kg=None if known is None else known.mass_kg,
+        blunt=known is not None and known.blunt,
+    ).checked()
+
+
+def without_held(scene: Scene, robot: Robot, q: Joints, *, tolerance_m: float) -> Scene:
+    """The scene without what the robot holds, where it is seen in the gripper of the arm at `q`.
+
+    Seen there means: no point of the seen shape is more than `tolerance_m` outside the held one. The same object seen
+    elsewhere stays an obstacle: then one of the two is wrong, and both count.
+    """
+    held = robot.held
+    if held is None or not any(thing.id == held.object for thing in scene.objects):
+        return scene
+    rotation, origin = _flange(robot, q)
+    axis = np.array(held.ends_m) @ rotation.T + origin
+    limit = held.shape.radius_m + tolerance_m
+
+    def in_the_gripper(thing: Thing) -> bool:
+        return thing.id == held.object and _outermost(thing.shape, axis) <= limit
+
+    return replace(scene, objects=tuple(thing for thing in scene.objects if not in_the_gripper(thing)))
+
+
+def _flange(robot: Robot, q: Joints) -> tuple[Floats, Floats]:
+    rotation, origin = link_frames(robot, np.array([q]))
+    return rotation[0, -1], origin[0, -1]
+
+
+def _vector(point: Floats) -> Vector:
+    x, y, z = point.tolist()
+    return (x, y, z)
+
+
+def _outermost(shape: Shape, axis: Floats) -> float:
+    """Largest distance of any point of the shape from the axis: distance is convex, so at an end or a corner."""
+    match shape:
+        case Capsule(a, b, radius):
+            points, radius_m = np.array([a, b]), radius
+        case Sphere(center, radius):
+            points, radius_m = np.array([center]), radius
+        case Box(center, half, quaternion):
+            corners = np.array(list(product((-1, 1), repeat=3))) * np.array(half)
+            points, radius_m = corners @ rotation_of(quaternion).T + np.array(center), 0.0
+        case _:
+            assert_never(shape)
+    count = len(points)
+    first, last = (np.tile(end, (count, 1)) for end in axis)
+    on_point, on_axis = segment_segment(points, points, first, last)
+    return float(np.linalg.norm(on_point - on_axis, axis=1).max()) + radius_m
+
+
+def _capsule_around(shape: Shape) -> tuple[Floats, Floats, float]:
+    """Ends and radius of a capsule that contains the shape."""
+    match shape:
+        case Capsule(a, b, radius):
+            return np.array(a), np.array(b), radius
+        case Sphere(center, radius):
+            return np.array(center), np.array(center), radius
+        case Box(center, half, quaternion):
+            order = np.argsort(half)
+            longest = int(order[-1])
+            way = rotation_of(quaternion)[:, longest] * half[longest]
+            middle = np.array(center)
+            across = math.hypot(half[int(order[0])], half[int(order[1])])
+            return middle - way, middle + way, across
+        case _:
+            assert_never(shape)

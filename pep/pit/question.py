@@ -1,0 +1,127 @@
+"""What every question to this room must satisfy before anything is computed: a NaN would compare as "far enough"."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, assert_never
+
+from pep.pit.errors import MotionError, PitError, WorkLimitError
+from pep.pit.held import without_held
+from pep.pit.motion import GripperMove, MoveJ, OutputSet, SpeedJ, run_of
+from pep.pit.view import view_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.pit.cell import CellParameters
+    from pep.pit.motion import Joints, Motion, Run
+    from pep.pit.robot import Robot
+    from pep.pit.scene import Scene
+    from pep.pit.view import View
+
+LEAST_RATE: Final = 1e-6  # one unit of the wire (urad/s); less would underflow to "does not move"
+JOINTS: Final = 6  # of a UR arm
+
+
+def deadline(clock: Callable[[], float], limit_s: float) -> Callable[[], None]:
+    """A function that raises `WorkLimitError` once `limit_s` have passed, or the clock is none."""
+    until = clock() + limit_s
+
+    def check_time() -> None:
+        if not clock() <= until:
+            raise WorkLimitError("PHYSICS_FAULT", "no answer in time")
+
+    return check_time
+
+
+def refuse_nonsense(robot: Robot, motion: Motion, cell: CellParameters, touch: frozenset[str]) -> None:
+    """The cell fits itself and the robot, every number of the motion is finite, every rate is above 0, six joints.
+
+    Raises:
+        PitError: otherwise.
+    """
+    wrong = cell.defect()
+    if wrong is not None:
+        raise PitError("PHYSICS_FAULT", wrong)
+    if cell.tool != robot.tool.name:
+        raise PitError("PHYSICS_FAULT", "the robot carries another tool than the cell says")
+    # A bare string would grant each of its substrings.
+    if not isinstance(touch, frozenset):
+        raise PitError("PHYSICS_FAULT", "what may be touched is a set of names")
+    refuse_unreal(motion)
+
+
+def refuse_unreal(motion: Motion) -> None:
+    """Every number finite, every rate at least the least that a request can spell, six joints.
+
+    Raises:
+        MotionError: otherwise.
+    """
+    joints: tuple[tuple[float, ...], ...]
+    match motion:
+        case MoveJ():
+            joints = (motion.start, motion.target)
+            rates = (motion.speed_rad_s, motion.acceleration_rad_s2)
+        case SpeedJ():
+            joints = (motion.start, motion.qd_rad_s)
+            rates = (motion.acceleration_rad_s2, motion.duration_s)
+        case GripperMove():
+            joints = (motion.q,)
+            rates = (motion.speed_m_s, motion.force_n)
+            if not (math.isfinite(motion.width_m) and motion.width_m >= 0):
+                raise MotionError("NOT_FINITE" if not math.isfinite(motion.width_m) else "OUT_OF_RANGE", "width")
+        case OutputSet():
+            # True is an int and 1.0 equals 1: neither is a pin, and 1 is no level.
+            if not (type(motion.pin) is int and isinstance(motion.value, bool)):
+                raise MotionError("PARAMETERS_WRONG", "a pin is a whole number and its value true or false")
+            return
+        case _:
+            assert_never(motion)
+    for row in joints:
+        six_finite(row)
+    if not all(math.isfinite(rate) for rate in rates):
+        raise MotionError("NOT_FINITE", "a speed, acceleration, time or force")
+    if not all(rate >= LEAST_RATE for rate in rates):
+        raise MotionError("OUT_OF_RANGE", "a speed, acceleration, time or force below the least that can be spelt")
+    if isinstance(motion, SpeedJ):
+        leading = max(abs(speed) for speed in motion.qd_rad_s)
+        if 0 < leading < LEAST_RATE:
+            raise MotionError("OUT_OF_RANGE", "joint speeds below the least that can be spelt")
+
+
+def six_finite(row: tuple[float, ...]) -> None:
+    """Six finite numbers.
+
+    Raises:
+        MotionError: otherwise.
+    """
+    if len(row) != JOINTS:
+        raise MotionError("PARAMETERS_WRONG", "six joint angles are needed")
+    if not all(math.isfinite(angle) for angle in row):
+        raise MotionError("NOT_FINITE", "a joint angle or speed")
+
+
+def as_run(motion: MoveJ | SpeedJ, cell: CellParameters) -> Run:
+    """The motion as a straight run that ends where this cell's stop lets it end."""
+    return run_of(motion, stop_delay_s=cell.stop_delay_s, stop_deceleration_rad_s2=cell.stop_deceleration_rad_s2)
+
+
+def view_around(
+    robot: Robot, scene: Scene | None, age_s: float | None, q: Joints, cell: CellParameters, *, lag_m: float = 0.0
+) -> View:
+    """The view for a decision about the arm at `q`, without what it holds where that is seen in its gripper.
+
+    Args:
+        robot: with what it holds.
+        scene: the newest valid view, or None.
+        age_s: its age.
+        q: measured joint angles, rad.
+        cell: tolerances.
+        lag_m: how far what is held may have come since it was seen.
+    """
+    if scene is not None:
+        seen = view_of(scene, age_s, cell)  # refuses a scene that must not be reasoned about before it is taken apart
+        scene = without_held(scene, robot, q, tolerance_m=cell.held_tolerance_m + lag_m)
+        if scene is seen.scene:
+            return seen
+    return view_of(scene, age_s, cell)
