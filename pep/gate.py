@@ -20,8 +20,10 @@ from pep import records
 from pep.approvals import Ask, Asks, AskState
 from pep.authority import NO_TOKEN
 from pep.errors import ActuationRefusedError, JournalError
+from pep.operations import touchable
 from pep.permit import Permit
-from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading, ToolReading
+from pep.ports import Assessed
+from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ToolReading
 from policies.model import Decision, Effect, Finding, Request
 from policies.pdp import decide
 from policies.policy import requirement
@@ -200,14 +202,15 @@ class Gate:
     async def _dear(self, call: Call, seen: Evidence) -> Evidence:
         """Physics, and then authority once more: an assessment takes long enough for a revocation to arrive."""
         loop = asyncio.get_running_loop()
+        touch = touchable(seen.chain) if isinstance(seen.chain, Chain) else frozenset()
+        assess = partial(self._physics.assess, call.request, touch=touch)
         try:
-            impact: ImpactReading | ImpactFault = await asyncio.wait_for(
-                loop.run_in_executor(self._assessor, self._physics.assess, call.request), PHYSICS_TIMEOUT_S
-            )
+            found = await asyncio.wait_for(loop.run_in_executor(self._assessor, assess), PHYSICS_TIMEOUT_S)
         except TimeoutError:
-            impact = ImpactFault(Reason.PHYSICS_FAULT, "the assessment took too long")
+            found = Assessed(ImpactFault(Reason.PHYSICS_FAULT, "the assessment took too long"), NOT_COLLECTED)
         at, at_ms = self._clock.wall_s(), self._clock.monotonic_ms()
-        return replace(seen, at=at, at_ms=at_ms, impact=impact, chain=self._standing(call))
+        chain = self._standing(call)
+        return replace(seen, at=at, at_ms=at_ms, impact=found.impact, perception=found.perception, chain=chain)
 
     def _standing(self, call: Call) -> Chain | Fault:
         """Steps 1 to 9 as of now, with the lease that the policies want for the request."""

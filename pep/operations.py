@@ -13,6 +13,8 @@ from policies.model import Request
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from capabilities.chain import Chain
+
 ROBOT: Final = "ur3e"
 
 
@@ -66,6 +68,13 @@ GRIPPER_MOVE: Final = Operation(
 )
 STOP: Final = Operation(ROBOT, "stop", (), Kind.STOP)
 READ_STATE: Final = Operation(ROBOT, "read_state", (), Kind.READ)
+TOUCH: Final = "touch"
+"""Granted on an object of the cell: contact with it may be meant. No tool and no request has this name."""
+
+
+def touchable(chain: Chain) -> frozenset[str]:
+    """The objects that every hop of the chain lets the arm touch on purpose."""
+    return frozenset(grant.object for grant in chain.scope.grants if grant.operation == TOUCH)
 
 
 def digest_of(operation: Operation, numbers: Sequence[float], *, audience: str) -> str:

@@ -90,6 +90,9 @@ class Receiver:
             self._tell(verdict)
             return verdict.fault not in STRANGERS
         patience.reschedule(None)
+        odd = self._frames.contradiction(verdict)
+        if odd is not None:
+            self._tell(odd)
         return True
 
     def _tell(self, rejected: Rejected) -> None:

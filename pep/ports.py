@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from capabilities.chain import Refusal
     from capabilities.scope import Tier
     from capabilities.statements.revocation import RevocationView
-    from policies.evidence import ImpactFault, ImpactReading
+    from policies.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading
     from policies.model import Request
 
 
@@ -118,9 +118,22 @@ class MotionSlot(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Assessed:
+    """What one look at the world gave: the impact, and where the view that it was computed on comes from."""
+
+    impact: ImpactReading | ImpactFault
+    perception: PerceptionReading | NotCollected
+
+
 class Physics(Protocol):
     """The runtime physical impact of a request in the world as it is now."""
 
-    def assess(self, request: Request) -> ImpactReading | ImpactFault:
-        """One reading of perception and robot state, one assessment. Never raises; a time-out is a fault."""
+    def assess(self, request: Request, *, touch: frozenset[str]) -> Assessed:
+        """One look at perception and robot state, one assessment. Never raises; a time-out is a fault.
+
+        Args:
+            request: what would be done.
+            touch: objects that the authority behind it lets the arm touch on purpose; the cell has its own say.
+        """
         ...

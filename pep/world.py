@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import OrderedDict
 from dataclasses import replace
@@ -12,42 +13,100 @@ from pep.context.frames import Distrusted, Seen, Unseen
 from pep.errors import RobotError
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT
 from pep.pit import Assessment, GripperMove, MoveJ, Scene, SceneError, assess
+from pep.ports import Assessed
 from policies.evidence import ImpactFault, ImpactReading
 from policies.reasons import Reason
+from policies.tiers import FRESH
 
 if TYPE_CHECKING:
     from capabilities.statements.observation import Observation
-    from pep.context.frames import Frames
+    from pep.context.frames import Frames, Look
     from pep.pit import CellParameters, Motion, Robot
+    from pep.ports import Clock
     from pep.rtde.state import JointState, RobotState
     from policies.model import Request
 
 STARTS_KEPT: Final = 64
 """Requests whose start is remembered; one at a time is under way."""
+ALLOWANCE: Final = 1.5
+"""A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
 
 
 class CellPhysics:
-    """The `Physics` port: one reading of perception and robot, one assessment.
+    """The `Physics` port: one look at perception and robot, one assessment.
 
     Args:
         robot: its model.
         cell: its parameters and surveyed objects.
+        valid_until_s: end of the signed cell file that they come from, seconds since the epoch.
         frames: the believed perception.
         state: what the robot says about itself.
+        clock: ages on its monotonic, the cell file's end on its wall time.
     """
 
-    def __init__(self, *, robot: Robot, cell: CellParameters, frames: Frames, state: RobotState) -> None:
+    def __init__(
+        self,
+        *,
+        robot: Robot,
+        cell: CellParameters,
+        valid_until_s: int,
+        frames: Frames,
+        state: RobotState,
+        clock: Clock,
+    ) -> None:
         self._robot = robot
         self._cell = cell
+        self._valid_until_s = valid_until_s
         self._frames = frames
         self._state = state
+        self._clock = clock
         self._lock = threading.Lock()
         self._starts: OrderedDict[str, tuple[float, ...]] = OrderedDict()
 
-    def assess(self, request: Request) -> ImpactReading | ImpactFault:
-        """The runtime impact of the request in the world as it is now, or why none can be told."""
+    def assess(self, request: Request, *, touch: frozenset[str]) -> Assessed:
+        """The runtime impact of the request in the world as it is now, or why none can be told, and whose view it is.
+
+        People go on walking while it is computed. So the age that counts is that at the end: an answer which took
+        longer than it reckoned with is thrown away, and the world is looked at anew with that much more age.
+        """
+        allowance_ms = 0
+        while True:
+            look = self._frames.look()
+            impact = self._impact(request, look, touch, allowance_ms=allowance_ms)
+            now_ms = self._clock.monotonic_ms()
+            if self._in_time(impact, look, now_ms):
+                break
+            if allowance_ms:
+                impact = ImpactFault(Reason.PHYSICS_FAULT, "the assessment is slower than the world")
+                break
+            allowance_ms = max(1, math.ceil((now_ms - look.taken_ms) * ALLOWANCE))
+        if isinstance(impact, ImpactReading):
+            impact = replace(impact, perception_age_ms=look.age_ms(now_ms))
+        return Assessed(impact, look.reading(now_ms=now_ms, limit_ms=self._limit_ms))
+
+    @property
+    def _limit_ms(self) -> int:
+        return int(self._cell.perception_age_limit_s * 1000)
+
+    def _in_time(self, impact: ImpactReading | ImpactFault, look: Look, now_ms: int) -> bool:
+        """Whether the age at the end is one that the impact was computed for."""
+        age_ms = look.age_ms(now_ms)
+        if isinstance(impact, ImpactFault) or impact.perception_age_ms is None or age_ms is None:
+            return True
+        fresh, seen = impact.perception == FRESH, look.view()
+        if fresh and age_ms > self._limit_ms:
+            return False
+        if isinstance(seen, Seen) and not any(frame.observation.people for frame in seen.frames):
+            return True  # nobody walks, and the view's own floor does not depend on its age
+        # A fresh view reckons with this reaction anyway (PHY-2); in an older one people have grown with its age.
+        reckoned_ms = int(self._cell.watch_age_limit_s * 1000) if fresh else 0
+        return age_ms <= max(reckoned_ms, impact.perception_age_ms)
+
+    def _impact(
+        self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
+    ) -> ImpactReading | ImpactFault:
         try:
-            return self._assess(request)
+            return self._assess(request, look, touch, allowance_ms=allowance_ms)
         except RobotError as error:
             return ImpactFault(Reason.PHYSICS_FAULT, str(error.code))
         except SceneError as error:
@@ -55,8 +114,12 @@ class CellPhysics:
         except Exception as error:  # noqa: BLE001 - whatever breaks in physics is a fault, never a tier
             return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
 
-    def _assess(self, request: Request) -> ImpactReading | ImpactFault:
-        view = self._frames.view()
+    def _assess(
+        self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
+    ) -> ImpactReading | ImpactFault:
+        if not self._clock.wall_s() < self._valid_until_s:
+            return ImpactFault(Reason.PHYSICS_FAULT, "the signed cell file has expired")
+        view = look.view()
         scene: Scene | None
         age_s: float | None
         match view:
@@ -64,9 +127,9 @@ class CellPhysics:
                 return ImpactFault(Reason.PERCEPTION_INVALID, f"{rejected.sensor[:64]} {rejected.fault}")
             case Unseen():
                 scene, age_s = None, None
-            case Seen(frames, age_ms):
-                age_s = age_ms / 1000
-                scene = Scene.from_observation(_merged([frame.observation for frame in frames]), self._cell)
+            case Seen() as seen:
+                age_s = (seen.age_ms + allowance_ms) / 1000
+                scene = scene_of(seen, self._cell)
             case _:
                 assert_never(view)
         state = self._state.read()
@@ -85,7 +148,7 @@ class CellPhysics:
             motion,
             self._cell,
             perception_age_s=age_s,
-            touch=frozenset(),
+            touch=touch,
             seed=bytes.fromhex(request.digest),
         )
         match assessed:
@@ -110,9 +173,9 @@ class CellPhysics:
             case Unseen():
                 return {"perception": "missing", "age_ms": None, "people": None, "objects": None}
             case Seen(frames, age_ms):
-                limit_ms = self._cell.perception_age_limit_s * 1000
+                complete = FRESH if view.complete else "missing"
                 return {
-                    "perception": "fresh" if age_ms <= limit_ms else "stale",
+                    "perception": complete if age_ms <= self._limit_ms else "stale",
                     "age_ms": age_ms,
                     "people": sum(len(frame.observation.people) for frame in frames),
                     "objects": sum(len(frame.observation.objects) for frame in frames),
@@ -121,12 +184,20 @@ class CellPhysics:
                 assert_never(view)
 
 
-def _merged(observations: list[Observation]) -> Observation:
-    """Everything that any sensor sees; complete only where all of them are."""
+def scene_of(seen: Seen, cell: CellParameters) -> Scene:
+    """The surveyed cell with everybody and everything that any sensor sees; complete only where all of them are.
+
+    Raises:
+        SceneError: a region or kind that is not in the declared sets.
+    """
+    return Scene.from_observation(_merged([frame.observation for frame in seen.frames], seen.complete), cell)
+
+
+def _merged(observations: list[Observation], complete: bool) -> Observation:  # noqa: FBT001 - named by its only caller
     first, *others = observations
     return replace(
         first,
-        complete=all(o.complete for o in observations),
+        complete=complete,
         people=first.people + tuple(person for o in others for person in o.people),
         objects=first.objects + tuple(thing for o in others for thing in o.objects),
     )

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from policies.model import Point
-from policies.primitives import identity, propagation, tools
+from policies.primitives import cognition, identity, propagation, tools
 from policies.row import Attack, Defence, Row
 
 if TYPE_CHECKING:
@@ -110,8 +110,9 @@ CATALOG: Final = (
             "independent evidence, before it can authorise motion."
         ),
         points=frozenset({_E3, _E5}),
-        evidence=("perception",),
+        evidence=("perception", "impact"),
         counters=((Attack.AC_1, _DETECT), (Attack.AC_1, _PREVENT)),
+        decides=cognition.SensorProvenance,
     ),
     Row(
         id="CII-5",

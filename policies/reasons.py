@@ -234,7 +234,7 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
             ("TEA-4",),
         ),
         Reason.PHYSICS_FAULT: ReasonRow("The physical impact could not be computed.", _REPORT, ("TEA-4",)),
-        Reason.PERCEPTION_INVALID: ReasonRow("The view of the cell must not be believed.", _REPORT, ("TEA-4",)),
+        Reason.PERCEPTION_INVALID: ReasonRow("The view of the cell must not be believed.", _REPORT, ("CII-4", "TEA-4")),
         Reason.PERCEPTION_MISSING: ReasonRow(
             "There is no fresh view of the cell.", "Wait for a person's answer, or for the sensor.", ("TEA-4",)
         ),

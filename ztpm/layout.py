@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 OPERATORS: Final = ("alice", "bob", "carol")
 """Three, so that a tier-4 act can have two different approvers besides its sponsor."""
+SURVEYOR: Final = "carol"
+"""The operator who signs the embedded cell's file."""
 IDP_KEYS: Final = ("root", "attester", "feed", "registry", "ledger")
 
 
@@ -47,6 +49,11 @@ class Layout:
     def cell_config(self) -> Path:
         """Configuration of the tool server."""
         return self.root / "cell" / "cell.toml"
+
+    @property
+    def cell_file(self) -> Path:
+        """What stands in the cell, signed by `SURVEYOR`."""
+        return self.root / "cell" / "cell.jws"
 
     @property
     def journal(self) -> Path:

@@ -7,12 +7,15 @@ import hashlib
 import json
 import shutil
 import socket
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from capabilities import keys
-from ztpm.layout import IDP_KEYS, OPERATORS, Layout, LayoutError, new_key, write_private
+from capabilities.statements import cell as cell_statement
+from ztpm import survey
+from ztpm.layout import IDP_KEYS, OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -119,11 +122,17 @@ def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, polic
 
 def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
     write_private(layout.idp_config, _toml(_idp_settings(layout, addresses)))
-    cell = _toml(_cell_settings(layout, addresses, policy, defer_timeout_s))
-    write_private(layout.cell_config, cell + b"\n[cell]\n")
-    _check_readable(layout)
-    made = {name: new_key(layout.idp_key(name), passphrase) for name in IDP_KEYS}
     operators = {name: new_key(layout.operator_key(name), passphrase) for name in OPERATORS}
+    surveyor = operators[SURVEYOR]
+    settings = _cell_settings(layout, addresses, policy, defer_timeout_s) | {
+        "cell_file": str(layout.cell_file),
+        "cell_signer_key": keys.b64u(keys.public_raw(surveyor)),
+    }
+    write_private(layout.cell_config, _toml(settings) + b"\n[cell]\n")
+    _check_readable(layout)
+    stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
+    write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
+    made = {name: new_key(layout.idp_key(name), passphrase) for name in IDP_KEYS}
     new_key(layout.pep_key, passphrase)
     new_key(layout.sensor_key, passphrase)
     layout.state.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -138,7 +147,7 @@ def _check_readable(layout: Layout) -> None:
         SetupError: naming what is refused.
     """
     from pep.errors import ConfigError
-    from ztpm.tool_server import read_config, read_policies
+    from ztpm.tool_config import read_config, read_policies
     from ztpm_idp.settings import SettingsError, load_settings
 
     try:

@@ -11,32 +11,26 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
-import ipaddress
 import json
 import logging
 import math
 import resource
 import signal
 import sys
-import tomllib
-from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import urlsplit
 
 import httpx2
 import uvicorn
 
-from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
-from capabilities.errors import CapabilityError
 from capabilities.verify import Verifier
-from pep import key_file, records
+from pep import records
 from pep.approvals import Asks, expired_body
 from pep.authority import Authority, proof_life_ms
 from pep.clock import SystemClock
 from pep.context.frames import Frames
-from pep.errors import ConfigError, PepError, PepFault
+from pep.errors import PepError, PepFault
 from pep.feed import Follower, MarkFile
 from pep.gate import Gate
 from pep.mcp.arm import arm_server
@@ -44,29 +38,28 @@ from pep.mcp.deadline import DeadlineProtocol
 from pep.mcp.guard import guard
 from pep.mcp.mapping import ARM_TOOLS
 from pep.perception import Receiver
-from pep.pit import CellError, CellParameters, Robot
+from pep.pit import Robot, surveyed
 from pep.record import FileJournal
 from pep.replay import ReplayCache
 from pep.rtde.dashboard import stop_program
 from pep.rtde.drive import Drive
 from pep.rtde.gripper import RobotiqGripper
-from pep.rtde.guard import JOINT_DECELERATION_LIMIT_RAD_S2, GuardedControl
+from pep.rtde.guard import GuardedControl
 from pep.rtde.limits import Ur3eLimits
 from pep.rtde.state import ReceivedState
 from pep.ship import Shipper
 from pep.world import CellPhysics
-from policies.errors import PolicyError
-from policies.load import SHIPPED, load, load_shipped
+from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, read_key, read_policies, read_trust
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
+    from capabilities.keys import TrustBundle
+    from capabilities.statements.cell import Cell
     from policies.policy import PolicySet
 
-ROBOT_MODEL: Final = "ur3e"
-CONFIG_BYTES: Final = 1_048_576
 FIRST_VIEW_S: Final = 30.0
 """Longest wait for the first verified view before the server listens anyway, denying everything until it comes."""
 EXPIRY_PERIOD_S: Final = 0.1
@@ -74,159 +67,6 @@ SHUTDOWN_S: Final = 3
 KEEP_ALIVE_S: Final = 5
 CONNECTIONS: Final = 64
 """Callers at once; a cell has a handful of agents. The next are told 503."""
-
-
-@dataclass(frozen=True, slots=True)
-class CellConfig:
-    """`cell.toml`, checked.
-
-    Attributes:
-        audience: canonical URL of this server; also the `htu` of every proof.
-        host, port: where it listens.
-        pep_id: this PEP's registered id.
-        issuer: base URL of the identity provider.
-        trust_file: its public trust bundle.
-        pep_key_file: this PEP's key, encrypted.
-        journal_file: the durable journal.
-        state_dir: what is kept over restarts besides.
-        robot_host: address of the controller.
-        perception_port: where sensors push frames, on `host`.
-        policy: name of a shipped set, or a path.
-        defer_timeout_s: how long a deferral waits for a person.
-        cell: the physical cell.
-    """
-
-    audience: str
-    host: str
-    port: int
-    pep_id: str
-    issuer: str
-    trust_file: Path
-    pep_key_file: Path
-    journal_file: Path
-    state_dir: Path
-    robot_host: str
-    perception_port: int
-    policy: str
-    defer_timeout_s: int
-    cell: CellParameters
-
-    @staticmethod
-    def from_toml(text: str) -> CellConfig:
-        """The configuration that a TOML text spells, every key given, none unknown.
-
-        Raises:
-            ConfigError: `CONFIG_INVALID`, naming the key.
-        """
-        try:
-            table = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise ConfigError(PepFault.CONFIG_INVALID, "not TOML") from error
-        names = {field.name for field in fields(CellConfig)}
-        for wrong in sorted(names ^ set(table)):
-            raise ConfigError(PepFault.CONFIG_INVALID, f"{wrong} is {'missing' if wrong in names else 'unknown'}")
-        given: dict[str, Any] = {}
-        for field in fields(CellConfig):
-            value = table[field.name]
-            wanted = {"int": int, "CellParameters": dict}.get(str(field.type), str)
-            if type(value) is not wanted or value == "":
-                raise ConfigError(PepFault.CONFIG_INVALID, f"{field.name} must be a {wanted.__name__}, and not empty")
-            given[field.name] = Path(str(value)) if field.type == "Path" else value
-        try:
-            given["cell"] = CellParameters.from_table(given["cell"])
-        except CellError as error:
-            raise ConfigError(PepFault.CONFIG_INVALID, f"cell: {error.detail}") from error
-        config = CellConfig(**given)
-        config.check()
-        return config
-
-    def check(self) -> None:
-        """Nothing in it is insecure.
-
-        Raises:
-            ConfigError: `CONFIG_INVALID`, naming the key.
-        """
-        for name, url in (("audience", self.audience), ("issuer", self.issuer)):
-            parts = urlsplit(url)
-            if (
-                parts.scheme not in {"http", "https"}
-                or not parts.hostname
-                or len(parts.path) < 2
-                or parts.query
-                or parts.fragment
-            ):
-                raise ConfigError(PepFault.CONFIG_INVALID, f"{name} must be a URL with a path")
-            if parts.scheme == "http" and not _loopback(parts.hostname):
-                raise ConfigError(PepFault.CONFIG_INVALID, f"{name}: plain HTTP on loopback only")
-        if urlsplit(self.audience).scheme == "http" and not _loopback(self.host):
-            raise ConfigError(PepFault.CONFIG_INVALID, "host: plain HTTP on loopback only")
-        for name, port in (("port", self.port), ("perception_port", self.perception_port)):
-            if not 1 <= port <= 65_535:
-                raise ConfigError(PepFault.CONFIG_INVALID, f"{name} is no port")
-        if not 1 <= self.defer_timeout_s <= 3_600:
-            raise ConfigError(PepFault.CONFIG_INVALID, "defer_timeout_s must be 1 to 3600")
-        if self.cell.stop_deceleration_rad_s2 > JOINT_DECELERATION_LIMIT_RAD_S2:
-            raise ConfigError(PepFault.CONFIG_INVALID, "cell: stop_deceleration_rad_s2 is harder than a stop can be")
-
-
-def _loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
-def read_config(path: Path) -> CellConfig:
-    """The configuration at `path`.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`.
-    """
-    try:
-        raw = path.read_bytes()
-        if len(raw) > CONFIG_BYTES:
-            raise ConfigError(PepFault.CONFIG_INVALID, "too large")
-        return CellConfig.from_toml(raw.decode("utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(PepFault.CONFIG_INVALID, f"{path}: {type(error).__name__}") from error
-
-
-def read_trust(config: CellConfig) -> keys.TrustBundle:
-    """The trust bundle of the configured issuer.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`.
-    """
-    try:
-        trust = keys.TrustBundle.from_json(config.trust_file.read_bytes())
-    except (OSError, CapabilityError) as error:
-        raise ConfigError(PepFault.CONFIG_INVALID, f"trust_file: {type(error).__name__}") from error
-    if trust.issuer != config.issuer:
-        raise ConfigError(PepFault.CONFIG_INVALID, "trust_file is of another issuer")
-    return trust
-
-
-def read_key(config: CellConfig) -> Ed25519PrivateKey:
-    """The PEP's key.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID` when it is missing, readable by others, or the passphrase is missing or wrong.
-    """
-    return key_file.read_key(config.pep_key_file, name="pep_key_file")
-
-
-def read_policies(config: CellConfig) -> PolicySet:
-    """The policy set.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`.
-    """
-    try:
-        if config.policy in SHIPPED:
-            return load_shipped(config.policy)
-        return load(Path(config.policy).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, PolicyError) as error:
-        raise ConfigError(PepFault.CONFIG_INVALID, f"policy: {error}") from error
 
 
 class _Server(uvicorn.Server):
@@ -243,6 +83,7 @@ class ToolServer:
 
     Args:
         config: of the cell.
+        survey: the signed cell file, verified and in force.
         trust: the issuer's public keys.
         key: of this PEP.
         policies: what is decided by.
@@ -256,7 +97,8 @@ class ToolServer:
         self,
         config: CellConfig,
         *,
-        trust: keys.TrustBundle,
+        survey: Cell,
+        trust: TrustBundle,
         key: Ed25519PrivateKey,
         policies: PolicySet,
         http: httpx2.AsyncClient,
@@ -286,11 +128,18 @@ class ToolServer:
             clock=self.clock,
             incident=lambda error: self._log("ledger", error),
         )
-        self.frames = Frames(sensors=self.follower, clock=self.clock, caps=CAPS)
+        self.survey = survey
+        self.cell = surveyed(survey, config.cell)
+        self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
         self.physics = CellPhysics(
-            robot=Robot.load(ROBOT_MODEL), cell=config.cell, frames=self.frames, state=self.state
+            robot=Robot.load(ROBOT_MODEL, tool=survey.tool),
+            cell=self.cell,
+            valid_until_s=survey.not_after,
+            frames=self.frames,
+            state=self.state,
+            clock=self.clock,
         )
         self.drive = Drive(
             control=GuardedControl(
@@ -298,7 +147,7 @@ class ToolServer:
                 audience=config.audience,
                 clock=self.clock,
                 raise_refusals=True,
-                stop_deceleration_rad_s2=config.cell.stop_deceleration_rad_s2,
+                stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
             ),
             state=self.state,
             gripper=RobotiqGripper(config.robot_host),
@@ -462,7 +311,9 @@ async def serve(config: CellConfig) -> None:
         PepError: when a part cannot be had; nothing was served then.
     """
     policies, trust, key = read_policies(config), read_trust(config), read_key(config)
-    server = ToolServer(config, trust=trust, key=key, policies=policies, http=httpx2.AsyncClient())
+    survey = read_cell(config, at=SystemClock().wall_s())
+    http = httpx2.AsyncClient()
+    server = ToolServer(config, survey=survey, trust=trust, key=key, policies=policies, http=http)
     server.recover()
     await server.run()
 

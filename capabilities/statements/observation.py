@@ -123,12 +123,12 @@ def sign(observation: Observation, key: Ed25519PrivateKey) -> str:
         "people": [
             {
                 "id": person.id,
-                "regions": [{"region": region, "shape": _write(shape)} for region, shape in person.regions],
+                "regions": [{"region": region, "shape": shape_claims(shape)} for region, shape in person.regions],
             }
             for person in observation.people
         ],
         "objects": [
-            {"id": thing.id, "kind": thing.kind, "shape": _write(thing.shape)} for thing in observation.objects
+            {"id": thing.id, "kind": thing.kind, "shape": shape_claims(thing.shape)} for thing in observation.objects
         ],
     }
     return sealed.sign(KIND, claims, key)
@@ -159,7 +159,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Observation:  # noqa
 # --- shapes ----------------------------------------------------------------------------------------------------------
 
 
-def _write(shape: Shape) -> dict[str, object]:
+def shape_claims(shape: Shape) -> dict[str, object]:
+    """The shape as it stands in a statement."""
     match shape:
         case Capsule(a_um, b_um, radius_um):
             return {"form": "capsule", "a_um": list(a_um), "b_um": list(b_um), "radius_um": radius_um}
@@ -176,17 +177,22 @@ def _write(shape: Shape) -> dict[str, object]:
             assert_never(shape)
 
 
-def _shape(value: object) -> Shape:
+def shape(value: object) -> Shape:
+    """The shape that this value spells.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for anything but a finite body in its one form, with sizes of at least 1.
+    """
     match value:
         case {"form": "capsule"}:
             claims = Claims(value, "form", "a_um", "b_um", "radius_um")
-            return Capsule(_point(claims, "a_um"), _point(claims, "b_um"), _length(claims, "radius_um"))
+            return Capsule(point(claims, "a_um"), point(claims, "b_um"), _length(claims, "radius_um"))
         case {"form": "sphere"}:
             claims = Claims(value, "form", "center_um", "radius_um")
-            return Sphere(_point(claims, "center_um"), _length(claims, "radius_um"))
+            return Sphere(point(claims, "center_um"), _length(claims, "radius_um"))
         case {"form": "box"}:
             claims = Claims(value, "form", "center_um", "half_um", "quaternion_ppm")
-            return Box(_point(claims, "center_um"), _point(claims, "half_um", low=1), _quaternion(claims))
+            return Box(point(claims, "center_um"), point(claims, "half_um", low=1), _quaternion(claims))
         case _:
             raise malformed("not a shape")
 
@@ -202,7 +208,12 @@ def _numbers(claims: Claims, name: str, *, count: int, low: int, high: int) -> t
     return numbers
 
 
-def _point(claims: Claims, name: str, *, low: int = -REACH_UM) -> Point:
+def point(claims: Claims, name: str, *, low: int = -REACH_UM) -> Point:
+    """Three micrometres from `low` to `REACH_UM`.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for anything else.
+    """
     x, y, z = _numbers(claims, name, count=3, low=low, high=REACH_UM)
     return (x, y, z)
 
@@ -225,12 +236,12 @@ def _person(value: object) -> ObservedPerson:
 
 def _region(value: object) -> tuple[str, Capsule | Sphere]:
     claims = Claims(value, "region", "shape")
-    shape = _shape(claims.raw("shape"))
-    if isinstance(shape, Box):
+    found = shape(claims.raw("shape"))
+    if isinstance(found, Box):
         raise malformed("a person is made of capsules and spheres")
-    return claims.one_of("region", REGIONS), shape
+    return claims.one_of("region", REGIONS), found
 
 
 def _object(value: object) -> ObservedObject:
     claims = Claims(value, "id", "kind", "shape")
-    return ObservedObject(claims.name("id"), claims.one_of("kind", OBJECT_KINDS), _shape(claims.raw("shape")))
+    return ObservedObject(claims.name("id"), claims.one_of("kind", OBJECT_KINDS), shape(claims.raw("shape")))

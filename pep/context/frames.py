@@ -1,4 +1,6 @@
-"""Which frames may say what the world is: signed by a registered sensor, calibrated, newer than all before, in time.
+"""Which frames may say what the world is: signed by a sensor of the cell, calibrated, newer than all before, in time.
+
+A sensor of the cell is one that the signed cell file names and the signed registry knows; any other is a stranger.
 
 A frame that fails is not dropped and forgotten. It is an incident, and as long as it is the newest of its sensor the
 world is distrusted: somebody who can forge one frame must not gain that the frame before it counts a little longer.
@@ -17,8 +19,12 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 from capabilities.errors import CapabilityError
 from capabilities.statements import observation
+from pep.context.witness import contradicted
+from policies.evidence import PerceptionReading, SensorReading
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from capabilities.caps import Caps
     from capabilities.statements.observation import Observation
     from pep.ports import Clock, RegisteredSensor, Sensors
@@ -30,7 +36,7 @@ BOOTS_KEPT: Final = 64
 SKEW_MS: Final = 1_000
 """Clocks of one cell differ less than this; a frame captured longer ago (or ahead) is a recording, not a view. Ours."""
 NOBODY: Final = ""
-"""The source of frames that name no registered sensor."""
+"""The source of frames that name no sensor of the cell."""
 
 
 class FrameFault(StrEnum):
@@ -44,6 +50,8 @@ class FrameFault(StrEnum):
     WRONG_CALIBRATION = "WRONG_CALIBRATION"
     NOT_NEWER = "NOT_NEWER"
     OUT_OF_TIME = "OUT_OF_TIME"
+    CONTRADICTED = "CONTRADICTED"
+    """The frame is believed: it adds to what others see. That another sensor does not see the same is an incident."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +62,17 @@ class Frame:
         observation: what was seen.
         arrived_ms: monotonic time of arrival.
         transit_ms: counted as age on arrival: the declared longest transit, or more by its sender's clock.
+        judged_as: the registration it was judged by. Once the registry says something else, nobody vouches for it.
     """
 
     observation: Observation
     arrived_ms: int
     transit_ms: int
+    judged_as: RegisteredSensor
+
+    def age_ms(self, now_ms: int) -> int:
+        """Milliseconds since exposure, transit included, at the monotonic time `now_ms`."""
+        return now_ms - self.arrived_ms + self.transit_ms
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +86,27 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """The newest believed frame of every registered sensor, oldest age first counted.
+    """What the sensors of the cell show.
 
     Attributes:
-        frames: one for each registered sensor.
+        frames: the newest believed one of each sensor that was heard.
         age_ms: of the oldest of them.
+        silent: sensors of which there is none; while there are any, the view is not complete.
     """
 
     frames: tuple[Frame, ...]
     age_ms: int
+    silent: tuple[str, ...] = ()
+
+    @property
+    def complete(self) -> bool:
+        """Whether everybody was heard, and each covers all of what it watches."""
+        return not self.silent and all(frame.observation.complete for frame in self.frames)
 
 
 @dataclass(frozen=True, slots=True)
 class Unseen:
-    """No view: no sensor is registered, or one of them has sent nothing yet."""
+    """No view: the cell has no sensor, or none of them was heard."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,17 +119,71 @@ class Distrusted:
 View: TypeAlias = Seen | Unseen | Distrusted
 
 
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One sensor at one instant: its newest believed frame, and the newer one that is not believed, if there is one."""
+
+    sensor: str
+    frame: Frame | None
+    rejected: Rejected | None
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One look at all sensors of the cell. What physics sees and what the record says of it come from the same look.
+
+    Attributes:
+        heard: in the order of their ids; first, under "", what strangers last sent, if no good frame came since.
+        taken_ms: monotonic time.
+    """
+
+    heard: tuple[Heard, ...]
+    taken_ms: int
+
+    def age_ms(self, now_ms: int) -> int | None:
+        """The oldest frame's age at `now_ms`, or None when there is no frame."""
+        return max((one.frame.age_ms(now_ms) for one in self.heard if one.frame is not None), default=None)
+
+    def view(self) -> View:
+        """The world as it may be believed."""
+        for one in self.heard:
+            if one.rejected is not None:
+                return Distrusted(one.rejected)
+        frames = tuple(one.frame for one in self.heard if one.frame is not None)
+        age_ms = self.age_ms(self.taken_ms)
+        if age_ms is None:
+            return Unseen()
+        return Seen(frames, age_ms, tuple(one.sensor for one in self.heard if one.frame is None))
+
+    def reading(self, *, now_ms: int, limit_ms: int) -> PerceptionReading:
+        """The same for the evidence.
+
+        Args:
+            now_ms: monotonic time at which the decision uses it.
+            limit_ms: a frame of a greater age is stale.
+        """
+        readings = []
+        for one in self.heard:
+            age_ms = None if one.frame is None else one.frame.age_ms(now_ms)
+            state = "missing" if age_ms is None else "fresh" if age_ms <= limit_ms else "stale"
+            fault = "" if one.rejected is None else str(one.rejected.fault)
+            readings.append(SensorReading(one.sensor, "invalid" if fault else state, fault, age_ms))
+        return PerceptionReading(tuple(readings))
+
+
 class Frames:
     """The newest frames, and whether they may be believed. Any thread.
 
     Args:
         sensors: registered ones, with their keys.
+        named: ids of the sensors that the signed cell file names. Each of them must be heard.
         clock: ages on its monotonic, skew on its wall time.
         caps: bounds and skew.
     """
 
-    def __init__(self, *, sensors: Sensors, clock: Clock, caps: Caps) -> None:
+    def __init__(self, *, sensors: Sensors, named: frozenset[str], clock: Clock, caps: Caps) -> None:
         self._sensors = sensors
+        self._named = named
         self._clock = clock
         self._caps = caps
         self._lock = threading.Lock()
@@ -131,33 +206,54 @@ class Frames:
                 # Noise that nobody signed is outlived by the next frame that somebody did.
                 self._rejected.pop(NOBODY, None)
             else:
-                known = verdict.sensor in self._sensors.sensors()
-                self._rejected[verdict.sensor if known else NOBODY] = verdict
+                self._rejected[verdict.sensor if self.knows(verdict.sensor) else NOBODY] = verdict
             return verdict
 
     def reject(self, fault: FrameFault, *, sensor: str = NOBODY) -> Rejected:
         """A frame that could not even be read counts as the newest, too."""
         rejected = Rejected(fault, sensor)
         with self._lock:
-            self._rejected[sensor if sensor in self._sensors.sensors() else NOBODY] = rejected
+            self._rejected[sensor if self.knows(sensor) else NOBODY] = rejected
         return rejected
 
     def knows(self, sensor: str) -> bool:
-        """Whether a sensor of that name is registered."""
-        return sensor in self._sensors.sensors()
+        """Whether the cell has a sensor of that name."""
+        return sensor in self._watching()
+
+    def look(self) -> Look:
+        """Every sensor that the cell names, now."""
+        registered = self._watching()
+        with self._lock:
+            heard = [self._heard(name, registered.get(name)) for name in sorted(self._named)]
+            noise = self._rejected.get(NOBODY)
+            taken_ms = self._clock.monotonic_ms()
+        if noise is not None:
+            heard.insert(0, Heard(NOBODY, None, noise))
+        return Look(tuple(heard), taken_ms)
 
     def view(self) -> View:
         """The world as it may be believed now."""
-        registered = self._sensors.sensors()
+        return self.look().view()
+
+    def contradiction(self, frame: Frame) -> Rejected | None:
+        """What another complete and fresh frame shows about people that `frame` does not, or the other way round."""
         with self._lock:
-            for name, rejected in self._rejected.items():
-                if name == NOBODY or name in registered:
-                    return Distrusted(rejected)
-            if not registered or not all(name in self._newest for name in registered):
-                return Unseen()
-            frames = tuple(self._newest[name] for name in sorted(registered))
-        now = self._clock.monotonic_ms()
-        return Seen(frames, max(now - frame.arrived_ms + frame.transit_ms for frame in frames))
+            others = [other for name, other in self._newest.items() if name != frame.observation.sensor]
+        for other in others:
+            apart_ms = abs(frame.arrived_ms - other.arrived_ms)
+            detail = contradicted(frame.observation, other.observation, apart_ms=apart_ms)
+            if detail:
+                return Rejected(FrameFault.CONTRADICTED, frame.observation.sensor, detail)
+        return None
+
+    def _watching(self) -> Mapping[str, RegisteredSensor]:
+        """The sensors that the cell names, as far as the registry knows them."""
+        return {name: sensor for name, sensor in self._sensors.sensors().items() if name in self._named}
+
+    def _heard(self, name: str, registered: RegisteredSensor | None) -> Heard:
+        frame = self._newest.get(name)
+        vouched = frame is not None and frame.judged_as == registered
+        return Heard(name, frame if vouched else None, None if registered is None else self._rejected.get(name))
 
     def _judge(self, text: bytes, arrived_ms: int) -> Frame | Rejected:
         """The numbered recipe of a frame."""
@@ -169,8 +265,8 @@ class Frames:
             compact = text.decode("ascii")
         except UnicodeDecodeError:
             return Rejected(FrameFault.MALFORMED, claimed)
-        # 2 the sensor is registered
-        sensor = self._sensors.sensors().get(claimed)
+        # 2 the sensor is one of the cell's
+        sensor = self._watching().get(claimed)
         if sensor is None:
             return Rejected(FrameFault.UNKNOWN_SENSOR if claimed else FrameFault.MALFORMED, claimed)
         # 3 its own key signed it: another sensor's is as good as a stranger's
@@ -195,7 +291,7 @@ class Frames:
         if not -SKEW_MS <= drift_ms <= SKEW_MS + sensor.transit_ms:
             return Rejected(FrameFault.OUT_OF_TIME, sensor.sensor)
         # A frame that was held up on the way is as old as its sender's clock says, if that is more than the transit.
-        return Frame(seen, arrived_ms, max(sensor.transit_ms, math.ceil(drift_ms)))
+        return Frame(seen, arrived_ms, max(sensor.transit_ms, math.ceil(drift_ms)), sensor)
 
     def _newer(self, seen: Observation) -> bool:
         """Whether the frame follows its sensor's last one: higher sequence in one boot, later capture in a new boot."""

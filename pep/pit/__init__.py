@@ -15,6 +15,7 @@ from pep.pit.motion import GripperMove, Motion, MoveJ, OutputSet, SpeedJ
 from pep.pit.remaining import Remaining, remaining
 from pep.pit.robot import Robot
 from pep.pit.scene import Box, Capsule, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
+from pep.pit.surveyed import SurveyError, SurveyFault, numbers_only, surveyed
 
 __all__ = [
     "Assessment",
@@ -44,14 +45,18 @@ __all__ = [
     "Sphere",
     "StaticObject",
     "StaticZone",
+    "SurveyError",
+    "SurveyFault",
     "Thing",
     "Workspace",
     "Zone",
     "adult_at_distance",
     "assess",
     "gripped",
+    "numbers_only",
     "observed",
     "remaining",
     "standing_adult",
+    "surveyed",
     "unknown_part",
 ]

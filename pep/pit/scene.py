@@ -236,7 +236,12 @@ def _metres(point_um: tuple[int, int, int]) -> Vector:
     return (si(x, Unit.MICROMETRE), si(y, Unit.MICROMETRE), si(z, Unit.MICROMETRE))
 
 
-def _shape(observed: Any) -> Shape:
+def shape_of(observed: Any) -> Shape:
+    """The body of a statement, in metres.
+
+    Raises:
+        SceneError: a shape that is not declared.
+    """
     match observed:
         case wire.Capsule():
             return Capsule(_metres(observed.a_um), _metres(observed.b_um), si(observed.radius_um, Unit.MICROMETRE))
@@ -253,7 +258,7 @@ def _shape(observed: Any) -> Shape:
 def _person(observed: wire.ObservedPerson) -> Person:
     regions: list[tuple[Region, Capsule | Sphere]] = []
     for name, observed_shape in observed.regions:
-        shape = _shape(observed_shape)
+        shape = shape_of(observed_shape)
         if isinstance(shape, Box) or name not in _REGION_NAMES:
             raise SceneError("PERCEPTION_INVALID", "a body region that is not declared")
         regions.append((Region(name), shape))
@@ -263,7 +268,7 @@ def _person(observed: wire.ObservedPerson) -> Person:
 def _thing(observed: wire.ObservedObject, uncertainty_m: float) -> Thing:
     match observed.kind:
         case "fragile" | "rigid":
-            return Thing(observed.id, observed.kind, _shape(observed.shape), uncertainty_m)
+            return Thing(observed.id, observed.kind, shape_of(observed.shape), uncertainty_m)
         case _:
             raise SceneError("PERCEPTION_INVALID", "an object of a kind that is not declared")
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from capabilities import block
 from capabilities.caps import DEFAULT
 from capabilities.errors import FaultCode
-from capabilities.statements import attestation, checkpoint, observation, registry, revocation
+from capabilities.statements import attestation, cell, checkpoint, observation, registry, revocation
 from capabilities.units import Unit
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +56,6 @@ def test_numbers_units_facts_and_kinds():
     assert all(f"`{unit}`" in SPEC for unit in Unit)
     assert all(f"| `{predicate}` |" in SPEC for predicate in block.ARITY)
     assert all(
-        f"| `{module.KIND}` |" in SPEC for module in (attestation, checkpoint, observation, registry, revocation)
+        f"| `{module.KIND}` |" in SPEC for module in (attestation, cell, checkpoint, observation, registry, revocation)
     )
     assert all(f"`{region}`" in SPEC for region in observation.REGIONS)

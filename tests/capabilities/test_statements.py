@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
 
 import pytest
@@ -15,6 +16,7 @@ from capabilities.statements import (
     answers,
     ask,
     attestation,
+    cell,
     checkpoint,
     observation,
     opening,
@@ -104,6 +106,28 @@ OPENED = opening.Opening("0c" * 16, "bob", CELL, "robotic", "ur3e", "move_joint"
 STANDING = answers.Answers(
     ISSUER, CELL, "n" * 22, NOW * 1_000, (answers.AnsweredAsk("0a" * 16, "granted", ("vote",)),), ("opening",)
 )
+SURVEY = cell.Cell(
+    name="cell-1",
+    author="carol",
+    audience=CELL,
+    tool="robotiq_2f85",
+    payload_g=None,
+    workspace=cell.Workspace((-900_000, -900_000, -200_000), (900_000, 900_000, 1_200_000)),
+    objects=(
+        cell.Surveyed(
+            "table", "rigid", observation.Box((0, 0, -60_000), (500_000, 500_000, 50_000), (1_000_000, 0, 0, 0))
+        ),
+    ),
+    zones=(
+        cell.Zone("charger", None, observation.Sphere((0, 800_000, 0), 100_000)),
+        cell.Zone("press", Tier.SAFETY_CRITICAL, observation.Capsule((0, 0, 1), (0, 0, 2), 9)),
+    ),
+    contacts=(cell.Contact("table", "tool", False), cell.Contact("part-1", "payload", True)),
+    outputs=(cell.Output(0, "lamp", Tier.NO_EFFECT), cell.Output(17, "vacuum", Tier.CONSEQUENTIAL)),
+    sensors=("camera-1", "camera-2"),
+    not_before=NOW,
+    not_after=NOW + 86_400,
+)
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
 
 KINDS = {
@@ -116,6 +140,7 @@ KINDS = {
     vote: VOTED,
     opening: OPENED,
     answers: STANDING,
+    cell: SURVEY,
 }
 each = pytest.mark.parametrize("module", KINDS, ids=lambda module: module.KIND)
 
@@ -435,3 +460,65 @@ def test_the_largest_snapshot_fits():
         tuple(registry.ApproverEntry(f"{long}{i}", raw_of("alice")) for i in range(registry.APPROVERS)),
     )
     assert registry.open(registry.sign(full, SIGNER), TRUSTED, DEFAULT) == full
+
+
+SPHERE = {"form": "sphere", "center_um": [0, 0, 0], "radius_um": 1}
+CONTRADICTORY_CELLS = {
+    "no sensor": {"sensors": []},
+    "a sensor twice": {"sensors": ["camera-1", "camera-1"]},
+    "an object twice": {"objects": [{"name": "a", "kind": "rigid", "shape": SPHERE}] * 2},
+    "an object and a zone of one name": {
+        "objects": [{"name": "a", "kind": "rigid", "shape": SPHERE}],
+        "zones": [{"name": "a", "tier": 2, "shape": SPHERE}],
+    },
+    "a contact twice": {"contacts": [{"object": "table", "by": "tool", "observed": o} for o in (True, False)]},
+    "a contact with a hand": {"contacts": [{"object": "table", "by": "hand", "observed": False}]},
+    "an output twice": {"outputs": [{"number": 1, "name": n, "tier": 1} for n in "ab"]},
+    "an output name twice": {"outputs": [{"number": n, "name": "a", "tier": 1} for n in (1, 2)]},
+    "an output that no controller has": {"outputs": [{"number": 18, "name": "a", "tier": 1}]},
+    "an output of tier 5": {"outputs": [{"number": 1, "name": "a", "tier": 5}]},
+    "a zone of tier 0": {"zones": [{"name": "a", "tier": 0, "shape": SPHERE}]},
+    "a zone of tier 5": {"zones": [{"name": "a", "tier": 5, "shape": SPHERE}]},
+    "a zone without shape": {"zones": [{"name": "a", "tier": 2}]},
+    "a size of 0": {"objects": [{"name": "a", "kind": "rigid", "shape": {**SPHERE, "radius_um": 0}}]},
+    "a quaternion that turns nothing": {
+        "objects": [
+            {
+                "name": "a",
+                "kind": "rigid",
+                "shape": {"form": "box", "center_um": [0, 0, 0], "half_um": [1, 1, 1], "quaternion_ppm": [0, 0, 0, 0]},
+            }
+        ]
+    },
+    "a kind that is none": {"objects": [{"name": "a", "kind": "soft", "shape": SPHERE}]},
+    "a workspace without extent": {"workspace": {"low_um": [0, 0, 0], "high_um": [1, 0, 1]}},
+    "a workspace turned round": {"workspace": {"low_um": [1, 1, 1], "high_um": [0, 0, 0]}},
+    "it ends before it begins": {"not_before": NOW, "not_after": NOW},
+    "it lives for more than a year": {"not_before": NOW, "not_after": NOW + 366 * 86_400 + 1},
+    "a payload that nothing carries": {"payload_g": 100_001},
+    "too many objects": {
+        "objects": [{"name": f"o{i}", "kind": "rigid", "shape": SPHERE} for i in range(cell.OBJECTS + 1)]
+    },
+    "too many zones": {"zones": [{"name": f"z{i}", "tier": 1, "shape": SPHERE} for i in range(cell.ZONES + 1)]},
+    "too many sensors": {"sensors": [f"s{i}" for i in range(cell.SENSORS + 1)]},
+}
+
+
+@pytest.mark.parametrize("name", CONTRADICTORY_CELLS)
+def test_a_cell_does_not_contradict_itself(name):
+    text = sealed.sign("cell", {**claims_of(cell), **CONTRADICTORY_CELLS[name]}, SIGNER)
+    assert code_of(cell, text) is FaultCode.STATEMENT_MALFORMED
+
+
+def test_the_largest_cell_fits():
+    long = "x" * 200
+    box = observation.Box((-(10**7),) * 3, (10**7,) * 3, (1_000_000, 0, 0, 0))
+    full = dataclasses.replace(
+        SURVEY,
+        objects=tuple(cell.Surveyed(f"o{i}{long}", "fragile", box) for i in range(cell.OBJECTS)),
+        zones=tuple(cell.Zone(f"z{i}{long}", Tier(4), box) for i in range(cell.ZONES)),
+        contacts=tuple(cell.Contact(f"o{i}{long}", "payload", False) for i in range(cell.CONTACTS)),
+        outputs=tuple(cell.Output(i, f"{i}{long}", Tier(4)) for i in range(cell.OUTPUTS)),
+        sensors=tuple(f"{i}{long}" for i in range(cell.SENSORS)),
+    )
+    assert cell.open(cell.sign(full, SIGNER), TRUSTED, DEFAULT) == full

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import stat
+import time
 import tomllib
 
 import pytest
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 
 from ztpm.cli import app
 from ztpm.layout import Layout
-from ztpm.tool_server import read_config
+from ztpm.tool_config import read_cell, read_config
 from ztpm_idp.settings import load_keys, load_settings
 
 PASSPHRASE = "correct horse battery staple"
@@ -32,7 +33,9 @@ def test_whatever_the_directory_is_called_both_services_read_their_files(tmp_pat
     settings = load_settings(layout.idp_config)
     assert load_keys(settings, layout.root, PASSPHRASE)
     assert settings.database_url == f"sqlite+aiosqlite:///{layout.database}"
-    assert read_config(layout.cell_config).trust_file == layout.trust
+    config = read_config(layout.cell_config)
+    assert config.trust_file == layout.trust
+    assert read_cell(config, at=time.time()).author == "carol"
     assert layout.trust.is_file()
 
 

@@ -27,6 +27,7 @@ from policies import (
     ToolReading,
     TrustReading,
 )
+from policies.evidence import PerceptionReading, SensorReading
 from policies.combine import AllOf, Always, AnyOf, Check, Not
 
 NOW = 1_000_000
@@ -116,6 +117,20 @@ def impact(pick):
     )
 
 
+def perception(pick):
+    states = [
+        ("fresh", ""),
+        ("stale", ""),
+        ("missing", ""),
+        ("invalid", "UNTRUSTED"),
+        ("invalid", ""),
+        ("Fresh", ""),
+        ("", ""),
+    ]
+    sensors = [("camera-1", mostly(pick, ("fresh", ""), states)) for _ in range(mostly(pick, 1, [0, 2]))]
+    return PerceptionReading(tuple(SensorReading(name, *state, pick([None, 50])) for name, state in sensors))
+
+
 def evidence(pick):
     faults = [*Reason, "", "nonsense"]
     return Evidence(
@@ -139,6 +154,7 @@ def evidence(pick):
             pick, TrustReading(mostly(pick, pick([699, 700, 800]), [0, 701, 1_000, 1_001, -1])), [NOT_COLLECTED]
         ),
         impact=mostly(pick, impact(pick), [ImpactFault(str(pick(faults))), NOT_COLLECTED]),
+        perception=mostly(pick, perception(pick), [NOT_COLLECTED]),
     )
 
 

@@ -63,7 +63,7 @@ def in_age(e, then, bound):
 def judge(primitive, r, e, physical):
     """(truth, findings) of one primitive with the default parameters of its set."""
     me = primitive.id
-    if me not in {"TEA-3", "CATP-3"}:
+    if me not in {"TEA-3", "CATP-3", "CII-4"}:
         found = broken_chain(me, e)
         if found:
             return NO, found
@@ -135,6 +135,14 @@ def judge(primitive, r, e, physical):
                 return NO, missing(me)
             if f is not None:
                 return NO, {(me, "ROBOT_LIMIT" if f.code == "LIMIT_EXCEEDED_BY_REQUEST" else f.code.value)}
+        return YES, set()
+    if me == "CII-4":
+        if e.perception is NOT_COLLECTED:
+            return NO, missing(me)
+        words = {s.state for s in e.perception.sensors}
+        lying = isinstance(e.impact, ImpactReading) and e.impact.perception == "fresh" and words != {"fresh"}
+        if lying or words - {"fresh", "stale", "missing"}:
+            return NO, {(me, "PERCEPTION_INVALID")}
         return YES, set()
     if me == "TEA-3":
         if e.tool is NOT_COLLECTED:

@@ -4,7 +4,7 @@ import json
 import os
 import secrets
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
@@ -26,12 +26,13 @@ from pep.authority import Authority, Presented
 from pep.gate import Call, Gate, Result
 from pep.mcp.mapping import ARM_TOOLS, to_request
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT
-from pep.ports import RegisteredSensor, RegisteredTool
+from pep.ports import Assessed, RegisteredSensor, RegisteredTool
 from pep.record import FileJournal
 from pep.replay import ReplayCache
 from pep.rtde.limits import Ur3eLimits
-from policies.evidence import ImpactReading, ToolReading
+from policies.evidence import ImpactReading, PerceptionReading, SensorReading, ToolReading
 from policies.load import load_shipped
+from ztpm.survey import embedded
 
 HOST = f"127.{64 + os.getpid() % 63}.{os.getpid() // 63 % 250}.9"
 """A loopback address of this test process alone."""
@@ -148,6 +149,12 @@ def agent(made, at, *, name="robotic", scope=None):
     return Agent(name, key, token, hop_id)
 
 
+def survey(at, **changes):
+    """The embedded cell's file, unsigned."""
+    stated = embedded(audience=AUDIENCE, author="carol", sensor="camera-1", at=int(at))
+    return replace(stated, **changes)
+
+
 class Feed:
     """A revocation view that is as old and as revoked as a test says."""
 
@@ -207,15 +214,16 @@ class Physics:
     """Says what a test says, and counts how often it was asked."""
 
     def __init__(self):
-        self.answer, self.asked = reading(), 0
+        self.answer, self.asked, self.touch = reading(), 0, None
+        self.perception = PerceptionReading((SensorReading("camera-1", "fresh", "", 10),))
         self.before = lambda: None
 
-    def assess(self, request):
-        self.asked += 1
+    def assess(self, request, *, touch):
+        self.asked, self.touch = self.asked + 1, touch
         self.before()
         if isinstance(self.answer, Exception):
             raise self.answer
-        return self.answer
+        return Assessed(self.answer, self.perception)
 
 
 class Slot:

@@ -21,7 +21,7 @@ from pep.pit import CellParameters
 from pep.rtde.gripper import RobotiqGripper
 from pep.rtde.state import ReceivedState
 from policies.load import load_shipped
-from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys
+from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
 from tests.pep.test_mcp import Signed
 from ztpm.tool_server import CellConfig, ToolServer
 
@@ -92,7 +92,9 @@ class Cell:
             perception_port=PORT + 1,
             policy="paper-default",
             defer_timeout_s=1,
-            cell=CellParameters(),
+            cell_file=tmp / "cell.jws",
+            cell_signer_key=keys.b64u(keys.public_raw(keys.generate())),
+            cell=CellParameters(objects=()),
         )
         tools = [ToolEntry(t.name, t.definition_digest, t.operation, t.base_tier) for t in tool_definitions_cached()]
         sensors = [SensorEntry("camera-1", keys.public_raw(sensor_key), CALIBRATION, 20)]
@@ -101,7 +103,12 @@ class Cell:
         self.clock = SystemClock()
         self.issuer = FakeIssuer(self.made, self.clock, tools=tools, sensors=sensors)
         self.server = ToolServer(
-            config, trust=trust, key=pep_key, policies=load_shipped("paper-default"), http=self.issuer.client()
+            config,
+            survey=survey(self.clock.wall_s()),
+            trust=trust,
+            key=pep_key,
+            policies=load_shipped("paper-default"),
+            http=self.issuer.client(),
         )
         self.server.recover()
         self.sensor = sensor(str(tmp / "sensor.key"))

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from capabilities.scope import Tier
+from capabilities.scope import Grant, Tier
 from pep.errors import ActuationRefusedError, JournalError, PepFault
 from pep.gate import ATTEMPTS, Result
-from policies.evidence import ImpactFault
+from policies.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
 from policies.model import Effect
 from policies.reasons import Reason
 from tests.pep.kit import MOVE, FailingJournal, Rig, full_scope, reading
@@ -445,4 +445,28 @@ def test_a_caller_who_goes_while_the_decision_is_recorded_leaves_an_outcome_behi
     decision, outcome = rig.records()
     assert (decision["kind"], outcome["body"]["outcome"]) == ("decision", "cancelled")
     assert outcome["body"]["decision"] == outcome["prev"]
+    assert rig.sent == []
+
+
+def test_what_every_hop_lets_the_arm_touch_reaches_physics(rig):
+    scope = full_scope(rig.clock.wall_s())
+    grants = tuple(sorted((*scope.grants, Grant("table", "touch")), key=lambda g: (g.object, g.operation)))
+    answer = run(rig, rig.call(rig.agent(scope=replace(scope, grants=grants))))
+    assert answer.decision.effect is Effect.PERMIT
+    assert rig.physics.touch == frozenset({"table"})
+    run(rig, rig.call(rig.agent()))
+    assert rig.physics.touch == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("perception", "reason"),
+    [
+        (PerceptionReading((SensorReading("camera-1", "invalid", "UNTRUSTED", 10),)), Reason.PERCEPTION_INVALID),
+        (NOT_COLLECTED, Reason.EVIDENCE_MISSING),
+    ],
+)
+def test_nothing_moves_on_an_invalid_view_or_without_any_word_about_it(rig, perception, reason):
+    rig.physics.perception = perception
+    decision = run(rig, rig.call(rig.agent())).decision
+    assert (decision.effect, decision.reason, decision.primitive) == (Effect.DENY, reason, "CII-4")
     assert rig.sent == []

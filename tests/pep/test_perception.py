@@ -8,12 +8,14 @@ from dataclasses import replace
 
 import pytest
 
+import pep.world
 from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.statements import observation
 from pep.context.frames import FRAME_BYTES, Distrusted, Frame, FrameFault, Frames, Rejected, Seen, Unseen
+from pep.context.witness import contradicted
 from pep.perception import Receiver
-from pep.pit import CellParameters, observed, standing_adult
+from pep.pit import CellParameters, Robot, observed, standing_adult
 from pep.rtde.state import JointState
 from pep.sim.sensor import SceneCommandError, Sensor
 from pep.world import CellPhysics
@@ -26,8 +28,12 @@ class World:
     def __init__(self):
         self.clock, self.registry = ManualClock(), Registry()
         self.key = self.registry.add_sensor()
-        self.frames = Frames(sensors=self.registry, clock=self.clock, caps=CAPS)
+        self.frames = self.watching("camera-1")
         self.boot, self.sequence = "0" * 32, 0
+
+    def watching(self, *named):
+        self.frames = Frames(sensors=self.registry, named=frozenset(named), clock=self.clock, caps=CAPS)
+        return self.frames
 
     def observation(self, **changes):
         self.sequence += 1
@@ -83,12 +89,73 @@ def test_no_registered_sensor_is_no_view(world):
     assert isinstance(world.frames.view(), Unseen)
 
 
-def test_every_registered_sensor_must_be_heard(world):
+def test_every_sensor_that_the_cell_names_must_be_heard(world):
     second = world.registry.add_sensor("camera-2")
+    world.watching("camera-1", "camera-2")
     assert isinstance(world.frames.view(), Unseen)
+    world.admit()
+    assert (world.frames.view().silent, world.frames.view().complete) == (("camera-2",), False)
     world.clock.advance(100)
     world.admit(sensor="camera-2", key=second)
     assert world.frames.view().age_ms == 120  # the older of the two
+    assert (world.frames.view().silent, world.frames.view().complete) == ((), True)
+
+
+def test_a_named_sensor_that_nobody_registered_is_a_view_that_is_missing(world):
+    world.watching("camera-1", "camera-9")
+    world.admit()
+    assert states(world) == [("camera-1", "fresh", ""), ("camera-9", "missing", "")]
+    assert not world.frames.view().complete
+
+
+def test_a_registered_sensor_that_the_cell_does_not_name_is_a_stranger(world):
+    second = world.registry.add_sensor("camera-2")
+    world.distrusted(world.text(sensor="camera-2", key=second), FrameFault.UNKNOWN_SENSOR)
+
+
+def states(world, *, now_ms=None):
+    look = world.frames.look()
+    reading = look.reading(now_ms=look.taken_ms if now_ms is None else now_ms, limit_ms=500)
+    return [(s.sensor, s.state, s.fault) for s in reading.sensors]
+
+
+def test_what_the_record_says_of_the_sensors(world):
+    second = world.registry.add_sensor("camera-2")
+    world.watching("camera-1", "camera-2")
+    assert states(world) == [("camera-1", "missing", ""), ("camera-2", "missing", "")]
+    world.admit()
+    world.admit(sensor="camera-2", key=second)
+    assert states(world) == [("camera-1", "fresh", ""), ("camera-2", "fresh", "")]
+    world.clock.advance(480)
+    assert states(world)[0] == ("camera-1", "fresh", "")
+    world.clock.advance(1)
+    assert states(world)[0] == ("camera-1", "stale", "")
+    world.frames.admit(world.text(key=second))
+    world.frames.admit(b"noise")
+    assert states(world) == [
+        ("", "invalid", "MALFORMED"),
+        ("camera-1", "invalid", "UNTRUSTED"),
+        ("camera-2", "stale", ""),
+    ]
+    world.admit()
+    assert states(world)[0] == ("camera-1", "fresh", ""), "the next good frame outlives both"
+
+
+@pytest.mark.parametrize(
+    "changed", [{"calibration": "cd" * 32}, {"key": keys.public_raw(keys.generate())}, {"transit_ms": 21}]
+)
+def test_a_changed_registration_takes_back_what_was_believed_under_the_old_one(world, changed):
+    world.registry.known = {"camera-1": replace(world.registry.known["camera-1"], **changed)}
+    assert isinstance(world.frames.view(), Unseen)
+    assert states(world) == [("camera-1", "missing", "")]
+
+
+def test_a_frame_under_the_new_registration_is_believed_again(world):
+    old = world.registry.known["camera-1"]
+    world.registry.known = {"camera-1": replace(old, calibration="cd" * 32)}
+    assert world.admit().fault is FrameFault.WRONG_CALIBRATION
+    assert isinstance(world.admit(calibration="cd" * 32), Frame)
+    assert isinstance(world.frames.view(), Seen)
 
 
 def test_forged(world):
@@ -97,6 +164,7 @@ def test_forged(world):
 
 def test_signed_by_another_registered_sensor(world):
     second = world.registry.add_sensor("camera-2")
+    world.watching("camera-1", "camera-2")
     world.frames.admit(world.text(sensor="camera-2", key=second))
     world.distrusted(world.text(key=second), FrameFault.UNTRUSTED)
 
@@ -189,6 +257,7 @@ def test_a_number_that_is_no_integer(world, value):
 
 def test_one_sensors_good_frame_does_not_excuse_anothers_bad_one(world):
     second = world.registry.add_sensor("camera-2")
+    world.watching("camera-1", "camera-2")
     world.admit(sensor="camera-2", key=second)
     world.frames.admit(world.text(key=keys.generate()))
     world.clock.advance(10)
@@ -304,8 +373,19 @@ class Still:
         return JointState((0.0,) * 6, (0.0,) * 6, 7, 1)
 
 
-def physics(world):
-    return CellPhysics(robot=None, cell=CellParameters(), frames=world.frames, state=Still())
+def physics(world, *, robot=None, valid_until_s=2**40):
+    return CellPhysics(
+        robot=robot,
+        cell=CellParameters(),
+        valid_until_s=valid_until_s,
+        frames=world.frames,
+        state=Still(),
+        clock=world.clock,
+    )
+
+
+def impact(world, **options):
+    return physics(world, **options).assess(request(), touch=frozenset()).impact
 
 
 def request():
@@ -314,12 +394,152 @@ def request():
 
 def test_distrusted_perception_is_a_fault_not_a_tier(world):
     world.frames.admit(world.text(key=keys.generate()))
-    assert physics(world).assess(request()).reason == Reason.PERCEPTION_INVALID
+    assessed = physics(world).assess(request(), touch=frozenset())
+    assert assessed.impact.reason == Reason.PERCEPTION_INVALID
+    assert [(s.sensor, s.state, s.fault) for s in assessed.perception.sensors] == [("camera-1", "invalid", "UNTRUSTED")]
     assert physics(world).summary()["perception"] == "invalid"
 
 
 def test_what_breaks_in_physics_is_a_fault(world):
-    assert physics(world).assess(request()).reason == Reason.PHYSICS_FAULT
+    assert impact(world).reason == Reason.PHYSICS_FAULT
+
+
+def test_nothing_is_assessed_after_the_cell_file_has_ended(world):
+    end = int(world.clock.wall_s()) + 1
+    assert impact(world, robot=ARM, valid_until_s=end).perception == "fresh"
+    world.clock.wall = float(end)
+    assert impact(world, robot=ARM, valid_until_s=end).reason == Reason.PHYSICS_FAULT
+
+
+ARM = Robot.load("ur3e")
+BOB = observed(standing_adult(1.2, 0.0, name="bob"))
+
+
+class Slow:
+    """An assessment that takes its time, and remembers which age it was asked with."""
+
+    def __init__(self, world, monkeypatch, *takes_ms):
+        self.world, self.takes_ms, self.ages, self.scenes, self.touch = world, list(takes_ms), [], [], []
+        self.honest = pep.world.assess
+        monkeypatch.setattr(pep.world, "assess", self)
+
+    def __call__(self, robot, scene, *rest, perception_age_s, touch, **named):
+        self.ages.append(perception_age_s)
+        self.scenes.append(scene)
+        self.touch.append(touch)
+        answer = self.honest(robot, scene, *rest, perception_age_s=perception_age_s, touch=touch, **named)
+        self.world.clock.advance(self.takes_ms.pop(0))
+        return answer
+
+
+def test_the_age_is_that_at_the_end_of_the_assessment(world, monkeypatch):
+    slow = Slow(world, monkeypatch, 70)
+    assessed = physics(world, robot=ARM).assess(request(), touch=frozenset())
+    assert slow.ages == [0.020]
+    assert assessed.impact.perception_age_ms == assessed.perception.sensors[0].age_ms == 90
+    assert (assessed.impact.perception, assessed.perception.sensors[0].state) == ("fresh", "fresh")
+
+
+def test_people_who_walked_on_meanwhile_are_assessed_again(world, monkeypatch):
+    world.admit(people=(BOB,))
+    slow = Slow(world, monkeypatch, 131, 131)
+    assessed = physics(world, robot=ARM).assess(request(), touch=frozenset())
+    assert slow.ages == [0.020, pytest.approx(0.020 + 0.131 + 0.197)], "with the age that the answer will have"
+    assert assessed.impact.perception_age_ms == 20 + 131 + 131
+
+
+def test_up_to_the_reaction_that_physics_reckons_with_once_is_enough(world, monkeypatch):
+    world.admit(people=(BOB,))
+    slow = Slow(world, monkeypatch, 130)
+    assert physics(world, robot=ARM).assess(request(), touch=frozenset()).impact.perception_age_ms == 150
+    assert slow.ages == [0.020]
+
+
+@pytest.mark.parametrize("people", [(), (BOB,)])
+def test_a_view_that_became_stale_meanwhile_is_stale(world, monkeypatch, people):
+    world.admit(people=people)
+    Slow(world, monkeypatch, 600, 600)
+    assessed = physics(world, robot=ARM).assess(request(), touch=frozenset())
+    assert assessed.impact.perception == "stale"
+    assert assessed.impact.index_milli >= 3_000
+    assert assessed.perception.sensors[0].state == "stale"
+    assert assessed.impact.perception_age_ms == 1_220
+
+
+def test_an_assessment_that_gets_slower_and_slower_is_a_fault(world, monkeypatch):
+    world.admit(people=(BOB,))
+    Slow(world, monkeypatch, 200, 900)
+    assert impact(world, robot=ARM).reason == Reason.PHYSICS_FAULT
+
+
+def test_a_frame_that_comes_meanwhile_is_seen_by_the_second_look(world, monkeypatch):
+    world.admit(people=(BOB,))
+    slow = Slow(world, monkeypatch, 200, 10)
+    honest, frames = slow.honest, world.frames
+
+    def interrupted(*rest, **named):
+        if len(slow.ages) == 1:
+            frames.admit(world.text(key=keys.generate()))
+        return honest(*rest, **named)
+
+    slow.honest = interrupted
+    assessed = physics(world, robot=ARM).assess(request(), touch=frozenset())
+    assert assessed.impact.reason == Reason.PERCEPTION_INVALID
+    assert assessed.perception.sensors[0].state == "invalid"
+
+
+def test_nobody_is_lost_when_another_sensor_falls_silent(world, monkeypatch):
+    world.registry.add_sensor("camera-2")
+    world.watching("camera-1", "camera-2")
+    world.admit(people=(BOB,))
+    slow = Slow(world, monkeypatch, 0)
+    assessed = physics(world, robot=ARM).assess(request(), touch=frozenset())
+    assert [person.id for person in slow.scenes[0].people] == ["bob"]
+    assert assessed.impact.perception == "missing"
+    assert [s.state for s in assessed.perception.sensors] == ["fresh", "missing"]
+    assert physics(world).summary()["perception"] == "missing"
+
+
+def test_everybody_whom_any_sensor_sees_counts(world, monkeypatch):
+    second = world.registry.add_sensor("camera-2")
+    world.watching("camera-1", "camera-2")
+    world.admit(people=(BOB,))
+    world.admit(sensor="camera-2", key=second)
+    slow = Slow(world, monkeypatch, 0)
+    physics(world, robot=ARM).assess(request(), touch=frozenset({"table"}))
+    assert [person.id for person in slow.scenes[0].people] == ["bob"]
+    assert slow.touch == [frozenset({"table"})]
+
+
+@pytest.mark.parametrize(
+    ("seen", "told"),
+    [
+        ({}, True),
+        ({"people": (BOB,)}, False),
+        ({"people": (observed(standing_adult(1.2, 0.45, name="x")),)}, False),
+        ({"people": (observed(standing_adult(1.2, 0.55, name="x")),)}, True),
+        ({"complete": False}, False),
+    ],
+)
+def test_sensors_that_contradict_each_other_are_an_incident_and_no_refusal(world, seen, told):
+    second = world.registry.add_sensor("camera-2")
+    world.watching("camera-1", "camera-2")
+    world.admit(people=(BOB,))
+    frame = world.admit(sensor="camera-2", key=second, **seen)
+    found = world.frames.contradiction(frame)
+    assert (found is not None) is told
+    if told:
+        assert (found.fault, found.sensor) == (FrameFault.CONTRADICTED, "camera-2")
+    assert isinstance(world.frames.view(), Seen)
+
+
+@pytest.mark.parametrize("where", [{"apart_ms": 501}, {"people": (observed(standing_adult(1.6, 0.0)),)}])
+def test_what_cannot_be_compared_contradicts_nothing(world, where):
+    people = where.get("people", (BOB,))
+    seen = world.observation(people=people)
+    blind = world.observation(people=())
+    assert contradicted(seen, blind, apart_ms=where.get("apart_ms", 0)) == ""
+    assert contradicted(world.observation(people=(BOB,)), blind, apart_ms=500)
 
 
 def test_summary_counts(world):

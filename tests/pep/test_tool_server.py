@@ -1,20 +1,38 @@
 """The cell's configuration is read strictly, and refused by the name of what is wrong with it."""
 
 import asyncio
+import dataclasses
+import json
 import subprocess
 import sys
+import time
 
 import httpx2
 import pytest
 
 from capabilities import keys
+from capabilities.scope import Tier
+from capabilities.statements import cell, checkpoint, observation
 from pep.errors import ConfigError, PepFault
-from pep.pit import CellParameters
+from pep.pit import (
+    CellParameters,
+    MoveJ,
+    Robot,
+    Scene,
+    Sphere,
+    StaticZone,
+    SurveyError,
+    SurveyFault,
+    assess,
+    surveyed,
+)
 from pep.rtde.state import JointState
-from tests.pep.kit import issuer_keys
-from ztpm import tool_server
-from ztpm.tool_server import CellConfig, read_config, read_key, read_policies, read_trust
+from tests.pep.kit import AUDIENCE, issuer_keys, survey
+from ztpm import tool_config, tool_server
+from ztpm.tool_config import CellConfig, read_cell, read_config, read_key, read_policies, read_trust
 
+SURVEYOR = keys.generate()
+SIGNER = keys.b64u(keys.public_raw(SURVEYOR))
 GOOD = {
     "audience": '"http://127.0.0.1:8800/mcp"',
     "host": '"127.0.0.1"',
@@ -29,6 +47,8 @@ GOOD = {
     "perception_port": "8801",
     "policy": '"paper-default"',
     "defer_timeout_s": "60",
+    "cell_file": '"/nonexistent/cell.jws"',
+    "cell_signer_key": f'"{SIGNER}"',
 }
 
 
@@ -75,6 +95,15 @@ BAD = {
     "cell_nan": (toml(cell="stop_deceleration_rad_s2 = nan"), "cell"),
     "cell_too_hard": (toml(cell="stop_deceleration_rad_s2 = 41.0"), "cell"),
     "cell_zero": (toml(cell="stop_deceleration_rad_s2 = 0.0"), "cell"),
+    "cell_tool": (toml(cell='tool = "none"'), "cell: tool"),
+    "cell_payload": (toml(cell="payload_kg = 0.0"), "cell: payload_kg"),
+    "cell_objects": (toml(cell="objects = []"), "cell: objects"),
+    "cell_zones": (toml(cell="zones = []"), "cell: zones"),
+    "cell_contacts": (toml(cell="contacts = []"), "cell: contacts"),
+    "cell_workspace": (toml(cell="[cell.workspace]\nlow_m = [-1, -1, -1]\nhigh_m = [1, 1, 1]"), "cell: workspace"),
+    "signer_no_key": (toml(cell_signer_key='"AAAA"'), "cell_signer_key"),
+    "signer_not_base64url": (toml(cell_signer_key=f'"{SIGNER}="'), "cell_signer_key"),
+    "signer_of_small_order": (toml(cell_signer_key=f'"{keys.b64u(bytes(32))}"'), "cell_signer_key"),
 }
 
 
@@ -144,7 +173,7 @@ def test_the_process_says_what_is_wrong_and_ends(tmp_path):
 
 
 def test_loopback():
-    assert [tool_server._loopback(h) for h in ("127.3.2.1", "::1", "localhost", "10.0.0.1", "0.0.0.0", "x")] == [
+    assert [tool_config._loopback(h) for h in ("127.3.2.1", "::1", "localhost", "10.0.0.1", "0.0.0.0", "x")] == [
         True, True, True, False, False, False,
     ]  # fmt: skip
 
@@ -178,7 +207,12 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
     async def scenario():
         async with httpx2.AsyncClient() as http:
             server = tool_server.ToolServer(
-                config, trust=read_trust(config), key=read_key(config), policies=read_policies(config), http=http
+                config,
+                survey=survey(time.time()),
+                trust=read_trust(config),
+                key=read_key(config),
+                policies=read_policies(config),
+                http=http,
             )
             await server.drive.close()
             server.gate.close()
@@ -186,3 +220,171 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
 
     asyncio.run(scenario())
     assert sent == [5.0]
+
+
+# -- the signed cell file
+
+
+NOW = 1_900_000_000
+UPRIGHT = (1_000_000, 0, 0, 0)
+
+
+def box(center, half):
+    return observation.Box(center, half, UPRIGHT)
+
+
+def ball(center, radius):
+    return observation.Sphere(center, radius)
+
+
+def signed(tmp_path, text=None, *, key=SURVEYOR, at=NOW, **changes):
+    """The cell that the server starts with when this file lies there."""
+    path = tmp_path / "cell.jws"
+    stated = survey(NOW, audience="http://127.0.0.1:8800/mcp")
+    written = cell.sign(dataclasses.replace(stated, **changes), key) if text is None else text
+    path.write_bytes(written if isinstance(written, bytes) else written.encode())
+    return read_cell(CellConfig.from_toml(toml(cell_file=f'"{path}"')), at=at)
+
+
+def test_a_signed_cell_file_is_taken(tmp_path):
+    stated = signed(tmp_path)
+    assert (stated.author, stated.sensors) == ("carol", ("camera-1",))
+    parameters = surveyed(stated, CellParameters(objects=(), stop_deceleration_rad_s2=5.0))
+    assert (parameters.stop_deceleration_rad_s2, parameters.tool, parameters.payload_kg) == (5.0, "robotiq_2f85", 0.0)
+    assert [o.name for o in parameters.objects] == ["table"]
+    assert [(z.name, z.tier) for z in parameters.zones] == [("fixture", 4), ("charger", None)]
+    assert {(c.object, c.by) for c in parameters.contacts} == {
+        ("table", "tool"),
+        ("table", "payload"),
+        ("part-1", "tool"),
+    }
+    assert parameters.workspace.high_m == (1.0, 1.0, 1.2)
+    assert surveyed(dataclasses.replace(stated, payload_g=None), CellParameters()).payload_kg is None
+
+
+REFUSED = {
+    "by another person": ({"key": keys.generate()}, "cell_signer_key: STATEMENT_UNTRUSTED"),
+    "expired": ({"at": NOW + 365 * 86_400}, "cell_file: EXPIRED"),
+    "not yet in force": ({"at": NOW - 61}, "cell_file: NOT_YET_VALID"),
+    "for another server": ({"audience": AUDIENCE + "/other"}, "cell_file: WRONG_AUDIENCE"),
+    "unsigned": ({"text": json.dumps(cell.to_claims(survey(NOW)))}, "cell_file: STATEMENT_MALFORMED"),
+    "without its signature": ({"text": cell.sign(survey(NOW), SURVEYOR).rpartition(".")[0] + "."}, "cell_file: STATEMENT_MALFORMED"),
+    "one bit flipped": ({"text": cell.sign(survey(NOW), SURVEYOR).replace(".e", ".f", 1)}, "cell_signer_key: STATEMENT_UNTRUSTED"),
+    "another statement": (
+        {"text": checkpoint.sign(checkpoint.Checkpoint("https://idp.example/ztpm", 1, "0" * 64, 1), SURVEYOR)},
+        "cell_file: STATEMENT_WRONG_KIND",
+    ),
+    "empty": ({"text": ""}, "cell_file: STATEMENT_MALFORMED"),
+    "binary": ({"text": bytes(range(256))}, "cell_file: UnicodeDecodeError"),
+    "enormous": ({"text": "a" * 300_000}, "cell_file: STATEMENT_MALFORMED"),
+    "an unknown tool": ({"tool": "chainsaw"}, "cell_file: PHYSICS_FAULT"),
+    "a table 11 m away": ({"objects": (cell.Surveyed("t", "rigid", box((11_000_000, 0, 0), (1, 1, 1))),), "contacts": ()}, "cell_file: OUT_OF_REACH"),
+    "a zone 11 m wide": ({"zones": (cell.Zone("z", None, box((0, 0, 0), (1, 11_000_000, 1))),)}, "cell_file: OUT_OF_REACH"),
+    "a capsule that ends 11 m away": (
+        {"zones": (cell.Zone("z", Tier(2), observation.Capsule((0, 0, 0), (0, 0, -11_000_000), 1)),)},
+        "cell_file: OUT_OF_REACH",
+    ),
+    "a workspace 11 m wide": ({"workspace": cell.Workspace((-1, -1, -1), (1, 1, 11_000_000))}, "cell_file: OUT_OF_REACH"),
+    "a workspace beside the base": ({"workspace": cell.Workspace((1, -9, -9), (9, 9, 9))}, "cell_file: BASE_OUTSIDE_WORKSPACE"),
+    "a workspace below the base": ({"workspace": cell.Workspace((-9, -9, -9), (9, 9, -1))}, "cell_file: BASE_OUTSIDE_WORKSPACE"),
+    "a contact with nothing": ({"contacts": (cell.Contact("chair", "tool", False),)}, "cell_file: CONTACT_WITH_NOTHING"),
+    "a contact with a zone": ({"contacts": (cell.Contact("fixture", "tool", False),)}, "cell_file: CONTACT_WITH_NOTHING"),
+    "an observed contact of a surveyed name": ({"contacts": (cell.Contact("table", "tool", True),)}, "cell_file: CONTACT_AMBIGUOUS"),
+    "an observed contact of a zone's name": ({"contacts": (cell.Contact("charger", "tool", True),)}, "cell_file: CONTACT_AMBIGUOUS"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_cell_file_that_is_refused(tmp_path, name):
+    wrong, said = REFUSED[name]
+    with pytest.raises(ConfigError) as raised:
+        signed(tmp_path, **wrong)
+    assert raised.value.code is PepFault.CONFIG_INVALID
+    assert raised.value.detail.startswith(said)
+
+
+TURNED = observation.Box((500_000, 0, 0), (100_000, 100_000, 10_000), (923_880, 0, 0, 382_683))  # 45 degrees about z
+HARD = {
+    "a ball in a ball": (ball((0, 0, 0), 50), ball((0, 0, 10), 60), True),
+    "a ball that looks out of a ball": (ball((0, 0, 0), 50), ball((0, 0, 11), 60), False),
+    "a box in a box": (box((5, 5, 5), (5, 5, 5)), box((0, 0, 0), (10, 10, 10)), True),
+    "a box that looks out of a box": (box((5, 5, 6), (5, 5, 5)), box((0, 0, 0), (10, 10, 10)), False),
+    "a ball in a turned box": (ball((500_000, 0, 0), 9_000), TURNED, True),
+    "a box that a turned box holds": (box((620_000, 0, 0), (5_000, 5_000, 5_000)), TURNED, True),
+    "a box that only its own frame would hold": (box((580_000, 80_000, 0), (5_000, 5_000, 5_000)), TURNED, False),
+    "a capsule in a capsule": (
+        observation.Capsule((0, 0, 0), (100, 0, 0), 10),
+        observation.Capsule((-5, 0, 0), (105, 0, 0), 10),
+        True,
+    ),
+    "a capsule that is longer": (
+        observation.Capsule((0, 0, 0), (200, 0, 0), 10),
+        observation.Capsule((-5, 0, 0), (105, 0, 0), 20),
+        False,
+    ),
+    "a ball in a capsule of no length": (ball((0, 0, 0), 5), observation.Capsule((1, 0, 0), (1, 0, 0), 6), True),
+}
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_what_lies_whole_in_a_hard_zone_cannot_be_touched(name):
+    thing, zone, inside = HARD[name]
+    stated = survey(
+        NOW,
+        objects=(cell.Surveyed("thing", "rigid", thing),),
+        zones=(cell.Zone("zone", None, zone),),
+        contacts=(cell.Contact("thing", "tool", False),),
+    )
+    if inside:
+        with pytest.raises(SurveyError) as raised:
+            surveyed(stated, CellParameters())
+        assert raised.value.code is SurveyFault.CONTACT_IN_HARD_ZONE
+    else:
+        surveyed(stated, CellParameters())
+    declared = dataclasses.replace(stated, zones=(cell.Zone("zone", Tier(4), zone),))
+    assert surveyed(declared, CellParameters()).contacts
+    untouched = dataclasses.replace(stated, contacts=())
+    assert surveyed(untouched, CellParameters()).zones
+
+
+def test_the_process_does_not_start_on_another_persons_cell_file(tmp_path, files):
+    config, key_file = files
+    (tmp_path / "cell.jws").write_text(cell.sign(survey(time.time(), audience=config.audience), keys.generate()))
+    path = tmp_path / "cell.toml"
+    path.write_text(
+        toml(trust_file=f'"{config.trust_file}"', pep_key_file=f'"{key_file}"', cell_file=f'"{tmp_path}/cell.jws"')
+    )
+    ended = subprocess.run(
+        [sys.executable, "-m", "ztpm.tool_server", "--config", str(path)], capture_output=True, text=True, timeout=60
+    )
+    assert (ended.returncode, ended.stdout) == (1, "")
+    assert "cell_signer_key" in ended.stderr
+
+
+def test_the_embedded_zones_keep_away_from_the_sweep_and_can_be_reached():
+    """0.15 m around each zone the ordinary sweep is free; turning on leads into the fixture, the other way round into the charger."""
+    arm, cell_ = Robot.load("ur3e"), surveyed(survey(NOW), CellParameters())
+    wider = dataclasses.replace(
+        cell_,
+        zones=tuple(
+            StaticZone(z.name, None, sphere=Sphere(z.sphere.center_m, z.sphere.radius_m + 0.15)) for z in cell_.zones
+        ),
+    )
+
+    def at(q0):
+        return (q0, -1.62, 1.25, -1.2, -1.57, 0.0)
+
+    def asked(start, target, parameters, speed=0.5):
+        move = MoveJ(at(start), at(target), speed, 1.4)
+        return assess(arm, Scene.of_cell(parameters), move, parameters, perception_age_s=0.05, seed=b"zones")
+
+    for start, target in ((-0.6, 0.6), (0.6, -0.6)):
+        assert asked(start, target, wider).violations == ()
+        assert asked(start, target, cell_).tier == 1
+    for q0 in (-1.4, -1.6, -1.8):
+        for speed in (0.02, 0.5):
+            into = asked(-0.6, q0, cell_, speed)
+            assert (into.tier, into.violations) == (4, ())
+            assert into.contributions[0].object == "fixture"
+    assert asked(0.6, 2.6, cell_).violations == ("zone",)
+    assert asked(0.6, 1.8, cell_).tier == 1

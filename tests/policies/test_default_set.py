@@ -254,3 +254,23 @@ def test_nothing_collected_at_all_is_denied():
 )
 def test_trust_is_the_weakest_edge_and_never_above_the_prior(stated, score):
     assert chain_trust(stated, SET.parameters) == TrustReading(score)
+
+
+@pytest.mark.parametrize("operation", ["move_joint", "gripper_move", "dance"])
+def test_nothing_moves_on_a_frame_that_must_not_be_believed(operation):
+    forged = {"evidence.perception.sensors.0.state": "invalid", "evidence.perception.sensors.0.fault": "UNTRUSTED"}
+    assert led(answer({"request.operation": operation, **forged})) == (Effect.DENY, Reason.PERCEPTION_INVALID, "CII-4")
+    deferred = {"evidence.impact.tier": 3, "evidence.impact.perception": "stale"}
+    assert led(answer({"request.operation": operation, **forged, **deferred}))[:2] == (
+        Effect.DENY,
+        Reason.PERCEPTION_INVALID,
+    )
+
+
+def test_nothing_moves_while_nobody_says_where_the_view_comes_from():
+    assert led(answer({"evidence.perception": "not collected"})) == (Effect.DENY, Reason.EVIDENCE_MISSING, "CII-4")
+
+
+def test_a_silent_sensor_is_left_to_people():
+    late = {"evidence.perception.sensors.1.state": "stale", "evidence.impact.perception": "stale"}
+    assert led(answer(late)) == (Effect.DEFER, Reason.TIER_NEEDS_APPROVAL, "TEA-4")

@@ -14,6 +14,8 @@ from policies.evidence import (
     Evidence,
     ImpactFault,
     ImpactReading,
+    PerceptionReading,
+    SensorReading,
     ToolReading,
     TrustReading,
 )
@@ -149,6 +151,12 @@ def impact(plain):
     )
 
 
+def perception(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    return PerceptionReading(tuple(SensorReading(**{**s, "age_ms": none(s["age_ms"])}) for s in plain["sensors"]))
+
+
 def proof(plain):
     if plain == "not collected":
         return NOT_COLLECTED
@@ -177,6 +185,7 @@ def evidence(plain):
         tool=tool(plain["tool"]),
         trust=NOT_COLLECTED if trust == "not collected" else TrustReading(**trust),
         impact=impact(plain["impact"]),
+        perception=perception(plain["perception"]),
     )
 
 

@@ -1,0 +1,87 @@
+"""`ztpm cell`: the signed cell file, made and inspected."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ztpm.cli.output import DENY, USAGE, console, fail, say_json
+
+app = typer.Typer(no_args_is_help=True, help="Cell files: what stands in a cell, signed by a person.")
+
+
+@app.command("sign")
+def sign(
+    draft: Annotated[Path, typer.Argument(help="The draft, TOML; its members stand in docs/spec.md.")],
+    key: Annotated[Path, typer.Option("--key", help="The operator's private key. Its passphrase: ZTPM_PASSPHRASE.")],
+    out: Annotated[Path, typer.Option("--out", help="The cell file to make; one that exists is left as it is.")],
+    days: Annotated[int, typer.Option(help="How long it is in force.", min=1, max=366)] = 365,
+    *,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+) -> None:
+    """Sign what stands in a cell. The tool server takes it when `cell_signer_key` names the key that signed."""
+    from capabilities import keys
+    from capabilities.errors import BadKeyError
+    from capabilities.statements import cell
+    from ztpm import survey
+    from ztpm.cell import PASSPHRASE_VARIABLE
+    from ztpm.layout import LayoutError, read_key, write_private
+
+    try:
+        stated = survey.draft(draft.read_text("utf-8"), at=int(time.time()), days=days)
+    except survey.DraftError as error:
+        fail(error.code, error.detail, as_json=as_json, status=USAGE)
+    except (OSError, UnicodeDecodeError) as error:
+        fail("UNREADABLE", f"{draft}: {type(error).__name__}", as_json=as_json, status=USAGE)
+    passphrase = os.environ.get(PASSPHRASE_VARIABLE) or typer.prompt("Passphrase of the key", hide_input=True)
+    try:
+        signer = read_key(key, passphrase.encode())
+        write_private(out, cell.sign(stated, signer).encode() + b"\n")
+    except (LayoutError, BadKeyError) as error:
+        fail("EXISTS" if out.exists() else "KEY_MALFORMED", str(error), as_json=as_json, status=USAGE)
+    except OSError as error:
+        fail("UNWRITABLE", f"{out}: {type(error).__name__}", as_json=as_json)
+    made = {"file": str(out), "signer_key": keys.b64u(keys.public_raw(signer)), "not_after": stated.not_after}
+    if as_json:
+        say_json({"ok": True, **made})
+    else:
+        typer.echo(f'{out}: signed. In the tool server\'s configuration: cell_signer_key = "{made["signer_key"]}"')
+
+
+@app.command("show")
+def show(
+    source: Annotated[Path, typer.Argument(help="A cell file.")],
+    signer: Annotated[str, typer.Option("--signer", help="The signer's public key, base64url, as `cell_signer_key`.")],
+    *,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+) -> None:
+    """Show what a cell file states, once its signature is checked. Exit 3 for one that a tool server refuses."""
+    from capabilities import keys
+    from capabilities.caps import DEFAULT
+    from capabilities.errors import BadKeyError, StatementError
+    from capabilities.statements import cell
+    from pep.pit import CellParameters, SurveyError, surveyed
+
+    try:
+        trusted = keys.check_raw(keys.unb64u(signer))
+        text = source.read_text("ascii").strip()
+    except BadKeyError as error:
+        fail(str(error.code), "--signer is no public key", as_json=as_json, status=USAGE)
+    except (OSError, UnicodeDecodeError) as error:
+        fail("UNREADABLE", f"{source}: {type(error).__name__}", as_json=as_json, status=USAGE)
+    try:
+        stated = cell.open(text, frozenset({trusted}), DEFAULT)
+        surveyed(stated, CellParameters())
+    except (StatementError, SurveyError) as error:
+        fail(str(error.code), error.detail, as_json=as_json, status=DENY)
+    if not stated.not_before <= time.time() < stated.not_after:
+        fail("EXPIRED", f"in force from {stated.not_before} until {stated.not_after}", as_json=as_json, status=DENY)
+    if as_json:
+        say_json({"ok": True, "cell": cell.to_claims(stated)})
+    else:
+        console.print_json(json.dumps(cell.to_claims(stated)))
