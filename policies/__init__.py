@@ -9,6 +9,7 @@ from policies.evidence import (
     ImpactFault,
     ImpactReading,
     NotCollected,
+    RobotReading,
     ToolReading,
     TrustReading,
 )
@@ -48,6 +49,7 @@ __all__ = [
     "Reason",
     "Request",
     "Requirement",
+    "RobotReading",
     "Row",
     "Subject",
     "ToolReading",

@@ -182,7 +182,8 @@ CATALOG: Final = (
             "command assumes."
         ),
         points=frozenset({_E5}),
-        evidence=("robot state",),
+        evidence=("robot",),
+        decides=tools.StatePreconditions,
         meaning_is_ours=True,
     ),
     Row(

@@ -75,6 +75,12 @@ class Reason(StrEnum):
     PHYSICS_FAULT = "PHYSICS_FAULT"
     PERCEPTION_INVALID = "PERCEPTION_INVALID"
     PERCEPTION_MISSING = "PERCEPTION_MISSING"
+    ROBOT_SAFETY_STOP = "ROBOT_SAFETY_STOP"
+    ROBOT_NOT_RUNNING = "ROBOT_NOT_RUNNING"
+    ROBOT_NOT_REMOTE = "ROBOT_NOT_REMOTE"
+    ROBOT_NOT_EXCLUSIVE = "ROBOT_NOT_EXCLUSIVE"
+    PAYLOAD_MISMATCH = "PAYLOAD_MISMATCH"
+    FRAMES_MISMATCH = "FRAMES_MISMATCH"
 
     # enforcement
     APPROVAL_TIMEOUT = "APPROVAL_TIMEOUT"
@@ -105,6 +111,7 @@ class ReasonRow:
 _RENEW = "Ask the delegator, or the sponsor, for a new token."
 _PROVE = "Sign a new proof with the key of the token's last hop, for exactly this request."
 _SEND = "Send every parameter of the operation as a finite number on its unit's grid."
+_AT_THE_ROBOT = "A person looks at the robot and sets it right; no approval replaces that."
 _REPORT = "Nothing the caller can do; the record holds the cause for the operator."
 
 REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
@@ -238,6 +245,18 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.PERCEPTION_MISSING: ReasonRow(
             "There is no fresh view of the cell.", "Wait for a person's answer, or for the sensor.", ("TEA-4",)
         ),
+        Reason.ROBOT_SAFETY_STOP: ReasonRow("The robot is stopped for safety.", _AT_THE_ROBOT, ("TEA-5",)),
+        Reason.ROBOT_NOT_RUNNING: ReasonRow("The robot is not running.", _AT_THE_ROBOT, ("TEA-5",)),
+        Reason.ROBOT_NOT_REMOTE: ReasonRow(
+            "The robot is not known to be in remote control.", _AT_THE_ROBOT, ("TEA-5",)
+        ),
+        Reason.ROBOT_NOT_EXCLUSIVE: ReasonRow(
+            "The enforcement point is not known to command the robot alone.", _AT_THE_ROBOT, ("TEA-5",)
+        ),
+        Reason.PAYLOAD_MISMATCH: ReasonRow(
+            "The robot reckons with another payload than is known to be carried.", _AT_THE_ROBOT, ("TEA-5",)
+        ),
+        Reason.FRAMES_MISMATCH: ReasonRow("The robot's frames are not those of its model.", _AT_THE_ROBOT, ("TEA-5",)),
         Reason.APPROVAL_TIMEOUT: ReasonRow("Nobody answered in time.", "Ask again while an approver is present."),
         Reason.BUSY: ReasonRow("A motion is not finished.", "Wait until it ends, or stop it.", ("TEA-6", "TEA-4")),
         Reason.VERDICT_EXPIRED: ReasonRow("The decision was too old to act on.", "Send the request again."),
@@ -272,6 +291,13 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.PARAMETERS_WRONG,
     Reason.LIMIT_EXCEEDED_BY_REQUEST,
     Reason.ROBOT_LIMIT,
+    # then the state of the robot
+    Reason.ROBOT_SAFETY_STOP,
+    Reason.ROBOT_NOT_RUNNING,
+    Reason.ROBOT_NOT_REMOTE,
+    Reason.ROBOT_NOT_EXCLUSIVE,
+    Reason.PAYLOAD_MISMATCH,
+    Reason.FRAMES_MISMATCH,
     # then physics: what cannot be believed, what nothing lifts, what the token forbids, what a person may answer
     Reason.ENGINES_DISAGREE,
     Reason.STATEMENT_MALFORMED,

@@ -9,7 +9,7 @@ from capabilities.algebra import bound_to_json
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault, FaultCode
 from capabilities.request import set_ceiling
-from policies.evidence import ImpactFault, ImpactReading, NotCollected, ToolReading
+from policies.evidence import ImpactFault, ImpactReading, NotCollected, RobotReading, ToolReading
 from policies.primitives.base import (
     Case,
     Defers,
@@ -274,3 +274,43 @@ class PhysicalImpactGate:
         """The finding for a tier above the ceiling, with the hop that set the ceiling."""
         detail = impact_detail(case, chain, tier)
         return found(self.id, Reason.ABOVE_CEILING, **detail, set_by=ceiling_set_by(chain))
+
+
+RUNNING: Final = 7
+"""RTDE robot_mode RUNNING: power is on and the brakes are open."""
+UNSTOPPED: Final = frozenset({1, 2})
+"""RTDE safety_mode NORMAL and REDUCED; recovery, where a person frees the arm by hand, is none of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatePreconditions:
+    """TEA-5: the robot is in the state that a command assumes, and this enforcement point commands it alone."""
+
+    id: ClassVar[str] = "TEA-5"
+
+    def judge(self, case: Case) -> Verdict:
+        """Holds when all of it is known to hold. No person is asked: the state of a robot cannot be approved.
+
+        Every part that does not hold has its finding, what is unknown included.
+        """
+        match case.evidence.robot:
+            case NotCollected():
+                return missing(self.id, "robot")
+            case RobotReading() as robot:
+                return self._reading(robot)
+            case _:
+                assert_never(case.evidence.robot)
+
+    def _reading(self, robot: RobotReading) -> Verdict:
+        payload: dict[str, object] = {"payload_g": robot.payload_g, "expected_payload_g": robot.expected_payload_g}
+        parts: tuple[tuple[bool, Reason, dict[str, object]], ...] = (
+            (robot.safety_mode in UNSTOPPED, Reason.ROBOT_SAFETY_STOP, {"safety_mode": robot.safety_mode}),
+            (robot.robot_mode == RUNNING, Reason.ROBOT_NOT_RUNNING, {"robot_mode": robot.robot_mode}),
+            (robot.remote_control is True, Reason.ROBOT_NOT_REMOTE, {"remote_control": robot.remote_control}),
+            (robot.exclusive is True, Reason.ROBOT_NOT_EXCLUSIVE, {}),
+            # An unknown expectation is None, and no payload equals it.
+            (robot.payload_g == robot.expected_payload_g, Reason.PAYLOAD_MISMATCH, payload),
+            (robot.frames_match is True, Reason.FRAMES_MISMATCH, {}),
+        )
+        wrong = tuple(found(self.id, reason, **detail) for holds, reason, detail in parts if not holds)
+        return Fails(wrong) if wrong else Holds()

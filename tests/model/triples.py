@@ -23,6 +23,7 @@ from policies import (
     PolicySet,
     Reason,
     Request,
+    RobotReading,
     Subject,
     ToolReading,
     TrustReading,
@@ -131,6 +132,18 @@ def perception(pick):
     return PerceptionReading(tuple(SensorReading(name, *state, pick([None, 50])) for name, state in sensors))
 
 
+def robot(pick):
+    return RobotReading(
+        robot_mode=mostly(pick, 7, [-1, 5, 6, 8]),
+        safety_mode=mostly(pick, 1, [0, 2, 3, 4, 7]),
+        remote_control=mostly(pick, True, [False, None]),
+        exclusive=mostly(pick, True, [False]),
+        payload_g=mostly(pick, 1_000, [999, 1_001, 0]),
+        expected_payload_g=mostly(pick, 1_000, [None, 999]),
+        frames_match=mostly(pick, True, [False]),
+    )
+
+
 def evidence(pick):
     faults = [*Reason, "", "nonsense"]
     return Evidence(
@@ -155,6 +168,7 @@ def evidence(pick):
         ),
         impact=mostly(pick, impact(pick), [ImpactFault(str(pick(faults))), NOT_COLLECTED]),
         perception=mostly(pick, perception(pick), [NOT_COLLECTED]),
+        robot=mostly(pick, robot(pick), [NOT_COLLECTED]),
     )
 
 

@@ -63,7 +63,7 @@ def in_age(e, then, bound):
 def judge(primitive, r, e, physical):
     """(truth, findings) of one primitive with the default parameters of its set."""
     me = primitive.id
-    if me not in {"TEA-3", "CATP-3", "CII-4"}:
+    if me not in {"TEA-3", "TEA-5", "CATP-3", "CII-4"}:
         found = broken_chain(me, e)
         if found:
             return NO, found
@@ -176,6 +176,24 @@ def judge(primitive, r, e, physical):
             asked = {(me, "TIER_NEEDS_APPROVAL")}
             return ASK, asked | ({(me, "PERCEPTION_MISSING")} if e.impact.perception != "fresh" else set())
         return YES, set()
+    if me == "TEA-5":
+        b = e.robot
+        if b is NOT_COLLECTED:
+            return NO, missing(me)
+        bad = set()
+        if b.robot_mode != 7:
+            bad.add((me, "ROBOT_NOT_RUNNING"))
+        if b.safety_mode < 1 or b.safety_mode > 2:
+            bad.add((me, "ROBOT_SAFETY_STOP"))
+        if not b.remote_control:
+            bad.add((me, "ROBOT_NOT_REMOTE"))
+        if not b.exclusive:
+            bad.add((me, "ROBOT_NOT_EXCLUSIVE"))
+        if b.expected_payload_g is None or b.expected_payload_g - b.payload_g:
+            bad.add((me, "PAYLOAD_MISMATCH"))
+        if not b.frames_match:
+            bad.add((me, "FRAMES_MISMATCH"))
+        return (NO, bad) if bad else (YES, bad)
     raise AssertionError(me)
 
 

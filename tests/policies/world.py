@@ -16,6 +16,7 @@ from policies.evidence import (
     ImpactReading,
     PerceptionReading,
     SensorReading,
+    RobotReading,
     ToolReading,
     TrustReading,
 )
@@ -157,6 +158,12 @@ def perception(plain):
     return PerceptionReading(tuple(SensorReading(**{**s, "age_ms": none(s["age_ms"])}) for s in plain["sensors"]))
 
 
+def robot(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    return RobotReading(**{key: None if value == "unknown" else value for key, value in plain.items()})
+
+
 def proof(plain):
     if plain == "not collected":
         return NOT_COLLECTED
@@ -186,6 +193,7 @@ def evidence(plain):
         trust=NOT_COLLECTED if trust == "not collected" else TrustReading(**trust),
         impact=impact(plain["impact"]),
         perception=perception(plain["perception"]),
+        robot=robot(plain["robot"]),
     )
 
 
