@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from pep.authority import Authority, Credentials
     from pep.operations import Operation
-    from pep.ports import Clock, Journal, MotionSlot, Physics, Registry, RobotLimits
+    from pep.ports import Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
     from policies.policy import PolicySet
 
 PHYSICS_TIMEOUT_S: Final = 3.0
@@ -44,6 +44,8 @@ ATTEMPTS: Final = 8
 """How often a decision is taken afresh, on fresh evidence, while its record outlasts its lifetime; then DENY."""
 SEQUENCE: Final = "TEA-6"
 """The primitive behind `BUSY`: a command together with what is unfinished."""
+STATE: Final = "TEA-5"
+"""The primitive that looks at the robot's own state, which is cheap to have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +94,7 @@ class Gate:
         registry: trust in agents.
         limits: the robot's own limits.
         slot: one motion at a time.
+        readiness: of the robot.
         physics: runtime impact.
         policies: what is decided by.
         journal: durable; nothing moves before its answer.
@@ -106,6 +109,7 @@ class Gate:
         registry: Registry,
         limits: RobotLimits,
         slot: MotionSlot,
+        readiness: Readiness,
         physics: Physics,
         policies: PolicySet,
         journal: Journal,
@@ -116,6 +120,7 @@ class Gate:
         self._registry = registry
         self._limits = limits
         self._slot = slot
+        self._readiness = readiness
         self._physics = physics
         self._policies = policies
         self._journal = journal
@@ -200,7 +205,10 @@ class Gate:
         return replace(seen, trust=chain_trust(stated, self._policies.parameters))
 
     async def _dear(self, call: Call, seen: Evidence) -> Evidence:
-        """Physics, and then authority once more: an assessment takes long enough for a revocation to arrive."""
+        """The robot's state, physics, and then authority once more: a revocation may arrive during an assessment."""
+        seen = replace(seen, robot=self._readiness.reading())
+        if any(finding.primitive == STATE for finding in decide(call.request, seen, self._policies).findings):
+            return seen
         loop = asyncio.get_running_loop()
         touch = touchable(seen.chain) if isinstance(seen.chain, Chain) else frozenset()
         assess = partial(self._physics.assess, call.request, touch=touch)

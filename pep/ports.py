@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from capabilities.chain import Refusal
     from capabilities.scope import Tier
     from capabilities.statements.revocation import RevocationView
-    from policies.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading
+    from policies.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading, RobotReading
     from policies.model import Request
 
 
@@ -115,6 +115,14 @@ class MotionSlot(Protocol):
 
     def release(self, request_id: str) -> None:
         """The slot is free again, if it was this request's."""
+        ...
+
+
+class Readiness(Protocol):
+    """What the robot says about its own readiness, and what the PEP knows about its hold on it."""
+
+    def reading(self) -> RobotReading:
+        """The state now. Never raises and never waits: what is not known now reads as unknown."""
         ...
 
 

@@ -8,17 +8,22 @@ from collections import OrderedDict
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
+import numpy as np
+
 from capabilities.units import si
 from pep.context.frames import Distrusted, Seen, Unseen
 from pep.errors import RobotError
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT
 from pep.pit import Assessment, GripperMove, MoveJ, Scene, SceneError, assess
+from pep.pit.kinematics import link_frames
 from pep.ports import Assessed
 from policies.evidence import ImpactFault, ImpactReading
 from policies.reasons import Reason
 from policies.tiers import FRESH
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from capabilities.statements.observation import Observation
     from pep.context.frames import Frames, Look
     from pep.pit import CellParameters, Motion, Robot
@@ -182,6 +187,13 @@ class CellPhysics:
                 }
             case _:
                 assert_never(view)
+
+
+def tool_position(robot: Robot, q_rad: Sequence[float]) -> tuple[float, float, float]:
+    """Where the model has the tool centre point, m in the base frame, at six joint angles."""
+    rotation, origin = link_frames(robot, np.array([q_rad], dtype=float))
+    x, y, z = (origin[0, -1] + rotation[0, -1] @ np.array(robot.tool.tcp_m)).tolist()
+    return x, y, z
 
 
 def scene_of(seen: Seen, cell: CellParameters) -> Scene:

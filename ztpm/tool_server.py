@@ -44,11 +44,12 @@ from pep.replay import ReplayCache
 from pep.rtde.dashboard import stop_program
 from pep.rtde.drive import Drive
 from pep.rtde.gripper import RobotiqGripper
-from pep.rtde.guard import GuardedControl
 from pep.rtde.limits import Ur3eLimits
+from pep.rtde.program import ProgramWatch
 from pep.rtde.state import ReceivedState
 from pep.ship import Shipper
 from pep.world import CellPhysics
+from ztpm.robot import PROGRAM_S, commanded, readiness
 from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, read_key, read_policies, read_trust
 
 if TYPE_CHECKING:
@@ -133,22 +134,24 @@ class ToolServer:
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
+        robot = Robot.load(ROBOT_MODEL, tool=survey.tool)
         self.physics = CellPhysics(
-            robot=Robot.load(ROBOT_MODEL, tool=survey.tool),
+            robot=robot,
             cell=self.cell,
             valid_until_s=survey.not_after,
             frames=self.frames,
             state=self.state,
             clock=self.clock,
         )
+        # The watch is there before the program that it is to see start.
+        program = ProgramWatch(config.robot_host)
+        program.listening(within_s=PROGRAM_S)
+        control = commanded(
+            _connect(config.robot_host), program, robot, self.cell, audience=config.audience, clock=self.clock
+        )
+        self.readiness = readiness(config.robot_host, program, control, robot, self.cell)
         self.drive = Drive(
-            control=GuardedControl(
-                _connect(config.robot_host),
-                audience=config.audience,
-                clock=self.clock,
-                raise_refusals=True,
-                stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
-            ),
+            control=control,
             state=self.state,
             gripper=RobotiqGripper(config.robot_host),
             dashboard_stop=lambda: stop_program(config.robot_host),
@@ -173,6 +176,7 @@ class ToolServer:
             registry=self.follower,
             limits=Ur3eLimits(),
             slot=self.drive,
+            readiness=self.readiness,
             physics=self.physics,
             policies=policies,
             journal=self.journal,
@@ -267,6 +271,7 @@ class ToolServer:
         self.gate.close()
         await self.http.aclose()
         self.state.close()
+        self.readiness.close()
         self.journal.close()
 
     def _feed_incident(self, error: PepError) -> None:

@@ -102,11 +102,19 @@ def _obey(simulator: Simulator, end: Callable[[], None]) -> None:
     def protective_stop() -> None:
         controller.robot.alarm = "asked for"
 
+    def switch(remote: bool) -> Callable[[], None]:  # noqa: FBT001
+        def turn() -> None:
+            controller.remote = remote
+
+        return turn
+
     faults: dict[str, Callable[[], None]] = {
         "protective_stop": lambda: controller.ask(protective_stop),
         "emergency_stop": lambda: controller.ask(controller.emergency_stop),
         "release_emergency_stop": lambda: controller.ask(controller.release_emergency_stop),
         "drop_connections": simulator.drop,
+        "local_control": lambda: controller.ask(switch(remote=False)),
+        "remote_control": lambda: controller.ask(switch(remote=True)),
     }
     for line in _standard_input():
         try:

@@ -44,6 +44,10 @@ class Controller:
     Args:
         robot: the state; from now on only `tick` changes it.
         gripper: moved by the same tick.
+
+    Attributes:
+        remote: whether it takes programs over its ports (remote control), or from its own panel alone (local control).
+            What runs when a person switches goes on.
     """
 
     def __init__(self, robot: Robot, gripper: Gripper) -> None:
@@ -53,6 +57,7 @@ class Controller:
         self.on_event: Callable[[Event, str], object] = _unheard
         self.on_exception: Callable[[int, str], object] = _unheard
         self.program_name = ""
+        self.remote = True
         self._execution: Execution | None = None
         self._next: Compiled | None = None
         self._inbox: deque[Mapping[str, Value] | Callable[[], None]] = deque()
@@ -146,6 +151,8 @@ class Controller:
         A secondary program runs at once, beside whatever runs.
         """
         robot = self.robot
+        if not self.remote:
+            return "the controller is in local control"
         if compiled.secondary:
             ending = Execution(compiled, robot).run_through()
             if ending.why is Ended.FAILED:
@@ -174,7 +181,7 @@ class Controller:
     def play(self) -> bool:
         """A paused program goes on; whether there was one and it may."""
         robot = self.robot
-        if robot.runtime is not RuntimeState.PAUSED or robot.safety is not SafetyMode.NORMAL:
+        if not self.remote or robot.runtime is not RuntimeState.PAUSED or robot.safety is not SafetyMode.NORMAL:
             return False
         robot.drive.resume()
         robot.runtime = RuntimeState.RESUMING

@@ -115,7 +115,7 @@ class Dashboard:
             (0, "unlock protective stop", self._unlock),
             (0, "close safety popup", say("closing safety popup")),
             (1, "restart safety", self._restart_safety),
-            (6, "is in remote control", say("true")),
+            (6, "is in remote control", lambda: _flag(self._controller.remote)),
             (6, "get serial number", say(SERIAL_NUMBER)),
             (6, "get robot model", say(MODEL)),
         ]

@@ -11,7 +11,6 @@ from typing import Final
 STROKE_M: Final = 0.085  # opening of the 2F-85
 CLOSED_POSITION: Final = 228  # position register when the fingers touch each other; 0 is open, 255 is never reached
 SPEED_LOW_M_S, SPEED_HIGH_M_S = 0.020, 0.150  # finger speed at SPE 0 and SPE 255
-ACTIVATION_S: Final = 1.0  # the real one opens and closes once, 1 to 2 s
 MAX_LINE: Final = 256  # characters of a command
 WRITABLE: Final = {"ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "FOR": 255, "SPE": 255, "POS": 255}
 READABLE: Final = frozenset([*WRITABLE, "PRE", "OBJ", "STA", "FLT", "COU", "PCO", "NCY", "DST", "MOD"])
@@ -38,7 +37,7 @@ class Gripper:
         self.registers = dict.fromkeys(WRITABLE, 0)
         self.position = 0.0  # in register units, 0 open
         self.contact = Contact.AT_POSITION
-        self._activating_s = 0.0
+        self._closed_once = False
         self._active = False
 
     @property
@@ -50,11 +49,10 @@ class Gripper:
         """The fingers move for `dt_s`."""
         registers = self.registers
         if not registers["ACT"]:
-            self._active, self._activating_s = False, 0.0
+            self._active = self._closed_once = False
             return
         if not self._active:
-            self._activating_s += dt_s
-            self._active = self._activating_s >= ACTIVATION_S
+            self._activate(SPEED_HIGH_M_S * dt_s * CLOSED_POSITION / STROKE_M)
             return
         if not registers["GTO"]:
             return
@@ -70,6 +68,17 @@ class Gripper:
             return
         self.position = wanted
         self.contact = Contact.AT_POSITION if wanted == goal else Contact.MOVING
+
+    def _activate(self, reach: float) -> None:
+        """One tick of the full stroke by which the gripper learns its ends: closed, or against something, then open."""
+        held = self._held_at()
+        closed = CLOSED_POSITION if held is None or held < self.position else held
+        if not self._closed_once:
+            self.position = min(closed, self.position + reach)
+            self._closed_once = self.position >= closed
+            return
+        self.position = max(0.0, self.position - reach)
+        self._active, self.contact = self.position == 0.0, Contact.AT_POSITION
 
     def _held_at(self) -> float | None:
         if self.object_width_m is None:

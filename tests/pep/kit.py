@@ -30,7 +30,7 @@ from pep.ports import Assessed, RegisteredSensor, RegisteredTool
 from pep.record import FileJournal
 from pep.replay import ReplayCache
 from pep.rtde.limits import Ur3eLimits
-from policies.evidence import ImpactReading, PerceptionReading, SensorReading, ToolReading
+from policies.evidence import ImpactReading, PerceptionReading, RobotReading, SensorReading, ToolReading
 from policies.load import load_shipped
 from ztpm.survey import embedded
 
@@ -210,6 +210,16 @@ def reading(tier=1, index_milli=900, **changes):
     return ImpactReading(**{**fields, **changes})
 
 
+class Readiness:
+    """A robot that is ready, until a test says otherwise."""
+
+    def __init__(self):
+        self.answer = RobotReading(7, 1, True, True, 1_000, 1_000, True)
+
+    def reading(self):
+        return self.answer
+
+
 class Physics:
     """Says what a test says, and counts how often it was asked."""
 
@@ -270,6 +280,7 @@ class Rig:
         self.path = self.tmp / "journal.ndjson"
         self.journal = FileJournal.open(self.path, pep_id=PEP, clock=self.clock)
         self.feed, self.registry, self.physics, self.slot = Feed(), Registry(), Physics(), Slot()
+        self.readiness = Readiness()
         self.policies = load_shipped("paper-default")
         self.replay = ReplayCache(self.clock)
         self.sent = []
@@ -294,6 +305,7 @@ class Rig:
             registry=self.registry,
             limits=Ur3eLimits(),
             slot=self.slot,
+            readiness=self.readiness,
             physics=self.physics,
             policies=self.policies,
             journal=journal,

@@ -470,3 +470,55 @@ def test_nothing_moves_on_an_invalid_view_or_without_any_word_about_it(rig, perc
     decision = run(rig, rig.call(rig.agent())).decision
     assert (decision.effect, decision.reason, decision.primitive) == (Effect.DENY, reason, "CII-4")
     assert rig.sent == []
+
+
+NOT_READY = {
+    "safety_stop": ({"safety_mode": 3}, Reason.ROBOT_SAFETY_STOP),
+    "not_running": ({"robot_mode": 5}, Reason.ROBOT_NOT_RUNNING),
+    "local": ({"remote_control": False}, Reason.ROBOT_NOT_REMOTE),
+    "not_said": ({"remote_control": None}, Reason.ROBOT_NOT_REMOTE),
+    "shared": ({"exclusive": False}, Reason.ROBOT_NOT_EXCLUSIVE),
+    "payload": ({"payload_g": 1_001}, Reason.PAYLOAD_MISMATCH),
+    "payload_unknown": ({"expected_payload_g": None}, Reason.PAYLOAD_MISMATCH),
+    "frames": ({"frames_match": False}, Reason.FRAMES_MISMATCH),
+}
+
+
+@pytest.mark.parametrize("name", NOT_READY)
+def test_a_robot_that_is_not_ready_is_asked_for_no_physics(rig, name):
+    changes, reason = NOT_READY[name]
+    rig.readiness.answer = replace(rig.readiness.answer, **changes)
+    answer = run(rig, rig.call(rig.agent()))
+    assert (answer.decision.effect, answer.decision.reason, answer.decision.primitive) == (
+        Effect.DENY,
+        reason,
+        "TEA-5",
+    )
+    assert (rig.sent, rig.physics.asked, rig.slot.holder) == ([], 0, None)
+    (key,) = changes
+    assert rig.records("decision")[0]["body"]["evidence"]["robot"][key] == changes[key]
+
+
+def test_reading_and_stopping_ask_for_no_ready_robot(rig):
+    rig.readiness.answer = replace(rig.readiness.answer, safety_mode=3, exclusive=False)
+    assert run(rig, rig.call(rig.agent(), "read_state"), lambda permit: _done()).decision.effect is Effect.PERMIT
+    assert rig.records("decision")[0]["body"]["evidence"]["robot"] == "not collected"
+
+
+def test_a_policy_that_does_not_ask_for_readiness_gets_its_physics(rig):
+    rig.readiness.answer = replace(rig.readiness.answer, exclusive=False)
+    kept = tuple(policy for policy in rig.policies.policies if policy.id != "readiness")
+    rig.policies = replace(rig.policies, policies=kept)
+    rig.build()
+    assert run(rig, rig.call(rig.agent())).decision.effect is Effect.PERMIT
+    assert rig.physics.asked == 1
+
+
+def test_a_readiness_that_breaks_denies(rig):
+    def broken():
+        raise RuntimeError("boom")
+
+    rig.readiness.reading = broken
+    answer = run(rig, rig.call(rig.agent()))
+    assert (answer.decision.effect, answer.decision.reason) == (Effect.DENY, Reason.EVIDENCE_MISSING)
+    assert rig.sent == []

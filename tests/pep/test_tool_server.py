@@ -183,7 +183,7 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
     object.__setattr__(config, "cell", CellParameters(stop_deceleration_rad_s2=5.0))
     object.__setattr__(config, "journal_file", tmp_path / "journal.ndjson")
     object.__setattr__(config, "state_dir", tmp_path)
-    sent = []
+    sent, equipped = [], []
 
     class Arm:
         def __init__(self, host):
@@ -194,6 +194,14 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
 
         def stopScript(self):
             pass
+
+        def setPayload(self, kg, centre_m):
+            equipped.append((kg, centre_m))
+            return True
+
+        def setTcp(self, pose):
+            equipped.append(pose)
+            return True
 
         def disconnect(self):
             pass
@@ -215,11 +223,13 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
                 http=http,
             )
             await server.drive.close()
+            server.readiness.close()
             server.gate.close()
             server.journal.close()
 
     asyncio.run(scenario())
     assert sent == [5.0]
+    assert equipped == [(1.0, [0.0, 0.0, 0.058]), [0.0, 0.0, 0.1767, 0.0, 0.0, 0.0]]
 
 
 # -- the signed cell file
@@ -376,7 +386,8 @@ def test_the_embedded_zones_keep_away_from_the_sweep_and_can_be_reached():
 
     def asked(start, target, parameters, speed=0.5):
         move = MoveJ(at(start), at(target), speed, 1.4)
-        return assess(arm, Scene.of_cell(parameters), move, parameters, perception_age_s=0.05, seed=b"zones")
+        scene = Scene.of_cell(parameters)
+        return assess(arm, scene, move, parameters, perception_age_s=0.05, touch=frozenset(), seed=b"zones")
 
     for start, target in ((-0.6, 0.6), (0.6, -0.6)):
         assert asked(start, target, wider).violations == ()

@@ -1,0 +1,109 @@
+"""Whether the program that the controller runs is still the one that we started: the primary port tells of every other.
+
+The controller tells on its primary port (30001) when a program starts and when one ends, whoever sent it and whatever
+its name. Together with the input registers, which the controller lends to one client alone, that is what there is to
+know about who commands the arm.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from typing import TYPE_CHECKING, Final
+
+from pep.errors import PepFault, RobotError
+from pep.rtde.listener import Listener, received
+
+if TYPE_CHECKING:
+    import socket
+
+PORT: Final = 30001  # UR primary interface
+OURS: Final = "rtde_control"
+"""Name of the control script in ur_rtde's upload."""
+HEARD_S: Final = 0.5
+"""The port sends the robot's state ten times a second; a port that is silent for longer may hide a start."""
+FRAME_BYTES: Final = 65_536
+MESSAGE, KEY = 20, 7  # UR client interface guide: frame type, and message type
+_HEAD: Final = struct.Struct(">iB")
+_MESSAGE: Final = struct.Struct(">QbB")  # timestamp, source, message type
+_KEY: Final = struct.Struct(">iiB")  # code, argument, length of the title
+STARTED, STOPPED = b"PROGRAM_XXX_STARTED", b"PROGRAM_XXX_STOPPED"
+
+
+class ProgramWatch:
+    """Listens for programs that start and end.
+
+    Args:
+        host: of the controller.
+    """
+
+    def __init__(self, host: str) -> None:
+        self._changed = threading.Condition()
+        self._heard_s: float | None = None
+        self._running: str | None = None
+        self._events = 0
+        self._claimed: int | None = None
+        self._listener = Listener("program", host, PORT, self._talk)
+        self._listener.start()
+
+    def listening(self, *, within_s: float) -> bool:
+        """Whether the port is heard, waited for at most `within_s`."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._heard_s is not None, within_s)
+
+    def claim(self, *, within_s: float) -> bool:
+        """The running program is taken for ours from now on, if the port has told that one of our name has started.
+
+        Args:
+            within_s: how long to wait for that.
+        """
+        with self._changed:
+            told = self._changed.wait_for(lambda: self._running == OURS, within_s)
+            self._claimed = self._events if told else None
+            return told
+
+    def undisturbed(self) -> bool:
+        """Whether nothing has started or ended since `claim`, and nothing that did can have been missed."""
+        with self._changed:
+            heard_s = self._heard_s
+            return (
+                heard_s is not None
+                and time.monotonic() - heard_s <= HEARD_S
+                and self._claimed is not None
+                and self._claimed == self._events
+            )
+
+    def close(self) -> None:
+        """The connection has ended."""
+        self._listener.close()
+
+    def _talk(self, link: socket.socket) -> None:
+        held = b""
+        try:
+            while True:
+                held += received(link)
+                while len(held) >= _HEAD.size:
+                    size, kind = _HEAD.unpack_from(held)
+                    if not _HEAD.size <= size <= FRAME_BYTES:
+                        raise RobotError(PepFault.ROBOT_UNREACHABLE, f"a primary frame of {size} bytes")
+                    if len(held) < size:
+                        break
+                    frame, held = held[_HEAD.size : size], held[size:]
+                    self._heard(frame if kind == MESSAGE else b"")
+        finally:
+            # What happens now is not heard: only a new start of ours, or a new claim, makes the program ours again.
+            with self._changed:
+                self._heard_s = self._running = self._claimed = None
+
+    def _heard(self, message: bytes) -> None:
+        with self._changed:
+            self._heard_s = time.monotonic()
+            if len(message) >= _MESSAGE.size + _KEY.size and _MESSAGE.unpack_from(message)[2] == KEY:
+                (length,) = _KEY.unpack_from(message, _MESSAGE.size)[2:]
+                said = message[_MESSAGE.size + _KEY.size :]
+                title, name = said[:length], said[length:].decode("utf-8", "replace")
+                if title in (STARTED, STOPPED):
+                    self._events += 1
+                    self._running = name if title == STARTED else None
+            self._changed.notify_all()

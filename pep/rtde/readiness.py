@@ -1,0 +1,106 @@
+"""The `Readiness` port: what a command assumes of the robot, read from connections of our own, without waiting."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from capabilities.units import Unit
+from pep.errors import PepFault, RobotError
+from policies.evidence import RobotReading
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import Any
+
+    from pep.rtde.dashboard import RemoteControl
+    from pep.rtde.program import ProgramWatch
+    from pep.rtde.telemetry import Posture, Telemetry
+
+PLAYING: Final = 2  # RTDE runtime_state
+NO_CONTROLLER, UNDEFINED = -1, 11  # RTDE robot_mode and safety_mode of a robot that says nothing
+OFFSET_M: Final = 1e-4
+OFFSET_RAD: Final = 1e-3
+"""The tool offset was set by us: only the rounding of the wire is between the two."""
+POSE_M: Final = 0.005
+"""PHY-11: what physics grants the arm's model; an arm calibrated by its maker differs by a few millimetres from it."""
+
+
+class RobotReadiness:
+    """The robot's state against what the model and the committed state say.
+
+    Args:
+        telemetry: of the robot.
+        remote: of the robot.
+        program: claimed after the control script was uploaded.
+        commanding: whether the control connection stands; while it does, the controller lends its registers to nobody
+            else.
+        tool_position: where the model has the tool centre point in the base frame (m) at six joint angles (rad).
+        tcp_m: of the model's tool, in the flange frame; it is not turned against it.
+        expected_payload_g: tool and held part by the committed state, or None while the held mass is unknown.
+    """
+
+    def __init__(
+        self,
+        *,
+        telemetry: Telemetry,
+        remote: RemoteControl,
+        program: ProgramWatch,
+        commanding: Callable[[], bool],
+        tool_position: Callable[[Sequence[float]], Sequence[float]],
+        tcp_m: Sequence[float],
+        expected_payload_g: Callable[[], int | None],
+    ) -> None:
+        self._telemetry = telemetry
+        self._remote = remote
+        self._program = program
+        self._commanding = commanding
+        self._tool_position = tool_position
+        self._tcp_m = tuple(tcp_m)
+        self._expected_payload_g = expected_payload_g
+
+    def reading(self) -> RobotReading:
+        """The state now; what the robot does not say reads as unknown. Never raises, never waits."""
+        remote, expected = self._remote.state(), self._expected_payload_g()
+        try:
+            posture = self._telemetry.read()
+        except RobotError:
+            return RobotReading(NO_CONTROLLER, UNDEFINED, remote, False, 0, expected, False)  # noqa: FBT003 - by position
+        return RobotReading(
+            robot_mode=posture.robot_mode,
+            safety_mode=posture.safety_mode,
+            remote_control=remote,
+            exclusive=posture.runtime_state == PLAYING and self._program.undisturbed() and self._commanding(),
+            payload_g=round(posture.payload_kg * Unit.GRAM.per_si),
+            expected_payload_g=expected,
+            frames_match=self._frames_match(posture),
+        )
+
+    def close(self) -> None:
+        """The connections have ended."""
+        for part in (self._telemetry, self._remote, self._program):
+            part.close()
+
+    def _frames_match(self, posture: Posture) -> bool:
+        offset_m, offset_rad = posture.tcp_offset[:3], posture.tcp_offset[3:]
+        return (
+            math.dist(offset_m, self._tcp_m) <= OFFSET_M
+            and math.hypot(*offset_rad) <= OFFSET_RAD
+            and math.dist(posture.tool_pose[:3], self._tool_position(posture.q_rad)) <= POSE_M
+        )
+
+
+def equip(control: Any, *, payload_kg: float, centre_m: Sequence[float], tcp_m: Sequence[float]) -> None:
+    """The controller reckons with this payload and this tool centre point.
+
+    Args:
+        control: the raw `RTDEControlInterface`, before it is guarded.
+        payload_kg: tool and held part.
+        centre_m: of their mass, in the flange frame.
+        tcp_m: tool centre point in the flange frame, not turned against it.
+
+    Raises:
+        RobotError: `ROBOT_UNREACHABLE` when the controller does not take them.
+    """
+    if not (control.setPayload(payload_kg, list(centre_m)) and control.setTcp([*tcp_m, 0.0, 0.0, 0.0])):
+        raise RobotError(PepFault.ROBOT_UNREACHABLE, "payload or tool centre point was not taken")

@@ -1,0 +1,268 @@
+"""What the robot says about itself, from the real controller and the real ur_rtde client: true things, in time, and unknown otherwise."""
+
+import dataclasses
+import socket
+import threading
+import time
+from functools import partial
+
+import pytest
+
+from pep.errors import PepFault, RobotError
+from pep.pit import CellParameters, Robot
+from pep.rtde.dashboard import RemoteControl
+from pep.rtde.program import ProgramWatch
+from pep.rtde.readiness import RobotReadiness, equip
+from pep.rtde.telemetry import Posture, Telemetry
+from pep.sim.launch import Controller
+from pep.world import tool_position
+from policies.evidence import RobotReading
+from tests.pep.kit import AUDIENCE, ManualClock
+from tests.sim_controller.cell import HOME, until
+from ztpm import robot as composition
+
+rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
+pytestmark = pytest.mark.e2e
+
+ROBOT = Robot.load("ur3e")
+READY = RobotReading(7, 1, True, True, 1_000, 1_000, True)
+
+
+@pytest.fixture
+def cell():
+    with Controller.start(joints=HOME) as controller:
+        yield controller
+
+
+class Held:
+    """A readiness with everything behind it, and the raw connection that a test may misuse."""
+
+    def __init__(self, cell, parameters=None):
+        self.program = ProgramWatch(cell.host)
+        assert self.program.listening(within_s=5.0)
+        self.raw = rtde_control.RTDEControlInterface(cell.host)
+        parameters = parameters or CellParameters()
+        self.control = composition.commanded(
+            self.raw, self.program, ROBOT, parameters, audience=AUDIENCE, clock=ManualClock()
+        )
+        self.readiness = composition.readiness(cell.host, self.program, self.control, ROBOT, parameters)
+
+    def becomes(self, **changes):
+        expected = dataclasses.replace(READY, **changes)
+        until(lambda: self.readiness.reading() == expected, deadline_s=5.0)
+
+    def close(self):
+        self.readiness.close()
+        self.raw.disconnect()
+
+
+@pytest.fixture
+def held(cell):
+    one = Held(cell)
+    one.becomes()
+    yield one
+    one.close()
+
+
+def test_a_person_switches_to_local_control_and_back(cell, held):
+    cell.fault("local_control")
+    held.becomes(remote_control=False)
+    cell.fault("remote_control")
+    held.becomes()
+
+
+def test_a_program_of_somebody_else_is_seen_and_stays_seen(cell, held):
+    with socket.create_connection((cell.host, 30003)) as script:
+        script.sendall(b"def rtde_control():\n while True:\n  sync()\n end\nend\n")
+        held.becomes(exclusive=False)
+        until(lambda: held.control.isProgramRunning())  # its name is ours, and it runs
+        assert not held.readiness.reading().exclusive
+        script.sendall(b"stop program\n")
+        until(lambda: not held.control.isProgramRunning())
+    assert not held.readiness.reading().exclusive
+
+
+def test_a_paused_program_is_not_ours_to_use(cell, held):
+    with socket.create_connection((cell.host, 29999)) as dashboard:
+        dashboard.recv(256)
+        dashboard.sendall(b"pause\n")
+        held.becomes(exclusive=False)
+        dashboard.sendall(b"play\n")
+        held.becomes()
+
+
+def test_a_lost_primary_connection_hides_programs(cell, held):
+    held.program._listener._link.shutdown(socket.SHUT_RDWR)
+    held.becomes(exclusive=False)
+    assert held.program.listening(within_s=5.0)
+    assert not held.readiness.reading().exclusive
+
+
+def test_payload_and_tool_are_what_the_controller_says(held):
+    assert held.raw.setPayload(1.25, [0.0, 0.0, 0.06])
+    held.becomes(payload_g=1_250)
+    assert held.raw.setPayload(1.0, [0.0, 0.0, 0.058])
+    assert held.raw.setTcp([0.0, 0.0, 0.1769, 0.0, 0.0, 0.0])  # 0.2 mm
+    held.becomes(frames_match=False)
+    assert held.raw.setTcp([0.0, 0.0, 0.1767, 0.0, 0.0, 0.01])
+    held.becomes(frames_match=False)
+    assert held.raw.setTcp([0.0, 0.0, 0.1767, 0.0, 0.0, 0.0])
+    held.becomes()
+
+
+def test_a_held_part_is_reckoned_with_from_the_start(cell):
+    one = Held(cell, CellParameters(payload_kg=0.5))
+    one.becomes(payload_g=1_500, expected_payload_g=1_500)
+    one.close()
+
+
+def test_an_unknown_part_is_unknown(cell):
+    one = Held(cell, CellParameters(payload_kg=None))
+    one.becomes(expected_payload_g=None)
+    one.close()
+
+
+def test_a_protective_stop_and_an_emergency_stop(cell, held):
+    cell.fault("protective_stop")
+    held.becomes(safety_mode=3, exclusive=False)
+    cell.fault("emergency_stop")
+    held.becomes(safety_mode=7, robot_mode=3, exclusive=False)
+
+
+def test_a_controller_that_has_gone_is_unknown(cell, held):
+    cell.process.kill()
+    until(lambda: held.readiness.reading() == RobotReading(-1, 11, None, False, 0, 1_000, False), deadline_s=5.0)
+
+
+def test_a_reading_never_waits(cell, held):
+    cell.process.send_signal(19)  # SIGSTOP: connections stay open, nothing answers
+    try:
+        slowest, unknown = 0.0, False
+        due = time.monotonic() + 10.0
+        while not unknown and time.monotonic() < due:
+            begun = time.monotonic()
+            unknown = held.readiness.reading().remote_control is None
+            slowest = max(slowest, time.monotonic() - begun)
+        assert unknown
+        assert slowest < 0.5  # it asks nobody; a loaded host may pause it
+        assert held.readiness.reading().robot_mode == -1
+    finally:
+        cell.process.send_signal(18)
+
+
+def test_telemetry_waits_for_a_package_that_is_newer(cell):
+    telemetry = Telemetry(cell.host)
+    until(lambda: _read(telemetry) is not None)
+    asked = time.monotonic()
+    assert telemetry.next().arrived_s > asked
+    telemetry.close()
+    until(lambda: _read(telemetry) is None)
+    with pytest.raises(RobotError) as raised:
+        telemetry.next()
+    assert raised.value.code is PepFault.ROBOT_STALLED
+
+
+def _read(telemetry):
+    try:
+        return telemetry.read()
+    except RobotError:
+        return None
+
+
+class Speaker:
+    """A port that says what a test wants to each client, and then waits."""
+
+    def __init__(self, said):
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.said, self.links = said, []
+        threading.Thread(target=self.serve, daemon=True).start()
+
+    def serve(self):
+        while True:
+            try:
+                link, _ = self.server.accept()
+            except OSError:
+                return
+            self.links.append(link)
+            link.sendall(self.said)
+
+    def close(self):
+        self.server.close()
+        for link in self.links:
+            link.close()
+
+
+@pytest.mark.parametrize("said", [b"", b"hello\n", b"\nmaybe\n", b"\nTRUE!\n", b"\n" + b"true" * 200])
+def test_a_dashboard_that_says_something_else_says_nothing(monkeypatch, said):
+    speaker = Speaker(said)
+    monkeypatch.setattr("pep.rtde.dashboard.PORT", speaker.server.getsockname()[1])
+    remote = RemoteControl("127.0.0.1")
+    until(lambda: speaker.links)
+    due = time.monotonic() + 0.5
+    while time.monotonic() < due:
+        assert remote.state() is None
+    remote.close()
+    speaker.close()
+
+
+@pytest.mark.parametrize("said", [b"\0" * 64, b"\xff" * 64, b"\0\0\0\3\0", b"GET / HTTP/1.1\r\n\r\n"])
+def test_a_primary_port_that_speaks_something_else_claims_nothing(monkeypatch, said):
+    speaker = Speaker(said)
+    monkeypatch.setattr("pep.rtde.program.PORT", speaker.server.getsockname()[1])
+    program = ProgramWatch("127.0.0.1")
+    until(lambda: speaker.links)
+    assert not program.claim(within_s=0.3)
+    assert not program.undisturbed()
+    program.close()
+    speaker.close()
+
+
+def test_the_tool_is_where_the_model_has_it():
+    offset, q = (*ROBOT.tool.tcp_m, 0.0, 0.0, 0.0), HOME
+    where = tool_position(ROBOT, q)
+
+    class Fixed:
+        def __init__(self, pose):
+            self.pose = pose
+
+        def read(self):
+            return Posture(q, (*self.pose, 0.0, 0.0, 0.0), offset, 1.0, 7, 1, 2, 0, 0.0)
+
+    def match(pose):
+        return RobotReadiness(
+            telemetry=Fixed(pose),
+            remote=Said(True),
+            program=Undisturbed(),
+            commanding=lambda: True,
+            tool_position=partial(tool_position, ROBOT),
+            tcp_m=ROBOT.tool.tcp_m,
+            expected_payload_g=lambda: 1_000,
+        ).reading()
+
+    class Said:
+        def __init__(self, word):
+            self.word = word
+
+        def state(self):
+            return self.word
+
+    class Undisturbed:
+        def undisturbed(self):
+            return True
+
+    assert match(where) == READY
+    assert match((where[0] + 0.004, *where[1:])) == READY
+    assert not match((where[0] + 0.006, *where[1:])).frames_match
+
+
+def test_a_controller_that_does_not_take_the_tool():
+    class Deaf:
+        def setPayload(self, *_):
+            return True
+
+        def setTcp(self, *_):
+            return False
+
+    with pytest.raises(RobotError) as raised:
+        equip(Deaf(), payload_kg=1.0, centre_m=(0.0, 0.0, 0.0), tcp_m=(0.0, 0.0, 0.1))
+    assert raised.value.code is PepFault.ROBOT_UNREACHABLE

@@ -1,0 +1,85 @@
+"""The robot's side of a cell, composed: a connection whose program, payload and tool are ours, and its readiness."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.units import Unit
+from pep.rtde.dashboard import RemoteControl
+from pep.rtde.guard import GuardedControl
+from pep.rtde.readiness import RobotReadiness, equip
+from pep.rtde.telemetry import Telemetry
+from pep.world import tool_position
+
+if TYPE_CHECKING:
+    from pep.pit import CellParameters, Robot
+    from pep.ports import Clock
+    from pep.rtde.program import ProgramWatch
+
+PROGRAM_S: Final = 1.0
+"""Longest wait for the controller to tell on another port what we did on this one; it takes some milliseconds."""
+
+
+def commanded(
+    raw: Any, program: ProgramWatch, robot: Robot, cell: CellParameters, *, audience: str, clock: Clock
+) -> GuardedControl:
+    """The guarded control connection: its script running and ours, the controller reckoning with our payload and tool.
+
+    Args:
+        raw: `RTDEControlInterface`; keep no reference to it.
+        program: listening since before the script was uploaded.
+        robot: its model, with the tool that it carries.
+        cell: its parameters, with the part that is held at the start.
+        audience: canonical URL of the server that decides.
+        clock: both clocks.
+
+    Raises:
+        RobotError: the controller does not take payload or tool.
+    """
+    held_kg = cell.payload_kg or 0.0
+    payload_kg = robot.tool.mass_kg + held_kg
+    centre_m = [
+        (robot.tool.mass_kg * own + held_kg * tip) / payload_kg
+        for own, tip in zip(robot.tool.com_m, robot.tool.tcp_m, strict=True)
+    ]
+    equip(raw, payload_kg=payload_kg, centre_m=centre_m, tcp_m=robot.tool.tcp_m)
+    # A script that is not seen to start is not known to be ours: then every motion is denied, and says so.
+    program.claim(within_s=PROGRAM_S)
+    return GuardedControl(
+        raw,
+        audience=audience,
+        clock=clock,
+        raise_refusals=True,
+        stop_deceleration_rad_s2=cell.stop_deceleration_rad_s2,
+    )
+
+
+def readiness(
+    host: str, program: ProgramWatch, control: GuardedControl, robot: Robot, cell: CellParameters
+) -> RobotReadiness:
+    """The robot's readiness, by connections of its own.
+
+    Args:
+        host: of the controller.
+        program: claimed.
+        control: of the robot.
+        robot: its model.
+        cell: its parameters.
+    """
+    return RobotReadiness(
+        telemetry=Telemetry(host),
+        remote=RemoteControl(host),
+        program=program,
+        commanding=control.isConnected,
+        tool_position=partial(tool_position, robot),
+        tcp_m=robot.tool.tcp_m,
+        expected_payload_g=partial(_carried_g, robot, cell),
+    )
+
+
+def _carried_g(robot: Robot, cell: CellParameters) -> int | None:
+    """What the flange carries by the cell's parameters, or None when the held part is unknown."""
+    if cell.payload_kg is None:
+        return None
+    return round((robot.tool.mass_kg + cell.payload_kg) * Unit.GRAM.per_si)
