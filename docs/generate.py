@@ -59,6 +59,16 @@ COMMON: Final = """## What all have in common
   while the view of the cell is not fresh.
 * **[POL-7]** A stop is asked for no grant, limit, trust, tier or physics.
 * **[POL-8]** Trust in an edge is at most the policy's prior; a chain is as trusted as its weakest edge.
+* **[POL-9]** Tier 4 is denied, and may be asked for only while a person's prior leave (an opening) for this agent,
+  object and operation is in force.
+* **[POL-10]** An approval turns a DEFER into a PERMIT when it resolves every reason of it, and lifts no DENY. It counts
+  for the sponsor, policies and model that were shown, at the same tier, at an index not above what was shown by more
+  than the slack, from the start that was shown, with no contribution that was not shown; while uses are left, before
+  its end, on word of the identity provider as fresh as motion needs; by one person, at tier 4 by two, at most one of
+  them the sponsor, with the opening that was named still in force; where the cell is not freshly seen, by people who
+  all attest to seeing it clear. The PERMIT consumes one use.
+* **[POL-11]** An approved act at tier 3, or in an unseen cell, is denied above the approved speed, and at tier 3
+  above the approved contact.
 """
 
 

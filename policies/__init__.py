@@ -4,17 +4,19 @@ from policies.catalog import CATALOG, ROWS
 from policies.errors import PolicyError, PolicyFault
 from policies.evidence import (
     NOT_COLLECTED,
+    ApprovalReading,
     Contribution,
     Evidence,
     ImpactFault,
     ImpactReading,
     NotCollected,
+    OpeningReading,
     RobotReading,
     ToolReading,
     TrustReading,
 )
 from policies.load import SHIPPED, load, load_shipped
-from policies.model import Decision, Effect, Finding, Obligation, ObligationKind, Point, Request
+from policies.model import ApprovalUse, Decision, Effect, Finding, Obligation, ObligationKind, Point, Request
 from policies.parameters import PARAMETERS, Parameters
 from policies.pdp import decide
 from policies.policy import Object, Policy, PolicySet, Requirement, Subject, requirement
@@ -29,6 +31,8 @@ __all__ = [
     "REASONS",
     "ROWS",
     "SHIPPED",
+    "ApprovalReading",
+    "ApprovalUse",
     "Contribution",
     "Decision",
     "Effect",
@@ -40,6 +44,7 @@ __all__ = [
     "Object",
     "Obligation",
     "ObligationKind",
+    "OpeningReading",
     "Parameters",
     "Point",
     "Policy",

@@ -168,7 +168,7 @@ class ApprovalReading:
 
     Attributes:
         ask_id: of the ask.
-        state: "open", "granted", "denied", "used" or "expired".
+        state: "open", "granted", "denied", "withdrawn", "used" or "expired" (granted, and over).
         reasons: the deferral reasons that it resolves.
         tier, index_milli: as they were shown.
         contributors: (kind, object) of everything that contributed as it was shown.
@@ -179,6 +179,7 @@ class ApprovalReading:
         opening_id: the opening that it rests on, or "".
         sees_clear: every approver attested to seeing the cell clear.
         uses_left: how often it may still be used.
+        use: number of its next use, from 1.
         not_after: seconds since the epoch; the earliest of all votes.
         age_ms: since the nonce of the identity provider's newest word about it was sent.
     """
@@ -197,6 +198,7 @@ class ApprovalReading:
     opening_id: str
     sees_clear: bool
     uses_left: int
+    use: int
     not_after: int
     age_ms: int
 

@@ -86,6 +86,8 @@ class ObligationKind(StrEnum):
     """Write the decision durably before the effect."""
     WATCH = "watch"
     """Keep watching while the effect lasts: in this version the authority for it, and not yet what the sensors see."""
+    CONSUME = "consume approval"
+    """Take the use of the approval that the decision names, durably, before the effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +95,14 @@ class Obligation:
     """One obligation of a decision."""
 
     kind: ObligationKind
+
+
+@dataclass(frozen=True, slots=True)
+class ApprovalUse:
+    """One use of what people approved: the ask, and the number of the use, from 1."""
+
+    ask_id: str
+    use: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +137,7 @@ class Decision:
         policy_digest: SHA-256 (hex) of the policy set.
         evidence_digest: SHA-256 (hex) of the evidence.
         lifetime_ms: how long after the decision its effect may begin.
+        approval: the use of an approval that this PERMIT rests on and must consume, or None.
     """
 
     request_id: str
@@ -141,3 +152,4 @@ class Decision:
     policy_digest: str
     evidence_digest: str
     lifetime_ms: int
+    approval: ApprovalUse | None = None

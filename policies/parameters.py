@@ -137,6 +137,38 @@ class Parameters:
         meaning="how long after the decision any other act may begin",
         source="ours: evidence of an act without physical impact may be one second old",
     )
+    approved_tcp_speed_um_s: int = _named(
+        250_000,
+        unit="um_s",
+        low=1,
+        high=250_000,
+        meaning="fastest tool centre point of an approved tier 3 act, and of any approved act in an unseen cell",
+        source="DESIGN section 6; ISO 10218-1: reduced speed is at most 250 mm/s",
+    )
+    approved_contact_permille: int = _named(
+        1_000,
+        unit="permille",
+        low=0,
+        high=1_000,
+        meaning="highest ratio of contact speed to its limit (PFL) of an approved tier 3 act",
+        source="DESIGN section 6; ISO/TS 15066: a contact stays under the limits of the body region",
+    )
+    approved_index_slack_milli: int = _named(
+        50,
+        unit="milli",
+        low=0,
+        high=50,
+        meaning="how much higher the index may be at use than it was shown",
+        source="DESIGN section 6: 0.05",
+    )
+    approved_start_slack_urad: int = _named(
+        2_000,
+        unit="urad",
+        low=0,
+        high=2_000,
+        meaning="how far each joint may be at use from where it was shown",
+        source="DESIGN section 6: 2 mrad",
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.chain import Chain
 from capabilities.scope import Tier
+from policies.approval import AskAgain, Counts, Refused, Waiting, prior_leave, standing
 from policies.combine import Answer, deny_overrides, evaluate
 from policies.evidence import ImpactReading
-from policies.model import Decision, Effect, Obligation, ObligationKind, Request
+from policies.model import ApprovalUse, Decision, Effect, Obligation, ObligationKind, Request
 from policies.policy import Concern, Policy, PolicySet, requirement
 from policies.primitives.base import Case, Defers, Fails, Holds, Verdict, found, verified_chain
 from policies.primitives.identity import AgentAuthentication
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from policies.model import Finding
 
 RECORD: Final = Obligation(ObligationKind.RECORD)
+CONSUME: Final = Obligation(ObligationKind.CONSUME)
 
 
 def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decision:
@@ -43,7 +45,12 @@ def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decisio
         case = Case(request, evidence, needs.physical, runtime_tier(evidence, physical=needs.physical))
         concerned = [policy for policy in policies.policies if policy.concerns(request) is Concern.YES]
         effect, findings = deny_overrides([_answer(policy, case) for policy in concerned])
+        approval: ApprovalUse | None = None
+        if effect is Effect.DEFER:
+            effect, findings, approval = _asked(case, findings, policies)
         obligations = {o for policy in concerned for o in policy.obligations if policy.effect is Effect.PERMIT}
+        if approval is not None:
+            obligations.add(CONSUME)
         permitted = effect is Effect.PERMIT
         impact = evidence.impact if isinstance(evidence.impact, ImpactReading) and needs.physical else None
         return Decision(
@@ -59,9 +66,30 @@ def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decisio
             policy_digest=policies.digest,
             evidence_digest=evidence.digest,
             lifetime_ms=needs.lifetime_ms if permitted else 0,
+            approval=approval,
         )
     except Exception as error:  # noqa: BLE001 - total: whatever goes wrong in deciding is a DENY, and the record says what it was
         return _undecidable(request, policies, error)
+
+
+def _asked(
+    case: Case, deferred: tuple[Finding, ...], policies: PolicySet
+) -> tuple[Effect, tuple[Finding, ...], ApprovalUse | None]:
+    """What people's answer makes of a DEFER: a PERMIT where it counts, else a deferral or denial that says why not."""
+    if case.tier is Tier.SAFETY_CRITICAL and prior_leave(case.evidence) is None:
+        return Effect.DENY, (found(PhysicalImpactGate.id, Reason.TIER_SAFETY_CRITICAL), *deferred), None
+    answer = standing(case, deferred, policies)
+    match answer:
+        case Waiting():
+            return Effect.DEFER, deferred, None
+        case AskAgain(finding):
+            return Effect.DEFER, (finding, *deferred), None
+        case Refused(finding):
+            return Effect.DENY, (finding, *deferred), None
+        case Counts(ask_id, use):
+            return Effect.PERMIT, (), ApprovalUse(ask_id, use)
+        case _:
+            assert_never(answer)
 
 
 def _answer(policy: Policy, case: Case) -> Answer:
@@ -111,7 +139,8 @@ def _permit(policy: Policy, verdict: Verdict, case: Case) -> Answer:
         return Answer(Effect.PERMIT, grants=True)
     detail = {"tier": int(tier), "pit_bound": int(policy.pit_bound), "policy": policy.id}
     if tier is Tier.SAFETY_CRITICAL:
-        return Answer(Effect.DENY, (found(gate, Reason.TIER_SAFETY_CRITICAL, **detail),), grants=True)
+        effect = Effect.DENY if prior_leave(case.evidence) is None else Effect.DEFER
+        return Answer(effect, (found(gate, Reason.TIER_SAFETY_CRITICAL, **detail),), grants=True)
     return Answer(Effect.DEFER, (found(gate, Reason.TIER_NEEDS_APPROVAL, **detail),), grants=True)
 
 

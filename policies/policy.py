@@ -118,6 +118,8 @@ class Policy:
                 raise PolicyError(PolicyFault.WRONG_POINT, "ep", primitive.id)
         if permits and Obligation(ObligationKind.RECORD) not in self.obligations:
             raise PolicyError(PolicyFault.NO_RECORD, "obligation")
+        if Obligation(ObligationKind.CONSUME) in self.obligations:
+            raise PolicyError(PolicyFault.UNKNOWN_VALUE, "obligation", "made by a decision alone")
         gated = any(p.id == PhysicalImpactGate.id for p, _ in checks(self.predicate))
         required = permits and any(p.id == PhysicalImpactGate.id for p in conjuncts(self.predicate))
         if (gated and not required) or required is (self.pit_bound is None):

@@ -81,9 +81,14 @@ class Reason(StrEnum):
     ROBOT_NOT_EXCLUSIVE = "ROBOT_NOT_EXCLUSIVE"
     PAYLOAD_MISMATCH = "PAYLOAD_MISMATCH"
     FRAMES_MISMATCH = "FRAMES_MISMATCH"
+    APPROVAL_DENIED = "APPROVAL_DENIED"
+    APPROVED_TOO_FAST = "APPROVED_TOO_FAST"
+    APPROVAL_USED = "APPROVAL_USED"
+    APPROVAL_NOT_USABLE = "APPROVAL_NOT_USABLE"
 
     # enforcement
     APPROVAL_TIMEOUT = "APPROVAL_TIMEOUT"
+    ASK_BUDGET_SPENT = "ASK_BUDGET_SPENT"
     BUSY = "BUSY"
     VERDICT_EXPIRED = "VERDICT_EXPIRED"
     NOT_WHAT_WAS_DECIDED = "NOT_WHAT_WAS_DECIDED"
@@ -257,6 +262,17 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
             "The robot reckons with another payload than is known to be carried.", _AT_THE_ROBOT, ("TEA-5",)
         ),
         Reason.FRAMES_MISMATCH: ReasonRow("The robot's frames are not those of its model.", _AT_THE_ROBOT, ("TEA-5",)),
+        Reason.APPROVAL_DENIED: ReasonRow("A person denied this.", "Ask for something else."),
+        Reason.APPROVED_TOO_FAST: ReasonRow(
+            "What people approved is faster than an approved act may be.", "Ask for a lower speed."
+        ),
+        Reason.APPROVAL_USED: ReasonRow("The approval for this is used up.", "Wait for a person's new answer."),
+        Reason.APPROVAL_NOT_USABLE: ReasonRow(
+            "The approval does not fit what is so now.", "Wait for a person's new answer, or restore what was shown."
+        ),
+        Reason.ASK_BUDGET_SPENT: ReasonRow(
+            "People are asked too often.", "Wait until earlier questions are answered or over."
+        ),
         Reason.APPROVAL_TIMEOUT: ReasonRow("Nobody answered in time.", "Ask again while an approver is present."),
         Reason.BUSY: ReasonRow("A motion is not finished.", "Wait until it ends, or stop it.", ("TEA-6", "TEA-4")),
         Reason.VERDICT_EXPIRED: ReasonRow("The decision was too old to act on.", "Send the request again."),
@@ -308,6 +324,10 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.BUSY,
     Reason.PHYSICS_VIOLATION,
     Reason.ABOVE_CEILING,
+    Reason.APPROVAL_DENIED,
+    Reason.APPROVED_TOO_FAST,
+    Reason.APPROVAL_USED,
+    Reason.APPROVAL_NOT_USABLE,
     Reason.TIER_SAFETY_CRITICAL,
     Reason.PROHIBITED,
     Reason.TIER_NEEDS_APPROVAL,

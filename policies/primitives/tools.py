@@ -9,6 +9,7 @@ from capabilities.algebra import bound_to_json
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault, FaultCode
 from capabilities.request import set_ceiling
+from policies.approval import prior_leave
 from policies.evidence import ImpactFault, ImpactReading, NotCollected, RobotReading, ToolReading
 from policies.primitives.base import (
     Case,
@@ -216,7 +217,9 @@ class PhysicalImpactGate:
     id: ClassVar[str] = "TEA-4"
 
     def judge(self, case: Case) -> Verdict:
-        """Holds up to tier 2 (CATP-3 asks for trust there), defers at tier 3, fails at tier 4.
+        """Holds up to tier 2 (CATP-3 asks for trust there), defers at tier 3, fails at tier 4 without prior leave.
+
+        With a person's prior leave in force, tier 4 defers.
 
         Before that: what cannot be believed is a fault and no tier, a violation is refused whatever is authorised,
         and a tier above the ceiling is refused whatever else holds and asks nobody.
@@ -261,7 +264,12 @@ class PhysicalImpactGate:
                     asked.append(found(self.id, Reason.PERCEPTION_MISSING, **detail))
                 return Defers(tuple(asked))
             case TierRule.REFUSE:
-                return fails(self.id, Reason.TIER_SAFETY_CRITICAL, **detail)
+                critical = [found(self.id, Reason.TIER_SAFETY_CRITICAL, **detail)]
+                if prior_leave(case.evidence) is None:
+                    return Fails(tuple(critical))
+                if impact.perception != FRESH:
+                    critical.append(found(self.id, Reason.PERCEPTION_MISSING, **detail))
+                return Defers(tuple(critical))
             case rule:
                 assert_never(rule)
 

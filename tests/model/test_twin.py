@@ -6,6 +6,7 @@ import random
 import pytest
 
 from policies import decide
+from policies.pdp import CONSUME
 from policies.reasons import PRECEDENCE
 from tests.model import triples, twin
 
@@ -17,13 +18,15 @@ ROUNDS = int(os.environ.get("ZTPM_TWIN_ROUNDS", "400"))
 def test_decide_agrees_with_the_slow_twin(seed):
     pick = random.Random(seed).choice
     for number in range(ROUNDS):
-        request, evidence, policies = triples.request(pick), triples.evidence(pick), triples.policy_set(pick)
+        request, evidence, policies = triples.triple(pick)
         decision = decide(request, evidence, policies)
         effect, tier, findings, leading = twin.decide(request, evidence, policies)
         where = f"seed {seed}, triple {number}"
         assert decision.effect.value == effect, where
         assert decision.tier == tier, where
         assert {(f.primitive, f.reason.value) for f in decision.findings} == findings, where
+        assert (decision.approval is not None) == twin.consumes(request, evidence, policies), where
+        assert (CONSUME in decision.obligations) == (decision.approval is not None), where
         if effect == "PERMIT":
             assert decision.reason.value == "PERMITTED"
         else:
@@ -37,11 +40,15 @@ def test_the_random_triples_reach_every_effect_and_most_reasons():
     """A differential test that only ever sees denials proves little."""
     pick = random.Random(1).choice
     seen = {"effects": {}, "reasons": set()}
-    for _ in range(4_000):
-        decision = decide(triples.request(pick), triples.evidence(pick), triples.policy_set(pick))
+    by_people = 0
+    for _ in range(8_000):
+        decision = decide(*triples.triple(pick))
         seen["effects"][decision.effect] = seen["effects"].get(decision.effect, 0) + 1
         seen["reasons"].add(decision.reason)
+        by_people += decision.approval is not None
     assert len(seen["effects"]) == 3
     assert min(seen["effects"].values()) > 100, seen["effects"]
     assert len(seen["reasons"]) > 30
+    assert by_people > 100
+    assert {"APPROVAL_DENIED", "APPROVED_TOO_FAST", "APPROVAL_USED", "APPROVAL_NOT_USABLE"} <= seen["reasons"]
     assert "POLICY_ERROR" not in seen["reasons"]

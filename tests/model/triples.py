@@ -9,12 +9,14 @@ from capabilities.units import Quantity, Unit
 from policies import (
     NOT_COLLECTED,
     ROWS,
+    ApprovalReading,
     Contribution,
     Effect,
     Evidence,
     ImpactFault,
     ImpactReading,
     Object,
+    OpeningReading,
     Obligation,
     ObligationKind,
     Parameters,
@@ -27,6 +29,7 @@ from policies import (
     Subject,
     ToolReading,
     TrustReading,
+    decide,
 )
 from policies.evidence import PerceptionReading, SensorReading
 from policies.combine import AllOf, Always, AnyOf, Check, Not
@@ -68,7 +71,7 @@ def chain(pick):
     ceiling = Tier.SAFETY_CRITICAL
     hops = []
     for i in range(count):
-        ceiling = min(ceiling, mostly(pick, Tier.HIGH_CONSEQUENCE, list(Tier)))
+        ceiling = min(ceiling, mostly(pick, pick([Tier.HIGH_CONSEQUENCE, Tier.SAFETY_CRITICAL]), list(Tier)))
         hops.append(
             Hop(
                 index=i,
@@ -102,13 +105,13 @@ def refusal(pick):
 
 def impact(pick):
     return ImpactReading(
-        tier=pick([Tier(1), Tier(1), Tier(2), Tier(2), Tier(3), Tier(4)]),
+        tier=pick([Tier(1), Tier(1), Tier(2), Tier(2), Tier(3), Tier(3), Tier(4)]),
         index_milli=mostly(pick, 1_500, [0, 4_000, 4_001, -1]),
         violations=mostly(pick, (), [("person",), ("zone", "self")]),
         contributions=pick([(), (Contribution("person", 1_500, "wrist", "p1", 10, 20, 30),)]),
         lower_tier_speed=pick([None, 10]),
-        tcp_speed_um_s=pick([0, 250_000]),
-        contact_permille=pick([0, 1_000]),
+        tcp_speed_um_s=mostly(pick, pick([0, 250_000]), [250_001]),
+        contact_permille=mostly(pick, pick([0, 1_000]), [1_001]),
         start_urad=pick([(), (0,) * 6]),
         perception=mostly(pick, "fresh", ["stale", "missing", "", "Fresh"]),
         perception_age_ms=pick([None, 50]),
@@ -144,6 +147,63 @@ def robot(pick):
     )
 
 
+APPROVAL = ApprovalReading(
+    "a" * 32, "granted", frozenset(), Tier(3), 0, frozenset(), (), "m", "", (), "alice", "", False, 1, 1, 0, 0
+)
+"""Stands for "one that fits, mostly": `approved` fills it in once the rest of the case is known."""
+
+
+def opening(pick):
+    return OpeningReading(
+        mostly(pick, "o", ["p"]),
+        "bob",
+        mostly(pick, 1, [0]),
+        NOW + mostly(pick, 60, [0, -1]),
+        mostly(pick, 0, [2_000, 2_001, -1]),
+    )
+
+
+def approved(pick, seen, policies, tier):
+    """The evidence with an approval that fits the case but for a few members."""
+    if seen.approval is not APPROVAL:
+        return seen
+    impact_reading = seen.impact if isinstance(seen.impact, ImpactReading) else None
+    shown = 1_500 if impact_reading is None else impact_reading.index_milli
+    asked = ["TIER_NEEDS_APPROVAL", "PERCEPTION_MISSING", "TRUST_TOO_LOW", "APPROVAL_REQUIRED", "TIER_SAFETY_CRITICAL"]
+    reading = ApprovalReading(
+        ask_id="a" * 32,
+        state=mostly(pick, "granted", ["open", "denied", "used", "withdrawn", "expired", "nonsense"]),
+        reasons=mostly(pick, frozenset(asked), [frozenset(asked) - {pick(asked)}]),
+        tier=mostly(pick, Tier(3) if tier is None else tier, list(Tier)),
+        index_milli=shown - mostly(pick, pick([0, 50, -100]), [51]),
+        contributors=mostly(
+            pick, frozenset({("person", "p1"), ("rigid", "box")}), [frozenset(), frozenset({("person", "p2")})]
+        ),
+        start_urad=mostly(
+            pick,
+            () if impact_reading is None else tuple(x + pick([0, 2_000, -2_000]) for x in impact_reading.start_urad),
+            [(0,) * 5, (2_001,) + (0,) * 5, (0,) * 5 + (-2_001,), ()],
+        ),
+        model_digest=mostly(pick, "m", ["n"]),
+        policy_digest=mostly(pick, policies.digest, [""]),
+        approvers=mostly(pick, ("bob", "carol"), [("alice",), ("bob",), ("alice", "bob"), ("bob", "bob"), ()]),
+        sponsor=mostly(pick, "alice", ["bob"]),
+        opening_id=mostly(pick, "o", ["", "p"]),
+        sees_clear=pick([True, True, False]),
+        uses_left=mostly(pick, 1, [0, 2]),
+        use=1,
+        not_after=NOW + mostly(pick, 60, [0, -1]),
+        age_ms=mostly(pick, 100, [0, 2_000, 2_001, -1]),
+    )
+    return replace(seen, approval=reading)
+
+
+def triple(pick):
+    """Request, evidence and policy set; the evidence may hold an approval that was given for this very case."""
+    asked, seen, policies = request(pick), evidence(pick), policy_set(pick)
+    return asked, approved(pick, seen, policies, decide(asked, seen, policies).tier), policies
+
+
 def evidence(pick):
     faults = [*Reason, "", "nonsense"]
     return Evidence(
@@ -169,6 +229,8 @@ def evidence(pick):
         impact=mostly(pick, impact(pick), [ImpactFault(str(pick(faults))), NOT_COLLECTED]),
         perception=mostly(pick, perception(pick), [NOT_COLLECTED]),
         robot=mostly(pick, robot(pick), [NOT_COLLECTED]),
+        approval=pick([None, NOT_COLLECTED, APPROVAL, APPROVAL]),
+        opening=mostly(pick, pick([None, opening(pick), opening(pick)]), [NOT_COLLECTED]),
     )
 
 

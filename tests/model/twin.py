@@ -4,10 +4,20 @@ Truth is a number (0 no, 1 ask, 2 yes); `all` is min, `any` is max, `not` is 2 -
 Nothing is shared with the package but its types and its table of reasons' owners.
 """
 
+from dataclasses import replace
+
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault
 from policies.combine import AllOf, Always, AnyOf, Check, Not
-from policies.evidence import NOT_COLLECTED, ImpactFault, ImpactReading, ToolReading, TrustReading
+from policies.evidence import (
+    NOT_COLLECTED,
+    ApprovalReading,
+    ImpactFault,
+    ImpactReading,
+    OpeningReading,
+    ToolReading,
+    TrustReading,
+)
 from policies.reasons import REASONS, Reason
 
 NO, ASK, YES = 0, 1, 2
@@ -170,8 +180,11 @@ def judge(primitive, r, e, physical):
             refused.add((me, "ABOVE_CEILING"))
         if refused:
             return NO, refused
-        if tier == 4:
+        if tier == 4 and not opened(e):
             return NO, {(me, "TIER_SAFETY_CRITICAL")}
+        if tier == 4:
+            asked = {(me, "TIER_SAFETY_CRITICAL")}
+            return ASK, asked | ({(me, "PERCEPTION_MISSING")} if e.impact.perception != "fresh" else set())
         if tier == 3:
             asked = {(me, "TIER_NEEDS_APPROVAL")}
             return ASK, asked | ({(me, "PERCEPTION_MISSING")} if e.impact.perception != "fresh" else set())
@@ -225,6 +238,70 @@ def truth(predicate, r, e, physical):
     return worst, found, hidden
 
 
+def opened(e):
+    """Whether somebody has opened the way to tier 4, and it is still open."""
+    o = e.opening
+    return isinstance(o, OpeningReading) and o.uses_left > 0 and o.not_after >= e.at
+
+
+def fits(e, policies, physical, tier, asked):
+    """Whether the granted approval fits the case: a list of plain yes or no."""
+    a, p, c = e.approval, policies.parameters, e.chain
+    four = a.tier == 4
+    yes = [
+        a.state == "granted",
+        isinstance(c, Chain) and c.sponsor.subject == a.sponsor,
+        a.policy_digest == policies.digest,
+        a.tier == tier,
+        all(reason in a.reasons for _, reason in asked),
+        len(set(a.approvers)) >= (2 if four else 1),
+        not four or any(person != a.sponsor for person in a.approvers),
+        a.uses_left > 0,
+        a.not_after >= e.at,
+        0 <= a.age_ms <= p.lease_motion_ms,
+        not four or (opened(e) and e.opening.opening_id == a.opening_id),
+        not four or (opened(e) and 0 <= e.opening.age_ms <= p.lease_motion_ms),
+    ]
+    if physical:
+        i = e.impact
+        if not isinstance(i, ImpactReading):
+            return False
+        yes += [
+            i.model_digest == a.model_digest,
+            i.index_milli - a.index_milli <= 50,
+            len(i.start_urad) == len(a.start_urad),
+            max((abs(x - y) for x, y in zip(i.start_urad, a.start_urad)), default=0) <= 2_000,
+            all((x.kind, x.object) in a.contributors for x in i.contributions),
+            a.sees_clear or i.perception == "fresh",
+        ]
+    return all(yes)
+
+
+def answered(e, policies, physical, tier, asked):
+    """What people's answer makes of a deferral."""
+    if tier == 4 and not opened(e):
+        denied = {("TEA-4", "TIER_SAFETY_CRITICAL")}
+        return "DENY", tier, asked | denied, denied
+    a, i = e.approval, e.impact
+    if not isinstance(a, ApprovalReading) or a.state == "open":
+        return "DEFER", tier, asked, asked
+    if a.state == "denied":
+        word = ("DENY", "APPROVAL_DENIED")
+    elif a.state == "used":
+        word = ("DEFER", "APPROVAL_USED")
+    elif not fits(e, policies, physical, tier, asked):
+        word = ("DEFER", "APPROVAL_NOT_USABLE")
+    elif physical and (
+        (i.tcp_speed_um_s > 250_000 and (tier == 3 or i.perception != "fresh"))
+        or (i.contact_permille > 1_000 and tier == 3)
+    ):
+        word = ("DENY", "APPROVED_TOO_FAST")
+    else:
+        return "PERMIT", tier, set(), set()
+    lead = {("", word[1])}
+    return word[0], tier, asked | lead, lead
+
+
 def decide(r, e, policies):
     """(effect, tier, findings) as plain words."""
     about = [
@@ -265,6 +342,9 @@ def decide(r, e, policies):
                 if tier is None:
                     denies = True
                     denied |= missing("TEA-4")
+                elif tier >= p.pit_bound and tier == 4 and opened(e):
+                    defers = True
+                    deferred.add(("TEA-4", "TIER_SAFETY_CRITICAL"))
                 elif tier >= p.pit_bound and tier == 4:
                     denies = True
                     denied.add(("TEA-4", "TIER_SAFETY_CRITICAL"))
@@ -286,5 +366,10 @@ def decide(r, e, policies):
     if denies:
         return "DENY", tier, denied | deferred, denied
     if defers:
-        return "DEFER", tier, deferred, deferred
+        return answered(e, policies, physical, tier, deferred)
     return "PERMIT", tier, set(), set()
+
+
+def consumes(r, e, policies):
+    """Whether it is permitted only because people approved it: without their answer it would be a deferral."""
+    return decide(r, e, policies)[0] == "PERMIT" and decide(r, replace(e, approval=None), policies)[0] != "PERMIT"

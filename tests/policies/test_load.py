@@ -96,6 +96,7 @@ BAD = {
     "an effect in small letters": (but('"PERMIT"', '"permit"'), F.UNKNOWN_VALUE, "policy[0].effect"),
     "an effect from another system": (but('"PERMIT"', '"ALLOW"'), F.UNKNOWN_VALUE, "policy[0].effect"),
     "an obligation that does not exist": (but('["record"]', '["forget"]'), F.UNKNOWN_VALUE, "policy[0].obligation[0]"),
+    "an obligation that a decision alone makes": (but('["record"]', '["record", "consume approval"]'), F.UNKNOWN_VALUE, "policy[0].obligation"),
     "a PERMIT that is not recorded": (but('["record"]', '["watch"]'), F.NO_RECORD, "policy[0].obligation"),
     "a PITBound of five": (but('pit_bound = "none"', "pit_bound = 5"), F.OUT_OF_RANGE, "policy[0].pit_bound"),
     "a negative PITBound": (but('pit_bound = "none"', "pit_bound = -1"), F.OUT_OF_RANGE, "policy[0].pit_bound"),

@@ -16,10 +16,13 @@ from policies import (
     CATALOG,
     NOT_COLLECTED,
     ROWS,
+    ApprovalReading,
+    Contribution,
     Decision,
     Effect,
     ImpactReading,
     Object,
+    OpeningReading,
     Parameters,
     Policy,
     PolicyError,
@@ -44,14 +47,21 @@ many = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCh
 @st.composite
 def cases(draw):
     pick = random.Random(draw(st.integers(0, 2**64))).choice
-    return triples.request(pick), triples.evidence(pick), triples.policy_set(pick), pick
+    return *triples.triple(pick), pick
+
+
+def unasked(case):
+    """The case before anybody was asked. An approval binds the very policies and tier, so what compares two of them starts here."""
+    request, evidence, policies, pick = case
+    return request, dataclasses.replace(evidence, approval=None), policies, pick
 
 
 ANYTHING = st.one_of(
     st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5), st.binary(max_size=5), st.just(object()), st.just(NOT_COLLECTED), st.just(Tier(4)),
     st.lists(st.integers(), max_size=2), st.dictionaries(st.text(max_size=2), st.integers(), max_size=2),
 )  # fmt: skip
-READINGS = ("chain", "proof", "request_fault", "robot_fault", "tool", "trust", "impact", "at", "at_ms")
+NEEDED = ("chain", "proof", "request_fault", "robot_fault", "tool", "trust", "impact", "at", "at_ms")
+READINGS = (*NEEDED, "perception", "robot", "approval", "opening")
 
 
 @many
@@ -64,7 +74,7 @@ def test_nonsense_in_evidence_never_raises(case, nonsense):
 
 
 @many
-@given(st.sampled_from([n for n in READINGS if n != "at_ms"]), ANYTHING)
+@given(st.sampled_from([n for n in NEEDED if n != "at_ms"]), ANYTHING)
 def test_nonsense_in_place_of_a_needed_reading_is_never_permitted(name, nonsense):
     """In the ordinary motion, which is permitted: any one reading replaced by something of no kind that it can have."""
     legal = {"at": float, "proof": bool, "request_fault": type(None), "robot_fault": type(None)}
@@ -103,7 +113,7 @@ def test_what_is_no_request_evidence_or_set_is_denied(thing):
 @many
 @given(cases())
 def test_the_order_of_policies_and_parts_does_not_matter(case):
-    request, evidence, policies, pick = case
+    request, evidence, policies, pick = unasked(case)
 
     def shuffled(items):
         items = list(items)
@@ -130,7 +140,7 @@ def test_the_order_of_policies_and_parts_does_not_matter(case):
 @many
 @given(cases())
 def test_a_policy_written_twice_says_no_more(case):
-    request, evidence, policies, _ = case
+    request, evidence, policies, _ = unasked(case)
     twice = PolicySet(
         "random",
         1,
@@ -144,7 +154,7 @@ def test_a_policy_written_twice_says_no_more(case):
 @many
 @given(cases(), st.sampled_from([Effect.DENY, Effect.DEFER]))
 def test_adding_a_prohibition_or_question_never_makes_the_answer_milder(case, effect):
-    request, evidence, policies, pick = case
+    request, evidence, policies, pick = unasked(case)
     points = pick([frozenset({p}) for p in ROWS["TEA-4"].points])
     predicate = pick([Always(), triples.negative(pick, points, 2)])
     added = Policy("added", Subject(), Object(), predicate, points, effect, frozenset({triples.RECORD}), None)
@@ -155,7 +165,7 @@ def test_adding_a_prohibition_or_question_never_makes_the_answer_milder(case, ef
 @many
 @given(cases())
 def test_raising_the_tier_never_makes_the_answer_milder(case):
-    request, evidence, policies, pick = case
+    request, evidence, policies, pick = unasked(case)
     if not isinstance(evidence.impact, ImpactReading):
         evidence = dataclasses.replace(evidence, impact=triples.impact(pick))
     for one in (policies, SET):
@@ -171,7 +181,7 @@ def test_raising_the_tier_never_makes_the_answer_milder(case):
 @many
 @given(cases())
 def test_raising_the_base_tier_never_makes_the_answer_milder(case):
-    request, evidence, policies, _ = case
+    request, evidence, policies, _ = unasked(case)
     if evidence.tool is NOT_COLLECTED:
         return
     for one in (policies, SET):
@@ -197,8 +207,121 @@ def test_knowing_less_never_makes_the_answer_milder(case, name):
 
 @many
 @given(cases())
-def test_a_lower_pit_bound_never_makes_the_answer_milder(case):
+def test_what_people_say_lifts_no_denial(case):
+    """But tier 4's, and that one only to a question."""
     request, evidence, policies, _ = case
+    with_all = decide(request, evidence, policies)
+    unanswered = decide(request, dataclasses.replace(evidence, approval=None), policies)
+    bare = decide(request, dataclasses.replace(evidence, approval=None, opening=None), policies)
+    if unanswered.effect is Effect.DENY:
+        assert with_all.effect is Effect.DENY
+    if bare.effect is Effect.DENY and unanswered.effect is not Effect.DENY:
+        assert (bare.reason, bare.tier) == (Reason.TIER_SAFETY_CRITICAL, Tier.SAFETY_CRITICAL)
+        assert unanswered.effect is Effect.DEFER
+    if with_all.effect is Effect.PERMIT and unanswered.effect is not Effect.PERMIT:
+        assert unanswered.effect is Effect.DEFER
+        assert with_all.approval is not None
+        assert {str(f.reason) for f in unanswered.findings} <= evidence.approval.reasons
+
+
+def worse(evidence):
+    """The same case in a worse world, or with less of an approval: one step for each way."""
+    impact, approval, opening = evidence.impact, evidence.approval, evidence.opening
+    steps = []
+    if isinstance(impact, ImpactReading):
+        stranger = Contribution("person", 100, "wrist", "stranger", 1, 2, 3)
+        steps += [
+            {"impact": dataclasses.replace(impact, **change)}
+            for change in (
+                {"tier": Tier(min(4, impact.tier + 1))},
+                {"tier": Tier.SAFETY_CRITICAL},
+                {"index_milli": max(impact.index_milli + 51, 4_001 * (impact.index_milli < 0))},
+                {"contributions": (*impact.contributions, stranger)},
+                {"violations": ("person",)},
+                {"tcp_speed_um_s": impact.tcp_speed_um_s + 250_001},
+                {"contact_permille": impact.contact_permille + 1_001},
+                {"model_digest": "other"},
+            )
+        ]
+        sensors = getattr(evidence.perception, "sensors", ())
+        if sensors and all(sensor.state == "fresh" for sensor in sensors):
+            # Where the sensors are said to be otherwise, calling the view stale would mend a contradiction.
+            steps.append({"impact": dataclasses.replace(impact, perception="stale")})
+    if isinstance(approval, ApprovalReading):
+        steps += [
+            {"approval": dataclasses.replace(approval, **change)}
+            for change in (
+                {"state": "open"},
+                {"reasons": frozenset()},
+                {"approvers": approval.approvers[:1]},
+                {"approvers": ()},
+                {"uses_left": 0},
+                {"not_after": 0},
+                {"age_ms": approval.age_ms + 2_001},
+                {"sees_clear": False},
+                {"policy_digest": "other"},
+                {"sponsor": "somebody"},
+                {"opening_id": "other"},
+            )
+        ]
+    if isinstance(opening, OpeningReading):
+        steps += [{"opening": dataclasses.replace(opening, **c)} for c in ({"uses_left": 0}, {"not_after": 0})]
+    return [*steps, {"approval": None}, {"opening": None}]
+
+
+@many
+@given(cases())
+def test_less_of_an_approval_or_a_worse_world_never_permits_more(case):
+    request, evidence, policies, _ = case
+    before = decide(request, evidence, policies)
+    if isinstance(evidence.approval, ApprovalReading) and before.tier is not None:
+        if before.tier < evidence.approval.tier:
+            return  # it was given for a worse world than this one
+    if before.effect is Effect.PERMIT:
+        return
+    for change in worse(evidence):
+        assert decide(request, dataclasses.replace(evidence, **change), policies).effect is not Effect.PERMIT, change
+
+
+def test_each_member_of_an_approval_is_needed():
+    """Of one that counts, every step to a worse world or a lesser approval takes the PERMIT away, tier 3 and tier 4 alike."""
+    for tier in (Tier.HIGH_CONSEQUENCE, Tier.SAFETY_CRITICAL):
+        request, evidence, policies = world.approved(tier)
+        assert decide(request, evidence, policies).effect is Effect.PERMIT
+        for change in worse(evidence):
+            effect = decide(request, dataclasses.replace(evidence, **change), policies).effect
+            ((name, value),) = change.items()
+            harmless = (
+                value == evidence.impact  # tier 4 cannot be raised
+                or (tier == 3 and name == "opening")
+                or (tier == 3 and name == "approval" and value is not None and value.opening_id == "other")
+                or (tier == 3 and name == "approval" and value is not None and len(value.approvers) == 1)
+                or (
+                    name == "approval"
+                    and value is not None
+                    and not value.sees_clear
+                    and value.uses_left == 1
+                    and value.age_ms < 2_000
+                    and value.state == "granted"
+                    and value == dataclasses.replace(evidence.approval, sees_clear=False)
+                )
+                or (
+                    tier == 4
+                    and name == "impact"
+                    and value
+                    in {
+                        dataclasses.replace(evidence.impact, tcp_speed_um_s=evidence.impact.tcp_speed_um_s + 250_001),
+                        dataclasses.replace(evidence.impact, contact_permille=evidence.impact.contact_permille + 1_001),
+                    }
+                )
+            )
+            assert (effect is Effect.PERMIT) == harmless, (tier, change)
+
+
+@many
+@given(cases())
+def test_a_lower_pit_bound_never_makes_the_answer_milder(case):
+    request, evidence, policies, _ = unasked(case)
     answers = []
     for bound in reversed(Tier):
         bounded = tuple(
@@ -300,6 +423,7 @@ def test_a_reading_that_changes_changes_the_digest_of_the_evidence():
         "evidence.at": 1_000_001.0, "evidence.at_ms": 1, "evidence.chain.view_age_ms": 251, "evidence.chain.epoch": 8, "evidence.chain.token_id": "B",
         "evidence.chain": {"fault": "EXPIRED"}, "evidence.proof": {"fault": "REPLAYED"}, "evidence.request_fault": {"refusal": "NOT_GRANTED"},
         "evidence.robot_fault": "not collected", "evidence.tool.actual_digest": "ab", "evidence.tool.base_tier": 2, "evidence.trust.score_permille": 799,
+        "evidence.approval": "not collected", "evidence.opening": "not collected",
         "evidence.impact.tier": 2, "evidence.impact.index_milli": 1_001, "evidence.impact.violations": ["zone"], "evidence.impact": "not collected",
     }  # fmt: skip
     digests = {world.asked({path: value})[1].digest for path, value in changes.items()}

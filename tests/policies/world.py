@@ -2,6 +2,7 @@
 
 import copy
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
@@ -10,6 +11,7 @@ from capabilities.scope import Grant, Limit, OneOf, Range, Scope, Tier
 from capabilities.units import Parameter, Quantity, Unit
 from policies.evidence import (
     NOT_COLLECTED,
+    ApprovalReading,
     Contribution,
     Evidence,
     ImpactFault,
@@ -17,9 +19,11 @@ from policies.evidence import (
     PerceptionReading,
     SensorReading,
     RobotReading,
+    OpeningReading,
     ToolReading,
     TrustReading,
 )
+from policies.load import load_shipped
 from policies.model import Point, Request
 from policies.primitives.base import Case
 from policies.tiers import runtime_tier
@@ -164,6 +168,27 @@ def robot(plain):
     return RobotReading(**{key: None if value == "unknown" else value for key, value in plain.items()})
 
 
+def approval(plain):
+    if isinstance(plain, str):
+        return None if plain == "none" else NOT_COLLECTED
+    return ApprovalReading(
+        **{
+            **plain,
+            "tier": Tier(plain["tier"]),
+            "reasons": frozenset(plain["reasons"]),
+            "contributors": frozenset(map(tuple, plain["contributors"])),
+            "start_urad": tuple(plain["start_urad"]),
+            "approvers": tuple(plain["approvers"]),
+        }
+    )
+
+
+def opening(plain):
+    if isinstance(plain, str):
+        return None if plain == "none" else NOT_COLLECTED
+    return OpeningReading(**plain)
+
+
 def proof(plain):
     if plain == "not collected":
         return NOT_COLLECTED
@@ -194,6 +219,8 @@ def evidence(plain):
         impact=impact(plain["impact"]),
         perception=perception(plain["perception"]),
         robot=robot(plain["robot"]),
+        approval=approval(plain["approval"]),
+        opening=opening(plain["opening"]),
     )
 
 
@@ -209,3 +236,37 @@ def asked(given=None):
     """Request and evidence."""
     one = case(given)
     return one.request, one.evidence
+
+
+OPENING = {"opening_id": "0b" * 16, "opener": "carol", "uses_left": 1, "not_after": 1_000_600, "age_ms": 100}
+
+
+def approved(at_tier, /, **changes):
+    """Request, evidence and the shipped set: a move of this tier that deferred, and the approval that fits it, but for `changes`."""
+    policies = load_shipped("paper-default")
+    given = {"evidence.impact.tier": int(at_tier), "evidence.impact.index_milli": 1000 * at_tier - 500, "evidence.chain.hops": [
+        {**hop, "ceiling": int(at_tier)} for hop in WORLD["evidence"]["chain"]["hops"]
+    ]}  # fmt: skip
+    if at_tier == 4:
+        given["evidence.opening"] = OPENING
+    request, seen = asked(given)
+    reading = ApprovalReading(
+        ask_id="a5" * 16,
+        state="granted",
+        reasons=frozenset({"TIER_NEEDS_APPROVAL", "TIER_SAFETY_CRITICAL"}),
+        tier=Tier(at_tier),
+        index_milli=seen.impact.index_milli,
+        contributors=frozenset((c.kind, c.object) for c in seen.impact.contributions),
+        start_urad=seen.impact.start_urad,
+        model_digest=seen.impact.model_digest,
+        policy_digest=policies.digest,
+        approvers=("alice", "bob"),
+        sponsor="alice",
+        opening_id=OPENING["opening_id"] if at_tier == 4 else "",
+        sees_clear=True,
+        uses_left=1,
+        use=1,
+        not_after=1_000_120,
+        age_ms=100,
+    )
+    return request, replace(seen, approval=replace(reading, **changes)), policies
