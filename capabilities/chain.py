@@ -15,6 +15,8 @@ class EvidenceKind(StrEnum):
 
     KEY = "key"
     """The agent's own key signed its own measurement. Proves the key, not the software."""
+    JWT = "jwt"
+    """Besides, a platform that the identity provider trusts signed what it measured of the software with this key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +42,7 @@ class Attestation:
 
     Attributes:
         kind: form of the evidence.
-        measurement: SHA-256 over what the agent runs, as the agent stated it.
+        measurement: SHA-256 over what the agent runs, as the agent stated it (and, with kind `jwt`, the platform).
         at: seconds since the epoch.
     """
 

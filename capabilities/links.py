@@ -80,6 +80,17 @@ def check_lifetimes(hops: tuple[Hop, ...], caps: Caps) -> None:
             )
 
 
+def highest(kind: EvidenceKind, caps: Caps) -> Tier:
+    """The highest ceiling that a hop attested by this kind of evidence may carry."""
+    match kind:
+        case EvidenceKind.KEY:
+            return Tier(caps.key_evidence_ceiling)
+        case EvidenceKind.JWT:
+            return Tier(caps.jwt_evidence_ceiling)
+        case _:
+            assert_never(kind)
+
+
 def _narrower(parent: Scope, block: HopBlock) -> Scope:
     child = algebra.stated(parent, block.restriction)
     found = algebra.narrows(child, parent)
@@ -118,7 +129,7 @@ def _check_holder(hop: Hop, parents: tuple[Hop, ...], reserved: frozenset[bytes]
 
 
 def _check_ceiling(hop: Hop, caps: Caps) -> None:
-    if hop.scope.ceiling > _highest(hop.attestation.kind, caps):
+    if hop.scope.ceiling > highest(hop.attestation.kind, caps):
         raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"the evidence of hop {hop.index} does not carry its ceiling")
 
 
@@ -126,13 +137,7 @@ def _longest_s(kind: EvidenceKind, caps: Caps) -> int:
     match kind:
         case EvidenceKind.KEY:
             return caps.key_evidence_lifetime_s
-        case _:
-            assert_never(kind)
-
-
-def _highest(kind: EvidenceKind, caps: Caps) -> Tier:
-    match kind:
-        case EvidenceKind.KEY:
-            return Tier(caps.key_evidence_ceiling)
+        case EvidenceKind.JWT:
+            return caps.jwt_evidence_lifetime_s
         case _:
             assert_never(kind)

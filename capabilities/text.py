@@ -22,6 +22,14 @@ _DEFAULT_PORT: Final = {"http": 80, "https": 443}
 _HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})
 """Unicode categories that no reader sees: controls, formats (bidi, zero width), private, unassigned, surrogates."""
 
+_TRUST_DOMAIN: Final = re.compile(r"[a-z0-9._-]{1,255}", re.ASCII)
+_WORKLOAD_ID: Final = re.compile(r"spiffe://[a-z0-9._-]{1,255}(/(?!\.{1,2}(/|\Z))[A-Za-z0-9._-]+)+", re.ASCII)
+"""SPIFFE ID section 2: trust domain, then at least one segment, none of them `.` or `..`."""
+WORKLOAD_BYTES: Final = 256
+"""Longest workload id (as `Caps.text_bytes`; SPIFFE ID section 2.3 allows 2048)."""
+THUMBPRINT: Final = re.compile(r"[A-Za-z0-9_-]{43}", re.ASCII)
+"""A SHA-256 in base64url, as RFC 7638 writes it."""
+
 ROLE_PREFIX: Final = "role:"
 """Starts a delegate entry that names a role; no agent id may start so."""
 
@@ -59,6 +67,22 @@ def delegate(value: object, *, most_bytes: int) -> str:
     if entry.startswith(ROLE_PREFIX):
         name(entry.removeprefix(ROLE_PREFIX), most_bytes=most_bytes)
     return entry
+
+
+def is_trust_domain(value: object) -> bool:
+    """Whether the value is the name of a SPIFFE trust domain."""
+    return isinstance(value, str) and _TRUST_DOMAIN.fullmatch(value) is not None
+
+
+def workload_id(value: object) -> str:
+    """The value, a workload's SPIFFE ID of at most `WORKLOAD_BYTES`.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    if not isinstance(value, str) or len(value) > WORKLOAD_BYTES or _WORKLOAD_ID.fullmatch(value) is None:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a workload id")
+    return value
 
 
 def url(value: object, *, most_bytes: int) -> str:

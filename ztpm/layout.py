@@ -75,6 +75,16 @@ class Layout:
         """The simulated sensor's key."""
         return self.root / "cell" / "sensor.key"
 
+    @property
+    def platform_key(self) -> Path:
+        """The simulated platform attestor's key."""
+        return self.root / "platform" / "platform.key"
+
+    @property
+    def platform_jwks(self) -> Path:
+        """Its public half, as the identity provider reads it."""
+        return self.root / "platform" / "jwks.json"
+
     def idp_key(self, name: str) -> Path:
         """A key of the identity provider, by role."""
         return self.root / "idp" / f"{name}.key"

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from capabilities import keys
+from capabilities import keys, workload
 from capabilities.statements import cell as cell_statement
 from ztpm import survey
 from ztpm.layout import IDP_KEYS, OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
+from ztpm.platform import TRUST_DOMAIN
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -133,6 +134,8 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
     stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
     write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
     made = {name: new_key(layout.idp_key(name), passphrase) for name in IDP_KEYS}
+    platform = new_key(layout.platform_key, passphrase)
+    write_private(layout.platform_jwks, workload.jwks(keys.public_raw(platform)))
     new_key(layout.pep_key, passphrase)
     new_key(layout.sensor_key, passphrase)
     layout.state.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -197,6 +200,8 @@ def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
         "database_url": _database_url(layout),
         "root_key_id": ROOT_KEY_ID,
         **{f"{name}_key_file": str(layout.idp_key(name)) for name in IDP_KEYS},
+        "platform_trust_domain": TRUST_DOMAIN,
+        "platform_jwks_file": str(layout.platform_jwks),
     }
 
 

@@ -9,7 +9,7 @@ import signal
 import sys
 from pathlib import Path
 
-from ztpm_idp.settings import PASSPHRASE_VARIABLE, SettingsError, load_keys, load_settings
+from ztpm_idp.settings import PASSPHRASE_VARIABLE, SettingsError, load_keys, load_platform, load_settings
 
 USAGE = 2
 """Exit status for a configuration that is refused."""
@@ -26,6 +26,7 @@ def main() -> int:
         settings = load_settings(config)
         # Taken out of the environment, so that no child and no dump of it has it.
         keys = load_keys(settings, config.parent, os.environ.pop(PASSPHRASE_VARIABLE, ""))
+        platform = load_platform(settings, config.parent, keys)
     except SettingsError as error:
         sys.stderr.write(f"refused to start: {error.setting}: {error.why}\n")
         return USAGE
@@ -33,7 +34,7 @@ def main() -> int:
 
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    serve(settings.settings(), keys)
+    serve(settings.settings(), keys, platform)
     return 0
 
 

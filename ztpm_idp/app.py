@@ -25,12 +25,15 @@ if TYPE_CHECKING:
     from fastapi.responses import Response
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+    from capabilities.workload import Platform
     from ztpm_idp.settings import IdpKeys, Settings
 
 logger = logging.getLogger(__name__)
 
 
-def create_app(settings: Settings, keys: IdpKeys, *, now: Callable[[], float] = time.time) -> FastAPI:
+def create_app(
+    settings: Settings, keys: IdpKeys, *, platform: Platform | None = None, now: Callable[[], float] = time.time
+) -> FastAPI:
     """The identity provider as an ASGI application.
 
     The store is opened, and its schema migrated, when the application starts.
@@ -38,6 +41,7 @@ def create_app(settings: Settings, keys: IdpKeys, *, now: Callable[[], float] = 
     Args:
         settings: checked already; see `ztpm_idp.settings`.
         keys: the five private keys.
+        platform: whose workload tokens are evidence of kind `jwt`; None: nobody's.
         now: wall clock, seconds since the epoch.
     """
     path = "/" + settings.issuer.split("/", 3)[3]
@@ -46,7 +50,7 @@ def create_app(settings: Settings, keys: IdpKeys, *, now: Callable[[], float] = 
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = await Store.open(settings.database_url)
         try:
-            app.state.provider = Provider(settings, keys, store, now)
+            app.state.provider = Provider(settings, keys, store, now, platform)
             app.state.heartbeat = Heartbeat(app.state.provider)
             yield
         finally:

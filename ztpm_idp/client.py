@@ -162,7 +162,7 @@ class _Caller:
         return int(self._post("/revocations", {"kind": kind, "id": id, "reason": reason})["epoch"])
 
     def agents(self) -> list[dict[str, Any]]:
-        """Every registered agent: id, status, sponsor, role, model, software_digest, key, trust_permille."""
+        """Every registered agent: id, status, sponsor, role, model, software_digest, key, trust_permille, workload."""
         found: list[dict[str, Any]] = self._json(self._send("GET", "/agents", b"", None))
         return found
 
@@ -213,6 +213,8 @@ class Agent(_Caller):
     Args:
         id, key, issuer: as registered.
         measurement: SHA-256 over what it runs; must be the registered software digest.
+        workload: fetches a fresh workload token from the platform, for this identity provider and this key, as often as
+            evidence is made. None: evidence is of kind `key`, and no hop of it may carry tier 4.
         transport: of `httpx2`, for tests.
         now: wall clock, seconds since the epoch.
     """
@@ -224,11 +226,13 @@ class Agent(_Caller):
         issuer: str,
         measurement: bytes,
         *,
+        workload: Callable[[], str] | None = None,
         transport: httpx2.BaseTransport | None = None,
         now: Callable[[], float] = time.time,
     ) -> None:
         super().__init__(id, key, issuer, transport=transport, now=now)
         self.measurement = measurement
+        self._workload = workload
 
     def attest(self) -> None:
         """The agent is active: it has shown its key and what it runs."""
@@ -284,6 +288,7 @@ class Agent(_Caller):
             request_digest=request_digest,
             measurement=self.measurement,
             at=int(self._now()),
+            workload="" if self._workload is None else self._workload(),
         )
         return attestation.sign(stated, self._key)
 
@@ -314,10 +319,16 @@ class Operator(_Caller):
         model: str,
         role: str,
         sponsor: str | None = None,
+        workload: str = "",
     ) -> None:
-        """An agent is registered under a sponsor: this person unless another is named."""
+        """An agent is registered under a sponsor: this person unless another is named.
+
+        `workload` is what the provider's platform calls it, e.g. "spiffe://cell.example/mover"; without one the agent
+        has evidence of kind `key` alone.
+        """
         body = {"id": id, "key": b64u(key), "software_digest": software_digest, "model": model, "role": role}
-        self._post("/agents", body | {"sponsor": sponsor or self.id})
+        named = {"workload": workload} if workload else {}
+        self._post("/agents", body | {"sponsor": sponsor or self.id} | named)
 
     def suspend_agent(self, id: str, reason: str) -> int:  # noqa: A002
         """The agent and all that is below it are dead; the epoch."""

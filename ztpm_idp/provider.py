@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from capabilities.proof import Proof
+    from capabilities.workload import Platform
     from ztpm_idp.domain.commands import Command
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.parties import Party
@@ -51,17 +52,19 @@ class Done:
         return f"Done(epoch={self.epoch}, events={len(self.events)})"
 
 
-def rules_of(settings: Settings, keys: IdpKeys) -> Rules:
+def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None) -> Rules:
     """What a deployment's settings and keys fix for the domain."""
     trust = keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
     return Rules(
         issuer=settings.issuer,
         trust=trust,
         caps=DEFAULT,
-        own_keys=trust.all_keys,
+        # Nobody who is registered may hold a key of the platform either.
+        own_keys=trust.all_keys | (frozenset() if platform is None else platform.ed25519),
         token_lifetime_s=settings.lifetimes.token_s,
         nonce_age_s=settings.lifetimes.nonce_s,
         open_nonces=settings.open_nonces,
+        platform=platform,
     )
 
 
@@ -71,10 +74,13 @@ class Provider:
     Args:
         settings, keys, store: of this deployment.
         now: wall clock, seconds since the epoch.
+        platform: whose word on workloads counts, if anyone's.
     """
 
-    def __init__(self, settings: Settings, keys: IdpKeys, store: Store, now: Callable[[], float]) -> None:
-        self.rules = rules_of(settings, keys)
+    def __init__(
+        self, settings: Settings, keys: IdpKeys, store: Store, now: Callable[[], float], platform: Platform | None
+    ) -> None:
+        self.rules = rules_of(settings, keys, platform)
         self.settings = settings
         self.keys = keys
         self.store = store

@@ -13,6 +13,7 @@ from ztpm_idp.app import create_app
 if TYPE_CHECKING:
     import socket
 
+    from capabilities.workload import Platform
     from ztpm_idp.settings import IdpKeys, Settings
 
 HEADER_BYTES = 32_768
@@ -35,10 +36,16 @@ class _Announcing(uvicorn.Server):
             sys.stdout.flush()
 
 
-def serve(settings: Settings, keys: IdpKeys) -> None:
-    """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed."""
+def serve(settings: Settings, keys: IdpKeys, platform: Platform | None = None) -> None:
+    """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
+
+    Args:
+        settings: checked already.
+        keys: the five private keys.
+        platform: whose workload tokens count, if anyone's.
+    """
     config = uvicorn.Config(
-        create_app(settings, keys),
+        create_app(settings, keys, platform=platform),
         host=settings.host,
         port=settings.port,
         ssl_certfile=settings.tls_certificate_file,

@@ -18,8 +18,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from capabilities import text
 from capabilities.caps import DEFAULT
-from capabilities.errors import BadKeyError, ScopeError
+from capabilities.errors import BadKeyError, CapabilityError, ScopeError
 from capabilities.keys import TrustBundle, from_pem, public_raw
+from capabilities.workload import KEY_SET_BYTES, Platform, key_set
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -88,13 +89,30 @@ class Settings(BaseModel):
 
 
 class FileSettings(Settings):
-    """The settings of a configuration file, which also names the key files (PKCS #8, encrypted, mode 0600)."""
+    """The settings of a configuration file, which also names the key files (PKCS #8, encrypted, mode 0600).
+
+    Attributes:
+        platform_trust_domain, platform_jwks_file: whose workload tokens are evidence of kind `jwt`, and its public keys
+            (Ed25519 or P-256, each with a `kid`). Both or neither; without them there is evidence of kind `key` alone.
+            The file is read once: a new key of the platform needs a restart.
+    """
 
     root_key_file: Annotated[str, Field(min_length=1)]
     attester_key_file: Annotated[str, Field(min_length=1)]
     feed_key_file: Annotated[str, Field(min_length=1)]
     registry_key_file: Annotated[str, Field(min_length=1)]
     ledger_key_file: Annotated[str, Field(min_length=1)]
+    platform_trust_domain: str | None = None
+    platform_jwks_file: str | None = None
+
+    @model_validator(mode="after")
+    def _platform(self) -> Self:
+        if (self.platform_trust_domain is None) != (self.platform_jwks_file is None):
+            absent = "platform_jwks_file" if self.platform_jwks_file is None else "platform_trust_domain"
+            raise _UnsafeError(absent, "trust domain and key file go together")
+        if self.platform_trust_domain is not None and not text.is_trust_domain(self.platform_trust_domain):
+            raise _UnsafeError("platform_trust_domain", "not the name of a trust domain")
+        return self
 
     def settings(self) -> Settings:
         """The part that `create_app` needs."""
@@ -178,6 +196,34 @@ def load_keys(settings: FileSettings, folder: Path, passphrase: str) -> IdpKeys:
     except BadKeyError as error:
         raise SettingsError("root_key_file", f"{error.code}: five different keys are needed") from None
     return keys
+
+
+def load_platform(settings: FileSettings, folder: Path, keys: IdpKeys) -> Platform | None:
+    """Whose word on workloads counts, when the settings name one.
+
+    Args:
+        settings: names trust domain and key file.
+        folder: where a relative name starts.
+        keys: of the provider itself; the platform has none of them.
+
+    Raises:
+        SettingsError: `platform_jwks_file` when the file is unreadable, may be written by others, or is refused.
+    """
+    if settings.platform_trust_domain is None or settings.platform_jwks_file is None:
+        return None
+    setting = "platform_jwks_file"
+    try:
+        with (folder / settings.platform_jwks_file).open("rb") as file:
+            if stat.S_IMODE(os.fstat(file.fileno()).st_mode) & 0o022:
+                raise SettingsError(setting, "others may write the file: who may, may attest any software")
+            platform = Platform(settings.platform_trust_domain, key_set(file.read(KEY_SET_BYTES + 1)))
+    except OSError:
+        raise SettingsError(setting, "the file cannot be read") from None
+    except CapabilityError as error:
+        raise SettingsError(setting, f"{error.code}: {error.detail}") from None
+    if platform.ed25519 & keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id).all_keys:
+        raise SettingsError(setting, "a key of the provider itself: one key has one role")
+    return platform
 
 
 def _load_key(setting: str, path: Path, passphrase: str) -> Ed25519PrivateKey:

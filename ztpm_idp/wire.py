@@ -40,6 +40,13 @@ def _key(value: str) -> str:
     return value
 
 
+def _workload(value: str) -> str:
+    try:
+        return text.workload_id(value) if value else ""
+    except ScopeError as error:
+        raise ValueError(error.detail) from None
+
+
 def _url(value: str) -> str:
     try:
         text.url(value, most_bytes=URL_BYTES)
@@ -57,6 +64,7 @@ Text = Annotated[str, Field(min_length=1, max_length=TEXT_BYTES), AfterValidator
 ShortText = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(_clean)]
 KeyText = Annotated[str, Field(min_length=43, max_length=43), AfterValidator(_key)]
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+Workload = Annotated[str, Field(max_length=text.WORKLOAD_BYTES), AfterValidator(_workload)]
 Url = Annotated[str, Field(max_length=URL_BYTES), AfterValidator(_url)]
 Statement = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=4_096)
@@ -95,6 +103,7 @@ class AgentBody(Body):
     model: ShortText
     role: Name
     sponsor: Name
+    workload: Workload = ""
 
 
 class EvidenceBody(Body):

@@ -20,10 +20,13 @@ KIND: Final = "attestation"
 NONCE: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
 """Form of every nonce: 16 to 64 base64url characters."""
 
+WORKLOAD: Final = re.compile(r"|[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+", re.ASCII)
+"""Nothing, or three parts; what they say is judged by `capabilities.workload`, which also bounds them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Evidence of kind `key`: the agent's key signs its own measurement.
+    """The agent's key signs its own measurement; with a platform's token inside, the evidence is of kind `jwt`.
 
     Attributes:
         agent: the agent's id.
@@ -34,6 +37,7 @@ class Evidence:
         request_digest: SHA-256 of the canonical hop request; 32 zero bytes when no hop is asked for.
         measurement: SHA-256 over what the agent runs.
         at: seconds since the epoch.
+        workload: the platform's token (capabilities.workload) as it came, or "" for evidence of kind `key`.
     """
 
     agent: str
@@ -43,6 +47,7 @@ class Evidence:
     request_digest: bytes
     measurement: bytes
     at: int
+    workload: str = ""
 
 
 def sign(evidence: Evidence, key: Ed25519PrivateKey) -> str:
@@ -55,6 +60,7 @@ def sign(evidence: Evidence, key: Ed25519PrivateKey) -> str:
         "request": evidence.request_digest.hex(),
         "measurement": evidence.measurement.hex(),
         "at": evidence.at,
+        "workload": evidence.workload,
     }
     return sealed.sign(KIND, claims, key)
 
@@ -66,7 +72,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Evidence:  # noqa: A
         StatementError: as `sealed.open`.
     """
     members = sealed.open(KIND, text, keys, caps)
-    claims = Claims(members, "agent", "key", "nonce", "delegator", "request", "measurement", "at")
+    claims = Claims(members, "agent", "key", "nonce", "delegator", "request", "measurement", "at", "workload")
     return Evidence(
         agent=claims.name("agent"),
         key_thumbprint=claims.one_of("key", frozenset({sealed.signer_thumbprint(text)})),
@@ -75,4 +81,5 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Evidence:  # noqa: A
         request_digest=claims.digest("request"),
         measurement=claims.digest("measurement"),
         at=claims.integer("at"),
+        workload=claims.token("workload", WORKLOAD),
     )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from capabilities import block
 from capabilities.caps import DEFAULT
+from capabilities.chain import EvidenceKind
 from capabilities.errors import FaultCode
 from capabilities.statements import attestation, cell, checkpoint, observation, registry, revocation
 from capabilities.units import Unit
@@ -14,17 +15,19 @@ from capabilities.units import Unit
 ROOT = Path(__file__).parents[2]
 SPEC = (ROOT / "docs" / "spec.md").read_text()
 CODE = "\n".join(path.read_text() for path in sorted((ROOT / "capabilities").rglob("*.py")))
-CLAUSE = re.compile(r"\b(?:TOK|PRF|STM)-\d+\b")
+CLAUSE = re.compile(r"\b(?:TOK|PRF|STM|WLD)-\d+\b")
 
 
 def test_every_clause_is_in_both():
-    written = set(re.findall(r"^\*\*\[((?:TOK|PRF|STM)-\d+)\]", SPEC, re.MULTILINE))
+    written = set(re.findall(r"^\*\*\[((?:TOK|PRF|STM|WLD)-\d+)\]", SPEC, re.MULTILINE))
     assert written == {
         *(f"TOK-{n}" for n in range(1, 13)),
         *(f"PRF-{n}" for n in range(1, 7)),
         *(f"STM-{n}" for n in range(1, 6)),
+        *(f"WLD-{n}" for n in range(1, 6)),
     }
-    assert set(CLAUSE.findall(CODE)) | {"TOK-10"} == written  # step 10 joins two modules in the enforcement point
+    # Step 10 joins two modules in the enforcement point; what is registered is known to the identity provider alone.
+    assert set(CLAUSE.findall(CODE)) | {"TOK-10", "WLD-5"} == written
 
 
 def test_every_code_of_a_clause_exists():
@@ -46,6 +49,9 @@ def test_numbers_units_facts_and_kinds():
         DEFAULT.token_bytes,
         DEFAULT.lifetime_s,
         DEFAULT.key_evidence_lifetime_s,
+        DEFAULT.jwt_evidence_lifetime_s,
+        DEFAULT.workload_token_bytes,
+        DEFAULT.workload_token_lifetime_s,
         DEFAULT.proof_bytes,
         DEFAULT.statement_bytes,
         DEFAULT.datalog_facts,
@@ -53,6 +59,12 @@ def test_numbers_units_facts_and_kinds():
     ):
         assert f"{number}" in SPEC
     assert f"{DEFAULT.proof_age_s} s" in SPEC
+    for kind, ceiling in (
+        (EvidenceKind.KEY, DEFAULT.key_evidence_ceiling),
+        (EvidenceKind.JWT, DEFAULT.jwt_evidence_ceiling),
+    ):
+        assert f"| evidence kind `{kind}`: ceiling of the hop's scope | {ceiling} |" in SPEC
+    assert len(EvidenceKind) == 2
     assert all(f"`{unit}`" in SPEC for unit in Unit)
     assert all(f"| `{predicate}` |" in SPEC for predicate in block.ARITY)
     assert all(

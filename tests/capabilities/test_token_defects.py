@@ -412,6 +412,40 @@ def test_evidence_bounds_ceiling_and_lifetime():
     assert found(Forge.authority(replace(SCOPE, not_before=NOW - 86_000))) == (FaultCode.LIFETIME_TOO_LONG, "TOK-7")
 
 
+JWT = Attestation(EvidenceKind.JWT, b"\2" * 32, NOW - 10)
+TIER_4 = replace(SCOPE, ceiling=Tier.SAFETY_CRITICAL)
+
+
+def test_a_hop_is_bounded_by_its_own_kind_of_evidence():
+    """A platform's word carries tier 4, for the hop that has it and for no other."""
+    top = Forge.authority(TIER_4, attestation=JWT)
+    assert chain_of(top).scope.ceiling is Tier.SAFETY_CRITICAL
+    below = Forge.hop(top, parent=TIER_4, attestation=JWT)
+    assert chain_of(below).scope.ceiling is Tier.SAFETY_CRITICAL
+    # A `key` hop below a `jwt` hop: refused at 4, whether it keeps the ceiling or states it; taken at 3.
+    assert found(Forge.hop(top, parent=TIER_4)) == (FaultCode.HOP_NOT_ATTESTED, "TOK-6")
+    stated = replace(SLOWER, ceiling=Tier.SAFETY_CRITICAL)
+    assert found(Forge.hop(top, stated, parent=TIER_4)) == (FaultCode.HOP_NOT_ATTESTED, "TOK-6")
+    capped = Forge.hop(top, replace(SLOWER, ceiling=Tier.HIGH_CONSEQUENCE), parent=TIER_4)
+    assert chain_of(capped).scope.ceiling is Tier.HIGH_CONSEQUENCE
+    # A `jwt` hop below a `key` hop has what is left, and cannot bring the tier back.
+    assert found(Forge.hop(mint_root(), stated, attestation=JWT)) == (FaultCode.NOT_NARROWER, "TOK-6")
+    # A kind that nobody knows is no kind.
+    other = lambda rows: tuple(("hop", (*t[:9], "x509", *t[10:])) if p == "hop" else (p, t) for p, t in rows)
+    assert found(Forge.authority(rows=other))[0] is FaultCode.CHAIN_BROKEN
+
+
+def test_the_lifetime_of_a_hop_with_a_platforms_word():
+    assert DEFAULT.jwt_evidence_lifetime_s <= DEFAULT.key_evidence_lifetime_s
+    longest = Forge.authority(replace(SCOPE, not_after=NOW + 3_590), attestation=JWT)
+    assert isinstance(check(longest), Chain)
+    over = Forge.authority(replace(SCOPE, not_after=NOW + 3_591), attestation=JWT)
+    assert found(over) == (FaultCode.LIFETIME_TOO_LONG, "TOK-7")
+    short = replace(DEFAULT, jwt_evidence_lifetime_s=100)
+    assert check(longest, caps=short).code is FaultCode.LIFETIME_TOO_LONG
+    assert isinstance(check(Forge.authority(), caps=short), Chain)
+
+
 # --- blocks moved about ----------------------------------------------------------------------------------------------------
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from capabilities import keys
-from ztpm_idp.settings import IdpKeys, SettingsError, check_settings, load_keys, load_settings
+from capabilities import keys, workload
+from ztpm_idp.settings import IdpKeys, SettingsError, check_settings, load_keys, load_platform, load_settings
 
 KEY_FILES = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
 GOOD = {
@@ -97,6 +97,66 @@ def write_config(folder, *, key_files=KEY_FILES, mode=0o600, passphrase=b"secret
     stated += [f'{name} = "{file}"' for name, file in zip(KEY_FILES, key_files, strict=True)]
     (folder / "idp.toml").write_text("\n".join([*stated, *lines]))
     return folder / "idp.toml"
+
+
+PLATFORM = ('platform_trust_domain = "cell.example"', 'platform_jwks_file = "jwks.json"')
+
+
+def write_platform(folder, raw=None, *, mode=0o600, lines=PLATFORM):
+    path = write_config(folder, lines=lines)
+    (folder / "jwks.json").write_bytes(workload.jwks(keys.public_raw(keys.generate())) if raw is None else raw)
+    (folder / "jwks.json").chmod(mode)
+    return path
+
+
+def platform_of(folder, path):
+    settings = load_settings(path)
+    return load_platform(settings, folder, load_keys(settings, folder, "secret"))
+
+
+def test_a_platform_is_named_by_trust_domain_and_keys(tmp_path):
+    assert platform_of(tmp_path, write_config(tmp_path)) is None
+    found = platform_of(tmp_path, write_platform(tmp_path, mode=0o644))
+    assert found.trust_domain == "cell.example"
+    assert len(found.keys) == 1
+
+
+@pytest.mark.parametrize(
+    ("lines", "setting"),
+    [
+        (PLATFORM[:1], "platform_jwks_file"),
+        (PLATFORM[1:], "platform_trust_domain"),
+        ((PLATFORM[1], 'platform_trust_domain = ""'), "platform_trust_domain"),
+        ((PLATFORM[1], 'platform_trust_domain = "Cell"'), "platform_trust_domain"),
+        ((PLATFORM[1], "platform_trust_domain = 5"), "platform_trust_domain"),
+    ],
+)
+def test_half_a_platform_is_refused(tmp_path, lines, setting):
+    with pytest.raises(SettingsError) as caught:
+        platform_of(tmp_path, write_platform(tmp_path, lines=lines))
+    assert caught.value.setting == setting
+
+
+def test_a_key_file_of_the_platform_that_is_refused(tmp_path):
+    def setting(**how):
+        with pytest.raises(SettingsError) as caught:
+            platform_of(tmp_path, write_platform(tmp_path, **how))
+        return caught.value.setting
+
+    assert setting(raw=b"") == "platform_jwks_file"
+    assert setting(raw=b'{"keys": []}') == "platform_jwks_file"
+    assert setting(mode=0o622) == "platform_jwks_file"
+    path = write_platform(tmp_path)
+    (tmp_path / "jwks.json").unlink()
+    with pytest.raises(SettingsError) as caught:
+        platform_of(tmp_path, path)
+    assert caught.value.setting == "platform_jwks_file"
+    own = load_keys(load_settings(path), tmp_path, "secret")
+    (tmp_path / "jwks.json").write_bytes(workload.jwks(keys.public_raw(own.feed)))
+    (tmp_path / "jwks.json").chmod(0o600)
+    with pytest.raises(SettingsError) as caught:
+        platform_of(tmp_path, path)
+    assert caught.value.setting == "platform_jwks_file"
 
 
 def refused(folder, path, passphrase="secret"):

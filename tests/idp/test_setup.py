@@ -10,10 +10,13 @@ import tomllib
 import pytest
 from typer.testing import CliRunner
 
+from capabilities import keys, workload
+from capabilities.caps import DEFAULT
 from ztpm.cli import app
-from ztpm.layout import Layout
+from ztpm.layout import Layout, read_key
+from ztpm.platform import TRUST_DOMAIN, Attestor, workload_id
 from ztpm.tool_config import read_cell, read_config
-from ztpm_idp.settings import load_keys, load_settings
+from ztpm_idp.settings import load_keys, load_platform, load_settings
 
 PASSPHRASE = "correct horse battery staple"
 
@@ -31,12 +34,26 @@ def test_whatever_the_directory_is_called_both_services_read_their_files(tmp_pat
     layout = Layout(tmp_path / name)
     assert run("init", "--data", str(layout.root), "--host", "127.0.0.1")[0] == 0
     settings = load_settings(layout.idp_config)
-    assert load_keys(settings, layout.root, PASSPHRASE)
+    own = load_keys(settings, layout.root, PASSPHRASE)
+    assert load_platform(settings, layout.root, own).trust_domain == TRUST_DOMAIN
     assert settings.database_url == f"sqlite+aiosqlite:///{layout.database}"
     config = read_config(layout.cell_config)
     assert config.trust_file == layout.trust
     assert read_cell(config, at=time.time()).author == "carol"
     assert layout.trust.is_file()
+
+
+def test_the_cells_attestor_signs_what_its_provider_takes(tmp_path):
+    layout = Layout(tmp_path / "cell")
+    assert run("init", "--data", str(layout.root), "--host", "127.0.0.1")[0] == 0
+    settings = load_settings(layout.idp_config)
+    platform = load_platform(settings, layout.root, load_keys(settings, layout.root, PASSPHRASE))
+    attestor = Attestor(read_key(layout.platform_key, PASSPHRASE.encode()), settings.issuer, lambda: 1_800_000_000.5)
+    raw = keys.public_raw(keys.generate())
+    token = attestor.source("mover", raw, b"m" * 32)()
+    said = workload.open(token, platform, audience=settings.issuer, at=1_800_000_001, caps=DEFAULT)
+    assert (said.id, said.key_thumbprint, said.measurement) == (workload_id("mover"), keys.thumbprint(raw), b"m" * 32)
+    assert platform.holds(workload_id("mover"))
 
 
 def test_nobody_else_can_read_anything_of_a_cell(tmp_path):

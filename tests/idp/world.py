@@ -10,7 +10,7 @@ from pathlib import Path
 
 import httpx2
 
-from capabilities import keys
+from capabilities import keys, workload
 from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 from ztpm_idp import IdpKeys, Settings, create_app
@@ -66,6 +66,9 @@ def settings_for(folder: Path, **changes) -> Settings:
     return Settings(**(stated | changes))
 
 
+TRUST_DOMAIN = "cell.example"
+
+
 @dataclass
 class World:
     """alice is sponsor, approver and administrator; bob only a sponsor; carol only an approver; dan only an administrator."""
@@ -74,6 +77,8 @@ class World:
     clock: FakeClock = field(default_factory=FakeClock)
     idp_keys: IdpKeys = field(default_factory=new_keys)
     settings_changes: dict = field(default_factory=dict)
+    platform_key: object = field(default_factory=keys.generate)
+    platform: workload.Platform | None = None
     people: dict[str, Operator] = field(default_factory=dict)
     agents: dict[str, Agent] = field(default_factory=dict)
     peps: dict[str, Operator] = field(default_factory=dict)
@@ -87,6 +92,9 @@ class World:
         self.thread.start()
         self.settings = settings_for(self.folder, **self.settings_changes)
         self.private |= {name: keys.generate() for name in self.ROLES}
+        self.platform = workload.Platform(
+            TRUST_DOMAIN, workload.key_set(workload.jwks(keys.public_raw(self.platform_key)))
+        )
         first = [FirstPerson(n, n.title(), keys.public_raw(self.private[n]), roles) for n, roles in self.ROLES.items()]
         self.on_loop(initialise(self.settings.database_url, people=first, now=self.clock))
         self.start()
@@ -101,7 +109,7 @@ class World:
         self.loop.close()
 
     def start(self):
-        self.app = create_app(self.settings, self.idp_keys, now=self.clock)
+        self.app = create_app(self.settings, self.idp_keys, platform=self.platform, now=self.clock)
         self.life = self.app.router.lifespan_context(self.app)
         self.on_loop(self.life.__aenter__())
         self.transport = Bridge(self.app, self.loop)
@@ -125,12 +133,30 @@ class World:
     def anonymous(self) -> httpx2.Client:
         return httpx2.Client(transport=self.transport, base_url=ISSUER)
 
-    def agent(self, name, *, sponsor="alice", role="actuator", attested=True, measurement=MEASUREMENT) -> Agent:
+    def workload_token(self, name, *, signer=None, **changes) -> str:
+        """What the platform says of an agent's workload now, or something else that a test wants said."""
+        at = int(self.clock())
+        stated = dict(
+            id=f"spiffe://{TRUST_DOMAIN}/{name}",
+            audience=ISSUER,
+            key_thumbprint=keys.thumbprint(keys.public_raw(self.private[name])),
+            measurement=MEASUREMENT,
+            issued_at=at,
+            expires_at=at + 300,
+        )
+        return workload.sign(workload.Workload(**(stated | changes)), signer or self.platform_key)
+
+    def agent(
+        self, name, *, sponsor="alice", role="actuator", attested=True, measurement=MEASUREMENT, vouched=False
+    ) -> Agent:
         self.private[name] = keys.generate()
         self.people[sponsor].register_agent(
-            name, keys.public_raw(self.private[name]), software_digest=MEASUREMENT.hex(), model="scripted", role=role
-        )
+            name, keys.public_raw(self.private[name]), software_digest=MEASUREMENT.hex(), model="scripted", role=role,
+            workload=f"spiffe://{TRUST_DOMAIN}/{name}" if vouched else "",
+        )  # fmt: skip
         self.agents[name] = self.caller(Agent, name, measurement)
+        if vouched:
+            self.agents[name]._workload = lambda: self.workload_token(name)
         if attested:
             self.agents[name].attest()
         return self.agents[name]

@@ -19,6 +19,7 @@ from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 from ztpm.demo.calls import Answer, call
 from ztpm.layout import new_key, read_key
+from ztpm.platform import Attestor, workload_id
 from ztpm_idp.client import Agent, Operator
 
 if TYPE_CHECKING:
@@ -134,13 +135,16 @@ class Stage:
         return self.people[name]
 
     def new_agent(self, name: str, *, sponsor: str, role: str) -> Agent:
-        """A registered and attested agent with a key of its own."""
+        """A registered agent with a key of its own; the cell's platform vouches for it whenever it attests itself."""
         key = new_key(self.cell.layout.agent_key(name), self.cell.passphrase)
-        measurement = secrets.token_bytes(32)
+        raw, measurement = keys.public_raw(key), secrets.token_bytes(32)
         self.person(sponsor).register_agent(
-            name, keys.public_raw(key), software_digest=measurement.hex(), model="scripted", role=role, sponsor=sponsor
-        )
-        agent = Agent(name, key, self.cell.addresses.issuer, measurement)
+            name, raw, software_digest=measurement.hex(), model="scripted", role=role, sponsor=sponsor,
+            workload=workload_id(name),
+        )  # fmt: skip
+        issuer = self.cell.addresses.issuer
+        attestor = Attestor(read_key(self.cell.layout.platform_key, self.cell.passphrase), issuer, time.time)
+        agent = Agent(name, key, issuer, measurement, workload=attestor.source(name, raw, measurement))
         self.agents[name] = agent
         return agent
 

@@ -1,14 +1,18 @@
 """Attestation as a rule: a nonce of ours, young, this agent's, signed by it over delegator and request, spent once.
 
 What evidence of kind `key` proves is that the agent's key is there and that its holder states the registered
-software. It does not prove that this software runs.
+software. It does not prove that this software runs. Evidence of kind `jwt` holds a platform's token as well: then the
+platform says that it measured the registered software in the workload that it knows to hold this key.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.errors import FaultCode, StatementError
+from capabilities import workload
+from capabilities.chain import EvidenceKind
+from capabilities.errors import CapabilityError, FaultCode, StatementError
 from capabilities.statements import attestation
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import AgentAttested, NonceConsumed, NonceGiven
@@ -25,6 +29,19 @@ NO_DELEGATOR: Final = ""
 """Delegator of an attestation that stands alone."""
 NO_REQUEST: Final = bytes(32)
 """Request digest of an attestation that stands alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What evidence was accepted for.
+
+    Attributes:
+        spent: its nonce.
+        kind: how far it is believed.
+    """
+
+    spent: NonceConsumed
+    kind: EvidenceKind
 
 
 def give_nonce(rules: Rules, state: State, command: GiveNonce, at_ms: int) -> Outcome:
@@ -54,8 +71,8 @@ def attest(rules: Rules, state: State, command: Attest, at_ms: int) -> Outcome:
     match found:
         case Refusal():
             return found
-        case NonceConsumed():
-            return (found, AgentAttested(agent.id, agent.software_digest, command.evidence))
+        case Shown(spent=spent, kind=kind):
+            return (spent, AgentAttested(agent.id, agent.software_digest, command.evidence, kind))
 
 
 def may_receive(state: State, id_: str) -> Agent | Refusal:
@@ -86,8 +103,10 @@ def judge(
     request_digest: bytes,
     purpose: str,
     at_ms: int,
-) -> NonceConsumed | Refusal:
-    """The nonce that this evidence spends, or why the evidence is refused.
+) -> Shown | Refusal:
+    """The nonce that this evidence spends and the evidence's kind, or why it is refused.
+
+    Evidence with a platform's token counts as kind `jwt` or not at all: it never falls back to kind `key`.
 
     Args:
         rules: of the deployment.
@@ -124,7 +143,28 @@ def judge(
     skew_ms = rules.caps.skew_s * 1_000
     if not nonce.given_ms - skew_ms <= stated.at * 1_000 + 999 or not stated.at * 1_000 <= at_ms + skew_ms:
         return _invalid("the evidence was not made between the nonce and now")
-    return NonceConsumed(nonce.nonce, purpose)
+    # 6. What the platform says, when it is asked to say anything, is of this very agent.
+    if stated.workload and (unproven := _unproven(rules, agent, stated.workload, at_ms)) is not None:
+        return unproven
+    return Shown(NonceConsumed(nonce.nonce, purpose), EvidenceKind.JWT if stated.workload else EvidenceKind.KEY)
+
+
+def _unproven(rules: Rules, agent: Agent, token: str, at_ms: int) -> Refusal | None:
+    """Why the platform's token does not prove this agent ([WLD-1] to [WLD-5])."""
+    if rules.platform is None:
+        return _invalid("this provider trusts no platform")
+    try:
+        found = workload.open(token, rules.platform, audience=rules.issuer, at=at_ms / 1_000, caps=rules.caps)
+    except CapabilityError as error:
+        return _invalid(f"workload token: {error.code}")
+    # [WLD-5] the registered workload, with the agent's key, running the registered software
+    if not agent.workload or found.id != agent.workload:
+        return _invalid("the workload token is of another workload than the agent's")
+    if found.key_thumbprint != agent.thumbprint:
+        return _invalid("the workload token is bound to another key")
+    if found.measurement != agent.software_digest:
+        return _invalid("the platform measured other software than what is registered")
+    return None
 
 
 def _is_young(rules: Rules, given_ms: int, at_ms: int) -> bool:

@@ -38,7 +38,7 @@ class RegisterPerson:
 
 @dataclass(frozen=True, slots=True)
 class RegisterAgent:
-    """A sponsor, or an administrator for one, registers an agent."""
+    """A sponsor, or an administrator for one, registers an agent; `workload` is "" where no platform knows it."""
 
     by: str
     id: str
@@ -47,6 +47,7 @@ class RegisterAgent:
     model: str
     role: str
     sponsor: str
+    workload: str = ""
 
 
 @dataclass(frozen=True, slots=True)

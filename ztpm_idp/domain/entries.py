@@ -1,6 +1,7 @@
 """What the ledger keeps of each event.
 
-No token, no private key; requests as they were signed, so that an auditor can verify them.
+No capability token, no private key; requests and evidence as they were signed, so that an auditor can verify them.
+Evidence may hold a platform's workload token: it is over within minutes and good for one key and this provider alone.
 """
 
 from __future__ import annotations
@@ -49,8 +50,13 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "trust-stated", {"agent": agent, "permille": permille}
         case NonceGiven() | NonceConsumed():
             return None
-        case AgentAttested(agent=agent, measurement=measurement, evidence=evidence):
-            return "agent-attested", {"agent": agent, "measurement": measurement.hex(), "evidence": evidence}
+        case AgentAttested(agent=agent, measurement=measurement, evidence=evidence, kind=kind):
+            return "agent-attested", {
+                "agent": agent,
+                "measurement": measurement.hex(),
+                "evidence": evidence,
+                "evidence_kind": kind.value,
+            }
         case TokenIssued():
             return "token-issued", _made(event) | {"token_id": event.token_id, "sponsor": event.sponsor.subject}
         case TokenDelegated():
@@ -93,6 +99,7 @@ def _party(party: Party) -> Json:
                 "model": party.model,
                 "role": party.role,
                 "sponsor": party.sponsor,
+                "workload": party.workload,
             }
         case Pep(audiences=audiences):
             return common | {"audiences": sorted(audiences)}
@@ -116,6 +123,7 @@ def _made(event: TokenIssued | TokenDelegated) -> Json:
         "purpose": hop.purpose,
         "request_digest": hop.request_digest.hex(),
         "measurement": hop.attestation.measurement.hex(),
+        "evidence_kind": hop.attestation.kind.value,
         "scope": scope_to_json(event.scope),
         "evidence": event.evidence,
         "signed": _signed(event.signed),

@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from capabilities.chain import Chain, HopGrant, Sponsor
+    from capabilities.chain import Chain, EvidenceKind, HopGrant, Sponsor
     from capabilities.scope import Restriction, Scope, Widening
     from ztpm_idp.domain.parties import Party, Tool
 
@@ -74,11 +74,12 @@ class NonceConsumed:
 
 @dataclass(frozen=True, slots=True)
 class AgentAttested:
-    """An agent showed that it holds its key and states the registered software."""
+    """An agent showed that it holds its key and states the registered software; `kind` says who else states it."""
 
     agent: str
     measurement: bytes
     evidence: str
+    kind: EvidenceKind
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from capabilities import block, links
-from capabilities.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
+from capabilities.chain import Attestation, Chain, HopGrant, Sponsor
 from capabilities.errors import CapabilityError, Fault, FaultCode, TokenError
 from capabilities.keys import thumbprint_bytes
 from capabilities.statements.revocation import RevocationView
@@ -20,6 +20,7 @@ from ztpm_idp.domain.parties import PersonRole
 from ztpm_idp.domain.registry import active_person
 
 if TYPE_CHECKING:
+    from capabilities.chain import EvidenceKind
     from capabilities.scope import Scope
     from ztpm_idp.domain.commands import Delegate, Issue
     from ztpm_idp.domain.parties import Agent
@@ -37,21 +38,20 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
     agent = may_receive(state, command.agent)
     if isinstance(agent, Refusal):
         return agent
-    spent = judge(
+    shown = judge(
         rules, state, agent, command.evidence,
         delegator=command.by, request_digest=command.request_digest, purpose=command.hop_id, at_ms=at_ms,
     )  # fmt: skip
-    if isinstance(spent, Refusal):
-        return spent
+    if isinstance(shown, Refusal):
+        return shown
     # 3. The scope keeps the profile's rules and what this kind of evidence can carry: the very checks that verifiers
     # make.
-    hop = _hop(command, agent, delegator=command.by, sponsor=command.by, at_ms=at_ms)
+    hop = _hop(command, agent, shown.kind, delegator=command.by, sponsor=command.by, at_ms=at_ms)
     sponsor = Sponsor(issuer=rules.issuer, subject=command.by, method="operator-key", authenticated_at=at_ms // 1_000)
     authority = block.AuthorityBlock(command.token_id, sponsor, block.HopFacts(0, hop, b""), command.scope)
-    if command.scope.ceiling > rules.caps.key_evidence_ceiling:
-        return Refusal(
-            FaultCode.ABOVE_CEILING, f"evidence of kind key carries at most tier {rules.caps.key_evidence_ceiling}"
-        )
+    highest = links.highest(shown.kind, rules.caps)
+    if command.scope.ceiling > highest:
+        return Refusal(FaultCode.ABOVE_CEILING, f"evidence of kind {shown.kind} carries at most tier {int(highest)}")
     try:
         block.well_formed(authority, rules.caps)
         first = links.first_hop(authority, reserved=rules.own_keys, caps=rules.caps)
@@ -60,7 +60,7 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
         return Refusal(error.code, error.detail)
     if (over := _over(rules, command.scope, at_ms)) is not None:
         return over
-    return (spent, TokenIssued(command.token_id, sponsor, hop, command.scope, command.evidence, command.signed))
+    return (shown.spent, TokenIssued(command.token_id, sponsor, hop, command.scope, command.evidence, command.signed))
 
 
 def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outcome:
@@ -79,15 +79,15 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
     if any(hop.agent == agent.id or hop.key == agent.key for hop in chain.hops):
         return _kept(Refusal(FaultCode.DELEGATE_NOT_ALLOWED, "no agent stands twice in a chain"), chain, command)
     # 4. The delegate shows itself for this delegator and this request.
-    spent = judge(
+    shown = judge(
         rules, state, agent, command.evidence,
         delegator=chain.leaf.agent, request_digest=command.request_digest, purpose=command.hop_id, at_ms=at_ms,
     )  # fmt: skip
-    if isinstance(spent, Refusal):
-        return _kept(spent, chain, command)
+    if isinstance(shown, Refusal):
+        return _kept(shown, chain, command)
     # 5. The token names this delegate and has depth left, and what is lent is strictly less than what is held: the very
     # checks that verifiers make.
-    hop = _hop(command, agent, delegator=chain.leaf.agent, sponsor=chain.sponsor.subject, at_ms=at_ms)
+    hop = _hop(command, agent, shown.kind, delegator=chain.leaf.agent, sponsor=chain.sponsor.subject, at_ms=at_ms)
     added = block.HopBlock(block.HopFacts(len(chain.hops), hop, thumbprint_bytes(chain.leaf.key)), command.restriction)
     try:
         block.well_formed(added, rules.caps)
@@ -100,7 +100,7 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
         return _kept(Refusal(error.code, error.detail), chain, command)
     if (over := _over(rules, leaf.scope, at_ms)) is not None:
         return _kept(over, chain, command)
-    return (spent, TokenDelegated(chain, hop, command.restriction, leaf.scope, command.evidence, command.signed))
+    return (shown.spent, TokenDelegated(chain, hop, command.restriction, leaf.scope, command.evidence, command.signed))
 
 
 def _verified(rules: Rules, state: State, command: Delegate, at_ms: int) -> Chain | Refusal:
@@ -130,7 +130,9 @@ def _over(rules: Rules, scope: Scope, at_ms: int) -> Refusal | None:
     return None
 
 
-def _hop(command: Issue | Delegate, agent: Agent, *, delegator: str, sponsor: str, at_ms: int) -> HopGrant:
+def _hop(
+    command: Issue | Delegate, agent: Agent, kind: EvidenceKind, *, delegator: str, sponsor: str, at_ms: int
+) -> HopGrant:
     return HopGrant(
         hop_id=command.hop_id,
         agent=agent.id,
@@ -138,7 +140,7 @@ def _hop(command: Issue | Delegate, agent: Agent, *, delegator: str, sponsor: st
         delegator=delegator,
         purpose=command.purpose,
         request_digest=command.request_digest,
-        attestation=Attestation(EvidenceKind.KEY, agent.software_digest, at_ms // 1_000),
+        attestation=Attestation(kind, agent.software_digest, at_ms // 1_000),
         # A role is vouched for among the sponsor's own agents only.
         role=agent.role if agent.sponsor == sponsor else "",
     )

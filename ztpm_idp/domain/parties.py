@@ -62,6 +62,7 @@ class Agent:
         role: what it is for; `role:NAME` in a scope's delegates means agents of the same sponsor with this role.
         sponsor: id of the person who answers for it.
         trust_permille: signed static trust, or None when nobody stated one.
+        workload: what the platform calls it (a SPIFFE ID), or "": such an agent has evidence of kind `key` alone.
     """
 
     id: str
@@ -73,6 +74,7 @@ class Agent:
     role: str
     sponsor: str
     trust_permille: int | None
+    workload: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,6 +66,8 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
         if command.by == command.sponsor:
             return Refusal(IdpCode.NOT_PERMITTED, "the caller is not a sponsor")
         return Refusal(IdpCode.SPONSOR_INACTIVE, "the person named is not an active sponsor")
+    if command.workload and not (rules.platform is not None and rules.platform.holds(command.workload)):
+        return Refusal(IdpCode.WORKLOAD_UNKNOWN, "the workload is of no platform that this provider trusts")
     agent = Agent(
         id=command.id,
         key=command.key,
@@ -76,6 +78,7 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
         role=command.role,
         sponsor=command.sponsor,
         trust_permille=None,
+        workload=command.workload,
     )
     return _new_party(rules, state, agent)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from capabilities.caps import Caps
     from capabilities.keys import TrustBundle
+    from capabilities.workload import Platform
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +23,7 @@ class Rules:
         token_lifetime_s: longest life of what is issued here, at most what the caps say.
         nonce_age_s: oldest accepted attestation nonce.
         open_nonces: nonces that one agent may hold unused at a time.
+        platform: whose word on workloads counts, or None: there is no evidence of kind `jwt` then.
     """
 
     issuer: str
@@ -31,3 +33,4 @@ class Rules:
     token_lifetime_s: int
     nonce_age_s: int
     open_nonces: int
+    platform: Platform | None = None

@@ -52,6 +52,7 @@ async def register_agent(request: Request, call: Caller) -> dict[str, str]:
         model=body.model,
         role=body.role,
         sponsor=body.sponsor,
+        workload=body.workload,
     )
     await provider_of(request).run(command, actor=call.party.id)
     return {"id": body.id, "status": "registered"}
@@ -72,6 +73,7 @@ async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  
             "software_digest": a.software_digest.hex(),
             "key": a.thumbprint,
             "trust_permille": a.trust_permille,
+            "workload": a.workload,
         }
         for a in found
         if isinstance(a, Agent)

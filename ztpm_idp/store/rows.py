@@ -22,6 +22,7 @@ PARTY_COLUMNS = sa.select(
     t.agents.c.role,
     t.agents.c.sponsor,
     t.agents.c.trust_permille,
+    t.agents.c.workload,
     t.peps.c.audiences,
     t.sensors.c.calibration,
     t.sensors.c.transit_ms,
@@ -45,8 +46,9 @@ def party(row: sa.Row[Any]) -> Party:
         case "agent":
             digest = bytes(r["software_digest"])
             return Agent(
-                id_, key, thumbprint, standing, digest, r["model"], r["role"], r["sponsor"], r["trust_permille"]
-            )
+                id_, key, thumbprint, standing, digest, r["model"], r["role"], r["sponsor"], r["trust_permille"],
+                r["workload"] or "",
+            )  # fmt: skip
         case "pep":
             return Pep(id_, key, thumbprint, standing, frozenset(r["audiences"]))
         case "sensor":
@@ -75,6 +77,7 @@ def party_inserts(party: Party, at_ms: int) -> Sequence[sa.Insert]:
                 model=party.model,
                 role=party.role,
                 sponsor=party.sponsor,
+                workload=party.workload or None,
             )
         case Pep(audiences=audiences):
             own = sa.insert(t.peps).values(

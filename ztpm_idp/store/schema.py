@@ -48,6 +48,7 @@ agents = sa.Table(
     sa.Column("sponsor", sa.ForeignKey("parties.id"), nullable=False),
     sa.Column("attested_ms", sa.BigInteger, nullable=True),
     sa.Column("trust_permille", sa.Integer, nullable=True),
+    sa.Column("workload", sa.String(256), nullable=True),
 )
 
 peps = sa.Table(
