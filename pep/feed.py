@@ -3,11 +3,16 @@
 One pull is one question with a fresh nonce. The age of the answer runs on our monotonic clock from the moment the nonce
 was sent, so no clock of another machine and no recorded answer can make an old view young. What was accepted only ever
 grows: the highest epoch is on disk, and an answer below it is refused.
+
+Beside the pulls one request waits at the provider for the next revocation. Its answer is a hint and nothing more: it
+makes the next pull come at once. Whoever forges it causes a pull, four a second at most beyond what revocations cause;
+whoever suppresses it leaves the ordinary period to find out.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import secrets
@@ -16,6 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 import httpx2
 
+from capabilities import strict_json
 from capabilities.errors import CapabilityError
 from capabilities.statements import registry, revocation
 from pep.errors import FeedError, PepFault
@@ -33,9 +39,19 @@ if TYPE_CHECKING:
 
 PERIOD_S: Final = 0.25
 """Time between pulls: an eighth of the motion lease; a quarter would do."""
+MOVING_PERIOD_S: Final = 0.1
+"""Time between pulls while something moves: a lost hint costs a tenth of a second of motion, not a quarter."""
 TIMEOUT_S: Final = 1.0
 """Longest wait for one answer; two still fit into the motion lease."""
 NONCE_BYTES: Final = 24
+HINT_TIMEOUT_S: Final = 25.0
+"""Longest wait for a hint: the provider answers within 20 s."""
+HINT_BYTES: Final = 256
+"""Largest hint."""
+BACKOFF_S: Final = 0.25
+"""Shortest pause after a hint that failed, came at once with nothing new, or was not borne out by a pull."""
+LONGEST_BACKOFF_S: Final = 8.0
+"""Longest pause after hints that failed one after another; they are a convenience, and the pull goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +168,12 @@ class Follower:
         self._incident = incident
         self._known: Known | None = None
         self._sensors: dict[str, RegisteredSensor] = {}
+        self._moving = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._wake = asyncio.Event()
+        self._begun = 0
+        self._ended = 0
+        self._over = asyncio.Event()
 
     # -- ports
 
@@ -182,16 +204,91 @@ class Follower:
 
     # -- pulling
 
+    def hurry(self, *, moving: bool) -> None:
+        """While something moves the period is `MOVING_PERIOD_S`; the first pull comes at once. For any thread."""
+        started, self._moving = moving and not self._moving, moving
+        loop = self._loop
+        if started and loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(self._wake.set)
+
     async def run(self, *, period_s: float = PERIOD_S) -> None:
-        """Pull for ever; a refused answer is an incident, and the view it would have renewed grows older."""
+        """Pull for ever; a refused answer is an incident, and the view it would have renewed grows older.
+
+        Pulls never overlap: this loop alone makes them, and a hint only ends its pause.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._wake, self._over = asyncio.Event(), asyncio.Event()  # of this very loop
+        listening = asyncio.create_task(self._listen())
+        try:
+            while True:
+                started = self._clock.monotonic_ms()
+                self._wake.clear()  # before the question is sent: what is hinted from here on needs another pull
+                self._begun += 1
+                try:
+                    await self.pull()
+                except FeedError as error:
+                    self._incident(error)
+                self._ended = self._begun
+                over, self._over = self._over, asyncio.Event()
+                over.set()
+                await self._pause(period_s, started)
+        finally:
+            listening.cancel()
+            await asyncio.gather(listening, return_exceptions=True)
+
+    async def _pause(self, period_s: float, started: int) -> None:
+        """The period is over, or somebody has woken us."""
+        period_s = min(period_s, MOVING_PERIOD_S) if self._moving else period_s
+        left_s = period_s - (self._clock.monotonic_ms() - started) / 1000
+        if left_s <= 0:
+            await asyncio.sleep(0)
+            return
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(left_s):
+                await self._wake.wait()
+
+    async def _listen(self) -> None:
+        """One request waits for the next revocation, for ever; its answer wakes the pull."""
+        backoff_s = BACKOFF_S
         while True:
-            started = self._clock.monotonic_ms()
+            known = self._known
+            if known is None:  # there is no question before the first view
+                await self._over.wait()
+                continue
+            asked_ms = self._clock.monotonic_ms()
             try:
-                await self.pull()
-            except FeedError as error:
-                self._incident(error)
-            spent_s = (self._clock.monotonic_ms() - started) / 1000
-            await asyncio.sleep(max(0.0, period_s - spent_s))
+                epoch = await self._hint(known.epoch)
+            except FeedError:
+                # No incident: what matters is whether the pull gets through, and that one tells.
+                await asyncio.sleep(backoff_s)
+                backoff_s = min(2 * backoff_s, LONGEST_BACKOFF_S)
+                continue
+            backoff_s = BACKOFF_S
+            if epoch > known.epoch:
+                before = self._begun
+                self._wake.set()
+                await self._pulled(before)
+                borne_out = self._known is not None and self._known.epoch > known.epoch
+            else:
+                borne_out = self._clock.monotonic_ms() - asked_ms >= BACKOFF_S * 1000
+            if not borne_out:
+                await asyncio.sleep(BACKOFF_S)
+
+    async def _pulled(self, before: int) -> None:
+        """A pull has ended that began after `before` of them had begun."""
+        while self._ended <= before:
+            await self._over.wait()
+
+    async def _hint(self, since: int) -> int:
+        text = await self._get("/revocations/wait", {"since": str(since)}, timeout_s=HINT_TIMEOUT_S, most=HINT_BYTES)
+        try:
+            members = strict_json.parse_object(text.encode())
+        except CapabilityError as error:
+            raise FeedError(PepFault.FEED_UNREACHABLE, "not a hint") from error
+        epoch = members.get("epoch")
+        if isinstance(epoch, bool) or not isinstance(epoch, int):
+            raise FeedError(PepFault.FEED_UNREACHABLE, "not a hint")
+        return epoch
 
     async def pull(self) -> None:
         """One question and its answer, accepted whole.
@@ -261,13 +358,15 @@ class Follower:
             raise FeedError(PepFault.REGISTRY_ROLLED_BACK, f"version {snapshot.version} after {least}")
         return snapshot
 
-    async def _get(self, path: str, query: dict[str, str]) -> str:
+    async def _get(
+        self, path: str, query: dict[str, str], *, timeout_s: float = TIMEOUT_S, most: int | None = None
+    ) -> str:
         try:
             response = await self._http.get(
-                f"{self._issuer}{path}", params=query, timeout=TIMEOUT_S, follow_redirects=False
+                f"{self._issuer}{path}", params=query, timeout=timeout_s, follow_redirects=False
             )
         except httpx2.HTTPError as error:
             raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error
-        if response.status_code != 200 or not len(response.content) <= self._caps.statement_bytes:
+        if response.status_code != 200 or not len(response.content) <= (most or self._caps.statement_bytes):
             raise FeedError(PepFault.FEED_UNREACHABLE, f"status {response.status_code}")
         return response.text

@@ -21,6 +21,7 @@ from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
 from ztpm_idp.problems import Problem
 from ztpm_idp.store import ConflictError, OnceOnlyError
+from ztpm_idp.waiting import EpochWait
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -75,6 +76,9 @@ class Provider:
         settings, keys, store: of this deployment.
         now: wall clock, seconds since the epoch.
         platform: whose word on workloads counts, if anyone's.
+
+    Attributes:
+        epochs: requests that wait for the next revocation.
     """
 
     def __init__(
@@ -85,6 +89,7 @@ class Provider:
         self.keys = keys
         self.store = store
         self._now = now
+        self.epochs = EpochWait(self._epoch)
 
     def now_ms(self) -> int:
         """The wall clock, milliseconds since the epoch."""
@@ -140,7 +145,12 @@ class Provider:
             raise Problem(outcome.code, outcome.detail)
         if done is None:
             raise AssertionError
+        self.epochs.told(done.epoch)  # after the commit: nobody is woken for what may still be rolled back
         return done
+
+    async def _epoch(self) -> int:
+        async with self.store.read() as view:
+            return (await view.counters()).epoch
 
     def _make_token(self, command: Command, events: tuple[Event, ...]) -> str | None:
         for event in events:

@@ -12,6 +12,7 @@ from ztpm_idp.app import create_app
 
 if TYPE_CHECKING:
     import socket
+    from collections.abc import Callable
 
     from capabilities.workload import Platform
     from ztpm_idp.settings import IdpKeys, Settings
@@ -23,17 +24,23 @@ GRACE_S = 5
 
 
 class _Announcing(uvicorn.Server):
-    """Says on standard output, in one JSON line, that it listens."""
+    """Says on standard output, in one JSON line, that it listens; lets nobody wait once it is told to end."""
 
-    def __init__(self, config: uvicorn.Config, *, port: int) -> None:
+    def __init__(self, config: uvicorn.Config, *, port: int, ending: Callable[[], None]) -> None:
         super().__init__(config)
         self._port = port
+        self._ending = ending
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started:
             sys.stdout.write(json.dumps({"ready": True, "port": self._port}) + "\n")
             sys.stdout.flush()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        # The application is told of its end only after every request has ended; one that waits must be told before.
+        self._ending()
+        await super().shutdown(sockets)
 
 
 def serve(settings: Settings, keys: IdpKeys, platform: Platform | None = None) -> None:
@@ -44,8 +51,9 @@ def serve(settings: Settings, keys: IdpKeys, platform: Platform | None = None) -
         keys: the five private keys.
         platform: whose workload tokens count, if anyone's.
     """
+    app = create_app(settings, keys, platform=platform)
     config = uvicorn.Config(
-        create_app(settings, keys, platform=platform),
+        app,
         host=settings.host,
         port=settings.port,
         ssl_certfile=settings.tls_certificate_file,
@@ -60,4 +68,8 @@ def serve(settings: Settings, keys: IdpKeys, platform: Platform | None = None) -
         h11_max_incomplete_event_size=HEADER_BYTES,
         timeout_graceful_shutdown=GRACE_S,
     )
-    _Announcing(config, port=settings.port).run()
+
+    def ending() -> None:
+        app.state.provider.epochs.close()  # there is a provider from the start of the application on
+
+    _Announcing(config, port=settings.port, ending=ending).run()

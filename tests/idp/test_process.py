@@ -117,6 +117,42 @@ def test_ready_work_and_clean_end_without_a_secret_on_the_outputs(process):
     ).stat().st_mode & 0o077 == 0
 
 
+def test_who_waits_for_a_revocation_holds_up_no_clean_end(process):
+    answers = []
+
+    def wait():
+        with httpx2.Client(timeout=30) as http:
+            answers.append(http.get(process.issuer + "/revocations/wait", params={"since": "0"}).json())
+
+    waiters = [threading.Thread(target=wait, daemon=True) for _ in range(3)]
+    for waiter in waiters:
+        waiter.start()
+    waiting(process, 3)
+    began = time.monotonic()
+    assert process.end(signal.SIGTERM) == 0
+    assert time.monotonic() - began < 4, "the server's own patience is 5 s"
+    for waiter in waiters:
+        waiter.join(20)
+    assert answers == [{"epoch": 0}] * 3
+
+
+def waiting(process, many):
+    """So many connections to the provider are established: by the kernel's table, since it tells nobody itself."""
+    deadline = time.monotonic() + 20
+    while True:
+        rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+        if (
+            sum(
+                r[1].endswith(f":{process.port:04X}") and r[3] == "01" and r[4].startswith("00000000:00000000")
+                for r in rows
+            )
+            >= many
+        ):
+            return
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
 @pytest.mark.timeout(300)
 def test_a_refused_configuration_ends_with_its_name(tmp_path):
     made = Process(tmp_path)

@@ -383,10 +383,16 @@ class FakeIssuer:
         match path:
             case "/revocations":
                 return httpx2.Response(200, text=self.index(**query))
+            case "/revocations/wait":
+                return self.hint(**query)
             case "/registry":
                 return httpx2.Response(200, text=self.snapshot(**query))
             case "/ledger/records":
                 return self.take(json.loads(request.content)["records"])
+        return httpx2.Response(404)
+
+    def hint(self, *, since):
+        """No hints, unless a test gives them."""
         return httpx2.Response(404)
 
     def index(self, *, since, nonce):

@@ -93,12 +93,29 @@ async def revoke(request: Request, call: Caller) -> dict[str, int]:
 async def revocations(request: Request) -> PlainTextResponse:
     """The signed revocation index after an epoch, echoing the caller's nonce. Only a store that can commit answers."""
     since, nonce = query_of(request, "since", "nonce")
-    if not _EPOCH.fullmatch(since) or int(since) > INT_LIMIT:
-        raise Problem(IdpCode.QUERY_MALFORMED, "since")
+    known = _since(since)
     if not _NONCE.fullmatch(nonce):
         raise Problem(IdpCode.QUERY_MALFORMED, "nonce")
-    text = await revocation_index(provider_of(request), heartbeat_of(request), since=int(since), nonce=nonce)
+    text = await revocation_index(provider_of(request), heartbeat_of(request), since=known, nonce=nonce)
     return PlainTextResponse(text, headers={"Cache-Control": "no-store"})
+
+
+@router.get("/revocations/wait")
+async def wait_for_revocation(request: Request) -> dict[str, int]:
+    """The epoch, as soon as it is above `since`, else after 20 s. A hint, unsigned: what counts is the signed index."""
+    (since,) = query_of(request, "since")
+
+    async def gone() -> None:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+
+    return {"epoch": await provider_of(request).epochs.above(_since(since), gone=gone)}
+
+
+def _since(text: str) -> int:
+    if not _EPOCH.fullmatch(text) or int(text) > INT_LIMIT:
+        raise Problem(IdpCode.QUERY_MALFORMED, "since")
+    return int(text)
 
 
 def _digest(body: wire.Body) -> bytes:

@@ -1,0 +1,45 @@
+"""A PEP's follower in a process of its own: says on standard output at which monotonic instant its view shows each epoch."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+from pathlib import Path
+
+import httpx2
+
+from capabilities import keys
+from capabilities.caps import DEFAULT
+from pep.clock import SystemClock
+from pep.feed import Follower, MarkFile
+
+LOOK_S = 0.0005
+"""How often the view is looked at: the resolution of what is measured."""
+
+
+def say(**what):
+    sys.stdout.write(json.dumps(what) + "\n")
+    sys.stdout.flush()
+
+
+async def main(issuer, folder, period_s):
+    http = httpx2.AsyncClient()
+    trust = keys.TrustBundle.from_json((await http.get(issuer + "/trust")).content)
+    follower = Follower(
+        http, issuer=issuer, audience="http://127.0.0.1:8800/mcp", trust=trust, caps=DEFAULT, clock=SystemClock(),
+        mark=MarkFile(Path(folder) / "feed.json"), incident=lambda error: say(incident=str(error)),
+    )  # fmt: skip
+    running = asyncio.create_task(follower.run(period_s=period_s))
+    shown = -1
+    while not running.done():
+        view = follower.view()
+        if view.age_ms < 10**9 and view.epoch > shown:
+            shown = view.epoch
+            say(epoch=shown, at_ns=time.monotonic_ns())
+        await asyncio.sleep(LOOK_S)
+
+
+if __name__ == "__main__":
+    asyncio.run(main(sys.argv[1], sys.argv[2], float(sys.argv[3])))
