@@ -15,7 +15,7 @@ from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.feed import Heartbeat
 from ztpm_idp.problems import Problem, answer
 from ztpm_idp.provider import Provider
-from ztpm_idp.routes import ledger, registry, service, tokens
+from ztpm_idp.routes import approvals, ledger, registry, service, tokens
 from ztpm_idp.store import Store, StoreUnavailableError
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def create_app(
             "auto_configure": False,
         },
     )
-    for routes in (service, registry, tokens, ledger):
+    for routes in (service, registry, tokens, ledger, approvals):
         app.include_router(routes.router, prefix=path)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(StoreUnavailableError, _unavailable)

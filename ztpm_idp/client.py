@@ -17,14 +17,17 @@ import secrets
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
+from urllib.parse import quote
 
 import httpx2
 import rfc8785
 
+from capabilities.errors import StatementError
 from capabilities.keys import b64u, public_raw, thumbprint
 from capabilities.proof import prove
 from capabilities.scope_json import restriction_to_json, scope_to_json
-from capabilities.statements import attestation
+from capabilities.statements import attestation, opening
+from ztpm_idp import answering
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Mapping
@@ -43,7 +46,7 @@ class ClientError(Exception):
     """The identity provider refused, or did not answer as it should.
 
     Attributes:
-        code: the reason; `UNREACHABLE` and `ANSWER_MALFORMED` are this client's own.
+        code: the reason; `UNREACHABLE`, `ANSWER_MALFORMED` and `ASK_CHANGED` are this client's own.
         status: HTTP status, 0 when there was no answer.
         detail: for people.
     """
@@ -372,6 +375,125 @@ class Operator(_Caller):
         else:
             request, evidence = issue_request(agent.agent, scope, purpose=purpose), agent.jws
         return self._issued(self._post("/tokens", {"request": request, "evidence": evidence}))
+
+    def approvals(self, state: str = "open") -> list[dict[str, Any]]:
+        """The asks in one state ("open", "granted", "denied", "withdrawn", "expired"), the oldest first."""
+        found: list[dict[str, Any]] = self._json(self._send("GET", f"/approvals?state={quote(state)}", b"", None))
+        return found
+
+    def approval(self, ask_id: str) -> dict[str, Any]:
+        """An ask, how it stands and its votes.
+
+        Returns:
+            `ask` (its signed text), `shown` (all that the text says, parsed strictly from it), `ask_digest` (of that
+            text: give it to `approve` as `shown`), `state`, `votes` (texts), `expires_at`.
+
+        Raises:
+            ClientError: `ASK_UNKNOWN`; `ANSWER_MALFORMED` when the answer holds no such ask.
+        """
+        answer, shown = self._shown(ask_id)
+        return answer | {"shown": answering.plain(shown.ask), "ask_digest": shown.digest}
+
+    def approve(
+        self,
+        ask_id: str,
+        *,
+        uses: int = 1,
+        lifetime_s: int = answering.LIFETIME_S,
+        sees_clear: bool = False,
+        shown: str | None = None,
+    ) -> dict[str, Any]:
+        """This person approves the ask: exactly the text that the identity provider holds, parsed strictly first.
+
+        Args:
+            ask_id: which.
+            uses: how often, 1 to 100.
+            lifetime_s: for how long, seconds, at most 3600.
+            sees_clear: this person sees the cell clear; needed where perception was not fresh.
+            shown: digest of the text that this person read; nothing is signed when the ask has another text.
+
+        Returns:
+            `ask_id` and the `state` after it.
+
+        Raises:
+            ClientError: `ASK_CHANGED` when the text is not the one shown; codes of the identity provider.
+        """
+        return self._vote(ask_id, "approve", answering.Terms(uses, lifetime_s, sees_clear=sees_clear), shown)
+
+    def deny(self, ask_id: str) -> dict[str, Any]:
+        """This person denies the ask, and so ends it; `ask_id` and `state`."""
+        return self._vote(ask_id, "deny")
+
+    def withdraw(self, ask_id: str) -> dict[str, Any]:
+        """This person takes its approval back, and so ends the ask; `ask_id` and `state`."""
+        return self._vote(ask_id, "withdraw")
+
+    def open_tier_4(
+        self,
+        *,
+        audience: str,
+        agent: str,
+        object: str,  # noqa: A002  the word of the wire
+        operation: str,
+        uses: int = 1,
+        lifetime_s: int = 600,
+        reason: str = "",
+    ) -> str:
+        """A safety-critical act may be asked for, from now on; the opening's id. It approves nothing.
+
+        Args:
+            audience: canonical URL of the enforcement point's server.
+            agent: the leaf of the chain that will act.
+            object: what it will act on.
+            operation: what it will do.
+            uses: how many acts, 1 to 100.
+            lifetime_s: for how long, seconds, at most 3600.
+            reason: for the record, in the form of a name (letters, digits, `._:@/|+=~%-`).
+        """
+        at = int(self._now())
+        opened = opening.Opening(
+            opening_id=secrets.token_hex(16),
+            opener=self.id,
+            audience=audience,
+            agent=agent,
+            object=object,
+            operation=operation,
+            reason=reason,
+            uses=uses,
+            not_before=at,
+            not_after=at + lifetime_s,
+        )
+        return str(self._post("/openings", {"opening": opening.sign(opened, self._key)})["opening_id"])
+
+    def openings(self) -> list[dict[str, Any]]:
+        """The openings that are not over, each with its signed text as `opening`."""
+        found: list[dict[str, Any]] = self._json(self._send("GET", "/openings", b"", None))
+        return found
+
+    def close_opening(self, opening_id: str, reason: str) -> None:
+        """The opening is over."""
+        self._post(f"/openings/{quote(opening_id, safe='')}/withdraw", {"reason": reason})
+
+    def _shown(self, ask_id: str) -> tuple[dict[str, Any], answering.Shown]:
+        found = self._json(self._send("GET", f"/approvals/{quote(ask_id, safe='')}", b"", None))
+        answer: dict[str, Any] = found if isinstance(found, dict) else {}
+        try:
+            return answer, answering.read(answer, ask_id)
+        except StatementError as error:
+            raise ClientError("ANSWER_MALFORMED", 200, error.detail) from None
+
+    def _vote(
+        self,
+        ask_id: str,
+        answer: str,
+        terms: answering.Terms = answering.DEFAULT_TERMS,
+        expected: str | None = None,
+    ) -> dict[str, Any]:
+        _, shown = self._shown(ask_id)
+        if expected is not None and expected != shown.digest:
+            raise ClientError("ASK_CHANGED", 0, "the ask is not the one that was shown")
+        vote = answering.sign_vote(shown, answer, terms, self._key, approver=self.id, at=int(self._now()))
+        return self._post(f"/approvals/{ask_id}/votes", {"vote": vote})
 
     def export_ledger(self) -> bytes:
         """The whole ledger as JSON lines, the last one its signed checkpoint."""

@@ -7,7 +7,8 @@ from itertools import accumulate
 from typing import TYPE_CHECKING, Final
 
 from capabilities.scope import Tier
-from capabilities.statements import checkpoint, registry, revocation
+from capabilities.statements import answers, checkpoint, registry, revocation
+from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.parties import Agent, Person, PersonRole, Sensor, Standing
 from ztpm_idp.problems import Problem
@@ -24,6 +25,12 @@ INDEX_ENTRIES: Final = revocation.ENTRIES
 _ENTRY_BYTES: Final = 60
 """An entry without its id, as JSON, at most."""
 EXPORT_PAGE: Final = 500
+ANSWERS_BYTES: Final = 190_000
+"""Texts of one `answers` statement, as JSON: in base64 and with the rest they stay below its size (256 KiB)."""
+_ASK_BYTES: Final = 90
+"""An ask of an `answers` statement without its votes, as JSON, at most."""
+_QUOTES_BYTES: Final = 3
+"""What a text costs beside itself, as JSON."""
 
 
 class Heartbeat:
@@ -129,6 +136,42 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
         ),
     )
     return registry.sign(snapshot, provider.keys.registry)
+
+
+async def answers_for(provider: Provider, *, audience: str, nonce: str) -> str:
+    """How the asks and openings of an audience stand, signed, with the votes and openings as people signed them.
+
+    `as_of` is taken first: everything acknowledged before it is in the statement. What is open or granted is there
+    always (`STANDING_ASKS` and `OPENINGS` see to it); of what is over, as much as fits, the latest first. So what is
+    not in the statement is not approved.
+
+    Raises:
+        StoreUnavailableError: the store cannot be read.
+    """
+    as_of_ms = provider.now_ms()
+    since_s = as_of_ms // 1_000 - ANSWERED_MEMORY_S
+    async with provider.store.read() as view:
+        found = await view.approvals.not_long_over(since_s=since_s, audience=audience)
+        openings = await view.approvals.openings(since_s=as_of_ms // 1_000, audience=audience)
+    latest = found[::-1]
+    # Stable: within each half the latest ask stays first.
+    ranked = sorted(latest, key=lambda asked: asked.state(as_of_ms) not in {AskState.OPEN, AskState.GRANTED})
+    opened = tuple(opening.text for opening in openings if not opening.over(as_of_ms))
+    room = ANSWERS_BYTES - sum(len(text) + _QUOTES_BYTES for text in opened)
+    sizes = accumulate(_ASK_BYTES + sum(len(vote.text) + _QUOTES_BYTES for vote in asked.votes) for asked in ranked)
+    statement = answers.Answers(
+        issuer=provider.settings.issuer,
+        audience=audience,
+        nonce=nonce,
+        as_of_ms=as_of_ms,
+        asks=tuple(
+            answers.AnsweredAsk(asked.ask.ask_id, asked.state(as_of_ms).value, tuple(vote.text for vote in asked.votes))
+            for asked, size in zip(ranked[: answers.ASKS], sizes, strict=False)
+            if size <= room
+        ),
+        openings=opened,
+    )
+    return answers.sign(statement, provider.keys.registry)
 
 
 async def ledger_export(provider: Provider) -> AsyncIterator[bytes]:

@@ -66,6 +66,7 @@ def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None) -> Ru
         nonce_age_s=settings.lifetimes.nonce_s,
         open_nonces=settings.open_nonces,
         platform=platform,
+        open_asks=settings.open_asks,
     )
 
 

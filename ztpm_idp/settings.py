@@ -21,6 +21,7 @@ from capabilities.caps import DEFAULT
 from capabilities.errors import BadKeyError, CapabilityError, ScopeError
 from capabilities.keys import TrustBundle, from_pem, public_raw
 from capabilities.workload import KEY_SET_BYTES, Platform, key_set
+from ztpm_idp.domain.asks import STANDING_ASKS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,6 +67,9 @@ class Settings(BaseModel):
         root_key_id: number of the root key, in every token.
         tls_certificate_file, tls_key_file: PEM files; needed wherever it listens beyond loopback.
         open_nonces: unused nonces that one agent may hold at a time.
+        open_asks: asks that may wait for people at a time, one agent's at most a third of them. By default 24: at ten
+            seconds of reading each they take one person four minutes, inside the life of an ask; a queue that nobody
+            can read in time is approved unread.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
@@ -77,6 +81,7 @@ class Settings(BaseModel):
     root_key_id: Annotated[int, Field(ge=0, lt=2**32)]
     lifetimes: Lifetimes = Lifetimes()
     open_nonces: Annotated[int, Field(ge=1, le=4_096)] = 256
+    open_asks: Annotated[int, Field(ge=1, le=STANDING_ASKS)] = 24
     tls_certificate_file: str | None = None
     tls_key_file: str | None = None
 

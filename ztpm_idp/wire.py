@@ -70,6 +70,10 @@ Statement = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=4_096)
 ]
 """A compact JWS; what it says is checked where it is opened."""
+AskText = Annotated[
+    str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
+]
+"""A signed ask: the longest one, of 64 contributors and 32 parameters with the longest names, still fits."""
 Json = dict[str, Any]
 
 
@@ -192,6 +196,24 @@ class RecordsBody(Body):
     """A batch of a journal."""
 
     records: Annotated[list[Json], Field(min_length=1, max_length=1_000)]
+
+
+class AskBody(Body):
+    """An enforcement point's signed ask."""
+
+    ask: AskText
+
+
+class VoteBody(Body):
+    """A person's signed answer to an ask."""
+
+    vote: Statement
+
+
+class OpeningBody(Body):
+    """A person's signed opening."""
+
+    opening: Statement
 
 
 REVOCATION_IDS: Final[dict[RevocationKind, re.Pattern[str]]] = {

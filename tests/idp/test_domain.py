@@ -38,7 +38,7 @@ TRUST = keys.TrustBundle(
     "http://127.0.0.1:8700/ztpm", 1, {1: keys.public_raw(keys.generate())},
     *(frozenset({keys.public_raw(keys.generate())}) for _ in range(4)),
 )  # fmt: skip
-RULES = Rules(TRUST.issuer, TRUST, DEFAULT, TRUST.all_keys, 3_600, 60, 4)
+RULES = Rules(TRUST.issuer, TRUST, DEFAULT, TRUST.all_keys, 3_600, 60, 4, 6)
 
 
 def person(name, *roles, standing=Standing.ACTIVE):

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, assert_never
 
+from capabilities.caps import DEFAULT
+from ztpm_idp.domain.asks import stated
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.state import Wanted
 
@@ -165,6 +167,42 @@ class TakeRecords:
     records: tuple[dict[str, object], ...]
 
 
+@dataclass(frozen=True, slots=True)
+class TakeAsk:
+    """An enforcement point asks people; `text` is its signed ask."""
+
+    by: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class CastVote:
+    """A person answers an ask; `text` is the signed vote, `signed` the request that brought it."""
+
+    by: str
+    ask_id: str
+    text: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class OpenTier4:
+    """A person lets a safety-critical act be asked for; `text` is the signed opening."""
+
+    by: str
+    text: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class CloseOpening:
+    """A person takes an opening back."""
+
+    by: str
+    opening_id: str
+    reason: str
+
+
 Command = (
     Initialise
     | RegisterPerson
@@ -179,6 +217,10 @@ Command = (
     | Delegate
     | Revoke
     | TakeRecords
+    | TakeAsk
+    | CastVote
+    | OpenTier4
+    | CloseOpening
 )
 
 
@@ -210,6 +252,26 @@ def wanted(command: Command) -> Wanted:
         case TakeRecords(by=by, records=records):
             seqs = frozenset(seq for r in records if isinstance(seq := r.get("seq"), int) and not isinstance(seq, bool))
             return Wanted(parties=frozenset({by}), journal=by, journal_seqs=seqs)
+        case TakeAsk(by=by, text=text):
+            says = stated(text, DEFAULT)
+            return Wanted(
+                parties=frozenset({by, says.get("agent", by), says.get("sponsor", by)}),
+                ask=says.get("ask_id"),
+                asks_of=says.get("audience"),
+                opening=says.get("opening_id"),
+            )
+        case CastVote(by=by, ask_id=ask_id, text=text):
+            return Wanted(parties=frozenset({by}), ask=ask_id, thumbprint=stated(text, DEFAULT).get("kid"))
+        case OpenTier4(by=by, text=text):
+            says = stated(text, DEFAULT)
+            return Wanted(
+                parties=frozenset({by, says.get("agent", by)}),
+                opening=says.get("opening_id"),
+                openings_of=says.get("audience"),
+                thumbprint=says.get("kid"),
+            )
+        case CloseOpening(by=by, opening_id=opening_id):
+            return Wanted(parties=frozenset({by}), opening=opening_id)
         case _:
             assert_never(command)
 

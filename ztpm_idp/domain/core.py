@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain import attestation, issuing, ledger, registry, revocation
+from ztpm_idp.domain import approving, attestation, issuing, ledger, registry, revocation
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
     Attest,
+    CastVote,
+    CloseOpening,
     Delegate,
     GiveNonce,
     Initialise,
     Issue,
+    OpenTier4,
     RegisterAgent,
     RegisterPep,
     RegisterPerson,
@@ -19,6 +22,7 @@ from ztpm_idp.domain.commands import (
     RegisterTool,
     Revoke,
     StateTrust,
+    TakeAsk,
     TakeRecords,
 )
 from ztpm_idp.domain.parties import Sensor, Standing
@@ -68,6 +72,14 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
             return revocation.revoke(state, command)
         case TakeRecords():
             return ledger.take_records(state, command)
+        case TakeAsk():
+            return approving.take_ask(rules, state, command, at_ms)
+        case CastVote():
+            return approving.cast_vote(rules, state, command, at_ms)
+        case OpenTier4():
+            return approving.open_tier_4(rules, state, command, at_ms)
+        case CloseOpening():
+            return approving.close_opening(state, command)
         case _:
             assert_never(command)
 

@@ -12,9 +12,13 @@ from capabilities.keys import thumbprint
 from capabilities.scope_json import scope_to_json
 from ztpm_idp.domain.events import (
     AgentAttested,
+    ApprovalActRefused,
+    AskTaken,
     DelegationRefused,
     NonceConsumed,
     NonceGiven,
+    OpeningClosed,
+    OpeningMade,
     PartyRegistered,
     RecordTaken,
     Revoked,
@@ -22,6 +26,7 @@ from ztpm_idp.domain.events import (
     TokenIssued,
     ToolRegistered,
     TrustStated,
+    VoteCast,
 )
 from ztpm_idp.domain.parties import Agent, Pep, Person, Sensor, kind_of
 
@@ -84,6 +89,33 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "revoked", {"kind": kind.value, "id": id_, "reason": reason, "party": party_id}
         case RecordTaken(record=record):
             return "pep-record", {"record": record}
+        case AskTaken(ask=ask, text=text):
+            return "ask-taken", {"ask_id": ask.ask_id, "agent": ask.agent, "sponsor": ask.sponsor, "ask": text}
+        case VoteCast(ask_id=ask_id, vote=vote, state=state):
+            return "vote-cast", {
+                "ask_id": ask_id,
+                "approver": vote.approver,
+                "answer": vote.answer.value,
+                "state": state.value,
+                "vote": vote.text,
+            }
+        case OpeningMade(opening=opening):
+            return "opening-made", {
+                "opening_id": opening.opening_id,
+                "opener": opening.opener,
+                "agent": opening.agent,
+                "opening": opening.text,
+            }
+        case OpeningClosed(opening_id=opening_id, reason=reason):
+            return "opening-closed", {"opening_id": opening_id, "reason": reason}
+        case ApprovalActRefused(signed=signed):
+            return f"{event.act}-refused", {
+                "id": event.id,
+                "by": event.by,
+                "code": event.code,
+                "digest": event.digest,
+                "signed": None if signed is None else _signed(signed),
+            }
         case _:
             assert_never(event)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from capabilities.chain import Chain, EvidenceKind, HopGrant, Sponsor
     from capabilities.scope import Restriction, Scope, Widening
+    from ztpm_idp.domain.asks import AskRecord, AskState, OpeningRecord, VoteRecord
     from ztpm_idp.domain.parties import Party, Tool
 
 
@@ -151,6 +152,67 @@ class RecordTaken:
     record: dict[str, object]
 
 
+@dataclass(frozen=True, slots=True)
+class AskTaken:
+    """An enforcement point's ask is shown to people from now on. `text` is as it was signed."""
+
+    ask: AskRecord
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class VoteCast:
+    """A person answered an ask.
+
+    Attributes:
+        ask_id: which.
+        place: 1 and upwards among the votes on this ask.
+        vote: the answer, with its text.
+        state: how the ask stands after it.
+    """
+
+    ask_id: str
+    place: int
+    vote: VoteRecord
+    state: AskState
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningMade:
+    """A person let a safety-critical act be asked for."""
+
+    opening: OpeningRecord
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningClosed:
+    """An opening is over before its time."""
+
+    opening_id: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ApprovalActRefused:
+    """Somebody tried to ask, answer, open or close and may not. Kept: an attempt is recorded and refused.
+
+    Attributes:
+        act: "ask", "vote", "opening" or "closing".
+        id: of the ask or opening; empty when it is not known.
+        by: the caller.
+        code: why.
+        digest: SHA-256 (hex) of the statement that was offered, empty for a closing.
+        signed: the request, where it is small and shows whose key was behind it.
+    """
+
+    act: str
+    id: str
+    by: str
+    code: str
+    digest: str
+    signed: SignedRequest | None
+
+
 Event = (
     PartyRegistered
     | ToolRegistered
@@ -163,4 +225,9 @@ Event = (
     | DelegationRefused
     | Revoked
     | RecordTaken
+    | AskTaken
+    | VoteCast
+    | OpeningMade
+    | OpeningClosed
+    | ApprovalActRefused
 )

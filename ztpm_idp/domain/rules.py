@@ -24,6 +24,7 @@ class Rules:
         nonce_age_s: oldest accepted attestation nonce.
         open_nonces: nonces that one agent may hold unused at a time.
         platform: whose word on workloads counts, or None: there is no evidence of kind `jwt` then.
+        open_asks: asks that may wait for people at a time; one agent's at most a third of them.
     """
 
     issuer: str
@@ -33,4 +34,5 @@ class Rules:
     token_lifetime_s: int
     nonce_age_s: int
     open_nonces: int
+    open_asks: int
     platform: Platform | None = None

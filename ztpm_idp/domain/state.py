@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ztpm_idp.domain.asks import Asked, OpeningRecord
     from ztpm_idp.domain.parties import Party
 
 
@@ -75,6 +76,13 @@ class Wanted:
     revocation: tuple[str, str] | None = None
     revocations: bool = False
     """Everything that is revoked, with its epoch: for judging a token."""
+    ask: str | None = None
+    """An ask, with its votes."""
+    asks_of: str | None = None
+    """An audience that asks: every ask that may wait for people, and every one of this audience that may be granted."""
+    opening: str | None = None
+    openings_of: str | None = None
+    """An audience: its openings that may be in force, and whether anybody serves it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +100,11 @@ class State:
         empty: no party is registered at all.
         revoked: every (kind, id) that is revoked, when the command judges a token.
         epoch: of that set.
+        asked: the wanted ask.
+        standing: asks that may be open, and those of the wanted audience that may be granted.
+        opening: the wanted opening.
+        openings: of the wanted audience, those that may be in force.
+        served: the wanted audience, when a registered enforcement point serves it.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)
@@ -104,3 +117,8 @@ class State:
     empty: bool = False
     revoked: frozenset[tuple[str, str]] = frozenset()
     epoch: int = 0
+    asked: Asked | None = None
+    standing: tuple[Asked, ...] = ()
+    opening: OpeningRecord | None = None
+    openings: tuple[OpeningRecord, ...] = ()
+    served: frozenset[str] = frozenset()

@@ -137,6 +137,59 @@ records = sa.Table(
     sa.Column("hash", sa.String(64), nullable=False),
 )
 
+asks = sa.Table(
+    "asks",
+    metadata,
+    sa.Column("ask_id", sa.String(32), primary_key=True),
+    sa.Column("nonce", sa.String(32), nullable=False),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("pep", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("audience", sa.String(256), nullable=False),
+    sa.Column("agent", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("sponsor", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("approvers", sa.Integer, nullable=False),
+    sa.Column("fresh", sa.Boolean, nullable=False),
+    sa.Column("asked_at", sa.BigInteger, nullable=False),
+    sa.Column("expires_at", sa.BigInteger, nullable=False, index=True),
+    sa.Column("taken_ms", sa.BigInteger, nullable=False),
+    sa.Column("text", sa.Text, nullable=False),
+)
+
+votes = sa.Table(
+    "votes",
+    metadata,
+    sa.Column("ask_id", sa.ForeignKey("asks.ask_id"), primary_key=True),
+    sa.Column("place", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("approver", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("answer", sa.String(16), nullable=False),
+    sa.Column("withdraws", sa.Boolean, nullable=False),
+    sa.Column("not_after", sa.BigInteger, nullable=False, index=True),
+    sa.Column("cast_ms", sa.BigInteger, nullable=False),
+    sa.Column("text", sa.Text, nullable=False),
+    sa.UniqueConstraint("ask_id", "approver", "withdraws"),
+    sa.CheckConstraint("answer IN ('approve', 'deny', 'withdraw')", name="answer"),
+)
+"""One answer of each person to each ask, and one withdrawal of it."""
+
+openings = sa.Table(
+    "openings",
+    metadata,
+    sa.Column("opening_id", sa.String(32), primary_key=True),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("opener", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("audience", sa.String(256), nullable=False),
+    sa.Column("agent", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("object", sa.String(256), nullable=False),
+    sa.Column("operation", sa.String(256), nullable=False),
+    sa.Column("not_before", sa.BigInteger, nullable=False),
+    sa.Column("not_after", sa.BigInteger, nullable=False, index=True),
+    sa.Column("made_ms", sa.BigInteger, nullable=False),
+    sa.Column("closed_ms", sa.BigInteger, nullable=True),
+    sa.Column("closed_by", sa.ForeignKey("parties.id"), nullable=True),
+    sa.Column("closed_reason", sa.String(512), nullable=True),
+    sa.Column("text", sa.Text, nullable=False),
+)
+
 counters = sa.Table(
     "counters",
     metadata,

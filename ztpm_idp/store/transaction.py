@@ -10,9 +10,13 @@ import sqlalchemy as sa
 from ztpm_idp.domain.entries import entry_of
 from ztpm_idp.domain.events import (
     AgentAttested,
+    ApprovalActRefused,
+    AskTaken,
     DelegationRefused,
     NonceConsumed,
     NonceGiven,
+    OpeningClosed,
+    OpeningMade,
     PartyRegistered,
     RecordTaken,
     RevocationKind,
@@ -21,12 +25,14 @@ from ztpm_idp.domain.events import (
     TokenIssued,
     ToolRegistered,
     TrustStated,
+    VoteCast,
 )
 from ztpm_idp.domain.ledger import seal
-from ztpm_idp.domain.parties import Agent, Party, Sensor, Standing
+from ztpm_idp.domain.parties import Agent, Party, Person, PersonRole, Sensor, Standing
 from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
 from ztpm_idp.store import rows
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.errors import OnceOnlyError
 
 if TYPE_CHECKING:
@@ -68,12 +74,19 @@ class Transaction:
 
     def __init__(self, connection: AsyncConnection) -> None:
         self._connection = connection
+        self.approvals = Approvals(connection)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
     async def load(self, wanted: Wanted, *, young_ms: int) -> State:
-        """The state that `wanted` names; nonces given before `young_ms` are left out."""
-        parties = await self._parties(wanted)
+        """The state that `wanted` names.
+
+        Args:
+            wanted: by a command.
+            young_ms: before now; nonces given before it, and asks, approvals and openings over before it, are left out.
+        """
+        parties, since_s = await self._parties(wanted), young_ms // 1_000
+        asks_of, openings_of = wanted.asks_of, wanted.openings_of
         return State(
             parties=parties,
             key_owners=await self._key_owners(wanted.keys),
@@ -85,6 +98,13 @@ class Transaction:
             empty=await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
             revoked=await self._revoked() if wanted.revocations else frozenset(),
             epoch=(await self.counters()).epoch,
+            asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
+            standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
+            opening=None if wanted.opening is None else await self.approvals.opening(wanted.opening),
+            openings=()
+            if openings_of is None
+            else await self.approvals.openings(since_s=since_s, audience=openings_of),
+            served=frozenset() if openings_of is None else await self.approvals.served(openings_of),
         )
 
     async def counters(self) -> Counters:
@@ -252,8 +272,13 @@ class Transaction:
             case PartyRegistered(party=party):
                 for insert in rows.party_inserts(party, at_ms):
                     await self._connection.execute(insert)
-                if isinstance(party, Sensor):
-                    await self._registry_changed()
+                match party:
+                    case Sensor():
+                        await self._registry_changed()
+                    case Person(roles=roles) if PersonRole.APPROVER in roles:
+                        await self._registry_changed()
+                    case _:
+                        pass
             case ToolRegistered(tool=tool):
                 await self._connection.execute(
                     sa.delete(t.tools).where(t.tools.c.audience == tool.audience, t.tools.c.name == tool.name)
@@ -296,7 +321,7 @@ class Transaction:
             case TokenDelegated(chain=chain):
                 place = _Place(chain.token_id, chain.sponsor.subject, chain.leaf.hop_id, len(chain.hops))
                 await self._hop(event.hop, event.scope, place, at_ms)
-            case DelegationRefused():
+            case DelegationRefused() | ApprovalActRefused():
                 pass  # the ledger entry is all there is
             case Revoked(kind=kind, id=id_, reason=reason, party=party_id):
                 await self._revoke(kind, id_, reason, actor, at_ms)
@@ -308,6 +333,8 @@ class Transaction:
                 await self._connection.execute(
                     sa.update(t.peps).where(t.peps.c.id == pep).values(journal_seq=seq, journal_head=digest)
                 )  # fmt: skip
+            case AskTaken() | VoteCast() | OpeningMade() | OpeningClosed():
+                await self.approvals.write(event, actor=actor, at_ms=at_ms)
             case _:
                 assert_never(event)
 

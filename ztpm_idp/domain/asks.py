@@ -1,0 +1,162 @@
+"""Asks, votes and openings as the identity provider keeps them, and how an ask stands at an instant.
+
+How an ask stands is always worked out from its votes and the time, never stored: silence denies by itself, and no timer
+has to run for that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Final
+
+from capabilities import jws, strict_json
+from capabilities.errors import CapabilityError
+
+if TYPE_CHECKING:
+    from capabilities.caps import Caps
+
+STANDING_ASKS: Final = 96
+"""Most asks of one audience that are open or granted at a time.
+
+Each holds two votes at most then, of at most `VOTE_CHARACTERS`: all of them and all openings always fit one `answers`
+statement (256 KiB), so that what is not in it is not approved. Far more than people can answer in the 120 s that an
+approval lives by default.
+"""
+OPENINGS: Final = 16
+"""Most openings of one audience in force at a time; a quarter of what an `answers` statement may hold."""
+ANSWERED_MEMORY_S: Final = 600
+"""How long after its end an ask is still told to its enforcement point, in seconds (the wire contract of approvals)."""
+
+
+class AskState(StrEnum):
+    """How an ask stands, as `capabilities.statements.answers.STATES` spells it."""
+
+    OPEN = "open"
+    GRANTED = "granted"
+    DENIED = "denied"
+    WITHDRAWN = "withdrawn"
+    EXPIRED = "expired"
+
+
+class Answer(StrEnum):
+    """What a vote says, as `capabilities.statements.vote.ANSWERS` spells it."""
+
+    APPROVE = "approve"
+    DENY = "deny"
+    WITHDRAW = "withdraw"
+
+
+@dataclass(frozen=True, slots=True)
+class AskRecord:
+    """What of an ask decides; all the rest is in its text.
+
+    Attributes:
+        ask_id, nonce: 32 hex digits each.
+        digest: SHA-256 (hex) of its text.
+        pep, audience: who asks, for which server.
+        agent, sponsor: the leaf of the chain and its human root.
+        approvers: how many different people must approve.
+        fresh: whether it was assessed on fresh perception; if not, every approver attests to seeing the cell clear.
+        asked_at, expires_at: seconds since the epoch.
+    """
+
+    ask_id: str
+    nonce: str
+    digest: str
+    pep: str
+    audience: str
+    agent: str
+    sponsor: str
+    approvers: int
+    fresh: bool
+    asked_at: int
+    expires_at: int
+
+
+@dataclass(frozen=True, slots=True)
+class VoteRecord:
+    """A vote that was cast.
+
+    Attributes:
+        approver, answer, not_after: as it says.
+        active: its approver is still active now; an approval by somebody disabled since does not count.
+        text: as it was signed.
+    """
+
+    approver: str
+    answer: Answer
+    not_after: int
+    active: bool
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """An ask with all its votes, in the order in which they came."""
+
+    ask: AskRecord
+    votes: tuple[VoteRecord, ...] = ()
+
+    def state(self, at_ms: int) -> AskState:
+        """How it stands at this wall-clock time. Advice: the enforcement point counts the votes itself."""
+        answers = {vote.answer for vote in self.votes}
+        approvals = [vote for vote in self.votes if vote.answer is Answer.APPROVE and vote.active]
+        if Answer.DENY in answers:  # one denial ends it
+            return AskState.DENIED
+        if Answer.WITHDRAW in answers:
+            return AskState.WITHDRAWN
+        # An approval that lapsed ends the ask too: two that never held together are not two.
+        if not all(at_ms <= vote.not_after * 1_000 for vote in approvals):
+            return AskState.EXPIRED
+        if len({vote.approver for vote in approvals}) >= self.ask.approvers:
+            return AskState.GRANTED
+        return AskState.OPEN if at_ms < self.ask.expires_at * 1_000 else AskState.EXPIRED
+
+
+@dataclass(frozen=True, slots=True)
+class OpeningRecord:
+    """A person's leave to ask for a safety-critical act.
+
+    Attributes:
+        opening_id: 32 hex digits.
+        digest: SHA-256 (hex) of its text.
+        opener: who signed it.
+        audience, agent, object, operation: for what.
+        not_before, not_after: seconds since the epoch.
+        closed: whether somebody took it back.
+        text: as it was signed.
+    """
+
+    opening_id: str
+    digest: str
+    opener: str
+    audience: str
+    agent: str
+    object: str
+    operation: str
+    not_before: int
+    not_after: int
+    closed: bool
+    text: str
+
+    def over(self, at_ms: int) -> bool:
+        """Taken back, or past its end."""
+        return self.closed or not at_ms <= self.not_after * 1_000
+
+    def in_force(self, at_ms: int) -> bool:
+        """Begun, not over."""
+        return self.not_before * 1_000 <= at_ms and not self.over(at_ms)
+
+
+def stated(text: str, caps: Caps) -> dict[str, str]:
+    """The texts among a statement's claims, and its signer's thumbprint as `kid`. Nothing of it is verified.
+
+    Good for finding the rows that a judgement must see, and for nothing else; empty for what cannot be read.
+    """
+    try:
+        unverified = jws.split(text, most_bytes=caps.statement_bytes)
+        claims = strict_json.parse_object(unverified.payload_raw) | {"kid": unverified.header.get("kid")}
+    except CapabilityError:
+        return {}
+    return {name: value for name, value in claims.items() if isinstance(value, str)}
