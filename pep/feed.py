@@ -179,12 +179,11 @@ class Follower:
 
     def view(self) -> RevocationView:
         """The newest verified view, its age taken now."""
-        if self._known is None:
+        known = self._known  # once: the watch reads it from a thread of its own
+        if known is None:
             return revocation.RevocationView.never()
         return revocation.RevocationView(
-            epoch=self._known.epoch,
-            age_ms=self._clock.monotonic_ms() - self._known.read_ms,
-            revoked=self._known.revoked,
+            epoch=known.epoch, age_ms=self._clock.monotonic_ms() - known.read_ms, revoked=known.revoked
         )
 
     def tool(self, name: str) -> RegisteredTool | None:

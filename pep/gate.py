@@ -23,11 +23,12 @@ from pep.errors import ActuationRefusedError, JournalError
 from pep.operations import touchable
 from pep.permit import Permit
 from pep.ports import Assessed
-from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ToolReading
+from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading, ToolReading
 from policies.model import Decision, Effect, Finding, Request
 from policies.pdp import decide
 from policies.policy import requirement
 from policies.reasons import Reason
+from policies.tiers import FRESH, authorised_milli
 from policies.trust import chain_trust
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ class Gate:
                 decision = decide(call.request, evidence, self._policies)
                 if decision.effect is not Effect.PERMIT:
                     return await self._conclude(call, evidence, decision)
-                permit = self._permit(call, decision, decided_ms)
+                permit = self._permit(call, evidence, decision, decided_ms)
                 permitted = self._recorder.submit(
                     self._journal.append, "decision", records.decision(call, evidence, decision)
                 )
@@ -233,7 +234,7 @@ class Gate:
             return self._policies.parameters.lease_other_ms
         return requirement(request, self._policies).lease_ms
 
-    def _permit(self, call: Call, decision: Decision, decided_ms: int) -> Permit:
+    def _permit(self, call: Call, evidence: Evidence, decision: Decision, decided_ms: int) -> Permit:
         def standing() -> Fault | None:
             chain = self._standing(call)
             return chain if isinstance(chain, Fault) else None
@@ -245,6 +246,10 @@ class Gate:
             deadline_ms=decided_ms + decision.lifetime_ms,
             clock=self._clock,
             standing=standing,
+            request=call.request,
+            index_milli=authorised_milli(decision, self._policies.parameters),
+            sighted=isinstance(evidence.impact, ImpactReading) and evidence.impact.perception == FRESH,
+            touch=touchable(evidence.chain) if isinstance(evidence.chain, Chain) else frozenset(),
         )
 
     async def _effect(
@@ -263,7 +268,8 @@ class Gate:
             )
             await self._record("outcome", body)
             return Answer(_denial(call.request, decision, Reason.EFFECT_FAILED, ""))
-        body = records.outcome(call.request, record, "failed" if result.failed else "done", result=result.value)
+        what = "failed" if result.failed else "done"
+        body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
         await self._record("outcome", body)
         return Answer(decision, result=result)
 

@@ -10,10 +10,11 @@ from pep.errors import ActuationRefusedError
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from capabilities.errors import Fault
     from pep.ports import Clock
+    from policies.model import Request
 
 
 class Permit:
@@ -24,8 +25,13 @@ class Permit:
         digest: `Request.digest` of what was decided.
         since_ms: monotonic time at which the request arrived; a stop after that voids the permit.
         deadline_ms: monotonic time after which nothing may be sent.
+        request: what was decided, for who judges what is left of it; None only where nothing moves.
+        index_milli: the authorised impact index in thousandths; 0 allows no impact at all.
+        sighted: whether it was given on fresh perception; then it lasts only while there is some.
+        touch: objects that the token grants to be touched.
         spent: whether `spend` has succeeded.
         refusal: why the last `spend` failed, or None.
+        watched: what the watch saw when it ended the effect, as plain JSON for its record; None while it has not.
     """
 
     def __init__(
@@ -37,13 +43,22 @@ class Permit:
         deadline_ms: int,
         clock: Clock,
         standing: Callable[[], Fault | None],
+        request: Request | None = None,
+        index_milli: int = 0,
+        sighted: bool = True,
+        touch: frozenset[str] = frozenset(),
     ) -> None:
         self.request_id = request_id
         self.digest = digest
         self.since_ms = since_ms
         self.deadline_ms = deadline_ms
+        self.request = request
+        self.index_milli = index_milli
+        self.sighted = sighted
+        self.touch = touch
         self.spent = False
         self.refusal: Reason | None = None
+        self.watched: Mapping[str, object] | None = None
         self._clock = clock
         self._standing = standing
         self._lock = threading.Lock()

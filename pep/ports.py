@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from capabilities.chain import Refusal
     from capabilities.scope import Tier
@@ -103,6 +103,42 @@ class RobotLimits(Protocol):
 
     def refuse(self, request: Request) -> Refusal | None:
         """The first parameter outside of the robot's limits, or None."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What is left of a motion, judged in the world as it was seen.
+
+    Attributes:
+        holds: whether its index is proven to be at most the authorised one.
+        index_milli: proven upper bound of its index in thousandths, or None when none can be told.
+        cause: kind and object of what leads, for the record.
+        fault: why it could not be judged, a `policies.reasons.Reason` code; "" when it was.
+        age_ms: age of the view it was judged on, transit included, or None when there was no view.
+    """
+
+    holds: bool
+    index_milli: int | None
+    cause: str
+    fault: str
+    age_ms: int | None
+
+
+class Remaining(Protocol):
+    """The physical impact of what is left of a motion that is under way."""
+
+    def left(
+        self, request: Request, state_q_rad: Sequence[float], *, authorised_milli: int, touch: frozenset[str]
+    ) -> Rest:
+        """One look at the frames, one judgement. Never raises.
+
+        Args:
+            request: that was permitted and is being done.
+            state_q_rad: measured joint angles, six.
+            authorised_milli: index of the verdict, in thousandths.
+            touch: objects that the token grants to be touched.
+        """
         ...
 
 

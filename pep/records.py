@@ -71,6 +71,7 @@ def outcome(
     reason: str | None = None,
     detail: str = "",
     result: Mapping[str, Any] | None = None,
+    watch: Mapping[str, object] | None = None,
 ) -> dict[str, object]:
     """The record of what came of a PERMIT.
 
@@ -81,6 +82,7 @@ def outcome(
         reason: a code, when it is not "done".
         detail: for the record.
         result: what the effect reported.
+        watch: what the watch saw when it ended the effect.
     """
     body: dict[str, object] = {"request_id": request.request_id, "decision": record, "outcome": what}
     if reason is not None:
@@ -89,6 +91,8 @@ def outcome(
         body["detail"] = detail
     if result is not None:
         body["result"] = jsonable(result)
+    if watch is not None:
+        body["watch"] = jsonable(watch)
     return body
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import numpy as np
@@ -14,9 +14,9 @@ from capabilities.units import si
 from pep.context.frames import Distrusted, Seen, Unseen
 from pep.errors import RobotError
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT
-from pep.pit import Assessment, GripperMove, MoveJ, Scene, SceneError, assess
+from pep.pit import Assessment, GripperMove, MoveJ, OutputSet, Scene, SceneError, SpeedJ, assess, remaining
 from pep.pit.kinematics import link_frames
-from pep.ports import Assessed
+from pep.ports import Assessed, Rest
 from policies.evidence import ImpactFault, ImpactReading
 from policies.reasons import Reason
 from policies.tiers import FRESH
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from pep.rtde.state import JointState, RobotState
     from policies.model import Request
 
-STARTS_KEPT: Final = 64
-"""Requests whose start is remembered; one at a time is under way."""
+MOTIONS_KEPT: Final = 64
+"""Requests whose motion is remembered; one at a time is under way."""
 ALLOWANCE: Final = 1.5
 """A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
 
 
 class CellPhysics:
-    """The `Physics` port: one look at perception and robot, one assessment.
+    """The `Physics` and `Remaining` ports: one look at perception and robot, one assessment.
 
     Args:
         robot: its model.
@@ -66,7 +66,7 @@ class CellPhysics:
         self._state = state
         self._clock = clock
         self._lock = threading.Lock()
-        self._starts: OrderedDict[str, tuple[float, ...]] = OrderedDict()
+        self._motions: OrderedDict[str, Motion] = OrderedDict()
 
     def assess(self, request: Request, *, touch: frozenset[str]) -> Assessed:
         """The runtime impact of the request in the world as it is now, or why none can be told, and whose view it is.
@@ -124,19 +124,9 @@ class CellPhysics:
     ) -> ImpactReading | ImpactFault:
         if not self._clock.wall_s() < self._valid_until_s:
             return ImpactFault(Reason.PHYSICS_FAULT, "the signed cell file has expired")
-        view = look.view()
-        scene: Scene | None
-        age_s: float | None
-        match view:
-            case Distrusted(rejected):
-                return ImpactFault(Reason.PERCEPTION_INVALID, f"{rejected.sensor[:64]} {rejected.fault}")
-            case Unseen():
-                scene, age_s = None, None
-            case Seen() as seen:
-                age_s = (seen.age_ms + allowance_ms) / 1000
-                scene = scene_of(seen, self._cell)
-            case _:
-                assert_never(view)
+        sight = self._sight(look, allowance_ms=allowance_ms)
+        if isinstance(sight, ImpactFault):
+            return sight
         state = self._state.read()
         if not state.still:
             return ImpactFault(Reason.BUSY, "the arm is moving")
@@ -144,15 +134,15 @@ class CellPhysics:
         if motion is None:
             return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
         with self._lock:
-            self._starts[request.request_id] = state.q_rad
-            while len(self._starts) > STARTS_KEPT:
-                self._starts.popitem(last=False)
+            self._motions[request.request_id] = motion
+            while len(self._motions) > MOTIONS_KEPT:
+                self._motions.popitem(last=False)
         assessed = assess(
             self._robot,
-            scene,
+            sight.scene,
             motion,
             self._cell,
-            perception_age_s=age_s,
+            perception_age_s=sight.age_s,
             touch=touch,
             seed=bytes.fromhex(request.digest),
         )
@@ -167,7 +157,71 @@ class CellPhysics:
     def start_of(self, request_id: str) -> tuple[float, ...] | None:
         """The joint angles (rad) from which that request was assessed, or None when it was not."""
         with self._lock:
-            return self._starts.get(request_id)
+            motion = self._motions.get(request_id)
+        match motion:
+            case None | OutputSet():
+                return None
+            case MoveJ() | SpeedJ():
+                return motion.start
+            case GripperMove():
+                return motion.q
+            case _:
+                assert_never(motion)
+
+    def left(
+        self, request: Request, state_q_rad: Sequence[float], *, authorised_milli: int, touch: frozenset[str]
+    ) -> Rest:
+        """Whether what is left of a motion from these joint angles is proven to be inside what was authorised.
+
+        The `Remaining` port: one look at the frames, one judgement; it never raises.
+        """
+        look = self._frames.look()
+        age_ms = look.age_ms(look.taken_ms)
+        try:
+            sight = self._sight(look, allowance_ms=0)
+            with self._lock:
+                motion = self._motions.get(request.request_id)
+            if isinstance(sight, ImpactFault):
+                return Rest(holds=False, index_milli=None, cause=sight.detail, fault=sight.reason, age_ms=age_ms)
+            if motion is None:
+                return Rest(holds=False, index_milli=None, cause="", fault=Reason.PHYSICS_FAULT, age_ms=age_ms)
+            rest = remaining(
+                self._robot,
+                sight.scene,
+                motion,
+                self._cell,
+                at_rad=tuple(state_q_rad),  # type: ignore[arg-type]  # six, counted where they were read
+                authorised_milli=authorised_milli,
+                perception_age_s=sight.age_s,
+                touch=touch,
+            )
+        except SceneError as error:
+            return Rest(
+                holds=False, index_milli=None, cause=error.detail, fault=Reason.PERCEPTION_INVALID, age_ms=age_ms
+            )
+        except Exception as error:  # noqa: BLE001 - whatever breaks in physics is a fault, never a tier
+            broken = type(error).__name__
+            return Rest(holds=False, index_milli=None, cause=broken, fault=Reason.PHYSICS_FAULT, age_ms=age_ms)
+        if isinstance(rest, ImpactFault):
+            return Rest(holds=False, index_milli=None, cause=rest.detail, fault=rest.reason, age_ms=age_ms)
+        return Rest(holds=rest.holds, index_milli=rest.index_milli, cause=rest.cause, fault="", age_ms=age_ms)
+
+    def _sight(self, look: Look, *, allowance_ms: int) -> _Sight | ImpactFault:
+        """The scene that a look shows and the age to reckon with, or why it must not be believed.
+
+        Raises:
+            SceneError: a region or kind that is not in the declared sets.
+        """
+        view = look.view()
+        match view:
+            case Distrusted(rejected):
+                return ImpactFault(Reason.PERCEPTION_INVALID, f"{rejected.sensor[:64]} {rejected.fault}")
+            case Unseen():
+                return _Sight(None, None)
+            case Seen() as seen:
+                return _Sight(scene_of(seen, self._cell), (seen.age_ms + allowance_ms) / 1000)
+            case _:
+                assert_never(view)
 
     def summary(self) -> dict[str, Any]:
         """What is seen, for people who look: how many, how old, whether it is believed."""
@@ -194,6 +248,14 @@ def tool_position(robot: Robot, q_rad: Sequence[float]) -> tuple[float, float, f
     rotation, origin = link_frames(robot, np.array([q_rad], dtype=float))
     x, y, z = (origin[0, -1] + rotation[0, -1] @ np.array(robot.tool.tcp_m)).tolist()
     return x, y, z
+
+
+@dataclass(frozen=True, slots=True)
+class _Sight:
+    """The scene to reason about and its age in seconds; both None when there is no view."""
+
+    scene: Scene | None
+    age_s: float | None
 
 
 def scene_of(seen: Seen, cell: CellParameters) -> Scene:

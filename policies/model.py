@@ -85,7 +85,7 @@ class ObligationKind(StrEnum):
     RECORD = "record"
     """Write the decision durably before the effect."""
     WATCH = "watch"
-    """Keep watching while the effect lasts: in this version the authority for it, and not yet what the sensors see."""
+    """Keep watching while the effect lasts: its authority, what the sensors see, and what is left of it; else stop."""
     CONSUME = "consume approval"
     """Take the use of the approval that the decision names, durably, before the effect."""
 

@@ -96,6 +96,9 @@ class Reason(StrEnum):
     BODY_MALFORMED = "BODY_MALFORMED"
     BODY_TOO_LARGE = "BODY_TOO_LARGE"
     EFFECT_FAILED = "EFFECT_FAILED"
+    IMPACT_ROSE = "IMPACT_ROSE"
+    WATCH_BLIND = "WATCH_BLIND"
+    WATCH_LATE = "WATCH_LATE"
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +121,7 @@ _PROVE = "Sign a new proof with the key of the token's last hop, for exactly thi
 _SEND = "Send every parameter of the operation as a finite number on its unit's grid."
 _AT_THE_ROBOT = "A person looks at the robot and sets it right; no approval replaces that."
 _REPORT = "Nothing the caller can do; the record holds the cause for the operator."
+_AFRESH = "Ask again: the motion is decided afresh in the world as it is now."
 
 REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
     {
@@ -281,6 +285,11 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.BODY_MALFORMED: ReasonRow("The request cannot be read.", "Send well-formed JSON, each key once."),
         Reason.BODY_TOO_LARGE: ReasonRow("The request is too large.", "Send less."),
         Reason.EFFECT_FAILED: ReasonRow("The effect did not happen as decided.", _REPORT),
+        Reason.IMPACT_ROSE: ReasonRow(
+            "The world changed: what was left of the motion had more impact than was authorised.", _AFRESH
+        ),
+        Reason.WATCH_BLIND: ReasonRow("The view of the cell was lost during the motion.", _AFRESH),
+        Reason.WATCH_LATE: ReasonRow("The moving arm could not be looked at often enough.", _AFRESH),
     }
 )
 """Every reason with its fixed text, remedy and owners."""

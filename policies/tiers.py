@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from policies.evidence import Evidence
+    from policies.model import Decision
+    from policies.parameters import Parameters
 
 FRESH: Final = "fresh"
 """The one state of perception that adds nothing to the tier."""
@@ -71,3 +73,15 @@ def runtime_tier(evidence: Evidence, *, physical: bool) -> Tier | None:
         return None
     floor = Tier.NO_EFFECT if impact.perception == FRESH else UNSEEN_FLOOR
     return max(base, Tier(impact.tier), floor)
+
+
+def authorised_milli(decision: Decision, parameters: Parameters) -> int:
+    """The impact index, in thousandths, up to which a PERMIT goes on being one while its effect lasts.
+
+    Without people's answer the decision would have been the same all over its tier; with one it holds for the index
+    that was decided and the slack that an approval has, and never for the tier above.
+    """
+    if decision.tier is None or decision.index is None:
+        return 0
+    whole = int(decision.tier) * 1_000
+    return whole if decision.approval is None else min(whole, decision.index + parameters.approved_index_slack_milli)

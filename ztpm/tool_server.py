@@ -17,6 +17,8 @@ import math
 import resource
 import signal
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -48,6 +50,7 @@ from pep.rtde.limits import Ur3eLimits
 from pep.rtde.program import ProgramWatch
 from pep.rtde.state import ReceivedState
 from pep.ship import Shipper
+from pep.watch import Limits, Watch
 from pep.world import CellPhysics
 from ztpm.robot import PROGRAM_S, commanded, readiness
 from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, read_key, read_policies, read_trust
@@ -150,12 +153,22 @@ class ToolServer:
             _connect(config.robot_host), program, robot, self.cell, audience=config.audience, clock=self.clock
         )
         self.readiness = readiness(config.robot_host, program, control, robot, self.cell)
+        self.judging = ThreadPoolExecutor(1, "rest")
         self.drive = Drive(
             control=control,
             state=self.state,
             gripper=RobotiqGripper(config.robot_host),
             dashboard_stop=lambda: stop_program(config.robot_host),
             start_of=self.physics.start_of,
+            watching=partial(
+                Watch,
+                remaining=self.physics,
+                views=self.frames,
+                limits=Limits.of(self.cell),
+                clock=self.clock,
+                submit=self.judging.submit,
+            ),
+            hurry=lambda moving: self.follower.hurry(moving=moving),
             audience=config.audience,
             clock=self.clock,
         )
@@ -268,6 +281,7 @@ class ToolServer:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         await self.receiver.close()
+        self.judging.shutdown(wait=False, cancel_futures=True)
         self.gate.close()
         await self.http.aclose()
         self.state.close()

@@ -38,17 +38,22 @@ FingerSpeed = Annotated[float, Field(description="Speed of the fingers in m/s.")
 Force = Annotated[float, Field(description="Grip force in N.")]
 
 
+Outcome = Literal["reached", "stopped", "authority_lost", "world_changed", "robot_failed"]
+
+
 class Moved(TypedDict):
     """How a motion ended, and where the arm is now."""
 
-    outcome: Literal["reached", "stopped", "authority_lost", "robot_failed"]
+    outcome: Outcome
     q_rad: list[float]
     reason: str
 
 
 class Gripped(TypedDict):
-    """Where the fingers are now, whether something stopped them, and whether the move has ended by itself."""
+    """How a move of the fingers ended, where they are, whether a thing stopped them, whether it ended by itself."""
 
+    outcome: Outcome
+    reason: str
     width_m: float
     object: bool
     arrived: bool
@@ -131,7 +136,10 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
     async def gripper_move(width_m: Width, speed_m_s: FingerSpeed, force_n: Force) -> Gripped:
         """Move the gripper's fingers to an opening, and tell where they have stopped."""
         grip = await _permitted(lambda permit: driver.gripper_move(width_m, speed_m_s, force_n, permit))
-        return Gripped(width_m=grip.width_um / 1e6, object=grip.object, arrived=grip.arrived)
+        width_m = grip.width_um / 1e6
+        return Gripped(
+            outcome=grip.end.value, reason=grip.reason, width_m=width_m, object=grip.object, arrived=grip.arrived
+        )
 
     @server.tool()
     async def read_state() -> State:

@@ -1,20 +1,24 @@
 """Driving the arm and gripper of one cell: a motion is sent once, watched to its end, stopped at any time.
 
-Four workers, so that nothing waits for what it must not wait for: commands, reading, the gripper, and stops, which wait
-for nobody.
+What moves is looked at from a thread of its own, which also stops it: neither the event loop with its callers, nor
+whoever reads the state, nor a command that is being handed over can delay a look or a stop.
 """
 
 from __future__ import annotations
 
 import asyncio
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from enum import StrEnum
-from typing import TYPE_CHECKING, Final, Protocol
+import contextlib
+import threading
+import time
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 
 from capabilities.units import Unit, parse
-from pep.errors import ActuationRefusedError, RobotError
+from pep.errors import ActuationRefusedError, PepFault
 from pep.operations import GRIPPER_MOVE, digest_of
+from pep.rtde.ladder import STOP_LIMIT_MS, MotionEnd, StopLadder
+from pep.watch import LOOK_MS, End
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -25,15 +29,16 @@ if TYPE_CHECKING:
     from pep.rtde.gripper import Grip
     from pep.rtde.guard import GuardedControl
     from pep.rtde.state import JointState, RobotState
+    from pep.watch import Alarm, Watch
+
+__all__ = ["Drive", "End", "Gripper", "MotionEnd"]
 
 ARRIVED_RAD: Final = 1e-3
 """A joint this near to its target has arrived; the controller holds about a tenth of it."""
 START_TOLERANCE_RAD: Final = 2e-3
 """The arm may differ this much from where the assessment began."""
-POLL_S: Final = 0.008
-"""Pause between two looks at a moving arm: four packages of the controller."""
-STANDING_PERIOD_MS: Final = 40
-"""How often the authority behind a motion is looked at again: well inside 150 ms."""
+PAUSE_S: Final = LOOK_MS / 2000
+"""Pause between two looks: half of the longest, so that waking up late has the other half."""
 STARTS_MS: Final = 1_000
 """A motion that has not begun by then will not begin."""
 SILENCE_MS: Final = 300
@@ -41,33 +46,9 @@ SILENCE_MS: Final = 300
 SLACK: Final = 1.5
 SLACK_MS: Final = 3_000
 """A motion may last its computed time by half, and three seconds; then it is stopped."""
-ESCALATE_MS: Final = 700
-"""An arm that still moves then is stopped by the dashboard too: pi rad/s at 8 rad/s2 takes 0.4 s, and 0.06 s to begin.
-
-A cell with a weaker stop model may get both stops; the second does no harm."""
-STOP_LIMIT_MS: Final = 5_000
 SAFE_MODES: Final = (1, 2)  # safety_mode NORMAL and REDUCED; any other has stopped the arm by itself
 
-
-class End(StrEnum):
-    """How a motion ended."""
-
-    REACHED = "reached"
-    STOPPED = "stopped"
-    """By a stop."""
-    AUTHORITY_LOST = "authority_lost"
-    """Stopped because the token was revoked, ran out, or the revocation view grew too old."""
-    ROBOT_FAILED = "robot_failed"
-    """The arm did not move, stopped by itself, cannot be read, or took too long."""
-
-
-@dataclass(frozen=True, slots=True)
-class MotionEnd:
-    """The end of a motion: how, where, and why if it was cut short."""
-
-    end: End
-    q_rad: tuple[float, ...]
-    reason: str = ""
+T = TypeVar("T")
 
 
 class Gripper(Protocol):
@@ -91,6 +72,8 @@ class Drive:
         gripper: of the robot.
         dashboard_stop: the last rung of the stop ladder.
         start_of: joint angles from which a request was assessed.
+        watching: begins the watch over what a permit allows.
+        hurry: told whether something moves, so that what the watch goes by comes sooner.
         audience: canonical URL of the server that decides.
         clock: both clocks.
     """
@@ -103,22 +86,27 @@ class Drive:
         gripper: Gripper,
         dashboard_stop: Callable[[], None],
         start_of: Callable[[str], tuple[float, ...] | None],
+        watching: Callable[[Permit], Watch],
+        hurry: Callable[[bool], None],
         audience: str,
         clock: Clock,
     ) -> None:
         self._control = control
         self._state = state
         self._gripper = gripper
-        self._dashboard_stop = dashboard_stop
         self._start_of = start_of
+        self._watching = watching
+        self._hurry = hurry
         self._audience = audience
         self._clock = clock
+        self._ladder = StopLadder(
+            control=control, halt=gripper.halt, dashboard_stop=dashboard_stop, newest=state.newest, clock=clock
+        )
         self._holder: str | None = None
+        self._watch = ThreadPoolExecutor(1, "watch")
         self._commands = ThreadPoolExecutor(1, "command")
-        self._reads = ThreadPoolExecutor(1, "state")
         self._fingers = ThreadPoolExecutor(1, "gripper")
-        self._stops = ThreadPoolExecutor(4, "stop")
-        self._stopping: asyncio.Future[None] | None = None
+        self._reads = ThreadPoolExecutor(1, "state")
 
     # -- one at a time
 
@@ -150,66 +138,84 @@ class Drive:
             ActuationRefusedError: nothing was sent.
             RobotError: the robot could not be read before sending; nothing was sent.
         """
-        loop = asyncio.get_running_loop()
         target = tuple(q_rad)
 
-        def send() -> JointState:
+        def send() -> int:
+            """How long the motion may last, in ms, now that it was sent."""
             start = self._state.read()
             assessed = self._start_of(permit.request_id)
             if assessed is None or not _near(start.q_rad, assessed, START_TOLERANCE_RAD):
                 permit.refusal = Reason.NOT_WHAT_WAS_DECIDED
                 raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "the arm is not where the assessment began")
             self._control.moveJ(target, speed_rad_s, acceleration_rad_s2, True, permit=permit)  # noqa: FBT003
-            return start
-
-        try:
-            start = await loop.run_in_executor(self._commands, send)
             way = max((abs(b - a) for a, b in zip(start.q_rad, target, strict=True)), default=0.0)
             lasts_ms = 1000 * (way / speed_rad_s + speed_rad_s / acceleration_rad_s2)
-            return await self._follow(target, permit, limit_ms=int(lasts_ms * SLACK) + SLACK_MS)
-        except asyncio.CancelledError:
-            # The caller has gone; an arm without anybody who waits for it stands still.
-            await self._finish_stopping()
-            raise
-        except Exception:
+            return int(lasts_ms * SLACK) + SLACK_MS
+
+        return await self._watched(lambda gone: self._follow(target, send, permit, gone))
+
+    def _follow(
+        self, target: tuple[float, ...], send: Callable[[], int], permit: Permit, gone: threading.Event
+    ) -> MotionEnd:
+        """Look at the arm until it has arrived or stands still for another reason. On the watch's thread."""
+        arm = _Heard(self._state, self._clock)
+        sending = self._commands.submit(send)
+        watch = self._watching(permit)
+        sent_ms, limit_ms, moved = 0, 0, False
+        while True:
+            if limit_ms == 0 and sending.done():
+                limit_ms = self._sent(sending, permit)
+                sent_ms = arm.sent()
+            fresh = arm.look()
+            moved = moved or not arm.state.still
+            alarm = watch.look(arm.state.q_rad)
+            if gone.is_set():
+                return self._stand(sending)
+            if alarm is not None:
+                return self._end(alarm, permit, arm.state, sending)
+            if arm.silent_ms > SILENCE_MS:
+                self._stand(sending)
+                return MotionEnd(End.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
+            # Only what the robot said after it was told to move can say how that went.
+            if limit_ms and fresh:
+                lasted_ms = self._clock.monotonic_ms() - sent_ms
+                end = self._judge(arm.state, target, permit, lasted_ms=lasted_ms, limit_ms=limit_ms, moved=moved)
+                if end is not None:
+                    return end
+            time.sleep(PAUSE_S)
+
+    def _judge(
+        self,
+        state: JointState,
+        target: tuple[float, ...],
+        permit: Permit,
+        *,
+        lasted_ms: int,
+        limit_ms: int,
+        moved: bool,
+    ) -> MotionEnd | None:
+        """How the motion has ended, by the robot's own word; None while it goes on."""
+        if state.still and _near(state.q_rad, target, ARRIVED_RAD):
+            return MotionEnd(End.REACHED, state.q_rad)
+        if state.still and self._control.stopped_ms is not None and self._control.stopped_ms >= permit.since_ms:
+            return MotionEnd(End.STOPPED, state.q_rad)
+        if state.still and (lasted_ms > STARTS_MS or state.safety_mode not in SAFE_MODES):
+            # Whatever the controller still has in mind, it is not begun later behind our back.
+            end = self._stand()
+            return MotionEnd(End.ROBOT_FAILED, end.q_rad, f"safety mode {state.safety_mode}, moved {moved}")
+        if lasted_ms > limit_ms:
+            return MotionEnd(End.ROBOT_FAILED, self._stand().q_rad, "too slow")
+        return None
+
+    def _sent(self, sending: Future[T], permit: Permit) -> T:
+        """What a command that is no longer being handed over has to say."""
+        try:
+            return sending.result()
+        except BaseException:
             # Handed over and not acknowledged: it may yet begin.
             if permit.spent:
-                await self._finish_stopping()
+                self._stand()
             raise
-
-    async def _follow(self, target: tuple[float, ...], permit: Permit, *, limit_ms: int) -> MotionEnd:
-        """Look at the arm until it has arrived or stands still for another reason."""
-        sent_ms = looked_ms = heard_ms = self._clock.monotonic_ms()
-        moved = False
-        while True:
-            try:
-                state = await self._read()
-            except RobotError as error:
-                if self._clock.monotonic_ms() - heard_ms <= SILENCE_MS:
-                    continue
-                await self._finish_stopping()
-                return MotionEnd(End.ROBOT_FAILED, (), str(error.code))
-            now = heard_ms = self._clock.monotonic_ms()
-            stopped = self._control.stopped_ms is not None and self._control.stopped_ms >= permit.since_ms
-            moved = moved or not state.still
-            if state.still and _near(state.q_rad, target, ARRIVED_RAD):
-                return MotionEnd(End.REACHED, state.q_rad)
-            if state.still and stopped:
-                return MotionEnd(End.STOPPED, state.q_rad)
-            if state.still and (now - sent_ms > STARTS_MS or state.safety_mode not in SAFE_MODES):
-                # Whatever the controller still has in mind, it is not begun later behind our back.
-                end = await self.stop()
-                return MotionEnd(End.ROBOT_FAILED, end.q_rad, f"safety mode {state.safety_mode}, moved {moved}")
-            if now - looked_ms >= STANDING_PERIOD_MS:
-                looked_ms = now
-                fault = permit.standing()
-                if fault is not None:
-                    end = await self.stop()
-                    return MotionEnd(End.AUTHORITY_LOST, end.q_rad, str(fault.code))
-            if now - sent_ms > limit_ms:
-                end = await self.stop()
-                return MotionEnd(End.ROBOT_FAILED, end.q_rad, "too slow")
-            await asyncio.sleep(POLL_S)
 
     async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
         """The fingers have moved, or why they have not.
@@ -222,7 +228,7 @@ class Drive:
 
         Raises:
             ActuationRefusedError: nothing was sent.
-            RobotError: the gripper does not answer.
+            RobotError: the gripper does not answer, or the robot could not be read before sending.
         """
         # Counted before the permit is spent: a stop before that voids the permit, and one after it changes the count.
         stops = self._control.stops
@@ -242,16 +248,27 @@ class Drive:
                 raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "a stop came before it was sent")
             return self._gripper.move(width_um=width, speed_um_s=speed, force_mn=force, stopped=stopped)
 
-        sending = asyncio.get_running_loop().run_in_executor(self._fingers, send)
-        try:
-            while not sending.done():
-                await asyncio.wait({sending}, timeout=STANDING_PERIOD_MS / 1000)
-                if not sending.done() and permit.standing() is not None:
-                    await self.stop()
-        except asyncio.CancelledError:
-            await self._finish_stopping()
-            raise
-        return sending.result()
+        grip = await self._watched(lambda gone: self._follow_fingers(send, permit, gone))
+        if grip.end is not End.REACHED or grip.arrived:
+            return grip
+        return replace(grip, end=End.STOPPED if stopped() else End.ROBOT_FAILED)
+
+    def _follow_fingers(self, send: Callable[[], Grip], permit: Permit, gone: threading.Event) -> Grip:
+        """Watch until the fingers have moved. On the watch's thread; the resting arm's angles place the fingers."""
+        arm = _Heard(self._state, self._clock)
+        sending = self._fingers.submit(send)
+        watch = self._watching(permit)
+        alarm: Alarm | None = None
+        while not sending.done() and alarm is None and not gone.is_set():
+            arm.look()
+            alarm = watch.look(arm.state.q_rad)
+            wait((sending,), timeout=PAUSE_S)
+        if alarm is not None:
+            end = self._end(alarm, permit, arm.state, sending)
+            return replace(self._sent(sending, permit), end=end.end, reason=end.reason)
+        if gone.is_set():
+            self._stand()
+        return self._sent(sending, permit)
 
     # -- stopping
 
@@ -261,45 +278,65 @@ class Drive:
         The command goes out at once. If the arm still moves 0.7 s later, or the command cannot be given, the dashboard
         ends the program.
         """
-        self._control.note_stop()
-        loop = asyncio.get_running_loop()
-        if self._stopping is None or self._stopping.done():
-            self._stopping = loop.run_in_executor(self._stops, self._control.stopJ)
-            self._stopping.add_done_callback(_seen)
-        fingers = loop.run_in_executor(self._stops, self._gripper.halt)
-        fingers.add_done_callback(_seen)
-        began_ms = self._clock.monotonic_ms()
-        escalated = False
-        while True:
-            failed = self._stopping.done() and self._stopping.exception() is not None
-            state: JointState | None
-            try:
-                state = await self._read()
-            except RobotError:
-                state = None
-            waited_ms = self._clock.monotonic_ms() - began_ms
-            if state is not None and state.still and (self._stopping.done() or escalated):
-                return MotionEnd(End.STOPPED, state.q_rad)
-            if not escalated and (failed or waited_ms > ESCALATE_MS):
-                escalated = True
-                loop.run_in_executor(self._stops, self._dashboard_stop).add_done_callback(_seen)
-            if waited_ms > STOP_LIMIT_MS:
-                return MotionEnd(End.ROBOT_FAILED, () if state is None else state.q_rad, "no standstill was seen")
-            await asyncio.sleep(POLL_S)
+        stop = self._ladder.begin()
+        while (end := stop.look()) is None:  # noqa: ASYNC110 - the arm itself sets no event
+            await asyncio.sleep(PAUSE_S)
+        return end
 
-    async def _finish_stopping(self) -> None:
-        """Stop, also when the task that asks is being cancelled."""
-        stopping = asyncio.ensure_future(self.stop())
-        while not stopping.done():
-            try:
-                await asyncio.shield(stopping)
-            except asyncio.CancelledError:
-                continue
+    def _stand(self, sending: Future[T] | None = None) -> MotionEnd:
+        """The same, for the watch's thread.
+
+        Args:
+            sending: a command that may still be being handed over. Standstill counts once that has ended, too.
+        """
+        stop = self._ladder.begin()
+        while (end := stop.look()) is None:
+            time.sleep(PAUSE_S)
+        if sending is None or sending.done():
+            return end
+        wait((sending,), timeout=STOP_LIMIT_MS / 1000)
+        return self._stand()
+
+    def _end(self, alarm: Alarm, permit: Permit, state: JointState, sending: Future[T]) -> MotionEnd:
+        """The motion has ended because of an alarm, and the permit tells its record what was seen."""
+        end = self._stand(sending)
+        permit.watched = {
+            "outcome": str(alarm.end),
+            "reason": alarm.reason,
+            "t_seen_ms": alarm.seen_ms,
+            "seen": alarm.what,
+            "index_milli": alarm.index_milli,
+            "authorised_milli": alarm.authorised_milli,
+            "q_at_stop_rad": state.q_rad,
+            "q_at_standstill_rad": end.q_rad if end.end is End.STOPPED else None,
+        }
+        return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is End.STOPPED else end
+
+    async def _watched(self, follow: Callable[[threading.Event], T]) -> T:
+        """What `follow` says on the watch's thread; a caller that goes away leaves nothing moving behind."""
+        gone = threading.Event()
+        self._hurry(True)  # noqa: FBT003 - the one thing it is told
+        following = asyncio.get_running_loop().run_in_executor(self._watch, follow, gone)
+        try:
+            return await asyncio.shield(following)
+        except asyncio.CancelledError:
+            # An arm without anybody who waits for it stands still.
+            gone.set()
+            await self._finish(asyncio.ensure_future(self.stop()))
+            await self._finish(following)
+            raise
+        finally:
+            self._hurry(False)  # noqa: FBT003
+
+    async def _finish(self, ending: asyncio.Future[T]) -> None:
+        """It has ended, also when the task that asks is being cancelled; how is for somebody else."""
+        while not ending.done():
+            with contextlib.suppress(asyncio.CancelledError, Exception):
+                await asyncio.shield(ending)
+        if not ending.cancelled():
+            ending.exception()
 
     # -- looking
-
-    async def _read(self) -> JointState:
-        return await asyncio.get_running_loop().run_in_executor(self._reads, self._state.read)
 
     async def read_state(self) -> JointState:
         """The robot's state now.
@@ -307,26 +344,54 @@ class Drive:
         Raises:
             RobotError: when it says nothing.
         """
-        return await self._read()
+        return await asyncio.get_running_loop().run_in_executor(self._reads, self._state.read)
 
     async def close(self) -> None:
         """The arm stands still, its program has ended, and nothing can be sent any more."""
-        await self._finish_stopping()
+        await self._finish(asyncio.ensure_future(self.stop()))
         loop = asyncio.get_running_loop()
+        ends = ThreadPoolExecutor(2, "close")
         for end in (self._control.stopScript, self._control.disconnect):
             try:
-                await asyncio.wait_for(loop.run_in_executor(self._stops, end), STOP_LIMIT_MS / 1000)
+                await asyncio.wait_for(loop.run_in_executor(ends, end), STOP_LIMIT_MS / 1000)
             except Exception:  # noqa: BLE001, S112 - the arm stands; what is left is tidying
                 continue
-        for pool in (self._commands, self._reads, self._fingers, self._stops):
+        for pool in (self._watch, self._commands, self._fingers, self._reads, ends):
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+class _Heard:
+    """What the robot has said last, and for how long it has said nothing.
+
+    Raises:
+        RobotError: it says nothing to begin with.
+    """
+
+    def __init__(self, state: RobotState, clock: Clock) -> None:
+        self._newest = state.newest
+        self._clock = clock
+        self.state = state.read()
+        self._heard_ms = clock.monotonic_ms()
+        self._stamp_s: float | None = None
+        self._sent_at: float | None = None
+
+    def look(self) -> bool:
+        """The newest word is taken in; whether it is from after the command was sent."""
+        package = self._newest()
+        if package.stamp_s != self._stamp_s and package.state is not None:
+            self._stamp_s, self.state, self._heard_ms = package.stamp_s, package.state, self._clock.monotonic_ms()
+        return self._stamp_s != self._sent_at
+
+    def sent(self) -> int:
+        """What was said up to now is from before the command; the monotonic time in ms."""
+        self._sent_at = self._newest().stamp_s
+        return self._clock.monotonic_ms()
+
+    @property
+    def silent_ms(self) -> int:
+        """Since when nothing new was said."""
+        return self._clock.monotonic_ms() - self._heard_ms
 
 
 def _near(a: Sequence[float], b: Sequence[float], tolerance_rad: float) -> bool:
     return len(a) == len(b) and all(abs(x - y) <= tolerance_rad for x, y in zip(a, b, strict=True))
-
-
-def _seen(ended: asyncio.Future[None]) -> None:
-    """A stop that failed is judged by the arm itself, which is watched until it stands."""
-    if not ended.cancelled():
-        ended.exception()

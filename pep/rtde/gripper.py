@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from pep.errors import PepFault, RobotError
 from pep.rtde.limits import FINGER_SPEED_UM_S, GRIP_MN, STROKE_UM
+from pep.watch import End
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,12 +36,16 @@ class Grip:
     Attributes:
         width_um: opening now.
         object: whether the fingers were stopped by something.
-        arrived: whether the move has ended at all.
+        arrived: whether the move has ended by itself.
+        end: how it ended, by who watched it.
+        reason: why it was cut short, a code; "" when it was not.
     """
 
     width_um: int
     object: bool
     arrived: bool
+    end: End = End.REACHED
+    reason: str = ""
 
 
 class RobotiqGripper:

@@ -36,11 +36,28 @@ class JointState:
         return all(abs(speed) < STILL_RAD_S for speed in self.qd_rad_s)
 
 
+@dataclass(frozen=True, slots=True)
+class Package:
+    """The newest package, whenever it came.
+
+    Attributes:
+        stamp_s: the controller's own time of it; one that does not grow is the same package.
+        state: what it says, or None when it holds no six finite numbers.
+    """
+
+    stamp_s: float
+    state: JointState | None
+
+
 class RobotState(Protocol):
     """The robot's state now."""
 
     def read(self) -> JointState:
         """A package that arrived during the call. Raises `RobotError` when none does."""
+        ...
+
+    def newest(self) -> Package:
+        """The newest package, without waiting for one."""
         ...
 
 
@@ -72,9 +89,20 @@ class ReceivedState:
             if time.monotonic() > deadline:
                 raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
             time.sleep(POLL_S)
+        state = self._said()
+        if state is None:
+            raise RobotError(PepFault.ROBOT_STALLED, "joint angles that are no six finite numbers")
+        return state
+
+    def newest(self) -> Package:
+        """The newest package. The stamp is read first: a package that comes meanwhile looks older, never younger."""
+        stamp_s = float(self._receive.getTimestamp())
+        return Package(stamp_s, self._said())
+
+    def _said(self) -> JointState | None:
         q, qd = tuple(self._receive.getActualQ()), tuple(self._receive.getActualQd())
         if not (len(q) == len(qd) == 6 and all(math.isfinite(number) for number in (*q, *qd))):
-            raise RobotError(PepFault.ROBOT_STALLED, "joint angles that are no six finite numbers")
+            return None
         return JointState(q, qd, int(self._receive.getRobotMode()), int(self._receive.getSafetyMode()))
 
     def close(self) -> None:

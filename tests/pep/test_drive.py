@@ -3,18 +3,22 @@
 import asyncio
 import threading
 import time
+from concurrent.futures import Future
 
 import pytest
 
 from capabilities.errors import Fault, FaultCode
 from pep.clock import SystemClock
+from pep.context.frames import Seen
 from pep.errors import ActuationRefusedError, PepFault, RobotError
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT, digest_of
 from pep.permit import Permit
+from pep.ports import Rest
 from pep.rtde.drive import Drive, End
 from pep.rtde.gripper import Grip
 from pep.rtde.guard import GuardedControl
-from pep.rtde.state import JointState
+from pep.rtde.state import JointState, Package
+from pep.watch import Limits, Watch
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE
 
@@ -30,6 +34,7 @@ class Arm:
         self.deaf, self.silent, self.sticks = False, False, False
         self.unheard, self.decelerations = False, []
         self.mode, self.at = 1, time.monotonic()
+        self.said = None
         self.lock = threading.Lock()
 
     def go_on(self):
@@ -77,6 +82,11 @@ class Arm:
             moving = self.target is not None and not self.sticks
             return JointState((self.q, *HERE[1:]), (self.speed if moving else 0.0, *HERE[1:]), 7, self.mode)
 
+    def newest(self):
+        if not self.silent:
+            self.said = Package(time.monotonic(), self.read())
+        return self.said
+
 
 class Fingers:
     def __init__(self):
@@ -99,6 +109,9 @@ class World:
         self.fault, self.dashboard = None, []
         self.starts = {"r": HERE}
         self.deceleration = 6.0
+        self.hurried = []
+        self.rest = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20)
+        self.seen = Seen((), 20)
 
     def drive(self):
         def by_dashboard():
@@ -117,11 +130,34 @@ class World:
             gripper=self.fingers,
             dashboard_stop=by_dashboard,
             start_of=self.starts.get,
+            watching=self.watching,
+            hurry=self.hurried.append,
             audience=AUDIENCE,
             clock=self.clock,
         )
 
-    def permit(self, operation=MOVE_JOINT, numbers=(*THERE, 2.0, 1.4), lifetime_ms=5_000):
+    def watching(self, permit):
+        return Watch(
+            permit,
+            remaining=self,
+            views=self,
+            limits=Limits(view_ms=150, judged_ms=2_000, look_ms=2_000),
+            clock=self.clock,
+            submit=self.submit,
+        )
+
+    def submit(self, judge):
+        judging = Future()
+        judging.set_result(judge())
+        return judging
+
+    def left(self, request, q_rad, *, authorised_milli, touch):
+        return self.rest
+
+    def view(self):
+        return self.seen
+
+    def permit(self, operation=MOVE_JOINT, numbers=(*THERE, 2.0, 1.4), lifetime_ms=5_000, **changes):
         now = self.clock.monotonic_ms()
         return Permit(
             request_id="r",
@@ -130,6 +166,9 @@ class World:
             deadline_ms=now + lifetime_ms,
             clock=self.clock,
             standing=lambda: self.fault,
+            request=object(),
+            index_milli=1_000,
+            **changes,
         )
 
 

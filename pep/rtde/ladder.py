@@ -1,0 +1,136 @@
+"""The stop ladder: arm and fingers at once, the dashboard when the arm goes on, and standstill seen before it is told.
+
+Any thread may stop, and no stop waits: each rung that may block has a thread of its own, one at a time.
+"""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from pep.watch import End
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.ports import Clock
+    from pep.rtde.guard import GuardedControl
+    from pep.rtde.state import Package
+
+ESCALATE_MS: Final = 700
+"""An arm that still moves then is stopped by the dashboard too: pi rad/s at 8 rad/s2 takes 0.4 s, and 0.06 s to begin.
+
+A cell with a weaker stop model may get both stops; the second does no harm."""
+STOP_LIMIT_MS: Final = 5_000
+
+
+@dataclass(frozen=True, slots=True)
+class MotionEnd:
+    """The end of a motion: how, where, and why if it was cut short."""
+
+    end: End
+    q_rad: tuple[float, ...]
+    reason: str = ""
+
+
+class StopLadder:
+    """Every way to stop what this cell moves.
+
+    Args:
+        control: guarded; its `stopJ` brakes as the cell's stop model says.
+        halt: the fingers stop where they are.
+        dashboard_stop: the last rung.
+        newest: the newest package of the robot; never waits.
+        clock: the monotonic one counts.
+    """
+
+    def __init__(
+        self,
+        *,
+        control: GuardedControl,
+        halt: Callable[[], None],
+        dashboard_stop: Callable[[], None],
+        newest: Callable[[], Package],
+        clock: Clock,
+    ) -> None:
+        self._control = control
+        self._newest = newest
+        self._clock = clock
+        self._arm = _Rung("stop arm", control.stopJ)
+        self._fingers = _Rung("stop fingers", halt)
+        self._dashboard = _Rung("stop program", dashboard_stop)
+
+    def begin(self) -> Stop:
+        """The stop is on its way when this returns, and every permit of an earlier request is void."""
+        self._control.note_stop()
+        arm = self._arm.take()
+        self._fingers.take()
+        return Stop(arm, self._dashboard.take, newest=self._newest, clock=self._clock)
+
+
+class Stop:
+    """One stop under way, to be looked at until the arm stands. Made by `StopLadder.begin`; one thread looks."""
+
+    def __init__(
+        self,
+        arm: Future[None],
+        escalate: Callable[[], Future[None]],
+        *,
+        newest: Callable[[], Package],
+        clock: Clock,
+    ) -> None:
+        self._arm = arm
+        self._escalate = escalate
+        self._newest = newest
+        self._clock = clock
+        self._began_ms = clock.monotonic_ms()
+        self._began_at = newest().stamp_s
+        self._escalated = False
+
+    def look(self) -> MotionEnd | None:
+        """The end, once standstill was seen; None while it is not. Escalates when the command fails or does not help.
+
+        What the robot said before the stop tells nothing: only a newer package counts.
+        """
+        package = self._newest()
+        heard = package.stamp_s != self._began_at and package.state is not None
+        given = self._arm.done()
+        waited_ms = self._clock.monotonic_ms() - self._began_ms
+        if heard and package.state is not None and package.state.still and (given or self._escalated):
+            return MotionEnd(End.STOPPED, package.state.q_rad)
+        failed = given and self._arm.exception() is not None
+        if not self._escalated and (failed or waited_ms > ESCALATE_MS):
+            self._escalated = True
+            self._escalate()
+        if waited_ms > STOP_LIMIT_MS:
+            where = package.state.q_rad if heard and package.state is not None else ()
+            return MotionEnd(End.ROBOT_FAILED, where, "no standstill was seen")
+        return None
+
+
+class _Rung:
+    """One way to stop, given again and again, at most once at a time."""
+
+    def __init__(self, name: str, give: Callable[[], None]) -> None:
+        self._name = name
+        self._give = give
+        self._lock = threading.Lock()
+        self._given: Future[None] | None = None
+
+    def take(self) -> Future[None]:
+        """It is being given, or is about to be; how that ends."""
+        with self._lock:
+            if self._given is None or self._given.done():
+                self._given = Future()
+                threading.Thread(target=self._run, args=(self._given,), name=self._name, daemon=True).start()
+            return self._given
+
+    def _run(self, given: Future[None]) -> None:
+        try:
+            self._give()
+        except BaseException as error:  # noqa: BLE001 - a stop that failed is judged by the arm, which is watched
+            given.set_exception(error)
+        else:
+            given.set_result(None)
