@@ -321,9 +321,10 @@ class Drive:
             return await asyncio.shield(following)
         except asyncio.CancelledError:
             # An arm without anybody who waits for it stands still.
-            gone.set()
-            await self._finish(asyncio.ensure_future(self.stop()))
-            await self._finish(following)
+            if not following.done():
+                gone.set()
+                await self._finish(asyncio.ensure_future(self.stop()))
+                await self._finish(following)
             raise
         finally:
             self._hurry(False)  # noqa: FBT003
@@ -351,9 +352,10 @@ class Drive:
         await self._finish(asyncio.ensure_future(self.stop()))
         loop = asyncio.get_running_loop()
         ends = ThreadPoolExecutor(2, "close")
-        for end in (self._control.stopScript, self._control.disconnect):
+        watched = (self._watch, lambda: None)  # the watch over what has just been stopped has ended, too
+        for pool, end in (watched, (ends, self._control.stopScript), (ends, self._control.disconnect)):
             try:
-                await asyncio.wait_for(loop.run_in_executor(ends, end), STOP_LIMIT_MS / 1000)
+                await asyncio.wait_for(loop.run_in_executor(pool, end), STOP_LIMIT_MS / 1000)
             except Exception:  # noqa: BLE001, S112 - the arm stands; what is left is tidying
                 continue
         for pool in (self._watch, self._commands, self._fingers, self._reads, ends):

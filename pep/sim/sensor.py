@@ -6,6 +6,8 @@ Commands are JSON lines: `{"people": [...], "objects": [...]}` sets the scene, `
 stop and resume the stream. A person is `{"id", "x_m", "y_m"}` (a standing adult there) with an optional `"facing_rad"`;
 an object is `{"id", "kind", "shape"}` with one of the shapes `{"type": "sphere", "center_m", "radius_m"}`, `{"type":
 "box", "center_m", "half_m"}`, `{"type": "capsule", "a_m", "b_m", "radius_m"}`.
+
+When the first frame that shows a new scene has been sent, `{"shown_ms": CLOCK_MONOTONIC}` is said on standard output.
 """
 
 from __future__ import annotations
@@ -44,6 +46,11 @@ class Sensor:
         key: signs every frame.
         name: its registered id.
         calibration: digest (hex) of its calibration.
+
+    Attributes:
+        people, objects: what it sees.
+        paused: whether it sends nothing.
+        changed: whether no frame has shown the scene as it is now.
     """
 
     def __init__(self, key: Ed25519PrivateKey, *, name: str, calibration: str) -> None:
@@ -55,6 +62,7 @@ class Sensor:
         self.people: tuple[wire.ObservedPerson, ...] = ()
         self.objects: tuple[wire.ObservedObject, ...] = ()
         self.paused = False
+        self.changed = False
 
     def obey(self, line: str) -> None:
         """The scene is as the line says.
@@ -71,7 +79,7 @@ class Sensor:
             objects = tuple(thing(entry) for entry in command.get("objects", []))
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise SceneCommandError(f"{type(error).__name__}: {error}") from error
-        self.people, self.objects = people, objects
+        self.people, self.objects, self.changed = people, objects, True
 
     def frame(self, *, captured_s: float) -> str:
         """The next frame, signed.
@@ -148,8 +156,13 @@ async def push(sensor: Sensor, host: str, port: int, *, period_s: float) -> None
         try:
             while True:
                 if not sensor.paused:
+                    shows_change, sensor.changed = sensor.changed, False
                     writer.write(sensor.frame(captured_s=time.time()).encode() + b"\n")
+                    sent_ms = time.monotonic_ns() / 1e6
                     await writer.drain()
+                    if shows_change:
+                        sys.stdout.write(json.dumps({"shown_ms": sent_ms}) + "\n")
+                        sys.stdout.flush()
                 due = max(due + period_s, loop.time())
                 await asyncio.sleep(due - loop.time())
         except OSError:

@@ -54,7 +54,7 @@ def test_banned_words_stay_out_of_identifiers() -> None:
 def test_top_level_names_belong_to_us() -> None:
     """`capabilities`, `pep`, `policies` are plain words: no other installed distribution may claim them."""
     owners = importlib.metadata.packages_distributions()
-    for name in ("capabilities", "policies", "pep", "ztpm_idp", "ztpm"):
+    for name in ("capabilities", "policies", "pep", "ztpm_idp", "ztpm", "evaluation"):
         assert set(owners.get(name, ["ztpm"])) == {"ztpm"}, name
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from capabilities.errors import Fault, FaultCode
 from pep.clock import SystemClock
-from pep.context.frames import Seen
+from pep.context.frames import Distrusted, FrameFault, Rejected, Seen, Unseen
 from pep.errors import ActuationRefusedError, PepFault, RobotError
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT, digest_of
 from pep.permit import Permit
@@ -362,3 +362,187 @@ def test_one_holder_at_a_time(world):
         assert drive.reserve("b")
 
     driven(world, scenario)
+
+
+# ------------------------------------------------------------------------------------------------------- the watch
+
+SLOW = (*THERE, 0.2, 1.4)
+
+
+def begun(drive, world, **changes):
+    permit = world.permit(numbers=SLOW, **changes)
+    return permit, asyncio.create_task(drive.move_joint(THERE, 0.2, 1.4, permit))
+
+
+@pytest.mark.parametrize(
+    ("cause", "reason"),
+    [
+        (lambda w: setattr(w, "seen", Seen((), 151)), Reason.WATCH_BLIND),
+        (lambda w: setattr(w, "seen", Distrusted(Rejected(FrameFault.UNTRUSTED, "c"))), Reason.PERCEPTION_INVALID),
+        (lambda w: setattr(w, "rest", Rest(False, 2_400, "person bob", "", 20)), Reason.IMPACT_ROSE),
+        (lambda w: setattr(w, "rest", Rest(False, None, "", "ENGINES_DISAGREE", 20)), Reason.ENGINES_DISAGREE),
+    ],
+)
+def test_a_changed_world_ends_it_and_tells_the_record_what_was_seen(world, cause, reason):
+    async def scenario(drive):
+        permit, moving = begun(drive, world)
+        await until(lambda: world.arm.q > 0.01)
+        cause(world)
+        return permit, await moving
+
+    permit, end = driven(world, scenario)
+    assert (end.end, end.reason) == (End.WORLD_CHANGED, reason)
+    assert world.arm.target is None
+    assert 0.01 < world.arm.q < 0.5
+    watched = permit.watched
+    assert (watched["outcome"], watched["reason"], watched["authorised_milli"]) == ("world_changed", reason, 1_000)
+    assert watched["index_milli"] == (2_400 if reason is Reason.IMPACT_ROSE else None)
+    assert 0.01 < watched["q_at_stop_rad"][0] <= watched["q_at_standstill_rad"][0] == world.arm.q
+    assert watched["t_seen_ms"] <= world.clock.monotonic_ms()
+
+
+def test_a_motion_that_ends_by_itself_leaves_no_trace_of_the_watch(world):
+    permit = world.permit()
+    assert driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, permit)).end is End.REACHED
+    assert permit.watched is None
+    assert world.hurried == [True, False]
+
+
+def test_a_motion_that_the_watch_cannot_follow_in_time_ends(world):
+    def late(permit):
+        return Watch(
+            permit, remaining=world, views=world, limits=Limits(150, 2_000, 0), clock=world.clock, submit=world.submit
+        )
+
+    world.watching = late
+    end = driven(world, lambda drive: begun(drive, world)[1])
+    assert (end.end, end.reason) == (End.WORLD_CHANGED, Reason.WATCH_LATE)
+
+
+def test_a_blocked_event_loop_delays_no_stop(world):
+    async def scenario(drive):
+        _, moving = begun(drive, world)
+        await until(lambda: world.arm.q > 0.01)
+        world.fault, lost = Fault(FaultCode.REVOKED, "TOK-9"), time.monotonic()
+        while time.monotonic() - lost < 3 and "stopJ" not in world.arm.asked:
+            time.sleep(0.001)  # the loop belongs to somebody else
+        assert "stopJ" in world.arm.asked
+        return await moving
+
+    assert driven(world, scenario).end is End.AUTHORITY_LOST
+
+
+def test_readers_of_the_state_delay_no_look(world):
+    """Every call of `read` hangs; the watch goes by the newest package and is not in the queue behind them."""
+    hang = threading.Event()
+
+    async def scenario(drive):
+        _, moving = begun(drive, world)
+        await until(lambda: world.arm.q > 0.01)
+        honest = world.arm.read
+
+        def slow():
+            if threading.current_thread().name.startswith("state"):
+                hang.wait(20)
+            return honest()
+
+        world.arm.read = slow
+        reads = [asyncio.create_task(drive.read_state()) for _ in range(20)]
+        world.fault = Fault(FaultCode.REVOKED, "TOK-9")
+        try:
+            return await moving
+        finally:
+            hang.set()
+            await asyncio.gather(*reads)
+
+    assert driven(world, scenario).end is End.AUTHORITY_LOST
+
+
+def test_no_number_of_stops_keeps_one_from_going_out(world):
+    """Fingers that cannot be halted hold nobody up, however often it is tried."""
+    hang = threading.Event()
+    world.fingers.halt = lambda: hang.wait(20)
+
+    async def scenario(drive):
+        for _ in range(20):
+            await drive.stop()
+        asked = world.arm.asked.count("stopJ")
+        _, moving = begun(drive, world)
+        await until(lambda: world.arm.q > 0.01)
+        world.fault = Fault(FaultCode.REVOKED, "TOK-9")
+        try:
+            assert (await moving).end is End.AUTHORITY_LOST
+        finally:
+            hang.set()
+        assert world.arm.asked.count("stopJ") > asked
+
+    driven(world, scenario)
+
+
+def test_what_ends_while_the_command_is_handed_over_does_not_move_afterwards(world):
+    """The controller is slow to take the command; the alarm comes before it has."""
+    taken, free = threading.Event(), threading.Event()
+    honest = world.arm.moveJ
+
+    def slow(*arguments):
+        taken.set()
+        free.wait(20)
+        return honest(*arguments)
+
+    world.arm.moveJ = slow
+
+    async def scenario(drive):
+        _, moving = begun(drive, world)
+        await until(taken.is_set)
+        world.fault = Fault(FaultCode.REVOKED, "TOK-9")
+        await until(lambda: "stopJ" in world.arm.asked)
+        free.set()
+        end = await moving
+        assert world.arm.asked[-1] == "stopJ"
+        assert world.arm.target is None
+        return end
+
+    assert driven(world, scenario).end is End.AUTHORITY_LOST
+
+
+def test_the_dashboard_ends_what_the_watch_cannot_stop(world):
+    async def scenario(drive):
+        _, moving = begun(drive, world)
+        await until(lambda: world.arm.q > 0.01)
+        world.arm.deaf, world.seen = True, Unseen()
+        return await moving
+
+    end = driven(world, scenario)
+    assert (end.end, end.reason) == (End.WORLD_CHANGED, Reason.WATCH_BLIND)
+    assert "stop" in world.dashboard
+    assert world.arm.target is None
+
+
+def test_what_was_permitted_unseen_goes_on_unseen(world):
+    world.seen = Unseen()
+    end = driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit(sighted=False)))
+    assert end.end is End.REACHED
+
+
+def test_people_near_the_fingers_stop_them(world):
+    async def scenario(drive):
+        permit = world.permit(GRIPPER_MOVE, GRIP)
+        moving = asyncio.create_task(drive.gripper_move(*GRIP, permit))
+        await until(lambda: world.fingers.moves)
+        world.rest = Rest(holds=False, index_milli=3_000, cause="person bob", fault="", age_ms=20)
+        return permit, await moving
+
+    permit, grip = driven(world, scenario)
+    assert (grip.end, grip.reason) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert world.fingers.halted.is_set()
+    assert permit.watched["index_milli"] == 3_000
+
+
+def test_fingers_that_a_stop_ended_say_so(world):
+    async def scenario(drive):
+        moving = asyncio.create_task(drive.gripper_move(*GRIP, world.permit(GRIPPER_MOVE, GRIP)))
+        await until(lambda: world.fingers.moves)
+        await drive.stop()
+        return await moving
+
+    assert driven(world, scenario).end is End.STOPPED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from ztpm.cli import audit, cell, demo, doctor, policy, serve, setup, token
+from ztpm.cli import audit, cell, demo, doctor, evaluation, policy, serve, setup, token
 
 app = typer.Typer(
     name="ztpm",
@@ -21,6 +21,7 @@ app.add_typer(policy.app, name="policy")
 app.add_typer(audit.app, name="audit")
 app.add_typer(token.app, name="token")
 app.add_typer(cell.app, name="cell")
+app.add_typer(evaluation.app, name="eval")
 app.add_typer(serve.idp, name="idp")
 app.add_typer(serve.rtde, name="rtde")
 

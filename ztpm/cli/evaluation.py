@@ -1,0 +1,104 @@
+"""`ztpm eval`: what we claim, measured on this machine."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import secrets
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+
+from ztpm.cli.output import FAILURE, console, fail, say_json
+
+if TYPE_CHECKING:
+    from evaluation.stops import Report
+
+app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
+
+
+@app.command()
+def stops(
+    *,
+    count: Annotated[int, typer.Option(min=0, max=1_000, help="Revocations at random instants of random moves.")] = 100,
+    walk_in: Annotated[int, typer.Option(min=0, max=1_000, help="People who walk in at random instants.")] = 0,
+    seed: Annotated[int | None, typer.Option(help="Of every draw; a fresh one is drawn and told.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Directory for stops.json, and stops.png with matplotlib.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
+) -> None:
+    """Stop times on an embedded cell; the exit status is not 0 when a stop left the model or came too late."""
+    from evaluation.stops import MeasureError, StageError, measure, rows
+
+    seed = secrets.randbits(32) if seed is None else seed
+    try:
+        if as_json:
+            reports = list(measure(count=count, walk_in=walk_in, seed=seed, progress=_nothing))
+        else:
+            console.print(f"Starting a cell; seed {seed} ...")
+            with console.status("") as status:
+                told = lambda kind, n: status.update(f"{kind}: {n}")  # noqa: E731
+                reports = list(measure(count=count, walk_in=walk_in, seed=seed, progress=told))
+    except (MeasureError, StageError) as error:
+        fail("NOT_MEASURED", str(error), as_json=as_json)
+    result: dict[str, Any] = {
+        "ok": all(report.ok for report in reports),
+        "seed": seed,
+        "bar_ms": 150,
+        "figures": [report.figures() for report in reports],
+    }
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "stops.json").write_text(json.dumps({**result, "stops": rows(reports)}, indent=1), encoding="utf-8")
+        _plot(reports, out / "stops.png")
+    if as_json:
+        say_json(result)
+    else:
+        console.print(_table(reports))
+    raise typer.Exit(0 if result["ok"] else FAILURE)
+
+
+def _nothing(kind: str, count: int) -> None:
+    """No progress is told."""
+
+
+def _table(reports: list[Report]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("", "stops", "what", "p50", "p90", "p99", "max", "beyond the model", "bar"):
+        table.add_column(heading, justify="right" if heading[:1] == "p" or heading == "max" else "left")
+    for report in reports:
+        figures = report.figures()
+        for n, (key, what) in enumerate(
+            (("reaction_ms", "t1 - t0, ms"), ("braking_ms", "t2 - t1, ms"), ("travel_mrad", "travel from t0, mrad"))
+        ):
+            spread = figures[key]
+            first = (report.kind, str(figures["count"])) if n == 0 else ("", "")
+            last = (str(figures["beyond_model"]), "met" if report.ok else "missed") if n == 0 else ("", "")
+            table.add_row(*first, what, *(f"{spread[p]:.1f}" for p in ("p50", "p90", "p99", "max")), *last)
+    return table
+
+
+def _plot(reports: list[Report], file: Path) -> None:
+    """Travel against speed, with the model's curve; nothing without matplotlib."""
+    try:
+        matplotlib = importlib.import_module("matplotlib")
+    except ModuleNotFoundError:
+        return
+    from evaluation.stopping import model_rad
+
+    matplotlib.use("Agg")
+    plots = importlib.import_module("matplotlib.pyplot")
+    figure, (travel, reaction) = plots.subplots(1, 2, figsize=(10, 4))
+    speeds = [n / 100 for n in range(101)]
+    travel.plot(speeds, [model_rad(speed) for speed in speeds], color="black", label="model")
+    for report in reports:
+        travel.scatter(
+            [s.speed_rad_s for s in report.stops], [s.braking_rad for s in report.stops], s=8, label=report.kind
+        )
+        reaction.hist([s.reaction_s * 1000 for s in report.stops], bins=30, alpha=0.6, label=report.kind)
+    travel.set(xlabel="speed of the leading axis, rad/s", ylabel="travel from t1, rad")
+    reaction.set(xlabel="t1 - t0, ms", ylabel="stops")
+    travel.legend()
+    reaction.legend()
+    figure.savefig(file, dpi=150)
