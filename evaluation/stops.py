@@ -9,6 +9,7 @@ one motion.
 from __future__ import annotations
 
 import json
+import math
 import random
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -115,7 +116,7 @@ def spread(values: Sequence[float]) -> dict[str, float]:
     if not ranked:
         return {}
     ranks = {"p50": 0.50, "p90": 0.90, "p99": 0.99, "max": 1.0}
-    return {name: round(ranked[max(0, -int(-share * len(ranked)) - 1)], 1) for name, share in ranks.items()}
+    return {name: round(ranked[math.ceil(share * len(ranked)) - 1], 1) for name, share in ranks.items()}
 
 
 def draw(chance: random.Random, here: Sequence[float]) -> Move:

@@ -69,6 +69,7 @@ FIRST_VIEW_S: Final = 30.0
 EXPIRY_PERIOD_S: Final = 0.1
 SHUTDOWN_S: Final = 3
 KEEP_ALIVE_S: Final = 5
+SWITCH_S: Final = 0.001
 CONNECTIONS: Final = 64
 """Callers at once; a cell has a handful of agents. The next are told 503."""
 
@@ -168,7 +169,7 @@ class ToolServer:
                 clock=self.clock,
                 submit=self.judging.submit,
             ),
-            hurry=lambda moving: self.follower.hurry(moving=moving),
+            hurry=self.follower.hurry,
             audience=config.audience,
             clock=self.clock,
         )
@@ -342,6 +343,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m ztpm.tool_server", description="The MCP tool server of a cell.")
     parser.add_argument("--config", type=Path, required=True)
     options = parser.parse_args()
+    # The watch looks every few ms: whoever else computes hands the interpreter over within one (5 by default).
+    sys.setswitchinterval(SWITCH_S)
     # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

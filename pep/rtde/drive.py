@@ -63,6 +63,14 @@ class Gripper(Protocol):
         ...
 
 
+class Hurry(Protocol):
+    """Whoever brings what the watch goes by, and can bring it sooner."""
+
+    def __call__(self, *, moving: bool) -> None:
+        """Something moves from now on, or nothing does. Does not wait."""
+        ...
+
+
 class Drive:
     """The one way to the arm and the gripper; also the `MotionSlot` port.
 
@@ -87,7 +95,7 @@ class Drive:
         dashboard_stop: Callable[[], None],
         start_of: Callable[[str], tuple[float, ...] | None],
         watching: Callable[[Permit], Watch],
-        hurry: Callable[[bool], None],
+        hurry: Hurry,
         audience: str,
         clock: Clock,
     ) -> None:
@@ -152,7 +160,7 @@ class Drive:
             lasts_ms = 1000 * (way / speed_rad_s + speed_rad_s / acceleration_rad_s2)
             return int(lasts_ms * SLACK) + SLACK_MS
 
-        return await self._watched(lambda gone: self._follow(target, send, permit, gone))
+        return await self._watched(lambda gone: self._follow(target, send, permit, gone), permit)
 
     def _follow(
         self, target: tuple[float, ...], send: Callable[[], int], permit: Permit, gone: threading.Event
@@ -164,7 +172,7 @@ class Drive:
         sent_ms, limit_ms, moved = 0, 0, False
         while True:
             if limit_ms == 0 and sending.done():
-                limit_ms = self._sent(sending, permit)
+                limit_ms = sending.result()
                 sent_ms = arm.sent()
             fresh = arm.look()
             moved = moved or not arm.state.still
@@ -207,16 +215,6 @@ class Drive:
             return MotionEnd(End.ROBOT_FAILED, self._stand().q_rad, "too slow")
         return None
 
-    def _sent(self, sending: Future[T], permit: Permit) -> T:
-        """What a command that is no longer being handed over has to say."""
-        try:
-            return sending.result()
-        except BaseException:
-            # Handed over and not acknowledged: it may yet begin.
-            if permit.spent:
-                self._stand()
-            raise
-
     async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
         """The fingers have moved, or why they have not.
 
@@ -248,7 +246,7 @@ class Drive:
                 raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "a stop came before it was sent")
             return self._gripper.move(width_um=width, speed_um_s=speed, force_mn=force, stopped=stopped)
 
-        grip = await self._watched(lambda gone: self._follow_fingers(send, permit, gone))
+        grip = await self._watched(lambda gone: self._follow_fingers(send, permit, gone), permit)
         if grip.end is not End.REACHED or grip.arrived:
             return grip
         return replace(grip, end=End.STOPPED if stopped() else End.ROBOT_FAILED)
@@ -265,10 +263,10 @@ class Drive:
             wait((sending,), timeout=PAUSE_S)
         if alarm is not None:
             end = self._end(alarm, permit, arm.state, sending)
-            return replace(self._sent(sending, permit), end=end.end, reason=end.reason)
+            return replace(sending.result(), end=end.end, reason=end.reason)
         if gone.is_set():
             self._stand()
-        return self._sent(sending, permit)
+        return sending.result()
 
     # -- stopping
 
@@ -312,11 +310,21 @@ class Drive:
         }
         return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is End.STOPPED else end
 
-    async def _watched(self, follow: Callable[[threading.Event], T]) -> T:
-        """What `follow` says on the watch's thread; a caller that goes away leaves nothing moving behind."""
+    async def _watched(self, follow: Callable[[threading.Event], T], permit: Permit) -> T:
+        """What `follow` says on the watch's thread; neither a caller that goes away nor an error leaves it moving."""
         gone = threading.Event()
-        self._hurry(True)  # noqa: FBT003 - the one thing it is told
-        following = asyncio.get_running_loop().run_in_executor(self._watch, follow, gone)
+
+        def guarded() -> T:
+            try:
+                return follow(gone)
+            except BaseException:
+                # Also a command that was handed over and not acknowledged: it may yet begin.
+                if permit.spent:
+                    self._stand()
+                raise
+
+        self._hurry(moving=True)
+        following = asyncio.get_running_loop().run_in_executor(self._watch, guarded)
         try:
             return await asyncio.shield(following)
         except asyncio.CancelledError:
@@ -327,7 +335,7 @@ class Drive:
                 await self._finish(following)
             raise
         finally:
-            self._hurry(False)  # noqa: FBT003
+            self._hurry(moving=False)
 
     async def _finish(self, ending: asyncio.Future[T]) -> None:
         """It has ended, also when the task that asks is being cancelled; how is for somebody else."""

@@ -1,6 +1,7 @@
 """Driving: how a motion ends, and that a stop ends everything, by the dashboard if it must."""
 
 import asyncio
+import contextlib
 import threading
 import time
 from concurrent.futures import Future
@@ -77,6 +78,9 @@ class Arm:
         time.sleep(0.001)
         if self.silent:
             raise RobotError(PepFault.ROBOT_STALLED)
+        return self.here()
+
+    def here(self):
         with self.lock:
             self.go_on()
             moving = self.target is not None and not self.sticks
@@ -84,7 +88,7 @@ class Arm:
 
     def newest(self):
         if not self.silent:
-            self.said = Package(time.monotonic(), self.read())
+            self.said = Package(time.monotonic(), self.here())
         return self.said
 
 
@@ -131,7 +135,7 @@ class World:
             dashboard_stop=by_dashboard,
             start_of=self.starts.get,
             watching=self.watching,
-            hurry=self.hurried.append,
+            hurry=lambda *, moving: self.hurried.append(moving),
             audience=AUDIENCE,
             clock=self.clock,
         )
@@ -466,7 +470,8 @@ def test_no_number_of_stops_keeps_one_from_going_out(world):
     async def scenario(drive):
         for _ in range(20):
             await drive.stop()
-        asked = world.arm.asked.count("stopJ")
+        asked, stopped_ms = world.arm.asked.count("stopJ"), world.clock.monotonic_ms()
+        await until(lambda: world.clock.monotonic_ms() > stopped_ms)
         _, moving = begun(drive, world)
         await until(lambda: world.arm.q > 0.01)
         world.fault = Fault(FaultCode.REVOKED, "TOK-9")
@@ -546,3 +551,24 @@ def test_fingers_that_a_stop_ended_say_so(world):
         return await moving
 
     assert driven(world, scenario).end is End.STOPPED
+
+
+@pytest.mark.parametrize("where", ["view", "left", "standing"])
+def test_a_watch_that_breaks_leaves_nothing_moving(world, where):
+    async def scenario(drive):
+        permit, moving = begun(drive, world)
+        await until(lambda: world.arm.q > 0.01)
+
+        def broken(*_, **__):
+            raise ZeroDivisionError
+
+        if where == "standing":
+            permit._standing = broken
+        else:
+            setattr(world, where, broken)
+        with contextlib.suppress(ZeroDivisionError):
+            await moving
+        assert world.arm.target is None
+        assert 0.01 < world.arm.q < 0.5
+
+    driven(world, scenario)
