@@ -61,12 +61,12 @@ TIERS: Final = {
 }
 """The tiers' names (DESIGN section 6)."""
 _PERCEPTION: Final = {
-    "fresh": "seen: the sensors' view was fresh",
-    "stale": "NOT FRESH: the sensors' last view was too old. Approve only if you see the cell clear yourself.",
-    "missing": "NOT SEEN: the sensors showed nothing. Approve only if you see the cell clear yourself.",
+    "fresh": "fresh: sensors saw the cell",
+    "stale": "NOT FRESH: the sensors' last view of the cell was too old",
+    "missing": "MISSING: no sensor showed the cell",
 }
 _STATE: Final = {
-    AskState.OPEN: "open: waits for people",
+    AskState.OPEN: "open, waits for people",
     AskState.GRANTED: "granted",
     AskState.DENIED: "denied",
     AskState.WITHDRAWN: "withdrawn",
@@ -95,7 +95,7 @@ _ANGULAR: Final = {
 def readable(value: int, unit: Unit) -> str:
     """The figure for people: exact where the unit allows it, an angle in degrees to two places, with `≈`."""
     if unit in _ANGULAR:
-        return f"≈ {math.degrees(value / unit.per_si):.2f} {_ANGULAR[unit]}"
+        return f"≈ {math.degrees(value / unit.per_si):z.2f}{_ANGULAR[unit]}"
     places, word = _DECIMAL[unit]
     return f"{Decimal(value).scaleb(-places):f} {word}".strip()
 

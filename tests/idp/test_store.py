@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
+
 import pytest
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
@@ -9,7 +12,9 @@ from alembic.migration import MigrationContext
 
 from capabilities import keys
 from capabilities.proof import prove
-from tests.idp.world import ISSUER, SLOWER, new_jti
+from tests.idp.asks import Cell
+from tests.idp.world import AUDIENCE, ISSUER, SLOWER, World, new_jti
+from ztpm_idp import ledger_file
 from ztpm_idp.bootstrap import FirstPerson, initialise
 from ztpm_idp.client import ClientError
 from ztpm_idp.problems import Problem
@@ -28,6 +33,39 @@ def on_connection(world, ask):
 
 def test_the_migration_builds_the_schema(world):
     assert on_connection(world, lambda c: compare_metadata(MigrationContext.configure(c), metadata)) == []
+
+
+def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
+    """A database of the first release, with people, an agent and a token in it, and nothing of approvals."""
+    with World(tmp_path) as world:
+        planner = world.agent("planner")
+        world.people["alice"].issue(planner, world.scope(), purpose="p")
+        world.stop()
+        file = tmp_path / "idp.sqlite"
+        with closing(sqlite3.connect(file)) as base, base:
+            for table in ("votes", "asks", "openings"):
+                base.execute(f"DROP TABLE {table}")
+            base.execute("UPDATE alembic_version SET version_num = 'v0001'")
+            assert base.execute("SELECT count(*) FROM hops").fetchone() == (1,)
+        before = first_rows(file)
+        world.start()
+        assert on_connection(world, lambda c: compare_metadata(MigrationContext.configure(c), metadata)) == []
+        assert first_rows(file) == before
+        cell = Cell(world)
+        ask_id, _ = cell.taken()
+        assert world.people["carol"].approve(ask_id)["state"] == "granted"
+        lines = world.people["carol"].export_ledger().splitlines()
+        assert isinstance(ledger_file.verify(lines, world.trust), ledger_file.Verified)
+
+
+def first_rows(file):
+    with closing(sqlite3.connect(file)) as base:
+        names = [n for (n,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+        return {
+            n: base.execute(f"SELECT * FROM {n} ORDER BY 1, 2").fetchall()
+            for n in names
+            if n not in {"asks", "votes", "openings", "alembic_version", "counters"}
+        }
 
 
 def test_commits_are_durable_and_references_enforced(world):
@@ -80,7 +118,7 @@ def everything(world):
     with sqlite3.connect(world.folder / "idp.sqlite") as base:
         return {
             t: base.execute(f"SELECT * FROM {t}").fetchall()
-            for t in ("parties", "agents", "hops", "revocations", "ledger", "tools")
+            for t in ("parties", "agents", "hops", "revocations", "ledger", "tools", "asks", "votes", "openings")
         }
 
 
@@ -94,6 +132,14 @@ def test_each_statement_of_each_change_fails_in_turn(world):
         ),
         "delegate": lambda: planner.delegate(lent.token, mover, SLOWER, purpose="p"),
         "revoke": lambda: alice.revoke("hop", keys.generate().private_bytes_raw()[:16].hex(), "r"),
+    }
+    cell = Cell(world, furnished=True)
+    world.pep()
+    ask_id, _ = cell.taken(agent="mover")
+    changes |= {
+        "ask": lambda: world.peps["cell-1"]._post("/approvals", {"ask": cell.text(agent="mover")}),
+        "vote": lambda: alice.approve(ask_id),
+        "open": lambda: alice.open_tier_4(audience=AUDIENCE, agent="mover", object="ur3e", operation="move_joint"),
     }
     engine = world.provider.store._engine.sync_engine
     for name, change in changes.items():

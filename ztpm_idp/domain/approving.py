@@ -13,6 +13,7 @@ from capabilities.errors import FaultCode, StatementError
 from capabilities.scope import Tier
 from capabilities.statements import ask as asks
 from capabilities.statements import opening as openings
+from capabilities.statements import sealed
 from capabilities.statements import vote as votes
 from capabilities.statements.vote import digest_of
 from ztpm_idp.domain.asks import (
@@ -193,7 +194,9 @@ def cast_vote(rules: Rules, state: State, command: CastVote, at_ms: int) -> Outc
     try:
         vote = votes.open(command.text, {person.key}, rules.caps)
     except StatementError as error:
-        return refused(_whose(state, error, IdpCode.VOTE_NOT_YOURS), error.detail)
+        return refused(
+            _whose(rules, state, command.text, error, kind=votes.KIND, not_yours=IdpCode.VOTE_NOT_YOURS), error.detail
+        )
     if vote.approver != person.id:
         return refused(IdpCode.VOTE_NOT_YOURS, "the vote names another person")
     # 4. It is for this ask, and for every word of it.
@@ -236,12 +239,17 @@ def _too_late(asked: Asked, vote: Vote, at_ms: int) -> tuple[Code, str] | None:
             return None
 
 
-def _whose(state: State, error: StatementError, not_yours: IdpCode) -> Code:
-    """The code for a statement that the caller's key did not sign: another approver's is told apart."""
+def _whose(rules: Rules, state: State, text: str, error: StatementError, *, kind: str, not_yours: IdpCode) -> Code:
+    """The code for a statement that the caller's key did not sign: one that another approver did sign is told apart."""
     owner = state.owner_of_thumbprint
-    if error.code is not FaultCode.STATEMENT_UNTRUSTED or owner is None:
+    other = None if owner is None else active_person(state, owner, PersonRole.APPROVER)
+    if error.code is not FaultCode.STATEMENT_UNTRUSTED or other is None:
         return error.code
-    return error.code if active_person(state, owner, PersonRole.APPROVER) is None else not_yours
+    try:
+        sealed.open(kind, text, {other.key}, rules.caps)
+    except StatementError:
+        return error.code
+    return not_yours
 
 
 # --- openings ---------------------------------------------------------------------------------------------------------
@@ -260,7 +268,10 @@ def open_tier_4(rules: Rules, state: State, command: OpenTier4, at_ms: int) -> O
     try:
         opening = openings.open(command.text, {person.key}, rules.caps)
     except StatementError as error:
-        return refused(_whose(state, error, IdpCode.OPENING_NOT_YOURS), error.detail)
+        return refused(
+            _whose(rules, state, command.text, error, kind=openings.KIND, not_yours=IdpCode.OPENING_NOT_YOURS),
+            error.detail,
+        )
     refused = _Refusing("opening", opening.opening_id, command.by, command.text, command.signed)
     if opening.opener != person.id:
         return refused(IdpCode.OPENING_NOT_YOURS, "the opening names another person")
