@@ -13,17 +13,20 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import httpx2
 import pytest
 
 from capabilities import keys
 from capabilities.caps import DEFAULT
-from capabilities.statements import revocation
-from tests.idp.world import MEASUREMENT, World
+from capabilities.scope import Tier
+from capabilities.statements import answers, revocation, vote
+from tests.idp.asks import Cell
+from tests.idp.world import AUDIENCE, MEASUREMENT, World
 from ztpm_idp import ledger_file
 from ztpm_idp.bootstrap import FirstPerson, initialise
-from ztpm_idp.client import Agent, ClientError, Operator
+from ztpm_idp.client import Agent, ClientError, Operator, ProofAuth
 
 pytestmark = pytest.mark.e2e
 PASSPHRASE = "correct horse battery staple"
@@ -234,4 +237,71 @@ def test_kill_9_loses_no_acknowledged_revocation(tmp_path):
         # No half effects: what is in the index is in the ledger, and the other way round.
         recorded = {e["body"]["id"] for e in map(json.loads, lines) if e.get("kind") == "revoked"}
         assert recorded == entries.keys()
+    assert process.end(signal.SIGTERM) == 0
+
+
+def answered(process, peps_key):
+    """What the enforcement point is told, over the wire."""
+    with httpx2.Client() as http:
+        trust = keys.TrustBundle.from_json(http.get(process.issuer + "/trust").content)
+        response = http.get(
+            process.issuer + "/approvals/answers",
+            params={"audience": AUDIENCE, "nonce": "n" * 32},
+            auth=ProofAuth(peps_key),
+        )
+    assert response.status_code == 200, response.text
+    return answers.open(response.text, trust.registry, DEFAULT)
+
+
+@pytest.mark.timeout(300)
+def test_kill_9_loses_no_acknowledged_ask_vote_or_opening(tmp_path):
+    """The whole flow over sockets; the process is killed after asking, voting and taking back, and must know it all."""
+    process = Process(tmp_path).start()
+    private = {name: keys.generate() for name in ("carol", "mover", "cell-1")}
+    public = {name: keys.public_raw(key) for name, key in private.items()}
+
+    def restart():
+        process.end(signal.SIGKILL)
+        process.start()
+
+    with process.operator() as alice, Operator("carol", private["carol"], process.issuer) as carol:
+        alice.register_person("carol", "Carol", public["carol"], ["approver"])
+        alice.register_person("dora", "Dora", keys.public_raw(keys.generate()), ["approver"])
+        alice.register_agent("mover", public["mover"], software_digest=MEASUREMENT.hex(), model="m", role="r")
+        alice.register_pep("cell-1", public["cell-1"], [AUDIENCE])
+        with Agent("mover", private["mover"], process.issuer, MEASUREMENT) as mover:
+            mover.attest()
+        opening_id = carol.open_tier_4(audience=AUDIENCE, agent="mover", object="ur3e", operation="move_joint")
+        kit = SimpleNamespace(private=private, clock=time.time)
+        cell = Cell(kit, furnished=True)
+        stated = {"issuer": process.issuer, "tier": Tier(4), "approvers": 2, "opening_id": opening_id}
+        text = cell.text(**stated)
+        body = json.dumps({"ask": text}).encode()
+        with httpx2.Client() as http:
+            post = lambda: http.post(process.issuer + "/approvals", content=body, auth=ProofAuth(private["cell-1"]))
+            taken = post()
+            assert taken.status_code == 201, taken.text
+            restart()
+            assert [row["opening_id"] for row in carol.openings()] == [opening_id]
+            assert post().status_code == 200
+            ask_id = taken.json()["ask_id"]
+            shown = http.get(taken.json()["url"])
+            assert shown.status_code == 200
+            assert ask_id in shown.text
+        assert carol.approve(ask_id, lifetime_s=600)["state"] == "open"
+        restart()
+        (told,) = answered(process, private["cell-1"]).asks
+        assert (told.ask_id, told.state) == (ask_id, "open")
+        assert vote.open(told.votes[0], {public["carol"]}, DEFAULT).ask_digest == vote.digest_of(text)
+        with pytest.raises(ClientError) as caught:
+            carol.approve(ask_id)
+        assert caught.value.code == "VOTED_BEFORE"
+        carol.withdraw(ask_id)
+        carol.close_opening(opening_id, "done")
+        restart()
+        last = answered(process, private["cell-1"])
+        assert ([told.state for told in last.asks], last.openings) == (["withdrawn"], ())
+        with httpx2.Client() as http:
+            trust = keys.TrustBundle.from_json(http.get(process.issuer + "/trust").content)
+        assert isinstance(ledger_file.verify(alice.export_ledger().splitlines(), trust), ledger_file.Verified)
     assert process.end(signal.SIGTERM) == 0
