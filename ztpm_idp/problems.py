@@ -33,6 +33,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.SPONSOR_INACTIVE: (403, "The sponsor is not active."),
     IdpCode.AGENT_INACTIVE: (403, "The agent is revoked."),
     IdpCode.WORKLOAD_UNKNOWN: (400, "The workload is of no trusted platform."),
+    IdpCode.REGISTRY_FULL: (409, "There are as many as a registry snapshot can hold."),
     IdpCode.TOO_MANY_NONCES: (429, "Too many nonces are open."),
     IdpCode.STORE_NOT_EMPTY: (409, "The first people are registered already."),
     IdpCode.NO_ADMINISTRATOR: (400, "Nobody would be an administrator."),

@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from capabilities.caps import Caps
 
 KIND: Final = "registry"
-TOOLS: Final = 512
+TOOLS: Final = 256
 SENSORS: Final = 64
 AGENTS: Final = 1_024
 APPROVERS: Final = 64
-"""Most tools, sensors, agents and approvers of one snapshot; the longest names still fit a statement."""
+"""Most tools, sensors, agents and approvers of one snapshot; with names of 63 bytes, the longest that the identity
+provider registers, all of them together still fit a statement."""
 TRANSIT_MS: Final = 10_000
 """Longest declared transit of a frame."""
 

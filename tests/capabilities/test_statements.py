@@ -448,16 +448,16 @@ def test_a_frame_names_each_once():
 
 def test_the_largest_snapshot_fits():
     """The counts and the size cap of a statement belong together."""
-    long = "x" * 40
+    long = "x" * 59
     full = registry.RegistrySnapshot(
         ISSUER,
         1,
         CELL,
         NOW,
-        tuple(registry.ToolEntry(f"{long}{i}", HEX, long, Tier(1)) for i in range(registry.TOOLS)),
-        (),
-        tuple(registry.TrustEntry(f"{long}{i}", 1) for i in range(registry.AGENTS)),
-        tuple(registry.ApproverEntry(f"{long}{i}", raw_of("alice")) for i in range(registry.APPROVERS)),
+        tuple(registry.ToolEntry(f"{long}{i:04}", HEX, long + "xxxx", Tier(1)) for i in range(registry.TOOLS)),
+        tuple(registry.SensorEntry(f"{long}{i:04}", raw_of("alice"), HEX, 10_000) for i in range(registry.SENSORS)),
+        tuple(registry.TrustEntry(f"{long}{i:04}", 1_000) for i in range(registry.AGENTS)),
+        tuple(registry.ApproverEntry(f"{long}{i:04}", raw_of("alice")) for i in range(registry.APPROVERS)),
     )
     assert registry.open(registry.sign(full, SIGNER), TRUSTED, DEFAULT) == full
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, assert_never
 from capabilities.caps import DEFAULT
 from ztpm_idp.domain.asks import stated
 from ztpm_idp.domain.events import RevocationKind
-from ztpm_idp.domain.state import Wanted
+from ztpm_idp.domain.state import AgentsOf, Approvers, SensorsOf, ToolsBeside, TrustBeside, Wanted
 
 if TYPE_CHECKING:
     from capabilities.scope import Restriction, Scope
@@ -229,18 +229,18 @@ def wanted(command: Command) -> Wanted:
     match command:
         case Initialise(people=people):
             return Wanted(parties=frozenset(p.id for p in people), keys=frozenset(p.key for p in people))
-        case (
-            RegisterPerson(by=by, id=id_, key=key)
-            | RegisterPep(by=by, id=id_, key=key)
-            | RegisterSensor(by=by, id=id_, key=key)
-        ):
+        case RegisterPerson(by=by, id=id_, key=key):
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=Approvers())
+        case RegisterPep(by=by, id=id_, key=key):
             return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}))
+        case RegisterSensor(by=by, id=id_, key=key, audience=audience):
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=SensorsOf(audience))
         case RegisterAgent(by=by, id=id_, key=key, sponsor=sponsor):
-            return Wanted(parties=frozenset({by, id_, sponsor}), keys=frozenset({key}))
-        case RegisterTool(by=by):
-            return Wanted(parties=frozenset({by}))
+            return Wanted(parties=frozenset({by, id_, sponsor}), keys=frozenset({key}), crowd=AgentsOf(sponsor))
+        case RegisterTool(by=by, tool=tool):
+            return Wanted(parties=frozenset({by}), crowd=ToolsBeside(tool.audience, tool.name))
         case StateTrust(by=by, agent=agent):
-            return Wanted(parties=frozenset({by, agent}))
+            return Wanted(parties=frozenset({by, agent}), crowd=TrustBeside(agent))
         case GiveNonce(by=by):
             return Wanted(parties=frozenset({by}), nonces_of=by)
         case Attest(by=by, agent=agent) | Issue(by=by, agent=agent):
@@ -285,8 +285,10 @@ def _wanted_by_revocation(command: Revoke) -> Wanted:
             return Wanted(parties=parties, token=command.id, revocation=revocation)
         case RevocationKind.KEY:
             return Wanted(parties=parties, thumbprint=command.id, revocation=revocation)
-        case RevocationKind.AGENT | RevocationKind.SPONSOR:
+        case RevocationKind.AGENT:
             return Wanted(parties=parties | {command.id}, revocation=revocation)
+        case RevocationKind.SPONSOR:
+            return Wanted(parties=parties | {command.id}, revocation=revocation, agents_of=command.id)
         case RevocationKind.AUDIENCE:
             return Wanted(parties=parties, revocation=revocation)
         case _:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import thumbprint
+from capabilities.statements import registry as snapshot
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import PartyRegistered, ToolRegistered, TrustStated
 from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing
@@ -26,6 +27,12 @@ if TYPE_CHECKING:
 
 Outcome = tuple["Event", ...] | Refusal
 
+AGENTS_OF_ONE: Final = 256
+"""Most living agents of one sponsor. They end with it in one transaction, while no heartbeat is sent: 256 took 80 ms on
+two loaded cores (`tests/idp/test_bounds.py` prints it), and a moving arm may go 2 s without."""
+TRUSTED_OF_ONE: Final = 128
+"""Most agents for which one sponsor's trust is stated: an eighth of a snapshot's, so that none can fill it alone."""
+
 
 def active_person(state: State, id_: str, role: PersonRole) -> Person | None:
     """The person, when registered, active and holding `role`."""
@@ -44,6 +51,8 @@ def initialise(state: State, command: Initialise) -> Outcome:
         return Refusal(IdpCode.NO_ADMINISTRATOR, "nobody could register anyone")
     if len({person.id for person in command.people}) != len(command.people):
         return Refusal(IdpCode.ALREADY_REGISTERED, "an id occurs twice")
+    if sum(PersonRole.APPROVER in person.roles for person in command.people) > snapshot.APPROVERS:
+        return _full(f"{snapshot.APPROVERS} approvers")
     keys = {person.key for person in command.people}
     if len(keys) != len(command.people):
         return Refusal(IdpCode.KEY_IN_USE, "one key has one owner and one role")
@@ -54,6 +63,8 @@ def register_person(rules: Rules, state: State, command: RegisterPerson) -> Outc
     """By an administrator."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers people")
+    if PersonRole.APPROVER in command.roles and not state.crowd < snapshot.APPROVERS:
+        return _full(f"{snapshot.APPROVERS} approvers")
     person = Person(command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.name, command.roles)
     return _new_party(rules, state, person)
 
@@ -68,6 +79,8 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
         return Refusal(IdpCode.SPONSOR_INACTIVE, "the person named is not an active sponsor")
     if command.workload and not (rules.platform is not None and rules.platform.holds(command.workload)):
         return Refusal(IdpCode.WORKLOAD_UNKNOWN, "the workload is of no platform that this provider trusts")
+    if not state.crowd < AGENTS_OF_ONE:
+        return _full(f"{AGENTS_OF_ONE} agents of one sponsor")
     agent = Agent(
         id=command.id,
         key=command.key,
@@ -96,6 +109,8 @@ def register_sensor(rules: Rules, state: State, command: RegisterSensor) -> Outc
     """By an administrator."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers sensors")
+    if not state.crowd < snapshot.SENSORS:
+        return _full(f"{snapshot.SENSORS} sensors of one audience")
     sensor = Sensor(
         id=command.id,
         key=command.key,
@@ -112,6 +127,8 @@ def register_tool(state: State, command: RegisterTool) -> Outcome:
     """By an administrator. Registering again is how a reviewed new definition replaces the old one."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers tools")
+    if not state.crowd < snapshot.TOOLS:
+        return _full(f"{snapshot.TOOLS} tools of one audience")
     return (ToolRegistered(command.tool),)
 
 
@@ -120,12 +137,23 @@ def state_trust(state: State, command: StateTrust) -> Outcome:
     agent = state.parties.get(command.agent)
     admin = active_person(state, command.by, PersonRole.ADMIN) is not None
     match agent:
+        case Agent() if (admin or _is_sponsor_of(state, command.by, agent)) and not state.crowd < TRUSTED_OF_ONE:
+            return _full(f"trust in {TRUSTED_OF_ONE} agents of one sponsor")
+        case Agent() if (
+            admin or _is_sponsor_of(state, command.by, agent)
+        ) and not state.crowd_of_all < snapshot.AGENTS:
+            return _full(f"trust in {snapshot.AGENTS} agents")
         case Agent() if admin or _is_sponsor_of(state, command.by, agent):
             return (TrustStated(agent.id, command.permille),)
         case Agent() | None if not admin:
             return Refusal(IdpCode.NOT_PERMITTED, "the sponsor or an administrator states trust")
         case _:
             return Refusal(IdpCode.NOT_FOUND, "no such agent")
+
+
+def _full(of_what: str) -> Refusal:
+    """A registry snapshot is one statement: what would make it too large for enforcement points is refused here."""
+    return Refusal(IdpCode.REGISTRY_FULL, f"at most {of_what}")
 
 
 def _is_sponsor_of(state: State, person: str, agent: Agent) -> bool:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def revoke(state: State, command: Revoke) -> Outcome:
-    """The revocation; nothing happens again when it was made before."""
+    """The revocation, with a person's also those of its agents; nothing happens again when it was made before."""
     caller = state.parties.get(command.by)
     match caller:
         case Person(standing=Standing.ACTIVE, roles=roles) if PersonRole.ADMIN in roles:
@@ -33,9 +33,11 @@ def revoke(state: State, command: Revoke) -> Outcome:
             pass
         case _:
             return Refusal(IdpCode.NOT_PERMITTED, "not the caller's to revoke")
-    if state.revoked_at_epoch is not None:
-        return ()
-    return (Revoked(command.kind, command.id, command.reason, _party_concerned(state, command)),)
+    first = Revoked(command.kind, command.id, command.reason, _party_concerned(state, command))
+    # With a person end that person's agents, wherever they stand: in trees of other people only their own names stop
+    # them. What is in the index already is not there twice, so ending a person again ends what was left.
+    agents = (Revoked(RevocationKind.AGENT, agent, command.reason, agent) for agent in state.agents_of)
+    return (*(() if state.revoked_at_epoch is not None else (first,)), *agents)
 
 
 def _missing_party(state: State, command: Revoke) -> Refusal | None:

@@ -58,6 +58,44 @@ class Journal:
 
 
 @dataclass(frozen=True, slots=True)
+class AgentsOf:
+    """Living agents of a sponsor."""
+
+    sponsor: str
+
+
+@dataclass(frozen=True, slots=True)
+class TrustBeside:
+    """Living agents with stated trust, but for this one: of its sponsor, and of all."""
+
+    agent: str
+
+
+@dataclass(frozen=True, slots=True)
+class ToolsBeside:
+    """Tools of an audience, but for this one."""
+
+    audience: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class SensorsOf:
+    """Living sensors of an audience."""
+
+    audience: str
+
+
+@dataclass(frozen=True, slots=True)
+class Approvers:
+    """Active people who may approve."""
+
+
+Crowd = AgentsOf | TrustBeside | ToolsBeside | SensorsOf | Approvers
+"""Of whom there may be a bounded number."""
+
+
+@dataclass(frozen=True, slots=True)
 class Wanted:
     """What a command must see. The store loads exactly this."""
 
@@ -74,6 +112,9 @@ class Wanted:
     journal: str | None = None
     journal_seqs: frozenset[int] = frozenset()
     revocation: tuple[str, str] | None = None
+    crowd: Crowd | None = None
+    agents_of: str | None = None
+    """A person: those of its agents that are not in the revocation index."""
     revocations: bool = False
     """Everything that is revoked, with its epoch: for judging a token."""
     ask: str | None = None
@@ -97,6 +138,9 @@ class State:
         owner_of_thumbprint: party that holds the wanted key, if any.
         journal: of the wanted enforcement point.
         revoked_at_epoch: of the wanted revocation, if it was made before.
+        crowd, crowd_of_all: how many of the wanted crowd there are; of the same sponsor where sponsors are bounded
+            singly, and then of all.
+        agents_of: ids of the wanted person's agents that are not in the revocation index, in order.
         empty: no party is registered at all.
         revoked: every (kind, id) that is revoked, when the command judges a token.
         epoch: of that set.
@@ -114,6 +158,9 @@ class State:
     owner_of_thumbprint: str | None = None
     journal: Journal | None = None
     revoked_at_epoch: int | None = None
+    crowd: int = 0
+    crowd_of_all: int = 0
+    agents_of: tuple[str, ...] = ()
     empty: bool = False
     revoked: frozenset[tuple[str, str]] = frozenset()
     epoch: int = 0

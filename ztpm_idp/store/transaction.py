@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, assert_never
+from typing import TYPE_CHECKING, Any, TypeVar, assert_never
 
 import sqlalchemy as sa
 
@@ -19,7 +19,6 @@ from ztpm_idp.domain.events import (
     OpeningMade,
     PartyRegistered,
     RecordTaken,
-    RevocationKind,
     Revoked,
     TokenDelegated,
     TokenIssued,
@@ -30,13 +29,13 @@ from ztpm_idp.domain.events import (
 from ztpm_idp.domain.ledger import seal
 from ztpm_idp.domain.parties import Agent, Party, Person, PersonRole, Sensor, Standing
 from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
-from ztpm_idp.store import rows
+from ztpm_idp.store import crowds, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.errors import OnceOnlyError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -45,6 +44,9 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.state import Wanted
 
+_T = TypeVar("_T")
+BATCH = 128
+"""Rows of one statement: one trip to the database for each batch, and far from any database's limit on variables."""
 NONCE_MEMORY_MS = 600_000
 """How long a nonce's row is kept: ten times the longest age at which it counts."""
 
@@ -95,6 +97,9 @@ class Transaction:
             owner_of_thumbprint=await self._owner_of(wanted.thumbprint, parties),
             journal=await self._journal(wanted),
             revoked_at_epoch=await self._revoked_at(wanted.revocation),
+            crowd=(crowd := await crowds.count(self._connection, wanted.crowd))[0],
+            crowd_of_all=crowd[1],
+            agents_of=await crowds.unrevoked_agents(self._connection, wanted.agents_of),
             empty=await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
             revoked=await self._revoked() if wanted.revocations else frozenset(),
             epoch=(await self.counters()).epoch,
@@ -254,20 +259,22 @@ class Transaction:
         """
         counters = await self.counters()
         size, head = counters.ledger_size, counters.ledger_head
+        events, lines = tuple(events), list[dict[str, object]]()
+        await self._revoke([event for event in events if isinstance(event, Revoked)], actor, at_ms)
         for event in events:
-            await self._write(event, actor, at_ms)
+            await self._write(event, at_ms)
             kept = entry_of(event)
             if kept is None:
                 continue
             entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=actor, kind=kept[0], body=kept[1])
-            await self._connection.execute(
-                sa.insert(t.ledger).values(seq=entry.seq, hash=entry.digest, line=entry.line)
-            )
+            lines.append({"seq": entry.seq, "hash": entry.digest, "line": entry.line})
             size, head = entry.seq, entry.digest
+        for batch in _batches(lines):
+            await self._connection.execute(sa.insert(t.ledger), batch)
         await self._connection.execute(sa.update(t.counters).values(ledger_size=size, ledger_head=head))
         return (await self.counters()).epoch
 
-    async def _write(self, event: Event, actor: str, at_ms: int) -> None:
+    async def _write(self, event: Event, at_ms: int) -> None:
         match event:
             case PartyRegistered(party=party):
                 for insert in rows.party_inserts(party, at_ms):
@@ -323,11 +330,8 @@ class Transaction:
                 await self._hop(event.hop, event.scope, place, at_ms)
             case DelegationRefused() | ApprovalActRefused():
                 pass  # the ledger entry is all there is
-            case Revoked(kind=kind, id=id_, reason=reason, party=party_id):
-                await self._revoke(kind, id_, reason, actor, at_ms)
-                if party_id is not None:
-                    await self._stand(party_id, Standing.REVOKED)
-                    await self._registry_changed()
+            case Revoked():
+                pass  # all of them at once, in `_revoke`
             case RecordTaken(pep=pep, seq=seq, digest=digest):
                 await self._connection.execute(sa.insert(t.records).values(pep=pep, seq=seq, hash=digest))
                 await self._connection.execute(
@@ -363,10 +367,28 @@ class Transaction:
             )
         )
 
-    async def _revoke(self, kind: RevocationKind, id_: str, reason: str, by: str, at_ms: int) -> None:
-        # The epoch is taken from the locked row inside this transaction: epochs become visible in their own order.
-        await self._connection.execute(sa.update(t.counters).values(epoch=t.counters.c.epoch + 1))
-        epoch = (await self.counters()).epoch
-        await self._connection.execute(
-            sa.insert(t.revocations).values(epoch=epoch, kind=kind.value, id=id_, by=by, reason=reason, at_ms=at_ms)
-        )  # fmt: skip
+    async def _revoke(self, events: list[Revoked], by: str, at_ms: int) -> None:
+        """They are in the index, in this order, and the parties that end by them have ended."""
+        if not events:
+            return
+        # The epochs are taken from the locked row inside this transaction: they become visible in their own order.
+        before = (await self.counters()).epoch
+        await self._connection.execute(sa.update(t.counters).values(epoch=before + len(events)))
+        index: list[dict[str, object]] = [
+            {"epoch": epoch, "kind": e.kind.value, "id": e.id, "by": by, "reason": e.reason, "at_ms": at_ms}
+            for epoch, e in enumerate(events, start=before + 1)
+        ]
+        for batch in _batches(index):
+            await self._connection.execute(sa.insert(t.revocations), batch)
+        parties = [event.party for event in events if event.party is not None]
+        for ended in _batches(parties):
+            await self._connection.execute(
+                sa.update(t.parties).where(t.parties.c.id.in_(ended)).values(standing=Standing.REVOKED.value)
+            )
+        if parties:
+            await self._registry_changed()
+
+
+def _batches(rows: list[_T]) -> Iterator[list[_T]]:
+    """The rows, `BATCH` at a time."""
+    return (rows[at : at + BATCH] for at in range(0, len(rows), BATCH))

@@ -1,0 +1,65 @@
+"""How many there are of those of whom there may be a bounded number, and whom a person takes along when it ends."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, assert_never
+
+import sqlalchemy as sa
+
+from ztpm_idp.domain.events import RevocationKind
+from ztpm_idp.domain.parties import PersonRole, Standing
+from ztpm_idp.domain.state import AgentsOf, Approvers, SensorsOf, ToolsBeside, TrustBeside
+from ztpm_idp.store import schema as t
+
+if TYPE_CHECKING:
+    from sqlalchemy.ext.asyncio import AsyncConnection
+
+    from ztpm_idp.domain.state import Crowd
+
+
+async def count(connection: AsyncConnection, crowd: Crowd | None) -> tuple[int, int]:
+    """How many of a crowd there are: of the same sponsor where sponsors are bounded singly, and of all."""
+    living = t.parties.c.standing != Standing.REVOKED.value
+    match crowd:
+        case None:
+            return 0, 0
+        case AgentsOf(sponsor):
+            found = _living(t.agents).where(living, t.agents.c.sponsor == sponsor)
+        case TrustBeside(agent):
+            trusted = _living(t.agents).where(living, t.agents.c.trust_permille.is_not(None), t.agents.c.id != agent)
+            sponsor_of = sa.select(t.agents.c.sponsor).where(t.agents.c.id == agent).scalar_subquery()
+            own = await _number(connection, trusted.where(t.agents.c.sponsor == sponsor_of))
+            return own, await _number(connection, trusted)
+        case ToolsBeside(audience, name):
+            found = sa.select(t.tools.c.name).where(t.tools.c.audience == audience, t.tools.c.name != name)
+        case SensorsOf(audience):
+            found = _living(t.sensors).where(living, t.sensors.c.audience == audience)
+        case Approvers():
+            # Roles are a list in one column; people are few.
+            rows = await connection.execute(_living(t.people).add_columns(t.people.c.roles).where(living))
+            approvers = sum(PersonRole.APPROVER.value in row.roles for row in rows)
+            return approvers, approvers
+        case _:
+            assert_never(crowd)
+    number = await _number(connection, found)
+    return number, number
+
+
+async def unrevoked_agents(connection: AsyncConnection, person: str | None) -> tuple[str, ...]:
+    """Ids of a person's agents that are not in the revocation index, in order."""
+    if person is None:
+        return ()
+    r = t.revocations.c
+    revoked = sa.select(r.id).where(r.kind == RevocationKind.AGENT.value, r.id == t.agents.c.id).exists()
+    found = await connection.execute(
+        sa.select(t.agents.c.id).where(t.agents.c.sponsor == person, ~revoked).order_by(t.agents.c.id)
+    )
+    return tuple(found.scalars())
+
+
+def _living(table: sa.Table) -> sa.Select[tuple[str]]:
+    return sa.select(table.c.id).join(t.parties, t.parties.c.id == table.c.id)
+
+
+async def _number(connection: AsyncConnection, found: sa.Select[tuple[str]]) -> int:
+    return int((await connection.execute(sa.select(sa.func.count()).select_from(found.subquery()))).scalar_one())
