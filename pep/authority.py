@@ -166,5 +166,9 @@ class Authority:
 
 
 def proof_life_ms(caps: Caps) -> int:
-    """How long a proof can be accepted after it was seen, in ms: greatest age, skew, and one second of rounding."""
-    return (caps.proof_age_s + caps.skew_s + 1) * 1000
+    """How long a proof can be accepted after it was seen, in ms.
+
+    Greatest age, the skew by which it may come from the future, the skew by which the wall time may be set back after
+    that (pep.clock), and one second of rounding.
+    """
+    return (caps.proof_age_s + 2 * caps.skew_s + 1) * 1000

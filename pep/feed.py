@@ -14,7 +14,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
 import secrets
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -24,6 +23,7 @@ import httpx2
 from capabilities import strict_json
 from capabilities.errors import CapabilityError
 from capabilities.statements import registry, revocation
+from pep.durable import replace_file
 from pep.errors import FeedError, PepFault
 from pep.ports import RegisteredSensor, RegisteredTool
 
@@ -98,17 +98,7 @@ class MarkFile:
             OSError: when it could not be made durable.
         """
         content = {"issuer": mark.issuer, "epoch": mark.epoch, "registry_version": mark.registry_version}
-        fresh = self._path.with_suffix(".new")
-        with fresh.open("wb") as file:
-            file.write(json.dumps(content).encode())
-            file.flush()
-            os.fsync(file.fileno())
-        fresh.replace(self._path)
-        directory = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(directory)
-        finally:
-            os.close(directory)
+        replace_file(self._path, json.dumps(content).encode())
 
 
 @dataclass(frozen=True, slots=True)

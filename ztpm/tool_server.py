@@ -30,7 +30,7 @@ from capabilities.verify import Verifier
 from pep import records
 from pep.approvals import Asks, expired_body
 from pep.authority import Authority, proof_life_ms
-from pep.clock import SystemClock
+from pep.clock import HeldClock, SystemClock, TimeMark
 from pep.context.frames import Frames
 from pep.errors import PepError, PepFault
 from pep.feed import Follower, MarkFile
@@ -109,7 +109,8 @@ class ToolServer:
         http: httpx2.AsyncClient,
     ) -> None:
         self.config = config
-        self.clock = SystemClock()
+        # Proofs, tokens and statements are judged by a wall time that nobody can set back.
+        self.clock = HeldClock(SystemClock(), mark=TimeMark(config.state_dir / "time.json"), skew_s=CAPS.skew_s)
         # Rounded up: a proof counts whole seconds, and one made before the start must not pass for one made after it.
         self.started_s = math.ceil(self.clock.wall_s())
         self.journal = FileJournal.open(config.journal_file, pep_id=config.pep_id, clock=self.clock)
@@ -241,7 +242,10 @@ class ToolServer:
         server = _Server(config)
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.ended.set)
-        tasks = [asyncio.create_task(part) for part in (self.follower.run(), self.shipper.run(), self._expire())]
+        keeping = self.clock.run(failed=lambda error: self._log("clock", error), set_back=self._clock_incident)
+        tasks = [
+            asyncio.create_task(part) for part in (self.follower.run(), self.shipper.run(), self._expire(), keeping)
+        ]
         try:
             await self._first_view()
             # Not before: a frame is judged by the registered keys, and without them every sensor is a stranger.
@@ -281,6 +285,8 @@ class ToolServer:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        with contextlib.suppress(OSError):  # what the last mark says is at most a period old
+            await asyncio.to_thread(self.clock.keep)
         await self.receiver.close()
         self.judging.shutdown(wait=False, cancel_futures=True)
         self.gate.close()
@@ -297,6 +303,9 @@ class ToolServer:
             return
         self._told[error.code] = now
         self._note({"what": "feed", "fault": str(error.code), "detail": error.detail})
+
+    def _clock_incident(self, held_s: float) -> None:
+        self._note({"what": "clock", "fault": str(PepFault.CLOCK_SET_BACK), "held_s": int(held_s)})
 
     def _frame_incident(self, sensor: str, fault: str, detail: str, count: int) -> None:
         self._note({"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count})
