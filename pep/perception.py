@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Final
 
-from pep.context.frames import FRAME_BYTES, FrameFault, Rejected
+from pep.context.frames import FRAME_BYTES, NOBODY, FrameFault, Rejected
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,6 +58,7 @@ class Receiver:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(self._writers) >= CONNECTIONS:
+            self._tell(Rejected(FrameFault.TOO_MANY_SENDERS, NOBODY))
             writer.close()
             return
         self._writers.add(writer)

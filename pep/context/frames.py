@@ -50,6 +50,8 @@ class FrameFault(StrEnum):
     WRONG_CALIBRATION = "WRONG_CALIBRATION"
     NOT_NEWER = "NOT_NEWER"
     OUT_OF_TIME = "OUT_OF_TIME"
+    TOO_MANY_SENDERS = "TOO_MANY_SENDERS"
+    """Nothing was read: more senders than a cell has sensors."""
     CONTRADICTED = "CONTRADICTED"
     """The frame is believed: it adds to what others see. That another sensor does not see the same is an incident."""
 

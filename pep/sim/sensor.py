@@ -1,85 +1,71 @@
-"""A simulated sensor: it sees what it is told on standard input, and pushes it as signed frames.
+"""Simulated sensors: they see what they are told on standard input, and push it as signed frames.
 
-    python -m pep.sim.sensor --key-file F --sensor ID --calibration HEX --to HOST:PORT [--hz 20]
+    python -m pep.sim.sensor --to HOST:PORT [--hz 50] --sensor ID --calibration HEX --key-file F [--sensor ID2 ...]
 
-Commands are JSON lines: `{"people": [...], "objects": [...]}` sets the scene, `{"pause": true}` and `{"pause": false}`
-stop and resume the stream. A person is `{"id", "x_m", "y_m"}` (a standing adult there) with an optional `"facing_rad"`;
-an object is `{"id", "kind", "shape"}` with one of the shapes `{"type": "sphere", "center_m", "radius_m"}`, `{"type":
-"box", "center_m", "half_m"}`, `{"type": "capsule", "a_m", "b_m", "radius_m"}`.
+Each sensor has its own key, connection, boot id and sequence. Commands are JSON lines; all positions are metres in the
+robot's base frame:
 
-When the first frame that shows a new scene has been sent, `{"shown_ms": CLOCK_MONOTONIC}` is said on standard output.
+    {"people": [...], "objects": [...]}   these and nobody and nothing else are there
+    {"walk": {"id", "from": [x, y], "to": [x, y], "speed_m_s"}}   somebody walks there, straight, and stands then;
+                                          "from" may be left out for somebody who is there
+    {"move": {"id", "to_m": [x, y, z], "speed_m_s"}}   an object's middle moves there, straight
+    {"hold": {"id"}}                      the arm holds an object: no sensor shows it as standing around
+    {"place": {"id", "at_m": [x, y, z]}}  an object that was held (or stood elsewhere) stands there
+    {"complete": false}                   the frames no longer claim to cover all that the sensor watches
+    {"pause": true}                       the stream stops, until {"pause": false}
+
+A person is `{"id", "x_m", "y_m"}` (a standing adult) with an optional `"facing_rad"`; an object is `{"id", "kind",
+"shape"}` with `{"type": "sphere", "center_m", "radius_m"}`, `{"type": "box", "center_m", "half_m"}` or `{"type":
+"capsule", "a_m", "b_m", "radius_m"}`. Every command goes to all sensors; with a member `"sensor": ID` beside it only to
+that one. When the first frame after a command has been sent, `{"shown_ms": CLOCK_MONOTONIC}` is said on standard output.
 """
 
 from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import json
-import math
 import secrets
 import signal
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import observation as wire
 from pep.errors import ConfigError
 from pep.key_file import read_key
-from pep.pit import observed, standing_adult
+from pep.sim.seen import SceneCommandError, Seen, parse
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-MICRO: Final = 1e6
 RETRY_S: Final = 0.1
-
-
-class SceneCommandError(ValueError):
-    """A command line that is none."""
+HZ: Final = 50.0
+"""Frames a second: an ordinary depth camera gives 30 to 90."""
+HIGHEST_HZ: Final = 500.0
 
 
 class Sensor:
-    """What the sensor sees and how it says it.
+    """What one sensor sees and how it says it.
 
     Args:
         key: signs every frame.
         name: its registered id.
         calibration: digest (hex) of its calibration.
-
-    Attributes:
-        people, objects: what it sees.
-        paused: whether it sends nothing.
-        changed: whether no frame has shown the scene as it is now.
     """
 
     def __init__(self, key: Ed25519PrivateKey, *, name: str, calibration: str) -> None:
         self._key = key
-        self._name = name
+        self.name = name
         self._calibration = calibration
         self._boot_id = secrets.token_hex(16)
         self._sequence = 0
-        self.people: tuple[wire.ObservedPerson, ...] = ()
-        self.objects: tuple[wire.ObservedObject, ...] = ()
-        self.paused = False
+        self.seen = Seen.nothing()
         self.changed = False
-
-    def obey(self, line: str) -> None:
-        """The scene is as the line says.
-
-        Raises:
-            SceneCommandError: the line is no command; the scene is as it was.
-        """
-        try:
-            command = json.loads(line)
-            if "pause" in command:
-                self.paused = command["pause"] is True
-                return
-            people = tuple(person(entry) for entry in command.get("people", []))
-            objects = tuple(thing(entry) for entry in command.get("objects", []))
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise SceneCommandError(f"{type(error).__name__}: {error}") from error
-        self.people, self.objects, self.changed = people, objects, True
 
     def frame(self, *, captured_s: float) -> str:
         """The next frame, signed.
@@ -88,59 +74,42 @@ class Sensor:
             captured_s: wall clock at capture, seconds since the epoch.
         """
         self._sequence += 1
+        self.seen, people, objects = self.seen.at(captured_s)
         return wire.sign(
             wire.Observation(
-                sensor=self._name,
+                sensor=self.name,
                 boot_id=self._boot_id,
                 sequence=self._sequence,
                 captured_ms=int(captured_s * 1000),
                 calibration=self._calibration,
-                complete=True,
-                people=self.people,
-                objects=self.objects,
+                complete=self.seen.complete,
+                people=people,
+                objects=objects,
             ),
             self._key,
         )
 
 
-def person(entry: dict[str, Any]) -> wire.ObservedPerson:
-    """A standing adult, as a sensor says it."""
-    x_m, y_m, facing_rad = (float(number) for number in (entry["x_m"], entry["y_m"], entry.get("facing_rad", 0.0)))
-    if not all(map(math.isfinite, (x_m, y_m, facing_rad))):
-        raise SceneCommandError("not finite")
-    return observed(standing_adult(x_m, y_m, facing_rad=facing_rad, name=str(entry.get("id", "person"))))
+def obey(sensors: Sequence[Sensor], line: str, *, at_s: float) -> None:
+    """Every sensor that the line is for has done what it says; or none has.
 
+    Args:
+        sensors: all of this process.
+        line: one JSON object.
+        at_s: wall clock, seconds since the epoch.
 
-def thing(entry: dict[str, Any]) -> wire.ObservedObject:
-    """An object of one shape."""
-    shape = entry["shape"]
-    return wire.ObservedObject(str(entry.get("id", "object")), str(entry["kind"]), _SHAPES[shape["type"]](shape))
-
-
-def _um(metre: float) -> int:
-    if not math.isfinite(metre):
-        raise SceneCommandError("not finite")
-    return round(metre * MICRO)
-
-
-def _point(numbers: Any) -> tuple[int, int, int]:
-    x, y, z = (_um(float(number)) for number in numbers)
-    return (x, y, z)
-
-
-def _sphere(entry: dict[str, Any]) -> wire.Shape:
-    return wire.Sphere(_point(entry["center_m"]), _um(float(entry["radius_m"])))
-
-
-def _box(entry: dict[str, Any]) -> wire.Shape:
-    return wire.Box(_point(entry["center_m"]), _point(entry["half_m"]), (1_000_000, 0, 0, 0))
-
-
-def _capsule(entry: dict[str, Any]) -> wire.Shape:
-    return wire.Capsule(_point(entry["a_m"]), _point(entry["b_m"]), _um(float(entry["radius_m"])))
-
-
-_SHAPES: Final = {"sphere": _sphere, "box": _box, "capsule": _capsule}
+    Raises:
+        SceneCommandError: the line is no command, or names a sensor that is not here.
+    """
+    command = parse(line)
+    if isinstance(command, dict) and "sensor" in command:
+        name = command.pop("sensor")
+        sensors = [sensor for sensor in sensors if sensor.name == name]
+        if not sensors:
+            raise SceneCommandError("no sensor of that id")
+    told = [sensor.seen.told(command, now_s=at_s) for sensor in sensors]
+    for sensor, seen in zip(sensors, told, strict=True):
+        sensor.seen, sensor.changed = seen, True
 
 
 async def push(sensor: Sensor, host: str, port: int, *, period_s: float) -> None:
@@ -155,7 +124,7 @@ async def push(sensor: Sensor, host: str, port: int, *, period_s: float) -> None
         due = loop.time()
         try:
             while True:
-                if not sensor.paused:
+                if not sensor.seen.paused:
                     shows_change, sensor.changed = sensor.changed, False
                     writer.write(sensor.frame(captured_s=time.time()).encode() + b"\n")
                     sent_ms = time.monotonic_ns() / 1e6
@@ -171,24 +140,25 @@ async def push(sensor: Sensor, host: str, port: int, *, period_s: float) -> None
             writer.close()
 
 
-async def listen(sensor: Sensor) -> None:
+async def listen(sensors: Sequence[Sensor]) -> None:
     """Commands from standard input are obeyed until it ends."""
     reader = asyncio.StreamReader()
     await asyncio.get_running_loop().connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     while line := await reader.readline():
         try:
-            sensor.obey(line.decode())
+            obey(sensors, line.decode(), at_s=time.time())
         except ValueError as error:
             sys.stderr.write(f"ignored: {error}\n")
 
 
-async def run(sensor: Sensor, host: str, port: int, *, hz: float) -> None:
-    """The sensor runs until it is told to end (SIGTERM, SIGINT)."""
+async def run(sensors: Sequence[Sensor], host: str, port: int, *, hz: float) -> None:
+    """The sensors run until they are told to end (SIGTERM, SIGINT)."""
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, ended.set)
-    tasks = [asyncio.create_task(push(sensor, host, port, period_s=1 / hz)), asyncio.create_task(listen(sensor))]
+    tasks = [asyncio.create_task(push(sensor, host, port, period_s=1 / hz)) for sensor in sensors]
+    tasks.append(asyncio.create_task(listen(sensors)))
     sys.stdout.write(json.dumps({"ready": True}) + "\n")
     sys.stdout.flush()
     await ended.wait()
@@ -199,20 +169,31 @@ async def run(sensor: Sensor, host: str, port: int, *, hz: float) -> None:
 
 def main() -> None:
     """The command line."""
-    parser = argparse.ArgumentParser(prog="python -m pep.sim.sensor", description="A simulated sensor.")
-    parser.add_argument("--key-file", type=Path, required=True)
-    parser.add_argument("--sensor", required=True)
-    parser.add_argument("--calibration", required=True)
+    parser = argparse.ArgumentParser(
+        prog="python -m pep.sim.sensor",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--sensor", required=True, action="append", help="its id; once for each sensor")
+    parser.add_argument("--calibration", required=True, action="append", help="in the same order")
+    parser.add_argument("--key-file", required=True, action="append", type=Path, help="in the same order")
     parser.add_argument("--to", required=True, metavar="HOST:PORT")
-    parser.add_argument("--hz", type=float, default=20.0)
+    parser.add_argument("--hz", type=float, default=HZ, help=f"frames a second of each (default {HZ:g})")
     options = parser.parse_args()
     host, _, port = options.to.rpartition(":")
+    if not len(options.sensor) == len(options.calibration) == len(options.key_file):
+        parser.error("--sensor, --calibration and --key-file belong together")
+    if not (host and port.isascii() and port.isdigit() and 1 / HIGHEST_HZ <= options.hz <= HIGHEST_HZ):
+        parser.error("--to must be HOST:PORT, and --hz a number that a sensor can keep")
     try:
-        key = read_key(options.key_file, name="--key-file")
+        sensors = [
+            Sensor(read_key(path, name="--key-file"), name=name, calibration=calibration)
+            for name, calibration, path in zip(options.sensor, options.calibration, options.key_file, strict=True)
+        ]
     except ConfigError as error:
         parser.exit(1, f"{error}\n")
-    sensor = Sensor(key, name=options.sensor, calibration=options.calibration)
-    asyncio.run(run(sensor, host, int(port), hz=options.hz))
+    with contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(run(sensors, host, int(port), hz=options.hz))
 
 
 if __name__ == "__main__":
