@@ -154,12 +154,17 @@ class Scene:
     def from_observation(observation: wire.Observation, cell: CellParameters) -> Scene:
         """The surveyed cell with the people and objects of one verified observation.
 
+        An object that a sensor calls by a surveyed name is another thing all the same, and gets another name: what may
+        be done to the surveyed one is not said of it.
+
         Raises:
             SceneError: a region or kind that is not in the declared sets.
         """
         known = Scene.of_cell(cell)
         people = tuple(_person(p) for p in observation.people)
+        taken = {o.id for o in known.objects} | {z.id for z in known.zones}
         objects = tuple(_thing(o, cell.object_uncertainty_m) for o in observation.objects)
+        objects = tuple(replace(o, id=f"seen/{o.id}") if o.id in taken else o for o in objects)
         return replace(known, people=people, objects=(*known.objects, *objects), complete=observation.complete)
 
     @property

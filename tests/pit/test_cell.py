@@ -122,6 +122,18 @@ def test_an_observation_becomes_a_scene():
     assert scene.defect() is None
 
 
+def test_a_thing_that_a_sensor_calls_by_a_surveyed_name_is_another_thing():
+    cell = CellParameters.from_toml(GOOD)
+    seen = observation((), [ObservedObject(n, "fragile", SphereUm((0, 0, 0), 9)) for n in ("table", "press", "cup")])
+    assert [o.id for o in Scene.from_observation(seen, cell).objects] == [
+        "table",
+        "vase",
+        "seen/table",
+        "seen/press",
+        "cup",
+    ]
+
+
 def test_a_person_is_the_same_after_the_wire():
     person = adult_at_distance(0.5, bearing_rad=0.4)
     back = Scene.from_observation(observation([observed(person)]), CellParameters()).people[0]
