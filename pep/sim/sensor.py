@@ -17,7 +17,8 @@ robot's base frame:
 A person is `{"id", "x_m", "y_m"}` (a standing adult) with an optional `"facing_rad"`; an object is `{"id", "kind",
 "shape"}` with `{"type": "sphere", "center_m", "radius_m"}`, `{"type": "box", "center_m", "half_m"}` or `{"type":
 "capsule", "a_m", "b_m", "radius_m"}`. Every command goes to all sensors; with a member `"sensor": ID` beside it only to
-that one. When the first frame after a command has been sent, `{"shown_ms": CLOCK_MONOTONIC}` is said on standard output.
+that one. When the first frame after a command has been sent, `{"shown_ms": CLOCK_MONOTONIC}` is said on standard
+output.
 """
 
 from __future__ import annotations

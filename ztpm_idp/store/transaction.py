@@ -262,7 +262,7 @@ class Transaction:
         events, lines = tuple(events), list[dict[str, object]]()
         await self._revoke([event for event in events if isinstance(event, Revoked)], actor, at_ms)
         for event in events:
-            await self._write(event, at_ms)
+            await self._write(event, actor, at_ms)
             kept = entry_of(event)
             if kept is None:
                 continue
@@ -274,7 +274,7 @@ class Transaction:
         await self._connection.execute(sa.update(t.counters).values(ledger_size=size, ledger_head=head))
         return (await self.counters()).epoch
 
-    async def _write(self, event: Event, at_ms: int) -> None:
+    async def _write(self, event: Event, actor: str, at_ms: int) -> None:
         match event:
             case PartyRegistered(party=party):
                 for insert in rows.party_inserts(party, at_ms):
