@@ -119,7 +119,7 @@ class Known:
 
 
 class Follower:
-    """The `RevocationFeed`, `Registry` and `Sensors` ports over HTTP.
+    """The `RevocationFeed`, `Registry`, `Sensors` and `Approvers` ports over HTTP.
 
     An index is published only together with the registry version that it names: when one of the two cannot be had,
     neither is, and the view grows old until nothing may move.
@@ -164,6 +164,7 @@ class Follower:
         self._begun = 0
         self._ended = 0
         self._over = asyncio.Event()
+        self._approvers: dict[str, bytes] = {}
 
     # -- ports
 
@@ -190,6 +191,10 @@ class Follower:
     def sensors(self) -> Mapping[str, RegisteredSensor]:
         """The registered sensors of this audience."""
         return self._sensors
+
+    def approvers(self) -> Mapping[str, bytes]:
+        """The registered approvers' keys, by person."""
+        return self._approvers
 
     # -- pulling
 
@@ -301,6 +306,7 @@ class Follower:
             self._mark = mark
         if known is None or known.snapshot is not snapshot:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
+            self._approvers = {approver.id: approver.key for approver in snapshot.approvers}
         before = frozenset() if known is None else known.revoked
         self._known = Known(index.epoch, before | fresh if fresh else before, sent_ms, snapshot)
 

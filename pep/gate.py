@@ -12,13 +12,13 @@ import asyncio
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, assert_never
+from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault
 from pep import records
-from pep.approvals import Ask, Asks, AskState
 from pep.authority import NO_TOKEN
+from pep.deferral import AskState
 from pep.errors import ActuationRefusedError, JournalError
 from pep.operations import touchable
 from pep.permit import Permit
@@ -34,9 +34,11 @@ from policies.trust import chain_trust
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
 
+    from pep.approvals import Asks
     from pep.authority import Authority, Credentials
+    from pep.deferral import Ask
     from pep.operations import Operation
-    from pep.ports import Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
+    from pep.ports import Announcer, Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
     from policies.policy import PolicySet
 
 PHYSICS_TIMEOUT_S: Final = 3.0
@@ -99,7 +101,8 @@ class Gate:
         physics: runtime impact.
         policies: what is decided by.
         journal: durable; nothing moves before its answer.
-        asks: open deferrals.
+        asks: deferrals, what people answered, and what was used of it.
+        announcer: tells people of a new deferral.
     """
 
     def __init__(
@@ -115,6 +118,7 @@ class Gate:
         policies: PolicySet,
         journal: Journal,
         asks: Asks,
+        announcer: Announcer,
     ) -> None:
         self._clock = clock
         self._authority = authority
@@ -126,6 +130,7 @@ class Gate:
         self._policies = policies
         self._journal = journal
         self._asks = asks
+        self._announcer = announcer
         # A worker each, so that a long assessment never delays a record, and neither delays a stop (which has its own
         # in the shell).
         self._recorder = ThreadPoolExecutor(1, "journal")
@@ -149,10 +154,18 @@ class Gate:
                     if not held:
                         return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
                     evidence = await self._dear(call, evidence)
+                if not _fault(evidence):
+                    evidence = self._asks.witness(call.request, evidence)
                 decided_ms = self._clock.monotonic_ms()
                 decision = decide(call.request, evidence, self._policies)
                 if decision.effect is not Effect.PERMIT:
                     return await self._conclude(call, evidence, decision)
+                if not self._asks.consume(decision):
+                    # the use went to another request, or out of time, since the evidence was collected
+                    if attempt < ATTEMPTS:
+                        continue
+                    used = self._denied(call, evidence, Reason.APPROVAL_USED, SEQUENCE)
+                    return await self._conclude(call, evidence, used)
                 permit = self._permit(call, evidence, decision, decided_ms)
                 permitted = self._recorder.submit(
                     self._journal.append, "decision", records.decision(call, evidence, decision)
@@ -160,8 +173,7 @@ class Gate:
                 record = await asyncio.wrap_future(permitted)
                 if self._clock.monotonic_ms() <= permit.deadline_ms:
                     return await self._effect(call, decision, permit, record, effect)
-                late = records.outcome(call.request, record, "refused", reason=Reason.VERDICT_EXPIRED)
-                await self._record("outcome", late)
+                await self._refused(call, decision, permit, record, ActuationRefusedError(Reason.VERDICT_EXPIRED))
                 permitted = None
                 if attempt == ATTEMPTS:
                     expired = self._denied(call, evidence, Reason.VERDICT_EXPIRED, SEQUENCE)
@@ -174,6 +186,7 @@ class Gate:
         except Exception as error:  # noqa: BLE001 - any exception on the way is DENY; a narrower net would leak
             return await self._broken(call, error)
         finally:
+            self._asks.release(call.request.request_id)
             if held:
                 self._slot.release(call.request.request_id)
 
@@ -259,8 +272,7 @@ class Gate:
         try:
             result = await effect(permit)
         except ActuationRefusedError as refused:
-            body = records.outcome(call.request, record, "refused", reason=refused.reason, detail=refused.detail)
-            await self._record("outcome", body)
+            await self._refused(call, decision, permit, record, refused)
             return Answer(_denial(call.request, decision, refused.reason, SEQUENCE))
         except Exception as error:  # noqa: BLE001 - what an effect raises is an outcome
             body = records.outcome(
@@ -273,26 +285,31 @@ class Gate:
         await self._record("outcome", body)
         return Answer(decision, result=result)
 
+    async def _refused(
+        self, call: Call, decision: Decision, permit: Permit, record: str, why: ActuationRefusedError
+    ) -> None:
+        """The outcome of a PERMIT that was not acted on; the use it took is there again where nothing was sent."""
+        returned = decision.approval if permit.void() else None
+        body = records.outcome(call.request, record, "refused", reason=why.reason, detail=why.detail, returned=returned)
+        await self._record("outcome", body)
+        if returned is not None:
+            self._asks.give_back(decision)
+
     async def _conclude(self, call: Call, evidence: Evidence, decision: Decision) -> Answer:
         """A DENY or DEFER, on record; a deferral is asked once, and its silence is a DENY."""
         ask: Ask | None = None
         if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
-            # On the recorder: an expiry that is found here is on record before it is told.
-            consult = partial(
-                self._asks.consult, agent=evidence.chain.leaf.agent, request=call.request, decision=decision
-            )
+            # On the recorder: a question or an expiry is on record before anybody is told.
+            consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
             state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
-            match state:
-                case AskState.OPEN:
-                    pass
-                case AskState.EXPIRED:
-                    decision = replace(
-                        _denial(call.request, decision, Reason.APPROVAL_TIMEOUT, decision.primitive),
-                        tier=decision.tier,
-                        index=decision.index,
-                    )
-                case _:
-                    assert_never(state)
+            if state is AskState.OPEN and ask is not None:
+                # nothing will move: the slot waits for no provider
+                self._slot.release(call.request.request_id)
+                state = await self._announcer.announce(ask)
+            if state is AskState.EXPIRED:
+                decision = _denial(call.request, decision, Reason.APPROVAL_TIMEOUT, decision.primitive)
+            elif state is AskState.REFUSED:
+                decision = _denial(call.request, decision, Reason.ASK_BUDGET_SPENT, decision.primitive)
         await self._record("decision", records.decision(call, evidence, decision, ask=ask))
         return Answer(decision, ask=ask)
 
@@ -372,4 +389,5 @@ def _denial(request: Request, decided: Decision, reason: Reason, primitive: str)
         findings=(Finding(primitive, reason), *decided.findings),
         obligations=(),
         lifetime_ms=0,
+        approval=None,
     )

@@ -94,6 +94,12 @@ class Permit:
             return Reason.VERDICT_EXPIRED, "the decision is too old"
         return None, ""
 
+    def void(self) -> bool:
+        """True when nothing was sent on it, and nothing can be any more."""
+        with self._lock:
+            self.refusal = self.refusal or Reason.VERDICT_EXPIRED
+            return not self.spent
+
     def standing(self) -> Fault | None:
         """What has become of the authority behind it: None while the chain is valid and the revocation view fresh."""
         return self._standing()

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from capabilities.chain import Refusal
     from capabilities.scope import Tier
     from capabilities.statements.revocation import RevocationView
+    from pep.deferral import Ask, AskState
     from policies.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading, RobotReading
     from policies.model import Request
 
@@ -79,6 +80,25 @@ class Sensors(Protocol):
 
     def sensors(self) -> Mapping[str, RegisteredSensor]:
         """By id; empty while no snapshot has been verified."""
+        ...
+
+
+class Approvers(Protocol):
+    """The people who may answer, from the newest verified registry snapshot."""
+
+    def approvers(self) -> Mapping[str, bytes]:
+        """Raw Ed25519 public key by person; empty while no snapshot has been verified."""
+        ...
+
+
+class Announcer(Protocol):
+    """Tells people of a deferral."""
+
+    async def announce(self, ask: Ask) -> AskState:
+        """What has become of it after one try to tell: `OPEN`, told or still to be told, or `REFUSED`.
+
+        Never raises for a provider that cannot be reached, and waits for it at most about a second.
+        """
         ...
 
 

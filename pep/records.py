@@ -13,10 +13,10 @@ from policies.evidence import Evidence
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from pep.approvals import Ask
     from pep.authority import Credentials
+    from pep.deferral import Ask
     from pep.gate import Call
-    from policies.model import Decision, Request
+    from policies.model import ApprovalUse, Decision, Request
 
 
 def request_body(request: Request) -> dict[str, object]:
@@ -58,9 +58,16 @@ def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: Ask | No
         "decision": decision_body(decided),
         "proof": call.credentials.proof_name,
     }
+    if decided.approval is not None:
+        body["approval"] = use_body(decided.approval)
     if ask is not None:
         body["ask"] = {"ask_id": ask.ask_id, "expires_at_ms": int(ask.expires_at * 1000)}
     return body
+
+
+def use_body(use: ApprovalUse) -> dict[str, object]:
+    """One use of an approval: in the decision that consumes it, and in the outcome that returns it."""
+    return {"ask_id": use.ask_id, "use": use.use}
 
 
 def outcome(
@@ -72,6 +79,7 @@ def outcome(
     detail: str = "",
     result: Mapping[str, Any] | None = None,
     watch: Mapping[str, object] | None = None,
+    returned: ApprovalUse | None = None,
 ) -> dict[str, object]:
     """The record of what came of a PERMIT.
 
@@ -83,6 +91,7 @@ def outcome(
         detail: for the record.
         result: what the effect reported.
         watch: what the watch saw when it ended the effect.
+        returned: the use of an approval that is free again, because nothing was sent and nothing can be any more.
     """
     body: dict[str, object] = {"request_id": request.request_id, "decision": record, "outcome": what}
     if reason is not None:
@@ -93,6 +102,8 @@ def outcome(
         body["result"] = jsonable(result)
     if watch is not None:
         body["watch"] = jsonable(watch)
+    if returned is not None:
+        body["returned"] = use_body(returned)
     return body
 
 
@@ -127,31 +138,26 @@ def refusal(
     return body
 
 
-def unfinished(records: Iterable[Mapping[str, Any]]) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """What an earlier process left open: permitted requests without outcome, and deferrals without end.
+def unfinished(records: Iterable[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """What an earlier process left open: permitted requests without outcome.
 
     Args:
         records: of the whole journal, oldest first.
 
     Returns:
-        (request id, hash of the decision's record) pairs, and (ask id, request digest) pairs.
+        (request id, hash of the decision's record) pairs.
     """
     permits: dict[str, str] = {}
-    asks: dict[str, str] = {}
     for record in records:
         body = record["body"]
         match record["kind"]:
             case "decision" if body["decision"]["effect"] == "PERMIT":
                 permits[body["request"]["id"]] = hashlib.sha256(rfc8785.dumps(dict(record))).hexdigest()
-            case "decision" if body["decision"]["effect"] == "DEFER" and "ask" in body:
-                asks[body["ask"]["ask_id"]] = body["request"]["digest"]
             case "outcome":
                 permits.pop(body["request_id"], None)
-            case "ask-expired":
-                asks.pop(body["ask_id"], None)
             case _:
                 pass
-    return list(permits.items()), list(asks.items())
+    return list(permits.items())
 
 
 def jsonable(value: object) -> object:

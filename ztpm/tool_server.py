@@ -28,7 +28,8 @@ import uvicorn
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.verify import Verifier
 from pep import records
-from pep.approvals import Asks, expired_body
+from pep.approvals import Asks
+from pep.asking import Asking
 from pep.authority import Authority, proof_life_ms
 from pep.clock import HeldClock, SystemClock, TimeMark
 from pep.context.frames import Frames
@@ -41,6 +42,7 @@ from pep.mcp.guard import guard
 from pep.mcp.mapping import ARM_TOOLS
 from pep.perception import Receiver
 from pep.pit import Robot, surveyed
+from pep.question import Asker
 from pep.record import FileJournal
 from pep.replay import ReplayCache
 from pep.rtde.dashboard import stop_program
@@ -175,7 +177,24 @@ class ToolServer:
             clock=self.clock,
         )
         self.replay = ReplayCache(self.clock)
-        self.asks = Asks(clock=self.clock, journal=self.journal, timeout_ms=config.defer_timeout_s * 1000)
+        asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)
+        self.asks = Asks(
+            clock=self.clock,
+            journal=self.journal,
+            timeout_ms=config.defer_timeout_s * 1000,
+            asker=asker,
+            approvers=self.follower,
+            caps=CAPS,
+        )
+        self.asking = Asking(
+            self.asks,
+            self.http,
+            asker=asker,
+            trust=trust,
+            caps=CAPS,
+            clock=self.clock,
+            incident=self._feed_incident,
+        )
         self.authority = Authority(
             verifier=Verifier(trust, CAPS),
             feed=self.follower,
@@ -196,6 +215,7 @@ class ToolServer:
             policies=policies,
             journal=self.journal,
             asks=self.asks,
+            announcer=self.asking,
         )
         self.app = guard(
             arm_server(self.drive, self.physics.summary),
@@ -203,6 +223,7 @@ class ToolServer:
             authority=self.authority,
             registry=self.follower,
             bindings=ARM_TOOLS,
+            asks=self.asks,
             audience=config.audience,
             issuer=config.issuer,
             clock=self.clock,
@@ -211,7 +232,8 @@ class ToolServer:
 
     def recover(self) -> None:
         """What an earlier process left unfinished has an end on record, and what it accepted is not accepted again."""
-        permits, asks = records.unfinished(self.journal.records())
+        permits = records.unfinished(self.journal.records())
+        self.asks.recover(self.journal.records())
         earliest_ms = (self.clock.wall_s() * 1000) - proof_life_ms(CAPS)
         expires_ms = self.clock.monotonic_ms() + proof_life_ms(CAPS)
         for record in self.journal.records():
@@ -221,8 +243,7 @@ class ToolServer:
             self.journal.append("incident", {"what": "torn-tail", "bytes": self.journal.repaired_bytes})
         for request_id, digest in permits:
             self.journal.append("outcome", {"request_id": request_id, "decision": digest, "outcome": "unknown"})
-        for ask_id, digest in asks:
-            self.journal.append("ask-expired", expired_body(ask_id, digest))
+        self.asks.expire()
 
     async def run(self) -> None:
         """The server has run until it was told to end, and the arm stands still."""
@@ -243,9 +264,8 @@ class ToolServer:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.ended.set)
         keeping = self.clock.run(failed=lambda error: self._log("clock", error), set_back=self._clock_incident)
-        tasks = [
-            asyncio.create_task(part) for part in (self.follower.run(), self.shipper.run(), self._expire(), keeping)
-        ]
+        parts = (self.follower.run(), self.asking.run(), self.shipper.run(), self._expire(), keeping)
+        tasks = [asyncio.create_task(part) for part in parts]
         try:
             await self._first_view()
             # Not before: a frame is judged by the registered keys, and without them every sensor is a stranger.

@@ -25,6 +25,7 @@ from pep import records
 from pep.authority import NOBODY, Credentials
 from pep.errors import ActuationRefusedError, JournalError
 from pep.gate import Answer, Call, Gate, Result
+from pep.mcp import defer
 from pep.mcp.dpop import CREDENTIALS, DPoPLayer
 from pep.mcp.mapping import Misfit, ToolBinding, to_request
 from pep.mcp.pins import definition_digest
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from mcp_types import CallToolRequestParams
     from starlette.types import ASGIApp
 
-    from pep.approvals import Ask
+    from pep.approvals import Asks
     from pep.authority import Authority
     from pep.ports import Clock, Registry
 
@@ -59,6 +60,7 @@ class Guard(Extension):
         gate: decides and enforces.
         registry: approved definitions and base tiers.
         bindings: the tools that may be called, by name.
+        asks: what has become of deferrals, for a retry that waits.
         audience: canonical URL of the server.
         clock: both clocks.
     """
@@ -72,9 +74,11 @@ class Guard(Extension):
         gate: Gate,
         registry: Registry,
         bindings: Mapping[str, ToolBinding],
+        asks: Asks,
         audience: str,
         clock: Clock,
     ) -> None:
+        self._patience = defer.Patience(asks)
         self._server = server
         self._gate = gate
         self._registry = registry
@@ -118,7 +122,10 @@ class Guard(Extension):
         call = Call(
             request=request, operation=binding.operation, tool=tool, credentials=credentials, arrived_ms=arrived_ms
         )
-        return _told(await self._gate.run(call, effect))
+        if defer.is_retry(params):
+            await self._patience.wait(params)
+        answer = await self._gate.run(call, effect)
+        return defer.elicitation(answer, params, ctx) or _told(answer)
 
     async def _tool(self, binding: ToolBinding) -> ToolReading:
         """The tool as it is registered, and as this server serves it at this moment."""
@@ -179,6 +186,7 @@ def guard(
     authority: Authority,
     registry: Registry,
     bindings: Mapping[str, ToolBinding],
+    asks: Asks,
     audience: str,
     issuer: str,
     clock: Clock,
@@ -191,6 +199,7 @@ def guard(
         authority: steps 1 to 10.
         registry: approved definitions and base tiers.
         bindings: the tools that may be called, by name.
+        asks: what has become of deferrals.
         audience: canonical URL of the server; its path is where the app answers.
         issuer: of the tokens.
         clock: both clocks.
@@ -198,7 +207,9 @@ def guard(
     Raises:
         RuntimeError: when this SDK does not let the guard stand before the tools.
     """
-    extension = Guard(server, gate=gate, registry=registry, bindings=bindings, audience=audience, clock=clock)
+    extension = Guard(
+        server, gate=gate, registry=registry, bindings=bindings, asks=asks, audience=audience, clock=clock
+    )
     # The SDK takes extensions in the constructor only; these two calls are what the constructor does with them. A later
     # SDK without them raises here, before anything is served.
     try:
@@ -258,16 +269,8 @@ def _told(answer: Answer) -> HandlerResult:
     if decision.effect is Effect.PERMIT and answer.result is not None:
         return _with_meta(answer.result.carried, told)
     if answer.ask is not None:
-        told |= _asked(answer.ask, decision.effect)
+        told |= defer.told(answer)
     return _denied(told | _remedy(decision.reason, detail))
-
-
-def _asked(ask: Ask, effect: Effect) -> dict[str, object]:
-    asked: dict[str, object] = {"ask_id": ask.ask_id}
-    if effect is Effect.DEFER:
-        asked["expires_at"] = int(ask.expires_at)
-        asked["retry_after_s"] = 1
-    return asked
 
 
 def _remedy(reason: Reason, detail: Mapping[str, object]) -> dict[str, object]:

@@ -1,5 +1,6 @@
 """An enforcement point on recorded evidence: real tokens, real policies, real journal; the world around it is made by hand."""
 
+import asyncio
 import json
 import os
 import secrets
@@ -15,18 +16,24 @@ from capabilities.caps import DEFAULT as CAPS
 from capabilities.carriage import token_to_text
 from capabilities.chain import Attestation, EvidenceKind, HopGrant, Sponsor
 from capabilities.mint import mint
-from capabilities.proof import prove
+from capabilities.proof import Proof, check_proof, prove
 from capabilities.scope import Grant, Limit, Range, Scope, Tier
+from capabilities.statements import answers as answers_statement
+from capabilities.statements import ask as ask_statement
+from capabilities.statements import opening as opening_statement
 from capabilities.statements import registry as registry_statement
 from capabilities.statements import revocation
+from capabilities.statements import vote as vote_statement
 from capabilities.statements.revocation import RevocationView
 from capabilities.verify import Verifier
 from pep.approvals import Asks
+from pep.asking import Asking
 from pep.authority import Authority, Presented
 from pep.gate import Call, Gate, Result
 from pep.mcp.mapping import ARM_TOOLS, to_request
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT
 from pep.ports import Assessed, RegisteredSensor, RegisteredTool
+from pep.question import Asker
 from pep.record import FileJournal
 from pep.replay import ReplayCache
 from pep.rtde.limits import Ur3eLimits
@@ -125,13 +132,13 @@ class Agent:
         )
 
 
-def agent(made, at, *, name="robotic", scope=None):
+def agent(made, at, *, name="robotic", scope=None, sponsor="alice", caps=CAPS):
     key, hop_id = keys.generate(), secrets.token_hex(16)
     hop = HopGrant(
         hop_id=hop_id,
         agent=name,
         key=keys.public_raw(key),
-        delegator="alice",
+        delegator=sponsor,
         purpose="move",
         request_digest=b"\1" * 32,
         attestation=Attestation(EvidenceKind.KEY, b"\2" * 32, int(at) - 1),
@@ -141,10 +148,10 @@ def agent(made, at, *, name="robotic", scope=None):
         root=made["root"],
         root_key_id=1,
         token_id=keys.b64u(secrets.token_bytes(16)),
-        sponsor=Sponsor(ISSUER, "alice", "operator-key", int(at) - 1),
+        sponsor=Sponsor(ISSUER, sponsor, "operator-key", int(at) - 1),
         hop=hop,
         scope=scope or full_scope(at),
-        caps=CAPS,
+        caps=caps,
     )
     return Agent(name, key, token, hop_id)
 
@@ -174,7 +181,7 @@ class Registry:
 
     def __init__(self):
         self.tools = {n: RegisteredTool(n, "d" * 64, b.operation.name, b.base_tier) for n, b in ARM_TOOLS.items()}
-        self.trust, self.known = {}, {}
+        self.trust, self.known, self.people = {}, {}, {}
 
     def tool(self, name):
         return self.tools.get(name)
@@ -184,6 +191,9 @@ class Registry:
 
     def sensors(self):
         return self.known
+
+    def approvers(self):
+        return self.people
 
     def add_sensor(self, name="camera-1", *, calibration=CALIBRATION, transit_ms=20):
         key = keys.generate()
@@ -203,8 +213,8 @@ def reading(tier=1, index_milli=900, **changes):
         "start_urad": (0, -1_620_000, 1_250_000, -1_200_000, -1_570_000, 0),
         "perception": "fresh",
         "perception_age_ms": 10,
-        "scene_digest": "s" * 64,
-        "model_digest": "m" * 64,
+        "scene_digest": "5c" * 32,
+        "model_digest": "0d" * 32,
         "engine": "test",
     }
     return ImpactReading(**{**fields, **changes})
@@ -268,19 +278,73 @@ class FailingJournal:
 
 
 @dataclass
+class Person:
+    """Somebody who answers."""
+
+    name: str
+    key: object = field(default_factory=keys.generate)
+
+    @property
+    def raw(self):
+        return keys.public_raw(self.key)
+
+    def vote(self, text, *, at, answer="approve", key=None, **changes):
+        """A signed vote on the ask of this text; a test may spoil any member of it."""
+        asked = Claimed(text)
+        fields = {
+            "ask_id": asked["ask_id"],
+            "nonce": asked["nonce"],
+            "ask_digest": vote_statement.digest_of(text),
+            "answer": answer,
+            "approver": self.name,
+            "sees_clear": False,
+            "uses": 1,
+            "not_after": int(at) + 120,
+            "at": int(at),
+        }
+        return vote_statement.sign(vote_statement.Vote(**{**fields, **changes}), key or self.key)
+
+    def opening(self, *, at, key=None, **changes):
+        fields = {
+            "opening_id": secrets.token_hex(16),
+            "opener": self.name,
+            "audience": AUDIENCE,
+            "agent": "robotic",
+            "object": "ur3e",
+            "operation": "move_joint",
+            "reason": "maintenance",
+            "uses": 1,
+            "not_before": int(at) - 1,
+            "not_after": int(at) + 600,
+        }
+        return opening_statement.sign(opening_statement.Opening(**{**fields, **changes}), key or self.key)
+
+
+def Claimed(text):
+    """The claims of a statement, unverified."""
+    return json.loads(keys.unb64u(text.split(".")[1]))
+
+
+@dataclass
 class Rig:
     """A gate with everything injected."""
 
     tmp: Path
     clock: object = field(default_factory=ManualClock)
     timeout_ms: int = 60_000
+    caps: object = CAPS
 
     def __post_init__(self):
         self.made, self.trust = issuer_keys()
+        self.people = {name: Person(name) for name in ("alice", "bob", "carol")}
+        self.pep_key = keys.generate()
+        self.issuer = FakeIssuer(self.made, self.clock, pep_key=keys.public_raw(self.pep_key))
+        self.incidents = []
         self.path = self.tmp / "journal.ndjson"
         self.journal = FileJournal.open(self.path, pep_id=PEP, clock=self.clock)
         self.feed, self.registry, self.physics, self.slot = Feed(), Registry(), Physics(), Slot()
         self.readiness = Readiness()
+        self.registry.people = {person.name: person.raw for person in self.people.values()}
         self.policies = load_shipped("paper-default")
         self.replay = ReplayCache(self.clock)
         self.sent = []
@@ -289,13 +353,30 @@ class Rig:
 
     def build(self, journal=None):
         journal = journal or self.journal
-        self.asks = Asks(clock=self.clock, journal=journal, timeout_ms=self.timeout_ms)
+        asker = Asker(pep=PEP, audience=AUDIENCE, issuer=ISSUER, key=self.pep_key)
+        self.asks = Asks(
+            clock=self.clock,
+            journal=journal,
+            timeout_ms=self.timeout_ms,
+            asker=asker,
+            approvers=self.registry,
+            caps=CAPS,
+        )
+        self.asking = Asking(
+            self.asks,
+            self.issuer.client(),
+            asker=asker,
+            trust=self.trust,
+            caps=CAPS,
+            clock=self.clock,
+            incident=self.incidents.append,
+        )
         self.authority = Authority(
-            verifier=Verifier(self.trust, CAPS),
+            verifier=Verifier(self.trust, self.caps),
             feed=self.feed,
             replay=self.replay,
             clock=self.clock,
-            caps=CAPS,
+            caps=self.caps,
             audience=AUDIENCE,
             started_s=self.clock.wall_s() - 100,
         )
@@ -310,11 +391,28 @@ class Rig:
             policies=self.policies,
             journal=journal,
             asks=self.asks,
+            announcer=self.asking,
         )
         return self
 
+    def pull(self):
+        """The provider's word, now."""
+        asyncio.run(self.asking.pull())
+
+    def restart(self, content=None):
+        """Killed, and started again on what is on disk, or on this much of it."""
+        self.gate.close()
+        self.journal.close()
+        if content is not None:
+            self.path.write_bytes(content)
+        self.journal = FileJournal.open(self.path, pep_id=PEP, clock=self.clock)
+        self.build()
+        self.asks.recover(self.journal.records())
+        self.asks.expire()
+        return self
+
     def agent(self, **options):
-        return agent(self.made, self.clock.wall_s(), **options)
+        return agent(self.made, self.clock.wall_s(), caps=self.caps, **options)
 
     def credentials(self, holder, *, lease_ms=30_000):
         body = b"{}"
@@ -355,7 +453,7 @@ class Rig:
 class FakeIssuer:
     """The provider's feed, registry and ledger on the wire, with every lie that a test wants told."""
 
-    def __init__(self, made, clock, *, tools=(), sensors=()):
+    def __init__(self, made, clock, *, tools=(), sensors=(), pep_key=None):
         self.made, self.clock = made, clock
         self.epoch, self.registry_version, self.entries = 0, 1, []
         self.tools, self.sensors, self.trust, self.approvers = tuple(tools), tuple(sensors), (), ()
@@ -364,6 +462,8 @@ class FakeIssuer:
         self.signer = made["feed"]
         self.registry_audience = None
         self.shipped, self.through = [], 0
+        self.pep_key, self.asks, self.votes, self.openings = pep_key, {}, {}, []
+        self.refuses, self.answers_lie, self.answers_signer, self.spoil = None, {}, made["registry"], None
         self.asked = []
 
     def revoke(self, kind, identity):
@@ -387,6 +487,10 @@ class FakeIssuer:
                 return self.hint(**query)
             case "/registry":
                 return httpx2.Response(200, text=self.snapshot(**query))
+            case "/approvals":
+                return self.take_ask(request)
+            case "/approvals/answers":
+                return self.proven(request) or httpx2.Response(200, text=self.answers(**query))
             case "/ledger/records":
                 return self.take(json.loads(request.content)["records"])
         return httpx2.Response(404)
@@ -422,6 +526,55 @@ class FakeIssuer:
             ),
             self.made["registry"],
         )
+
+    def proven(self, request):
+        """None for a request with a proof over exactly it, by the PEP where its key is known; else the refusal."""
+        url = str(request.url).split("?")[0]
+        proof = check_proof(
+            request.headers.get("dpop", ""),
+            key=self.pep_key,
+            method=request.method,
+            url=url,
+            body=request.content,
+            token=None,
+            at=self.clock.wall_s(),
+            caps=CAPS,
+        )
+        if not isinstance(proof, Proof):
+            return httpx2.Response(401, json={"code": str(proof.code)})
+        self.prover = proof.key
+        return None
+
+    def take_ask(self, request):
+        if refused := self.proven(request):
+            return refused
+        if self.refuses is not None:
+            return httpx2.Response(self.refuses[0], json={"code": self.refuses[1]})
+        text = json.loads(request.content)["ask"]
+        asked = ask_statement.open(text, [self.prover], CAPS)
+        if self.asks.get(asked.ask_id, text) != text:
+            return httpx2.Response(409, json={"code": "ASK_DIFFERS"})
+        status = 200 if asked.ask_id in self.asks else 201
+        self.asks[asked.ask_id] = text
+        return httpx2.Response(status, json={"ask_id": asked.ask_id, "url": f"{ISSUER}/approvals/{asked.ask_id}/page"})
+
+    def answers(self, *, audience, nonce):
+        fields = {
+            "issuer": ISSUER,
+            "audience": audience,
+            "nonce": nonce,
+            "as_of_ms": int(self.clock.wall_s() * 1000),
+            "asks": tuple(
+                answers_statement.AnsweredAsk(ask_id, "open", tuple(self.votes.get(ask_id, ()))) for ask_id in self.asks
+            ),
+            "openings": tuple(self.openings),
+        }
+        lie = self.answers_lie
+        text = answers_statement.sign(answers_statement.Answers(**{**fields, **lie}), self.answers_signer)
+        return text if self.spoil is None else self.spoil(text)
+
+    def cast(self, ask_id, *votes):
+        self.votes.setdefault(ask_id, []).extend(votes)
 
     def take(self, records):
         for record in records:

@@ -91,6 +91,7 @@ class Cell(Rig):
             authority=self.authority,
             registry=self.registry,
             bindings=ARM_TOOLS,
+            asks=self.asks,
             audience=AUDIENCE,
             issuer=ISSUER,
             clock=self.clock,

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 FIRST_PREV: Final = "0" * 64
 """`prev` of the first entry of a chain."""
 VERSION: Final = 1
-RECORD_KINDS: Final = frozenset({"decision", "outcome", "refusal", "ask-expired", "incident"})
+RECORD_KINDS: Final = frozenset(
+    {"decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired", "incident"}
+)
 RECORD_FIELDS: Final = frozenset({"v", "pep", "seq", "prev", "at_ms", "kind", "body"})
 
 
