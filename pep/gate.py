@@ -150,7 +150,7 @@ class Gate:
                 attempt += 1
                 evidence = self._cheap(call)
                 if physical and not _fault(evidence):
-                    held = held or self._slot.reserve(call.request.request_id)
+                    held = held or self._slot.reserve(call.request.request_id) or self._joins(call, evidence)
                     if not held:
                         return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
                     evidence = await self._dear(call, evidence)
@@ -189,6 +189,11 @@ class Gate:
             self._asks.release(call.request.request_id)
             if held:
                 self._slot.release(call.request.request_id)
+
+    def _joins(self, call: Call, evidence: Evidence) -> bool:
+        """Whether the request only goes on with what is under way, by the same agent."""
+        chain = evidence.chain
+        return isinstance(chain, Chain) and self._slot.joins(call.request, agent=chain.leaf.agent)
 
     def _cheap(self, call: Call) -> Evidence:
         """Everything but physics, in order, up to the first fault."""
@@ -263,6 +268,7 @@ class Gate:
             index_milli=authorised_milli(decision, self._policies.parameters),
             sighted=isinstance(evidence.impact, ImpactReading) and evidence.impact.perception == FRESH,
             touch=touchable(evidence.chain) if isinstance(evidence.chain, Chain) else frozenset(),
+            agent=call.credentials.chain.leaf.agent if isinstance(call.credentials.chain, Chain) else "",
         )
 
     async def _effect(

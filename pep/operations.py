@@ -25,6 +25,8 @@ class Kind(Enum):
     """Nothing."""
     MOTION = "motion"
     """It moves something: physics is computed, one at a time."""
+    SWITCH = "switch"
+    """It switches something that the cell has wired to the robot: whatever that moves, one at a time."""
     STOP = "stop"
     """It ends motion. Never subject to a permit."""
 
@@ -65,6 +67,20 @@ GRIPPER_MOVE: Final = Operation(
         Parameter("force", Unit.MILLINEWTON),
     ),
     Kind.MOTION,
+)
+GRIPPER_ACTIVATE: Final = Operation(ROBOT, "gripper_activate", (), Kind.MOTION)
+SPEED_JOINT: Final = Operation(
+    ROBOT,
+    "speed_joint",
+    (
+        *(Parameter(f"qd{i}", Unit.MICRORADIAN_PER_SECOND) for i in range(6)),
+        Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
+        Parameter("duration", Unit.MILLISECOND),
+    ),
+    Kind.MOTION,
+)
+SET_DIGITAL_OUTPUT: Final = Operation(
+    ROBOT, "set_digital_output", (Parameter("pin", Unit.COUNT), Parameter("value", Unit.COUNT)), Kind.SWITCH
 )
 STOP: Final = Operation(ROBOT, "stop", (), Kind.STOP)
 READ_STATE: Final = Operation(ROBOT, "read_state", (), Kind.READ)

@@ -22,6 +22,7 @@ class Permit:
 
     Attributes:
         request_id: of the request that was decided.
+        agent: whose request it was; "" when nobody needs to know.
         digest: `Request.digest` of what was decided.
         since_ms: monotonic time at which the request arrived; a stop after that voids the permit.
         deadline_ms: monotonic time after which nothing may be sent.
@@ -47,8 +48,10 @@ class Permit:
         index_milli: int = 0,
         sighted: bool = True,
         touch: frozenset[str] = frozenset(),
+        agent: str = "",
     ) -> None:
         self.request_id = request_id
+        self.agent = agent
         self.digest = digest
         self.since_ms = since_ms
         self.deadline_ms = deadline_ms

@@ -169,6 +169,10 @@ class MotionSlot(Protocol):
         """True when nothing moves and the slot is now this request's."""
         ...
 
+    def joins(self, request: Request, *, agent: str) -> bool:
+        """Whether the request, of that agent, only prolongs the stream that holds the slot: then it is not taken."""
+        ...
+
     def release(self, request_id: str) -> None:
         """The slot is free again, if it was this request's."""
         ...

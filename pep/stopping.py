@@ -12,3 +12,19 @@ STOP_DECELERATION_RAD_S2: Final = 8.0
 """a, of the leading axis. PHY-2: below the CB3 tables (1.7 to 3 times their times)."""
 STOP_DELAY_S: Final = 0.06
 """PHY-2: brake delay."""
+
+STREAM_SPEED_RAD_S: Final = 1.0
+"""Ours: no axis of a stream of joint speeds is faster, so that its stop always ends inside the dead man's patience."""
+PATIENCE_S: Final = 0.3
+"""Ours: fifteen sends of a stream; a host that stalls for longer is not fit to drive one."""
+
+
+def patience_s(stop_deceleration_rad_s2: float) -> float:
+    """How long a stream of joint speeds goes on by itself when nobody sends any more: then the controller stops it.
+
+    The controller's watchdog hears nothing during a stop either, so it has to outlast the longest one.
+
+    Args:
+        stop_deceleration_rad_s2: of every stop, of the leading axis.
+    """
+    return max(PATIENCE_S, 2 * STOP_DELAY_S + STREAM_SPEED_RAD_S / stop_deceleration_rad_s2)

@@ -35,6 +35,8 @@ class End(StrEnum):
     """How a motion ended."""
 
     REACHED = "reached"
+    ENDED = "ended"
+    """Its time was over."""
     STOPPED = "stopped"
     """By a stop."""
     AUTHORITY_LOST = "authority_lost"

@@ -6,19 +6,48 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.units import Unit
-from pep.rtde.dashboard import RemoteControl
+from pep.errors import PepError, PepFault
 from pep.rtde.guard import GuardedControl
 from pep.rtde.readiness import RobotReadiness, equip
-from pep.rtde.telemetry import Telemetry
 from pep.world import tool_position
 
 if TYPE_CHECKING:
     from pep.pit import CellParameters, Robot
     from pep.ports import Clock
+    from pep.rtde.dashboard import RemoteControl
     from pep.rtde.program import ProgramWatch
+    from pep.rtde.telemetry import Telemetry
 
 PROGRAM_S: Final = 1.0
 """Longest wait for the controller to tell on another port what we did on this one; it takes some milliseconds."""
+
+
+def connect(host: str) -> Any:
+    """A control connection with the uploaded script running.
+
+    Raises:
+        PepError: `ROBOT_UNREACHABLE`.
+    """
+    from rtde_control import RTDEControlInterface
+
+    try:
+        return RTDEControlInterface(host)
+    except RuntimeError as error:
+        raise PepError(PepFault.ROBOT_UNREACHABLE, str(error)) from error
+
+
+def connect_outputs(host: str) -> Any:
+    """A connection that owns the controller's digital outputs.
+
+    Raises:
+        PepError: `ROBOT_UNREACHABLE`, also when somebody else owns them.
+    """
+    from rtde_io import RTDEIOInterface
+
+    try:
+        return RTDEIOInterface(host)
+    except RuntimeError as error:
+        raise PepError(PepFault.ROBOT_UNREACHABLE, str(error)) from error
 
 
 def commanded(
@@ -56,20 +85,27 @@ def commanded(
 
 
 def readiness(
-    host: str, program: ProgramWatch, control: GuardedControl, robot: Robot, cell: CellParameters
+    telemetry: Telemetry,
+    remote: RemoteControl,
+    program: ProgramWatch,
+    control: GuardedControl,
+    *,
+    robot: Robot,
+    cell: CellParameters,
 ) -> RobotReadiness:
-    """The robot's readiness, by connections of its own.
+    """The robot's readiness, by connections beside the one that commands it.
 
     Args:
-        host: of the controller.
+        telemetry: of the controller.
+        remote: of the controller.
         program: claimed.
         control: of the robot.
         robot: its model.
         cell: its parameters.
     """
     return RobotReadiness(
-        telemetry=Telemetry(host),
-        remote=RemoteControl(host),
+        telemetry=telemetry,
+        remote=remote,
         program=program,
         commanding=control.isConnected,
         tool_position=partial(tool_position, robot),

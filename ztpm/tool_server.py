@@ -20,7 +20,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import httpx2
 import uvicorn
@@ -45,16 +45,20 @@ from pep.pit import Robot, surveyed
 from pep.question import Asker
 from pep.record import FileJournal
 from pep.replay import ReplayCache
-from pep.rtde.dashboard import stop_program
+from pep.rtde.dashboard import RemoteControl, stop_program
+from pep.rtde.devices import Devices
 from pep.rtde.drive import Drive
 from pep.rtde.gripper import RobotiqGripper
+from pep.rtde.jog import Jog
 from pep.rtde.limits import Ur3eLimits
+from pep.rtde.outputs import DigitalOutputs
 from pep.rtde.program import ProgramWatch
 from pep.rtde.state import ReceivedState
+from pep.rtde.telemetry import Telemetry
 from pep.ship import Shipper
 from pep.watch import Limits, Watch
 from pep.world import CellPhysics
-from ztpm.robot import PROGRAM_S, commanded, readiness
+from ztpm.robot import PROGRAM_S, commanded, connect, connect_outputs, readiness
 from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, read_key, read_policies, read_trust
 
 if TYPE_CHECKING:
@@ -154,9 +158,12 @@ class ToolServer:
         program = ProgramWatch(config.robot_host)
         program.listening(within_s=PROGRAM_S)
         control = commanded(
-            _connect(config.robot_host), program, robot, self.cell, audience=config.audience, clock=self.clock
+            connect(config.robot_host), program, robot, self.cell, audience=config.audience, clock=self.clock
         )
-        self.readiness = readiness(config.robot_host, program, control, robot, self.cell)
+        telemetry = Telemetry(config.robot_host)
+        self.readiness = readiness(
+            telemetry, RemoteControl(config.robot_host), program, control, robot=robot, cell=self.cell
+        )
         self.judging = ThreadPoolExecutor(1, "rest")
         self.drive = Drive(
             control=control,
@@ -175,6 +182,16 @@ class ToolServer:
             hurry=self.follower.hurry,
             audience=config.audience,
             clock=self.clock,
+        )
+        self.devices = Devices(
+            self.drive,
+            Jog(self.drive, control, start_of=self.physics.start_of, clock=self.clock),
+            DigitalOutputs(
+                connect_outputs(config.robot_host),
+                telemetry,
+                audience=config.audience,
+                stopped_ms=lambda: control.stopped_ms,
+            ),
         )
         self.replay = ReplayCache(self.clock)
         asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)
@@ -209,7 +226,7 @@ class ToolServer:
             authority=self.authority,
             registry=self.follower,
             limits=Ur3eLimits(),
-            slot=self.drive,
+            slot=self.devices,
             readiness=self.readiness,
             physics=self.physics,
             policies=policies,
@@ -218,7 +235,7 @@ class ToolServer:
             announcer=self.asking,
         )
         self.app = guard(
-            arm_server(self.drive, self.physics.summary),
+            arm_server(self.devices, self.physics.summary),
             gate=self.gate,
             authority=self.authority,
             registry=self.follower,
@@ -301,7 +318,7 @@ class ToolServer:
             await asyncio.sleep(EXPIRY_PERIOD_S)
 
     async def _close(self, tasks: list[asyncio.Task[None]]) -> None:
-        await self.drive.close()
+        await self.devices.close()
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -337,20 +354,6 @@ class ToolServer:
     def _log(self, what: str, error: BaseException | None) -> None:
         if error is not None:
             logging.getLogger("ztpm.tool_server").warning("%s: %s", what, error)
-
-
-def _connect(host: str) -> Any:
-    """A control connection with the uploaded script running.
-
-    Raises:
-        PepError: `ROBOT_UNREACHABLE`.
-    """
-    from rtde_control import RTDEControlInterface
-
-    try:
-        return RTDEControlInterface(host)
-    except RuntimeError as error:
-        raise PepError(PepFault.ROBOT_UNREACHABLE, str(error)) from error
 
 
 async def serve(config: CellConfig) -> None:

@@ -35,10 +35,14 @@ JointSpeed = Annotated[float, Field(description="Greatest speed of the leading j
 JointAcceleration = Annotated[float, Field(description="Acceleration of the leading joint in rad/s^2.")]
 Width = Annotated[float, Field(description="Opening between the fingers in m.")]
 FingerSpeed = Annotated[float, Field(description="Speed of the fingers in m/s.")]
+Speeds = Annotated[list[float], Field(min_length=6, max_length=6, description="Six joint speeds in rad/s, base first.")]
+Duration = Annotated[float, Field(description="How long the arm moves before it stops by itself, in s.")]
+Pin = Annotated[int, Field(description="Standard digital output, 0 to 7.")]
+Level = Annotated[bool, Field(description="Whether the output is on.")]
 Force = Annotated[float, Field(description="Grip force in N.")]
 
 
-Outcome = Literal["reached", "stopped", "authority_lost", "world_changed", "robot_failed"]
+Outcome = Literal["reached", "ended", "stopped", "authority_lost", "world_changed", "robot_failed"]
 
 
 class Moved(TypedDict):
@@ -57,6 +61,20 @@ class Gripped(TypedDict):
     width_m: float
     object: bool
     arrived: bool
+
+
+class Activated(TypedDict):
+    """Whether the gripper is ready to move now, and where its fingers are."""
+
+    ready: bool
+    width_m: float
+
+
+class Switched(TypedDict):
+    """A digital output as the robot has it now."""
+
+    pin: int
+    value: bool
 
 
 class World(TypedDict):
@@ -90,6 +108,20 @@ class ArmDriver(Protocol):
 
     async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
         """The fingers have moved."""
+        ...
+
+    async def gripper_activate(self, permit: Permit) -> Grip:
+        """The gripper is ready."""
+        ...
+
+    async def speed_joint(
+        self, qd_rad_s: Sequence[float], acceleration_rad_s2: float, duration_s: float, permit: Permit
+    ) -> MotionEnd:
+        """The arm has moved at these speeds, and stands again."""
+        ...
+
+    async def set_digital_output(self, pin: int, value: bool, permit: Permit) -> None:  # noqa: FBT001
+        """The output has this value."""
         ...
 
     async def stop(self) -> MotionEnd:
@@ -142,6 +174,24 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
         )
 
     @server.tool()
+    async def gripper_activate() -> Activated:
+        """Make the gripper ready after power-on: its fingers close and open once, over their whole stroke."""
+        grip = await _permitted(driver.gripper_activate)
+        return Activated(ready=grip.arrived, width_m=grip.width_um / 1e6)
+
+    @server.tool()
+    async def speed_joint(qd_rad_s: Speeds, acceleration_rad_s2: JointAcceleration, duration_s: Duration) -> Moved:
+        """Move the arm at six joint speeds for a time, then stop it. The same call again before the end prolongs it."""
+        end = await _permitted(lambda permit: driver.speed_joint(qd_rad_s, acceleration_rad_s2, duration_s, permit))
+        return Moved(outcome=end.end.value, q_rad=list(end.q_rad), reason=end.reason)
+
+    @server.tool()
+    async def set_digital_output(pin: Pin, value: Level) -> Switched:
+        """Switch a standard digital output of the controller, and tell its value once the robot has it."""
+        await _permitted(lambda permit: driver.set_digital_output(pin, value, permit))
+        return Switched(pin=pin, value=value)
+
+    @server.tool()
     async def read_state() -> State:
         """Read joint angles and speeds, the robot's modes, and how much of the surroundings is seen."""
         try:
@@ -181,6 +231,15 @@ class _NoDriver:
         raise ActuationRefusedError(Reason.EFFECT_FAILED)
 
     async def gripper_move(self, *_: Any) -> Grip:
+        raise ActuationRefusedError(Reason.EFFECT_FAILED)
+
+    async def gripper_activate(self, *_: Any) -> Grip:
+        raise ActuationRefusedError(Reason.EFFECT_FAILED)
+
+    async def speed_joint(self, *_: Any) -> MotionEnd:
+        raise ActuationRefusedError(Reason.EFFECT_FAILED)
+
+    async def set_digital_output(self, *_: Any) -> None:
         raise ActuationRefusedError(Reason.EFFECT_FAILED)
 
     async def stop(self) -> MotionEnd:

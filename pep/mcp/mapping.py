@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any, Final
 from capabilities.errors import QuantityError
 from capabilities.scope import Tier
 from capabilities.units import Parameter, Quantity, parse
-from pep.operations import GRIPPER_MOVE, MOVE_JOINT, READ_STATE, STOP, Operation
+from pep.operations import (
+    GRIPPER_ACTIVATE,
+    GRIPPER_MOVE,
+    MOVE_JOINT,
+    READ_STATE,
+    SET_DIGITAL_OUTPUT,
+    SPEED_JOINT,
+    STOP,
+    Operation,
+)
 from policies.model import Point, Request
 from policies.reasons import Reason
 
@@ -36,6 +45,14 @@ class Vector:
 
 
 @dataclass(frozen=True, slots=True)
+class Flag:
+    """An argument that is true or false, 1 or 0 in the request. A number is none."""
+
+    argument: str
+    parameter: Parameter
+
+
+@dataclass(frozen=True, slots=True)
 class ToolBinding:
     """How a tool's arguments become an operation's parameters, in the operation's order.
 
@@ -49,7 +66,7 @@ class ToolBinding:
     tool: str
     operation: Operation
     base_tier: Tier
-    fields: tuple[Scalar | Vector, ...] = ()
+    fields: tuple[Scalar | Vector | Flag, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +86,8 @@ class Misfit:
 
 _MOVE: Final = MOVE_JOINT.parameters
 _GRIP: Final = GRIPPER_MOVE.parameters
+_SPEED: Final = SPEED_JOINT.parameters
+_OUTPUT: Final = SET_DIGITAL_OUTPUT.parameters
 ARM_TOOLS: Final[Mapping[str, ToolBinding]] = {
     binding.tool: binding
     for binding in (
@@ -84,6 +103,24 @@ ARM_TOOLS: Final[Mapping[str, ToolBinding]] = {
             GRIPPER_MOVE,
             Tier.REVERSIBLE,
             (Scalar("width_m", _GRIP[0]), Scalar("speed_m_s", _GRIP[1]), Scalar("force_n", _GRIP[2])),
+        ),
+        # The fingers make a full stroke, whatever lies between them.
+        ToolBinding("gripper_activate", GRIPPER_ACTIVATE, Tier.CONSEQUENTIAL),
+        ToolBinding(
+            "speed_joint",
+            SPEED_JOINT,
+            Tier.REVERSIBLE,
+            (
+                Vector("qd_rad_s", _SPEED[:6]),
+                Scalar("acceleration_rad_s2", _SPEED[6]),
+                Scalar("duration_s", _SPEED[7]),
+            ),
+        ),
+        ToolBinding(
+            "set_digital_output",
+            SET_DIGITAL_OUTPUT,
+            Tier.REVERSIBLE,
+            (Scalar("pin", _OUTPUT[0]), Flag("value", _OUTPUT[1])),
         ),
         ToolBinding("read_state", READ_STATE, Tier.NO_EFFECT),
     )
@@ -128,6 +165,10 @@ def to_request(
         given = arguments[field.argument]
         if isinstance(field, Scalar):
             pairs = [(field.parameter, given)]
+        elif isinstance(field, Flag):
+            if not isinstance(given, bool):
+                return Misfit(Reason.PARAMETERS_WRONG, field.argument, "true or false is wanted")
+            pairs = [(field.parameter, int(given))]
         elif isinstance(given, list) and len(given) == len(field.parameters):
             pairs = list(zip(field.parameters, given, strict=True))
         else:

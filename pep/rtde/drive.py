@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 
 from capabilities.units import Unit, parse
 from pep.errors import ActuationRefusedError, PepFault
-from pep.operations import GRIPPER_MOVE, digest_of
-from pep.rtde.ladder import STOP_LIMIT_MS, MotionEnd, StopLadder
+from pep.operations import GRIPPER_ACTIVATE, GRIPPER_MOVE, digest_of
+from pep.rtde.ladder import SAFE_MODES, STOP_LIMIT_MS, MotionEnd, StopLadder
 from pep.watch import LOOK_MS, End
 from policies.reasons import Reason
 
@@ -46,7 +46,6 @@ SILENCE_MS: Final = 300
 SLACK: Final = 1.5
 SLACK_MS: Final = 3_000
 """A motion may last its computed time by half, and three seconds; then it is stopped."""
-SAFE_MODES: Final = (1, 2)  # safety_mode NORMAL and REDUCED; any other has stopped the arm by itself
 
 T = TypeVar("T")
 
@@ -56,6 +55,10 @@ class Gripper(Protocol):
 
     def move(self, *, width_um: int, speed_um_s: int, force_mn: int, stopped: Callable[[], bool]) -> Grip:
         """The fingers have moved; from when `stopped` says so, they do not move."""
+        ...
+
+    def activate(self, *, stopped: Callable[[], bool]) -> Grip:
+        """The gripper is ready; from when `stopped` says so, the fingers do not move."""
         ...
 
     def halt(self) -> None:
@@ -84,6 +87,9 @@ class Drive:
         hurry: told whether something moves, so that what the watch goes by comes sooner.
         audience: canonical URL of the server that decides.
         clock: both clocks.
+
+    Attributes:
+        watching: as given; other motions of the same arm are watched likewise.
     """
 
     def __init__(
@@ -103,7 +109,7 @@ class Drive:
         self._state = state
         self._gripper = gripper
         self._start_of = start_of
-        self._watching = watching
+        self.watching = watching
         self._hurry = hurry
         self._audience = audience
         self._clock = clock
@@ -160,15 +166,15 @@ class Drive:
             lasts_ms = 1000 * (way / speed_rad_s + speed_rad_s / acceleration_rad_s2)
             return int(lasts_ms * SLACK) + SLACK_MS
 
-        return await self._watched(lambda gone: self._follow(target, send, permit, gone), permit)
+        return await self.watched(lambda gone: self._follow(target, send, permit, gone), permit)
 
     def _follow(
         self, target: tuple[float, ...], send: Callable[[], int], permit: Permit, gone: threading.Event
     ) -> MotionEnd:
         """Look at the arm until it has arrived or stands still for another reason. On the watch's thread."""
-        arm = _Heard(self._state, self._clock)
+        arm = Heard(self._state, self._clock)
         sending = self._commands.submit(send)
-        watch = self._watching(permit)
+        watch = self.watching(permit)
         sent_ms, limit_ms, moved = 0, 0, False
         while True:
             if limit_ms == 0 and sending.done():
@@ -178,11 +184,11 @@ class Drive:
             moved = moved or not arm.state.still
             alarm = watch.look(arm.state.q_rad)
             if gone.is_set():
-                return self._stand(sending)
+                return self.stand(sending)
             if alarm is not None:
-                return self._end(alarm, permit, arm.state, sending)
+                return self.end_by(alarm, permit, arm.state, sending)
             if arm.silent_ms > SILENCE_MS:
-                self._stand(sending)
+                self.stand(sending)
                 return MotionEnd(End.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
             # Only what the robot said after it was told to move can say how that went.
             if limit_ms and fresh:
@@ -209,10 +215,10 @@ class Drive:
             return MotionEnd(End.STOPPED, state.q_rad)
         if state.still and (lasted_ms > STARTS_MS or state.safety_mode not in SAFE_MODES):
             # Whatever the controller still has in mind, it is not begun later behind our back.
-            end = self._stand()
+            end = self.stand()
             return MotionEnd(End.ROBOT_FAILED, end.q_rad, f"safety mode {state.safety_mode}, moved {moved}")
         if lasted_ms > limit_ms:
-            return MotionEnd(End.ROBOT_FAILED, self._stand().q_rad, "too slow")
+            return MotionEnd(End.ROBOT_FAILED, self.stand().q_rad, "too slow")
         return None
 
     async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
@@ -228,14 +234,32 @@ class Drive:
             ActuationRefusedError: nothing was sent.
             RobotError: the gripper does not answer, or the robot could not be read before sending.
         """
+
+        def move(stopped: Callable[[], bool]) -> Grip:
+            width, speed = parse(width_m, Unit.MICROMETRE), parse(speed_m_s, Unit.MICROMETRE_PER_SECOND)
+            force = parse(force_n, Unit.MILLINEWTON)
+            return self._gripper.move(width_um=width, speed_um_s=speed, force_mn=force, stopped=stopped)
+
+        digest = digest_of(GRIPPER_MOVE, (width_m, speed_m_s, force_n), audience=self._audience)
+        return await self._with_fingers(move, digest, permit)
+
+    async def gripper_activate(self, permit: Permit) -> Grip:
+        """The gripper is ready, or why it is not; its fingers have closed and opened once.
+
+        Args:
+            permit: of exactly this.
+
+        Raises:
+            ActuationRefusedError: nothing was sent.
+            RobotError: the gripper does not answer, or does not become ready.
+        """
+        digest = digest_of(GRIPPER_ACTIVATE, (), audience=self._audience)
+        return await self._with_fingers(lambda stopped: self._gripper.activate(stopped=stopped), digest, permit)
+
+    async def _with_fingers(self, act: Callable[[Callable[[], bool]], Grip], digest: str, permit: Permit) -> Grip:
         # Counted before the permit is spent: a stop before that voids the permit, and one after it changes the count.
         stops = self._control.stops
-        permit.spend(
-            digest=digest_of(GRIPPER_MOVE, (width_m, speed_m_s, force_n), audience=self._audience),
-            stopped_ms=self._control.stopped_ms,
-        )
-        width, speed = parse(width_m, Unit.MICROMETRE), parse(speed_m_s, Unit.MICROMETRE_PER_SECOND)
-        force = parse(force_n, Unit.MILLINEWTON)
+        permit.spend(digest=digest, stopped_ms=self._control.stopped_ms)
 
         def stopped() -> bool:
             return self._control.stops != stops
@@ -244,28 +268,28 @@ class Drive:
             if stopped():
                 permit.refusal = Reason.VERDICT_EXPIRED
                 raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "a stop came before it was sent")
-            return self._gripper.move(width_um=width, speed_um_s=speed, force_mn=force, stopped=stopped)
+            return act(stopped)
 
-        grip = await self._watched(lambda gone: self._follow_fingers(send, permit, gone), permit)
+        grip = await self.watched(lambda gone: self._follow_fingers(send, permit, gone), permit)
         if grip.end is not End.REACHED or grip.arrived:
             return grip
         return replace(grip, end=End.STOPPED if stopped() else End.ROBOT_FAILED)
 
     def _follow_fingers(self, send: Callable[[], Grip], permit: Permit, gone: threading.Event) -> Grip:
         """Watch until the fingers have moved. On the watch's thread; the resting arm's angles place the fingers."""
-        arm = _Heard(self._state, self._clock)
+        arm = Heard(self._state, self._clock)
         sending = self._fingers.submit(send)
-        watch = self._watching(permit)
+        watch = self.watching(permit)
         alarm: Alarm | None = None
         while not sending.done() and alarm is None and not gone.is_set():
             arm.look()
             alarm = watch.look(arm.state.q_rad)
             wait((sending,), timeout=PAUSE_S)
         if alarm is not None:
-            end = self._end(alarm, permit, arm.state, sending)
+            end = self.end_by(alarm, permit, arm.state, sending)
             return replace(sending.result(), end=end.end, reason=end.reason)
         if gone.is_set():
-            self._stand()
+            self.stand()
         return sending.result()
 
     # -- stopping
@@ -281,7 +305,7 @@ class Drive:
             await asyncio.sleep(PAUSE_S)
         return end
 
-    def _stand(self, sending: Future[T] | None = None) -> MotionEnd:
+    def stand(self, sending: Future[T] | None = None) -> MotionEnd:
         """The same, for the watch's thread.
 
         Args:
@@ -293,11 +317,11 @@ class Drive:
         if sending is None or sending.done():
             return end
         wait((sending,), timeout=STOP_LIMIT_MS / 1000)
-        return self._stand()
+        return self.stand()
 
-    def _end(self, alarm: Alarm, permit: Permit, state: JointState, sending: Future[T]) -> MotionEnd:
+    def end_by(self, alarm: Alarm, permit: Permit, state: JointState, sending: Future[T]) -> MotionEnd:
         """The motion has ended because of an alarm, and the permit tells its record what was seen."""
-        end = self._stand(sending)
+        end = self.stand(sending)
         permit.watched = {
             "outcome": str(alarm.end),
             "reason": alarm.reason,
@@ -310,7 +334,7 @@ class Drive:
         }
         return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is End.STOPPED else end
 
-    async def _watched(self, follow: Callable[[threading.Event], T], permit: Permit) -> T:
+    async def watched(self, follow: Callable[[threading.Event], T], permit: Permit) -> T:
         """What `follow` says on the watch's thread; neither a caller that goes away nor an error leaves it moving."""
         gone = threading.Event()
 
@@ -320,7 +344,7 @@ class Drive:
             except BaseException:
                 # Also a command that was handed over and not acknowledged: it may yet begin.
                 if permit.spent:
-                    self._stand()
+                    self.stand()
                 raise
 
         self._hurry(moving=True)
@@ -331,11 +355,15 @@ class Drive:
             # An arm without anybody who waits for it stands still.
             if not following.done():
                 gone.set()
-                await self._finish(asyncio.ensure_future(self.stop()))
+                await self.stop_although_cancelled()
                 await self._finish(following)
             raise
         finally:
             self._hurry(moving=False)
+
+    async def stop_although_cancelled(self) -> None:
+        """As `stop`, also when the task that asks is being cancelled."""
+        await self._finish(asyncio.ensure_future(self.stop()))
 
     async def _finish(self, ending: asyncio.Future[T]) -> None:
         """It has ended, also when the task that asks is being cancelled; how is for somebody else."""
@@ -346,6 +374,14 @@ class Drive:
             ending.exception()
 
     # -- looking
+
+    def heard(self) -> Heard:
+        """What the robot has said last, from now on.
+
+        Raises:
+            RobotError: it says nothing.
+        """
+        return Heard(self._state, self._clock)
 
     async def read_state(self) -> JointState:
         """The robot's state now.
@@ -370,7 +406,7 @@ class Drive:
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-class _Heard:
+class Heard:
     """What the robot has said last, and for how long it has said nothing.
 
     Raises:

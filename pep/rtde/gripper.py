@@ -95,19 +95,29 @@ class RobotiqGripper:
             self._set(link, GTO=0)
             return Grip(self._width(link), object=False, arrived=False)
 
-    def activate(self) -> None:
-        """The gripper is ready to move. It opens and closes once: for a person beside it, never for an agent.
+    def activate(self, *, stopped: Callable[[], bool] = lambda: False) -> Grip:
+        """The gripper is ready to move, or without power to its fingers when a stop came. They close and open once.
+
+        Args:
+            stopped: whether a stop has come since this was decided.
 
         Raises:
-            RobotError: when it does not become ready.
+            RobotError: when it cannot be reached, or does not become ready.
         """
         with self._connected() as link:
-            self._set(link, ACT=1)
+            if self._get(link, "STA") != ACTIVE:
+                # Activation begins at the edge of ACT. GTO stays off, so that no older command is taken up behind it.
+                self._set(link, ACT=0, GTO=0, FOR=0)
+                self._set(link, ACT=1)
             deadline = time.monotonic() + ACTIVATION_S
             while self._get(link, "STA") != ACTIVE:
-                if time.monotonic() > deadline:
+                if stopped() or time.monotonic() > deadline:
+                    self._set(link, ACT=0)
+                    if stopped():
+                        return Grip(self._width(link), object=False, arrived=False)
                     raise RobotError(PepFault.GRIPPER_INACTIVE, "not ready in time")
                 time.sleep(POLL_S)
+            return Grip(self._width(link), object=False, arrived=True)
 
     def halt(self) -> None:
         """The fingers stop where they are.

@@ -10,8 +10,10 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
+from capabilities.units import Unit
 from pep.errors import ActuationRefusedError
-from pep.operations import MOVE_JOINT, digest_of
+from pep.operations import MOVE_JOINT, SPEED_JOINT, digest_of
+from pep.stopping import patience_s
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -33,8 +35,8 @@ STOP_PATIENCE_S: Final = 0.02
 
 MOTION: Final = (
     "directTorque", "forceMode", "forceModeSetDamping", "forceModeSetGainScaling", "freedriveMode",
-    "jogStart", "moveJ_IK", "moveL", "moveL_FK", "movePath", "moveUntilContact", "servoC", "servoJ", "servoL", "speedJ",
-    "speedL", "startContactDetection", "teachMode", "toolContact",
+    "jogStart", "moveJ_IK", "moveL", "moveL_FK", "movePath", "moveUntilContact", "servoC", "servoJ", "servoL", "speedL",
+    "startContactDetection", "teachMode", "toolContact",
 )  # fmt: skip
 """They move the arm, or let it be moved, and no operation of the cell stands for them."""
 CONFIGURATION: Final = (
@@ -62,6 +64,11 @@ STOPPING: Final = (
     "stopScript", "triggerProtectiveStop",
 )  # fmt: skip
 """They end motion and are never subject to a permit."""
+PROGRAM_STOPS: Final = frozenset({"stopScript", "triggerProtectiveStop"})
+"""Stops that end a stream of speeds too. Any other but `speedStop` would meet the thread that moves the arm, and the
+controller ends a program in which two threads do."""
+UNWATCHED_HZ: Final = 1e-6
+"""A watchdog of once in twelve days is none; URScript has no word for taking one away."""
 
 
 class GuardedControl:
@@ -93,6 +100,9 @@ class GuardedControl:
         self._noting = threading.Lock()
         self._stopped_ms: int | None = None
         self._stops = 0
+        # What is being sent again and again, since which stop, and until when; and whether the arm may be moving by it.
+        self._stream: tuple[tuple[float, ...], float, int, int] | None = None
+        self._speeding = False
 
     def moveJ(  # noqa: N802 - the interface's own name
         self,
@@ -132,6 +142,8 @@ class GuardedControl:
         digest = digest_of(MOVE_JOINT, numbers, audience=self._audience)
         with self._lock:
             stops = self._stops
+            if self._speeding:
+                return self._refuse(Reason.BUSY, "moveJ: a stream of speeds is under way")
             try:
                 # Inside the lock: nothing may come between the last check and the command.
                 permit.spend(digest=digest, stopped_ms=self._stopped_ms)
@@ -147,6 +159,99 @@ class GuardedControl:
             if taken:
                 return True
         return self._refuse(Reason.EFFECT_FAILED, "moveJ: the controller did not take the command")
+
+    def speedJ(  # noqa: N802 - the interface's own name
+        self, qd: Sequence[float], acceleration: float = 0.5, time: float = 0.0, *, permit: Permit | None = None
+    ) -> bool:
+        """The arm takes up these joint speeds; False (or an exception) when nothing was sent, or not acknowledged.
+
+        It keeps them while `hold_speed` is called, for `time` at most, and stands after `end_speed` or any stop. The
+        controller itself stops it when nothing is sent for `patience_s`: ur_rtde's own `time` does not, its script
+        repeats the motion until it is told to stop. A stream under way is prolonged by another permit for the same
+        speeds.
+
+        Args:
+            qd: 6 joint speeds, rad/s.
+            acceleration: of the leading axis, rad/s2.
+            time: how long, s, counted from the arrival of the permitted request when it prolongs a stream.
+            permit: of exactly these numbers.
+
+        Raises:
+            ActuationRefusedError: as `moveJ`.
+        """
+        if permit is None:
+            return self._refuse(Reason.NOT_WHAT_WAS_DECIDED, "speedJ: no permit")
+        numbers = (*qd, acceleration, time)
+        digest = digest_of(SPEED_JOINT, numbers, audience=self._audience)
+        with self._lock:
+            stops, running = self._stops, self._stream
+            prolongs = running is not None and running[:3] == (tuple(qd), acceleration, stops)
+            if running is not None and not prolongs:
+                return self._refuse(Reason.BUSY, "speedJ: another stream is under way")
+            if not prolongs and not self._control.setWatchdog(1 / patience_s(self._deceleration)):
+                return self._refuse(Reason.EFFECT_FAILED, "speedJ: the controller does not watch")
+            try:
+                permit.spend(digest=digest, stopped_ms=self._stopped_ms)
+            except ActuationRefusedError as refused:
+                if not prolongs:
+                    self._control.setWatchdog(UNWATCHED_HZ)
+                return self._refuse(refused.reason, f"speedJ: {refused.detail}")
+            since_ms = permit.since_ms if prolongs else self._clock.monotonic_ms()
+            until_ms = since_ms + round(time * Unit.MILLISECOND.per_si)
+            if running is not None:
+                until_ms = max(until_ms, running[3])
+            self._stream = (tuple(qd), acceleration, stops, until_ms)
+            if self._send_speed():
+                return True
+        return self._refuse(Reason.EFFECT_FAILED, "speedJ: the controller did not take the command")
+
+    def hold_speed(self) -> bool:
+        """Whether the stream goes on: its speeds were sent once more, before its end and with no stop in between.
+
+        Raises:
+            ActuationRefusedError: `EFFECT_FAILED` when the controller did not take them; the stream is over.
+        """
+        with self._lock:
+            if self._stream is None or self._stream[2] != self._stops or self.speed_left_ms <= 0:
+                return False
+            if not self._send_speed():
+                raise ActuationRefusedError(Reason.EFFECT_FAILED, "speedJ: the controller did not take the speeds")
+            return True
+
+    @property
+    def speed_left_ms(self) -> int:
+        """How long the stream may still be held, ms; 0 when there is none."""
+        stream = self._stream
+        return 0 if stream is None else max(0, stream[3] - self._clock.monotonic_ms())
+
+    def end_speed(self) -> None:
+        """The arm stands, unless the controller did not listen: watch it. The controller's watchdog is at rest."""
+        with self._lock:
+            self._stream = None
+            if self._speeding:
+                self._brake_speed()
+            self._control.setWatchdog(UNWATCHED_HZ)
+
+    def _send_speed(self) -> bool:
+        """Whether the controller took the speeds. Under the lock; a stop that came meanwhile is given again."""
+        assert self._stream is not None
+        qd, acceleration, stops, _ = self._stream
+        self._speeding = True
+        taken = False
+        try:
+            taken = bool(self._control.speedJ(list(qd), acceleration, 0.0))
+        finally:
+            if self._stops != stops or not taken:
+                self._stream = None
+                self._brake_speed()
+        return taken
+
+    def _brake_speed(self, deceleration: float | None = None) -> Any:
+        """The stop of a stream: at the cell's deceleration, or harder when that is asked for."""
+        asked = self._deceleration if deceleration is None else deceleration
+        told = self._control.speedStop(_between(self._deceleration, asked, JOINT_DECELERATION_LIMIT_RAD_S2))
+        self._speeding = False
+        return told
 
     @property
     def stopped_ms(self) -> int | None:
@@ -224,6 +329,9 @@ class GuardedControl:
         # The raw object is not thread-safe: a command under way is given a moment to end. It is never waited for.
         ended = self._lock.acquire(timeout=STOP_PATIENCE_S)
         try:
+            if self._speeding and name not in PROGRAM_STOPS:
+                asked = arguments[0] if name in {"stopJ", "speedStop"} else None
+                return self._brake_speed(asked)
             return getattr(self._control, name)(*arguments, **options)
         finally:
             if ended:

@@ -24,6 +24,7 @@ ESCALATE_MS: Final = 700
 
 A cell with a weaker stop model may get both stops; the second does no harm."""
 STOP_LIMIT_MS: Final = 5_000
+SAFE_MODES: Final = (1, 2)  # safety_mode NORMAL and REDUCED; any other has stopped the arm by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,12 +99,14 @@ class Stop:
         heard = package.stamp_s != self._began_at and package.state is not None
         given = self._arm.done()
         waited_ms = self._clock.monotonic_ms() - self._began_ms
-        if heard and package.state is not None and package.state.still and (given or self._escalated):
-            return MotionEnd(End.STOPPED, package.state.q_rad)
         failed = given and self._arm.exception() is not None
+        # A program that a safety stop has paused does not hear us, and would go on with its motion afterwards.
+        failed = failed or (heard and package.state is not None and package.state.safety_mode not in SAFE_MODES)
         if not self._escalated and (failed or waited_ms > ESCALATE_MS):
             self._escalated = True
             self._escalate()
+        if heard and package.state is not None and package.state.still and (given or self._escalated):
+            return MotionEnd(End.STOPPED, package.state.q_rad)
         if waited_ms > STOP_LIMIT_MS:
             where = package.state.q_rad if heard and package.state is not None else ()
             return MotionEnd(End.ROBOT_FAILED, where, "no standstill was seen")

@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Final
 from capabilities.chain import Refusal
 from capabilities.errors import FaultCode
 from capabilities.scope import Range
-from pep.operations import GRIPPER_MOVE, MOVE_JOINT, READ_STATE, ROBOT, STOP
+from capabilities.units import Unit
+from pep.operations import (
+    GRIPPER_ACTIVATE,
+    GRIPPER_MOVE,
+    MOVE_JOINT,
+    READ_STATE,
+    ROBOT,
+    SET_DIGITAL_OUTPUT,
+    SPEED_JOINT,
+    STOP,
+)
+from pep.stopping import STREAM_SPEED_RAD_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,6 +42,10 @@ STROKE_UM: Final = 85_000  # G1: 0 to 85 mm
 FINGER_SPEED_UM_S: Final = (20_000, 150_000)  # G1: 20 to 150 mm/s
 GRIP_MN: Final = (20_000, 235_000)  # G1: 20 to 235 N
 
+STREAM_SPEED_URAD_S: Final = round(STREAM_SPEED_RAD_S * Unit.MICRORADIAN_PER_SECOND.per_si)
+STREAM_MS: Final = (50, 2_000)  # ours: longer than a call takes on its way; short enough to wait for
+OUTPUTS: Final = 8  # U12: standard digital outputs
+
 _MOVE: Final[Mapping[str, Range]] = {
     **{f"q{joint}": Range(-FULL_TURN_URAD, FULL_TURN_URAD) for joint in range(6)},
     "speed": Range(LEAST_SPEED_URAD_S, JOINT_SPEED_URAD_S),
@@ -41,9 +56,18 @@ _GRIP: Final[Mapping[str, Range]] = {
     "speed": Range(*FINGER_SPEED_UM_S),
     "force": Range(*GRIP_MN),
 }
+_SPEED: Final[Mapping[str, Range]] = {
+    **{f"qd{joint}": Range(-STREAM_SPEED_URAD_S, STREAM_SPEED_URAD_S) for joint in range(6)},
+    "acceleration": Range(LEAST_ACCELERATION_URAD_S2, JOINT_ACCELERATION_URAD_S2),
+    "duration": Range(*STREAM_MS),
+}
+_OUTPUT: Final[Mapping[str, Range]] = {"pin": Range(0, OUTPUTS - 1), "value": Range(0, 1)}
 LIMITS: Final[Mapping[str, Mapping[str, Range]]] = {
     MOVE_JOINT.name: _MOVE,
     GRIPPER_MOVE.name: _GRIP,
+    GRIPPER_ACTIVATE.name: {},
+    SPEED_JOINT.name: _SPEED,
+    SET_DIGITAL_OUTPUT.name: _OUTPUT,
     STOP.name: {},
     READ_STATE.name: {},
 }

@@ -257,6 +257,9 @@ class Slot:
             self.holder = request_id
         return self.holder == request_id
 
+    def joins(self, request, *, agent):
+        return False
+
     def release(self, request_id):
         if self.holder == request_id:
             self.holder = None

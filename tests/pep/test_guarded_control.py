@@ -7,9 +7,17 @@ import threading
 import pytest
 
 from pep.errors import ActuationRefusedError
-from pep.operations import MOVE_JOINT, digest_of
+from pep.operations import MOVE_JOINT, SPEED_JOINT, digest_of
 from pep.permit import Permit
-from pep.rtde.guard import CONFIGURATION, MOTION, READING, STOPPING, GuardedControl
+from pep.rtde.guard import (
+    CONFIGURATION,
+    MOTION,
+    PROGRAM_STOPS,
+    READING,
+    STOPPING,
+    UNWATCHED_HZ,
+    GuardedControl,
+)
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE, ManualClock
 
@@ -74,7 +82,7 @@ def test_every_name_of_the_interface_is_sorted_once():
     interface = pytest.importorskip("rtde_control").RTDEControlInterface
     names = {name for name in vars(interface) if not name.startswith("_") and callable(getattr(interface, name))}
     names -= {"Flags", "Feature"}
-    ours = [*MOTION, *CONFIGURATION, *READING, *STOPPING, "moveJ", "disconnect"]
+    ours = [*MOTION, *CONFIGURATION, *READING, *STOPPING, "moveJ", "speedJ", "disconnect"]
     assert len(ours) == len(set(ours))
     assert set(ours) == names
 
@@ -261,3 +269,162 @@ def test_the_package_exports_it_without_loading_it():
         "import sys, pep.rtde.codec; assert 'pep.rtde.guard' not in sys.modules; from pep.rtde import GuardedControl"
     )
     subprocess.run([sys.executable, "-c", script], check=True, timeout=60)
+
+
+QD = [0.3, -0.2, 0.0, 0.0, 0.0, 0.1]
+WATCHED = ("setWatchdog", (1 / 0.3,))
+SPEED = ("speedJ", (QD, 1.5, 0.0))
+
+
+def speed_permit(clock, *, qd=QD, acceleration=1.5, duration=0.5, **changes):
+    numbers = (*qd, acceleration, duration)
+    return permit(clock, digest=digest_of(SPEED_JOINT, numbers, audience=AUDIENCE), **changes)
+
+
+def streaming(control, raw, clock):
+    assert control.speedJ(QD, 1.5, 0.5, permit=speed_permit(clock)) is True
+    assert raw.calls == [WATCHED, SPEED]
+    raw.calls.clear()
+
+
+def test_a_stream_is_watched_by_the_controller_before_it_begins_and_no_more_after_its_end(control, raw, clock):
+    streaming(control, raw, clock)
+    assert control.hold_speed()
+    clock.advance(499)
+    assert control.hold_speed()
+    assert raw.calls == [SPEED, SPEED]
+    clock.advance(1)
+    assert not control.hold_speed()
+    raw.calls.clear()
+    control.end_speed()
+    assert raw.calls == [("speedStop", (6.0,)), ("setWatchdog", (UNWATCHED_HZ,))]
+    assert not control.hold_speed()
+
+
+def test_a_stream_without_its_permit(control, raw, clock):
+    refused(lambda: control.speedJ(QD, 1.5, 0.5), Reason.NOT_WHAT_WAS_DECIDED, raw)
+    spoilt = permit(clock)
+    with pytest.raises(ActuationRefusedError) as raised:
+        control.speedJ(QD, 1.5, 0.5, permit=spoilt)
+    assert raised.value.reason is Reason.NOT_WHAT_WAS_DECIDED
+    assert raw.calls == [WATCHED, ("setWatchdog", (UNWATCHED_HZ,))]
+    assert not control.hold_speed()
+
+
+@pytest.mark.parametrize("index", range(8))
+def test_one_unit_off_in_any_number_of_a_stream_is_something_else(control, raw, clock, index):
+    numbers = [*QD, 1.5, 0.5]
+    numbers[index] = round(numbers[index] + (1e-3 if index == 7 else 1e-6), 6)
+    with pytest.raises(ActuationRefusedError) as raised:
+        control.speedJ(numbers[:6], *numbers[6:], permit=speed_permit(clock))
+    assert raised.value.reason is Reason.NOT_WHAT_WAS_DECIDED
+    assert "speedJ" not in [name for name, _ in raw.calls]
+
+
+def test_a_stop_before_the_stream(control, raw, clock):
+    right = speed_permit(clock)
+    control.stopJ()
+    with pytest.raises(ActuationRefusedError) as raised:
+        control.speedJ(QD, 1.5, 0.5, permit=right)
+    assert raised.value.reason is Reason.VERDICT_EXPIRED
+    assert "speedJ" not in [name for name, _ in raw.calls]
+
+
+@pytest.mark.parametrize("name", STOPPING)
+def test_every_stop_ends_a_stream_and_none_meets_its_thread(control, raw, clock, name):
+    streaming(control, raw, clock)
+    getattr(control, name)()
+    ends = name if name in PROGRAM_STOPS else "speedStop"
+    assert [n for n, _ in raw.calls] == [ends]
+    assert name in PROGRAM_STOPS or raw.calls[0][1][0] >= 6.0
+    assert not control.hold_speed()
+    raw.calls.clear()
+    if name not in PROGRAM_STOPS:
+        control.stopJ(9.0)
+        assert raw.calls == [("stopJ", (9.0, False))]  # the stream has ended: stops are as they were
+
+
+@pytest.mark.parametrize(("asked", "sent"), [(0.1, 6.0), (float("nan"), 6.0), (9.0, 9.0), (1e9, 40.0)])
+def test_a_stop_of_a_stream_is_as_hard_as_the_cells(control, raw, clock, asked, sent):
+    streaming(control, raw, clock)
+    control.stopJ(asked)
+    assert raw.calls == [("speedStop", (sent,))]
+
+
+def test_nothing_else_moves_the_arm_during_a_stream(control, raw, clock):
+    streaming(control, raw, clock)
+    refused(lambda: control.moveJ(Q, 0.5, 1.4, True, permit=permit(clock)), Reason.BUSY, raw)
+    other = [0.1] * 6
+    right = speed_permit(clock, qd=other)
+    refused(lambda: control.speedJ(other, 1.5, 0.5, permit=right), Reason.BUSY, raw)
+
+
+def test_a_stream_is_prolonged_by_a_permit_for_the_same_speeds_from_its_arrival(control, raw, clock):
+    streaming(control, raw, clock)
+    clock.advance(300)
+    again = speed_permit(clock)
+    clock.advance(40)
+    assert control.speedJ(QD, 1.5, 0.5, permit=again)
+    assert raw.calls == [SPEED]
+    assert control.speed_left_ms == 460  # 500 from its arrival, which is 40 ago
+    shorter = speed_permit(clock, duration=0.05)
+    assert control.speedJ(QD, 1.5, 0.05, permit=shorter)
+    assert control.speed_left_ms == 460
+
+
+def test_a_controller_that_does_not_watch_gets_no_stream(clock):
+    class Unwatched(Raw):
+        def setWatchdog(self, hz):
+            return False
+
+    raw = Unwatched()
+    with pytest.raises(ActuationRefusedError) as raised:
+        guarded(raw, clock).speedJ(QD, 1.5, 0.5, permit=speed_permit(clock))
+    assert raised.value.reason is Reason.EFFECT_FAILED
+    assert raw.calls == []
+
+
+def test_a_stream_that_the_controller_does_not_take_is_stopped(clock):
+    class Deaf(Raw):
+        taken = False
+
+        def speedJ(self, *arguments):
+            self.calls.append(("speedJ", arguments))
+            return self.taken
+
+    deaf = Deaf()
+    control = guarded(deaf, clock)
+    with pytest.raises(ActuationRefusedError) as raised:
+        control.speedJ(QD, 1.5, 0.5, permit=speed_permit(clock))
+    assert raised.value.reason is Reason.EFFECT_FAILED
+    assert deaf.calls[-1] == ("speedStop", (6.0,))
+    deaf.taken = True
+    control.end_speed()
+    assert control.speedJ(QD, 1.5, 0.5, permit=speed_permit(clock))
+    deaf.taken = False
+    with pytest.raises(ActuationRefusedError) as raised:
+        control.hold_speed()
+    assert raised.value.reason is Reason.EFFECT_FAILED
+    assert deaf.calls[-1] == ("speedStop", (6.0,))
+
+
+def test_a_stop_that_overtakes_a_send_is_given_again_behind_it(clock):
+    handing, enough = threading.Event(), threading.Event()
+
+    class Slow(Raw):
+        def speedJ(self, *_):
+            handing.set()
+            enough.wait(10)
+            self.calls.append(("speedJ", ()))
+            return True
+
+    slow = Slow()
+    control = guarded(slow, clock)
+    sending = threading.Thread(target=lambda: control.speedJ(QD, 1.5, 0.5, permit=speed_permit(clock)))
+    sending.start()
+    assert handing.wait(10)
+    control.stopJ()
+    enough.set()
+    sending.join(10)
+    assert [name for name, _ in slow.calls] == ["setWatchdog", "speedStop", "speedJ", "speedStop"]
+    assert not control.hold_speed()

@@ -51,6 +51,15 @@ class FakeArm:
     async def gripper_move(self, *_):
         raise ActuationRefusedError("EFFECT_FAILED")
 
+    async def gripper_activate(self, *_):
+        raise ActuationRefusedError("EFFECT_FAILED")
+
+    async def speed_joint(self, *_):
+        raise ActuationRefusedError("EFFECT_FAILED")
+
+    async def set_digital_output(self, *_):
+        raise ActuationRefusedError("EFFECT_FAILED")
+
     async def stop(self):
         self.stops += 1
         return MotionEnd(End.STOPPED, ZERO)

@@ -45,7 +45,9 @@ class Held:
         self.control = composition.commanded(
             self.raw, self.program, ROBOT, parameters, audience=AUDIENCE, clock=ManualClock()
         )
-        self.readiness = composition.readiness(cell.host, self.program, self.control, ROBOT, parameters)
+        self.readiness = composition.readiness(
+            Telemetry(cell.host), RemoteControl(cell.host), self.program, self.control, robot=ROBOT, cell=parameters
+        )
 
     def becomes(self, **changes):
         expected = dataclasses.replace(READY, **changes)
@@ -92,9 +94,12 @@ def test_a_paused_program_is_not_ours_to_use(cell, held):
 
 
 def test_a_lost_primary_connection_hides_programs(cell, held):
-    held.program._listener._link.shutdown(socket.SHUT_RDWR)
+    lost = held.program._listener._link
+    lost.shutdown(socket.SHUT_RDWR)
     held.becomes(exclusive=False)
-    assert held.program.listening(within_s=5.0)
+    until(lambda: held.program._listener._link not in {None, lost})
+    since = time.monotonic()
+    until(lambda: (held.program._heard_s or 0.0) > since)
     assert not held.readiness.reading().exclusive
 
 
@@ -104,6 +109,8 @@ def test_payload_and_tool_are_what_the_controller_says(held):
     assert held.raw.setPayload(1.0, [0.0, 0.0, 0.058])
     assert held.raw.setTcp([0.0, 0.0, 0.1769, 0.0, 0.0, 0.0])  # 0.2 mm
     held.becomes(frames_match=False)
+    assert held.raw.setTcp([0.0, 0.0, 0.1767, 0.0, 0.0, 0.0])
+    held.becomes()
     assert held.raw.setTcp([0.0, 0.0, 0.1767, 0.0, 0.0, 0.01])
     held.becomes(frames_match=False)
     assert held.raw.setTcp([0.0, 0.0, 0.1767, 0.0, 0.0, 0.0])
@@ -148,6 +155,14 @@ def test_a_reading_never_waits(cell, held):
         assert held.readiness.reading().robot_mode == -1
     finally:
         cell.process.send_signal(18)
+
+
+def test_an_answer_of_the_dashboard_grows_old(cell, monkeypatch):
+    monkeypatch.setattr("pep.rtde.dashboard.PERIOD_S", 30.0)
+    remote = RemoteControl(cell.host)
+    until(lambda: remote.state() is True)
+    until(lambda: remote.state() is None, deadline_s=5.0)
+    remote.close()
 
 
 def test_telemetry_waits_for_a_package_that_is_newer(cell):

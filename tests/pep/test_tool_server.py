@@ -209,7 +209,8 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
         def read(self):
             return JointState((0.0,) * 6, (0.0,) * 6, 7, 1)
 
-    monkeypatch.setattr(tool_server, "_connect", Arm)
+    monkeypatch.setattr(tool_server, "connect", Arm)
+    monkeypatch.setattr(tool_server, "connect_outputs", Arm)
     monkeypatch.setattr(tool_server, "ReceivedState", Arm)
 
     async def scenario():
@@ -222,7 +223,7 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
                 policies=read_policies(config),
                 http=http,
             )
-            await server.drive.close()
+            await server.devices.close()
             server.readiness.close()
             server.gate.close()
             server.journal.close()

@@ -1,0 +1,82 @@
+"""All that the tools ask of a cell's devices, and the slot in which one of them acts at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pep.permit import Permit
+    from pep.rtde.drive import Drive, MotionEnd
+    from pep.rtde.gripper import Grip
+    from pep.rtde.jog import Jog
+    from pep.rtde.outputs import DigitalOutputs
+    from pep.rtde.state import JointState
+    from policies.model import Request
+
+
+@dataclass(frozen=True, slots=True)
+class Devices:
+    """Arm, gripper and outputs; also the `MotionSlot` port.
+
+    Attributes:
+        drive: of arm and gripper; it alone stops.
+        jog: streams of joint speeds.
+        outputs: of the controller.
+    """
+
+    drive: Drive
+    jog: Jog
+    outputs: DigitalOutputs
+
+    def reserve(self, request_id: str) -> bool:
+        """True when nothing acts and the slot is now this request's."""
+        return self.drive.reserve(request_id)
+
+    def joins(self, request: Request, *, agent: str) -> bool:
+        """Whether the request, of that agent, only prolongs the stream that holds the slot."""
+        return self.jog.joins(request, agent=agent)
+
+    def release(self, request_id: str) -> None:
+        """The slot is free again, if it was this request's."""
+        self.drive.release(request_id)
+
+    async def move_joint(
+        self, q_rad: Sequence[float], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
+    ) -> MotionEnd:
+        """See `Drive.move_joint`."""
+        return await self.drive.move_joint(q_rad, speed_rad_s, acceleration_rad_s2, permit)
+
+    async def speed_joint(
+        self, qd_rad_s: Sequence[float], acceleration_rad_s2: float, duration_s: float, permit: Permit
+    ) -> MotionEnd:
+        """See `Jog.speed_joint`."""
+        return await self.jog.speed_joint(qd_rad_s, acceleration_rad_s2, duration_s, permit)
+
+    async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
+        """See `Drive.gripper_move`."""
+        return await self.drive.gripper_move(width_m, speed_m_s, force_n, permit)
+
+    async def gripper_activate(self, permit: Permit) -> Grip:
+        """See `Drive.gripper_activate`."""
+        return await self.drive.gripper_activate(permit)
+
+    async def set_digital_output(self, pin: int, value: bool, permit: Permit) -> None:  # noqa: FBT001
+        """See `DigitalOutputs.set`."""
+        await self.outputs.set(pin, value, permit)
+
+    async def stop(self) -> MotionEnd:
+        """See `Drive.stop`."""
+        return await self.drive.stop()
+
+    async def read_state(self) -> JointState:
+        """See `Drive.read_state`."""
+        return await self.drive.read_state()
+
+    async def close(self) -> None:
+        """Everything stands still, and nothing can be sent any more."""
+        await self.drive.close()
+        self.jog.close()
+        self.outputs.close()
