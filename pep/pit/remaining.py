@@ -98,23 +98,19 @@ def remaining(
     """
     try:
         check_time = deadline(clock, cell.watch_time_limit_s)
-        refuse_nonsense(robot, move, cell, touch)
-        six_finite(at_rad)
-        _refuse_index(authorised_milli)
-        match move:
-            case MoveJ() | SpeedJ():
-                run = as_run(move, cell)
-                rest = _Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
-                return rest.answer(scene, perception_age_s, touch)
-            case GripperMove():
-                if not _strays_m(robot, np.array(at_rad) - np.array(move.q)) <= cell.tracking_tolerance_m:
-                    return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
-                return _grip(robot, view_of(scene, perception_age_s, cell), move, cell, authorised_milli)
-            case OutputSet():
-                told = output_cause(move, cell)
-                return _against(authorised_milli, told.index_milli, told.kind)
-            case _:
-                assert_never(move)
+        answer = _remaining(
+            robot,
+            scene,
+            move,
+            cell,
+            at_rad=at_rad,
+            authorised_milli=authorised_milli,
+            age_s=perception_age_s,
+            touch=touch,
+            check_time=check_time,
+        )
+        check_time()  # a late answer is about an arm that is elsewhere by now
+        return answer  # noqa: TRY300 - the check above belongs to the answer
     except PitError as error:
         return ImpactFault(error.reason, error.detail)
     except Exception as error:  # noqa: BLE001 - whatever breaks in here must stop the arm, not the watch
@@ -122,9 +118,36 @@ def remaining(
         return ImpactFault("PHYSICS_FAULT", f"{type(error).__name__} in {frames[-1].name}")
 
 
-def _refuse_index(authorised_milli: int) -> None:
+def _remaining(
+    robot: Robot,
+    scene: Scene | None,
+    move: Motion,
+    cell: CellParameters,
+    *,
+    at_rad: Joints,
+    authorised_milli: int,
+    age_s: float | None,
+    touch: frozenset[str],
+    check_time: Callable[[], None],
+) -> Remaining | ImpactFault:
+    refuse_nonsense(robot, move, cell, touch)
+    six_finite(at_rad)
     if not (type(authorised_milli) is int and 0 <= authorised_milli <= milli(HIGHEST)):
         raise MotionError("PARAMETERS_WRONG", "an authorised index that is none")
+    match move:
+        case MoveJ() | SpeedJ():
+            run = as_run(move, cell)
+            rest = _Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
+            return rest.answer(scene, age_s, touch)
+        case GripperMove():
+            if not _strays_m(robot, np.array(at_rad) - np.array(move.q)) <= cell.tracking_tolerance_m:
+                return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
+            return _grip(robot, view_of(scene, age_s, cell), move, cell, authorised_milli)
+        case OutputSet():
+            told = output_cause(move, cell)
+            return _against(authorised_milli, told.index_milli, told.kind)
+        case _:
+            assert_never(move)
 
 
 def _against(authorised_milli: int, index_milli: int, cause: str) -> Remaining:

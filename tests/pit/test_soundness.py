@@ -23,8 +23,8 @@ def ask(scene, move, cell=CELL, robot=ROBOT, age=AGE):
     return assess(robot, scene, move, cell, perception_age_s=age, touch=NOTHING, seed=SEED)
 
 
-def dense_index(scene, move, samples=500):
-    """Highest index over times, all from the other engine and the slow twin; violations met on the way."""
+def dense_index(scene, move, samples=500, since=0.0):
+    """Highest index over times from path parameter `since` on, from the other engine and the slow twin; violations met."""
     path, profile = Path(ROBOT, move), profile_of(move)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
     world = _World(ROBOT, scene, pairs)
@@ -38,7 +38,7 @@ def dense_index(scene, move, samples=500):
     for column in columns:
         laws += [column] * ROBOT.world_bodies
     laws += [("self", None, 0.0, None)] * len(ROBOT.self_pairs)
-    for t in np.linspace(0, profile.duration_s, samples):
+    for t in np.linspace(profile.time_of(since), profile.duration_s, samples):
         clearance, speed = world.ask(path, *profile.at(t))
         near = np.flatnonzero(clearance < 2.5)
         for row in near:
