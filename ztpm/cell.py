@@ -2,43 +2,56 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, Self
 
 from capabilities import keys
+from pep.stopping import STOP_DECELERATION_RAD_S2
 from ztpm.layout import Layout, read_key
 from ztpm.processes import Child
 from ztpm.setup import PEP_ID, SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
     from types import TracebackType
 
     from ztpm_idp.client import Operator
 
 PASSPHRASE_VARIABLE = "ZTPM_PASSPHRASE"  # noqa: S105 - the name of the variable, not its value
 
+PROCESSES: Final = {
+    "idp": "identity provider",
+    "robot": "controller",
+    "sensor": "sensor",
+    "tools": "tool server",
+}
+"""The processes of a cell by their attribute, those that others use first."""
+
 
 @dataclass
 class Cell:
-    """A running cell.
+    """A cell's processes. Each can be started again; what it was before has then ended.
 
     Attributes:
         layout: its directory.
         addresses: where it listens.
         passphrase: of its keys.
-        idp, robot, sensor, tools: its processes.
+        joints: the simulated arm's first configuration, 6 angles in rad.
+        stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
         start_child: starts a child; `Child.start` unless a test breaks one.
+        idp, robot, sensor, tools: its processes, once started.
     """
 
     layout: Layout
     addresses: Addresses
     passphrase: bytes
-    idp: Child
-    robot: Child
-    sensor: Child
-    tools: Child | None = None
+    joints: tuple[float, ...]
+    stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
     start_child: Callable[..., Child] = Child.start
+    idp: Child = field(init=False)
+    robot: Child = field(init=False)
+    sensor: Child = field(init=False)
+    tools: Child = field(init=False)
 
     @classmethod
     def start(
@@ -62,36 +75,89 @@ class Cell:
         Raises:
             ztpm.processes.ChildError: when a process does not become ready.
         """
-        secret = {PASSPHRASE_VARIABLE: passphrase.decode()}
-        started: list[Child] = []
-        start = start or Child.start
+        from ztpm.tool_config import read_config
+
+        stop_deceleration = read_config(layout.cell_config).cell.stop_deceleration_rad_s2
+        cell = cls(layout, addresses, passphrase, joints, stop_deceleration, start or Child.start)
         try:
-            started.append(
-                start("identity provider", "ztpm_idp", "--config", str(layout.idp_config), environment=secret)
-            )
-            pose = ",".join(repr(angle) for angle in joints)
-            started.append(start("controller", "pep.sim", "--host", addresses.host, f"--joints={pose}", environment={}))
-            started.append(
-                start(
-                    "sensor", "pep.sim.sensor", "--key-file", str(layout.sensor_key), "--sensor", SENSOR_ID,
-                    "--calibration", SENSOR_CALIBRATION, "--to", f"{addresses.host}:{addresses.perception_port}",
-                    environment=secret,
-                )
-            )  # fmt: skip
+            cell.start_idp()
+            cell.start_robot()
+            cell.start_sensor()
         except BaseException:
-            for child in reversed(started):
-                child.stop()
+            cell.stop()
             raise
-        idp, robot, sensor = started
-        return cls(layout, addresses, passphrase, idp, robot, sensor, start_child=start)
+        return cell
+
+    @property
+    def children(self) -> dict[str, Child]:
+        """The processes that were started, by attribute, in the order of `PROCESSES`."""
+        return {name: vars(self)[name] for name in PROCESSES if name in vars(self)}
+
+    def start_idp(self) -> None:
+        """The identity provider runs."""
+        self.end("idp")
+        self.idp = self.start_child(
+            PROCESSES["idp"], "ztpm_idp", "--config", str(self.layout.idp_config), environment=self._secret
+        )
+
+    def start_robot(self) -> None:
+        """The controller runs, its arm standing at `joints`. Whoever was connected to an earlier one is not to this."""
+        self.end("robot")
+        pose = ",".join(repr(angle) for angle in self.joints)
+        self.robot = self.start_child(
+            PROCESSES["robot"], "pep.sim", "--host", self.addresses.host, f"--joints={pose}",
+            f"--stop-deceleration={self.stop_deceleration_rad_s2!r}", environment={},
+        )  # fmt: skip
+
+    def start_sensor(self, *options: str) -> None:
+        """The sensor runs and sees an empty scene.
+
+        Args:
+            options: further ones of its command line.
+        """
+        self.end("sensor")
+        self.sensor = self.start_child(
+            PROCESSES["sensor"], "pep.sim.sensor", "--key-file", str(self.layout.sensor_key), "--sensor", SENSOR_ID,
+            "--calibration", SENSOR_CALIBRATION, "--to", f"{self.addresses.host}:{self.addresses.perception_port}",
+            *options, environment=self._secret,
+        )  # fmt: skip
+
+    def start_tools(self, *options: str) -> None:
+        """The tool server runs.
+
+        Args:
+            options: further ones of its command line.
+        """
+        self.end("tools")
+        self.tools = self.start_child(
+            PROCESSES["tools"], "ztpm.tool_server", "--config", str(self.layout.cell_config), *options,
+            environment=self._secret,
+        )  # fmt: skip
+
+    @property
+    def _secret(self) -> dict[str, str]:
+        return {PASSPHRASE_VARIABLE: self.passphrase.decode()}
+
+    def end(self, name: str) -> None:
+        """The process of that attribute has ended, if it was running."""
+        child = vars(self).pop(name, None)
+        if child is not None:
+            child.stop()
 
     def register(self, admin: Operator) -> None:
         """The PEP, the sensor and the reviewed tool definitions are registered by a person."""
-        from pep.mcp.arm import tool_definitions
+        self.register_pep(admin)
+        self.register_sensor(admin)
+        self.register_tools(admin)
 
+    def register_pep(self, admin: Operator) -> None:
+        """The PEP is registered."""
         admin.register_pep(
             PEP_ID, keys.public_raw(read_key(self.layout.pep_key, self.passphrase)), [self.addresses.audience]
         )
+
+    def register_sensor(self, admin: Operator) -> None:
+        """The sensor is registered."""
         admin.register_sensor(
             SENSOR_ID,
             keys.public_raw(read_key(self.layout.sensor_key, self.passphrase)),
@@ -99,27 +165,30 @@ class Cell:
             transit_ms=SENSOR_TRANSIT_MS,
             audience=self.addresses.audience,
         )
-        for tool in tool_definitions():
-            admin.register_tool(
-                audience=self.addresses.audience,
-                name=tool.name,
-                definition_digest=tool.definition_digest,
-                operation=tool.operation,
-                base_tier=int(tool.base_tier),
-            )
 
-    def start_tools(self) -> None:
-        """The tool server runs."""
-        secret = {PASSPHRASE_VARIABLE: self.passphrase.decode()}
-        self.tools = self.start_child(
-            "tool server", "ztpm.tool_server", "--config", str(self.layout.cell_config), environment=secret
-        )
+    def register_tools(self, admin: Operator, *, only: Collection[str] | None = None) -> None:
+        """The tools are registered as they are defined now; whoever calls this has reviewed them.
+
+        Args:
+            admin: who registers.
+            only: names, or None for all.
+        """
+        from pep.mcp.arm import tool_definitions
+
+        for tool in tool_definitions():
+            if only is None or tool.name in only:
+                admin.register_tool(
+                    audience=self.addresses.audience,
+                    name=tool.name,
+                    definition_digest=tool.definition_digest,
+                    operation=tool.operation,
+                    base_tier=int(tool.base_tier),
+                )
 
     def stop(self) -> None:
         """Every process has ended, those that use others first."""
-        for child in (self.tools, self.sensor, self.robot, self.idp):
-            if child is not None:
-                child.stop()
+        for child in reversed(self.children.values()):
+            child.stop()
 
     def __enter__(self) -> Self:
         return self

@@ -85,6 +85,26 @@ class Layout:
         """Its public half, as the identity provider reads it."""
         return self.root / "platform" / "jwks.json"
 
+    @property
+    def enrolled(self) -> Path:
+        """There once the cell's parts are registered."""
+        return self.root / "cell" / "enrolled"
+
+    @property
+    def scene(self) -> Path:
+        """What the simulated sensor is to see: the object that it takes as a command, when there is one."""
+        return self.root / "cell" / "scene.json"
+
+    @property
+    def lock(self) -> Path:
+        """Held by the `ztpm up` that runs the cell."""
+        return self.root / "up.lock"
+
+    @property
+    def log(self) -> Path:
+        """What `ztpm up` did and saw, as JSON lines."""
+        return self.root / "up.log"
+
     def idp_key(self, name: str) -> Path:
         """A key of the identity provider, by role."""
         return self.root / "idp" / f"{name}.key"

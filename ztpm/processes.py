@@ -1,4 +1,7 @@
-"""Child processes that say when they are ready: started, watched and ended with deadlines, their output kept."""
+"""Child processes that say when they are ready: started, watched and ended with deadlines, their output kept.
+
+They end with this process, however it ends (ztpm/tether.py), and some of them answer questions on their standard input.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +14,22 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import IO, TYPE_CHECKING, Final
+from typing import IO, TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
 READY_S: Final = 60.0
 """Longest wait for a ready line: imports of the MCP SDK and pinocchio take seconds on a loaded machine."""
 STOP_S: Final = 10.0
 """Longest wait for a clean end before the process is killed."""
 KEPT_LINES: Final = 200
+POLL_S: Final = 0.2
+"""Longest time for which an end of the wait goes unnoticed."""
+ANSWER: Final = '{"answer":'
+"""How a line begins that answers a question; it is no output."""
 
 
 class ChildError(RuntimeError):
@@ -37,27 +45,41 @@ class Child:
         popen: the process.
         ready: the JSON object of its ready line.
         output: the last lines it wrote, for a failure report.
+        since: monotonic time of its start, seconds.
     """
 
     name: str
     popen: subprocess.Popen[bytes]
     ready: dict[str, object] = field(default_factory=dict)
     output: collections.deque[str] = field(default_factory=lambda: collections.deque(maxlen=KEPT_LINES))
+    since: float = field(default_factory=time.monotonic)
+    _answers: queue.SimpleQueue[dict[str, Any]] = field(default_factory=queue.SimpleQueue)
+    _asking: threading.Lock = field(default_factory=threading.Lock)
+    _unanswered: bool = False
 
     @classmethod
-    def start(cls, name: str, module: str, *arguments: str, environment: Mapping[str, str]) -> Child:
-        """A child running `python -m module arguments`, ready.
+    def start(
+        cls,
+        name: str,
+        module: str,
+        *arguments: str,
+        environment: Mapping[str, str],
+        ended: Callable[[], bool] = lambda: False,
+    ) -> Child:
+        """A child running `python -m module arguments`, ready. It ends when the calling thread does.
 
         Args:
             name: for messages.
             module: to run.
             arguments: of the command line.
             environment: variables added to this process's own.
+            ended: when it says so, the wait is over.
 
         Raises:
-            ChildError: when it ends or stays silent for `READY_S` seconds; its last lines are in the message.
+            ChildError: when it ends or stays silent for `READY_S` seconds, or the wait is over; its last lines are in
+                the message.
         """
-        command: Sequence[str] = (sys.executable, "-m", module, *arguments)
+        command: Sequence[str] = (sys.executable, "-m", "ztpm.tether", str(os.getpid()), module, *arguments)
         popen = subprocess.Popen(  # noqa: S603 - our own interpreter and our own modules
             command,
             stdin=subprocess.PIPE,
@@ -71,21 +93,32 @@ class Child:
         for stream in (popen.stdout, popen.stderr):
             assert stream is not None
             threading.Thread(target=child._follow, args=(stream, lines), daemon=True).start()
-        child._wait_ready(lines)
+        try:
+            child._wait_ready(lines, ended)
+        except BaseException:
+            child.stop()
+            raise
         return child
 
     def _follow(self, stream: IO[bytes], lines: queue.SimpleQueue[str | None]) -> None:
         for raw in stream:
             line = raw.decode("utf-8", "replace").rstrip()
+            if line.startswith(ANSWER):
+                with suppress(ValueError, RecursionError):
+                    answer = json.loads(line)["answer"]
+                    if isinstance(answer, dict):
+                        self._answers.put(answer)
+                continue
             self.output.append(line)
-            lines.put(line)
+            if not self.ready:  # nobody waits for lines afterwards
+                lines.put(line)
         lines.put(None)
 
-    def _wait_ready(self, lines: queue.SimpleQueue[str | None]) -> None:
+    def _wait_ready(self, lines: queue.SimpleQueue[str | None], ended: Callable[[], bool]) -> None:
         deadline = time.monotonic() + READY_S
-        while (left := deadline - time.monotonic()) > 0:
+        while (left := deadline - time.monotonic()) > 0 and not ended():
             try:
-                line = lines.get(timeout=min(left, 0.5))
+                line = lines.get(timeout=min(left, POLL_S))
             except queue.Empty:
                 line = ""
             if line and line.startswith("{"):
@@ -98,14 +131,45 @@ class Child:
                     return
             if line is None and self.popen.poll() is not None:
                 break
-        self.stop()
         raise ChildError(f"{self.name} did not become ready:\n" + "\n".join(self.output))
+
+    @property
+    def alive(self) -> bool:
+        """Whether it has not ended."""
+        return self.popen.poll() is None
 
     def tell(self, command: object) -> None:
         """One JSON line on the child's standard input."""
         assert self.popen.stdin is not None
         self.popen.stdin.write(json.dumps(command).encode() + b"\n")
         self.popen.stdin.flush()
+
+    def ask(self, question: object, *, timeout_s: float) -> dict[str, Any] | None:
+        """The child's answer to a JSON line: the object behind `{"answer": `, or None when none comes in time.
+
+        Any thread. A child that has not answered yet is not asked again, so that one that stands still is not buried
+        in questions.
+
+        Args:
+            question: to be told.
+            timeout_s: longest wait.
+        """
+        with self._asking:
+            while True:  # an answer that came too late answers nothing now
+                try:
+                    self._answers.get_nowait()
+                    self._unanswered = False
+                except queue.Empty:
+                    break
+            try:
+                if not self._unanswered:
+                    self.tell(question)
+                    self._unanswered = True
+                answer = self._answers.get(timeout=timeout_s)
+            except (OSError, ValueError, queue.Empty):  # ended, closed, silent
+                return None
+            self._unanswered = False
+            return answer
 
     def pause(self) -> None:
         """The process stands still (SIGSTOP), as an unreachable machine would."""

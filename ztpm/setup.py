@@ -36,13 +36,24 @@ class Addresses:
 
     Attributes:
         host: an address in 127.0.0.0/8.
-        idp_port, tools_port, perception_port: TCP ports on it.
+        idp_port, tools_port, perception_port, status_port: TCP ports on it.
     """
 
     host: str
     idp_port: int = 8700
     tools_port: int = 8800
     perception_port: int = 8801
+    status_port: int = 8890
+
+    @property
+    def ports(self) -> tuple[int, ...]:
+        """Every port of the cell, the robot's fixed ones among them."""
+        return (self.idp_port, self.tools_port, self.perception_port, self.status_port, *ROBOT_PORTS)
+
+    @property
+    def taken(self) -> tuple[int, ...]:
+        """The ports that somebody listens on now."""
+        return tuple(port for port in self.ports if not _is_free(self.host, port))
 
     @property
     def issuer(self) -> str:
@@ -71,8 +82,7 @@ def free_addresses(seed: bytes) -> Addresses:
     for attempt in range(64):
         draw = hashlib.sha256(seed + bytes([attempt])).digest()
         addresses = Addresses(host=f"127.{64 + draw[0] % 63}.{draw[1]}.{1 + draw[2] % 254}")
-        ports = (addresses.idp_port, addresses.tools_port, addresses.perception_port, *ROBOT_PORTS)
-        if all(_is_free(addresses.host, port) for port in ports):
+        if not addresses.taken:
             return addresses
     raise OSError("no free loopback address for a cell")
 
@@ -88,14 +98,45 @@ def _is_free(host: str, port: int) -> bool:
 
 
 class SetupError(ValueError):
-    """A cell that cannot be made as asked; the text names the setting."""
+    """A cell that cannot be made as asked, or does not hold together; the text names the setting."""
+
+
+def read_addresses(layout: Layout) -> Addresses:
+    """Where the cell in a directory listens, by both its configurations.
+
+    Args:
+        layout: made by `initialise`.
+
+    Raises:
+        SetupError: naming what is missing, refused, or not the same in both; an embedded cell has one loopback host.
+    """
+    from pep.errors import ConfigError
+    from ztpm.tool_config import read_config
+    from ztpm_idp.settings import SettingsError, load_settings
+
+    try:
+        idp, cell = load_settings(layout.idp_config), read_config(layout.cell_config)
+    except (SettingsError, ConfigError) as error:
+        raise SetupError(str(error)) from error
+    addresses = Addresses(cell.host, idp_port=idp.port, tools_port=cell.port, perception_port=cell.perception_port)
+    stated = (
+        ("idp.toml: host", idp.host, addresses.host),
+        ("idp.toml: issuer", idp.issuer, addresses.issuer),
+        ("cell.toml: issuer", cell.issuer, addresses.issuer),
+        ("cell.toml: audience", cell.audience, addresses.audience),
+        ("cell.toml: robot_host", cell.robot_host, addresses.host),
+    )
+    for name, value, expected in stated:
+        if value != expected:
+            raise SetupError(f"{name} is {value}; an embedded cell on this host and these ports has {expected}")
+    return addresses
 
 
 def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
     """Every file of a new cell exists, and its three operators are known to the identity provider; or no file does.
 
     Args:
-        layout: an empty or missing directory.
+        layout: an empty or missing directory; the lock of a `ztpm up` does not count.
         addresses: where the cell will listen.
         passphrase: encrypts every private key.
         policy: name of a shipped policy set, or a path.
@@ -108,17 +149,23 @@ def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, polic
     """
     missing = not layout.root.exists()
     layout.root.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if any(layout.root.iterdir()):
+    if not is_empty(layout):
         raise LayoutError(f"{layout.root} is not empty")
     try:
         _fill(layout, addresses, passphrase, policy, defer_timeout_s)
     except BaseException:
         # The directory was empty: all that is in it is ours.
         for made in layout.root.iterdir():
-            shutil.rmtree(made) if made.is_dir() else made.unlink()
+            if made != layout.lock:
+                shutil.rmtree(made) if made.is_dir() else made.unlink()
         if missing:
             layout.root.rmdir()
         raise
+
+
+def is_empty(layout: Layout) -> bool:
+    """Whether nothing is in the directory but the lock of a `ztpm up`."""
+    return all(entry == layout.lock for entry in layout.root.iterdir())
 
 
 def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:

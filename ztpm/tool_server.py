@@ -3,7 +3,8 @@
     python -m ztpm.tool_server --config cell.toml
 
 The passphrase of the PEP's key comes from the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line
-with `"ready": true`. SIGTERM stops the arm first and everything else after it.
+with `"ready": true`. SIGTERM stops the arm first and everything else after it. With `--reports` it tells whoever
+started it how things stand (ztpm/report.py).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import contextlib
 import json
 import logging
 import math
+import os
 import resource
 import signal
 import sys
@@ -58,6 +60,7 @@ from pep.rtde.telemetry import Telemetry
 from pep.ship import Shipper
 from pep.watch import Limits, Watch
 from pep.world import CellPhysics
+from ztpm.report import report_of, serve_reports
 from ztpm.robot import PROGRAM_S, commanded, connect, connect_outputs, readiness
 from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, read_key, read_policies, read_trust
 
@@ -262,8 +265,8 @@ class ToolServer:
             self.journal.append("outcome", {"request_id": request_id, "decision": digest, "outcome": "unknown"})
         self.asks.expire()
 
-    async def run(self) -> None:
-        """The server has run until it was told to end, and the arm stands still."""
+    async def run(self, *, reports: bool = False) -> None:
+        """The server has run until it was told to end, and the arm stands still; `reports`: it has told of itself."""
         loop = asyncio.get_running_loop()
         config = uvicorn.Config(
             self.app,
@@ -281,7 +284,9 @@ class ToolServer:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.ended.set)
         keeping = self.clock.run(failed=lambda error: self._log("clock", error), set_back=self._clock_incident)
-        parts = (self.follower.run(), self.asking.run(), self.shipper.run(), self._expire(), keeping)
+        parts = [self.follower.run(), self.asking.run(), self.shipper.run(), self._expire(), keeping]
+        if reports:
+            parts.append(serve_reports(lambda: report_of(self)))
         tasks = [asyncio.create_task(part) for part in parts]
         try:
             await self._first_view()
@@ -356,8 +361,8 @@ class ToolServer:
             logging.getLogger("ztpm.tool_server").warning("%s: %s", what, error)
 
 
-async def serve(config: CellConfig) -> None:
-    """The cell's tool server has run and ended, its arm standing still.
+async def serve(config: CellConfig, *, reports: bool = False) -> None:
+    """The cell's tool server has run and ended, its arm standing still; `reports` as for `ToolServer.run`.
 
     Raises:
         PepError: when a part cannot be had; nothing was served then.
@@ -367,13 +372,14 @@ async def serve(config: CellConfig) -> None:
     http = httpx2.AsyncClient()
     server = ToolServer(config, survey=survey, trust=trust, key=key, policies=policies, http=http)
     server.recover()
-    await server.run()
+    await server.run(reports=reports)
 
 
 def main() -> None:
     """The command line. Exit code 1 for whatever keeps it from serving."""
     parser = argparse.ArgumentParser(prog="python -m ztpm.tool_server", description="The MCP tool server of a cell.")
     parser.add_argument("--config", type=Path, required=True)
+    parser.add_argument("--reports", action="store_true", help="answer questions on standard input")
     options = parser.parse_args()
     # The watch looks every few ms: whoever else computes hands the interpreter over within one (5 by default).
     sys.setswitchinterval(SWITCH_S)
@@ -381,10 +387,15 @@ def main() -> None:
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     try:
-        asyncio.run(serve(read_config(options.config)))
+        asyncio.run(serve(read_config(options.config), reports=options.reports))
+        status = 0
     except PepError as error:
         sys.stderr.write(f"{error}\n")
-        sys.exit(1)
+        status = 1
+    # A thread inside ur_rtde that still waits for a controller that is gone would be joined for ever.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Simulated sensors: they see what they are told on standard input, and push it as signed frames.
 
-    python -m pep.sim.sensor --to HOST:PORT [--hz 50] --sensor ID --calibration HEX --key-file F [--sensor ID2 ...]
+    python -m pep.sim.sensor --to HOST:PORT [--hz 50] [--paused] --sensor ID --calibration HEX --key-file F
+                             [--sensor ID2 ...]
 
 Each sensor has its own key, connection, boot id and sequence. Commands are JSON lines; all positions are metres in the
 robot's base frame:
@@ -180,6 +181,7 @@ def main() -> None:
     parser.add_argument("--key-file", required=True, action="append", type=Path, help="in the same order")
     parser.add_argument("--to", required=True, metavar="HOST:PORT")
     parser.add_argument("--hz", type=float, default=HZ, help=f"frames a second of each (default {HZ:g})")
+    parser.add_argument("--paused", action="store_true", help="send nothing before a command says so")
     options = parser.parse_args()
     host, _, port = options.to.rpartition(":")
     if not len(options.sensor) == len(options.calibration) == len(options.key_file):
@@ -193,6 +195,8 @@ def main() -> None:
         ]
     except ConfigError as error:
         parser.exit(1, f"{error}\n")
+    if options.paused:
+        obey(sensors, '{"pause": true}', at_s=time.time())
     with contextlib.suppress(KeyboardInterrupt):
         asyncio.run(run(sensors, host, int(port), hz=options.hz))
 

@@ -1,10 +1,29 @@
-"""The `ztpm` command line: exit 0 success, 1 failure, 2 usage, 3 a token that is refused; `--json` for machines."""
+"""The `ztpm` command line, `--json` for machines.
+
+Exit status: 0 success, 1 failure, 2 usage, 3 refused (a token that does not verify, a request that the identity
+provider turns down), 4 not decided yet (another person must answer).
+"""
 
 from __future__ import annotations
 
 import typer
 
-from ztpm.cli import audit, cell, demo, doctor, evaluation, policy, serve, setup, token
+from ztpm.cli import (
+    agent,
+    approvals,
+    audit,
+    cell,
+    demo,
+    doctor,
+    evaluation,
+    mcp,
+    policy,
+    revoke,
+    serve,
+    setup,
+    token,
+    up,
+)
 
 app = typer.Typer(
     name="ztpm",
@@ -15,13 +34,18 @@ app = typer.Typer(
 )
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
+app.command("up")(up.up)
 app.command("init")(setup.init)
 app.command("version")(setup.version)
+app.command("revoke")(revoke.revoke)
+app.add_typer(approvals.app, name="approvals")
+app.add_typer(agent.app, name="agent")
 app.add_typer(policy.app, name="policy")
 app.add_typer(audit.app, name="audit")
 app.add_typer(token.app, name="token")
 app.add_typer(cell.app, name="cell")
 app.add_typer(evaluation.app, name="eval")
+app.add_typer(mcp.app, name="mcp")
 app.add_typer(serve.idp, name="idp")
 app.add_typer(serve.rtde, name="rtde")
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from capabilities.errors import CapabilityError
 from capabilities.keys import TrustBundle
-from ztpm.cli.output import USAGE, console, fail, say_json
+from ztpm.cli.output import USAGE, console, fail, plain, say_json
 
 app = typer.Typer(no_args_is_help=True, help="The ledger, offline.")
 
@@ -68,8 +68,8 @@ def show(
             continue
         if as_json:
             say_json(entry)
-        else:
-            table.add_row(*(Text(_plain(cell)) for cell in row.cells))
+        else:  # shown before it is verified
+            table.add_row(*(Text(plain(cell)) for cell in row.cells))
     if not as_json:
         console.print(table)
 
@@ -116,11 +116,6 @@ def _object(value: object, what: str) -> dict[str, object]:
     if not isinstance(value, dict):
         raise _MalformedError(f"{what} is not an object")
     return value
-
-
-def _plain(cell: str) -> str:
-    """A ledger is shown before it is verified: nothing in it may speak to the terminal."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in cell)
 
 
 def _time(at_ms: object) -> str:

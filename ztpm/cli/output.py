@@ -11,7 +11,9 @@ from rich.console import Console
 FAILURE: Final = 1
 USAGE: Final = 2
 DENY: Final = 3
-"""What was asked about is refused: a token that does not verify."""
+"""What was asked about is refused: a token that does not verify, a request that the identity provider turns down."""
+DEFER: Final = 4
+"""It is not decided yet: another person must answer."""
 
 console = Console(highlight=False, soft_wrap=True)
 
@@ -19,6 +21,11 @@ console = Console(highlight=False, soft_wrap=True)
 def say_json(value: object) -> None:
     """The value as one line of JSON on standard output."""
     typer.echo(json.dumps(value, ensure_ascii=False, allow_nan=False))
+
+
+def plain(text: str) -> str:
+    """Text of others, for a terminal: nothing in it may speak to that."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def fail(code: str, sentence: str, *, as_json: bool, status: int = FAILURE) -> NoReturn:

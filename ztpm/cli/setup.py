@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import os
 import secrets
 from pathlib import Path
 from typing import Annotated
@@ -11,8 +10,7 @@ from typing import Annotated
 import typer
 
 from ztpm.cli.output import USAGE, fail, say_json
-
-MIN_PASSPHRASE = 12
+from ztpm.cli.passphrase import ask_passphrase
 
 
 def version(*, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
@@ -32,19 +30,14 @@ def init(
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Make a new cell: keys, operators, trust bundle, configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for."""
-    from ztpm.cell import PASSPHRASE_VARIABLE
     from ztpm.layout import OPERATORS, Layout, LayoutError
     from ztpm.setup import Addresses, SetupError, free_addresses, initialise
 
-    passphrase = os.environ.get(PASSPHRASE_VARIABLE) or typer.prompt(
-        "Passphrase for the keys", hide_input=True, confirmation_prompt=True
-    )
-    if len(passphrase) < MIN_PASSPHRASE:
-        fail("PASSPHRASE_TOO_SHORT", f"at least {MIN_PASSPHRASE} characters", as_json=as_json, status=USAGE)
+    passphrase = ask_passphrase(new=True, as_json=as_json)
     addresses = Addresses(host=host) if host else free_addresses(secrets.token_bytes(16))
     layout = Layout(where.resolve())
     try:
-        initialise(layout, addresses, passphrase=passphrase.encode(), policy=policy, defer_timeout_s=60)
+        initialise(layout, addresses, passphrase=passphrase, policy=policy, defer_timeout_s=60)
     except LayoutError as error:
         fail("EXISTS", str(error), as_json=as_json)
     except SetupError as error:

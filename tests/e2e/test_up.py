@@ -1,0 +1,270 @@
+"""`ztpm up` as a user runs it: a process of its own, asked through its ports, ended by signals, killed, started again."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import httpx2
+import pytest
+
+from capabilities import keys
+from ztpm.demo.calls import call
+from ztpm.demo.props import lent
+from ztpm.demo.stage import ACCELERATION_RAD_S2, RIGHT, SPEED_RAD_S, Stage
+from ztpm.layout import Layout, new_key, read_key
+from ztpm.setup import Addresses
+from ztpm_idp.client import Agent, Operator
+
+PASSPHRASE = "a passphrase for tests"
+READY_S, END_S, SEEN_S = 180, 60, 60
+MEASUREMENT = bytes(range(32))
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
+
+
+def until(seen, what, limit_s=SEEN_S):
+    deadline = time.monotonic() + limit_s
+    while not (found := seen()):
+        assert time.monotonic() < deadline, what
+        time.sleep(0.05)
+    return found
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+class Running:
+    """A `ztpm up`, ready."""
+
+    def __init__(self, data):
+        command = [str(Path(sys.executable).with_name("ztpm")), "up", "--data", str(data), "--json"]
+        self.errors = data.with_suffix(".stderr")
+        with self.errors.open("ab") as errors:
+            self.process = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=errors, env={**os.environ, "ZTPM_PASSPHRASE": PASSPHRASE}
+            )
+        ready, _, _ = select.select([self.process.stdout], [], [], READY_S)
+        line = self.process.stdout.readline() if ready else b""
+        self.told = json.loads(line or b"{}")
+        if self.told.get("ready") is not True:
+            self.process.kill()
+            self.process.wait()
+            pytest.fail(f"not ready: {line!r} {self.errors.read_text()}")
+
+    @property
+    def pids(self):
+        return self.told["processes"]
+
+    def status(self):
+        try:
+            return httpx2.get(self.told["status"] + "status.json", timeout=5).json()
+        except httpx2.HTTPError:
+            return None
+
+    def part(self, name):
+        status = self.status()
+        return status and next((part for part in status["parts"] if part["name"] == name), None)
+
+    def end(self, number=signal.SIGTERM):
+        self.process.send_signal(number)
+        return self.process.wait(END_S)
+
+    def kill_all(self):
+        for pid in (self.process.pid, *self.pids.values()):
+            os.kill(pid, signal.SIGKILL)
+        self.process.wait(END_S)
+
+
+@pytest.fixture
+def up(tmp_path):
+    started = []
+
+    def start():
+        started.append(Running(tmp_path / "cell"))
+        return started[-1]
+
+    yield start
+    for running in started:
+        if running.process.poll() is None:
+            running.process.kill()
+            running.process.wait()
+        until(lambda: not any(map(alive, running.pids.values())), "no child outlives it")
+
+
+class Caller:
+    """An agent of the cell, with a token that lends it the arm."""
+
+    def __init__(self, running):
+        layout = Layout(Path(running.told["data"]))
+        secret, issuer = PASSPHRASE.encode(), running.told["issuer"]
+        self.alice = Operator("alice", read_key(layout.operator_key("alice"), secret), issuer)
+        key = new_key(layout.agent_key("mover"), secret)
+        self.alice.register_agent(
+            "mover", keys.public_raw(key), software_digest=MEASUREMENT.hex(), model="none", role="mover"
+        )
+        self.alice.set_trust("mover", 900)
+        self.agent = Agent("mover", key, issuer, MEASUREMENT)
+        self.agent.attest()
+        self.audience = running.told["audience"]
+        stage = Stage(cell=type("Here", (), {"addresses": Addresses(running.told["robot"])})(), people={})
+        self.lent = self.alice.issue(self.agent, lent(stage), purpose="move")
+
+    def move(self, to=RIGHT):
+        arguments = {"q_rad": list(to), "speed_rad_s": SPEED_RAD_S, "acceleration_rad_s2": ACCELERATION_RAD_S2}
+        return call(self.audience, self.agent.auth(self.lent.token), "move_joint", arguments)
+
+
+def assert_private(running):
+    """Another host's name and another user of this machine see nothing."""
+    other_host = httpx2.get(running.told["status"], headers={"Host": "evil.example"}, timeout=5)
+    assert (other_host.status_code, other_host.text) == (421, "WRONG_HOST\n")
+    if os.getuid() == 0:  # only root can be somebody else
+        code = (
+            "import http.client\n"
+            f"c = http.client.HTTPConnection({running.told['robot']!r}, {httpx2.URL(running.told['status']).port}, timeout=10)\n"
+            "c.request('GET', '/status.json'); r = c.getresponse(); print(r.status, r.read().decode())\n"
+        )
+        asked = ["/usr/bin/env", "python3", "-I", "-c", code]
+        done = subprocess.run(asked, capture_output=True, text=True, timeout=30, user=65_534, group=65_534, check=False)
+        assert done.stdout.split() == ["403", "NOT_YOURS"], done.stderr
+
+
+def test_up_shows_how_it_stands_ends_in_order_and_comes_back_as_it_was(up, tmp_path):
+    first = up()
+    assert set(first.pids) == {"identity provider", "controller", "sensor", "tool server"}
+    assert first.told["differing"] == []
+
+    # the page: for people and programs, no script, everything answers
+    page = httpx2.get(first.told["status"], timeout=5)
+    assert page.status_code == 200
+    assert page.headers["content-security-policy"].startswith("default-src 'none'; style-src 'self';")
+    assert "<script" not in page.text and "http-equiv" in page.text
+    assert httpx2.get(first.told["status"] + "style.css", timeout=5).headers["content-type"].startswith("text/css")
+    assert httpx2.post(first.told["status"], timeout=5).status_code == 405
+    status = until(lambda: (s := first.status()) and s["perception"]["perception"] == "fresh" and s, "fresh perception")
+    assert all(part["pid"] and part["answers"] is not False for part in status["parts"])
+    assert (status["robot"]["moving"], status["view"]["age_ms"] < 2_000) == (False, True)
+
+    assert_private(first)
+
+    # a second one on the same directory is refused, and the first does not notice
+    second = subprocess.run(
+        [str(Path(sys.executable).with_name("ztpm")), "up", "--data", str(tmp_path / "cell"), "--json"],
+        capture_output=True, timeout=READY_S, env={**os.environ, "ZTPM_PASSPHRASE": PASSPHRASE}, check=False,
+    )  # fmt: skip
+    assert (second.returncode, json.loads(second.stdout)["code"]) == (1, "RUNNING_ALREADY")
+    assert str(first.process.pid) in json.loads(second.stdout)["detail"]
+
+    # a permitted motion and an open question are on the page
+    caller = Caller(first)
+    assert caller.move().decision == "PERMIT"
+    scene = tmp_path / "cell" / "cell" / "scene.json"
+    scene.write_text(json.dumps({"people": [{"id": "p1", "x_m": -0.62, "y_m": -0.3}]}))
+    until(lambda: first.status()["perception"]["people"] == 1, "the person of the scene file")
+    deferred = caller.move((-0.6, *RIGHT[1:]))
+    assert deferred.decision == "DEFER"
+    status = until(lambda: (s := first.status()) and s["asks"] and s, "the open ask")
+    assert status["asks"][0]["agent"] == "mover"
+    assert [(d["effect"], d["agent"], d["outcome"]) for d in status["decisions"][:2]] == [
+        ("DEFER", "mover", ""), ("PERMIT", "mover", "done"),
+    ]  # fmt: skip
+    assert status["asks"][0]["ask_id"] in httpx2.get(first.told["status"], timeout=5).text
+
+    # SIGTERM: exit 0, nobody is left
+    assert first.end() == 0
+    assert not any(map(alive, first.pids.values()))
+
+    # again: the same addresses, the same agents and decisions, nothing registered anew; the scene is still what it was
+    ledger_kinds = lambda: [json.loads(line).get("kind") for line in caller.alice.export_ledger().splitlines()]
+    again = up()
+    assert {k: again.told[k] for k in ("issuer", "audience", "status")} == {
+        k: first.told[k] for k in ("issuer", "audience", "status")
+    }
+    assert (ledger_kinds().count("tool-registered"), again.told["differing"]) == (4, [])
+    status = until(lambda: (s := again.status()) and s["perception"]["people"] == 1 and s, "the same scene")
+    assert any(d["effect"] == "PERMIT" and d["outcome"] == "done" for d in status["decisions"])
+    assert [agent["id"] for agent in caller.alice.agents()] == ["mover"]
+    assert again.end(signal.SIGINT) == 0
+
+
+def test_kills_lose_nothing_and_leave_nobody(up):
+    first = up()
+    caller = Caller(first)
+    assert caller.move().decision == "PERMIT"
+    until(lambda: any(d["outcome"] == "done" for d in first.status()["decisions"]), "the outcome on record")
+    epoch = caller.alice.revoke("hop", caller.lent.hop_id, "before the power cut")
+    first.kill_all()
+    until(lambda: not any(map(alive, first.pids.values())), "everything is dead")
+
+    again = up()
+    log = [json.loads(line) for line in Path(again.told["data"], "up.log").read_text().splitlines()]
+    assert [event["pid"] for event in log if event["event"] == "stale-lock"] == [first.process.pid]
+    status = until(lambda: (s := again.status()) and s["view"]["epoch"] == epoch and s, "the revocation")
+    assert any(d["effect"] == "PERMIT" and d["outcome"] == "done" for d in status["decisions"])
+    assert caller.move().reason == "REVOKED"
+
+    # it alone is killed: its children end by themselves, and the next one waits for its addresses meanwhile
+    again.process.kill()
+    again.process.wait(END_S)
+    third = up()
+    assert not any(map(alive, again.pids.values()))
+    assert third.end() == 0
+
+
+def test_dead_children_are_mended_and_on_record(up):
+    from rtde_receive import RTDEReceiveInterface
+
+    running = up()
+    caller = Caller(running)
+    for name in ("sensor", "identity provider", "controller"):
+        pid = running.pids[name]
+        os.kill(pid, signal.SIGKILL)
+        until(
+            lambda: (part := running.part(name)) and part["pid"] not in (None, pid) and part["restarts"] == 1,
+            f"{name} runs again",
+            READY_S,
+        )
+
+    # the tool server dies while the arm moves: the arm is stopped in its place, long before the server is back
+    def whole():
+        status = running.status()
+        return status and not status["incomplete"] and status["perception"]["perception"] == "fresh" and status
+
+    tools = until(whole, "everything works", READY_S)["parts"][-1]["pid"]
+    eyes = RTDEReceiveInterface(running.told["robot"])
+    try:
+        threading.Thread(target=lambda: pytest.raises(Exception, caller.move), daemon=True).start()
+        until(lambda: max(map(abs, eyes.getActualQd())) > 0.2, "it moves")
+        os.kill(tools, signal.SIGKILL)
+        until(lambda: max(map(abs, eyes.getActualQd())) < 1e-3, "it stands", 2)
+        assert abs(eyes.getActualQ()[0] - RIGHT[0]) > 0.1, "stopped, not arrived"
+    finally:
+        eyes.disconnect()
+    until(lambda: (s := whole()) and s["parts"][-1]["pid"] not in (None, tools), "the tool server is back", READY_S)
+    assert caller.move().decision == "PERMIT"
+    log = [json.loads(line) for line in Path(running.told["data"], "up.log").read_text().splitlines()]
+    assert [e["process"] for e in log if e["event"] == "restarted"] == ["sensor", "idp", "robot", "tools"]
+    assert "arm-stopped" in {event["event"] for event in log}
+    assert running.end() == 0
+
+
+def test_a_child_that_dies_too_often_ends_everything_and_is_named(up, tmp_path):
+    running = up()
+    seen = running.pids["identity provider"]
+    os.kill(seen, signal.SIGKILL)
+    # From now on it cannot start: its database is no database.
+    for path in (tmp_path / "cell" / "idp").glob("idp.sqlite*"):
+        path.write_bytes(b"not a database" * 100)
+    assert running.process.wait(READY_S) == 1
+    told = json.loads(running.process.stdout.read().splitlines()[-1])
+    assert (told["ok"], told["code"]) == (False, "PROCESS_LOST")
+    assert not any(map(alive, running.pids.values()))

@@ -1,0 +1,161 @@
+"""`ztpm agent`: agents of a cell, their keys in its directory. Exit status: 0 done, 1 failure, 2 usage, 3 refused."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from ztpm.cli.output import USAGE, console, fail, plain, say_json
+from ztpm.cli.person import (
+    As,
+    Data,
+    Issuer,
+    Json,
+    KeyFile,
+    Reason,
+    issuer_of,
+    known_name,
+    layout_of,
+    open_key,
+    operator,
+    refusals,
+)
+
+if TYPE_CHECKING:
+    from ztpm_idp.client import Agent
+
+app = typer.Typer(no_args_is_help=True, help="Agents: who they are, what they run, whether they may act.")
+
+AgentName = Annotated[str, typer.Argument(metavar="AGENT", help="Id of the agent.")]
+Software = Annotated[
+    Path,
+    typer.Option(
+        "--software", help="The file that it runs; its SHA-256 is what is attested.", exists=True, dir_okay=False
+    ),
+]
+
+
+@app.command("register")
+def register(
+    agent: AgentName,
+    *,
+    software: Software,
+    role: Annotated[str, typer.Option(help="What it is for, as planner.")],
+    model: Annotated[str, typer.Option(help="The language model behind it.")] = "none",
+    sponsor: Annotated[str, typer.Option(help="Who answers for it (default: --as).")] = "",
+    name: As,
+    data: Data = None,
+    as_json: Json = False,
+) -> None:
+    """Register an agent under a sponsor; its key is made in the cell's directory, encrypted, unless it is there."""
+    from capabilities import keys
+    from ztpm.cli.passphrase import ask_passphrase
+    from ztpm.layout import LayoutError, new_key
+
+    known_name(agent, as_json=as_json)
+    person = operator(data=data, name=name, issuer="", key=None, as_json=as_json)
+    layout = layout_of(data, as_json=as_json)
+    path = layout.agent_key(agent)
+    try:
+        key = (
+            open_key(path, as_json=as_json)
+            if path.exists()
+            else new_key(path, ask_passphrase(new=False, as_json=as_json))
+        )
+    except (LayoutError, OSError) as error:
+        fail("UNWRITABLE", f"{path}: {error}", as_json=as_json)
+    with refusals(as_json=as_json), person:
+        person.register_agent(
+            agent, keys.public_raw(key), software_digest=_measured(software, as_json=as_json).hex(), model=model,
+            role=role, sponsor=sponsor or None,
+        )  # fmt: skip
+    if as_json:
+        say_json({"ok": True, "id": agent, "status": "registered", "key": str(path)})
+    else:
+        typer.echo(f"Registered; its key is {path}. It may act once it is attested.")
+
+
+@app.command("attest")
+def attest(agent: AgentName, *, software: Software, data: Data = None, as_json: Json = False) -> None:
+    """Attest an agent with its own key: it is active from then on, if it runs what is registered."""
+    with refusals(as_json=as_json), agent_of(agent, software, data=data, as_json=as_json) as itself:
+        itself.attest()
+    if as_json:
+        say_json({"ok": True, "id": agent, "status": "active"})
+    else:
+        typer.echo("Attested.")
+
+
+@app.command("list")
+def list_(*, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False) -> None:
+    """List every agent: whose it is, whether it is active, how far it is trusted."""
+    person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json), person:
+        rows = person.agents()
+    if as_json:
+        say_json({"ok": True, "agents": rows})
+        return
+    if not rows:
+        typer.echo("None is registered.")
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("agent", "status", "sponsor", "role", "trust", "key"):
+        table.add_column(heading)
+    for row in rows:
+        cells = (*(row.get(member) for member in ("id", "status", "sponsor", "role")), _trust(row), row.get("key"))
+        table.add_row(*(Text(plain(str(cell))) for cell in cells))
+    console.print(table)
+
+
+@app.command("suspend")
+def suspend(
+    agent: AgentName,
+    *,
+    reason: Reason,
+    name: As,
+    data: Data = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Suspend an agent and all authority below it, for ever."""
+    known_name(agent, as_json=as_json)
+    person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json), person:
+        epoch = person.suspend_agent(agent, reason)
+    if as_json:
+        say_json({"ok": True, "id": agent, "epoch": epoch})
+    else:
+        typer.echo(f"Suspended, epoch {epoch}.")
+
+
+def agent_of(agent: str, software: Path, *, data: Path | None, as_json: bool) -> Agent:
+    """The agent with the key in the cell's directory and the measurement of what it runs, or the command ends."""
+    from ztpm_idp.client import Agent
+
+    known_name(agent, as_json=as_json)
+    layout = layout_of(data, as_json=as_json)
+    path = layout.agent_key(agent)
+    if not path.exists():
+        fail("AGENT_UNKNOWN", f"{path} is missing", as_json=as_json, status=USAGE)
+    return Agent(
+        agent, open_key(path, as_json=as_json), issuer_of(layout, as_json=as_json), _measured(software, as_json=as_json)
+    )
+
+
+def _measured(software: Path, *, as_json: bool) -> bytes:
+    try:
+        with software.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").digest()
+    except OSError as error:
+        fail("UNREADABLE", f"{software}: {error.strerror}", as_json=as_json, status=USAGE)
+
+
+def _trust(row: dict[str, Any]) -> str:
+    permille = row.get("trust_permille")
+    return f"{permille / 10:.1f} %" if isinstance(permille, int) else "not stated"

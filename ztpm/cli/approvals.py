@@ -1,0 +1,293 @@
+"""`ztpm approvals`: what agents ask of people, and people's answers, each signed by the person's own key.
+
+Exit status: 0 answered, 1 failure, 2 usage, 3 refused by the identity provider, 4 approved and still waiting for
+another person.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from capabilities.statements.ask import ID
+from ztpm.cli.output import DEFER, USAGE, console, fail, plain, say_json
+from ztpm.cli.person import As, Data, Issuer, Json, KeyFile, Reason, answering, refusals
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+app = typer.Typer(no_args_is_help=True, help="Questions to people, and their answers.")
+
+AskId = Annotated[str, typer.Argument(help="Id of the ask: 32 hex digits.")]
+Uses = Annotated[int, typer.Option(min=1, max=100, help="How often it may be used.")]
+Minutes = Annotated[int, typer.Option(min=0, max=60, help="How long it holds; adds to --seconds.")]
+Seconds = Annotated[int, typer.Option(min=0, max=3600, help="How long it holds; adds to --minutes.")]
+MOST_S: Final = 3_600
+"""Longest life of an approval or opening, in seconds; the identity provider refuses more."""
+APPROVAL_S: Final = 120
+OPENING_S: Final = 600
+"""What holds when neither minutes nor seconds are given. DESIGN section 6; the client's own default."""
+
+
+@app.command("list")
+def list_(
+    *,
+    state: Annotated[str, typer.Option(help="open, granted, denied, withdrawn or expired.")] = "open",
+    name: As,
+    data: Data = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """List the asks in a state."""
+    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json):
+        rows = person.approvals(state=state)
+    if as_json:
+        say_json({"ok": True, "approvals": rows})
+        return
+    if not rows:
+        typer.echo(f"No ask is {state}.")
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("ask", "tier", "index", "agent", "asks for", "because", "until"):
+        table.add_column(heading)
+    for row in rows:
+        cells = (
+            row.get("ask_id"), row.get("tier"), _index(row.get("index_milli")), row.get("agent"),
+            f"{row.get('object', '?')}.{row.get('operation', '?')}", ", ".join(map(str, row.get("reasons") or [])),
+            _clock(row.get("expires_at")),
+        )  # fmt: skip
+        table.add_row(*(Text(plain(str(cell))) for cell in cells))
+    console.print(table)
+
+
+@app.command("show")
+def show(
+    ask_id: AskId, *, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+) -> None:
+    """Show everything that an approval of this ask would bind."""
+    _check_id(ask_id, as_json=as_json)
+    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json):
+        asked = person.approval(ask_id)
+    if as_json:
+        say_json({"ok": True, **asked})
+    else:
+        _show(asked)
+
+
+@app.command("approve")
+def approve(
+    ask_id: AskId,
+    *,
+    uses: Uses = 1,
+    minutes: Minutes = 0,
+    seconds: Seconds = 0,
+    sees_clear: Annotated[
+        bool, typer.Option("--sees-clear", help="You see with your own eyes that the cell is clear.")
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
+    name: As,
+    data: Data = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Approve exactly what is shown; the vote binds the digest of the very text that was shown."""
+    _check_id(ask_id, as_json=as_json)
+    lifetime_s = _lifetime_s(minutes, seconds, APPROVAL_S, as_json=as_json)
+    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json):
+        asked = person.approval(ask_id)
+    if not as_json:
+        _show(asked)
+        typer.echo(f"\nApproves {uses} use{'' if uses == 1 else 's'} within {lifetime_s} s.")
+    if not yes and not _confirmed(as_json=as_json):
+        fail("NOT_CONFIRMED", "nothing was signed", as_json=as_json)
+    with refusals(as_json=as_json):
+        told = person.approve(
+            ask_id, uses=uses, lifetime_s=lifetime_s, sees_clear=sees_clear, shown=str(asked["ask_digest"])
+        )
+    waiting = told.get("state") == "open"
+    if as_json:
+        say_json({"ok": True, **told, "ask_digest": asked["ask_digest"]})
+    else:
+        typer.echo("Approved; another person must approve, too." if waiting else "Approved.")
+    raise typer.Exit(DEFER if waiting else 0)
+
+
+@app.command("deny")
+def deny(
+    ask_id: AskId, *, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+) -> None:
+    """Deny the ask, which ends it."""
+    _check_id(ask_id, as_json=as_json)
+    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json):
+        told = person.deny(ask_id)
+    _done(told, "Denied.", as_json=as_json)
+
+
+@app.command("withdraw")
+def withdraw(
+    ask_id: AskId, *, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+) -> None:
+    """Take an approval of your own back."""
+    _check_id(ask_id, as_json=as_json)
+    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json):
+        told = person.withdraw(ask_id)
+    _done(told, "Withdrawn; what was used is used.", as_json=as_json)
+
+
+@app.command("open")
+def open_(
+    *,
+    agent: Annotated[str, typer.Option(help="The agent that may ask.")],
+    operation: Annotated[str, typer.Option(help="For what, as move_joint.")],
+    object_: Annotated[str, typer.Option("--object", help="On what.")] = "ur3e",
+    audience: Annotated[str, typer.Option(help="Which tool server (default: the one of --data).")] = "",
+    uses: Uses = 1,
+    minutes: Minutes = 0,
+    seconds: Seconds = 0,
+    reason: Annotated[str, typer.Option("--reason", help="For the record: one word, as a ticket's number.")] = "",
+    name: As,
+    data: Data = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Let an agent ask for a safety-critical (tier 4) act at all. This approves nothing."""
+    lifetime_s = _lifetime_s(minutes, seconds, OPENING_S, as_json=as_json)
+    if not audience and issuer:
+        fail("WHICH_AUDIENCE", "--issuer needs --audience, too", as_json=as_json, status=USAGE)
+    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    audience = audience or _audience(data, as_json=as_json)
+    with refusals(as_json=as_json):
+        opening_id = person.open_tier_4(
+            audience=audience, agent=agent, object=object_, operation=operation, uses=uses, lifetime_s=lifetime_s,
+            reason=reason,
+        )  # fmt: skip
+    sentence = f"Opened: {opening_id}. Two different people must still approve each act."
+    _done({"opening_id": opening_id}, sentence, as_json=as_json)
+
+
+@app.command("openings")
+def openings(*, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False) -> None:
+    """List the openings that are not over."""
+    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json):
+        rows = person.openings()
+    if as_json:
+        say_json({"ok": True, "openings": rows})
+        return
+    if not rows:
+        typer.echo("Nothing is open.")
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("opening", "opener", "agent", "for", "until"):
+        table.add_column(heading)
+    for row in rows:
+        cells = (
+            row.get("opening_id"), row.get("opener"), row.get("agent"),
+            f"{row.get('object', '?')}.{row.get('operation', '?')}", _clock(row.get("not_after")),
+        )  # fmt: skip
+        table.add_row(*(Text(plain(str(cell))) for cell in cells))
+    console.print(table)
+
+
+@app.command("close")
+def close(
+    opening_id: Annotated[str, typer.Argument(help="Id of the opening: 32 hex digits.")],
+    *,
+    reason: Reason,
+    name: As,
+    data: Data = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """End an opening before its time."""
+    _check_id(opening_id, as_json=as_json)
+    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json):
+        person.close_opening(opening_id, reason)
+    _done({"opening_id": opening_id}, "Closed.", as_json=as_json)
+
+
+def _check_id(given: str, *, as_json: bool) -> None:
+    if not ID.fullmatch(given):
+        fail("ID_MALFORMED", "an id is 32 hex digits", as_json=as_json, status=USAGE)
+
+
+def _lifetime_s(minutes: int, seconds: int, otherwise_s: int, *, as_json: bool) -> int:
+    lifetime_s = 60 * minutes + seconds or otherwise_s
+    if lifetime_s > MOST_S:
+        fail("TOO_LONG", f"at most {MOST_S} s", as_json=as_json, status=USAGE)
+    return lifetime_s
+
+
+def _confirmed(*, as_json: bool) -> bool:
+    if as_json:
+        fail("NOT_CONFIRMED", "--json asks nobody: give --yes", as_json=True, status=USAGE)
+    return typer.confirm("Sign this?", default=False, err=True)
+
+
+def _audience(data: Any, *, as_json: bool) -> str:
+    from ztpm.cli.person import layout_of
+    from ztpm.setup import SetupError, read_addresses
+
+    try:
+        return read_addresses(layout_of(data, as_json=as_json)).audience
+    except SetupError as error:
+        fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
+
+
+def _done(told: Mapping[str, Any], sentence: str, *, as_json: bool) -> None:
+    if as_json:
+        say_json({"ok": True, **told})
+    else:
+        typer.echo(sentence)
+
+
+def _show(asked: Mapping[str, Any]) -> None:
+    """Every member of the ask's text, since the vote binds every one."""
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for member, value in asked["shown"].items():
+        match member:
+            case "values":
+                lines = [f"{v['name']} = {v['value']} {v['unit']}" for v in value]
+            case "contributors":
+                lines = [
+                    f"{c['kind']} {c['object']} near {c['link']}: index {_index(c['index_milli'])}, "
+                    f"clearance {c['clearance_um'] / 1000:.0f} mm, {c['speed_um_s'] / 1000:.0f} mm/s"
+                    for c in value
+                ]
+            case "index_milli":
+                lines = [_index(value)]
+            case "asked_at" | "expires_at":
+                lines = [_clock(value)]
+            case _:
+                lines = [" ".join(map(str, value)) if isinstance(value, list) else str(value)]
+        table.add_row(member, Text("\n".join(map(plain, lines))))
+    table.add_row("state", Text(plain(f"{asked['state']}, {len(asked['votes'])} votes")))
+    table.add_row("binds", Text(plain(f"SHA-256 {asked['ask_digest']} of the ask's text")))
+    console.print(table)
+
+
+def _index(milli: object) -> str:
+    return f"{milli / 1000:.3f}" if type(milli) is int else "?"
+
+
+def _clock(seconds: object) -> str:
+    try:
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds)) if type(seconds) is int else "?"
+    except (OverflowError, ValueError, OSError):
+        return "?"

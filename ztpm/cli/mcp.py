@@ -1,0 +1,65 @@
+"""`ztpm mcp pin`: a person approves the tool definitions that a cell serves now."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ztpm.cli.output import USAGE, fail, say_json
+from ztpm.cli.person import As, Data, Json, issuer_of, layout_of, operator, refusals
+
+app = typer.Typer(no_args_is_help=True, help="MCP tools.")
+
+
+@app.callback()
+def tools_() -> None:
+    """MCP tools."""
+
+
+@app.command("pin")
+def pin(
+    *,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
+    name: As,
+    data: Data = None,
+    as_json: Json = False,
+) -> None:
+    """Show the tools whose definition is not the registered one, and register them as they are now."""
+    from capabilities.errors import CapabilityError
+    from capabilities.keys import TrustBundle
+    from pep.mcp.arm import tool_definitions
+    from ztpm.enrolment import EnrolmentError, registered, tool_differences
+    from ztpm.setup import SetupError, read_addresses
+
+    layout = layout_of(data, as_json=as_json)
+    person = operator(data=data, name=name, issuer="", key=None, as_json=as_json)
+    try:
+        audience = read_addresses(layout).audience
+        trust = TrustBundle.from_json(layout.trust.read_bytes())
+        found = tool_differences(registered(issuer_of(layout, as_json=as_json), audience, trust))
+    except EnrolmentError as error:
+        fail("REGISTRY_UNAVAILABLE", str(error), as_json=as_json)
+    except (SetupError, OSError, CapabilityError) as error:
+        fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
+    served = {tool.name: tool for tool in tool_definitions()}
+    fresh = [served[differing.name] for differing in found if differing.name in served]
+    if not as_json:
+        for differing in found:
+            now = f"; now {served[differing.name].definition_digest}" if differing.name in served else ""
+            typer.echo(f"{differing}{now}")
+    if fresh and not yes:
+        if as_json:
+            fail("NOT_CONFIRMED", "--json asks nobody: give --yes", as_json=True, status=USAGE)
+        if not typer.confirm("Register them as they are now?", default=False, err=True):
+            fail("NOT_CONFIRMED", "nothing was registered", as_json=as_json)
+    with refusals(as_json=as_json), person:
+        for tool in fresh:
+            person.register_tool(
+                audience=audience, name=tool.name, definition_digest=tool.definition_digest, operation=tool.operation,
+                base_tier=int(tool.base_tier),
+            )  # fmt: skip
+    if as_json:
+        say_json({"ok": True, "pinned": [tool.name for tool in fresh]})
+    else:
+        typer.echo(f"{len(fresh)} registered." if fresh else "Every tool is registered as it is served.")

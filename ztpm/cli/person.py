@@ -1,0 +1,172 @@
+"""Commands that a person gives: whose key signs, which identity provider is meant, how a refusal ends the command.
+
+The key comes from a cell's directory (`--data DIR --as NAME`), or from a file of one's own with the provider's address
+(`--issuer URL --key FILE --as NAME`). Its passphrase comes from ZTPM_PASSPHRASE, or is asked for.
+"""
+
+from __future__ import annotations
+
+import re
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, Protocol, cast
+
+import typer
+
+from ztpm.cli.output import DENY, FAILURE, USAGE, fail
+from ztpm.cli.passphrase import ask_passphrase
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    from ztpm.layout import Layout
+    from ztpm_idp.client import Operator
+
+NAME: Final = re.compile(r"[a-z0-9][a-z0-9._-]{0,62}", re.ASCII)
+"""The form of a registered id: a safe part of a path."""
+
+Data = Annotated[Path | None, typer.Option("--data", help="The cell's directory (default: .ztpm).")]
+As = Annotated[str, typer.Option("--as", help="Whose key signs.")]
+Issuer = Annotated[str, typer.Option("--issuer", help="The identity provider, instead of --data.")]
+KeyFile = Annotated[Path | None, typer.Option("--key", help="The key's file, with --issuer.")]
+Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
+Reason = Annotated[str, typer.Option("--reason", help="Why, for the ledger.")]
+
+
+class Answering(Protocol):
+    """The part of `ztpm_idp.client.Operator` with which people answer asks. Each raises its `ClientError`."""
+
+    def approvals(self, state: str = "open") -> list[dict[str, Any]]:
+        """The asks in a state."""
+        ...
+
+    def approval(self, ask_id: str) -> dict[str, Any]:
+        """One ask: "shown" (all that it says), "ask_digest", "state", "votes", "expires_at"."""
+        ...
+
+    def approve(
+        self, ask_id: str, *, uses: int, lifetime_s: int, sees_clear: bool, shown: str | None
+    ) -> dict[str, Any]:
+        """The person approves the text with the digest `shown`; "state" afterwards."""
+        ...
+
+    def deny(self, ask_id: str) -> dict[str, Any]:
+        """The person denies; "state" afterwards."""
+        ...
+
+    def withdraw(self, ask_id: str) -> dict[str, Any]:
+        """The person takes its approval back; "state" afterwards."""
+        ...
+
+    def open_tier_4(
+        self,
+        *,
+        audience: str,
+        agent: str,
+        object: str,  # noqa: A002 - the word of the wire
+        operation: str,
+        uses: int,
+        lifetime_s: int,
+        reason: str,
+    ) -> str:
+        """A tier 4 act may be asked for; the opening's id."""
+        ...
+
+    def openings(self) -> list[dict[str, Any]]:
+        """The openings that are not over."""
+        ...
+
+    def close_opening(self, opening_id: str, reason: str) -> None:
+        """The opening is over."""
+        ...
+
+
+def operator(*, data: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Operator:
+    """The person, with the key that signs. What cannot be meant, or opened, ends the command.
+
+    Args:
+        data: the cell's directory, as given on the command line.
+        name: the person's id.
+        issuer: the identity provider, with `key`, instead of `data`.
+        key: file of the person's key.
+        as_json: how a failure is told.
+    """
+    from ztpm_idp.client import Operator
+
+    known_name(name, as_json=as_json)
+    if bool(issuer) != (key is not None) or (issuer and data is not None):
+        fail("WHICH_KEY", "give --data, or --issuer and --key together", as_json=as_json, status=USAGE)
+    if key is not None:
+        return Operator(name, open_key(key, as_json=as_json), issuer)
+    layout = layout_of(data, as_json=as_json)
+    path = layout.operator_key(name)
+    if not path.exists():
+        fail("OPERATOR_UNKNOWN", f"{path} is missing", as_json=as_json, status=USAGE)
+    return Operator(name, open_key(path, as_json=as_json), issuer_of(layout, as_json=as_json))
+
+
+def answering(*, data: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Answering:
+    """As `operator`, as one who answers asks."""
+    return cast("Answering", operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json))
+
+
+def known_name(name: str, *, as_json: bool) -> None:
+    """The name has the form of a registered id, or the command ends."""
+    if not NAME.fullmatch(name):
+        fail("NAME_MALFORMED", "lower-case letters, digits, '.', '_', '-'; at most 63", as_json=as_json, status=USAGE)
+
+
+def layout_of(data: Path | None, *, as_json: bool) -> Layout:
+    """The cell in a directory, or the command ends."""
+    from ztpm.layout import Layout
+
+    layout = Layout((data or Path(".ztpm")).resolve())
+    if not layout.trust.exists():
+        fail("NOT_A_CELL", f"{layout.trust} is missing", as_json=as_json, status=USAGE)
+    return layout
+
+
+def issuer_of(layout: Layout, *, as_json: bool) -> str:
+    """Base URL of the cell's identity provider, from its trust bundle."""
+    from capabilities.errors import CapabilityError
+    from capabilities.keys import TrustBundle
+
+    try:
+        return TrustBundle.from_json(layout.trust.read_bytes()).issuer
+    except (OSError, CapabilityError) as error:
+        fail("NOT_A_CELL", f"{layout.trust}: {type(error).__name__}", as_json=as_json, status=USAGE)
+
+
+def open_key(path: Path, *, as_json: bool) -> Ed25519PrivateKey:
+    """The key in a file, or the command ends."""
+    from capabilities.errors import BadKeyError
+    from ztpm.layout import LayoutError, read_key
+
+    passphrase = ask_passphrase(new=False, as_json=as_json)
+    try:
+        return read_key(path, passphrase)
+    except BadKeyError:
+        fail("PASSPHRASE_WRONG", f"it does not open {path}", as_json=as_json, status=USAGE)
+    except LayoutError as error:
+        fail("KEYS_UNREADABLE", str(error), as_json=as_json, status=USAGE)
+    except OSError as error:
+        fail("KEYS_UNREADABLE", f"{path}: {error.strerror}", as_json=as_json, status=USAGE)
+
+
+@contextmanager
+def refusals(*, as_json: bool) -> Iterator[None]:
+    """A refusal by the identity provider ends the command with status 3, an outage with 1; either with its code."""
+    from ztpm_idp.client import ClientError
+
+    try:
+        yield
+    except ClientError as error:
+        refuse(error, as_json=as_json)
+
+
+def refuse(error: Any, *, as_json: bool) -> NoReturn:
+    """The command ends as the provider's answer says."""
+    status = DENY if 400 <= error.status < 500 else FAILURE
+    fail(error.code, error.detail or "refused by the identity provider", as_json=as_json, status=status)

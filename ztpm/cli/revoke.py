@@ -1,0 +1,43 @@
+"""`ztpm revoke`: authority ends, for ever. Exit status: 0 revoked, 1 failure, 2 usage, 3 refused."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated
+
+import typer
+
+from ztpm.cli.output import say_json
+from ztpm.cli.person import As, Data, Issuer, Json, KeyFile, Reason, operator, refusals
+
+
+class Revocable(StrEnum):
+    """What can be revoked."""
+
+    TOKEN = "token"  # noqa: S105 - a word, not a secret
+    HOP = "hop"
+    AGENT = "agent"
+    KEY = "key"
+    SPONSOR = "sponsor"
+    AUDIENCE = "audience"
+
+
+def revoke(
+    kind: Annotated[Revocable, typer.Argument(help="A hop takes all that is below it along.")],
+    id_: Annotated[str, typer.Argument(metavar="ID", help="As `ztpm token inspect` and `ztpm agent list` show it.")],
+    *,
+    reason: Reason,
+    name: As,
+    data: Data = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Revoke a token, hop, agent, key, sponsor or audience; enforcement points know within their feed's period."""
+    person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json), person:
+        epoch = person.revoke(kind.value, id_, reason)
+    if as_json:
+        say_json({"ok": True, "kind": kind.value, "id": id_, "epoch": epoch})
+    else:
+        typer.echo(f"Revoked, epoch {epoch}.")

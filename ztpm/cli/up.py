@@ -1,0 +1,119 @@
+"""`ztpm up`: the cell, kept running."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
+from ztpm.cli.passphrase import ask_passphrase
+
+if TYPE_CHECKING:
+    from ztpm.layout import Layout
+    from ztpm.up import Up
+
+
+def up(
+    *,
+    where: Annotated[Path, typer.Option("--data", help="Directory of the cell; made when missing.")] = Path(".ztpm"),
+    policy: Annotated[str, typer.Option(help="Of a new cell: shipped policy set or a file.")] = "paper-default",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON line when the cell is ready.")] = False,
+) -> None:
+    """Run a cell until SIGINT or SIGTERM: identity provider, simulated UR3e and sensor, tool server, status page."""
+    from ztpm.event_log import EventLog
+    from ztpm.layout import Layout
+    from ztpm.lock import DirectoryLock, LockedError
+    from ztpm.setup import free_addresses, is_empty
+    from ztpm.up import UpError, prepare, run
+    from ztpm.up import as_json as told_to_machines
+
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: ended.set())
+    layout = Layout(where.resolve())
+    try:
+        made = not layout.root.exists()
+        layout.root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        lock = DirectoryLock.take(layout.lock)
+    except LockedError as error:
+        fail("RUNNING_ALREADY", f"{layout.root} is run by process {error.pid or '?'}", as_json=as_json)
+    except OSError as error:
+        fail("UNWRITABLE", f"{layout.root}: {error.strerror}", as_json=as_json)
+    with lock:
+        try:
+            new = is_empty(layout)
+            passphrase = ask_passphrase(new=new, as_json=as_json)
+            if not as_json:
+                console.print(f"{'Making' if new else 'Starting'} the cell in {layout.root} ...")
+            addresses = prepare(
+                layout, passphrase=passphrase, policy=policy, fresh=lambda: free_addresses(secrets.token_bytes(16))
+            )
+            log = EventLog(
+                layout.log, wall_s=time.time, say=lambda told: None if as_json else typer.echo(told, err=True)
+            )
+            if lock.stale_pid is not None:
+                log.note(
+                    "stale-lock", f"an earlier run, process {lock.stale_pid}, ended without an end", pid=lock.stale_pid
+                )
+
+            def ready(cell: Up) -> None:
+                if as_json:
+                    say_json(told_to_machines(cell, layout, pid=os.getpid()))
+                    sys.stdout.flush()
+                else:
+                    _overview(cell, layout)
+
+            from ztpm.demo.stage import LEFT
+
+            run(layout, addresses, passphrase=passphrase, joints=LEFT, log=log, ended=ended, ready=ready)
+        except UpError as error:
+            _undo(layout, made=made)
+            fail(error.code, str(error), as_json=as_json, status=USAGE if error.usage else FAILURE)
+        except BaseException:
+            _undo(layout, made=made)
+            raise
+
+
+def _undo(layout: Layout, *, made: bool) -> None:
+    """A directory that was made for a cell that could not be made is gone again."""
+    if made and layout.root.exists() and list(layout.root.iterdir()) == [layout.lock]:
+        layout.lock.unlink()
+        layout.root.rmdir()
+
+
+def _overview(cell: Up, layout: Layout) -> None:
+    data, issuer, audience = layout.root, cell.addresses.issuer, cell.addresses.audience
+    operators = ", ".join(sorted(path.stem for path in layout.operator_key("any").parent.glob("*.key")))
+    rows = [
+        ("status page", cell.status),
+        ("tool server", f"{audience}   (MCP; a token and a proof with each request)"),
+        ("identity provider", issuer),
+        ("simulated UR3e", f"{cell.addresses.host}   (RTDE 30004, dashboard 29999)"),
+        ("operators", f"{operators}; their keys, encrypted: {data}/operators"),
+        ("log", str(layout.log)),
+    ]
+    console.print("\nThe cell is up. Ctrl-C ends it, the arm first.\n")
+    for name, value in rows:
+        console.print(f"  {name:18} {value}", markup=False)
+    console.print("\nTry in another terminal (ZTPM_PASSPHRASE set, or it is asked for):\n")
+    for command in (
+        f"ztpm approvals list --data {data} --as bob",
+        f"ztpm agent list --data {data} --as alice",
+        f"ztpm agent register mover --role mover --software FILE --data {data} --as alice",
+        f"ztpm revoke agent mover --reason 'no longer needed' --data {data} --as alice",
+        f"""echo '{{"people": [{{"id": "p1", "x_m": 0.69, "y_m": 0.0}}]}}' > {layout.scene}""",
+    ):
+        console.print(f"  {command}", markup=False)
+    for differing in cell.differing:
+        console.print(
+            f"\n[bold yellow]{differing}.[/] Nothing registers it again by itself; when you have looked at it:"
+        )
+        console.print(f"  ztpm mcp pin --data {data} --as carol", markup=False)

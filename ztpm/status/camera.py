@@ -1,0 +1,132 @@
+"""Taking the picture of a cell: its processes, the provider's public answers, the tool server's report, the journal.
+
+No key is used: what only a person may ask the provider, such as what an ask says, is one link or command away.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any, Final
+
+import httpx2
+
+from capabilities.caps import DEFAULT as CAPS
+from capabilities.errors import CapabilityError
+from capabilities.statements import registry
+from ztpm.cell import PROCESSES
+from ztpm.status.decisions import Decisions
+from ztpm.status.picture import Known, Part, Picture
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.keys import TrustBundle
+    from ztpm.cell import Cell
+    from ztpm.processes import Child
+    from ztpm.supervision import Supervision
+
+ANSWER_S: Final = 1.0
+"""Longest wait for one part."""
+KEEP_S: Final = 0.5
+"""A picture is shown again for this long, however often it is asked for."""
+
+
+class Camera:
+    """Takes pictures. Any thread.
+
+    Args:
+        cell: running.
+        supervision: knows the restarts.
+        trust: the provider's public keys.
+        wall_s: wall clock, seconds since the epoch.
+        clock: monotonic, seconds.
+        transport: of `httpx2`, for tests.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        supervision: Supervision,
+        *,
+        trust: TrustBundle,
+        wall_s: Callable[[], float],
+        clock: Callable[[], float],
+        transport: httpx2.BaseTransport | None = None,
+    ) -> None:
+        self._cell = cell
+        self._supervision = supervision
+        self._trust = trust
+        self._wall_s = wall_s
+        self._clock = clock
+        self._http = httpx2.Client(timeout=ANSWER_S, trust_env=False, transport=transport)
+        self._decisions = Decisions(cell.layout.journal)
+        self._lock = threading.Lock()
+        self._kept: tuple[float, Picture] | None = None
+
+    def picture(self) -> Picture:
+        """How the cell stands, at most half a second ago."""
+        with self._lock:
+            if self._kept is None or self._clock() - self._kept[0] > KEEP_S:
+                taken = self._take()
+                self._kept = self._clock(), taken
+            return self._kept[1]
+
+    def _take(self) -> Picture:
+        children, addresses = self._cell.children, self._cell.addresses
+        incomplete = []
+        tools = children.get("tools")
+        report = None if tools is None or not tools.alive else tools.ask({"report": True}, timeout_s=ANSWER_S)
+        if report is None:
+            incomplete.append("The tool server says nothing.")
+        agents = self._agents()
+        answers = {"idp": self._ready(), "tools": report is not None}
+        try:
+            self._decisions.follow()
+        except OSError as error:
+            incomplete.append(f"The journal cannot be read: {type(error).__name__}.")
+        now, at_ms = self._clock(), int(self._wall_s() * 1000)
+        return Picture(
+            at_ms=at_ms,
+            data=str(self._cell.layout.root),
+            issuer=addresses.issuer,
+            audience=addresses.audience,
+            parts=tuple(self._process(name, children.get(name), answers.get(name), now) for name in PROCESSES),
+            robot=_part(report, "robot"),
+            perception=_part(report, "perception"),
+            view=_part(report, "view"),
+            decisions=self._decisions.newest(),
+            asks=self._decisions.open_asks(at_ms=at_ms),
+            agents=agents,
+            incomplete=tuple(incomplete),
+        )
+
+    def _process(self, name: str, child: Child | None, answers: bool | None, now: float) -> Part:  # noqa: FBT001
+        restarts = self._supervision.restarts[name]
+        if child is None or not child.alive:
+            return Part(PROCESSES[name], None, answers=False, up_s=0.0, restarts=restarts)
+        return Part(PROCESSES[name], child.popen.pid, answers, now - child.since, restarts)
+
+    def close(self) -> None:
+        """Its connections are closed."""
+        self._http.close()
+
+    def _ready(self) -> bool:
+        try:
+            return self._http.get(f"{self._cell.addresses.issuer}/readyz").status_code == 200
+        except httpx2.HTTPError:
+            return False
+
+    def _agents(self) -> tuple[Known, ...] | None:
+        try:
+            answer = self._http.get(
+                f"{self._cell.addresses.issuer}/registry", params={"audience": self._cell.addresses.audience}
+            )
+            snapshot = registry.open(answer.text, self._trust.registry, CAPS)
+        except (httpx2.HTTPError, CapabilityError):
+            return None
+        return tuple(Known(entry.agent, entry.permille) for entry in snapshot.trust)
+
+
+def _part(report: dict[str, Any] | None, name: str) -> dict[str, Any] | None:
+    part = None if report is None else report.get(name)
+    return part if isinstance(part, dict) else None

@@ -1,0 +1,39 @@
+"""HTML that cannot be made wrong: every text is escaped, since elements are made by functions and never by hand."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Final
+
+VOID: Final = frozenset({"meta", "link", "br"})
+
+
+class Markup(str):
+    """Text that is HTML already."""
+
+    __slots__ = ()
+
+
+def text(*content: object) -> Markup:
+    """The contents as HTML; whatever is not markup is escaped, whatever cannot be shown becomes a replacement mark."""
+    return Markup("".join(part if isinstance(part, Markup) else _shown(str(part)) for part in content))
+
+
+def tag(name: str, /, *content: object, **attributes: str) -> Markup:
+    """An element.
+
+    Args:
+        name: of the element, ours.
+        content: escaped where it is no markup.
+        attributes: escaped, an empty one left out; `class_` is spelled so, and an underscore within a name is a hyphen.
+    """
+    spelled = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{_shown(value)}"' for key, value in attributes.items() if value
+    )
+    if name in VOID:
+        return Markup(f"<{name}{spelled}>")
+    return Markup(f"<{name}{spelled}>{text(*content)}</{name}>")
+
+
+def _shown(raw: str) -> str:
+    return escape("".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in raw))

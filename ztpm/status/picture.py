@@ -1,0 +1,72 @@
+"""One picture of a running cell: what each of its parts says about itself now, and what is not known."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ztpm.status.decisions import Decided, OpenAsk
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A process.
+
+    Attributes:
+        name: for people.
+        pid: None while there is none, between its death and its restart.
+        answers: whether it does; None for one that is not asked.
+        up_s: how long it has been running, seconds.
+        restarts: how often it was started again.
+    """
+
+    name: str
+    pid: int | None
+    answers: bool | None
+    up_s: float
+    restarts: int
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """An agent of the signed registry, with its stated trust in permille."""
+
+    agent: str
+    trust_permille: int
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """How a cell stands.
+
+    Attributes:
+        at_ms: wall clock, milliseconds since the epoch.
+        data: its directory.
+        issuer, audience: its two addresses.
+        parts: its processes.
+        robot: "q_rad", "moving", "robot_mode" and "safety_mode", or "fault"; None when the tool server says nothing.
+        perception: "perception", "age_ms", "people", "objects", "sensors", "seen"; None as above.
+        view: "epoch" and "age_ms" of the revocation view; None as above.
+        decisions: newest first.
+        asks: open ones, oldest first.
+        agents: with a stated trust; None when the registry is not to be had.
+        incomplete: what could not be had, as sentences.
+    """
+
+    at_ms: int
+    data: str
+    issuer: str
+    audience: str
+    parts: tuple[Part, ...]
+    robot: dict[str, Any] | None
+    perception: dict[str, Any] | None
+    view: dict[str, Any] | None
+    decisions: tuple[Decided, ...]
+    asks: tuple[OpenAsk, ...]
+    agents: tuple[Known, ...] | None
+    incomplete: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The picture as plain JSON."""
+        return asdict(self)

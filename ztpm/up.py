@@ -1,0 +1,214 @@
+"""Running a cell from its directory until it is told to end: what `ztpm up` does between its first and last word."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.errors import BadKeyError
+from capabilities.keys import TrustBundle
+from ztpm.cell import Cell
+from ztpm.enrolment import Differing, EnrolmentError, enrol
+from ztpm.layout import OPERATORS, Layout, LayoutError, read_key
+from ztpm.processes import Child, ChildError
+from ztpm.setup import SetupError, initialise, is_empty, read_addresses
+from ztpm.status.camera import Camera
+from ztpm.status.server import StatusError, StatusServer
+from ztpm.supervision import ChildLostError, SceneFile, Supervision
+
+if TYPE_CHECKING:
+    import threading
+    from collections.abc import Callable
+
+    from ztpm.event_log import EventLog
+    from ztpm.setup import Addresses
+
+FREE_S: Final = 20.0
+"""Longest wait for the addresses: children of a run that was killed end in order, which takes some seconds."""
+POLL_S: Final = 0.1
+
+
+class UpError(RuntimeError):
+    """The cell cannot be run, or not any longer.
+
+    Attributes:
+        code: why.
+        usage: whether what was asked for is at fault, not the machine or the cell.
+    """
+
+    def __init__(self, code: str, sentence: str, *, usage: bool = False) -> None:
+        super().__init__(sentence)
+        self.code = code
+        self.usage = usage
+
+
+@dataclass(frozen=True, slots=True)
+class Up:
+    """A cell that is up.
+
+    Attributes:
+        addresses: where it listens.
+        status: URL of its status page.
+        pids: of its processes, by name.
+        differing: what is registered differently from what the cell has now.
+    """
+
+    addresses: Addresses
+    status: str
+    pids: dict[str, int]
+    differing: tuple[Differing, ...]
+
+
+def prepare(layout: Layout, *, passphrase: bytes, fresh: Callable[[], Addresses], policy: str) -> Addresses:
+    """The directory is a cell's, and the passphrase opens its keys. An empty directory becomes a cell.
+
+    Args:
+        layout: of an existing directory whose lock is held.
+        passphrase: of its keys.
+        fresh: addresses for a new cell.
+        policy: of a new cell.
+
+    Raises:
+        UpError: `NOT_A_CELL`, `CONFIG_INVALID`, `PASSPHRASE_WRONG`, `KEYS_UNREADABLE` or `UNWRITABLE`.
+    """
+    try:
+        if is_empty(layout):
+            initialise(layout, fresh(), passphrase=passphrase, policy=policy, defer_timeout_s=60)
+        for path in (layout.idp_config, layout.cell_config, layout.trust, layout.pep_key):
+            if not path.exists():
+                raise UpError("NOT_A_CELL", f"{layout.root} has files, but no {path.name}", usage=True)
+        read_key(layout.pep_key, passphrase)
+        return read_addresses(layout)
+    except SetupError as error:
+        raise UpError("CONFIG_INVALID", str(error), usage=True) from error
+    except LayoutError as error:
+        raise UpError("KEYS_UNREADABLE", str(error)) from error
+    except BadKeyError as error:
+        raise UpError("PASSPHRASE_WRONG", "it does not open the cell's keys", usage=True) from error
+    except OSError as error:
+        raise UpError("UNWRITABLE", f"{layout.root}: {error.strerror or type(error).__name__}") from error
+
+
+def run(
+    layout: Layout,
+    addresses: Addresses,
+    *,
+    passphrase: bytes,
+    joints: tuple[float, ...],
+    log: EventLog,
+    ended: threading.Event,
+    ready: Callable[[Up], None],
+) -> None:
+    """The cell has run until `ended` was set, and every process of it has ended, the arm standing still.
+
+    Args:
+        layout: prepared.
+        addresses: of the cell.
+        passphrase: of its keys.
+        joints: where the simulated arm begins, 6 angles in rad.
+        log: of what happens.
+        ended: set it, from anywhere, to end; also while the cell is starting.
+        ready: is told once, when the cell is up.
+
+    Raises:
+        UpError: `ADDRESS_IN_USE`, `START_FAILED`, `REGISTRY_UNAVAILABLE`, `REGISTRATION_REFUSED`, `STATUS_UNAVAILABLE`
+            or `PROCESS_LOST`; every process has ended then, too.
+    """
+    from ztpm.tool_config import read_config
+
+    cell = Cell(
+        layout,
+        addresses,
+        passphrase,
+        joints,
+        read_config(layout.cell_config).cell.stop_deceleration_rad_s2,
+        start_child=partial(Child.start, ended=ended.is_set),
+    )
+    supervision = Supervision(cell, scene=SceneFile(layout.scene, log), log=log, ended=ended, clock=time.monotonic)
+    trust = TrustBundle.from_json(layout.trust.read_bytes())
+    camera = Camera(cell, supervision, trust=trust, wall_s=time.time, clock=time.monotonic)
+    status: StatusServer | None = None
+    try:
+        _await_addresses(addresses, ended)
+        status = StatusServer(camera.picture, host=addresses.host, port=addresses.status_port)
+        cell.start_idp()
+        differing = _enrol(cell, trust)
+        supervision.start()
+        status.start()
+        pids = {child.name: child.popen.pid for child in cell.children.values()}
+        log.note("up", f"the cell is up: {addresses.audience}", pids=pids)
+        ready(Up(addresses, status.url, pids, differing))
+        supervision.run()
+    except (ChildError, ChildLostError, StatusError, OSError) as error:
+        if not ended.is_set():
+            raise _failure(error) from error
+    finally:
+        ended.set()
+        log.note("ending", "the arm is stopped, then everything ends")
+        if status is not None:
+            status.stop()
+        camera.close()
+        supervision.stop()
+        log.note("ended", "every process has ended")
+
+
+def _failure(error: Exception) -> UpError:
+    match error:
+        case ChildLostError():
+            return UpError("PROCESS_LOST", f"{error}; it said last:\n" + "\n".join(error.lines))
+        case ChildError():
+            return UpError("START_FAILED", str(error))
+        case StatusError():
+            return UpError("STATUS_UNAVAILABLE", str(error))
+        case _:
+            return UpError("START_FAILED", f"{type(error).__name__}: {error}")
+
+
+def _await_addresses(addresses: Addresses, ended: threading.Event) -> None:
+    """Nobody listens where the cell will.
+
+    Raises:
+        UpError: `ADDRESS_IN_USE`.
+    """
+    deadline = time.monotonic() + FREE_S
+    while taken := addresses.taken:
+        if time.monotonic() > deadline:
+            ports = ", ".join(map(str, taken))
+            raise UpError("ADDRESS_IN_USE", f"somebody listens on {addresses.host}, port {ports}")
+        if ended.wait(POLL_S):
+            return
+
+
+def _enrol(cell: Cell, trust: TrustBundle) -> tuple[Differing, ...]:
+    from ztpm_idp.client import ClientError, Operator
+
+    name = OPERATORS[-1]
+    admin = Operator(name, read_key(cell.layout.operator_key(name), cell.passphrase), cell.addresses.issuer)
+    try:
+        with admin:
+            return enrol(cell, admin, trust)
+    except EnrolmentError as error:
+        raise UpError("REGISTRY_UNAVAILABLE", str(error)) from error
+    except ClientError as error:
+        raise UpError("REGISTRATION_REFUSED", f"{error.code}: {error.detail}") from error
+    except (LayoutError, BadKeyError) as error:
+        raise UpError("KEYS_UNREADABLE", str(error)) from error
+
+
+def as_json(up: Up, layout: Layout, *, pid: int) -> dict[str, Any]:
+    """What is told to machines when the cell is ready."""
+    return {
+        "ready": True,
+        "pid": pid,
+        "data": str(layout.root),
+        "issuer": up.addresses.issuer,
+        "audience": up.addresses.audience,
+        "robot": up.addresses.host,
+        "perception": f"{up.addresses.host}:{up.addresses.perception_port}",
+        "status": up.status,
+        "operators": list(OPERATORS),
+        "processes": up.pids,
+        "differing": [{"kind": str(d.kind), "name": d.name, "how": str(d.how)} for d in up.differing],
+    }
