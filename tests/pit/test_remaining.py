@@ -112,6 +112,16 @@ def test_no_rest_holds_against_a_sample_of_it(seed):
             assert rest(scene, move, share).cause in STOPPED
 
 
+def test_the_highest_rate_of_an_interval_counts_not_that_of_its_middle():
+    """A hand above the base axis keeps its distance while the base turns: only the rate decides, and it peaks at an edge."""
+    hand = Person("p", ((Region.HAND, Sphere((0.0, 0.0, 1.15), 0.05)),))
+    scene, move = replace(empty(), people=(hand,)), sweep(3.0, 0.4, half=1.0)
+    worst, demands, _ = dense_index(scene, move, samples=41)  # the middle one is at the peak
+    assert max(demands, 1.05) < worst < 3
+    assert not rest(scene, move, 0.1, math.floor(worst * 1000) - 1).holds
+    assert rest(scene, move, 0.1, math.ceil(worst * 1000) + 5).holds
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_violation_of_the_whole_path_forbids_at_its_start(seed):
     rng = np.random.default_rng(3000 + seed)
