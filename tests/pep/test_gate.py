@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from capabilities.scope import Grant, Tier
+from pep import gate as gate_module
 from pep.errors import ActuationRefusedError, JournalError, PepFault
 from pep.gate import ATTEMPTS, Result
 from policies.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
@@ -55,6 +56,37 @@ def test_no_record_no_effect(rig):
     assert (answer.decision.effect, answer.decision.reason) == (Effect.DENY, Reason.RECORD_FAILED)
     assert rig.sent == []
     assert rig.slot.holder is None
+
+
+@pytest.mark.parametrize(("perception", "sighted"), [("fresh", True), ("stale", False), ("missing", False)])
+def test_a_permit_says_what_the_watch_has_to_hold(rig, monkeypatch, perception, sighted):
+    # What a person approved unseen is permitted, too; here the decision stands in for the person.
+    honest = gate_module.decide
+    permitted = {"effect": Effect.PERMIT, "reason": Reason.PERMITTED, "lifetime_ms": 50}
+    monkeypatch.setattr(gate_module, "decide", lambda *a: replace(honest(*a), **permitted))
+    rig.physics.answer = reading(index_milli=940, perception=perception)
+    given = []
+
+    async def effect(permit):
+        given.append(permit)
+        return await rig.effect(permit)
+
+    call = rig.call(rig.agent())
+    run(rig, call, effect)
+    (permit,) = given
+    assert (permit.request, permit.index_milli, permit.sighted) == (call.request, 940, sighted)
+
+
+def test_what_the_watch_saw_is_in_the_record(rig):
+    async def watched(permit):
+        permit.spend(digest=permit.digest, stopped_ms=None)
+        assert (permit.index_milli, permit.sighted) == (900, True)
+        permit.watched = {"outcome": "world_changed", "q_at_stop_rad": (0.0, 1.0)}
+        return Result(value={"outcome": "world_changed"})
+
+    run(rig, rig.call(rig.agent()), watched)
+    (outcome,) = rig.records("outcome")
+    assert outcome["body"]["watch"] == {"outcome": "world_changed", "q_at_stop_rad": [0.0, 1.0]}
 
 
 def test_reading_needs_no_physics(rig):

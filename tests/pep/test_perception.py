@@ -539,6 +539,39 @@ def test_what_cannot_be_compared_contradicts_nothing(world, where):
     assert contradicted(world.observation(people=(BOB,)), blind, apart_ms=500)
 
 
+def left(world, q_rad=(0.0,) * 6, authorised_milli=1_000):
+    patient = CellParameters(time_limit_s=60.0)  # a machine that does much else
+    seen = CellPhysics(robot=Robot.load("ur3e"), cell=patient, frames=world.frames, state=Still())
+    return seen.left(request(), q_rad, authorised_milli=authorised_milli, touch=frozenset())
+
+
+def test_what_is_left_is_judged_on_what_is_seen(world):
+    sensor = Sensor(world.key, name="camera-1", calibration=CALIBRATION)
+    world.clock.advance(50)
+    world.frames.admit(sensor.frame(captured_s=world.clock.wall_s()).encode())
+    here = (0.3, *MOVE["q_rad"][1:])
+    empty = left(world, here)
+    assert (empty.holds, empty.index_milli, empty.fault) == (True, 1_000, ""), empty
+    assert empty.age_ms == 20, "the transit of the only frame"
+    assert not left(world, here, authorised_milli=999).holds
+    sensor.obey('{"people": [{"id": "bob", "x_m": -0.5, "y_m": -0.1}]}')
+    world.frames.admit(sensor.frame(captured_s=world.clock.wall_s()).encode())
+    rest = left(world, here)
+    assert (rest.holds, rest.fault) == (False, "")
+    assert rest.index_milli > 2_000
+    assert "bob" in rest.cause
+
+
+def test_what_is_left_of_a_distrusted_view_is_a_fault(world):
+    world.frames.admit(world.text(key=keys.generate()))
+    assert (left(world).holds, left(world).fault) == (False, Reason.PERCEPTION_INVALID)
+
+
+def test_what_breaks_while_judging_what_is_left_is_a_fault(world):
+    rest = physics(world).left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset())
+    assert (rest.holds, rest.fault) == (False, Reason.PHYSICS_FAULT)
+
+
 def test_summary_counts(world):
     sensor = Sensor(world.key, name="camera-1", calibration=CALIBRATION)
     obey(
