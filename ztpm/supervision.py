@@ -137,7 +137,9 @@ class Supervision:
             ChildError: when one does not become ready.
         """
         self.cell.start_robot()
+        self._log.note("started", "the controller runs")
         self._start_sensor()
+        self._log.note("started", "the sensor runs")
         self._start_tools()
 
     def run(self) -> None:

@@ -134,6 +134,7 @@ def run(
         _await_addresses(addresses, ended)
         status = StatusServer(camera.picture, host=addresses.host, port=addresses.status_port)
         cell.start_idp()
+        log.note("started", f"the identity provider runs: {addresses.issuer}")
         differing = _enrol(cell, trust)
         supervision.start()
         status.start()

@@ -16,6 +16,7 @@ from ztpm.cli import (
     demo,
     doctor,
     evaluation,
+    lending,
     mcp,
     policy,
     revoke,
@@ -42,6 +43,8 @@ app.add_typer(approvals.app, name="approvals")
 app.add_typer(agent.app, name="agent")
 app.add_typer(policy.app, name="policy")
 app.add_typer(audit.app, name="audit")
+token.app.command("issue")(lending.issue)
+token.app.command("delegate")(lending.delegate)
 app.add_typer(token.app, name="token")
 app.add_typer(cell.app, name="cell")
 app.add_typer(evaluation.app, name="eval")

@@ -24,11 +24,15 @@ NEEDED: Final = (
     "pydantic",
     "fastapi",
     "mcp",
+    "starlette",
+    "uvicorn",
     "ur-rtde",
     "pin",
     "coal",
     "sqlalchemy",
 )
+
+TETHER_S: Final = 30.0
 
 
 def doctor(*, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
@@ -105,10 +109,47 @@ def _durable() -> tuple[bool, str]:
     return True, f"a synced record costs {median:.2f} ms (median of {len(spent)})"
 
 
+def _tether() -> tuple[bool, str]:
+    """Children of `ztpm up` must end with it, and its page must be able to tell whose connection it is."""
+    import socket
+    import subprocess
+
+    from ztpm.status.peer import owner_of
+
+    command = [sys.executable, "-m", "ztpm.tether", str(os.getpid()), "ztpm"]
+    tried = subprocess.run(command, capture_output=True, text=True, timeout=TETHER_S, check=False)  # noqa: S603 - our own
+    tethered = "ztpm.tether:" not in tried.stderr  # the package is no program: only the tether itself may not refuse
+    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as client:
+        owned = owner_of(server.getsockname(), client.getsockname()) == os.getuid()
+    return tethered and owned, (
+        f"children {'end with their parent' if tethered else 'OUTLIVE their parent'}; "
+        f"the owner of a loopback connection is {'known' if owned else 'NOT KNOWN'}"
+    )
+
+
+def _lock() -> tuple[bool, str]:
+    """The current directory's file system gives back the lock of a holder that is gone."""
+    import tempfile
+    from pathlib import Path
+
+    from ztpm.lock import DirectoryLock, LockedError
+
+    with tempfile.TemporaryDirectory(dir=Path.cwd()) as directory:
+        path = Path(directory) / "lock"
+        with DirectoryLock.take(path):
+            try:
+                DirectoryLock.take(path)
+            except LockedError:
+                return True, "one process at a time can hold a directory here"
+    return False, "two processes can hold one directory here"
+
+
 CHECKS: Final[tuple[tuple[str, Callable[[], tuple[bool, str]]], ...]] = (
     ("interpreter", _interpreter),
     ("libraries", _libraries),
     ("loopback", _loopback),
     ("physics", _physics),
     ("durable record", _durable),
+    ("children", _tether),
+    ("lock", _lock),
 )

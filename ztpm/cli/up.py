@@ -108,6 +108,8 @@ def _overview(cell: Up, layout: Layout) -> None:
         f"ztpm approvals list --data {data} --as bob",
         f"ztpm agent list --data {data} --as alice",
         f"ztpm agent register mover --role mover --software FILE --data {data} --as alice",
+        f"ztpm agent attest mover --software FILE --data {data}",
+        f"ztpm token issue mover --software FILE --purpose 'try it' --out mover.token --data {data} --as alice",
         f"ztpm revoke agent mover --reason 'no longer needed' --data {data} --as alice",
         f"""echo '{{"people": [{{"id": "p1", "x_m": 0.69, "y_m": 0.0}}]}}' > {layout.scene}""",
     ):
