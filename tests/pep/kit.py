@@ -31,7 +31,7 @@ from pep.asking import Asking
 from pep.authority import Authority, Presented
 from pep.gate import Call, Gate, Result
 from pep.mcp.mapping import ARM_TOOLS, to_request
-from pep.operations import GRIPPER_MOVE, MOVE_JOINT
+from pep.operations import GRIPPER_MOVE, MOVE_JOINT, SET_DIGITAL_OUTPUT, SPEED_JOINT
 from pep.ports import Assessed, RegisteredSensor, RegisteredTool
 from pep.question import Asker
 from pep.record import FileJournal
@@ -90,10 +90,15 @@ def full_scope(at, *, audience=AUDIENCE, ceiling=Tier.HIGH_CONSEQUENCE, speed_hi
 
     move = limits(MOVE_JOINT, [(-6_500_000, 6_500_000)] * 6 + [(0, speed_high), (0, 2_000_000)])
     grip = limits(GRIPPER_MOVE, [(0, 85_000), (20_000, 150_000), (20_000, 100_000)])
+    speeds = limits(SPEED_JOINT, [(-1_000_000, 1_000_000)] * 6 + [(0, 4_000_000), (0, 2_000)])
+    outputs = limits(SET_DIGITAL_OUTPUT, [(0, 7), (0, 1)])
     grants = (
+        Grant("ur3e", "gripper_activate"),
         Grant("ur3e", "gripper_move", grip),
         Grant("ur3e", "move_joint", move),
         Grant("ur3e", "read_state"),
+        Grant("ur3e", "set_digital_output", outputs),
+        Grant("ur3e", "speed_joint", speeds),
         Grant("ur3e", "stop"),
     )
     return Scope(

@@ -15,12 +15,14 @@ from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 
 from capabilities import keys
+from capabilities.scope import Tier
 from capabilities.statements.registry import SensorEntry, ToolEntry
 from pep.mcp.arm import tool_definitions
 from pep.mcp.guard import DECISION_META
 from pep.pit import CellParameters
-from pep.rtde.gripper import RobotiqGripper
+from pep.rtde.dashboard import stop_program
 from pep.rtde.state import ReceivedState
+from pep.rtde.telemetry import Telemetry
 from policies.load import load_shipped
 from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
 from tests.pep.test_mcp import Signed
@@ -206,7 +208,7 @@ def test_the_arm_moves_stops_and_loses_authority(controller, tmp_path):
 
         # a stop while it moves
         moving = asyncio.create_task(cell.move(holder, LEFT, speed=0.3))
-        await moved(eyes, RIGHT)
+        await moved(eyes, RIGHT, moving)
         stopped = await cell.use(holder, "stop", {})
         assert stopped.structured_content["outcome"] == "stopped"
         assert (await moving).structured_content["outcome"] == "stopped"
@@ -215,7 +217,7 @@ def test_the_arm_moves_stops_and_loses_authority(controller, tmp_path):
         # busy while it moves
         here = eyes.read().q_rad
         moving = asyncio.create_task(cell.move(holder, LEFT, speed=0.3))
-        await moved(eyes, here)
+        await moved(eyes, here, moving)
         second = await cell.move(holder, RIGHT)
         assert decided(second)[:2] == ("DENY", "BUSY")
 
@@ -232,7 +234,7 @@ def test_the_arm_moves_stops_and_loses_authority(controller, tmp_path):
         # a caller who goes away
         here = eyes.read().q_rad
         moving = asyncio.create_task(cell.move(holder, RIGHT, speed=0.2))
-        await moved(eyes, here)
+        await moved(eyes, here, moving)
         moving.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await moving
@@ -262,10 +264,12 @@ def test_the_arm_moves_stops_and_loses_authority(controller, tmp_path):
         cell.sensor.tell(pause=False)
         await cell.see(holder)
 
-        # the gripper: not before a person has activated it
+        # the gripper: not before it has been activated, which is consequential
         inactive = await cell.use(holder, "gripper_move", {"width_m": 0.04, "speed_m_s": 0.1, "force_n": 40.0})
         assert inactive.is_error
-        await asyncio.to_thread(RobotiqGripper(HOST).activate)
+        activated = await cell.use(holder, "gripper_activate", {})
+        assert decided(activated) == ("PERMIT", "PERMITTED", 2)
+        assert activated.structured_content == {"ready": True, "width_m": pytest.approx(0.085)}
         grip = await cell.use(holder, "gripper_move", {"width_m": 0.04, "speed_m_s": 0.1, "force_n": 40.0})
         assert decided(grip)[0] == "PERMIT"
         assert grip.structured_content["width_m"] == pytest.approx(0.04, abs=2e-3)
@@ -273,17 +277,128 @@ def test_the_arm_moves_stops_and_loses_authority(controller, tmp_path):
         # an arm that is moving when the server ends
         here = eyes.read().q_rad
         target = RIGHT if abs(here[0] - RIGHT[0]) > 0.3 else LEFT
-        asyncio.create_task(cell.move(holder, target, speed=0.2))
-        await moved(eyes, here)
+        moving = asyncio.create_task(cell.move(holder, target, speed=0.2))
+        await moved(eyes, here, moving)
 
     in_cell(tmp_path, scenario)
     assert eyes.read().still
     eyes.close()
 
 
-async def moved(eyes, start):
+SPEEDS = {"qd_rad_s": [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], "acceleration_rad_s2": 2.0, "duration_s": 1.0}
+
+
+def test_a_stream_of_speeds_through_the_tools(controller, tmp_path):
+    eyes = ReceivedState(HOST)
+
+    async def scenario(cell):
+        holder = cell.holder()
+        await cell.see(holder)
+        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+
+        # it moves, and stops by itself
+        here = eyes.read().q_rad[0]
+        result = await cell.use(holder, "speed_joint", {**SPEEDS, "duration_s": 0.5})
+        assert decided(result) == ("PERMIT", "PERMITTED", 1)
+        assert result.structured_content["outcome"] == "ended", result.structured_content
+        assert 0.0 < eyes.read().q_rad[0] - here < 0.2 * 1.0
+
+        # the same again while it moves prolongs it; another agent, other speeds and another motion are busy
+        here = eyes.read().q_rad
+        other = cell.holder("vision")
+        long = {**SPEEDS, "duration_s": 2.0}
+        first = asyncio.create_task(cell.use(holder, "speed_joint", long))
+        await moved(eyes, here, first)
+        second = asyncio.create_task(cell.use(holder, "speed_joint", long))
+        for who, arguments in ((other, long), (holder, {**long, "qd_rad_s": [0.3, 0, 0, 0, 0, 0]})):
+            busy = await cell.use(who, "speed_joint", arguments)
+            assert decided(busy)[:2] == ("DENY", "BUSY")
+        assert decided(await cell.move(holder, RIGHT))[:2] == ("DENY", "BUSY")
+        for result in await asyncio.gather(first, second):
+            assert decided(result)[0] == "PERMIT"
+            assert result.structured_content["outcome"] == "ended"
+        assert eyes.read().still
+
+        # a stop ends it, and a move is possible after it
+        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        moving = asyncio.create_task(cell.use(holder, "speed_joint", long))
+        await moved(eyes, LEFT, moving)
+        await cell.use(holder, "stop", {})
+        assert (await moving).structured_content["outcome"] == "stopped"
+        assert (await cell.move(holder, LEFT)).structured_content["outcome"] == "reached"
+
+        # revoked: it stops
+        moving = asyncio.create_task(cell.use(other, "speed_joint", long))
+        await moved(eyes, LEFT, moving)
+        cell.issuer.revoke("hop", other.hop_id)
+        with contextlib.suppress(Exception):
+            await moving
+        assert "authority_lost" in [body.get("result", {}).get("outcome") for body in cell.records("outcome")]
+        assert eyes.read().still
+
+        # beyond the robot's limits, or not of its form
+        for bad, reason in (
+            ({"duration_s": 2.1}, "LIMIT_EXCEEDED_BY_REQUEST"),
+            ({"duration_s": 0.049}, "ROBOT_LIMIT"),
+            ({"qd_rad_s": [1.1, 0, 0, 0, 0, 0]}, "LIMIT_EXCEEDED_BY_REQUEST"),
+            ({"qd_rad_s": [0.1] * 5}, "PARAMETERS_WRONG"),
+            ({"duration_s": 0.0505}, "NOT_ON_GRID"),
+        ):
+            refused = await cell.use(holder, "speed_joint", {**SPEEDS, **bad})
+            assert decided(refused)[:2] == ("DENY", reason), bad
+        assert eyes.read().still
+
+        # a person in the way: the whole envelope of the stream counts
+        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        await cell.see(holder, people=[{"id": "bob", "x_m": 0.66, "y_m": 0.0}])
+        assert decided(await cell.use(holder, "speed_joint", {**long, "qd_rad_s": [0.5, 0, 0, 0, 0, 0]}))[0] == "DEFER"
+        assert eyes.read().q_rad == pytest.approx(LEFT, abs=2e-3)
+
+    in_cell(tmp_path, scenario)
+    eyes.close()
+
+
+def test_digital_outputs_through_the_tools(controller, tmp_path):
+    telemetry = Telemetry(HOST)
+
+    async def scenario(cell):
+        holder = cell.holder()
+        await cell.see(holder)
+        cell.server.physics._outputs = {2: Tier.REVERSIBLE}  # as a cell file will declare it
+
+        for value in (True, False, True):
+            result = await cell.use(holder, "set_digital_output", {"pin": 2, "value": value})
+            assert decided(result) == ("PERMIT", "PERMITTED", 1)
+            assert result.structured_content == {"pin": 2, "value": value}
+            assert telemetry.next().output_bits >> 2 & 1 == value
+
+        # an output that nobody has declared asks a person
+        assert decided(await cell.use(holder, "set_digital_output", {"pin": 3, "value": True})) == (
+            "DEFER",
+            "TIER_NEEDS_APPROVAL",
+            3,
+        )
+        for bad in ({"pin": 2, "value": 1}, {"pin": 8, "value": True}, {"pin": -1, "value": True}, {"pin": 2}):
+            assert decided(await cell.use(holder, "set_digital_output", bad))[0] == "DENY", bad
+        assert telemetry.next().output_bits == 1 << 2
+
+        # not while the robot is not ready
+        await asyncio.to_thread(stop_program, HOST)
+        refused = await cell.use(holder, "set_digital_output", {"pin": 2, "value": False})
+        assert decided(refused)[:2] == ("DENY", "ROBOT_NOT_EXCLUSIVE")
+        assert telemetry.next().output_bits == 1 << 2
+        assert decided(await cell.use(holder, "gripper_activate", {}))[:2] == ("DENY", "ROBOT_NOT_EXCLUSIVE")
+        assert decided(await cell.move(holder, LEFT))[:2] == ("DENY", "ROBOT_NOT_EXCLUSIVE")
+
+    in_cell(tmp_path, scenario)
+    telemetry.close()
+
+
+async def moved(eyes, start, moving):
+    """The arm has begun; `moving` is the call that moves it, and what it says if it does not."""
     async with asyncio.timeout(10):
         while abs(eyes.read().q_rad[0] - start[0]) < 0.02:
+            assert not moving.done(), moving.result().structured_content
             await asyncio.sleep(0.005)
 
 
