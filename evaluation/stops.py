@@ -16,11 +16,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from evaluation.eyes import Eyes
-from evaluation.stopping import BAR_S, Stopped, read_stop
+from ztpm.demo.eyes import Eyes
 from ztpm.demo.props import front, hand_down, hop_id, person
 from ztpm.demo.run import play, stage
 from ztpm.demo.stage import LEFT, StageError, arm_only, until
+from ztpm.demo.stopping import BAR_S, Stopped, read_stop
 from ztpm.demo.story import STORY
 
 if TYPE_CHECKING:

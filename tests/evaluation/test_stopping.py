@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from evaluation.eyes import Sample
-from evaluation.stopping import model_rad, read_stop
+from ztpm.demo.eyes import Sample
+from ztpm.demo.stopping import model_rad, read_stop
 from evaluation.stops import SHORTEST_S, Report, draw, spread
 from pep.stopping import STOP_DECELERATION_RAD_S2
 

@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from evaluation.eyes import Eyes
-from evaluation.stopping import read_stop
+from ztpm.demo.eyes import Eyes
+from ztpm.demo.stopping import read_stop
 from tests.pep.kit import AUDIENCE, HOST
 from tests.pep.test_cell import LEFT, PATIENT, RIGHT, controller, decided, in_cell  # noqa: F401 - a fixture
 

@@ -85,7 +85,7 @@ def _plot(reports: list[Report], file: Path) -> None:
         matplotlib = importlib.import_module("matplotlib")
     except ModuleNotFoundError:
         return
-    from evaluation.stopping import model_rad
+    from ztpm.demo.stopping import model_rad
 
     matplotlib.use("Agg")
     plots = importlib.import_module("matplotlib.pyplot")

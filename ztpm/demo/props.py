@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import secrets
+import socket
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
+
+import httpx2
 
 from capabilities import keys
 from capabilities.caps import DEFAULT
@@ -13,10 +16,14 @@ from capabilities.carriage import token_from_text, token_to_text
 from capabilities.chain import Attestation, EvidenceKind, HopGrant
 from capabilities.delegate import delegate
 from capabilities.errors import Fault
+from capabilities.scope import Tier
+from capabilities.statements import ask, observation, vote
 from capabilities.statements.revocation import RevocationView
 from capabilities.verify import inspect_token, verify
 from ztpm.demo.stage import StageError, arm_only, sweep_scope
 from ztpm.layout import read_key
+from ztpm.setup import SENSOR_CALIBRATION, SENSOR_ID
+from ztpm_idp.client import ProofAuth
 
 if TYPE_CHECKING:
     from capabilities.scope import Restriction, Scope
@@ -37,6 +44,14 @@ PLAIN_CALL: Final = {
     "mcp-name": "move_joint",
 }
 """Headers of a tool call that is written by hand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """What came back over HTTP: status and reason code."""
+
+    status: int
+    code: str
 
 
 def person(identity: str, x_m: float, y_m: float) -> dict[str, object]:
@@ -61,11 +76,12 @@ def under_the_path() -> dict[str, object]:
     return {**GLASS, "shape": {"type": "capsule", "a_m": [x, y, 0.03], "b_m": [x, y, 0.10], "radius_m": 0.035}}
 
 
-def lent(stage: Stage, *delegates: str) -> Scope:
+def lent(stage: Stage, *delegates: str, ceiling: Tier = Tier.HIGH_CONSEQUENCE) -> Scope:
     """What an operator lends now, to be handed down to these agents."""
-    return sweep_scope(
+    scope = sweep_scope(
         stage.cell.addresses.audience, delegates=frozenset(delegates), now=int(time.time()), lifetime_s=LIFETIME_S
     )
+    return replace(scope, ceiling=ceiling)
 
 
 def hand_down(stage: Stage, to: str, restriction: Restriction, *, keep_as: str | None = None) -> str:
@@ -124,3 +140,41 @@ def hop_id(stage: Stage, token: str) -> str:
     """The id of a token's last hop, as `ztpm token inspect` shows it."""
     described: Any = inspect_token(raw(token), stage.trust, DEFAULT)
     return str(described["hops"][-1]["hop_id"])
+
+
+def ballot(stage: Stage, signer: str, ask_id: str, *, approver: str) -> str:
+    """An approval of an open ask, right in every member, but signed with an agent's key in the name of `approver`."""
+    asked = stage.person("alice").approval(ask_id)
+    stated = ask.open(
+        asked["ask"], {keys.public_raw(read_key(stage.cell.layout.pep_key, stage.cell.passphrase))}, DEFAULT
+    )
+    now = int(time.time())
+    return vote.sign(
+        vote.Vote(
+            ask_id=ask_id, nonce=stated.nonce, ask_digest=vote.digest_of(asked["ask"]), answer="approve",
+            approver=approver, sees_clear=True, uses=1, not_after=now + 60, at=now,
+        ),
+        read_key(stage.cell.layout.agent_key(signer), stage.cell.passphrase),
+    )  # fmt: skip
+
+
+def posted_vote(stage: Stage, caller: str, ask_id: str, ballot: str) -> Refused:
+    """What the identity provider makes of a vote that an agent posts with a proof of its own."""
+    key = read_key(stage.cell.layout.agent_key(caller), stage.cell.passphrase)
+    with httpx2.Client(auth=ProofAuth(key), timeout=30.0) as http:
+        answer = http.post(f"{stage.cell.addresses.issuer}/approvals/{ask_id}/votes", json={"vote": ballot})
+    return Refused(answer.status_code, str(answer.json().get("code", "NONE")))
+
+
+def forged_frame(stage: Stage) -> None:
+    """A frame of an empty cell in the sensor's name, newer than all before, signed with a key of somebody else."""
+    frame = observation.sign(
+        observation.Observation(
+            sensor=SENSOR_ID, boot_id=secrets.token_hex(16), sequence=1, captured_ms=int(time.time() * 1000),
+            calibration=SENSOR_CALIBRATION, complete=True, people=(), objects=(),
+        ),
+        keys.generate(),
+    )  # fmt: skip
+    addresses = stage.cell.addresses
+    with socket.create_connection((addresses.host, addresses.perception_port), timeout=5.0) as line:
+        line.sendall(frame.encode() + b"\n")

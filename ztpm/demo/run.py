@@ -71,12 +71,16 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of the story: its id, what it must show, what it needs first, how it is done."""
+    """One step of the story: its id, what it must show, how it is done, what it needs first, how it is set up.
+
+    What `prepare` moves and decides is no part of what the step shows.
+    """
 
     id: str
     expect: Expect
     play: Callable[[Stage], Seen]
     needs: tuple[str, ...] = ()
+    prepare: Callable[[Stage], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +104,17 @@ class Story:
     steps: list[Step] = field(default_factory=list)
 
     def step(
-        self, name: str, expect: Expect, *, needs: tuple[str, ...] = ()
+        self,
+        name: str,
+        expect: Expect,
+        *,
+        needs: tuple[str, ...] = (),
+        prepare: Callable[[Stage], None] | None = None,
     ) -> Callable[[Callable[[Stage], Seen]], Callable[[Stage], Seen]]:
         """Adds a step."""
 
         def add(play: Callable[[Stage], Seen]) -> Callable[[Stage], Seen]:
-            self.steps.append(Step(name, expect, play, needs))
+            self.steps.append(Step(name, expect, play, needs, prepare))
             return play
 
         return add
@@ -152,10 +161,14 @@ def stage(*, start: Callable[..., Child] | None = None, directory: Path | None =
 
 def play(on_stage: Stage, step: Step) -> Told:
     """The step, played and judged. An exception is a step that is not as told."""
-    before = on_stage.joints
-    on_stage.begin()
     started = time.perf_counter()
     try:
+        if step.prepare is not None:
+            step.prepare(on_stage)
+            until(lambda: on_stage.still, "standstill")
+        before = on_stage.joints
+        on_stage.begin()
+        started = time.perf_counter()
         seen = step.play(on_stage)
         until(lambda: on_stage.still, "standstill")
     except Exception as error:  # noqa: BLE001 - the story goes on, and says what happened

@@ -32,7 +32,16 @@ STILL_RAD_S: Final = 1e-3
 LEFT: Final = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 RIGHT: Final = (0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 """The two ends of the paper's sweep: left to right, passing through the front (rad)."""
+
+
+def pose(base_rad: float) -> tuple[float, ...]:
+    """The sweep's pose at another angle of the base joint (rad)."""
+    return (base_rad, *LEFT[1:])
+
+
 SPEED_RAD_S: Final = 0.5
+BRING_RAD_S: Final = 0.6
+"""Speed at which the arm is brought to where a step begins: the most that the robotic agent is lent."""
 ACCELERATION_RAD_S2: Final = 1.4
 WAIT_S: Final = 15.0
 """Longest wait for something that must become visible."""
@@ -86,6 +95,11 @@ class Stage:
         return tuple(self.eyes.getActualQ())
 
     @property
+    def rounded_joints(self) -> tuple[float, ...]:
+        """The arm's angles now, on the grid of a request: a move to there is none."""
+        return tuple(round(angle, 6) for angle in self.joints)
+
+    @property
     def still(self) -> bool:
         """Whether every joint stands still."""
         assert self.eyes is not None
@@ -101,6 +115,11 @@ class Stage:
         with self.cell.layout.journal.open("rb") as file:
             file.seek(self.journal_at if since is None else since)
             return [json.loads(line) for line in file if line.endswith(b"\n")]
+
+    def approvers_known(self) -> list[str]:
+        """Who had approved what the step's last call asked for, by the evidence of its decision on record."""
+        decided = [row["body"]["evidence"]["approval"] for row in self.journal() if row["kind"] == "decision"]
+        return list(decided[-1]["approvers"]) if decided and isinstance(decided[-1], dict) else []
 
     def ended_asks(self) -> set[object]:
         """Ids of the deferrals that ended in silence, by the whole journal."""
@@ -169,6 +188,22 @@ class Stage:
             self.side = target
         return answer
 
+    def bring(self, target: tuple[float, ...]) -> None:
+        """The arm stands at `target`, moved there by the robotic agent like by anyone.
+
+        Raises:
+            StageError: when that is not permitted.
+        """
+        if max(abs(a - b) for a, b in zip(self.joints, target, strict=True)) > STILL_RAD_S:
+            answer = self.move("robotic", to=target, speed=BRING_RAD_S)
+            if answer.content.get("outcome") != "reached":
+                raise StageError(f"the arm was not brought to where the step begins: {answer.reason} {answer.content}")
+
+    def perception(self) -> str:
+        """What the PEP says of its view: "fresh", "stale", "missing" or "invalid"."""
+        world = self.ask("orchestrator", "read_state", {}).content.get("world") or {}
+        return str(world.get("perception"))
+
     def ask(self, agent: str, tool: str, arguments: dict[str, object], *, token: str | None = None) -> Answer:
         """The agent's call of a tool with its token."""
         auth = self.agents[agent].auth(token or self.tokens[agent])
@@ -189,7 +224,7 @@ class Stage:
 
 
 def sweep_scope(audience: str, *, delegates: frozenset[str], now: int, lifetime_s: int) -> Scope:
-    """What an operator lends to a planner: the arm, the gripper and the state of one cell, up to tier 3.
+    """What an operator lends to a planner: arm, gripper, the table's touch and the state of one cell, up to tier 3.
 
     Args:
         audience: canonical URL of the cell's tool server.
@@ -218,7 +253,7 @@ def sweep_scope(audience: str, *, delegates: frozenset[str], now: int, lifetime_
         ),
     )
     return Scope(
-        grants=(gripper, move, Grant("ur3e", "read_state"), Grant("ur3e", "stop")),
+        grants=(Grant("table", "touch"), gripper, move, Grant("ur3e", "read_state"), Grant("ur3e", "stop")),
         ceiling=Tier.HIGH_CONSEQUENCE,
         audiences=frozenset({audience}),
         delegates=delegates,

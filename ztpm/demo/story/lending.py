@@ -1,4 +1,4 @@
-"""The story: each step does one thing for real, through the doors that anyone would use, and tells what it saw."""
+"""How authority is lent, refused and ended: each step goes through the doors that anyone would use."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from ztpm_idp.ledger_file import verify as verify_ledger
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-STORY: Final = Story()
+LENDING: Final = Story()
 DELEGATED: Final = ("delegate",)
 HEX_DIGEST: Final = re.compile(rb'"[0-9a-f]{64}"')
 
 
-@STORY.step("init", Expect("DONE", recorded=False))
+@LENDING.step("init", Expect("DONE", recorded=False))
 def _init(stage: Stage) -> Seen:
     layout = stage.cell.layout
     started = time.perf_counter()
@@ -53,7 +53,7 @@ def _init(stage: Stage) -> Seen:
     return Seen(told, "DONE", "READY", None, latency, ok=ready == 200 and len(private) == 11 and joints == 6)
 
 
-@STORY.step("register", Expect("DONE", recorded=False, ledger="agent-registered"), needs=("init",))
+@LENDING.step("register", Expect("DONE", recorded=False, ledger="agent-registered"), needs=("init",))
 def _register(stage: Stage) -> Seen:
     started = time.perf_counter()
     for name, role in (
@@ -69,7 +69,7 @@ def _register(stage: Stage) -> Seen:
     return Seen(told, "DONE", "REGISTERED", None, latency, ok=set(known.values()) == {"registered"} and len(known) == 4)
 
 
-@STORY.step("attest", Expect("DONE", recorded=False, ledger="agent-attested"), needs=("register",))
+@LENDING.step("attest", Expect("DONE", recorded=False, ledger="agent-attested"), needs=("register",))
 def _attest(stage: Stage) -> Seen:
     started = time.perf_counter()
     for agent in stage.agents.values():
@@ -80,7 +80,7 @@ def _attest(stage: Stage) -> Seen:
     return Seen(told, "DONE", "ATTESTED", None, latency, ok=set(known.values()) == {"active"})
 
 
-@STORY.step("issue", Expect("DONE", recorded=False, ledger="token-issued"), needs=("attest",))
+@LENDING.step("issue", Expect("DONE", recorded=False, ledger="token-issued"), needs=("attest",))
 def _issue(stage: Stage) -> Seen:
     scope = lent(stage, "robotic", "vision", "config")
     started = time.perf_counter()
@@ -93,7 +93,7 @@ def _issue(stage: Stage) -> Seen:
     return Seen(told, "DONE", "ISSUED", None, latency)
 
 
-@STORY.step("delegate", Expect("DONE", recorded=False, ledger="token-delegated"), needs=("issue",))
+@LENDING.step("delegate", Expect("DONE", recorded=False, ledger="token-delegated"), needs=("issue",))
 def _delegate(stage: Stage) -> Seen:
     started = time.perf_counter()
     hand_down(stage, "robotic", arm_only(speed_high=SLOWER))
@@ -112,7 +112,7 @@ def asked_of_idp(action: Callable[[], object]) -> tuple[str, str, int, float]:
     return "PERMIT", "DELEGATED", 201, (time.perf_counter() - started) * 1e3
 
 
-@STORY.step(
+@LENDING.step(
     "widen-refused", Expect("DENY", "NOT_NARROWER", recorded=False, ledger="delegation-refused"), needs=DELEGATED
 )
 def _widen(stage: Stage) -> Seen:
@@ -125,7 +125,7 @@ def _widen(stage: Stage) -> Seen:
     return Seen(told, decision, code, None, latency, ok=status == 403 and "wider" not in stage.tokens)
 
 
-@STORY.step("unattested-refused", Expect("DENY", "HOP_NOT_ATTESTED"), needs=DELEGATED)
+@LENDING.step("unattested-refused", Expect("DENY", "HOP_NOT_ATTESTED"), needs=DELEGATED)
 def _unattested(stage: Stage) -> Seen:
     orchestrator, vision = stage.agents["orchestrator"], stage.agents["vision"]
     _, code, status, _ = asked_of_idp(
@@ -142,21 +142,21 @@ def _unattested(stage: Stage) -> Seen:
     return Seen.answer(told, answer, ok=status == 403 and code == "ATTESTATION_INVALID" and answer.status == 401)
 
 
-@STORY.step("move-empty", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED)
+@LENDING.step("move-empty", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED)
 def _move_empty(stage: Stage) -> Seen:
     stage.scene()
     answer = stage.move("robotic")
     return Seen.answer(f"empty workspace (C0): the arm swept {2 * abs(LEFT[0]):.1f} rad at {SPEED_RAD_S} rad/s", answer)
 
 
-@STORY.step("scope-refused", Expect("DENY", "NOT_GRANTED"), needs=DELEGATED)
+@LENDING.step("scope-refused", Expect("DENY", "NOT_GRANTED"), needs=DELEGATED)
 def _scope(stage: Stage) -> Seen:
     answer = stage.ask("robotic", "gripper_move", {"width_m": 0.04, "speed_m_s": 0.05, "force_n": 40})
     told = f"the robotic agent called the gripper, which its hop dropped: {answer.content.get('primitive')}"
     return Seen.answer(told, answer, ok=answer.content.get("primitive") == "TEA-1")
 
 
-@STORY.step("limit-refused", Expect("DENY", "LIMIT_EXCEEDED_BY_REQUEST"), needs=DELEGATED)
+@LENDING.step("limit-refused", Expect("DENY", "LIMIT_EXCEEDED_BY_REQUEST"), needs=DELEGATED)
 def _limit(stage: Stage) -> Seen:
     answer = stage.move("robotic", speed=0.8)
     said = answer.content
@@ -175,7 +175,7 @@ def _limit(stage: Stage) -> Seen:
     return Seen.answer(told, answer, ok=ok)
 
 
-@STORY.step("replay-refused", Expect("DENY", "REPLAYED"), needs=DELEGATED)
+@LENDING.step("replay-refused", Expect("DENY", "REPLAYED"), needs=DELEGATED)
 def _replay(stage: Stage) -> Seen:
     honest = stage.ask("robotic", "read_state", {})
     assert honest.exchange is not None
@@ -184,7 +184,7 @@ def _replay(stage: Stage) -> Seen:
     return Seen.answer(told, answer, ok=honest.decision == "PERMIT" and answer.status == 401)
 
 
-@STORY.step("stolen-refused", Expect("DENY", "PROOF_WRONG_KEY"), needs=DELEGATED)
+@LENDING.step("stolen-refused", Expect("DENY", "PROOF_WRONG_KEY"), needs=DELEGATED)
 def _stolen(stage: Stage) -> Seen:
     answer = stage.move("vision", token=stage.tokens["robotic"])
     return Seen.answer(
@@ -194,7 +194,7 @@ def _stolen(stage: Stage) -> Seen:
     )
 
 
-@STORY.step("tampered-refused", Expect("DENY", "SIGNATURE_INVALID"), needs=DELEGATED)
+@LENDING.step("tampered-refused", Expect("DENY", "SIGNATURE_INVALID"), needs=DELEGATED)
 def _tampered(stage: Stage) -> Seen:
     honest = stage.ask("robotic", "read_state", {})
     token = bytearray(raw(stage.tokens["robotic"]))
@@ -205,13 +205,13 @@ def _tampered(stage: Stage) -> Seen:
     return Seen.answer(told, answer, ok=honest.decision == "PERMIT" and answer.status == 401)
 
 
-@STORY.step("fragile-trusted", Expect("PERMIT", "PERMITTED", 2, moves=True), needs=DELEGATED)
+@LENDING.step("fragile-trusted", Expect("PERMIT", "PERMITTED", 2, moves=True), needs=DELEGATED)
 def _fragile_trusted(stage: Stage) -> Seen:
     stage.scene(objects=[under_the_path()])
     return Seen.answer("a glass under the path (C1), trust 0.8 over theta 0.7: the arm moved", stage.move("robotic"))
 
 
-@STORY.step("fragile-untrusted", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=DELEGATED)
+@LENDING.step("fragile-untrusted", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=DELEGATED)
 def _fragile_untrusted(stage: Stage) -> Seen:
     stage.scene(objects=[under_the_path()])
     trust(stage, 500)
@@ -232,7 +232,7 @@ def trust(stage: Stage, permille: int) -> None:
     until(arrived, f"trust {permille} in the PEP's evidence")
 
 
-@STORY.step("human-deferred", Expect("DEFER", "TIER_NEEDS_APPROVAL", 3), needs=DELEGATED)
+@LENDING.step("human-deferred", Expect("DEFER", "TIER_NEEDS_APPROVAL", 3), needs=DELEGATED)
 def _human(stage: Stage) -> Seen:
     stage.scene(people=[person("person-1", *front(PERSON_AXIS_M))])
     answer = stage.move("robotic")
@@ -244,14 +244,14 @@ def _human(stage: Stage) -> Seen:
     )
 
 
-@STORY.step("deferral-expires", Expect("DENY", "APPROVAL_TIMEOUT"), needs=("human-deferred",))
+@LENDING.step("deferral-expires", Expect("DENY", "APPROVAL_TIMEOUT"), needs=("human-deferred",))
 def _expires(stage: Stage) -> Seen:
     until(lambda: stage.open_ask in stage.ended_asks(), "the deferral's end in the journal")
     answer = stage.move("robotic")
     return Seen.answer(f"nobody answered for {DEMO_DEFER_TIMEOUT_S} s: silence denies", answer)
 
 
-@STORY.step("ceiling-refused", Expect("DENY", "ABOVE_CEILING", 3), needs=DELEGATED)
+@LENDING.step("ceiling-refused", Expect("DENY", "ABOVE_CEILING", 3), needs=DELEGATED)
 def _ceiling(stage: Stage) -> Seen:
     stage.scene(people=[person("person-1", *front(PERSON_AXIS_M))])
     token = hand_down(stage, "config", arm_only(speed_high=SLOWER, ceiling=Tier.CONSEQUENTIAL))
@@ -263,7 +263,7 @@ def _ceiling(stage: Stage) -> Seen:
     )
 
 
-@STORY.step("through-person-denied", Expect("DENY", "PHYSICS_VIOLATION"), needs=DELEGATED)
+@LENDING.step("through-person-denied", Expect("DENY", "PHYSICS_VIOLATION"), needs=DELEGATED)
 def _through(stage: Stage) -> Seen:
     stage.scene(people=[person("person-1", *front(0.45))])
     answer = stage.move("robotic")
@@ -271,7 +271,7 @@ def _through(stage: Stage) -> Seen:
     return Seen.answer(told, answer, ok="person" in (answer.content.get("violations") or []))
 
 
-@STORY.step("not-finite-refused", Expect("DENY", "NOT_FINITE"), needs=DELEGATED)
+@LENDING.step("not-finite-refused", Expect("DENY", "NOT_FINITE"), needs=DELEGATED)
 def _not_finite(stage: Stage) -> Seen:
     stage.scene()
     arguments = {"q_rad": [0.1, *LEFT[1:]], "speed_rad_s": SPEED_RAD_S, "acceleration_rad_s2": ACCELERATION_RAD_S2}
@@ -284,7 +284,7 @@ def _not_finite(stage: Stage) -> Seen:
     return Seen.answer(told, answer, ok=answer.status == 400 and answer.tier is None)
 
 
-@STORY.step("revoked-refused", Expect("DENY", "REVOKED"), needs=DELEGATED)
+@LENDING.step("revoked-refused", Expect("DENY", "REVOKED"), needs=DELEGATED)
 def _revoked(stage: Stage) -> Seen:
     stage.scene()
     token = hand_down(stage, "vision", arm_only(speed_high=SLOWER - 1))
@@ -319,7 +319,7 @@ def poll_refusal(stage: Stage, agent: str, token: str) -> Answer:
     return found[0]
 
 
-@STORY.step("sponsor-disabled", Expect("DENY", "REVOKED"), needs=DELEGATED)
+@LENDING.step("sponsor-disabled", Expect("DENY", "REVOKED"), needs=DELEGATED)
 def _sponsor(stage: Stage) -> Seen:
     for name in ("scout", "carrier"):
         stage.new_agent(name, sponsor="bob", role="actuator").attest()
@@ -340,7 +340,7 @@ def _sponsor(stage: Stage) -> Seen:
     return Seen.answer(told, answer, ok=before == ["PERMIT", "PERMIT"] and parent.reason == "REVOKED")
 
 
-@STORY.step("stale-feed-refused", Expect("DENY", "REVOCATION_VIEW_STALE"), needs=DELEGATED)
+@LENDING.step("stale-feed-refused", Expect("DENY", "REVOCATION_VIEW_STALE"), needs=DELEGATED)
 def _stale(stage: Stage) -> Seen:
     stage.scene()
     stage.cell.idp.pause()
@@ -380,7 +380,7 @@ def poll_motion_refusal(stage: Stage) -> Answer:
     return found[0]
 
 
-@STORY.step("audit-verifies", Expect("DONE", recorded=False), needs=DELEGATED)
+@LENDING.step("audit-verifies", Expect("DONE", recorded=False), needs=DELEGATED)
 def _audit(stage: Stage) -> Seen:
     shipped = stage.journal_records()
 

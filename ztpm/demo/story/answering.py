@@ -1,0 +1,180 @@
+"""How people answer: what an approval does, what it does not, and who cannot give one."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+from capabilities.scope import Tier
+from ztpm.demo.props import PERSON_AXIS_M, ballot, front, lent, person, posted_vote
+from ztpm.demo.run import Expect, Seen, Story
+from ztpm.demo.stage import LEFT, StageError, pose, until
+
+if TYPE_CHECKING:
+    from ztpm.demo.calls import Answer
+    from ztpm.demo.stage import Stage
+
+ANSWERING: Final = Story()
+DELEGATED: Final = ("delegate",)
+NEAR, FAR = pose(-0.2), pose(0.2)
+"""A short move past the person, and back."""
+IN_THE_ZONE: Final = pose(-1.6)
+"""A target inside the zone that the cell file declares tier 4."""
+ASKED: Final = ("TIER_NEEDS_APPROVAL", "TIER_SAFETY_CRITICAL", "APPROVAL_USED", "APPROVAL_NOT_USABLE")
+"""Reasons behind which a question stands."""
+
+
+def beside_a_person(stage: Stage) -> None:
+    """The arm stands at one end of the short move, and a person stands beside it (C2)."""
+    stage.scene()
+    stage.bring(NEAR)
+    stage.scene(people=[person("person-1", *front(PERSON_AXIS_M))])
+
+
+def asked(stage: Stage, agent: str, target: tuple[float, ...], speed: float) -> Answer:
+    """The deferral of a move that nobody has answered yet."""
+    answer = stage.move(agent, to=target, speed=speed)
+    if answer.reason == "APPROVAL_TIMEOUT":
+        answer = stage.move(agent, to=target, speed=speed)
+    if answer.decision != "DEFER" or answer.reason not in ASKED:
+        raise StageError(f"not deferred: {answer.decision} {answer.reason}")
+    return answer
+
+
+def approve(stage: Stage, name: str, answer: Answer) -> None:
+    """The person has voted for what that deferral asks, and the provider has it."""
+    ask_id = str(answer.content["ask_id"])
+
+    def posted() -> bool:
+        return any(row["ask_id"] == ask_id for row in stage.person(name).approvals())
+
+    until(posted, "the question at the provider")
+    stage.person(name).approve(ask_id)
+
+
+def retry(stage: Stage, agent: str, target: tuple[float, ...], speed: float, *, waiting: str) -> Answer:
+    """The answer to the same call once it is no longer `waiting`.
+
+    Raises:
+        StageError: when it stays so.
+    """
+    found: list[Answer] = []
+
+    def changed() -> bool:
+        found[:] = [stage.move(agent, to=target, speed=speed)]
+        return found[0].reason != waiting
+
+    until(changed, f"an answer other than {waiting}")
+    return found[0]
+
+
+@ANSWERING.step(
+    "approved-moves", Expect("PERMIT", "PERMITTED", 3, moves=True), needs=DELEGATED, prepare=beside_a_person
+)
+def _approved(stage: Stage) -> Seen:
+    question = asked(stage, "robotic", FAR, 0.5)
+    approve(stage, "alice", question)
+    answer = retry(stage, "robotic", FAR, 0.5, waiting=question.reason)
+    told = f"{question.decision} at tier {question.tier}; alice approved exactly this move, and the arm made it once"
+    return Seen.answer(told, answer, ok=question.tier == 3)
+
+
+@ANSWERING.step(
+    "approval-used-up", Expect("DEFER", "APPROVAL_USED", 3), needs=("approved-moves",), prepare=beside_a_person
+)
+def _used_up(stage: Stage) -> Seen:
+    answer = stage.move("robotic", to=FAR, speed=0.5)
+    return Seen.answer("the same move a second time: the approval was for one, so people are asked again", answer)
+
+
+@ANSWERING.step(
+    "approval-changed-world", Expect("DEFER", "APPROVAL_NOT_USABLE", 3), needs=DELEGATED, prepare=beside_a_person
+)
+def _changed_world(stage: Stage) -> Seen:
+    question = asked(stage, "robotic", FAR, 0.45)
+    approve(stage, "alice", question)
+    x, y = front(PERSON_AXIS_M)
+    stage.scene(people=[person("person-1", x, y), person("person-2", x - 0.1, y + 0.45)])
+    answer = retry(stage, "robotic", FAR, 0.45, waiting=question.reason)
+    told = "alice approved a move beside one person; then a second one entered: the approval is not for this world"
+    return Seen.answer(told, answer)
+
+
+@ANSWERING.step(
+    "agent-approval-refused",
+    Expect("DENY", "NOT_PERMITTED", recorded=False, ledger="vote-refused"),
+    needs=DELEGATED,
+    prepare=beside_a_person,
+)
+def _agent_votes(stage: Stage) -> Seen:
+    question = asked(stage, "robotic", FAR, 0.4)
+    ask_id = str(question.content["ask_id"])
+    until(lambda: any(row["ask_id"] == ask_id for row in stage.person("alice").approvals()), "the question")
+    started = time.perf_counter()
+    own = posted_vote(stage, "robotic", ask_id, ballot(stage, "robotic", ask_id, approver="robotic"))
+    latency = (time.perf_counter() - started) * 1e3
+    forged = posted_vote(stage, "robotic", ask_id, ballot(stage, "robotic", ask_id, approver="alice"))
+    after = stage.move("robotic", to=FAR, speed=0.4)
+    told = f"the agent voted for itself, then in alice's name: {own.status} {own.code}, {forged.status} {forged.code}"
+    ok = {own.status, forged.status} <= {400, 401, 403} and after.decision == "DEFER"
+    return Seen(told, "DENY", own.code, None, latency, ok=ok)
+
+
+def maintainer(stage: Stage) -> None:
+    """An agent whose platform vouches for what it runs holds authority up to tier 4; the arm stands ready."""
+    stage.scene()
+    if "maintainer" not in stage.agents:
+        stage.new_agent("maintainer", sponsor="alice", role="actuator").attest()
+        scope = lent(stage, ceiling=Tier.SAFETY_CRITICAL)
+        issued = stage.person("alice").issue(stage.agents["maintainer"], scope, purpose="service inside the fence")
+        stage.tokens["maintainer"] = issued.token
+    stage.bring(LEFT)
+
+
+@ANSWERING.step("zone-denied", Expect("DENY", "TIER_SAFETY_CRITICAL", 4), needs=DELEGATED, prepare=maintainer)
+def _zone(stage: Stage) -> Seen:
+    answer = stage.move("maintainer", to=IN_THE_ZONE, speed=1.0)
+    told = "into the zone that the signed cell file declares tier 4: nobody opened it, so nobody is even asked"
+    return Seen.answer(told, answer, ok="ask_id" not in answer.content)
+
+
+def opened(stage: Stage) -> None:
+    """As `maintainer`, and carol has opened the operation for it, once."""
+    maintainer(stage)
+    stage.person("carol").open_tier_4(
+        audience=stage.cell.addresses.audience, agent="maintainer", object="ur3e", operation="move_joint",
+        reason="service", lifetime_s=300,
+    )  # fmt: skip
+
+
+@ANSWERING.step("one-of-two-refused", Expect("DEFER", "TIER_SAFETY_CRITICAL", 4), needs=DELEGATED, prepare=opened)
+def _one_of_two(stage: Stage) -> Seen:
+    question = deferred_once_open(stage, 0.9)
+    approve(stage, "alice", question)
+    known: list[Answer] = []
+
+    def voted() -> bool:
+        known[:] = [stage.move("maintainer", to=IN_THE_ZONE, speed=0.9)]
+        return stage.approvers_known() == ["alice"]
+
+    until(voted, "alice's vote in the PEP's evidence")
+    told = "carol opened it and alice approved: one of two different people, and the arm stands"
+    return Seen.answer(told, known[0])
+
+
+def deferred_once_open(stage: Stage, speed: float) -> Answer:
+    """The deferral of a tier 4 move, once the PEP knows of the opening."""
+    until(lambda: stage.move("maintainer", to=IN_THE_ZONE, speed=speed).decision == "DEFER", "the opening at the PEP")
+    return asked(stage, "maintainer", IN_THE_ZONE, speed)
+
+
+@ANSWERING.step(
+    "dual-authorised", Expect("PERMIT", "PERMITTED", 4, moves=True), needs=("one-of-two-refused",), prepare=maintainer
+)
+def _dual(stage: Stage) -> Seen:
+    question = deferred_once_open(stage, 1.0)
+    for name in ("alice", "carol"):
+        approve(stage, name, question)
+    answer = retry(stage, "maintainer", IN_THE_ZONE, 1.0, waiting=question.reason)
+    told = "opened beforehand, approved by the sponsor and by carol, who is not: the arm moved into the zone"
+    return Seen.answer(told, answer)
