@@ -135,7 +135,8 @@ def test_waiters_are_bounded_and_leave_when_they_hang_up():
             await scene.wait.above(0, gone=forever)
         assert caught.value.code == "TOO_MANY_WAITERS"
         hung_up.set()
-        assert await asyncio.gather(*tasks) == [0, 0]
+        async with asyncio.timeout(10):  # the longest wait is 30 s
+            assert await asyncio.gather(*tasks) == [0, 0]
         assert scene.wait._waiting == 0
         cancelled = asyncio.create_task(scene.wait.above(0, gone=forever))
         while scene.wait._waiting == 0:
