@@ -38,6 +38,7 @@ IDLE_S: Final = 2.0
 """Time between pulls while none could: how late an opening is noticed."""
 TIMEOUT_S: Final = 1.0
 """Longest wait for one answer; two still fit into the motion lease."""
+EXPIRY_PERIOD_S: Final = 0.1
 BACK_OFF_S: Final = (0.25, 0.5, 1.0, 2.0, 5.0)
 """Waits after each failed post; the last one is repeated while the ask is open."""
 REFUSAL_BYTES: Final = 4_096
@@ -45,7 +46,7 @@ REFUSAL_BYTES: Final = 4_096
 
 
 class Asking:
-    """The `Announcer` port, and the two loops behind it.
+    """The `Announcer` port, and the loops behind it.
 
     Args:
         asks: takes what was answered.
@@ -86,8 +87,8 @@ class Asking:
         return AskState.REFUSED if self._asks.state_of(ask.ask_id) is AskState.REFUSED else AskState.OPEN
 
     async def run(self) -> None:
-        """Post and pull for ever. A provider that is down costs answers, which are denials in the end."""
-        await asyncio.gather(self._post_for_ever(), self._pull_for_ever())
+        """Post, pull and expire for ever. A provider that is down costs answers, which are denials in the end."""
+        await asyncio.gather(self._post_for_ever(), self._pull_for_ever(), self._expire_for_ever())
 
     async def _post_for_ever(self) -> None:
         while True:
@@ -99,6 +100,15 @@ class Asking:
                 if self._next_ms.get(ask.ask_id, (0, 0))[1] <= now_ms:
                     await self._post(ask)
             await asyncio.sleep(PERIOD_S)
+
+    async def _expire_for_ever(self) -> None:
+        """Deferrals end on time, also when nobody comes back for them."""
+        while True:
+            try:
+                await asyncio.to_thread(self._asks.expire)
+            except JournalError as error:
+                self._incident(error)
+            await asyncio.sleep(EXPIRY_PERIOD_S)
 
     async def _pull_for_ever(self) -> None:
         while True:

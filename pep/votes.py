@@ -153,7 +153,7 @@ def tally(ballots: Iterable[Ballot], question: Ask, approvers: Mapping[str, byte
 
     Args:
         ballots: verified votes on `question`.
-        question: how many people are wanted, and who the sponsor is.
+        question: how many different people are wanted; of two at most one is the sponsor.
         approvers: raw key of each approver who is registered now, by id.
     """
     standing = [ballot for ballot in ballots if approvers.get(ballot.vote.approver) == ballot.key]
@@ -166,7 +166,7 @@ def tally(ballots: Iterable[Ballot], question: Ask, approvers: Mapping[str, byte
         count = Count.DENIED
     elif any(vote.answer == "withdraw" for vote in newest.values()):
         count = Count.WITHDRAWN
-    elif len(approving) >= question.approvers and (question.approvers == 1 or approving.keys() - {question.sponsor}):
+    elif len(approving) >= question.approvers:
         count = Count.GRANTED
     else:
         count = Count.OPEN

@@ -119,12 +119,11 @@ def _differences(
     if case.physical:
         yield from _physical_differences(evidence, approval, parameters)
     # who answered, how often and until when
+    # two different people: at most one of them is the sponsor
     people = set(approval.approvers)
     wanted = APPROVERS_OF_TIER.get(approval.tier, 1)
     if not len(people) >= wanted:
         yield _difference("approvers", wanted, len(people))
-    if wanted > 1 and not people - {approval.sponsor}:
-        yield _difference("approvers", "somebody but the sponsor", sorted(people))
     if not approval.uses_left >= 1:
         yield _difference("uses_left", 1, approval.uses_left)
     if not evidence.at <= approval.not_after:

@@ -75,7 +75,6 @@ if TYPE_CHECKING:
 
 FIRST_VIEW_S: Final = 30.0
 """Longest wait for the first verified view before the server listens anyway, denying everything until it comes."""
-EXPIRY_PERIOD_S: Final = 0.1
 SHUTDOWN_S: Final = 3
 KEEP_ALIVE_S: Final = 5
 SWITCH_S: Final = 0.001
@@ -284,7 +283,7 @@ class ToolServer:
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.ended.set)
         keeping = self.clock.run(failed=lambda error: self._log("clock", error), set_back=self._clock_incident)
-        parts = [self.follower.run(), self.asking.run(), self.shipper.run(), self._expire(), keeping]
+        parts = [self.follower.run(), self.asking.run(), self.shipper.run(), keeping]
         if reports:
             parts.append(serve_reports(lambda: report_of(self)))
         tasks = [asyncio.create_task(part) for part in parts]
@@ -312,15 +311,6 @@ class ToolServer:
             if self.follower.view().age_ms < FIRST_VIEW_S * 1000 and self.clock.wall_s() >= self.started_s:
                 return
             await asyncio.sleep(0.02)
-
-    async def _expire(self) -> None:
-        """Deferrals end on time, also when nobody comes back for them."""
-        while True:
-            try:
-                await asyncio.to_thread(self.asks.expire)
-            except PepError as error:
-                self._log("journal", error)
-            await asyncio.sleep(EXPIRY_PERIOD_S)
 
     async def _close(self, tasks: list[asyncio.Task[None]]) -> None:
         await self.devices.close()
