@@ -81,11 +81,12 @@ class Result:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The end of one run: the decision, and what came of it."""
+    """The end of one run: the decision, what came of it, and whether that is on record (the decision always is)."""
 
     decision: Decision
     ask: Ask | None = None
     result: Result | None = None
+    recorded: bool = True
 
 
 class Gate:
@@ -144,6 +145,7 @@ class Gate:
             effect: sends, once, what the permit allows; raises `ActuationRefusedError` when it did not send.
         """
         held, permitted = False, None
+        permit: Permit | None = None
         try:
             physical, attempt = requirement(call.request, self._policies).physical, 0
             while True:
@@ -180,7 +182,7 @@ class Gate:
                     return await self._conclude(call, evidence, expired)
         except asyncio.CancelledError:
             # The caller has gone, and the shell has stopped what was moving. Whoever goes waits for no record.
-            if permitted is not None:
+            if permitted is not None and not (permit is not None and permit.concluded):
                 self._recorder.submit(self._abandoned, call.request, permitted)
             raise
         except Exception as error:  # noqa: BLE001 - any exception on the way is DENY; a narrower net would leak
@@ -284,12 +286,21 @@ class Gate:
             body = records.outcome(
                 call.request, record, "failed", reason=Reason.EFFECT_FAILED, detail=type(error).__name__
             )
-            await self._record("outcome", body)
-            return Answer(_denial(call.request, decision, Reason.EFFECT_FAILED, ""))
+            recorded = await self._concluded(permit, body)
+            return Answer(_denial(call.request, decision, Reason.EFFECT_FAILED, ""), recorded=recorded)
         what = "failed" if result.failed else "done"
         body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
-        await self._record("outcome", body)
-        return Answer(decision, result=result)
+        return Answer(decision, result=result, recorded=await self._concluded(permit, body))
+
+    async def _concluded(self, permit: Permit, body: dict[str, object]) -> bool:
+        """Whether the outcome of an effect is on record. A record that fails undoes no effect, so it denies none."""
+        permit.concluded = True
+        try:
+            # Shielded: a caller who goes now leaves one outcome behind, not two and not none.
+            await asyncio.shield(self._record("outcome", body))
+        except JournalError:
+            return False
+        return True
 
     async def _refused(
         self, call: Call, decision: Decision, permit: Permit, record: str, why: ActuationRefusedError

@@ -32,6 +32,7 @@ class Permit:
         touch: objects that the token grants to be touched.
         spent: whether `spend` has succeeded.
         refusal: why the last `spend` failed, or None.
+        concluded: whether its outcome has been handed to the journal.
         watched: what the watch saw when it ended the effect, as plain JSON for its record; None while it has not.
     """
 
@@ -61,6 +62,7 @@ class Permit:
         self.touch = touch
         self.spent = False
         self.refusal: Reason | None = None
+        self.concluded = False
         self.watched: Mapping[str, object] | None = None
         self._clock = clock
         self._standing = standing

@@ -266,6 +266,8 @@ def _told(answer: Answer) -> HandlerResult:
     }
     if decision.index is not None:
         told["index_milli"] = decision.index
+    if not answer.recorded:
+        told["outcome_recorded"] = False
     if decision.effect is Effect.PERMIT and answer.result is not None:
         return _with_meta(answer.result.carried, told)
     if answer.ask is not None:

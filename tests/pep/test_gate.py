@@ -554,3 +554,37 @@ def test_a_readiness_that_breaks_denies(rig):
     answer = run(rig, rig.call(rig.agent()))
     assert (answer.decision.effect, answer.decision.reason) == (Effect.DENY, Reason.EVIDENCE_MISSING)
     assert rig.sent == []
+
+
+def test_an_outcome_that_cannot_be_recorded_denies_nothing_that_has_happened(rig):
+    rig.build(FailingJournal(rig.journal, fail_from=1))
+    answer = run(rig, rig.call(rig.agent()))
+    assert (answer.decision.effect, answer.recorded) == (Effect.PERMIT, False)
+    assert len(rig.sent) == 1
+    assert answer.result is not None
+
+
+def test_a_caller_who_goes_while_the_outcome_is_recorded_leaves_one_outcome(rig):
+    writing, go_on, append = threading.Event(), threading.Event(), rig.journal.append
+
+    def slow(kind, body):
+        if kind == "outcome":
+            writing.set()
+            assert go_on.wait(10)
+        return append(kind, body)
+
+    rig.journal.append = slow
+
+    async def scenario():
+        running = asyncio.create_task(rig.gate.run(rig.call(rig.agent()), lambda permit: _done()))
+        while not writing.is_set():
+            await asyncio.sleep(0.005)
+        running.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+        go_on.set()
+
+    asyncio.run(scenario())
+    rig.gate.close()
+    outcomes = [record["body"]["outcome"] for record in rig.records("outcome")]
+    assert outcomes == ["done"]
