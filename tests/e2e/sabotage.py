@@ -200,6 +200,113 @@ def pep_moves_without_asking():
     gate.decide = decide
 
 
+@defect
+def pep_never_uses_an_approval_up():
+    """A use that was consumed is there again."""
+    from pep.deferral import Deferral
+
+    honest = Deferral.consume
+
+    def consume(self, request_id, use, now_ms):
+        consumed = honest(self, request_id, use, now_ms)
+        self.used.clear()
+        return consumed
+
+    Deferral.consume = consume
+
+
+@defect
+def pep_ignores_what_was_shown():
+    """An approval counts for whatever world it is used in."""
+    from policies import approval
+
+    approval._differences = lambda case, reading, reasons, policies: iter(())
+
+
+@defect
+def idp_lets_anybody_vote():
+    """Whoever is registered may vote; the PEP still counts registered approvers only."""
+    from ztpm_idp.domain import approving
+
+    approving.active_person = lambda state, id_, role: state.parties.get(id_)
+
+
+@defect
+def pep_sees_no_zones():
+    import dataclasses
+
+    from pep import world
+
+    def zoneless(honest):
+        def look(robot, scene, *rest, **named):
+            return honest(robot, scene and dataclasses.replace(scene, zones=()), *rest, **named)
+
+        return look
+
+    world.assess, world.remaining = zoneless(world.assess), zoneless(world.remaining)
+
+
+@defect
+def pep_takes_one_for_two():
+    """Tier 4 is content with one person, who may be the sponsor."""
+    import dataclasses
+
+    from pep import deferral
+    from policies import approval
+
+    honest = deferral.tally
+    approval.APPROVERS_OF_TIER = {}
+
+    def tally(ballots, asked, registered):
+        return honest(ballots, dataclasses.replace(asked, approvers=1), registered)
+
+    deferral.tally = tally
+
+
+@defect
+def pep_sees_no_age():
+    """Every frame is new."""
+    from pep.context.frames import Frame
+
+    Frame.age_ms = lambda self, now_ms: 0
+
+
+@defect
+def pep_believes_any_frame():
+    """Whoever signs a frame in a sensor's name is that sensor."""
+    from capabilities import jws, strict_json
+    from capabilities.statements import observation
+
+    class Unsealed:
+        @staticmethod
+        def open(kind, text, keys, caps):
+            return strict_json.parse_object(jws.split(text, most_bytes=caps.statement_bytes).payload_raw)
+
+    observation.sealed = Unsealed
+
+
+@defect
+def pep_touches_anything():
+    """The grant of a touch is not asked for."""
+    from pep import gate
+
+    gate.touchable = lambda chain: frozenset({"table"})
+
+
+@defect
+def pep_does_not_watch_the_world():
+    from pep.watch import Watch
+
+    Watch._world = lambda self, now, q_rad: None
+
+
+@defect
+def pep_does_not_watch_authority():
+    from pep.watch import Watch
+
+    Watch._authority = lambda self, now: None
+
+
 def main() -> None:
     name, module, *arguments = sys.argv[1:]
     DEFECTS[name]()

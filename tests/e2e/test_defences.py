@@ -40,12 +40,25 @@ CASES = [
     ("revoked-refused", PEP, "pep_ignores_revocations", FOREVER),
     ("sponsor-disabled", PEP, "pep_ignores_sponsors", FOREVER),
     ("stale-feed-refused", PEP, "pep_ignores_the_age_of_its_view", FOREVER),
+    ("approval-used-up", PEP, "pep_never_uses_an_approval_up", MOVED),
+    ("approval-changed-world", PEP, "pep_ignores_what_was_shown", MOVED),
+    ("agent-approval-refused", IDP, "idp_lets_anybody_vote", ("PERMIT", "NONE", False)),
+    ("zone-denied", PEP, "pep_sees_no_zones", MOVED),
+    ("one-of-two-refused", PEP, "pep_takes_one_for_two", FOREVER),
+    ("stale-world-deferred", PEP, "pep_sees_no_age", FOREVER),
+    ("forged-frame-refused", PEP, "pep_believes_any_frame", FOREVER),
+    ("place-on-table", PEP, "pep_touches_anything", MOVED),
+    ("human-enters-stops", PEP, "pep_does_not_watch_the_world", FOREVER),
+    ("revoke-in-motion", PEP, "pep_does_not_watch_authority", FOREVER),
+    ("idp-killed-in-motion", PEP, "pep_ignores_the_age_of_its_view", FOREVER),
 ]
+STOPS = frozenset({"place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion"})
+"""Steps that permit and refuse: what is not granted, and what goes on when it should not."""
 
 
 def test_every_refusing_step_has_a_case() -> None:
     refusing = {step.id for step in STORY.steps if step.expect.decision in ("DENY", "DEFER")}
-    assert refusing == {step for step, *_ in CASES}
+    assert refusing | STOPS == {step for step, *_ in CASES}
 
 
 @pytest.mark.e2e

@@ -11,15 +11,21 @@ STEPS = [
     "init", "register", "attest", "issue", "delegate", "widen-refused", "unattested-refused", "move-empty", "scope-refused",
     "limit-refused", "replay-refused", "stolen-refused", "tampered-refused", "fragile-trusted", "fragile-untrusted", "human-deferred",
     "deferral-expires", "ceiling-refused", "through-person-denied", "not-finite-refused", "revoked-refused", "sponsor-disabled",
-    "stale-feed-refused", "audit-verifies",
+    "stale-feed-refused", "audit-verifies", "approved-moves", "approval-used-up", "approval-changed-world",
+    "agent-approval-refused", "zone-denied", "one-of-two-refused", "dual-authorised", "stale-world-deferred",
+    "forged-frame-refused", "place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion", "restart-keeps",
 ]  # fmt: skip
+MOVING = {
+    "move-empty", "fragile-trusted", "approved-moves", "dual-authorised", "place-on-table", "human-enters-stops",
+    "revoke-in-motion", "idp-killed-in-motion", "restart-keeps",
+}  # fmt: skip
 
 
 @pytest.mark.e2e
-@pytest.mark.timeout(180)
+@pytest.mark.timeout(400)
 def test_demo_is_as_told() -> None:
     command = [str(Path(sys.executable).with_name("ztpm")), "demo", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=170)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=390)
     story = json.loads(done.stdout)
     assert [(step["id"], step["ok"]) for step in story["steps"]] == [(step, True) for step in STEPS], (
         done.stdout + done.stderr
@@ -28,7 +34,7 @@ def test_demo_is_as_told() -> None:
     assert done.returncode == 0
     for step in story["steps"]:
         assert step.keys() == {"id", "told", "decision", "reason", "tier", "latency_ms", "moved_rad", "ok"}
-        assert (step["moved_rad"] > 0.5) == (step["id"] in {"move-empty", "fragile-trusted"})
+        assert (step["moved_rad"] > 0.01) == (step["id"] in MOVING)
 
 
 def test_middle_of_the_sweep_is_where_the_story_says() -> None:

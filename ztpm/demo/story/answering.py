@@ -117,7 +117,7 @@ def _agent_votes(stage: Stage) -> Seen:
     after = stage.move("robotic", to=FAR, speed=0.4)
     told = f"the agent voted for itself, then in alice's name: {own.status} {own.code}, {forged.status} {forged.code}"
     ok = {own.status, forged.status} <= {400, 401, 403} and after.decision == "DEFER"
-    return Seen(told, "DENY", own.code, None, latency, ok=ok)
+    return Seen(told, "DENY" if own.status >= 400 else "PERMIT", own.code, None, latency, ok=ok)
 
 
 def maintainer(stage: Stage) -> None:
