@@ -17,6 +17,7 @@ import numpy as np
 
 from pep.pit.assessment import milli
 from pep.pit.certify import DEPTH, ROWS_MOST, VIOLATION_RESOLUTION_M, first_cut
+from pep.pit.clearance import ROUNDING_M
 from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
 from pep.pit.errors import MotionError, PitError, WorkLimitError
 from pep.pit.grip import gripping
@@ -229,7 +230,7 @@ class _Rest:
             return Remaining(holds=False, index_milli=milli(floor), cause=cause)
         # 5. The proof that no pair exceeds what is authorised.
         stop = stopping(cell, perception_age_s=view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
-        return self._proof(path, pairs, profile, stop, rows=here.rows, since=since, floor=floor)
+        return self._proof(path, pairs, profile, stop, rows=here.rows, speeds=speeds, since=since, floor=floor)
 
     def _proof(
         self,
@@ -239,6 +240,7 @@ class _Rest:
         stop: Stopping,
         *,
         rows: NDArray[np.intp],
+        speeds: Floats,
         since: int,
         floor: float,
     ) -> Remaining:
@@ -249,8 +251,9 @@ class _Rest:
             met = self._met(pairs, rows, clearance, pairs.index(rows, clearance, speed, stop))
             if met is not None:
                 return met
-        proven = floor
-        if since >= GRID:
+        rows, proven = self._far_enough(path, pairs, stop, rows=rows, speeds=speeds, since=since)
+        proven = max(proven, floor)
+        if since >= GRID or not rows.size:
             return Remaining(holds=True, index_milli=milli(proven), cause="")
         leaves = first_cut(path, pairs, rows, since=since)
         examined = 0
@@ -279,6 +282,21 @@ class _Rest:
                 return Remaining(holds=True, index_milli=milli(proven), cause="")
             leaves = path.halve(pairs, leaves.take(unsettled), since=since)
         raise AssertionError("the last depth returns")
+
+    def _far_enough(
+        self, path: Path, pairs: Pairs, stop: Stopping, *, rows: NDArray[np.intp], speeds: Floats, since: int
+    ) -> tuple[NDArray[np.intp], float]:
+        """The pairs that one look at the middle of the rest does not settle, and the index proven of the others.
+
+        From there no part goes farther than its levers times the joints' ways, nor faster than on the whole path.
+        """
+        middle = (since + GRID) // 2
+        strays = path.robot.reach @ np.abs(path.delta) * ((GRID - middle) / GRID)
+        body = pairs.body[rows]
+        clearance = path.clearance_at(pairs, middle, rows) - strays[body] - ROUNDING_M
+        bound = pairs.index(rows, clearance, speeds[body], stop)
+        settled = (bound <= self.limit) & ~(clearance < pairs.violated_below[rows])
+        return rows[~settled], float(bound[settled].max(initial=0))
 
     def _met(self, pairs: Pairs, rows: NDArray[np.intp], clearance: Floats, index: Floats) -> Remaining | None:
         """What was met there that must not be: a violation, or an index above the authorised one."""

@@ -41,7 +41,7 @@ def test_the_random_triples_reach_every_effect_and_most_reasons():
     pick = random.Random(1).choice
     seen = {"effects": {}, "reasons": set()}
     by_people = 0
-    for _ in range(8_000):
+    for _ in range(4_000):
         decision = decide(*triples.triple(pick))
         seen["effects"][decision.effect] = seen["effects"].get(decision.effect, 0) + 1
         seen["reasons"].add(decision.reason)
@@ -49,6 +49,6 @@ def test_the_random_triples_reach_every_effect_and_most_reasons():
     assert len(seen["effects"]) == 3
     assert min(seen["effects"].values()) > 100, seen["effects"]
     assert len(seen["reasons"]) > 30
-    assert by_people > 100
+    assert by_people > 50
     assert {"APPROVAL_DENIED", "APPROVED_TOO_FAST", "APPROVAL_USED", "APPROVAL_NOT_USABLE"} <= seen["reasons"]
     assert "POLICY_ERROR" not in seen["reasons"]

@@ -172,7 +172,7 @@ def approved(pick, seen, policies, tier):
     asked = ["TIER_NEEDS_APPROVAL", "PERCEPTION_MISSING", "TRUST_TOO_LOW", "APPROVAL_REQUIRED", "TIER_SAFETY_CRITICAL"]
     reading = ApprovalReading(
         ask_id="a" * 32,
-        state=mostly(pick, "granted", ["open", "denied", "used", "withdrawn", "expired", "nonsense"]),
+        state=pick(["granted"] * 14 + ["open", "denied", "used", "withdrawn", "expired", "nonsense"]),
         reasons=mostly(pick, frozenset(asked), [frozenset(asked) - {pick(asked)}]),
         tier=mostly(pick, Tier(3) if tier is None else tier, list(Tier)),
         index_milli=shown - mostly(pick, pick([0, 50, -100]), [51]),

@@ -265,7 +265,7 @@ def test_how_near_counts_as_held():
 
 def test_under_way_the_camera_may_lag_behind_the_hand():
     move = MoveJ(HOME, (0.8, *HOME[1:]), 0.5, 1.0)
-    cell = replace(CELL, watch_time_limit_s=5.0)
+    cell = replace(CELL, watch_time_limit_s=30.0)
 
     def left(seen_at, age):
         return remaining(

@@ -200,7 +200,7 @@ def test_the_watch_knows_meant_contact():
             ROBOT,
             empty(),
             move,
-            replace(DECLARED, watch_time_limit_s=5.0),
+            replace(DECLARED, watch_time_limit_s=30.0),
             at_rad=at,
             authorised_milli=authorised,
             perception_age_s=FRESH,

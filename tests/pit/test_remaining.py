@@ -54,7 +54,7 @@ def along(move, share):
     return tuple((start + share * (target - start)).tolist())
 
 
-PATIENT = replace(CELL, watch_time_limit_s=5.0)  # the tests share the machine
+PATIENT = replace(CELL, watch_time_limit_s=30.0, time_limit_s=30.0)  # the tests share the machine
 
 
 def rest(scene, move, share=0.0, authorised=4000, cell=PATIENT, age=AGE, at=None, robot=ROBOT, touch=NOTHING, **more):
@@ -71,7 +71,7 @@ def rest(scene, move, share=0.0, authorised=4000, cell=PATIENT, age=AGE, at=None
     )
 
 
-def whole(scene, move, cell=CELL, age=AGE):
+def whole(scene, move, cell=PATIENT, age=AGE):
     return assess(ROBOT, scene, move, cell, perception_age_s=age, touch=NOTHING, seed=SEED)
 
 
@@ -178,6 +178,18 @@ def test_new_zones_and_things_and_the_arm_itself():
     )
     folding = MoveJ(HOME, (0.0, -1.62, 2.9, 0.5, -1.57, 0.0), 0.5, 1.0)
     assert rest(empty(), folding, 0.5).cause == "self"
+
+
+@pytest.mark.parametrize("wrist", [0.0, math.pi / 2])
+def test_a_violation_between_the_looks_is_found(wrist):
+    """A zone that the fingers graze by 2 mm on a few hundredths of a long turn, wherever on it that is."""
+    home = (*HOME[1:5], wrist)
+    move = MoveJ((-2.8, *home), (2.8, *home), 0.5, 1.0)
+    for share in np.linspace(0.41, 0.53, 9):
+        x, y, z = tcp((-2.8 + 5.6 * share, *home))
+        graze = Sphere((x, y, z + 0.1767 - 0.1784 - 0.01 + 0.002), 0.01)
+        left = rest(replace(empty(), zones=(Zone("press", graze, None),)), move, 0.2)
+        assert left == Remaining(holds=False, index_milli=4000, cause="zone")
 
 
 def test_the_measured_age_enters_the_reaction_time():

@@ -5,7 +5,21 @@ from dataclasses import replace
 import pytest
 
 from capabilities.scope import Tier
-from policies import Effect, Reason, decide
+from policies import (
+    ROWS,
+    Effect,
+    Object,
+    Obligation,
+    ObligationKind,
+    Parameters,
+    Point,
+    Policy,
+    PolicySet,
+    Reason,
+    Subject,
+    decide,
+)
+from policies.combine import Always, Check
 from policies.evidence import Contribution, ImpactFault, OpeningReading
 from policies.model import ApprovalUse
 from policies.pdp import CONSUME
@@ -190,3 +204,17 @@ def test_trust_below_theta_is_resolved_where_the_ask_listed_it():
     low = {"trust": replace(world.asked()[1].trust, score_permille=600)}
     assert answer(2, approval={"reasons": frozenset({"TRUST_TOO_LOW"})}, evidence=low).effect is Effect.PERMIT
     assert answer(2, evidence=low).reason is Reason.APPROVAL_NOT_USABLE
+
+
+def test_a_question_about_a_safety_critical_act_without_physics_wants_an_opening_too():
+    """Where no impact gate looks, a policy that asks people still cannot ask about tier 4 without prior leave."""
+    points = frozenset({Point.TOOL, Point.ACTUATION})
+    record = frozenset({Obligation(ObligationKind.RECORD)})
+    known = Policy("known", Subject(), Object(), Check(ROWS["TEA-1"].make()), points, Effect.PERMIT, record, None)
+    asked = Policy("asked", Subject(), Object(), Always(), points, Effect.DEFER, record, None)
+    policies = PolicySet("set", 1, (known, asked), Parameters())
+    request, seen, _ = world.approved(4)
+    seen = replace(seen, tool=replace(seen.tool, base_tier=Tier(4)), approval=None)
+    assert decide(request, seen, policies).effect is Effect.DEFER
+    decision = decide(request, replace(seen, opening=None), policies)
+    assert (decision.effect, decision.reason) == (Effect.DENY, Reason.TIER_SAFETY_CRITICAL)
