@@ -90,7 +90,7 @@ class Camera:
             data=str(self._cell.layout.root),
             issuer=addresses.issuer,
             audience=addresses.audience,
-            parts=tuple(self._process(name, children.get(name), answers.get(name), now) for name in PROCESSES),
+            parts=tuple(self._part_of(name, children.get(name), answers.get(name), now) for name in PROCESSES),
             robot=_part(report, "robot"),
             perception=_part(report, "perception"),
             view=_part(report, "view"),
@@ -100,7 +100,7 @@ class Camera:
             incomplete=tuple(incomplete),
         )
 
-    def _process(self, name: str, child: Child | None, answers: bool | None, now: float) -> Part:  # noqa: FBT001
+    def _part_of(self, name: str, child: Child | None, answers: bool | None, now: float) -> Part:  # noqa: FBT001
         restarts = self._supervision.restarts[name]
         if child is None or not child.alive:
             return Part(PROCESSES[name], None, answers=False, up_s=0.0, restarts=restarts)
