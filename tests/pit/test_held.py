@@ -233,6 +233,8 @@ def test_seen_where_it_is_held_it_is_no_obstacle():
     assert without_held(here, ROBOT, HOME, tolerance_m=0.03) is here
     # Another object in the same place is one.
     assert ask(WITH_STICK, seen(in_world(STICK.shape, HOME), name="pen"), move).tier == 3
+    pen = Thing("pen", "fragile", in_world(STICK.shape, HOME), 0.01)
+    assert ask(WITH_STICK, replace(here, objects=(*here.objects, pen)), move).tier == 3
 
 
 def test_seen_elsewhere_both_count():
