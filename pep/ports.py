@@ -136,6 +136,7 @@ class Rest:
         cause: kind and object of what leads, for the record.
         fault: why it could not be judged, a `policies.reasons.Reason` code; "" when it was.
         age_ms: age of the view it was judged on, transit included, or None when there was no view.
+        shown: what that view shows, whatever its age (`pep.context.frames.Seen.content`); None when there was no view.
     """
 
     holds: bool
@@ -143,6 +144,7 @@ class Rest:
     cause: str
     fault: str
     age_ms: int | None
+    shown: object = None
 
 
 class Remaining(Protocol):

@@ -1,8 +1,9 @@
 """The watch over whatever moves: its authority, what the sensors see, and the impact of what is left of it.
 
 One look is cheap and waits for nothing: the clock, the authority when it is due, the newest frames, and the newest word
-of a physics worker, who is asked again at every new frame. The first thing that is not as it was authorised is an
-alarm, and whoever looks stops the arm. What the watch cannot see counts as lost: no frame, no word, or no look in time.
+of a physics worker, who is asked again whenever the frames show something else. The first thing that is not as it was
+authorised is an alarm, and whoever looks stops the arm. What the watch cannot see counts as lost: no frame, no word, or
+no look in time.
 """
 
 from __future__ import annotations
@@ -27,8 +28,10 @@ LOOK_MS: Final = 8
 """Longest pause between two looks at what moves: four packages of the controller."""
 AUTHORITY_PERIOD_MS: Final = 40
 """How often the authority behind a motion is looked at again: well inside the 150 ms to a stop."""
-WORLD_PERIOD_MS: Final = 40
-"""How often what is left is judged again when no new frame comes in between: the arm itself has moved on."""
+FRAME_PERIOD_MS: Final = 25
+"""A view that shows something else is judged at most this often: a sensor at 30 Hz in full."""
+UNCHANGED_PERIOD_MS: Final = 100
+"""One that shows the same, this often: it still holds, but the arm may have left its way."""
 
 
 class End(StrEnum):
@@ -132,10 +135,10 @@ class Watch:
         now = clock.monotonic_ms()
         self._looked_ms = now
         self._authority_ms = now
-        self._asked_ms = now - WORLD_PERIOD_MS
+        self._asked_ms = now - UNCHANGED_PERIOD_MS
         self._judged_ms = now  # the verdict itself: the time to send it is far below every limit
         self._judging: Future[Rest] | None = None
-        self._frames: object = None
+        self._held: object = None
 
     def look(self, q_rad: Sequence[float]) -> Alarm | None:
         """The first thing that is not as it was authorised, or None.
@@ -169,13 +172,17 @@ class Watch:
             case Unseen():
                 # What was permitted on no view has nothing to lose but authority, until there is one.
                 return self._blind(now, "no frame") if self._permit.sighted else None
-            case Seen(frames, age_ms):
-                if age_ms > self._limits.view_ms:
-                    return self._blind(now, f"a view of {age_ms} ms") if self._permit.sighted else None
-                shown = tuple((frame.observation.sequence, frame.arrived_ms) for frame in frames)
-                alarm = self._answer(now) or self._slowness(now)
+            case Seen() as seen:
+                if seen.age_ms > self._limits.view_ms:
+                    return self._blind(now, f"a view of {seen.age_ms} ms") if self._permit.sighted else None
+                alarm = self._answer(now)
+                unchanged = self._held is not None and seen.content == self._held
+                if unchanged:
+                    # What is left of a way was part of what was judged, with the same around it: it still holds.
+                    self._judged_ms = max(self._judged_ms, now - seen.age_ms)
+                alarm = alarm or self._slowness(now)
                 if alarm is None:
-                    self._ask(now, shown, q_rad)
+                    self._ask(now, UNCHANGED_PERIOD_MS if unchanged else FRAME_PERIOD_MS, q_rad)
                 return alarm
             case _:
                 assert_never(view)
@@ -196,18 +203,18 @@ class Watch:
             return self._changed(Reason(rest.fault), now, rest.cause)
         if not rest.holds:
             return self._changed(Reason.IMPACT_ROSE, now, rest.cause, rest.index_milli)
+        self._held = rest.shown
         if rest.age_ms is not None:
             # The view was taken after it was asked for, so this is no later than its capture.
             self._judged_ms = self._asked_ms - rest.age_ms
         return None
 
-    def _ask(self, now: int, shown: object, q_rad: Sequence[float]) -> None:
-        """A new judgement, when the last one is there and something has changed since."""
+    def _ask(self, now: int, period_ms: int, q_rad: Sequence[float]) -> None:
+        """A new judgement, when the last one is there and it is time."""
         request, permit = self._permit.request, self._permit
-        due = shown != self._frames or now - self._asked_ms >= WORLD_PERIOD_MS
-        if request is None or self._judging is not None or not due:
+        if request is None or self._judging is not None or now - self._asked_ms < period_ms:
             return
-        self._asked_ms, self._frames = now, shown
+        self._asked_ms = now
         here = tuple(q_rad)
         self._judging = self._submit(
             lambda: self._remaining.left(request, here, authorised_milli=permit.index_milli, touch=permit.touch)

@@ -207,7 +207,9 @@ class CellPhysics:
             return Rest(holds=False, index_milli=None, cause=broken, fault=Reason.PHYSICS_FAULT, age_ms=age_ms)
         if isinstance(rest, ImpactFault):
             return Rest(holds=False, index_milli=None, cause=rest.detail, fault=rest.reason, age_ms=age_ms)
-        return Rest(holds=rest.holds, index_milli=rest.index_milli, cause=rest.cause, fault="", age_ms=age_ms)
+        view = look.view()
+        shown = view.content if isinstance(view, Seen) else None
+        return Rest(rest.holds, rest.index_milli, rest.cause, fault="", age_ms=age_ms, shown=shown)
 
     def _sight(self, look: Look, *, allowance_ms: int) -> _Sight | ImpactFault:
         """The scene that a look shows and the age to reckon with, or why it must not be believed.

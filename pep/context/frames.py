@@ -105,6 +105,12 @@ class Seen:
         """Whether everybody was heard, and each covers all of what it watches."""
         return not self.silent and all(frame.observation.complete for frame in self.frames)
 
+    @property
+    def content(self) -> object:
+        """All that it shows, to be compared: equal contents are the same scene, at whatever time."""
+        seen = (frame.observation for frame in self.frames)
+        return self.complete, tuple((o.sensor, o.people, o.objects) for o in seen)
+
 
 @dataclass(frozen=True, slots=True)
 class Unseen:

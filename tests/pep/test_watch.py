@@ -14,7 +14,7 @@ from pep.context.frames import Distrusted, FrameFault, Rejected, Seen, Unseen
 from pep.permit import Permit
 from pep.pit import CellParameters
 from pep.ports import Rest
-from pep.watch import AUTHORITY_PERIOD_MS, LOOK_MS, WORLD_PERIOD_MS, Alarm, End, Limits, Watch
+from pep.watch import AUTHORITY_PERIOD_MS, LOOK_MS, UNCHANGED_PERIOD_MS, Alarm, End, Limits, Watch
 from policies.reasons import Reason
 from tests.pep.kit import ManualClock
 
@@ -31,6 +31,10 @@ class Shown:
 
     sequence: int
     arrived_ms: int
+    people: tuple = ()
+    objects: tuple = ()
+    complete: bool = True
+    sensor: str = "camera-1"
 
     @property
     def observation(self):
@@ -48,6 +52,7 @@ class World:
     slow_ms: int = 0
     sighted: bool = True
     request: object = "the request"
+    walking: bool = False
 
     def __post_init__(self):
         self.frame = Shown(1, self.clock.mono)
@@ -90,7 +95,7 @@ class World:
         rest = self.rest()
         if isinstance(rest, Exception):
             raise rest
-        return Rest(**{"age_ms": self.age_ms, **rest})
+        return Rest(**{"age_ms": self.age_ms, "shown": self.view().content, **rest})
 
     def submit(self, judge):
         """The judgement is made now, and known `slow_ms` later."""
@@ -110,7 +115,8 @@ class World:
     def step(self, ms=LOOK_MS, q_rad=HERE):
         self.clock.advance(ms)
         while not self.silent and self.clock.mono - self.frame.arrived_ms >= FRAME_MS:
-            self.frame = Shown(self.frame.sequence + 1, self.frame.arrived_ms + FRAME_MS)
+            people = (self.frame.sequence + 1,) if self.walking else self.frame.people
+            self.frame = Shown(self.frame.sequence + 1, self.frame.arrived_ms + FRAME_MS, people)
         self.finish()
         return self.watch.look(q_rad)
 
@@ -184,15 +190,16 @@ def test_a_frame_that_must_not_be_believed_ends_every_motion(sighted):
 
 def test_an_index_above_the_authorised_one_is_seen_with_the_frame_that_shows_it(world):
     assert world.run(1_000) is None
-    changed_ms = world.clock.mono
+    changed_ms, world.walking = world.clock.mono, True
     world.rest = lambda: {"holds": False, "index_milli": 2_600, "cause": "person bob", "fault": ""}
     alarm = world.run(1_000)
     assert told(alarm) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
     assert (alarm.index_milli, alarm.authorised_milli, alarm.what) == (2_600, AUTHORISED, "person bob")
-    assert alarm.seen_ms - changed_ms <= WORLD_PERIOD_MS + 2 * LOOK_MS
+    assert alarm.seen_ms - changed_ms <= FRAME_MS + 2 * LOOK_MS
 
 
-def test_every_new_frame_is_judged(world):
+def test_every_frame_that_shows_something_else_is_judged():
+    world = World(walking=True)
     shown = []
     for _ in range(100):
         world.step()
@@ -202,13 +209,29 @@ def test_every_new_frame_is_judged(world):
         assert any(0 <= at_ms - arrived_ms <= 2 * LOOK_MS for at_ms in judged), arrived_ms
 
 
-def test_without_a_new_frame_it_is_judged_again_from_where_the_arm_is(world):
-    world.silent = True
-    for n in range(12):
-        world.step(q_rad=(n * 0.01,) * 6)
+def test_what_shows_the_same_is_judged_again_from_where_the_arm_is(world):
+    for n in range(100):
+        assert world.step(q_rad=(n * 0.01,) * 6) is None
     asked = world.left_asked
-    assert [b[0] - a[0] for a, b in zip(asked, asked[1:])] == [WORLD_PERIOD_MS] * (len(asked) - 1)
-    assert len({q_rad for _, q_rad in asked}) == len(asked) > 1
+    assert all(0 <= b[0] - a[0] - UNCHANGED_PERIOD_MS <= LOOK_MS for a, b in zip(asked, asked[1:]))
+    assert len({q_rad for _, q_rad in asked}) == len(asked) > 5
+
+
+def test_the_same_scene_stays_judged_while_its_frames_are_new():
+    world = World(slow_ms=LIMITS.judged_ms - TRANSIT_MS - FRAME_MS - LOOK_MS)
+    assert world.run(5_000) is None
+    assert len(world.left_asked) < 5_000 / 100
+
+
+def test_somebody_who_comes_and_goes_between_two_judgements_is_not_taken_for_nobody():
+    """What held was judged on what `left` itself saw: that, and not what the watch saw when it asked, is compared."""
+    world = World(slow_ms=40)
+    assert world.run(500) is None
+    asked = len(world.left_asked)
+    world.frame = Shown(98, world.clock.mono, ("bob",))
+    assert world.step() is None
+    assert world.step(25) is None
+    assert len(world.left_asked) > asked
 
 
 @pytest.mark.parametrize("fault", [Reason.PERCEPTION_INVALID, Reason.PHYSICS_FAULT, Reason.ENGINES_DISAGREE])
@@ -241,7 +264,9 @@ def test_a_judgement_that_does_not_come_is_late():
 
 def test_a_judgement_of_frames_that_were_too_old_is_late(world):
     assert world.run(500) is None
-    world.rest = lambda: {"holds": True, "index_milli": 0, "cause": "", "fault": "", "age_ms": LIMITS.judged_ms + 1}
+    world.walking, older = True, Seen((Shown(1, 0, ("older",)),), 0).content
+    judged = {"holds": True, "index_milli": 0, "cause": "", "fault": "", "age_ms": LIMITS.judged_ms + 1, "shown": older}
+    world.rest = lambda: judged
     assert told(world.run(500)) == (End.WORLD_CHANGED, Reason.WATCH_LATE)
 
 

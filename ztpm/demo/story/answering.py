@@ -9,6 +9,7 @@ from capabilities.scope import Tier
 from ztpm.demo.props import PERSON_AXIS_M, ballot, front, lent, person, posted_vote
 from ztpm.demo.run import Expect, Seen, Story
 from ztpm.demo.stage import LEFT, StageError, pose, until
+from ztpm.demo.story.lending import outcome
 
 if TYPE_CHECKING:
     from ztpm.demo.calls import Answer
@@ -18,8 +19,12 @@ ANSWERING: Final = Story()
 DELEGATED: Final = ("delegate",)
 NEAR, FAR = pose(-0.2), pose(0.2)
 """A short move past the person, and back."""
-IN_THE_ZONE: Final = pose(-1.6)
+SLOWLY_RAD_S: Final = 0.3
+"""At 0.4 rad/s a contact would reach a person's limit (PFL), and what people approve must stay below it."""
+IN_THE_ZONE: Final = pose(-1.4)
 """A target inside the zone that the cell file declares tier 4."""
+BEFORE_THE_ZONE_RAD: Final = -0.8
+"""The base joint's angle up to which no part of the arm is inside."""
 ASKED: Final = ("TIER_NEEDS_APPROVAL", "TIER_SAFETY_CRITICAL", "APPROVAL_USED", "APPROVAL_NOT_USABLE")
 """Reasons behind which a question stands."""
 
@@ -72,18 +77,21 @@ def retry(stage: Stage, agent: str, target: tuple[float, ...], speed: float, *, 
     "approved-moves", Expect("PERMIT", "PERMITTED", 3, moves=True), needs=DELEGATED, prepare=beside_a_person
 )
 def _approved(stage: Stage) -> Seen:
-    question = asked(stage, "robotic", FAR, 0.5)
+    question = asked(stage, "robotic", FAR, SLOWLY_RAD_S)
     approve(stage, "alice", question)
-    answer = retry(stage, "robotic", FAR, 0.5, waiting=question.reason)
-    told = f"{question.decision} at tier {question.tier}; alice approved exactly this move, and the arm made it once"
-    return Seen.answer(told, answer, ok=question.tier == 3)
+    answer = retry(stage, "robotic", FAR, SLOWLY_RAD_S, waiting=question.reason)
+    told = (
+        f"{question.decision} at tier {question.tier}; alice approved exactly this move, "
+        f"and the arm made it once ({outcome(answer)})"
+    )
+    return Seen.answer(told, answer, ok=question.tier == 3 and outcome(answer) == "reached")
 
 
 @ANSWERING.step(
     "approval-used-up", Expect("DEFER", "APPROVAL_USED", 3), needs=("approved-moves",), prepare=beside_a_person
 )
 def _used_up(stage: Stage) -> Seen:
-    answer = stage.move("robotic", to=FAR, speed=0.5)
+    answer = stage.move("robotic", to=FAR, speed=SLOWLY_RAD_S)
     return Seen.answer("the same move a second time: the approval was for one, so people are asked again", answer)
 
 
@@ -91,11 +99,11 @@ def _used_up(stage: Stage) -> Seen:
     "approval-changed-world", Expect("DEFER", "APPROVAL_NOT_USABLE", 3), needs=DELEGATED, prepare=beside_a_person
 )
 def _changed_world(stage: Stage) -> Seen:
-    question = asked(stage, "robotic", FAR, 0.45)
+    question = asked(stage, "robotic", FAR, 0.28)
     approve(stage, "alice", question)
     x, y = front(PERSON_AXIS_M)
     stage.scene(people=[person("person-1", x, y), person("person-2", x - 0.1, y + 0.45)])
-    answer = retry(stage, "robotic", FAR, 0.45, waiting=question.reason)
+    answer = retry(stage, "robotic", FAR, 0.28, waiting=question.reason)
     told = "alice approved a move beside one person; then a second one entered: the approval is not for this world"
     return Seen.answer(told, answer)
 
@@ -107,14 +115,14 @@ def _changed_world(stage: Stage) -> Seen:
     prepare=beside_a_person,
 )
 def _agent_votes(stage: Stage) -> Seen:
-    question = asked(stage, "robotic", FAR, 0.4)
+    question = asked(stage, "robotic", FAR, 0.26)
     ask_id = str(question.content["ask_id"])
     until(lambda: any(row["ask_id"] == ask_id for row in stage.person("alice").approvals()), "the question")
     started = time.perf_counter()
     own = posted_vote(stage, "robotic", ask_id, ballot(stage, "robotic", ask_id, approver="robotic"))
     latency = (time.perf_counter() - started) * 1e3
     forged = posted_vote(stage, "robotic", ask_id, ballot(stage, "robotic", ask_id, approver="alice"))
-    after = stage.move("robotic", to=FAR, speed=0.4)
+    after = stage.move("robotic", to=FAR, speed=0.26)
     told = f"the agent voted for itself, then in alice's name: {own.status} {own.code}, {forged.status} {forged.code}"
     ok = {own.status, forged.status} <= {400, 401, 403} and after.decision == "DEFER"
     return Seen(told, "DENY" if own.status >= 400 else "PERMIT", own.code, None, latency, ok=ok)
@@ -141,6 +149,11 @@ def _zone(stage: Stage) -> Seen:
 def opened(stage: Stage) -> None:
     """As `maintainer`, and carol has opened the operation for it, once."""
     maintainer(stage)
+    open_once(stage)
+
+
+def open_once(stage: Stage) -> None:
+    """Carol gives leave to ask for one safety-critical move of the maintainer."""
     stage.person("carol").open_tier_4(
         audience=stage.cell.addresses.audience, agent="maintainer", object="ur3e", operation="move_joint",
         reason="service", lifetime_s=300,
@@ -162,6 +175,18 @@ def _one_of_two(stage: Stage) -> Seen:
     return Seen.answer(told, known[0])
 
 
+def out_of_the_zone(stage: Stage) -> None:
+    """The arm stands outside of the zone again: the way out is as dangerous, so two people approve that, too."""
+    if stage.joints[0] > BEFORE_THE_ZONE_RAD:
+        return
+    open_once(stage)
+    until(lambda: stage.move("maintainer", to=LEFT, speed=1.0).decision == "DEFER", "the opening at the PEP")
+    question = asked(stage, "maintainer", LEFT, 1.0)
+    for name in ("alice", "carol"):
+        approve(stage, name, question)
+    retry(stage, "maintainer", LEFT, 1.0, waiting=question.reason)
+
+
 def deferred_once_open(stage: Stage, speed: float) -> Answer:
     """The deferral of a tier 4 move, once the PEP knows of the opening."""
     until(lambda: stage.move("maintainer", to=IN_THE_ZONE, speed=speed).decision == "DEFER", "the opening at the PEP")
@@ -176,5 +201,8 @@ def _dual(stage: Stage) -> Seen:
     for name in ("alice", "carol"):
         approve(stage, name, question)
     answer = retry(stage, "maintainer", IN_THE_ZONE, 1.0, waiting=question.reason)
-    told = "opened beforehand, approved by the sponsor and by carol, who is not: the arm moved into the zone"
-    return Seen.answer(told, answer)
+    told = (
+        "opened beforehand, approved by the sponsor and by carol, who is not: "
+        f"the arm moved into the zone ({outcome(answer)})"
+    )
+    return Seen.answer(told, answer, ok=outcome(answer) == "reached")

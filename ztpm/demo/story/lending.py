@@ -102,6 +102,12 @@ def _delegate(stage: Stage) -> Seen:
     return Seen(told, "DONE", "DELEGATED", None, latency)
 
 
+def outcome(answer: Answer) -> str:
+    """How a motion ended, and why, as its tool says it."""
+    said = answer.content
+    return " ".join(str(said[name]) for name in ("outcome", "reason") if said.get(name))
+
+
 def asked_of_idp(action: Callable[[], object]) -> tuple[str, str, int, float]:
     """Decision, code, status and latency of what the identity provider made of an action."""
     started = time.perf_counter()
@@ -146,7 +152,8 @@ def _unattested(stage: Stage) -> Seen:
 def _move_empty(stage: Stage) -> Seen:
     stage.scene()
     answer = stage.move("robotic")
-    return Seen.answer(f"empty workspace (C0): the arm swept {2 * abs(LEFT[0]):.1f} rad at {SPEED_RAD_S} rad/s", answer)
+    told = f"empty workspace (C0): the arm swept {2 * abs(LEFT[0]):.1f} rad at {SPEED_RAD_S} rad/s ({outcome(answer)})"
+    return Seen.answer(told, answer, ok=outcome(answer) == "reached")
 
 
 @LENDING.step("scope-refused", Expect("DENY", "NOT_GRANTED"), needs=DELEGATED)
@@ -208,7 +215,9 @@ def _tampered(stage: Stage) -> Seen:
 @LENDING.step("fragile-trusted", Expect("PERMIT", "PERMITTED", 2, moves=True), needs=DELEGATED)
 def _fragile_trusted(stage: Stage) -> Seen:
     stage.scene(objects=[under_the_path()])
-    return Seen.answer("a glass under the path (C1), trust 0.8 over theta 0.7: the arm moved", stage.move("robotic"))
+    answer = stage.move("robotic")
+    told = f"a glass under the path (C1), trust 0.8 over theta 0.7: the arm moved ({outcome(answer)})"
+    return Seen.answer(told, answer, ok=outcome(answer) == "reached")
 
 
 @LENDING.step("fragile-untrusted", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=DELEGATED)

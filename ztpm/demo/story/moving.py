@@ -10,8 +10,8 @@ from ztpm.demo.props import PERSON_AXIS_M, SLOWER, forged_frame, front, hand_dow
 from ztpm.demo.run import Expect, Seen, Story
 from ztpm.demo.stage import LEFT, RIGHT, SPEED_RAD_S, arm_only, until
 from ztpm.demo.stopping import BAR_S, model_rad
-from ztpm.demo.story.answering import approve, asked, beside_a_person, retry
-from ztpm.demo.story.lending import poll_refusal
+from ztpm.demo.story.answering import FAR, approve, asked, beside_a_person, out_of_the_zone, retry
+from ztpm.demo.story.lending import outcome, poll_refusal
 from ztpm_idp.ledger_file import Verified
 from ztpm_idp.ledger_file import verify as verify_ledger
 
@@ -39,6 +39,7 @@ UNDER_WAY_RAD: Final = 0.05
 def at_left(stage: Stage) -> None:
     """Nobody is there, and the arm stands at the left end of the sweep."""
     stage.scene()
+    out_of_the_zone(stage)
     if stage.joints[2] > ABOVE_TABLE[2] + UNDER_WAY_RAD:
         # It was left on the table: who was lent the touch lifts it.
         stage.move("orchestrator", to=ABOVE_TABLE, speed=DOWN_RAD_S)
@@ -75,7 +76,7 @@ def _forged_frame(stage: Stage) -> Seen:
 
 def above_the_table(stage: Stage) -> None:
     """Nobody is there, and the fingers are above the table."""
-    stage.scene()
+    at_left(stage)
     stage.bring(ABOVE_TABLE)
 
 
@@ -85,9 +86,10 @@ def _place(stage: Stage) -> Seen:
     answer = stage.move("orchestrator", to=ON_TABLE, speed=DOWN_RAD_S)
     told = (
         f"down onto the table: {untouched.decision} at tier {untouched.tier} for an agent that was not lent the touch, "
-        f"{answer.decision} at tier {answer.tier} for the one that was"
+        f"{answer.decision} at tier {answer.tier} for the one that was ({outcome(answer)})"
     )
-    return Seen.answer(told, answer, ok=untouched.decision == "DEFER" and untouched.tier == 3)
+    ok = (untouched.decision, untouched.tier, outcome(answer)) == ("DEFER", 3, "reached")
+    return Seen.answer(told, answer, ok=ok)
 
 
 @MOVING.step("human-enters-stops", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED, prepare=at_left)
@@ -98,9 +100,8 @@ def _walks_in(stage: Stage) -> Seen:
         stage.cell.sensor.tell({"people": [person("person-1", *front(PERSON_AXIS_M))], "objects": []})
         answer = motion.answer()
         stop = motion.stop_after(t0)
-    outcome, reason = answer.content.get("outcome"), answer.content.get("reason")
-    told = f"a person walked in: {figures(stop)}; {outcome} ({reason})"
-    return Seen.answer(told, answer, ok=(outcome, reason) == ("world_changed", "IMPACT_ROSE") and stop.within_model)
+    told = f"a person walked in: {figures(stop)}; {outcome(answer)}"
+    return Seen.answer(told, answer, ok=outcome(answer) == "world_changed IMPACT_ROSE" and stop.within_model)
 
 
 def figures(stop: Stopped) -> str:
@@ -120,9 +121,8 @@ def _revoked_in_motion(stage: Stage) -> Seen:
         t0 = time.monotonic()
         answer = motion.answer()
         stop = motion.stop_after(t0)
-    outcome, reason = answer.content.get("outcome"), answer.content.get("reason")
     told = f"alice revoked the hop while the arm moved: {figures(stop)}"
-    return Seen.answer(told, answer, ok=(outcome, reason) == ("authority_lost", "REVOKED") and stop.within_model)
+    return Seen.answer(told, answer, ok=outcome(answer) == "authority_lost REVOKED" and stop.within_model)
 
 
 @MOVING.step("idp-killed-in-motion", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED, prepare=at_left)
@@ -135,19 +135,18 @@ def _idp_killed(stage: Stage) -> Seen:
         stop = motion.stop_after(t0)
     stage.cell.start_idp()
     until(lambda: stage.move("robotic", to=stage.rounded_joints).decision == "PERMIT", "authority back")
-    outcome, reason = answer.content.get("outcome"), answer.content.get("reason")
     told = f"the identity provider was killed: the arm went on for {stop.reaction_s:.2f} s, until the lease ended"
     in_time = LEASE_S - FEED_S < stop.reaction_s < LEASE_S + BAR_S
-    return Seen.answer(told, answer, ok=(outcome, reason) == ("authority_lost", "REVOCATION_VIEW_STALE") and in_time)
+    return Seen.answer(told, answer, ok=outcome(answer) == "authority_lost REVOCATION_VIEW_STALE" and in_time)
 
 
 @MOVING.step("restart-keeps", Expect("PERMIT", "PERMITTED", 3, moves=True), needs=DELEGATED, prepare=beside_a_person)
 def _restart(stage: Stage) -> Seen:
-    target = RIGHT
+    target = FAR
     token = hand_down(stage, "vision", arm_only(speed_high=SLOWER - 3), keep_as="restart")
     stage.person("alice").revoke("hop", hop_id(stage, token), reason="demonstration")
     poll_refusal(stage, "vision", token)
-    question = asked(stage, "robotic", target, 0.35)
+    question = asked(stage, "robotic", target, 0.25)
     approve(stage, "alice", question)
     for name in ("tools", "idp"):
         stage.cell.children[name].kill()
@@ -155,7 +154,7 @@ def _restart(stage: Stage) -> Seen:
     stage.cell.start_tools()
     until(lambda: stage.perception() == "fresh", "a fresh view")
     revoked = stage.ask("vision", "read_state", {}, token=token)
-    answer = retry(stage, "robotic", target, 0.35, waiting="TIER_NEEDS_APPROVAL")
+    answer = retry(stage, "robotic", target, 0.25, waiting="TIER_NEEDS_APPROVAL")
     ledger = verify_ledger(stage.person("carol").export_ledger().splitlines(), stage.trust)
     told = (
         "provider and PEP killed and started again: the revoked hop stays "
