@@ -316,6 +316,9 @@ class Asks:
             pep.errors.JournalError: when an answer could not be recorded; it then does not count.
         """
         registered = self._approvers.approvers()
+        if not registered:
+            # No registry was read yet, or nobody approves: no vote can be verified, and none is condemned for it.
+            return
         with self._writing:
             for answered in answers.asks:
                 with self._lock:

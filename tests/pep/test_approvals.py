@@ -297,6 +297,11 @@ def test_an_approval_that_no_longer_fits_counts_again_when_what_was_shown_is_so_
 # -- a use is given once
 
 
+def known(rig):
+    """What the gate would have collected beside the cheap part."""
+    return {"impact": rig.physics.answer, "perception": rig.physics.perception, "robot": rig.readiness.answer}
+
+
 def test_two_simultaneous_requests_cannot_both_use_the_last_use(rig):
     rig.ask()
     rig.cast(rig.vote())
@@ -307,7 +312,7 @@ def test_two_simultaneous_requests_cannot_both_use_the_last_use(rig):
     def grab(call):
         start.wait()
         seen = rig.gate._cheap(call)
-        seen = replace(seen, impact=rig.physics.answer)
+        seen = replace(seen, **known(rig))
         decision = decide(call.request, rig.asks.witness(call.request, seen), rig.policies)
         if decision.effect is Effect.PERMIT and rig.asks.consume(decision):
             won.append(decision.approval)
@@ -328,7 +333,7 @@ def test_a_reserved_use_lapses_and_cannot_be_consumed_late(rig):
 
     def reserved():
         call = rig.call(rig.holder)
-        seen = replace(rig.gate._cheap(call), impact=rig.physics.answer)
+        seen = replace(rig.gate._cheap(call), **known(rig))
         return decide(call.request, rig.asks.witness(call.request, seen), rig.policies)
 
     first, second = reserved(), reserved()

@@ -119,6 +119,7 @@ def test_votes_count_again_once_they_are_fetched_again(rig):
     rig.restart()
     waiting = rig.go()
     assert (waiting.decision.effect, waiting.ask.ask_id, rig.sent) == (Effect.DEFER, rig.ask_id, [])
+    assert waiting.decision.reason is Reason.TIER_NEEDS_APPROVAL
     assert len(rig.records("ask")) == 1
     rig.pull()
     assert rig.go().decision.effect is Effect.PERMIT
@@ -126,6 +127,18 @@ def test_votes_count_again_once_they_are_fetched_again(rig):
     rig.pull()
     assert rig.go().decision.reason is Reason.APPROVAL_USED
     assert len(rig.sent) == 1
+
+
+def test_votes_that_come_before_the_registry_are_not_lost(rig):
+    rig.ask()
+    rig.cast(rig.vote())
+    rig.restart()
+    people, rig.registry.people = rig.registry.people, {}
+    rig.pull()
+    assert rig.go().decision.reason is Reason.TIER_NEEDS_APPROVAL
+    rig.registry.people = people
+    rig.pull()
+    assert rig.go().decision.effect is Effect.PERMIT
 
 
 def test_a_granted_ask_does_not_end_in_silence_after_a_restart(rig):

@@ -93,9 +93,11 @@ async def _call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, obj
                 result = await client.call_tool(tool, arguments)
         except Exception:
             # The SDK reports a refused HTTP request in several ways; what was answered on the wire is the observation.
+            # It also asks for the tools after a call: when authority ended meanwhile, that is refused, the call is not.
             if not kept or kept[-1].status < 400:
                 raise
-            return spoken(kept[-1], (time.perf_counter() - started) * 1e3)
+            answered = (e for e in reversed(kept) if b'"tools/call"' in e.body and e.status < 400)
+            return spoken(next(answered, kept[-1]), (time.perf_counter() - started) * 1e3)
         latency_ms = (time.perf_counter() - started) * 1e3
     decision = (result.meta or {}).get(DECISION_META) or {}
     content = result.structured_content if isinstance(result.structured_content, dict) else {}
@@ -112,20 +114,20 @@ async def _call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, obj
 
 def spoken(exchange: Exchange, latency_ms: float) -> Answer:
     """The answer that one exchange carries in its body, whether it was refused at the door or by the tool."""
-    body = _said(exchange.answer)
+    decided, content = _said(exchange.answer)
     return Answer(
         status=exchange.status,
-        decision=str(body.get("decision", "NONE")),
-        reason=str(body.get("reason", "NONE")),
-        tier=body.get("tier"),
-        content=body,
+        decision=str(decided.get("decision", "NONE")),
+        reason=str(decided.get("reason", "NONE")),
+        tier=decided.get("tier"),
+        content=content,
         latency_ms=latency_ms,
         exchange=exchange,
     )
 
 
-def _said(answer: bytes) -> dict[str, Any]:
-    """What a body says of the decision: a refusal's own object, or that of a JSON-RPC result, plain or streamed."""
+def _said(answer: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a body says of the decision, and its content: a refusal's own object, or those of a JSON-RPC result."""
     text = answer.decode("utf-8", "replace")
     lines = [line.removeprefix("data:") for line in text.splitlines() if line.startswith("data:")] or [text]
     for line in lines:
@@ -136,8 +138,11 @@ def _said(answer: bytes) -> dict[str, Any]:
         if isinstance(body, dict):
             result = body.get("result")
             decided = result.get("_meta", {}).get(DECISION_META) if isinstance(result, dict) else None
-            return decided if isinstance(decided, dict) else body
-    return {}
+            if not isinstance(result, dict) or not isinstance(decided, dict):
+                return body, body
+            content = result.get("structuredContent")
+            return decided, content if isinstance(content, dict) else {}
+    return {}, {}
 
 
 def send(auth: httpx2.Auth, url: str, body: bytes, headers: Mapping[str, str]) -> Answer:

@@ -123,6 +123,11 @@ class Stage:
         decided = [row["body"]["evidence"]["approval"] for row in self.journal() if row["kind"] == "decision"]
         return list(decided[-1]["approvers"]) if decided and isinstance(decided[-1], dict) else []
 
+    def answered(self, question: Answer) -> bool:
+        """Whether the PEP has on record that people answered that deferral."""
+        ask_id = question.content["ask_id"]
+        return any(row["kind"] == "ask-answered" and row["body"]["ask_id"] == ask_id for row in self.journal())
+
     def ended_asks(self) -> set[object]:
         """Ids of the deferrals that ended in silence, by the whole journal."""
         return {row["body"]["ask_id"] for row in self.journal(since=0) if row["kind"] == "ask-expired"}

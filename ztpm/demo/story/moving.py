@@ -148,6 +148,7 @@ def _restart(stage: Stage) -> Seen:
     poll_refusal(stage, "vision", token)
     question = asked(stage, "robotic", target, 0.25)
     approve(stage, "alice", question)
+    until(lambda: stage.answered(question), "alice's vote on the PEP's record")
     for name in ("tools", "idp"):
         stage.cell.children[name].kill()
     stage.cell.start_idp()
