@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from capabilities.statements.observation import Observation
     from pep.context.frames import Frames, Look
+    from pep.holding import Holding
     from pep.pit import CellParameters, Motion, Robot
     from pep.ports import Clock
     from pep.rtde.state import JointState, RobotState
@@ -44,7 +45,7 @@ class CellPhysics:
     """The `Physics` and `Remaining` ports: one look at perception and robot, one assessment.
 
     Args:
-        robot: its model.
+        holding: its model, with what it holds.
         cell: its parameters and surveyed objects.
         valid_until_s: end of the signed cell file that they come from, seconds since the epoch.
         frames: the believed perception.
@@ -55,14 +56,14 @@ class CellPhysics:
     def __init__(
         self,
         *,
-        robot: Robot,
+        holding: Holding,
         cell: CellParameters,
         valid_until_s: int,
         frames: Frames,
         state: RobotState,
         clock: Clock,
     ) -> None:
-        self._robot = robot
+        self._holding = holding
         self._cell = cell
         self._valid_until_s = valid_until_s
         self._frames = frames
@@ -133,7 +134,8 @@ class CellPhysics:
         state = self._state.read()
         if not state.still and not _goes_on(request, state):
             return ImpactFault(Reason.BUSY, "the arm is moving")
-        motion = _motion(request, state, self._robot, self._cell)
+        robot = self._holding.robot
+        motion = _motion(request, state, robot, self._cell)
         if motion is None:
             return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
         with self._lock:
@@ -141,7 +143,7 @@ class CellPhysics:
             while len(self._motions) > MOTIONS_KEPT:
                 self._motions.popitem(last=False)
         assessed = assess(
-            self._robot,
+            robot,
             sight.scene,
             motion,
             self._cell,
@@ -189,7 +191,7 @@ class CellPhysics:
             if motion is None:
                 return Rest(holds=False, index_milli=None, cause="", fault=Reason.PHYSICS_FAULT, age_ms=age_ms)
             rest = remaining(
-                self._robot,
+                self._holding.robot,
                 sight.scene,
                 motion,
                 self._cell,
@@ -210,6 +212,27 @@ class CellPhysics:
         view = look.view()
         shown = view.content if isinstance(view, Seen) else None
         return Rest(rest.holds, rest.index_milli, rest.cause, fault="", age_ms=age_ms, shown=shown)
+
+    def grip_ended(self, *, on_something: bool) -> None:
+        """A grip has ended: what the arm holds is committed, by the gripper's word and by what the sensors show.
+
+        Args:
+            on_something: whether the fingers were stopped by something.
+
+        Raises:
+            RobotError: the arm says nothing; what it holds is then unknown.
+        """
+        if not on_something:
+            self._holding.released()
+            return
+        seen = self._frames.view()
+        shown = () if not isinstance(seen, Seen) else scene_of(seen, self._cell).objects[len(self._cell.objects) :]
+        try:
+            q_rad = self._state.read().q_rad
+        except RobotError:
+            self._holding.closed_on((0.0,) * 6, ())
+            raise
+        self._holding.closed_on(q_rad, shown)  # type: ignore[arg-type]  # six, counted where they were read
 
     def _sight(self, look: Look, *, allowance_ms: int) -> _Sight | ImpactFault:
         """The scene that a look shows and the age to reckon with, or why it must not be believed.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -12,11 +13,14 @@ from pep.rtde.readiness import RobotReadiness, equip
 from pep.world import tool_position
 
 if TYPE_CHECKING:
+    from pep.holding import Holding
     from pep.pit import CellParameters, Robot
     from pep.ports import Clock
     from pep.rtde.dashboard import RemoteControl
+    from pep.rtde.gripper import Grip
     from pep.rtde.program import ProgramWatch
     from pep.rtde.telemetry import Telemetry
+    from pep.world import CellPhysics
 
 PROGRAM_S: Final = 1.0
 """Longest wait for the controller to tell on another port what we did on this one; it takes some milliseconds."""
@@ -51,7 +55,14 @@ def connect_outputs(host: str) -> Any:
 
 
 def commanded(
-    raw: Any, program: ProgramWatch, robot: Robot, cell: CellParameters, *, audience: str, clock: Clock
+    raw: Any,
+    program: ProgramWatch,
+    robot: Robot,
+    cell: CellParameters,
+    holding: Holding,
+    *,
+    audience: str,
+    clock: Clock,
 ) -> GuardedControl:
     """The guarded control connection: its script running and ours, the controller reckoning with our payload and tool.
 
@@ -59,20 +70,15 @@ def commanded(
         raw: `RTDEControlInterface`; keep no reference to it.
         program: listening since before the script was uploaded.
         robot: its model, with the tool that it carries.
-        cell: its parameters, with the part that is held at the start.
+        cell: its parameters.
+        holding: what it holds at the start.
         audience: canonical URL of the server that decides.
         clock: both clocks.
 
     Raises:
         RobotError: the controller does not take payload or tool.
     """
-    held_kg = cell.payload_kg or 0.0
-    payload_kg = robot.tool.mass_kg + held_kg
-    centre_m = [
-        (robot.tool.mass_kg * own + held_kg * tip) / payload_kg
-        for own, tip in zip(robot.tool.com_m, robot.tool.tcp_m, strict=True)
-    ]
-    equip(raw, payload_kg=payload_kg, centre_m=centre_m, tcp_m=robot.tool.tcp_m)
+    equip(raw, payload_kg=holding.carried_kg, centre_m=holding.centre_m, tcp_m=robot.tool.tcp_m)
     # A script that is not seen to start is not known to be ours: then every motion is denied, and says so.
     program.claim(within_s=PROGRAM_S)
     return GuardedControl(
@@ -91,7 +97,7 @@ def readiness(
     control: GuardedControl,
     *,
     robot: Robot,
-    cell: CellParameters,
+    holding: Holding,
 ) -> RobotReadiness:
     """The robot's readiness, by connections beside the one that commands it.
 
@@ -101,7 +107,7 @@ def readiness(
         program: claimed.
         control: of the robot.
         robot: its model.
-        cell: its parameters.
+        holding: what it holds.
     """
     return RobotReadiness(
         telemetry=telemetry,
@@ -110,12 +116,20 @@ def readiness(
         commanding=control.isConnected,
         tool_position=partial(tool_position, robot),
         tcp_m=robot.tool.tcp_m,
-        expected_payload_g=partial(_carried_g, robot, cell),
+        expected_payload_g=lambda: round(holding.carried_kg * Unit.GRAM.per_si),
     )
 
 
-def _carried_g(robot: Robot, cell: CellParameters) -> int | None:
-    """What the flange carries by the cell's parameters, or None when the held part is unknown."""
-    if cell.payload_kg is None:
-        return None
-    return round((robot.tool.mass_kg + cell.payload_kg) * Unit.GRAM.per_si)
+async def committed(physics: CellPhysics, control: GuardedControl, holding: Holding, grip: Grip) -> None:
+    """What the gripper holds after a grip is committed, and the controller reckons with it.
+
+    A controller that does not take the new payload contradicts what is committed, and TEA-5 denies every motion.
+    """
+
+    def commit() -> None:
+        before = holding.carried_kg
+        physics.grip_ended(on_something=grip.object)
+        if holding.carried_kg != before:
+            control.carries(holding.carried_kg, holding.centre_m)
+
+    await asyncio.to_thread(commit)

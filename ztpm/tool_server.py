@@ -38,6 +38,7 @@ from pep.context.frames import Frames
 from pep.errors import PepError, PepFault
 from pep.feed import Follower, MarkFile
 from pep.gate import Gate
+from pep.holding import Holding
 from pep.mcp.arm import arm_server
 from pep.mcp.deadline import DeadlineProtocol
 from pep.mcp.guard import guard
@@ -61,7 +62,7 @@ from pep.ship import Shipper
 from pep.watch import Limits, Watch
 from pep.world import CellPhysics
 from ztpm.report import report_of, serve_reports
-from ztpm.robot import PROGRAM_S, commanded, connect, connect_outputs, readiness
+from ztpm.robot import PROGRAM_S, commanded, committed, connect, connect_outputs, readiness
 from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, read_key, read_policies, read_trust
 
 if TYPE_CHECKING:
@@ -148,8 +149,9 @@ class ToolServer:
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
         robot = Robot.load(ROBOT_MODEL, tool=survey.tool)
+        holding = Holding(robot, self.cell)
         self.physics = CellPhysics(
-            robot=robot,
+            holding=holding,
             cell=self.cell,
             valid_until_s=survey.not_after,
             frames=self.frames,
@@ -160,11 +162,11 @@ class ToolServer:
         program = ProgramWatch(config.robot_host)
         program.listening(within_s=PROGRAM_S)
         control = commanded(
-            connect(config.robot_host), program, robot, self.cell, audience=config.audience, clock=self.clock
+            connect(config.robot_host), program, robot, self.cell, holding, audience=config.audience, clock=self.clock
         )
         telemetry = Telemetry(config.robot_host)
         self.readiness = readiness(
-            telemetry, RemoteControl(config.robot_host), program, control, robot=robot, cell=self.cell
+            telemetry, RemoteControl(config.robot_host), program, control, robot=robot, holding=holding
         )
         self.judging = ThreadPoolExecutor(1, "rest")
         self.drive = Drive(
@@ -194,6 +196,7 @@ class ToolServer:
                 audience=config.audience,
                 stopped_ms=lambda: control.stopped_ms,
             ),
+            partial(committed, self.physics, control, holding),
         )
         self.replay = ReplayCache(self.clock)
         asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)

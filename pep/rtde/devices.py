@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Awaitable, Callable, Sequence
 
     from pep.permit import Permit
     from pep.rtde.drive import Drive, MotionEnd
@@ -25,11 +25,13 @@ class Devices:
         drive: of arm and gripper; it alone stops.
         jog: streams of joint speeds.
         outputs: of the controller.
+        gripped: told how each grip has ended, before anything else is decided.
     """
 
     drive: Drive
     jog: Jog
     outputs: DigitalOutputs
+    gripped: Callable[[Grip], Awaitable[None]]
 
     def reserve(self, request_id: str) -> bool:
         """True when nothing acts and the slot is now this request's."""
@@ -56,12 +58,16 @@ class Devices:
         return await self.jog.speed_joint(qd_rad_s, acceleration_rad_s2, duration_s, permit)
 
     async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
-        """See `Drive.gripper_move`."""
-        return await self.drive.gripper_move(width_m, speed_m_s, force_n, permit)
+        """See `Drive.gripper_move`; what is held afterwards is committed."""
+        grip = await self.drive.gripper_move(width_m, speed_m_s, force_n, permit)
+        await self.gripped(grip)
+        return grip
 
     async def gripper_activate(self, permit: Permit) -> Grip:
-        """See `Drive.gripper_activate`."""
-        return await self.drive.gripper_activate(permit)
+        """See `Drive.gripper_activate`; what is held afterwards is committed."""
+        grip = await self.drive.gripper_activate(permit)
+        await self.gripped(grip)
+        return grip
 
     async def set_digital_output(self, pin: int, value: bool, permit: Permit) -> None:  # noqa: FBT001
         """See `DigitalOutputs.set`."""

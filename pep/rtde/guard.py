@@ -253,6 +253,16 @@ class GuardedControl:
         self._speeding = False
         return told
 
+    def carries(self, payload_kg: float, centre_m: Sequence[float]) -> bool:
+        """Whether the controller reckons with this payload from now on. For the PEP alone: `setPayload` stays refused.
+
+        Args:
+            payload_kg: tool and all that is held.
+            centre_m: of that mass, in the flange frame.
+        """
+        with self._lock:
+            return bool(self._control.setPayload(payload_kg, list(centre_m)))
+
     @property
     def stopped_ms(self) -> int | None:
         """Monotonic time of the newest stop, or None."""

@@ -18,6 +18,7 @@ from pep.context.frames import FRAME_BYTES, Frame, Frames, Seen
 from pep.perception import CONNECTIONS, Receiver
 from pep.pit import CellParameters, Robot, observed, standing_adult, surveyed
 from pep.rtde.state import JointState
+from pep.holding import Holding
 from pep.world import CellPhysics
 from policies.model import Effect
 from policies.reasons import Reason
@@ -46,9 +47,10 @@ class Cell:
         named = frozenset({"camera-1", "camera-2"})
         self.frames = Frames(sensors=self.registry, named=named, clock=self.clock, caps=CAPS)
         stated = survey(self.clock.wall_s(), sensors=tuple(sorted(named)))
+        cell = surveyed(stated, CellParameters(objects=()))
         self.rig.physics = CellPhysics(
-            robot=ARM,
-            cell=surveyed(stated, CellParameters(objects=())),
+            holding=Holding(ARM, cell),
+            cell=cell,
             valid_until_s=stated.not_after,
             frames=self.frames,
             state=Arm(),

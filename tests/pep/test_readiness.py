@@ -10,6 +10,7 @@ import pytest
 
 from pep.errors import PepFault, RobotError
 from pep.pit import CellParameters, Robot
+from pep.holding import Holding
 from pep.rtde.dashboard import RemoteControl
 from pep.rtde.program import ProgramWatch
 from pep.rtde.readiness import RobotReadiness, equip
@@ -42,11 +43,12 @@ class Held:
         assert self.program.listening(within_s=5.0)
         self.raw = rtde_control.RTDEControlInterface(cell.host)
         parameters = parameters or CellParameters()
+        holding = Holding(ROBOT, parameters)
         self.control = composition.commanded(
-            self.raw, self.program, ROBOT, parameters, audience=AUDIENCE, clock=ManualClock()
+            self.raw, self.program, ROBOT, parameters, holding, audience=AUDIENCE, clock=ManualClock()
         )
         self.readiness = composition.readiness(
-            Telemetry(cell.host), RemoteControl(cell.host), self.program, self.control, robot=ROBOT, cell=parameters
+            Telemetry(cell.host), RemoteControl(cell.host), self.program, self.control, robot=ROBOT, holding=holding
         )
 
     def becomes(self, **changes):

@@ -10,6 +10,7 @@ from capabilities.statements import observation
 from pep.context.frames import Frame, Frames
 from pep.pit import CellParameters, Person, Region, Robot, Sphere, observed
 from pep.rtde.state import JointState
+from pep.holding import Holding
 from pep.world import CellPhysics
 from policies.model import Effect
 from policies.reasons import Reason
@@ -35,7 +36,7 @@ class Cell(Rig):
     """A rig that computes its physics from what a sensor signs."""
 
     def at(self, q, *people):
-        frames = Frames(sensors=self.registry, clock=self.clock, caps=CAPS)
+        frames = Frames(sensors=self.registry, named=frozenset({"camera-1"}), clock=self.clock, caps=CAPS)
         key = self.registry.add_sensor()
         seen = observation.Observation(
             sensor="camera-1",
@@ -49,7 +50,14 @@ class Cell(Rig):
         )
         assert isinstance(frames.admit(observation.sign(seen, key).encode()), Frame)
         cell = CellParameters(time_limit_s=20.0)  # a loaded host is slow, and this is not about that
-        self.physics = CellPhysics(robot=ROBOT, cell=cell, frames=frames, state=Standing(q))
+        self.physics = CellPhysics(
+            holding=Holding(ROBOT, cell),
+            cell=cell,
+            valid_until_s=2**40,
+            frames=frames,
+            state=Standing(q),
+            clock=self.clock,
+        )
         return self.build()
 
     def asked(self, tool, **arguments):

@@ -1,0 +1,79 @@
+"""What the gripper holds, as committed: the gripper says that there is something, the sensors' last view says what.
+
+From the moment a grip has ended on something until a later one ends on nothing, the arm is assessed as an arm with that
+part in its fingers. No call ever says what is held.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+from pep.pit import gripped, unknown_part
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from pep.pit import CellParameters, Held, Robot
+    from pep.pit.motion import Joints
+    from pep.pit.scene import Thing
+
+
+class Holding:
+    """The arm with what it holds. Any thread.
+
+    Args:
+        robot: the arm with its tool and empty fingers.
+        cell: what is known of the parts that may be carried, and of what is mounted besides.
+    """
+
+    def __init__(self, robot: Robot, cell: CellParameters) -> None:
+        self._empty = robot
+        self._cell = cell
+        self._lock = threading.Lock()
+        self._now = robot
+
+    @property
+    def robot(self) -> Robot:
+        """The arm as it is to be reckoned with now."""
+        with self._lock:
+            return self._now
+
+    @property
+    def held(self) -> Held | None:
+        """What it holds."""
+        return self.robot.held
+
+    def closed_on(self, q_rad: Joints, objects: Iterable[Thing]) -> None:
+        """The fingers have closed on something: on the one object seen between them, else on an unknown part.
+
+        Args:
+            q_rad: measured joint angles.
+            objects: what sensors show, in the base frame; nothing that was only surveyed.
+        """
+        held = gripped(self._empty, q_rad, objects, self._cell) or unknown_part(self._empty, self._cell)
+        with self._lock:
+            self._now = self._empty.holding(held)
+
+    def released(self) -> None:
+        """The fingers hold nothing: what they held stands where the sensors show it."""
+        with self._lock:
+            self._now = self._empty
+
+    @property
+    def carried_kg(self) -> float:
+        """Tool and all that is held; an unknown part counts as the whole payload."""
+        robot = self.robot
+        part = robot.held
+        part_kg = self._cell.payload_kg if part is None else part.mass_kg
+        return robot.tool.mass_kg + (robot.model.payload_limit_kg if part_kg is None else part_kg)
+
+    @property
+    def centre_m(self) -> tuple[float, float, float]:
+        """Centre of all that mass in the flange frame: the tool's own, the part's in the middle of its shape."""
+        robot = self.robot
+        own, tool_kg = robot.tool.com_m, robot.tool.mass_kg
+        where = robot.tool.tcp_m if robot.held is None else robot.held.center_m
+        part_kg = self.carried_kg - tool_kg
+        x, y, z = ((tool_kg * a + part_kg * b) / self.carried_kg for a, b in zip(own, where, strict=True))
+        return x, y, z
