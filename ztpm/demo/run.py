@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 MOVED_RAD: Final = 1e-3
 """Less than this on every joint is standing still (the simulator's and the sensor's noise is far below)."""
-DEMO_DEFER_TIMEOUT_S: Final = 5
+DEMO_DEFER_TIMEOUT_S: Final = 4
 """The demo waits this long for an answer to a deferral, so that the story stays short."""
 
 

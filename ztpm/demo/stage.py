@@ -40,8 +40,8 @@ def pose(base_rad: float) -> tuple[float, ...]:
 
 
 SPEED_RAD_S: Final = 0.5
-BRING_RAD_S: Final = 0.6
-"""Speed at which the arm is brought to where a step begins: the most that the robotic agent is lent."""
+BRING_RAD_S: Final = 1.0
+"""Speed at which the arm is brought to where a step begins, by the orchestrator, who may move that fast."""
 BRING_TRIES: Final = 5
 """On a loaded machine the watch may end a move; what sets the stage is begun again."""
 ACCELERATION_RAD_S2: Final = 1.4
@@ -196,7 +196,7 @@ class Stage:
         return answer
 
     def bring(self, target: tuple[float, ...]) -> None:
-        """The arm stands at `target`, moved there by the robotic agent like by anyone, in several goes if need be.
+        """The arm stands at `target`, moved there by the orchestrator like by anyone, in several goes if need be.
 
         Raises:
             StageError: when that is not permitted.
@@ -209,7 +209,7 @@ class Stage:
         for _ in range(BRING_TRIES):
             if there():
                 return
-            answer = self.move("robotic", to=target, speed=BRING_RAD_S)
+            answer = self.move("orchestrator", to=target, speed=BRING_RAD_S)
         if not there():
             said = None if answer is None else (answer.reason, answer.content)
             raise StageError(f"the arm was not brought to where the step begins: {said}")
