@@ -19,6 +19,7 @@ import os
 import resource
 import signal
 import sys
+import traceback
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -379,16 +380,22 @@ def main() -> None:
     # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    status = 1
     try:
         asyncio.run(serve(read_config(options.config), reports=options.reports))
         status = 0
     except PepError as error:
         sys.stderr.write(f"{error}\n")
-        status = 1
-    # A thread inside ur_rtde that still waits for a controller that is gone would be joined for ever.
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(status)
+    except Exception:  # noqa: BLE001 - whatever it is, the process ends, and says why where somebody still reads
+        with contextlib.suppress(OSError):
+            traceback.print_exc()
+    finally:
+        # A thread inside ur_rtde that still waits for a controller that is gone would be joined for ever; and whoever
+        # read what we say may be gone, too.
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError):
+                stream.flush()
+        os._exit(status)
 
 
 if __name__ == "__main__":
