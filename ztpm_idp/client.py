@@ -24,13 +24,13 @@ import rfc8785
 
 from capabilities.errors import StatementError
 from capabilities.keys import b64u, public_raw, thumbprint
-from capabilities.proof import prove
 from capabilities.scope_json import restriction_to_json, scope_to_json
 from capabilities.statements import attestation, opening
 from ztpm_idp import answering
+from ztpm_idp.signing import ProofAuth as ProofAuth  # noqa: PLC0414 - part of what this module offers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
     from types import TracebackType
 
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
 TIMEOUT_S: Final = 30.0
 """Longest wait for one answer."""
-_JTI_BYTES: Final = 18
 
 
 class ClientError(Exception):
@@ -56,40 +55,6 @@ class ClientError(Exception):
         self.code = code
         self.status = status
         self.detail = detail
-
-
-class ProofAuth(httpx2.Auth):
-    """Signs each request with a key, for `httpx2` clients of both kinds; presents a token when it has one.
-
-    Args:
-        key: of the caller; with a token, of its holder.
-        token: its text, or None.
-        now: wall clock, seconds since the epoch.
-    """
-
-    requires_request_body = True
-
-    def __init__(
-        self, key: Ed25519PrivateKey, token: str | None = None, *, now: Callable[[], float] = time.time
-    ) -> None:
-        self._key = key
-        self._token = token
-        self._now = now
-
-    def auth_flow(self, request: httpx2.Request) -> Generator[httpx2.Request, httpx2.Response, None]:
-        """The request with a fresh proof over its method, address and body."""
-        request.headers["DPoP"] = prove(
-            self._key,
-            method=request.method,
-            url=str(request.url.copy_with(query=None, fragment=None)),
-            body=request.content,
-            token=self._token,
-            at=int(self._now()),
-            jti=secrets.token_urlsafe(_JTI_BYTES),
-        )
-        if self._token is not None:
-            request.headers["Authorization"] = f"DPoP {self._token}"
-        yield request
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,10 +29,12 @@ def idp_takes_any_evidence():
     from ztpm_idp.domain import attestation, issuing
     from ztpm_idp.domain.events import NonceConsumed
 
+    from capabilities.chain import EvidenceKind
     from capabilities.statements import attestation as statement
 
     def judge(rules, state, agent, evidence, *, delegator, request_digest, purpose, at_ms):
-        return NonceConsumed(statement.open(evidence, {agent.key}, rules.caps).nonce, purpose)
+        spent = NonceConsumed(statement.open(evidence, {agent.key}, rules.caps).nonce, purpose)
+        return attestation.Shown(spent, EvidenceKind.JWT)
 
     attestation.judge = issuing.judge = judge
 

@@ -44,7 +44,7 @@ CASES = [
     ("approval-changed-world", PEP, "pep_ignores_what_was_shown", MOVED),
     ("agent-approval-refused", IDP, "idp_lets_anybody_vote", ("PERMIT", "NONE", False)),
     ("zone-denied", PEP, "pep_sees_no_zones", MOVED),
-    ("one-of-two-refused", PEP, "pep_takes_one_for_two", FOREVER),
+    ("one-of-two-refused", PEP, "pep_takes_one_for_two", MOVED),
     ("stale-world-deferred", PEP, "pep_sees_no_age", FOREVER),
     ("forged-frame-refused", PEP, "pep_believes_any_frame", FOREVER),
     ("place-on-table", PEP, "pep_touches_anything", MOVED),

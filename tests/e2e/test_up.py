@@ -14,6 +14,7 @@ import httpx2
 import pytest
 
 from capabilities import keys
+from pep.mcp.mapping import ARM_TOOLS
 from ztpm.demo.calls import call
 from ztpm.demo.props import lent
 from ztpm.demo.stage import ACCELERATION_RAD_S2, RIGHT, SPEED_RAD_S, Stage
@@ -195,7 +196,7 @@ def test_up_shows_how_it_stands_ends_in_order_and_comes_back_as_it_was(up, tmp_p
     assert {k: again.told[k] for k in ("issuer", "audience", "status")} == {
         k: first.told[k] for k in ("issuer", "audience", "status")
     }
-    assert (ledger_kinds().count("tool-registered"), again.told["differing"]) == (4, [])
+    assert (ledger_kinds().count("tool-registered"), again.told["differing"]) == (len(ARM_TOOLS), [])
     status = until(lambda: (s := again.status()) and s["perception"]["people"] == 1 and s, "the same scene")
     assert any(d["effect"] == "PERMIT" and d["outcome"] == "done" for d in status["decisions"])
     assert [agent["id"] for agent in caller.alice.agents()] == ["mover"]

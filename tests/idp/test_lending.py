@@ -287,7 +287,8 @@ def test_the_dead_get_nothing(world):
     planner, mover, lent = tree(world)
     foreigner = world.agent("helper", sponsor="bob")
     world.people["alice"].disable_person("bob", "left")
-    assert refused(planner.delegate, lent.token, foreigner, SLOWER, purpose="p").code == "SPONSOR_INACTIVE"
+    # Bob's agents ended with him: this one cannot even ask for a nonce.
+    assert refused(planner.delegate, lent.token, foreigner, SLOWER, purpose="p").code == "CALLER_INACTIVE"
     assert refused(world.people["bob"].issue, planner, world.scope(), purpose="p").code == "CALLER_INACTIVE"
     request = delegate_request("mover", SLOWER, purpose="p")
     evidence = mover.evidence("planner", request)

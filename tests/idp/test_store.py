@@ -45,12 +45,15 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
         with closing(sqlite3.connect(file)) as base, base:
             for table in ("votes", "asks", "openings"):
                 base.execute(f"DROP TABLE {table}")
+            base.execute("ALTER TABLE agents DROP COLUMN workload")
             base.execute("UPDATE alembic_version SET version_num = 'v0001'")
             assert base.execute("SELECT count(*) FROM hops").fetchone() == (1,)
         before = first_rows(file)
         world.start()
         assert on_connection(world, lambda c: compare_metadata(MigrationContext.configure(c), metadata)) == []
-        assert first_rows(file) == before
+        assert {
+            n: [row[: len(old[0])] for row in rows] for n, rows in first_rows(file).items() if (old := before[n])
+        } == {n: rows for n, rows in before.items() if rows}
         cell = Cell(world)
         ask_id, _ = cell.taken()
         assert world.people["carol"].approve(ask_id)["state"] == "granted"

@@ -58,8 +58,11 @@ def test_no_record_no_effect(rig):
     assert rig.slot.holder is None
 
 
-@pytest.mark.parametrize(("perception", "sighted"), [("fresh", True), ("stale", False), ("missing", False)])
-def test_a_permit_says_what_the_watch_has_to_hold(rig, monkeypatch, perception, sighted):
+@pytest.mark.parametrize(
+    ("perception", "tier", "sighted"), [("fresh", 1, True), ("stale", 3, False), ("missing", 3, False)]
+)
+def test_a_permit_says_what_the_watch_has_to_hold(rig, monkeypatch, perception, tier, sighted):
+    # Over the whole of its tier the decision would have been the same.
     # What a person approved unseen is permitted, too; here the decision stands in for the person.
     honest = gate_module.decide
     permitted = {"effect": Effect.PERMIT, "reason": Reason.PERMITTED, "lifetime_ms": 50}
@@ -74,13 +77,13 @@ def test_a_permit_says_what_the_watch_has_to_hold(rig, monkeypatch, perception, 
     call = rig.call(rig.agent())
     run(rig, call, effect)
     (permit,) = given
-    assert (permit.request, permit.index_milli, permit.sighted) == (call.request, 940, sighted)
+    assert (permit.request, permit.index_milli, permit.sighted) == (call.request, 1_000 * tier, sighted)
 
 
 def test_what_the_watch_saw_is_in_the_record(rig):
     async def watched(permit):
         permit.spend(digest=permit.digest, stopped_ms=None)
-        assert (permit.index_milli, permit.sighted) == (900, True)
+        assert (permit.index_milli, permit.sighted) == (1_000, True)
         permit.watched = {"outcome": "world_changed", "q_at_stop_rad": (0.0, 1.0)}
         return Result(value={"outcome": "world_changed"})
 

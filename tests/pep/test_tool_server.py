@@ -2,6 +2,7 @@
 
 import asyncio
 import dataclasses
+import itertools
 import json
 import subprocess
 import sys
@@ -26,7 +27,7 @@ from pep.pit import (
     assess,
     surveyed,
 )
-from pep.rtde.state import JointState
+from pep.rtde.state import JointState, Package
 from tests.pep.kit import AUDIENCE, issuer_keys, survey
 from ztpm import tool_config, tool_server
 from ztpm.tool_config import CellConfig, read_cell, read_config, read_key, read_policies, read_trust
@@ -209,6 +210,10 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
         def read(self):
             return JointState((0.0,) * 6, (0.0,) * 6, 7, 1)
 
+        def newest(self):
+            return Package(next(stamps), self.read())
+
+    stamps = itertools.count(1.0)
     monkeypatch.setattr(tool_server, "connect", Arm)
     monkeypatch.setattr(tool_server, "connect_outputs", Arm)
     monkeypatch.setattr(tool_server, "ReceivedState", Arm)

@@ -20,6 +20,8 @@ from ztpm.cli.person import As, Data, Issuer, Json, KeyFile, Reason, answering, 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+ID_COLUMNS = 32
+"""An ask's or opening's id in hex digits."""
 app = typer.Typer(no_args_is_help=True, help="Questions to people, and their answers.")
 
 AskId = Annotated[str, typer.Argument(help="Id of the ask: 32 hex digits.")]
@@ -55,7 +57,7 @@ def list_(
         return
     table = Table(box=None, pad_edge=False)
     for heading in ("ask", "tier", "index", "agent", "asks for", "because", "until"):
-        table.add_column(heading)
+        _heading(table, heading)
     for row in rows:
         cells = (
             row.get("ask_id"), row.get("tier"), _index(row.get("index_milli")), row.get("agent"),
@@ -191,7 +193,7 @@ def openings(*, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile =
         return
     table = Table(box=None, pad_edge=False)
     for heading in ("opening", "opener", "agent", "for", "until"):
-        table.add_column(heading)
+        _heading(table, heading)
     for row in rows:
         cells = (
             row.get("opening_id"), row.get("opener"), row.get("agent"),
@@ -291,3 +293,11 @@ def _clock(seconds: object) -> str:
         return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(seconds)) if type(seconds) is int else "?"
     except (OverflowError, ValueError, OSError):
         return "?"
+
+
+def _heading(table: Table, heading: str) -> None:
+    """A column; an id that is cut is of no use to anybody."""
+    if heading in {"ask", "opening"}:
+        table.add_column(heading, no_wrap=True, min_width=ID_COLUMNS)
+    else:
+        table.add_column(heading, overflow="fold")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from typing import Final, NoReturn
 
 import typer
@@ -15,7 +17,11 @@ DENY: Final = 3
 DEFER: Final = 4
 """It is not decided yet: another person must answer."""
 
-console = Console(highlight=False, soft_wrap=True)
+WIDE: Final = 160
+"""Columns where nobody says how wide the output is: what is piped must not be cut to fit a screen."""
+console = Console(
+    highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else WIDE
+)
 
 
 def say_json(value: object) -> None:
