@@ -217,7 +217,7 @@ def opened_body(ask: Ask) -> dict[str, object]:
         "agent": ask.agent,
         "request_digest": ask.request_digest,
         "reason": ask.reason,
-        "expires_at_ms": int(ask.expires_at * 1000),
+        "expires_at_ms": round(ask.expires_at * 1000),
         "ask": ask.text,
     }
 

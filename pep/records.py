@@ -61,7 +61,7 @@ def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: Ask | No
     if decided.approval is not None:
         body["approval"] = use_body(decided.approval)
     if ask is not None:
-        body["ask"] = {"ask_id": ask.ask_id, "expires_at_ms": int(ask.expires_at * 1000)}
+        body["ask"] = {"ask_id": ask.ask_id, "expires_at_ms": round(ask.expires_at * 1000)}
     return body
 
 

@@ -18,5 +18,5 @@ def output_cause(motion: OutputSet, cell: CellParameters) -> Contribution:
     """The one thing that the index of an output comes from: its declared tier, or that it has none."""
     declared = next((output for output in cell.outputs if output.pin == motion.pin), None)
     if declared is None:
-        return Contribution("undeclared_output", milli(UNDECLARED), "", f"pin {motion.pin}", 0, 0, 0)
+        return Contribution("undeclared_output", milli(UNDECLARED), "", f"pin-{motion.pin}", 0, 0, 0)
     return Contribution("output", milli(float(declared.tier)), "", declared.name, 0, 0, 0)

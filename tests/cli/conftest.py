@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from ztpm.cli import app
+from ztpm.cli.output import console
 from ztpm.cli.passphrase import VARIABLE
 from ztpm.layout import Layout
 from ztpm.setup import Addresses, initialise
@@ -28,7 +29,7 @@ class Ran:
 def run(monkeypatch):
     """Runs the real command line in this process."""
     monkeypatch.setenv(VARIABLE, PASSPHRASE)
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(console, "width", 200)  # whatever the terminal was when it was made
 
     def run(*arguments, answer=None):
         result = CliRunner().invoke(app, list(map(str, arguments)), input=answer)

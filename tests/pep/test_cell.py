@@ -19,7 +19,7 @@ from capabilities.scope import Tier
 from capabilities.statements.registry import SensorEntry, ToolEntry
 from pep.mcp.arm import tool_definitions
 from pep.mcp.guard import DECISION_META
-from pep.pit import CellParameters
+from pep.pit import CellParameters, Output
 from pep.rtde.dashboard import stop_program
 from pep.rtde.state import ReceivedState
 from pep.rtde.telemetry import Telemetry
@@ -364,7 +364,8 @@ def test_digital_outputs_through_the_tools(controller, tmp_path):
     async def scenario(cell):
         holder = cell.holder()
         await cell.see(holder)
-        cell.server.physics._outputs = {2: Tier.REVERSIBLE}  # as a cell file will declare it
+        declared = dataclasses.replace(cell.server.cell, outputs=(Output(2, 1, "lamp"),))
+        cell.server.physics._cell = declared  # as a cell file would declare it
 
         for value in (True, False, True):
             result = await cell.use(holder, "set_digital_output", {"pin": 2, "value": value})
