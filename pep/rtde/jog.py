@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -17,7 +17,7 @@ from capabilities.units import parse
 from pep.errors import ActuationRefusedError, PepFault
 from pep.operations import SPEED_JOINT
 from pep.rtde.drive import PAUSE_S, SILENCE_MS, START_TOLERANCE_RAD, Heard
-from pep.rtde.ladder import ESCALATE_MS, SAFE_MODES, MotionEnd
+from pep.rtde.ladder import ESCALATE_MS, SAFE_MODES, STOP_LIMIT_MS, MotionEnd
 from pep.watch import AUTHORITY_PERIOD_MS, End
 from policies.reasons import Reason
 
@@ -169,23 +169,29 @@ class Jog:
                 permit = stream.permits[-1]
                 watch = self._drive.watching(permit)
             if gone.is_set():
-                return self._drive.stand(holding)
+                return self._stand(holding)
             alarm = watch.look(arm.state.q_rad)
             if alarm is not None:
-                return self._drive.end_by(alarm, permit, arm.state, holding)
+                return self._drive.end_by(alarm, permit, arm.state, _handed_over())
             if now - standing_ms >= AUTHORITY_PERIOD_MS:
                 standing_ms = now
                 fault = _fallen(stream.permits[:-1])
                 if fault is not None:
-                    return MotionEnd(End.AUTHORITY_LOST, self._drive.stand(holding).q_rad, str(fault.code))
+                    return MotionEnd(End.AUTHORITY_LOST, self._stand(holding).q_rad, str(fault.code))
             if arm.silent_ms > SILENCE_MS:
-                self._drive.stand(holding)
+                self._stand(holding)
                 return MotionEnd(End.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
             if arm.state.safety_mode not in SAFE_MODES:
                 mode = arm.state.safety_mode
-                return MotionEnd(End.ROBOT_FAILED, self._drive.stand(holding).q_rad, f"safety mode {mode}")
+                return MotionEnd(End.ROBOT_FAILED, self._stand(holding).q_rad, f"safety mode {mode}")
             wait((holding,), timeout=PAUSE_S)
         return self._ended(stream, arm, holding.result())
+
+    def _stand(self, holding: Future[str]) -> MotionEnd:
+        """The arm stands. One stop is enough: whoever holds the stream sees it and sends no more."""
+        end = self._drive.stand()
+        wait((holding,), timeout=STOP_LIMIT_MS / 1000)
+        return end
 
     def _ended(self, stream: _Stream, arm: Heard, why: str) -> MotionEnd:
         """The stream is over; once the arm stands, how."""
@@ -214,6 +220,13 @@ class Jog:
             return ""
         finally:
             self._control.end_speed()
+
+
+def _handed_over() -> Future[str]:
+    """For who waits for a hand-over to stop once more after it: a second stop would end the controller's program."""
+    handed_over: Future[str] = Future()
+    handed_over.set_result("")
+    return handed_over
 
 
 def _fallen(permits: Sequence[Permit]) -> Fault | None:

@@ -31,7 +31,7 @@ from ztpm.tool_server import CellConfig, ToolServer
 LEFT = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 RIGHT = (0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 PASSPHRASE = "correct horse battery staple"
-PATIENT = CellParameters(watch_age_limit_s=1.0, reaction_s=0.5, perception_age_limit_s=1.2)
+PATIENT = CellParameters(watch_age_limit_s=1.0, watch_time_limit_s=1.0, reaction_s=0.5, perception_age_limit_s=1.2)
 """A cell whose watch waits longer: this machine is also busy with other tests, and a motion is to end for the reason that a test gives it."""
 pytestmark = pytest.mark.e2e
 

@@ -1,6 +1,7 @@
 """Streams of joint speeds on the real controller: how they end, each way without the others, and that nothing is left behind."""
 
 import asyncio
+import gc
 import socket
 import threading
 from concurrent.futures import Future
@@ -147,7 +148,11 @@ def jogged(controller, scenario):
             rig.jog.close()
             rig.state.close()
 
-    return asyncio.run(inside())
+    try:
+        return asyncio.run(inside())
+    finally:
+        # ur_rtde's destructors wait for their threads and let nobody else run: not in the middle of the next stream.
+        gc.collect()
 
 
 async def usable(rig):
