@@ -2,7 +2,8 @@
 
 However the parent dies, kill -9 included, the kernel sends SIGTERM here, and the module ends as it does when it is
 asked to. So no child of a cell outlives the cell. The kernel counts the *thread* that started the child as its parent:
-start children from a thread that lives as long as they may.
+start children from a thread that lives as long as they may. A signal can be lost in a module that is just busy with
+another end; so this looks for its parent as well, and does not wait for ever.
 """
 
 from __future__ import annotations
@@ -12,9 +13,24 @@ import os
 import runpy
 import signal
 import sys
+import threading
+import time
 from typing import Final
 
 PR_SET_PDEATHSIG: Final = 1  # include/uapi/linux/prctl.h
+
+LOOK_S: Final = 0.5
+END_S: Final = 12.0
+"""Longest wait for the module's own end: the arm's stop takes 5 s at most, and its connections as long again."""
+
+
+def _follow(parent: int) -> None:
+    """The process has ended soon after its parent, whatever the module makes of a signal."""
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(END_S)
+    os._exit(1)
 
 
 def main() -> None:
@@ -25,6 +41,7 @@ def main() -> None:
     # After the call above: a parent that died before it sends nothing.
     if os.getppid() != parent:
         sys.exit("ztpm.tether: the parent is gone")
+    threading.Thread(target=_follow, args=(parent,), name="tether", daemon=True).start()
     sys.argv[:] = sys.argv[2:]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 

@@ -79,7 +79,7 @@ def test_a_person_who_walks_in_stops_it(eyes, tmp_path):
         assert (watch["outcome"], watch["reason"]) == ("world_changed", "IMPACT_ROSE")
         assert watch["index_milli"] > watch["authorised_milli"] == 1_000
         assert at_s * 1000 - 1 <= watch["t_seen_ms"] <= time.monotonic() * 1000
-        assert "bob" in watch["seen"]
+        assert "person" in watch["seen"]
         assert watch["q_at_standstill_rad"] == pytest.approx(eyes.now().q_rad, abs=2e-3)
         assert abs(watch["q_at_stop_rad"][0] - watch["q_at_standstill_rad"][0]) < 0.3
 
