@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 CELL_REACH_UM: Final = 10_000_000  # 10 m, ours
 """No part of a cell is further from the base: beyond it is a wrong unit, not a thing."""
-SURVEYED: Final = ("contacts", "objects", "outputs", "parts", "payload_kg", "tool", "workspace", "zones")
+SURVEYED: Final = ("contacts", "objects", "outputs", "payload_kg", "tool", "workspace", "zones")
 """Members of `CellParameters` that only a signed cell file may state."""
 
 

@@ -405,3 +405,9 @@ def test_the_embedded_zones_keep_away_from_the_sweep_and_can_be_reached():
             assert into.contributions[0].object == "fixture"
     assert asked(0.6, 2.6, cell_).violations == ("zone",)
     assert asked(0.6, 1.8, cell_).tier == 1
+
+
+def test_the_mass_of_a_part_is_a_number_of_the_configuration():
+    text = toml() + '[[cell.parts]]\nobject = "part-1"\nmass_kg = 0.4\n'
+    numbers = CellConfig.from_toml(text).cell
+    assert [(part.object, part.mass_kg) for part in surveyed(survey(NOW), numbers).parts] == [("part-1", 0.4)]
