@@ -62,11 +62,11 @@ class Holding:
 
     @property
     def carried_kg(self) -> float:
-        """Tool and all that is held; an unknown part counts as the whole payload."""
+        """Tool and all that is held; with an unknown part, all that the robot may carry."""
         robot = self.robot
         part = robot.held
         part_kg = self._cell.payload_kg if part is None else part.mass_kg
-        return robot.tool.mass_kg + (robot.model.payload_limit_kg if part_kg is None else part_kg)
+        return robot.model.payload_limit_kg if part_kg is None else robot.tool.mass_kg + part_kg
 
     @property
     def centre_m(self) -> tuple[float, float, float]:

@@ -41,12 +41,12 @@ def test_what_nobody_can_name_counts_as_the_whole_payload(shown):
     holding = Holding(ARM, CELL)
     holding.closed_on(Q, shown)
     assert (holding.held.object, holding.held.mass_kg) == ("", None)
-    assert holding.carried_kg == pytest.approx(ARM.tool.mass_kg + ARM.model.payload_limit_kg)
+    assert holding.carried_kg == pytest.approx(ARM.model.payload_limit_kg)
 
 
 def test_an_unknown_part_that_is_mounted_counts_as_the_whole_payload():
     holding = Holding(ARM, replace(CELL, payload_kg=None))
-    assert holding.carried_kg == pytest.approx(ARM.tool.mass_kg + ARM.model.payload_limit_kg)
+    assert holding.carried_kg == pytest.approx(ARM.model.payload_limit_kg)
 
 
 class Physics:

@@ -125,9 +125,9 @@ def test_a_held_part_is_reckoned_with_from_the_start(cell):
     one.close()
 
 
-def test_an_unknown_part_is_unknown(cell):
+def test_with_an_unknown_part_the_robot_reckons_with_all_that_it_may_carry(cell):
     one = Held(cell, CellParameters(payload_kg=None))
-    one.becomes(expected_payload_g=None)
+    one.becomes(expected_payload_g=3_000, payload_g=3_000)
     one.close()
 
 
