@@ -51,7 +51,13 @@ class Holding:
             q_rad: measured joint angles.
             objects: what sensors show, in the base frame; nothing that was only surveyed.
         """
-        held = gripped(self._empty, q_rad, objects, self._cell) or unknown_part(self._empty, self._cell)
+        self._hold(gripped(self._empty, q_rad, objects, self._cell) or unknown_part(self._empty, self._cell))
+
+    def closed_on_unknown(self) -> None:
+        """The fingers have closed on something, and nobody knows on what."""
+        self._hold(unknown_part(self._empty, self._cell))
+
+    def _hold(self, held: Held) -> None:
         with self._lock:
             self._now = self._empty.holding(held)
 

@@ -221,18 +221,16 @@ class CellPhysics:
 
         Raises:
             RobotError: the arm says nothing; what it holds is then unknown.
+            SceneError: the view cannot be read; likewise.
         """
         if not on_something:
             self._holding.released()
             return
+        self._holding.closed_on_unknown()
         seen = self._frames.view()
-        shown = () if not isinstance(seen, Seen) else scene_of(seen, self._cell).objects[len(self._cell.objects) :]
-        try:
-            q_rad = self._state.read().q_rad
-        except RobotError:
-            self._holding.closed_on((0.0,) * 6, ())
-            raise
-        self._holding.closed_on(q_rad, shown)  # type: ignore[arg-type]  # six, counted where they were read
+        if isinstance(seen, Seen):
+            shown = scene_of(seen, self._cell).objects[len(self._cell.objects) :]
+            self._holding.closed_on(self._state.read().q_rad, shown)  # type: ignore[arg-type]  # six, counted where they were read
 
     def _sight(self, look: Look, *, allowance_ms: int) -> _Sight | ImpactFault:
         """The scene that a look shows and the age to reckon with, or why it must not be believed.

@@ -128,8 +128,10 @@ async def committed(physics: CellPhysics, control: GuardedControl, holding: Hold
 
     def commit() -> None:
         before = holding.carried_kg
-        physics.grip_ended(on_something=grip.object)
-        if holding.carried_kg != before:
-            control.carries(holding.carried_kg, holding.centre_m)
+        try:
+            physics.grip_ended(on_something=grip.object)
+        finally:
+            if holding.carried_kg != before:
+                control.carries(holding.carried_kg, holding.centre_m)
 
     await asyncio.to_thread(commit)

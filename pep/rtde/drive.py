@@ -319,8 +319,15 @@ class Drive:
         wait((sending,), timeout=STOP_LIMIT_MS / 1000)
         return self.stand()
 
-    def end_by(self, alarm: Alarm, permit: Permit, state: JointState, sending: Future[T]) -> MotionEnd:
-        """The motion has ended because of an alarm, and the permit tells its record what was seen."""
+    def end_by(self, alarm: Alarm, permit: Permit, state: JointState, sending: Future[T] | None = None) -> MotionEnd:
+        """The motion has ended because of an alarm, and the permit tells its record what was seen.
+
+        Args:
+            alarm: why.
+            permit: of the motion.
+            state: where the arm was when it was seen.
+            sending: as for `stand`.
+        """
         end = self.stand(sending)
         permit.watched = {
             "outcome": str(alarm.end),

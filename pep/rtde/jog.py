@@ -172,7 +172,7 @@ class Jog:
                 return self._stand(holding)
             alarm = watch.look(arm.state.q_rad)
             if alarm is not None:
-                return self._drive.end_by(alarm, permit, arm.state, _handed_over())
+                return self._let_go(holding, self._drive.end_by(alarm, permit, arm.state))
             if now - standing_ms >= AUTHORITY_PERIOD_MS:
                 standing_ms = now
                 fault = _fallen(stream.permits[:-1])
@@ -188,8 +188,11 @@ class Jog:
         return self._ended(stream, arm, holding.result())
 
     def _stand(self, holding: Future[str]) -> MotionEnd:
-        """The arm stands. One stop is enough: whoever holds the stream sees it and sends no more."""
-        end = self._drive.stand()
+        """The arm stands."""
+        return self._let_go(holding, self._drive.stand())
+
+    def _let_go(self, holding: Future[str], end: MotionEnd) -> MotionEnd:
+        """That end, once whoever holds the stream has seen the stop; a second stop would end the program."""
         wait((holding,), timeout=STOP_LIMIT_MS / 1000)
         return end
 
@@ -220,13 +223,6 @@ class Jog:
             return ""
         finally:
             self._control.end_speed()
-
-
-def _handed_over() -> Future[str]:
-    """For who waits for a hand-over to stop once more after it: a second stop would end the controller's program."""
-    handed_over: Future[str] = Future()
-    handed_over.set_result("")
-    return handed_over
 
 
 def _fallen(permits: Sequence[Permit]) -> Fault | None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from pep.context.frames import Seen
 from pep.errors import PepFault, RobotError
 from pep.holding import Holding
 from pep.pit import CellParameters, Robot, Scene, Sphere, Thing
@@ -79,6 +80,7 @@ def test_the_controller_is_told_what_is_carried_whenever_that_changes():
 
 
 def test_an_arm_that_says_nothing_holds_something_unknown(monkeypatch):
+    monkeypatch.setattr("pep.world.scene_of", lambda seen, cell: Scene.of_cell(cell))
     from pep.world import CellPhysics
 
     class Silent:
@@ -87,7 +89,7 @@ def test_an_arm_that_says_nothing_holds_something_unknown(monkeypatch):
 
     class Frames:
         def view(self):
-            return None
+            return Seen((), 0)
 
     holding = Holding(ARM, CELL)
     physics = CellPhysics(holding=holding, cell=CELL, valid_until_s=2**40, frames=Frames(), state=Silent(), clock=None)
