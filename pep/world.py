@@ -16,8 +16,8 @@ from pep.errors import RobotError
 from pep.operations import GRIPPER_ACTIVATE, GRIPPER_MOVE, MOVE_JOINT, SET_DIGITAL_OUTPUT, SPEED_JOINT
 from pep.pit import Assessment, GripperMove, MoveJ, OutputSet, Scene, SceneError, SpeedJ, assess, remaining
 from pep.pit.kinematics import link_frames
+from pep.pit.stream import moves_with, stream_envelope
 from pep.ports import Assessed, Rest
-from pep.stopping import STOP_DELAY_S, patience_s
 from policies.evidence import ImpactFault, ImpactReading
 from policies.reasons import Reason
 from policies.tiers import FRESH
@@ -37,8 +37,6 @@ MOTIONS_KEPT: Final = 64
 """Requests whose motion is remembered; one at a time is under way."""
 ALLOWANCE: Final = 1.5
 """A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
-STREAM_TOLERANCE_RAD_S: Final = 0.02
-"""Ours: a stream's measured speeds lie this near to the asked ones; a hundredth of what any limit of ours is about."""
 
 
 class CellPhysics:
@@ -303,17 +301,6 @@ def _merged(observations: list[Observation], complete: bool) -> Observation:  # 
     )
 
 
-def _goes_on(request: Request, state: JointState) -> bool:
-    """Whether the arm moves only as the request asks, so that it is a stream which goes on."""
-    if request.operation != SPEED_JOINT.name:
-        return False
-    asked = [si(v.value, v.unit) for v in request.values[: len(state.qd_rad_s)]]
-    return all(
-        min(0.0, speed) - STREAM_TOLERANCE_RAD_S <= moving <= max(0.0, speed) + STREAM_TOLERANCE_RAD_S
-        for moving, speed in zip(state.qd_rad_s, asked, strict=True)
-    )
-
-
 def _motion(request: Request, state: JointState, robot: Robot, cell: CellParameters) -> Motion | None:
     values = tuple(si(v.value, v.unit) for v in request.values)
     if request.operation == MOVE_JOINT.name:
@@ -326,39 +313,16 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
     if request.operation == SET_DIGITAL_OUTPUT.name:
         return OutputSet(request.values[0].value, bool(request.values[1].value))
     if request.operation == SPEED_JOINT.name:
-        return speed_envelope(state, values[:6], values[6], values[7], cell)
+        return stream_envelope(_stream(values, state), cell, under_way=not state.still)
     return None
 
 
-def speed_envelope(
-    state: JointState,
-    qd_rad_s: tuple[float, ...],
-    acceleration_rad_s2: float,
-    duration_s: float,
-    cell: CellParameters,
-) -> MoveJ:
-    """A joint move that goes everywhere a stream of joint speeds may go, and nowhere slower.
+def _stream(values: Sequence[float], state: JointState) -> SpeedJ:
+    return SpeedJ(state.q_rad, values[:6], values[6], values[7])  # type: ignore[arg-type]
 
-    A stream runs for its duration, for the controller's patience when nobody ends it, and through its stop. It begins
-    at rest, or is under way already; the move then starts as far back as it needs to be as fast here.
 
-    Args:
-        state: where the arm is, and how fast.
-        qd_rad_s: 6 joint speeds.
-        acceleration_rad_s2: of the leading axis.
-        duration_s: how long it is asked for.
-        cell: its stop model.
-    """
-    leading = max(map(abs, qd_rad_s))
-    if leading == 0.0:
-        return MoveJ(state.q_rad, state.q_rad, 1.0, 1.0)  # type: ignore[arg-type]
-    stop = cell.stop_deceleration_rad_s2
-    # The move brakes as it began: the harder of both is the faster at every point.
-    ramp = max(acceleration_rad_s2, stop)
-    ahead_s = duration_s + patience_s(stop) + STOP_DELAY_S + leading / (2 * stop)
-    behind_s = 0.0 if state.still else leading / (2 * ramp)
-    ends = (
-        tuple(q + share_s * qd for q, qd in zip(state.q_rad, qd_rad_s, strict=True)) for share_s in (-behind_s, ahead_s)
-    )
-    start, target = ends
-    return MoveJ(start, target, leading, ramp)  # type: ignore[arg-type]
+def _goes_on(request: Request, state: JointState) -> bool:
+    """Whether the request is for a stream, and the arm moves as such a stream does."""
+    if request.operation != SPEED_JOINT.name:
+        return False
+    return moves_with(_stream([si(v.value, v.unit) for v in request.values], state), state.qd_rad_s)

@@ -37,7 +37,8 @@ class RobotReadiness:
             else.
         tool_position: where the model has the tool centre point in the base frame (m) at six joint angles (rad).
         tcp_m: of the model's tool, in the flange frame; it is not turned against it.
-        expected_payload_g: tool and held part by the committed state, or None while the held mass is unknown.
+        expected_payload_g: tool and held part by the committed state; for a part that nobody can name, all that the arm
+            may carry.
     """
 
     def __init__(
@@ -49,7 +50,7 @@ class RobotReadiness:
         commanding: Callable[[], bool],
         tool_position: Callable[[Sequence[float]], Sequence[float]],
         tcp_m: Sequence[float],
-        expected_payload_g: Callable[[], int | None],
+        expected_payload_g: Callable[[], int],
     ) -> None:
         self._telemetry = telemetry
         self._remote = remote

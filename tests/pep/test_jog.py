@@ -15,7 +15,9 @@ from pep.context.frames import Seen
 from pep.errors import ActuationRefusedError
 from pep.operations import SPEED_JOINT, Operation, digest_of
 from pep.permit import Permit
-from pep.pit import CellParameters
+from pep.pit import CellParameters, SpeedJ
+from pep.pit.motion import profile_of
+from pep.pit.stream import stream_envelope
 from pep.ports import Rest
 from pep.rtde.dashboard import stop_program
 from pep.rtde.drive import Drive
@@ -25,7 +27,6 @@ from pep.rtde.state import JointState, ReceivedState
 from pep.sim.launch import Controller
 from pep.stopping import STOP_DELAY_S, patience_s
 from pep.watch import End, Limits, Watch
-from pep.world import speed_envelope
 from policies.model import Request
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE
@@ -169,7 +170,7 @@ def test_it_ends_by_itself_inside_what_was_assessed_and_leaves_nothing_behind(co
         end = await rig.go(rig.permit())
         assert (end.end, end.reason) == (End.ENDED, "")
         travelled = end.q_rad[0] - start.q_rad[0]
-        envelope = speed_envelope(start, QD, 2.0, 0.5, CellParameters(stop_deceleration_rad_s2=STOP))
+        envelope = stream_envelope(SpeedJ(start.q_rad, QD, 2.0, 0.5), CellParameters(), under_way=False)
         assert 0.02 < travelled < envelope.target[0] - start.q_rad[0]  # its time counts from before it is sent
         assert end.q_rad[5] - start.q_rad[5] == pytest.approx(-travelled / 2, abs=1e-6)
         await usable(rig)
@@ -384,12 +385,10 @@ def test_after_a_protective_stop_nothing_is_taken_up_again():
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_assessed_move_is_never_slower_than_the_stream(stop, moving):
     """At every joint angle that a stream passes, whenever it ends, the move that is assessed is at least as fast there."""
-    from pep.pit.motion import profile_of
-
     cell = CellParameters(stop_deceleration_rad_s2=stop)
     state = JointState(HOME, QD if moving else (0.0,) * 6, 7, 1)
     for acceleration in (0.5, 2.0, 20.0):
-        move = speed_envelope(state, QD, acceleration, 0.5, cell)
+        move = stream_envelope(SpeedJ(state.q_rad, QD, acceleration, 0.5), cell, under_way=moving)
         profile = profile_of(move)
         way = move.target[0] - move.start[0]
         for holds_s in (0.05, 0.3, 0.5 + patience_s(stop)):  # ended early, or as late as the dead man ends it
