@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
     from pep.pit.motion import Joints, SpeedJ
 
-TOLERANCE_RAD_S: Final = 0.02
-"""Ours: an arm's measured speeds lie this near to a stream's; a hundredth of what any limit of ours is about."""
+TOLERANCE_RAD_S: Final = 0.02  # ours
+"""An arm's measured speeds lie this near to a stream's; a hundredth of what any limit of ours is about."""
 
 
 def moves_with(stream: SpeedJ, qd_rad_s: Sequence[float]) -> bool:
