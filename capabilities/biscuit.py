@@ -7,7 +7,6 @@ into errors here.
 
 from __future__ import annotations
 
-import functools
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import biscuit_auth
 
-from capabilities.block import ARITY, AUTHORITY_ONLY, Alternative, Checks, Row, Term
+from capabilities.checks import CONTEXT, REQUEST, TIER, TIME, variable
 from capabilities.errors import FaultCode, TokenError
 from capabilities.keys import KEY_BYTES
 from capabilities.scope import OneOf, Range
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
     from capabilities.caps import Caps
+    from capabilities.checks import Alternative, Checks
     from capabilities.scope import Bound
 
 _library: Any = biscuit_auth
@@ -34,6 +34,10 @@ _library: Any = biscuit_auth
 _PANIC: Final = "PanicException"
 _LIMITS_WORD: Final = "execution limits"
 """Part of the library's text when a Datalog limit was reached; it has no code for that. A test watches the wording."""
+
+
+Fact = tuple[str, tuple[int | bytes, ...]]
+"""The one fact of a block: its predicate and its terms."""
 
 
 class Answer(Enum):
@@ -78,21 +82,6 @@ class OpenedToken:
                 None if key is None or not repr(key).startswith("ed25519/") else bytes(key.to_bytes()) for key in found
             )
 
-    def rows(self, caps: Caps, attesters: frozenset[bytes]) -> dict[bytes | None, tuple[Row, ...]]:
-        """The facts of the profile's predicates, by who signed the blocks that state them; None is the authority block.
-
-        No rule of the token and no fact of a caller takes part: step [TOK-4] and the structure were checked before.
-
-        Raises:
-            TokenError: `LIMIT_EXCEEDED` for a Datalog limit, `CHAIN_BROKEN` for a term that is no integer, text or
-                bytes.
-        """
-        with _contained(FaultCode.CHAIN_BROKEN):
-            builder = _library.AuthorizerBuilder("")
-            builder.set_limits(_limits(builder, caps))
-            authorizer = builder.build(self._biscuit)
-            return {signer: _rows_of(authorizer, signer) for signer in (None, *attesters)}
-
     def decide(self, probe: Probe, caps: Caps) -> Answer:
         """What Biscuit's authorizer answers to one request, with nothing but that request as its own facts.
 
@@ -109,8 +98,8 @@ class OpenedToken:
                 **{f"v{i}": v for i, v in enumerate(probe.values)},
             }
             request = ", ".join(f"{{{parameter}}}" for parameter in bound)
-            builder.add_fact(_library.Fact(f"req({request})", bound))
-            builder.add_fact(_library.Fact("req_ctx({time}, {tier})", {"time": probe.time, "tier": probe.base_tier}))
+            builder.add_fact(_library.Fact(f"{REQUEST}({request})", bound))
+            builder.add_fact(_library.Fact(f"{CONTEXT}({{t}}, {{k}})", {"t": probe.time, "k": probe.base_tier}))
             authorizer = builder.build(self._biscuit)
             try:
                 authorizer.authorize()
@@ -133,27 +122,27 @@ def open_token(token: bytes, root: bytes) -> OpenedToken:
         )
 
 
-def seal_authority(rows: tuple[Row, ...], checks: Checks, *, root: Ed25519PrivateKey, root_key_id: int) -> bytes:
+def seal_authority(fact: Fact, checks: Checks, *, root: Ed25519PrivateKey, root_key_id: int) -> bytes:
     """A new token of one block, signed by the root key.
 
     Raises:
         TokenError: `TOKEN_MALFORMED` when a value cannot be bound.
     """
     with _contained(FaultCode.TOKEN_MALFORMED):
-        source = _source(rows, checks)
+        source = _source(fact, checks)
         builder = _library.BiscuitBuilder(source.text, source.bound)
         builder.set_root_key_id(root_key_id)
         return bytes(builder.build(_private(root)).to_bytes())
 
 
-def append_hop(token: OpenedToken, rows: tuple[Row, ...], checks: Checks, *, attester: Ed25519PrivateKey) -> bytes:
+def append_hop(token: OpenedToken, fact: Fact, checks: Checks, *, attester: Ed25519PrivateKey) -> bytes:
     """The token with one more block, signed by the attester for this place in this token alone.
 
     Raises:
         TokenError: `TOKEN_MALFORMED` when a value cannot be bound.
     """
     with _contained(FaultCode.TOKEN_MALFORMED):
-        source = _source(rows, checks)
+        source = _source(fact, checks)
         biscuit = token._biscuit  # noqa: SLF001 - this module is the class's only friend
         private = _private(attester)
         block = biscuit.third_party_request().create_block(private, _library.BlockBuilder(source.text, source.bound))
@@ -178,7 +167,7 @@ class _Source:
     def text(self) -> str:
         return "\n".join(self._parts)
 
-    def bind(self, value: Term | set[int]) -> str:
+    def bind(self, value: str | int | bytes | set[int]) -> str:
         """A placeholder for `value`."""
         name = f"p{len(self.bound)}"
         self.bound[name] = value
@@ -188,21 +177,19 @@ class _Source:
         self._parts.append(statement + ";")
 
 
-def _source(rows: tuple[Row, ...], checks: Checks) -> _Source:
+def _source(fact: Fact, checks: Checks) -> _Source:
     source = _Source()
-    for predicate, terms in rows:
-        if len(terms) != ARITY[predicate]:
-            raise TokenError(FaultCode.TOKEN_MALFORMED, "a fact of a wrong arity")
-        source.add(f"{predicate}({', '.join(source.bind(term) for term in terms)})")
+    predicate, terms = fact
+    source.add(f"{predicate}({', '.join(source.bind(term) for term in terms)})")
     if checks.alternatives is not None:
         source.add("check if " + " or ".join(_alternative(source, alternative) for alternative in checks.alternatives))
-    context = ["req_ctx($time, $tier)"]
+    context = [f"{CONTEXT}(${TIME}, ${TIER})"]
     if checks.not_before is not None:
-        context.append(f"$time >= {source.bind(checks.not_before)}")
+        context.append(f"${TIME} >= {source.bind(checks.not_before)}")
     if checks.not_after is not None:
-        context.append(f"$time < {source.bind(checks.not_after)}")
+        context.append(f"${TIME} < {source.bind(checks.not_after)}")
     if checks.ceiling is not None:
-        context.append(f"$tier <= {source.bind(checks.ceiling)}")
+        context.append(f"${TIER} <= {source.bind(checks.ceiling)}")
     if len(context) > 1:
         source.add("check if " + ", ".join(context))
     return source
@@ -210,47 +197,21 @@ def _source(rows: tuple[Row, ...], checks: Checks) -> _Source:
 
 def _alternative(source: _Source, alternative: Alternative) -> str:
     head = [source.bind(alternative.object), source.bind(alternative.operation)]
-    head += [f"$v{i}" for i in range(len(alternative.bounds))]
-    demands = [_demand(source, f"$v{i}", bound) for i, bound in enumerate(alternative.bounds) if bound is not None]
-    return ", ".join([f"req({', '.join(head)})", *demands])
+    head += [f"${variable(i)}" for i in range(len(alternative.bounds))]
+    demands = [
+        _demand(source, f"${variable(i)}", bound) for i, bound in enumerate(alternative.bounds) if bound is not None
+    ]
+    return ", ".join([f"{REQUEST}({', '.join(head)})", *demands])
 
 
-def _demand(source: _Source, variable: str, bound: Bound) -> str:
+def _demand(source: _Source, name: str, bound: Bound) -> str:
     match bound:
         case Range(low, high):
-            return f"{variable} >= {source.bind(low)}, {variable} <= {source.bind(high)}"
+            return f"{name} >= {source.bind(low)}, {name} <= {source.bind(high)}"
         case OneOf(values):
-            return f"{source.bind(set(values))}.contains({variable})"
+            return f"{source.bind(set(values))}.contains({name})"
         case _:
             assert_never(bound)
-
-
-@functools.lru_cache(maxsize=64)
-def _queries(signer: bytes | None) -> tuple[tuple[str, Any], ...]:
-    """One rule for each predicate, trusting exactly the blocks of one signer."""
-    predicates = [predicate for predicate in ARITY if signer is None or predicate not in AUTHORITY_ONLY]
-    rules = []
-    for predicate in predicates:
-        variables = ", ".join(f"$t{i}" for i in range(ARITY[predicate]))
-        body = f"row({variables}) <- {predicate}({variables}) trusting "
-        if signer is None:
-            rule = _library.Rule(body + "authority")
-        else:
-            rule = _library.Rule(body + "{signer}", {}, {"signer": _public(signer)})
-        rules.append((predicate, rule))
-    return tuple(rules)
-
-
-def _rows_of(authorizer: Any, signer: bytes | None) -> tuple[Row, ...]:
-    return tuple((predicate, _terms(fact)) for predicate, rule in _queries(signer) for fact in authorizer.query(rule))
-
-
-def _terms(fact: Any) -> tuple[Term, ...]:
-    terms = tuple(fact.terms)
-    for term in terms:
-        if type(term) not in {int, str, bytes}:
-            raise TokenError(FaultCode.CHAIN_BROKEN, "a term that is no integer, text or bytes")
-    return terms
 
 
 # --- the library's edges ---------------------------------------------------------------------------------------------

@@ -1,100 +1,72 @@
-"""One block of a token as values, as typed facts, and as the checks that Datalog evaluates.
+"""One block of a token as values, and as what is signed: one fact and the checks that Datalog evaluates.
 
-A block is written from values (`rows`, `checks`) and read back from its facts (`authority_from_rows`, `hop_from_rows`).
-Reading is strict in one move: what was understood is written again, and the rows must be the very same ones, each once.
+A block is written from values (`fact`, `checks`) and read back from its contents (`authority_of`, `hop_of`). The checks
+state grants, ceiling and window; the fact states all the rest: keys and digests as byte strings, and one canonical JSON
+object. Nothing is stated twice.
 """
 
 from __future__ import annotations
 
-from collections import Counter
+import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TypeVar, assert_never
 
 from capabilities import algebra, keys, text
+from capabilities import checks as written
 from capabilities.chain import Attestation, EvidenceKind, HopGrant, Sponsor
+from capabilities.checks import Alternative, Checks
 from capabilities.errors import CapabilityError, FaultCode, TokenError
-from capabilities.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.scope import Grant, Limit, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Mapping
 
     from capabilities.caps import Caps
+    from capabilities.scope import Bound
+    from capabilities.wire import Contents
+
+_T = TypeVar("_T")
 
 PROFILE: Final = "ztpm/1"
-
-Term = int | str | bytes
-Row = tuple[str, tuple[Term, ...]]
-"""One fact: its predicate and its terms."""
-
-ARITY: Final[dict[str, int]] = {
-    "token": 2,  # profile, token id
-    "sponsor": 4,  # issuer, subject, method, authenticated at
-    # index, hop id, agent, role, key, delegator, its key's thumbprint, purpose, request digest, kind, measurement, at
-    "hop": 12,
-    "bound": 3,  # index, dimension, value or count
-    "member": 4,  # index, dimension, ordinal, text
-    "grant": 5,  # index, grant, object, operation, how many parameters are bounded here
-    "limit": 7,  # index, grant, parameter, name, unit, low, high
-    "choice": 7,  # index, grant, parameter, name, unit, ordinal, value
-}
-"""Every predicate of the profile. No other may occur in a block."""
-AUTHORITY_ONLY: Final = frozenset({"token", "sponsor"})
+PREDICATE: Final = "hop"
+"""The only fact of a block: ``hop(index, hop id, key, measurement, request digest, statement)``."""
+TERMS: Final = 6
+AUTHORITY_VERSION: Final = 3  # of a block's Datalog, as the Biscuit library writes it (schema.proto, Block.version)
+HOP_VERSION: Final = 5
+"""Third-party blocks, in the signature version that binds them to their place, have this one."""
 
 _DIGEST_BYTES: Final = 32
 _ID_BYTES: Final = 16
-
-
-@dataclass(frozen=True, slots=True)
-class HopFacts:
-    """What a block states about its holder: see `capabilities.chain.Hop`. `delegator_thumbprint` is empty at hop 0."""
-
-    index: int
-    grant: HopGrant
-    delegator_thumbprint: bytes
+_HOP: Final = frozenset({"agent", "at", "evidence", "purpose"})
+_AT_WILL: Final = frozenset({"role", "audiences", "delegates", "depth"})
+_AUTHORITY: Final = _HOP | {"audiences", "delegates", "depth", "parameters", "profile", "sponsor", "token"}
+_SPONSOR: Final = frozenset({"authenticated_at", "issuer", "method", "subject"})
+_ENCODER: Final = json.JSONEncoder(ensure_ascii=False, allow_nan=False, sort_keys=True, separators=(",", ":"))
+"""Writes RFC 8785 where members are ASCII and numbers are integers, as in every statement here."""
 
 
 @dataclass(frozen=True, slots=True)
 class AuthorityBlock:
-    """The first block: who stands behind the token, its first holder and the whole scope."""
+    """The first block: who stands behind the token, its first holder and the whole scope.
+
+    The holder's delegator is the sponsor's subject.
+    """
 
     token_id: str
     sponsor: Sponsor
-    hop: HopFacts
+    index: int
+    hop: HopGrant
     scope: Scope
 
 
 @dataclass(frozen=True, slots=True)
 class HopBlock:
-    """A further block: a new holder and what is taken away."""
+    """A further block: a new holder and what is taken away. The holder's delegator is the agent of the hop before."""
 
-    hop: HopFacts
+    index: int
+    hop: HopGrant
     restriction: Restriction
-
-
-@dataclass(frozen=True, slots=True)
-class Alternative:
-    """One operation that a block keeps: ``req(object, operation, v0 .. vn)`` with the bounds that the block states."""
-
-    object: str
-    operation: str
-    bounds: tuple[Bound | None, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Checks:
-    """What a block demands of a request: one of the alternatives, a time and a base tier. None demands nothing."""
-
-    alternatives: tuple[Alternative, ...] | None
-    not_before: int | None
-    not_after: int | None
-    ceiling: int | None
-
-    @property
-    def count(self) -> int:
-        """How many `check` statements this compiles to."""
-        contextual = (self.not_before, self.not_after, self.ceiling) != (None, None, None)
-        return (self.alternatives is not None) + contextual
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------
@@ -113,65 +85,62 @@ def as_restriction(scope: Scope) -> Restriction:
     )
 
 
-def rows(block: AuthorityBlock | HopBlock) -> tuple[Row, ...]:
-    """The typed facts of a block, in the order of the specification."""
-    both: tuple[Row, ...] = (("hop", _hop_terms(block.hop)), *_restriction_rows(block.hop.index, _stated(block)))
+def fact(block: AuthorityBlock | HopBlock) -> tuple[str, tuple[int | bytes, ...]]:
+    """The fact of a block."""
+    hop = block.hop
+    statement = _ENCODER.encode(_members(block)).encode()
+    return PREDICATE, (
+        block.index,
+        bytes.fromhex(hop.hop_id),
+        hop.key,
+        hop.attestation.measurement,
+        hop.request_digest,
+        statement,
+    )
+
+
+def _members(block: AuthorityBlock | HopBlock) -> dict[str, object]:
+    """What a block states in JSON."""
+    hop, stated = block.hop, _stated(block)
+    members: dict[str, object] = {
+        "agent": hop.agent,
+        "at": hop.attestation.at,
+        "evidence": str(hop.attestation.kind),
+        "purpose": hop.purpose,
+    }
+    if hop.role:
+        members["role"] = hop.role
+    if stated.audiences is not None:
+        members["audiences"] = sorted(stated.audiences)
+    if stated.delegates is not None:
+        members["delegates"] = sorted(stated.delegates)
+    if stated.depth is not None:
+        members["depth"] = stated.depth
     match block:
-        case AuthorityBlock(token_id, sponsor):
-            person = (sponsor.issuer, sponsor.subject, sponsor.method, sponsor.authenticated_at)
-            return (("token", (PROFILE, keys.unb64u(token_id))), ("sponsor", person), *both)
+        case AuthorityBlock(token_id, sponsor, _, _, scope):
+            members |= {
+                "profile": PROFILE,
+                "token": token_id,
+                "sponsor": {
+                    "authenticated_at": sponsor.authenticated_at,
+                    "issuer": sponsor.issuer,
+                    "method": sponsor.method,
+                    "subject": sponsor.subject,
+                },
+                "parameters": [
+                    [f"{limit.parameter.name}:{limit.parameter.unit}" for limit in grant.limits]
+                    for grant in scope.grants
+                ],
+            }
         case HopBlock():
-            return both
+            pass
         case _:
             assert_never(block)
+    return members
 
 
 def _stated(block: AuthorityBlock | HopBlock) -> Restriction:
     return as_restriction(block.scope) if isinstance(block, AuthorityBlock) else block.restriction
-
-
-def _hop_terms(hop: HopFacts) -> tuple[Term, ...]:
-    grant, attestation = hop.grant, hop.grant.attestation
-    return (
-        hop.index,
-        bytes.fromhex(grant.hop_id),
-        grant.agent,
-        grant.role,
-        grant.key,
-        grant.delegator,
-        hop.delegator_thumbprint,
-        grant.purpose,
-        grant.request_digest,
-        str(attestation.kind),
-        attestation.measurement,
-        attestation.at,
-    )
-
-
-def _restriction_rows(index: int, stated: Restriction) -> Iterator[Row]:
-    for dimension in ("ceiling", "depth", "not_before", "not_after"):
-        value = getattr(stated, dimension)
-        if value is not None:
-            yield "bound", (index, dimension, int(value))
-    for dimension in ("audiences", "delegates"):
-        members = getattr(stated, dimension)
-        if members is not None:
-            yield "bound", (index, dimension, len(members))
-            yield from (("member", (index, dimension, k, member)) for k, member in enumerate(sorted(members)))
-    if stated.grants is not None:
-        yield "bound", (index, "grants", len(stated.grants))
-        for g, grant in enumerate(stated.grants):
-            yield "grant", (index, g, grant.object, grant.operation, len(grant.limits))
-            for p, limit in enumerate(grant.limits):
-                yield from _limit_rows((index, g, p, limit.parameter.name, str(limit.parameter.unit)), limit.bound)
-
-
-def _limit_rows(head: tuple[Term, ...], bound: Bound) -> Iterator[Row]:
-    match bound:
-        case Range(low, high):
-            yield "limit", (*head, low, high)
-        case OneOf(values):
-            yield from (("choice", (*head, k, value)) for k, value in enumerate(sorted(values)))
 
 
 def checks(block: AuthorityBlock | HopBlock, parent: Scope | None) -> Checks:
@@ -202,53 +171,142 @@ def _alternative(grant: Grant, signature: list[Parameter] | None) -> Alternative
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def authority_from_rows(found: Iterable[Row], caps: Caps) -> AuthorityBlock:
-    """The authority block of these facts.
+def authority_of(contents: Contents, caps: Caps) -> AuthorityBlock:
+    """The authority block that holds these contents.
 
     Raises:
-        TokenError: `WRONG_PROFILE` when the profile is another, `CHAIN_BROKEN` when the facts are not exactly those of
-            one such block.
+        TokenError: `WRONG_PROFILE` when the profile is another, `CHAIN_BROKEN` when it is not exactly one such block.
     """
-    table = _table(found)
-    if [terms[0] for terms in table["token"]] != [PROFILE]:
+    raw, members = _statement(contents, AUTHORITY_VERSION)
+    if members.get("profile") != PROFILE:
         raise TokenError(FaultCode.WRONG_PROFILE, f"not {PROFILE}")
+    demanded = written.read(contents.symbols, contents.checks)
     try:
-        ((_, token_id),) = table["token"]
-        ((issuer, subject, method, authenticated_at),) = table["sponsor"]
-        stated = _restriction(table)
+        _closed(members, _AUTHORITY, _AUTHORITY | {"role"})
+        person = _closed(members["sponsor"], _SPONSOR, _SPONSOR)
+        sponsor = Sponsor(
+            issuer=_text(person["issuer"]),
+            subject=_text(person["subject"]),
+            method=_text(person["method"]),
+            authenticated_at=_int(person["authenticated_at"]),
+        )
         block = AuthorityBlock(
-            token_id=keys.b64u(_exact(token_id, _ID_BYTES)),
-            sponsor=Sponsor(_text(issuer), _text(subject), _text(method), _int(authenticated_at)),
-            hop=_hop(table),
+            token_id=_text(members["token"]),
+            sponsor=sponsor,
+            index=_int(contents.terms[0]),
+            hop=_hop(raw, members, sponsor.subject),
             scope=Scope(
-                grants=_present(stated.grants),
-                ceiling=_present(stated.ceiling),
-                audiences=_present(stated.audiences),
-                delegates=_present(stated.delegates),
-                depth=_present(stated.depth),
-                not_before=_present(stated.not_before),
-                not_after=_present(stated.not_after),
+                grants=_whole_grants(_present(demanded.alternatives), members["parameters"]),
+                ceiling=Tier(_present(demanded.ceiling)),
+                audiences=_texts(members["audiences"]),
+                delegates=_texts(members["delegates"]),
+                depth=_int(members["depth"]),
+                not_before=_present(demanded.not_before),
+                not_after=_present(demanded.not_after),
+            ),
+        )
+        well_formed(block, caps)
+    except (ValueError, KeyError, CapabilityError) as error:
+        raise TokenError(FaultCode.CHAIN_BROKEN, f"not an authority block: {type(error).__name__}") from None
+    return block
+
+
+def hop_of(contents: Contents, *, delegator: str, parent: Scope, caps: Caps) -> HopBlock:
+    """The hop block that holds these contents, below a hop of agent `delegator` with the scope `parent`.
+
+    Raises:
+        TokenError: `NOT_NARROWER` when it keeps an operation, or a number of parameters, that the parent does not have;
+            `CHAIN_BROKEN` when it is not exactly one such block.
+    """
+    raw, members = _statement(contents, HOP_VERSION)
+    demanded = written.read(contents.symbols, contents.checks)
+    kept = None if demanded.alternatives is None else _kept_grants(demanded.alternatives, parent)
+    try:
+        _closed(members, _HOP, _HOP | _AT_WILL)
+        block = HopBlock(
+            index=_int(contents.terms[0]),
+            hop=_hop(raw, members, delegator),
+            restriction=Restriction(
+                grants=kept,
+                ceiling=None if demanded.ceiling is None else Tier(demanded.ceiling),
+                audiences=_texts(members["audiences"]) if "audiences" in members else None,
+                delegates=_texts(members["delegates"]) if "delegates" in members else None,
+                depth=_int(members["depth"]) if "depth" in members else None,
+                not_before=demanded.not_before,
+                not_after=demanded.not_after,
             ),
         )
         well_formed(block, caps)
     except (ValueError, CapabilityError) as error:
-        raise TokenError(FaultCode.CHAIN_BROKEN, f"not an authority block: {error}") from None
-    return _exactly(block, found)
+        raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {type(error).__name__}") from None
+    return block
 
 
-def hop_from_rows(found: Iterable[Row], caps: Caps) -> HopBlock:
-    """The hop block of these facts.
-
-    Raises:
-        TokenError: `CHAIN_BROKEN` when the facts are not exactly those of one such block.
-    """
-    table = _table(found)
+def _statement(contents: Contents, version: int) -> tuple[tuple[bytes, ...], dict[str, object]]:
+    """The byte strings of the fact but the last, and the JSON object in the last."""
+    if contents.version != version:
+        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
+    if written.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.terms) != TERMS:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
+    _, *raw, statement = contents.terms
+    assert isinstance(statement, bytes)
     try:
-        block = HopBlock(hop=_hop(table), restriction=_restriction(table))
-        well_formed(block, caps)
-    except (ValueError, CapabilityError) as error:
-        raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {error}") from None
-    return _exactly(block, found)
+        members = json.loads(statement)
+        same = _ENCODER.encode(members).encode() == statement  # also: no member twice
+    except (ValueError, RecursionError):
+        same = False
+    if not same or not isinstance(members, dict):
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not a canonical JSON object")
+    return tuple(raw), members  # type: ignore[arg-type]  # all terms but the first are byte strings
+
+
+def _hop(raw: tuple[bytes, ...], members: Mapping[str, object], delegator: str) -> HopGrant:
+    hop_id, key, measurement, request_digest = raw
+    return HopGrant(
+        hop_id=_exact(hop_id, _ID_BYTES).hex(),
+        agent=_text(members["agent"]),
+        key=key,
+        delegator=delegator,
+        purpose=_text(members["purpose"]),
+        request_digest=request_digest,
+        attestation=Attestation(EvidenceKind(_text(members["evidence"])), measurement, _int(members["at"])),
+        role=_role(members["role"]) if "role" in members else "",
+    )
+
+
+def _whole_grants(alternatives: tuple[Alternative, ...], parameters: object) -> tuple[Grant, ...]:
+    """The grants of a first block: what its check keeps, under the names and units that it states beside."""
+    named = [[_parameter(each) for each in _list(some)] for some in _list(parameters)]
+    return tuple(
+        Grant(kept.object, kept.operation, tuple(_limit(*pair) for pair in zip(names, kept.bounds, strict=True)))
+        for kept, names in zip(alternatives, named, strict=True)
+    )
+
+
+def _limit(parameter: Parameter, bound: Bound | None) -> Limit:
+    return Limit(parameter, _present(bound))
+
+
+def _kept_grants(alternatives: tuple[Alternative, ...], parent: Scope) -> tuple[Grant, ...]:
+    """The grants that a hop keeps, each with the limits that it states, named as the parent names them."""
+    known = {(grant.object, grant.operation): grant.limits for grant in parent.grants}
+    found = []
+    for kept in alternatives:
+        limits = known.get((kept.object, kept.operation))
+        if limits is None or len(limits) != len(kept.bounds):
+            raise TokenError(FaultCode.NOT_NARROWER, "keeps what the parent does not have")
+        stated = zip(limits, kept.bounds, strict=True)
+        found.append(
+            Grant(
+                kept.object,
+                kept.operation,
+                tuple(Limit(limit.parameter, bound) for limit, bound in stated if bound is not None),
+            )
+        )
+    return tuple(found)
+
+
+# --- the rules of the values -----------------------------------------------------------------------------------------
 
 
 def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
@@ -268,90 +326,29 @@ def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
             algebra.well_formed(block.scope, caps)
         case HopBlock():
             algebra.well_formed_restriction(block.restriction, caps)
+        case _:
+            assert_never(block)
     _well_formed_hop(block.hop, caps)
 
 
-def _well_formed_hop(hop: HopFacts, caps: Caps) -> None:
-    grant = hop.grant
-    if len(bytes.fromhex(grant.hop_id)) != _ID_BYTES or grant.hop_id != grant.hop_id.lower():
+def _well_formed_hop(hop: HopGrant, caps: Caps) -> None:
+    if len(bytes.fromhex(hop.hop_id)) != _ID_BYTES or hop.hop_id != hop.hop_id.lower():
         raise TokenError(FaultCode.TOKEN_MALFORMED, "a hop id is 32 hex digits")
-    text.agent_id(grant.agent, most_bytes=caps.text_bytes)
-    text.name(grant.delegator, most_bytes=caps.text_bytes)
-    if grant.role:
-        text.name(grant.role, most_bytes=caps.text_bytes - len(text.ROLE_PREFIX))
-    text.prose(grant.purpose, most_bytes=caps.purpose_bytes)
-    keys.check_raw(grant.key)
-    _exact(grant.request_digest, _DIGEST_BYTES)
-    _exact(grant.attestation.measurement, _DIGEST_BYTES)
-    _seconds(grant.attestation.at)
+    text.agent_id(hop.agent, most_bytes=caps.text_bytes)
+    text.name(hop.delegator, most_bytes=caps.text_bytes)
+    if hop.role:
+        text.name(hop.role, most_bytes=caps.text_bytes - len(text.ROLE_PREFIX))
+    text.prose(hop.purpose, most_bytes=caps.purpose_bytes)
+    keys.check_raw(hop.key)
+    _exact(hop.request_digest, _DIGEST_BYTES)
+    _exact(hop.attestation.measurement, _DIGEST_BYTES)
+    _seconds(hop.attestation.at)
 
 
-def _table(found: Iterable[Row]) -> dict[str, list[tuple[Term, ...]]]:
-    table: dict[str, list[tuple[Term, ...]]] = {predicate: [] for predicate in ARITY}
-    for predicate, terms in found:
-        table[predicate].append(terms)
-    return table
-
-
-def _hop(table: dict[str, list[tuple[Term, ...]]]) -> HopFacts:
-    ((index, hop_id, agent, role, key, delegator, thumbprint, purpose, digest, kind, measurement, at),) = table["hop"]
-    return HopFacts(
-        index=_int(index),
-        grant=HopGrant(
-            hop_id=_exact(hop_id, _ID_BYTES).hex(),
-            agent=_text(agent),
-            key=_exact(key, keys.KEY_BYTES),
-            delegator=_text(delegator),
-            purpose=_text(purpose),
-            request_digest=_exact(digest, _DIGEST_BYTES),
-            attestation=Attestation(EvidenceKind(_text(kind)), _exact(measurement, _DIGEST_BYTES), _int(at)),
-            role=_text(role),
-        ),
-        delegator_thumbprint=_bytes(thumbprint),
-    )
-
-
-def _restriction(table: dict[str, list[tuple[Term, ...]]]) -> Restriction:
-    bounds = {_text(dimension): _int(value) for _, dimension, value in table["bound"]}
-    members: dict[str, list[str]] = {"audiences": [], "delegates": []}
-    for _, dimension, _, member in table["member"]:
-        members.setdefault(_text(dimension), []).append(_text(member))
-    return Restriction(
-        grants=_grants(table) if "grants" in bounds else None,
-        ceiling=Tier(bounds["ceiling"]) if "ceiling" in bounds else None,
-        audiences=frozenset(members["audiences"]) if "audiences" in bounds else None,
-        delegates=frozenset(members["delegates"]) if "delegates" in bounds else None,
-        depth=bounds.get("depth"),
-        not_before=bounds.get("not_before"),
-        not_after=bounds.get("not_after"),
-    )
-
-
-def _grants(table: dict[str, list[tuple[Term, ...]]]) -> tuple[Grant, ...]:
-    limits: dict[tuple[int, int], Limit] = {}
-    chosen: dict[tuple[int, int, Parameter], set[int]] = {}
-    for _, g, p, name, unit, low, high in table["limit"]:
-        limits[_int(g), _int(p)] = Limit(Parameter(_text(name), Unit(_text(unit))), Range(_int(low), _int(high)))
-    for _, g, p, name, unit, _, value in table["choice"]:
-        chosen.setdefault((_int(g), _int(p), Parameter(_text(name), Unit(_text(unit)))), set()).add(_int(value))
-    for (g, p, parameter), values in chosen.items():
-        limits[g, p] = Limit(parameter, OneOf(frozenset(values)))
-    in_order = sorted((_int(g), _text(thing), _text(operation)) for _, g, thing, operation, _ in table["grant"])
-    return tuple(
-        Grant(thing, operation, tuple(limits[at] for at in sorted(limits) if at[0] == g))
-        for g, thing, operation in in_order
-    )
-
-
-_B = TypeVar("_B", AuthorityBlock, HopBlock)
-_T = TypeVar("_T")
-
-
-def _exactly(block: _B, found: Iterable[Row]) -> _B:
-    """The block, when writing it again gives the same facts, each once: this checks ordinals, counts and order."""
-    if Counter(rows(block)) != Counter(found):
-        raise TokenError(FaultCode.CHAIN_BROKEN, "facts that no block of the profile has")
-    return block
+def _closed(value: object, least: frozenset[str], most: frozenset[str]) -> Mapping[str, object]:
+    if not isinstance(value, dict) or not least <= value.keys() <= most:
+        raise ValueError("not the members of the profile")
+    return value
 
 
 def _present(value: _T | None) -> _T:
@@ -372,14 +369,34 @@ def _text(value: object) -> str:
     return value
 
 
-def _bytes(value: object) -> bytes:
-    if not isinstance(value, bytes):
-        raise ValueError("not bytes")  # noqa: TRY004 - as above
+def _list(value: object) -> list[object]:
+    if not isinstance(value, list):
+        raise ValueError("not a list")  # noqa: TRY004 - as above
     return value
 
 
-def _exact(value: object, length: int) -> bytes:
-    raw = _bytes(value)
+def _texts(value: object) -> frozenset[str]:
+    """The members of a list of texts in ascending order, each once."""
+    found = [_text(each) for each in _list(value)]
+    if found != sorted(set(found)):
+        raise ValueError("a list out of order, or with a member twice")
+    return frozenset(found)
+
+
+def _role(value: object) -> str:
+    if not (role := _text(value)):
+        raise ValueError("an empty role is not stated")
+    return role
+
+
+def _parameter(value: object) -> Parameter:
+    name, colon, unit = _text(value).rpartition(":")
+    if not colon:
+        raise ValueError("a parameter without unit")
+    return Parameter(name, Unit(unit))
+
+
+def _exact(raw: bytes, length: int) -> bytes:
     if len(raw) != length:
         raise ValueError(f"not {length} bytes")
     return raw

@@ -54,7 +54,7 @@ def delegate(
         raise TokenError(FaultCode.UNKNOWN_ROOT_KEY, "the root key is no longer trusted")
     if len(chain.hops) > caps.hops:
         raise TokenError(FaultCode.TOO_MANY_HOPS, f"more than {caps.hops} hops")
-    added = block.HopBlock(block.HopFacts(len(chain.hops), hop, keys.thumbprint_bytes(chain.leaf.key)), restriction)
+    added = block.HopBlock(len(chain.hops), hop, restriction)
     try:
         block.well_formed(added, caps)
     except ValueError as error:
@@ -62,7 +62,7 @@ def delegate(
     leaf = links.next_hop(chain.hops, added, reserved=trust.all_keys, caps=caps)
     links.check_lifetimes((*chain.hops, leaf), caps)
     extended = biscuit.append_hop(
-        biscuit.open_token(token, root), block.rows(added), block.checks(added, chain.scope), attester=attester
+        biscuit.open_token(token, root), block.fact(added), block.checks(added, chain.scope), attester=attester
     )
     if len(extended) > caps.token_bytes:
         raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"{len(extended)} bytes of at most {caps.token_bytes}")

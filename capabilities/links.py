@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from capabilities import algebra, keys
+from capabilities import algebra
 from capabilities.chain import EvidenceKind, Hop
 from capabilities.errors import FaultCode, TokenError
 from capabilities.scope import Scope, Tier
 from capabilities.text import ROLE_PREFIX
 
 if TYPE_CHECKING:
-    from capabilities.block import AuthorityBlock, HopBlock, HopFacts
+    from capabilities.block import AuthorityBlock, HopBlock
     from capabilities.caps import Caps
+    from capabilities.chain import HopGrant
 
 
 def first_hop(block: AuthorityBlock, *, reserved: frozenset[bytes], caps: Caps) -> Hop:
@@ -26,10 +27,9 @@ def first_hop(block: AuthorityBlock, *, reserved: frozenset[bytes], caps: Caps) 
     Raises:
         TokenError: `CHAIN_BROKEN` when the first holder was not delegated to by the sponsor; otherwise as `next_hop`.
     """
-    facts = block.hop
-    if facts.index != 0 or facts.grant.delegator != block.sponsor.subject or facts.delegator_thumbprint:
+    if block.index != 0 or block.hop.delegator != block.sponsor.subject:
         raise TokenError(FaultCode.CHAIN_BROKEN, "hop 0 does not continue the sponsor")
-    hop = _hop(facts, block.scope)
+    hop = _hop(0, block.hop, block.scope)
     _check_holder(hop, (), reserved)
     _check_ceiling(hop, caps)
     return hop
@@ -44,20 +44,15 @@ def next_hop(parents: tuple[Hop, ...], block: HopBlock, *, reserved: frozenset[b
             `NOT_NARROWER`, with the widenings, for a hop that is wider anywhere or strictly narrower nowhere;
             `HOP_NOT_ATTESTED` for a ceiling above what its evidence carries.
     """
-    parent, facts = parents[-1], block.hop
-    continues = (
-        facts.index == len(parents)
-        and facts.grant.delegator == parent.agent
-        and facts.delegator_thumbprint == keys.thumbprint_bytes(parent.key)
-    )
-    if not continues:
+    parent, added = parents[-1], block.hop
+    if block.index != len(parents) or added.delegator != parent.agent:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"hop {len(parents)} does not continue the holder before it")
     if parent.scope.depth < 1:
         raise TokenError(FaultCode.TOO_MANY_HOPS, "no depth is left")
-    names = {facts.grant.agent, ROLE_PREFIX + facts.grant.role} if facts.grant.role else {facts.grant.agent}
+    names = {added.agent, ROLE_PREFIX + added.role} if added.role else {added.agent}
     if not names & parent.scope.delegates:
         raise TokenError(FaultCode.DELEGATE_NOT_ALLOWED, f"hop {parent.index} does not name this delegate")
-    hop = _hop(facts, _narrower(parent.scope, block))
+    hop = _hop(block.index, added, _narrower(parent.scope, block))
     _check_holder(hop, parents, reserved)
     _check_ceiling(hop, caps)
     return hop
@@ -104,10 +99,9 @@ def _narrower(parent: Scope, block: HopBlock) -> Scope:
     return child  # nowhere wider, so it is the meet with the parent: algebra.apply gives the same
 
 
-def _hop(facts: HopFacts, scope: Scope) -> Hop:
-    grant = facts.grant
+def _hop(index: int, grant: HopGrant, scope: Scope) -> Hop:
     return Hop(
-        index=facts.index,
+        index=index,
         hop_id=grant.hop_id,
         agent=grant.agent,
         key=grant.key,

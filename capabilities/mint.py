@@ -42,7 +42,7 @@ def mint(
         CapabilityError: for anything that `verify` would refuse for a reason other than time, audience and revocation,
             with its code.
     """
-    authority = block.AuthorityBlock(token_id, sponsor, block.HopFacts(0, hop, b""), scope)
+    authority = block.AuthorityBlock(token_id, sponsor, 0, hop, scope)
     try:
         block.well_formed(authority, caps)
     except ValueError as error:
@@ -50,7 +50,7 @@ def mint(
     first = links.first_hop(authority, reserved=frozenset(), caps=caps)
     links.check_lifetimes((first,), caps)
     token = biscuit.seal_authority(
-        block.rows(authority), block.checks(authority, None), root=root, root_key_id=root_key_id
+        block.fact(authority), block.checks(authority, None), root=root, root_key_id=root_key_id
     )
     if len(token) > caps.token_bytes:
         raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"{len(token)} bytes of at most {caps.token_bytes}")

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
-from capabilities import biscuit, block, keys, links, request, structure
+from capabilities import biscuit, block, keys, links, request, wire
 from capabilities.caps import DEFAULT
 from capabilities.carriage import token_from_text, token_to_text
 from capabilities.chain import Chain, Hop, Refusal
@@ -193,7 +193,7 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
 
     # [TOK-2] the number of blocks, before any signature is checked
     with _clause("TOK-2"):
-        shape = structure.read(token)
+        shape = wire.read(token)
         _check_length(shape, caps)
 
     # [TOK-3] every signature
@@ -201,7 +201,7 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
         root_key_id, root = _root_key(shape, trust)
         opened = biscuit.open_token(token, root)
 
-    # [TOK-4] every hop signed by a trusted attester, and nothing but facts and checks, before any Datalog
+    # [TOK-4] every hop signed by a trusted attester, before anything that it says is read
     with _clause("TOK-4"):
         signers = opened.external_keys()
         _check_attested(shape, signers, trust)
@@ -212,7 +212,7 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
 
     # [TOK-6] profile, hop sequence, holder continuity, narrowing
     with _clause("TOK-6"):
-        authority, hops = _hops(opened, shape, signers, trust, caps)
+        authority, hops = _hops(shape, trust, caps)
 
     chain = Chain(
         token_id=authority.token_id,
@@ -243,13 +243,13 @@ def _check_size(token: bytes, caps: Caps) -> None:
         raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"over {caps.token_bytes} bytes")
 
 
-def _check_length(shape: structure.Structure, caps: Caps) -> None:
+def _check_length(shape: wire.Structure, caps: Caps) -> None:
     """[TOK-2]."""
     if len(shape.blocks) > 1 + caps.hops:
         raise TokenError(FaultCode.TOO_MANY_HOPS, f"more than {caps.hops} hops")
 
 
-def _root_key(shape: structure.Structure, trust: TrustBundle) -> tuple[int, bytes]:
+def _root_key(shape: wire.Structure, trust: TrustBundle) -> tuple[int, bytes]:
     """[TOK-3]: the root key that the token names."""
     if shape.root_key_id is None or shape.root_key_id not in trust.roots:
         raise TokenError(FaultCode.UNKNOWN_ROOT_KEY)
@@ -262,59 +262,26 @@ def _check_canonical(opened: biscuit.OpenedToken, token: bytes) -> None:
         raise TokenError(FaultCode.NOT_CANONICAL)
 
 
-def _check_attested(shape: structure.Structure, signers: tuple[bytes | None, ...], trust: TrustBundle) -> None:
-    """[TOK-4]: the authority block by nobody else, each further one by a trusted attester; no rule, no scope."""
+def _check_attested(shape: wire.Structure, signers: tuple[bytes | None, ...], trust: TrustBundle) -> None:
+    """[TOK-4]: the authority block by nobody else, each further one by a trusted attester, at its place."""
     if len(signers) != len(shape.blocks):
         raise TokenError(FaultCode.TOKEN_MALFORMED, "two readers count different blocks")
     if signers[0] is not None:
         raise TokenError(FaultCode.HOP_NOT_ATTESTED, "an authority block with a second signer")
-    for index, (signer, parts) in enumerate(zip(signers, shape.blocks, strict=True)):
-        if index and not (parts.third_party and signer in trust.attesters):
+    for index, (signer, signed) in enumerate(zip(signers, shape.blocks, strict=True)):
+        if index and not (signed.third_party and signer in trust.attesters):
             raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"hop {index} is signed by no trusted attester")
-        if parts.rules or parts.scoped:
-            raise TokenError(FaultCode.WRONG_PROFILE, f"block {index} holds a rule or a scope")
 
 
-def _hops(
-    opened: biscuit.OpenedToken,
-    shape: structure.Structure,
-    signers: tuple[bytes | None, ...],
-    trust: TrustBundle,
-    caps: Caps,
-) -> tuple[block.AuthorityBlock, tuple[Hop, ...]]:
-    """[TOK-6]: each block's facts, read by its own signer and index, are exactly its contents and narrow its parent."""
-    found = opened.rows(caps, frozenset(signer for signer in signers if signer is not None))
-    by_block = _rows_by_block(found, signers)
-
-    authority = block.authority_from_rows(by_block[0], caps)
+def _hops(shape: wire.Structure, trust: TrustBundle, caps: Caps) -> tuple[block.AuthorityBlock, tuple[Hop, ...]]:
+    """[TOK-6]: each block is one of the profile, and narrows what the blocks before it leave."""
+    first, *further = (wire.contents(signed.payload) for signed in shape.blocks)
+    authority = block.authority_of(first, caps)
     hops: tuple[Hop, ...] = (links.first_hop(authority, reserved=trust.all_keys, caps=caps),)
-    _check_counts(0, shape.blocks[0], by_block[0], block.checks(authority, None))
-    for index in range(1, len(signers)):
-        added = block.hop_from_rows(by_block[index], caps)
-        parent = hops[-1].scope
+    for contents in further:
+        added = block.hop_of(contents, delegator=hops[-1].agent, parent=hops[-1].scope, caps=caps)
         hops = (*hops, links.next_hop(hops, added, reserved=trust.all_keys, caps=caps))
-        _check_counts(index, shape.blocks[index], by_block[index], block.checks(added, parent))
     return authority, hops
-
-
-def _rows_by_block(
-    found: dict[bytes | None, tuple[block.Row, ...]], signers: tuple[bytes | None, ...]
-) -> list[list[block.Row]]:
-    """The rows of each block: a row of index i must come from the signer of block i; any other breaks the chain."""
-    by_block: list[list[block.Row]] = [[] for _ in signers]
-    for signer, rows in found.items():
-        for predicate, terms in rows:
-            index = 0 if predicate in block.AUTHORITY_ONLY else terms[0]
-            if not isinstance(index, int) or not 0 <= index < len(signers) or signers[index] != signer:
-                raise TokenError(FaultCode.CHAIN_BROKEN, "a fact about a block that its signer did not sign")
-            by_block[index].append((predicate, terms))
-    return by_block
-
-
-def _check_counts(index: int, parts: structure.BlockShape, rows: list[block.Row], checks: block.Checks) -> None:
-    """The block holds exactly the facts that were read, and as many checks as they compile to."""
-    if parts.facts != len(rows) or parts.checks != checks.count:
-        raise TokenError(FaultCode.CHAIN_BROKEN, f"block {index} holds more or less than its typed facts say")
 
 
 # --- steps 7 to 9 ----------------------------------------------------------------------------------------------------

@@ -12,7 +12,18 @@ from capabilities.chain import Chain
 from capabilities.errors import CapabilityError, FaultCode
 from capabilities.scope import Grant, Limit, Range, Restriction
 from capabilities.units import Parameter, Unit
-from tests.capabilities.world import SCOPE, SLOWER, SPONSOR, Forge, add_hop, chain_of, check, grant_to, mint_root
+from tests.capabilities.world import (
+    SCOPE,
+    SLOWER,
+    SPONSOR,
+    Forge,
+    add_hop,
+    chain_of,
+    check,
+    grant_to,
+    mint_root,
+    saying,
+)
 
 HOSTILE = [
     '"',
@@ -150,20 +161,15 @@ def test_text_stays_text(field):
 def test_an_issuer_that_binds_hostile_text_gains_nothing(text):
     """With the real root key and none of our checks, a hostile name is refused on reading, or it is harmless text."""
 
-    def change(rows):
-        return tuple((p, (*t[:2], text, *t[3:])) if p == "hop" else (p, t) for p, t in rows)
-
     try:
-        token = Forge.authority(rows=change)
+        token = Forge.authority(fact=saying(lambda members: members.update(agent=text)))
     except (CapabilityError, UnicodeEncodeError):
         return  # the library itself binds no lone surrogate
     chain = check(token)
     if isinstance(chain, Chain):
         assert chain.leaf.agent == text
         block.well_formed(
-            block.AuthorityBlock(
-                chain.token_id, chain.sponsor, block.HopFacts(0, grant_to(text, "alice"), b""), chain.scope
-            ),
+            block.AuthorityBlock(chain.token_id, chain.sponsor, 0, grant_to(text, "alice"), chain.scope),
             DEFAULT,
         )
 

@@ -7,20 +7,17 @@ from dataclasses import replace
 import biscuit_auth
 import pytest
 
-from capabilities import biscuit
-from capabilities.block import Alternative, Checks
+from capabilities import biscuit, checks, wire
 from capabilities.caps import DEFAULT
 from capabilities.chain import Attestation, Chain, EvidenceKind
-from capabilities.errors import Fault, FaultCode
-from capabilities.scope import Grant, Limit, Range, Restriction, Tier
+from capabilities.errors import CapabilityError, Fault, FaultCode
+from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Tier
 from capabilities.verify import Verifier
 from tests.capabilities.world import (
     CELL,
-    LAST,
     LEASE_MS,
     NOW,
     OTHER_CELL,
-    QUIETER,
     SCOPE,
     SLOWER,
     SPEED,
@@ -31,10 +28,13 @@ from tests.capabilities.world import (
     chain_of,
     chain_of_four,
     check,
+    grant_to,
     key_of,
     mint_root,
     move,
     raw_of,
+    saying,
+    with_term,
 )
 
 ED25519 = biscuit_auth.Algorithm.Ed25519
@@ -56,7 +56,7 @@ def test_the_forge_itself_makes_good_tokens():
 
 def test_tok_1_size():
     assert found(b"") == (FaultCode.TOKEN_MISSING, "TOK-1")
-    assert found(b"\0" * 9_001) == (FaultCode.TOKEN_TOO_LARGE, "TOK-1")
+    assert found(b"\0" * 12_289) == (FaultCode.TOKEN_TOO_LARGE, "TOK-1")
     token = chain_of_four()
     assert isinstance(check(token, caps=replace(DEFAULT, token_bytes=len(token))), Chain)
     assert found(token, caps=replace(DEFAULT, token_bytes=len(token) - 1)) == (FaultCode.TOKEN_TOO_LARGE, "TOK-1")
@@ -136,24 +136,12 @@ def test_tok_4_a_withdrawn_attester():
 
 def test_tok_4_comes_before_any_datalog(monkeypatch):
     def never(*_: object) -> None:
-        raise AssertionError("Datalog ran")
+        raise AssertionError("what the block says was read")
 
-    monkeypatch.setattr(biscuit.OpenedToken, "rows", never)
+    monkeypatch.setattr(wire, "contents", never)
     hostile = " ".join(f"n({i});" for i in range(60)) + " p($a, $b, $c) <- n($a), n($b), n($c), $a < 0;"
     token = bytes(opened(mint_root()).append(biscuit_auth.BlockBuilder(hostile)).to_bytes())
     assert found(token) == (FaultCode.HOP_NOT_ATTESTED, "TOK-4")
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "p($a) <- hop($a, $b, $c, $d, $e, $f, $g, $h, $i, $j, $k, $l);",
-        'req("ur3e", "move_joint", $a) <- token($a, $b);',
-        f"check if true trusting ed25519/{raw_of('root').hex()};",
-    ],
-)
-def test_tok_4_even_an_attester_adds_no_rule_and_no_scope(source):
-    assert found(third_party(mint_root(), source)) == (FaultCode.WRONG_PROFILE, "TOK-4")
 
 
 def test_tok_5_other_bytes_of_the_same_token():
@@ -168,164 +156,192 @@ def test_tok_5_other_bytes_of_the_same_token():
     assert found(spellings[2]) == (FaultCode.NOT_CANONICAL, "TOK-5")
 
 
-# --- [TOK-6]: the facts of a block -----------------------------------------------------------------------------------------
+# --- [TOK-6]: the contents of a block ----------------------------------------------------------------------------------
 
 
-def without(predicate: str, nth: int = 0):
-    def change(rows):
-        at = [i for i, row in enumerate(rows) if row[0] == predicate][nth]
-        return (*rows[:at], *rows[at + 1 :])
+def without(member):
+    return saying(lambda m: m.pop(member) and None)
+
+
+def stating(**members):
+    return saying(lambda m: m.update(members))
+
+
+def with_sponsor(**members):
+    return saying(lambda m: m["sponsor"].update(members))
+
+
+def named(*parameters):
+    """Other names for the parameters of `move_joint`, the second grant."""
+    return saying(lambda m: m["parameters"].__setitem__(1, list(parameters)))
+
+
+def spelled(raw: bytes):
+    return saying(lambda _: raw)
+
+
+def respelled(old: bytes, new: bytes):
+    def change(found):
+        predicate, (*terms, statement) = found
+        assert old in statement
+        return predicate, (*terms, statement.replace(old, new, 1))
 
     return change
 
 
-def altered(predicate: str, position: int, value: object, nth: int = 0):
-    def change(rows):
-        at = [i for i, row in enumerate(rows) if row[0] == predicate][nth]
-        terms = rows[at][1]
-        return (*rows[:at], (predicate, (*terms[:position], value, *terms[position + 1 :])), *rows[at + 1 :])
-
-    return change
+def fact_of(predicate, *more):
+    return lambda found: (predicate or found[0], (*found[1], *more))
 
 
-def added(*more):
-    return lambda rows: (*rows, *more)
-
-
+BROKEN_EITHER = {
+    "another predicate": fact_of("hops"),
+    "a term more": fact_of(None, b""),
+    "a term less": lambda found: (found[0], found[1][:-1]),
+    "no index": lambda found: (found[0], found[1][1:]),
+    "index alone": lambda found: (found[0], found[1][:1]),
+    "another index": with_term(0, 7),
+    "a negative index": with_term(0, -1),
+    "a text as index": with_term(0, "0"),
+    "bytes as index": with_term(0, b"\0"),
+    "a text as hop id": with_term(1, "x" * 16),
+    "a number as key": with_term(2, 5),
+    "a short hop id": with_term(1, b"h" * 15),
+    "a long hop id": with_term(1, b"h" * 17),
+    "a short key": with_term(2, b"k"),
+    "a key of small order": with_term(2, bytes(32)),
+    "a short measurement": with_term(3, b"m" * 31),
+    "a short digest": with_term(4, b""),
+    "a text as statement": with_term(5, "{}"),
+    "no JSON": spelled(b"hello"),
+    "no statement": spelled(b""),
+    "not UTF-8": spelled(b"\xff\xfe"),
+    "a list": spelled(b"[]"),
+    "a number": spelled(b"1"),
+    "deep": spelled(b"[" * 5_000),
+    "an empty object": spelled(b"{}"),
+    "spaced": respelled(b":", b": "),
+    "a member twice": respelled(b'{"agent"', b'{"agent":"eve","agent"'),
+    "members out of order": respelled(b'"at":', b'"zt":'),
+    "an escape that need not be": respelled(b"pick", b"\\u0070ick"),
+    "a lone surrogate": respelled(b"pick", b"\\ud800"),
+    "a number with a point": respelled(b'"at":1799999990', b'"at":1799999990.0'),
+    "a boolean for a number": stating(at=True),
+    "a text for a number": stating(at="1799999990"),
+    "a time before the epoch": stating(at=-1),
+    "a time outside the calendar": stating(at=253_402_300_800),
+    "not a number": respelled(b'"at":1799999990', b'"at":NaN'),
+    "a number for a text": stating(agent=5),
+    "no agent": without("agent"),
+    "no time": without("at"),
+    "no evidence": without("evidence"),
+    "no purpose": without("purpose"),
+    "null for an agent": stating(agent=None),
+    "an unknown member": stating(weather="fair"),
+    "a delegator": stating(delegator="alice"),
+    "an empty name": stating(agent=""),
+    "a role as agent": stating(agent="role:x"),
+    "an empty role": stating(role=""),
+    "a role that is no name": stating(role="the boss"),
+    "unknown evidence": stating(evidence="word of honour"),
+    "a hidden character": stating(purpose="a\u202eb"),
+    "no normal form": stating(purpose="e\u0301"),
+    "audiences not in a list": stating(audiences=CELL),
+    "an audience twice": stating(audiences=[CELL, CELL]),
+    "audiences out of order": stating(audiences=[OTHER_CELL, CELL]),
+    "an audience that is no URL": stating(audiences=["cell-1"]),
+    "an audience that is a number": stating(audiences=[1]),
+    "no audience at all": stating(audiences=[]),
+    "a delegate twice": stating(delegates=["vision", "vision"]),
+    "a delegate that is no name": stating(delegates=["the boss"]),
+    "too many delegates": stating(delegates=sorted(f"a{i}" for i in range(65))),
+    "a negative depth": stating(depth=-1),
+    "a depth beyond the profile": stating(depth=9),
+    "a boolean depth": stating(depth=True),
+}
 BROKEN_AUTHORITY = {
-    "no hop": without("hop"),
+    **BROKEN_EITHER,
     "no sponsor": without("sponsor"),
-    "two sponsors": added(("sponsor", ("http://127.0.0.1:8000/ztpm", "bob", "operator-key", NOW))),
-    "two hops": added(
-        ("hop", (0, b"h" * 16, "eve", "", b"k" * 32, "alice", b"", "", b"d" * 32, "key", b"m" * 32, NOW))
-    ),
-    "no ceiling": without("bound", 0),
-    "no audience count": without("bound", 4),
-    "no grant count": without("bound", 6),
-    "two ceilings": added(("bound", (0, "ceiling", 1))),
-    "unknown dimension": added(("bound", (0, "weather", 1))),
-    "a member too few": without("member"),
-    "a member too many": added(("member", (0, "audiences", 2, "http://127.0.0.1:9002/mcp"))),
-    "a member of nothing": added(("member", (0, "friends", 0, "x"))),
-    "an ordinal twice": added(("member", (0, "delegates", 0, "zed"))),
-    "a grant too few": without("grant"),
-    "a limit too few": without("limit"),
-    "a limit of no grant": added(("limit", (0, 9, 0, "speed", "urad_s", 1, 2))),
-    "a limit twice": added(("limit", (0, 1, 2, "speed", "urad_s", 1, 2))),
-    "a choice beside a limit": added(("choice", (0, 1, 2, "speed", "urad_s", 0, 2))),
-    "a choice too many": added(("choice", (0, 0, 1, "force", "mN", 5, 80))),
-    "limits empty": altered("limit", 6, -9_000_000, 1),
-    "an unknown unit": altered("limit", 4, "furlong"),
-    "a text for a number": altered("limit", 5, "0"),
-    "a boolean": altered("bound", 2, True),
-    "an unknown tier": altered("bound", 2, 9),
-    "an empty name": altered("grant", 2, ""),
-    "a name with a quote": altered("grant", 3, 'stop"'),
-    "grants out of order": altered("grant", 3, "zzz"),
-    "a role as agent": altered("hop", 2, "role:x"),
-    "a short key": altered("hop", 4, b"k"),
-    "a key of small order": altered("hop", 4, bytes(32)),
-    "a short digest": altered("hop", 8, b""),
-    "unknown evidence": altered("hop", 9, "word of honour"),
-    "an audience that is no URL": altered("member", 3, "cell-1"),
-    "another index": altered("hop", 0, 1),
-    "a short token id": altered("token", 1, b"x"),
-    "a fact about hop 1": added(("grant", (1, 0, "ur3e", "fly", 0))),
-    "a negative index": added(("grant", (-1, 0, "ur3e", "fly", 0))),
-    "a text as index": added(("grant", ("0", 0, "ur3e", "fly", 0))),
+    "a name for a sponsor": stating(sponsor="alice"),
+    "a sponsor without issuer": saying(lambda m: m["sponsor"].pop("issuer") and None),
+    "a sponsor with more": with_sponsor(mood="good"),
+    "an issuer that is no URL": with_sponsor(issuer="idp"),
+    "a subject that is no name": with_sponsor(subject="a b"),
+    "a method that is no name": with_sponsor(method=""),
+    "authenticated at no time": with_sponsor(authenticated_at="now"),
+    "no token id": without("token"),
+    "a short token id": stating(token="x"),
+    "a token id in another spelling": stating(token="AAAAAAAAAAAAAAAAAAAAAB"),
+    "no audiences": without("audiences"),
+    "no delegates": without("delegates"),
+    "no depth": without("depth"),
+    "no parameters": without("parameters"),
+    "parameters of no grant": saying(lambda m: m["parameters"].append([])),
+    "a grant without parameters": saying(lambda m: m["parameters"].pop() and None),
+    "parameters not in a list": stating(parameters="q0:urad"),
+    "an unknown unit": named("q0:urad", "q1:urad", "speed:furlong"),
+    "no unit": named("q0:urad", "q1:urad", "speed"),
+    "a parameter without name": named("q0:urad", "q1:urad", ":urad_s"),
+    "a parameter twice": named("q0:urad", "q0:urad", "speed:urad_s"),
+    "a name with a quote": named('q"0:urad', "q1:urad", "speed:urad_s"),
+    "a name too few": named("q0:urad", "q1:urad"),
+    "a name too many": named("q0:urad", "q1:urad", "speed:urad_s", "force:mN"),
 }
 
 
 @pytest.mark.parametrize("defect", BROKEN_AUTHORITY)
-def test_tok_6_an_authority_block_with_other_facts(defect):
-    assert found(Forge.authority(rows=BROKEN_AUTHORITY[defect])) == (FaultCode.CHAIN_BROKEN, "TOK-6")
+def test_tok_6_an_authority_block_with_other_contents(defect):
+    code = found(Forge.authority(fact=BROKEN_AUTHORITY[defect]))
+    # Where nothing can be read, there is no profile to be seen either.
+    unread = defect in {"an empty object"}
+    assert code == (FaultCode.WRONG_PROFILE if unread else FaultCode.CHAIN_BROKEN, "TOK-6")
 
 
-@pytest.mark.parametrize("profile", ["ztpm/2", "ztpm", "ZTPM/1", "", 1, b"ztpm/1"])
+@pytest.mark.parametrize("profile", ["ztpm/2", "ztpm", "ZTPM/1", "", 1, None, "ztpm/1 "])
 def test_tok_6_another_profile(profile):
-    assert found(Forge.authority(rows=altered("token", 0, profile))) == (FaultCode.WRONG_PROFILE, "TOK-6")
-    assert found(Forge.authority(rows=without("token"))) == (FaultCode.WRONG_PROFILE, "TOK-6")
-    assert found(Forge.authority(rows=added(("token", (profile, b"x" * 16))))) == (FaultCode.WRONG_PROFILE, "TOK-6")
+    assert found(Forge.authority(fact=stating(profile=profile))) == (FaultCode.WRONG_PROFILE, "TOK-6")
+    assert found(Forge.authority(fact=without("profile"))) == (FaultCode.WRONG_PROFILE, "TOK-6")
 
 
 BROKEN_HOP = {
-    "no hop": without("hop"),
-    "another index": altered("hop", 0, 2),
-    "hop 0 again": altered("hop", 0, 0),
-    "a fact about hop 0": added(("grant", (0, 9, "ur3e", "fly", 0))),
-    "a bound of hop 0": added(("bound", (0, "ceiling", 4))),
-    "two hops": added(
-        ("hop", (1, b"h" * 16, "eve", "", b"k" * 32, "orchestrator", b"t" * 32, "", b"d" * 32, "key", b"m" * 32, NOW))
-    ),
-    "a grant without count": added(("grant", (1, 3, "ur3e", "fly", 0))),
-    "no grant count": without("bound", 2),
-    "a limit too many": added(("limit", (1, 0, 1, "q0", "urad", 0, 1))),
-    "a kept dimension with members": added(("member", (1, "audiences", 0, CELL))),
-    "another delegator": altered("hop", 5, "alice"),
-    "another delegator's key": altered("hop", 6, b"t" * 32),
-    "no delegator's key": altered("hop", 6, b""),
-    "the same agent": altered("hop", 2, "orchestrator"),
-    "the same key": altered("hop", 4, raw_of("orchestrator")),
-    "no grants at all": lambda rows: tuple(
-        (p, (1, "grants", 0)) if t[:2] == (1, "grants") else (p, t)
-        for p, t in rows
-        if p not in {"grant", "limit", "choice"}
-    ),
+    **BROKEN_EITHER,
+    "hop 0 again": with_term(0, 0),
+    "the next index but one": with_term(0, 2),
+    "the same agent": stating(agent="orchestrator"),
+    "the same key": with_term(2, raw_of("orchestrator")),
+    "the same hop id": with_term(1, bytes.fromhex(grant_to("orchestrator", "alice").hop_id)),
+    "another sponsor": stating(sponsor={"authenticated_at": NOW, "issuer": CELL, "method": "m", "subject": "bob"}),
+    "another token id": stating(token="x" * 22),
+    "a profile": stating(profile="ztpm/1"),
+    "other names": stating(parameters=[]),
+    "null audiences": stating(audiences=None),
+    "null depth": stating(depth=None),
 }
 
 
 @pytest.mark.parametrize("defect", BROKEN_HOP)
-def test_tok_6_a_hop_block_with_other_facts(defect):
-    code, clause = found(Forge.hop(mint_root(), rows=BROKEN_HOP[defect]))
+def test_tok_6_a_hop_block_with_other_contents(defect):
+    code, clause = found(Forge.hop(mint_root(), fact=BROKEN_HOP[defect]))
     assert clause == "TOK-6"
     allowed = {"the same agent": {FaultCode.CHAIN_BROKEN, FaultCode.DELEGATE_NOT_ALLOWED}}
     assert code in allowed.get(defect, {FaultCode.CHAIN_BROKEN})
 
 
-@pytest.mark.parametrize("predicate", ["token", "sponsor"])
-def test_tok_6_a_hop_block_speaks_not_for_the_sponsor(predicate):
-    row = {
-        "token": ("token", ("ztpm/1", b"x" * 16)),
-        "sponsor": ("sponsor", ("http://127.0.0.1:8000/ztpm", "bob", "m", NOW)),
-    }[predicate]
-    assert found(Forge.hop(mint_root(), rows=added(row))) == (FaultCode.CHAIN_BROKEN, "TOK-6")
+# --- [TOK-6]: the checks of a block ------------------------------------------------------------------------------------
 
 
-def test_tok_6_a_hop_may_not_complete_another_block():
-    """Block 1 leaves a fact out, block 2 asserts it for it: the facts add up, the blocks do not."""
-    missing = ("grant", (1, 2, "ur3e", "stop", 0))
-    first = Forge.hop(mint_root(), rows=lambda rows: tuple(row for row in rows if row != missing))
-    parent = chain_of(add_hop(mint_root(), "robotic", SLOWER)).scope
-    second = Forge.hop(first, QUIETER, rows=added(missing), index=2, agent="vision", delegator="robotic", parent=parent)
-    assert found(second) == (FaultCode.CHAIN_BROKEN, "TOK-6")
-
-
-def test_tok_6_an_attester_reads_only_its_own_blocks():
-    """The second attester states a fact about block 1, which the first one signed."""
-    first = add_hop(mint_root(), "robotic", SLOWER)
-    parent = chain_of(first).scope
-    second = Forge.hop(
-        first,
-        QUIETER,
-        rows=added(("bound", (1, "depth", 3))),
-        signer="attester-2",
-        index=2,
-        agent="vision",
-        delegator="robotic",
-        parent=parent,
-    )
-    assert found(second) == (FaultCode.CHAIN_BROKEN, "TOK-6")
-
-
-def raw_authority(extra: str) -> bytes:
-    """A good authority block with more Datalog in it, signed by the root key."""
+def raw_authority(*, extra: str = "", drop: tuple[int, ...] = (), old: str = "", new: str = "") -> bytes:
+    """An authority block signed by the root key whose statements are left out, added to, or written differently."""
     from capabilities import block  # noqa: PLC0415
     from tests.capabilities.world import ROOT_ID, SPONSOR, TOKEN_ID, grant_to  # noqa: PLC0415
 
-    made = block.AuthorityBlock(TOKEN_ID, SPONSOR, block.HopFacts(0, grant_to("orchestrator", "alice"), b""), SCOPE)
-    source = biscuit._source(block.rows(made), block.checks(made, None))  # noqa: SLF001
-    builder = biscuit_auth.BiscuitBuilder(source.text, source.bound)
-    builder.add_code(extra)
+    made = block.AuthorityBlock(TOKEN_ID, SPONSOR, 0, grant_to("orchestrator", "alice"), SCOPE)
+    source = biscuit._source(block.fact(made), block.checks(made, None))  # noqa: SLF001
+    statements = [line for i, line in enumerate(source.text.split("\n")) if i not in drop]
+    text = "\n".join(statements)
+    assert old in text
+    text = text.replace(old, new, 1) + extra
+    bound = {name: value for name, value in source.bound.items() if f"{{{name}}}" in text}
+    builder = biscuit_auth.BiscuitBuilder(text, bound)
     builder.set_root_key_id(ROOT_ID)
     return bytes(
         builder.build(biscuit_auth.PrivateKey.from_bytes(key_of("root").private_bytes_raw(), ED25519)).to_bytes()
@@ -333,7 +349,7 @@ def raw_authority(extra: str) -> bytes:
 
 
 def test_tok_6_the_raw_forge_itself_makes_a_good_token():
-    assert isinstance(check(raw_authority("")), Chain)
+    assert isinstance(check(raw_authority()), Chain)
 
 
 @pytest.mark.parametrize(
@@ -343,24 +359,141 @@ def test_tok_6_the_raw_forge_itself_makes_a_good_token():
         "req_ctx(1800000000, 0);",
         "unknown(1);",
         'hop("short");',
-        "grant(0, 9);",
         "check if true;",
-        "check if true trusting authority;",
-        "reject if false;",
-        "bound(0, true, 1);",
-        "bound(0, {1, 2}, 1);",
-        "bound(0, [1, 2], 1);",
-        "bound(0, null, 1);",
-        "bound(0, 2026-01-01T00:00:00Z, 1);",
+        "check if req_ctx($time, $tier), $tier <= 3;",
+        'check if req("ur3e", "stop");',
     ],
 )
-def test_tok_6_a_block_holds_nothing_that_was_not_read(extra):
-    assert found(raw_authority(extra)) == (FaultCode.CHAIN_BROKEN, "TOK-6")
+def test_tok_6_a_block_holds_nothing_more(extra):
+    assert found(raw_authority(extra=extra)) == (FaultCode.CHAIN_BROKEN, "TOK-6")
 
 
-def test_tok_6_hop_0_continues_the_sponsor():
-    assert found(Forge.authority(delegator="bob")) == (FaultCode.CHAIN_BROKEN, "TOK-6")
-    assert found(Forge.authority(thumbprint=b"t" * 32)) == (FaultCode.CHAIN_BROKEN, "TOK-6")
+@pytest.mark.parametrize("extra", ["reject if false;", "check all req_ctx($time, $tier), $tier <= 3;"])
+def test_tok_6_a_block_is_of_one_version_of_datalog(extra):
+    assert found(raw_authority(extra=extra)) == (FaultCode.WRONG_PROFILE, "TOK-6")
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        "p($a) <- hop($a, $b, $c, $d, $e, $f);",
+        'req("ur3e", "move_joint", $a) <- hop($a, $b, $c, $d, $e, $f);',
+        f"check if true trusting ed25519/{raw_of('root').hex()};",
+    ],
+)
+def test_tok_6_even_an_issuer_adds_no_rule_and_no_scope(extra):
+    assert found(raw_authority(extra=extra)) == (FaultCode.WRONG_PROFILE, "TOK-6")
+
+
+@pytest.mark.parametrize("extra", ["n(1);", "p($a) <- hop($a, $b, $c, $d, $e, $f);", "check if true;"])
+def test_tok_6_even_an_attester_adds_nothing(extra):
+    source = biscuit._source(*hop_parts())  # noqa: SLF001
+    good = third_party(mint_root(), source.text, source.bound)
+    assert isinstance(check(good), Chain)
+    fault = check(third_party(mint_root(), source.text + extra, source.bound))
+    assert (fault.code, fault.clause) in {(FaultCode.CHAIN_BROKEN, "TOK-6"), (FaultCode.WRONG_PROFILE, "TOK-6")}
+
+
+def hop_parts():
+    from capabilities import block  # noqa: PLC0415
+
+    made = block.HopBlock(1, grant_to("robotic", "orchestrator"), SLOWER)
+    return block.fact(made), block.checks(made, SCOPE)
+
+
+# Statements 1 and 2 are the two checks; the first limits of the first one are those of `gripper_move`.
+WRITTEN_DIFFERENTLY = {
+    "no check over the request": {"drop": (1,)},
+    "no check over its context": {"drop": (2,)},
+    "no check at all": {"drop": (1, 2)},
+    "an upper end alone": {"old": "$v0 >= {p8}, ", "new": ""},
+    "a lower end alone": {"old": ", $v0 <= {p9}", "new": ""},
+    "ends exchanged": {"old": "$v0 >= {p8}, $v0 <= {p9}", "new": "$v0 <= {p8}, $v0 >= {p9}"},
+    "a strict end": {"old": "$v0 <= {p9}", "new": "$v0 < {p9}"},
+    "an equation": {"old": "$v0 >= {p8}", "new": "$v0 == {p8}"},
+    "sides exchanged": {"old": "$v0 >= {p8}", "new": "{p8} <= $v0"},
+    "two conditions in one": {"old": "$v0 >= {p8}, $v0 <= {p9}", "new": "$v0 >= {p8} && $v0 <= {p9}"},
+    "arithmetic": {"old": "$v0 >= {p8}", "new": "$v0 + 1 >= {p8}"},
+    "brackets": {"old": "$v0 >= {p8}", "new": "($v0) >= {p8}"},
+    "a negation": {"old": "$v0 >= {p8}", "new": "!($v0 < {p8})"},
+    "a range of two parameters": {"old": "$v0 <= {p9}", "new": "$v1 <= {p9}"},
+    "a limit twice": {"old": "$v0 >= {p8}", "new": "$v0 >= {p8}, $v0 <= {p9}, $v0 >= {p8}"},
+    "limits out of order": {
+        "old": "$v0 >= {p8}, $v0 <= {p9}, {p10}.contains($v1)",
+        "new": "{p10}.contains($v1), $v0 >= {p8}, $v0 <= {p9}",
+    },
+    "another name for a parameter": {"old": "$v0, $v1), $v0 >= {p8}, $v0 <=", "new": "$w, $v1), $w >= {p8}, $w <="},
+    "one variable twice": {"old": "{p7}, $v0, $v1)", "new": "{p7}, $v0, $v0)"},
+    "a constant parameter": {"old": "{p7}, $v0, $v1), $v0 >= {p8}, $v0 <= {p9}", "new": "{p7}, 5, $v1)"},
+    "a list for a set": {"old": "{p10}.contains", "new": "[10, 20, 40].contains"},
+    "a set of texts": {"old": "{p10}.contains", "new": '{"a", "b"}.contains'},
+    "an empty set": {"old": "{p10}.contains", "new": "{,}.contains"},
+    "the wrong way round": {"old": "{p10}.contains($v1)", "new": "{p10}.contains($v1), {p10}.contains($v0)"},
+    "a second fact in an alternative": {
+        "old": "{p7}, $v0, $v1)",
+        "new": "{p7}, $v0, $v1), hop($a, $b, $c, $d, $e, $f)",
+    },
+    "no operation": {"old": "req({p6}, {p7}, $v0, $v1)", "new": "req({p6})"},
+    "an operation that is bytes": {"old": "req({p6}, {p7}, $v0, $v1)", "new": "req({p6}, hex:00, $v0, $v1)"},
+    "any operation": {"old": "req({p6}, {p7}, $v0, $v1)", "new": "req({p6}, $op, $v0, $v1)"},
+    "any object": {"old": "req({p6}, {p7}, $v0, $v1)", "new": "req($o, {p7}, $v0, $v1)"},
+    "an alternative over the context": {"old": "check if req(", "new": "check if req_ctx($time, $tier) or req("},
+    "a reject": {"old": "check if req(", "new": "reject if req("},
+    "check all": {"old": "check if req(", "new": "check all req("},
+    "a scope": {"old": "{p25}", "new": "{p25} trusting previous"},
+    "context exchanged": {"old": "req_ctx($time, $tier)", "new": "req_ctx($tier, $time)"},
+    "context with more": {"old": "req_ctx($time, $tier)", "new": "req_ctx($time, $tier, $place)"},
+    "window out of order": {"old": "$time >= ", "new": "$tier <= 4, $time >= "},
+    "a ceiling twice": {"old": "$tier <= ", "new": "$tier <= 4, $tier <= "},
+    "an inclusive end": {"old": "$time < ", "new": "$time <= "},
+    "an exclusive start": {"old": "$time >= ", "new": "$time > "},
+}
+
+
+@pytest.mark.parametrize("defect", WRITTEN_DIFFERENTLY)
+def test_tok_6_a_check_has_one_form(defect):
+    token = raw_authority(**WRITTEN_DIFFERENTLY[defect])
+    code, clause = found(token)
+    assert clause == "TOK-6"
+    # What is new in a later Datalog makes the block one of a later version.
+    later = {"an equation", "two conditions in one", "a reject", "check all", "a scope"}
+    assert code is (FaultCode.WRONG_PROFILE if defect in later else FaultCode.CHAIN_BROKEN)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: replace(c, alternatives=c.alternatives[::-1]),
+        lambda c: replace(c, alternatives=(*c.alternatives, c.alternatives[-1])),
+        lambda c: replace(c, alternatives=c.alternatives[:-1]),
+        lambda c: replace(c, ceiling=5),
+        lambda c: replace(c, ceiling=-1),
+        lambda c: replace(c, ceiling=None),
+        lambda c: replace(c, not_before=None),
+        lambda c: replace(c, not_after=None),
+        lambda c: replace(c, not_before=-1),
+        lambda c: replace(c, not_after=c.not_before),
+        lambda c: replace(c, not_after=253_402_300_801),
+    ],
+)
+def test_tok_6_checks_that_state_no_scope(change):
+    assert found(Forge.authority(checks=change)) == (FaultCode.CHAIN_BROKEN, "TOK-6")
+
+
+@pytest.mark.parametrize(
+    "bound",
+    [Range(1, 0), Range(-(2**53), 5), Range(0, 2**53), OneOf(frozenset({2**53})), OneOf(frozenset(range(65))), None],
+)
+def test_tok_6_a_bound_outside_the_profile(bound):
+    assert found(Forge.authority(checks=other_alternative(with_bound(2, bound)))) == (FaultCode.CHAIN_BROKEN, "TOK-6")
+
+
+def test_tok_6_hop_0_is_the_sponsors():
+    assert chain_of(Forge.authority()).hops[0].delegator == "alice"
+    assert chain_of(add_hop(mint_root(), "robotic", SLOWER)).leaf.delegator == "orchestrator"
+    with pytest.raises(CapabilityError) as caught:
+        mint_root(hop=grant_to("orchestrator", "bob"))
+    assert caught.value.code is FaultCode.CHAIN_BROKEN
 
 
 # --- [TOK-6]: narrowing ----------------------------------------------------------------------------------------------------
@@ -382,7 +515,6 @@ def test_tok_6_hop_0_continues_the_sponsor():
         Restriction(grants=(Grant("ur3e", "move_joint", (Limit(SPEED, Range(1, 1_000_001)),)),)),
         Restriction(grants=(Grant("ur3e", "move_joint", (Limit(SPEED, Range(2_000_000, 2_000_001)),)),)),
         Restriction(grants=(Grant("ur3e", "set_payload"),)),
-        Restriction(grants=(Grant("ur3e", "stop", (Limit(SPEED, Range(1, 2)),)),)),
     ],
 )
 def test_tok_6_not_narrower(restriction):
@@ -431,8 +563,7 @@ def test_a_hop_is_bounded_by_its_own_kind_of_evidence():
     # A `jwt` hop below a `key` hop has what is left, and cannot bring the tier back.
     assert found(Forge.hop(mint_root(), stated, attestation=JWT)) == (FaultCode.NOT_NARROWER, "TOK-6")
     # A kind that nobody knows is no kind.
-    other = lambda rows: tuple(("hop", (*t[:9], "x509", *t[10:])) if p == "hop" else (p, t) for p, t in rows)
-    assert found(Forge.authority(rows=other))[0] is FaultCode.CHAIN_BROKEN
+    assert found(Forge.authority(fact=stating(evidence="x509")))[0] is FaultCode.CHAIN_BROKEN
 
 
 def test_the_lifetime_of_a_hop_with_a_platforms_word():
@@ -519,15 +650,15 @@ def test_the_attesters_key_cannot_be_exchanged():
 
 
 def other_alternative(change) -> object:
-    def apply(checks: Checks) -> Checks:
-        kept = tuple(change(a) if a.operation == "move_joint" else a for a in checks.alternatives)
-        return replace(checks, alternatives=kept)
+    def apply(stated: checks.Checks) -> checks.Checks:
+        kept = tuple(change(a) if a.operation == "move_joint" else a for a in stated.alternatives)
+        return replace(stated, alternatives=kept)
 
     return apply
 
 
 def with_bound(position: int, bound: object):
-    def change(alternative: Alternative) -> Alternative:
+    def change(alternative: checks.Alternative) -> checks.Alternative:
         bounds = list(alternative.bounds)
         bounds[position] = bound
         return replace(alternative, bounds=tuple(bounds))
@@ -535,23 +666,25 @@ def with_bound(position: int, bound: object):
     return change
 
 
+def misread(change):
+    """Biscuit's checks read as something else: an error of our reader, or a new meaning of the library's."""
+    return lambda real: lambda symbols, encoded: change(real(symbols, encoded))
+
+
 DISAGREEING = {
-    "a limit not checked": other_alternative(with_bound(2, None)),
     "a looser high": other_alternative(with_bound(2, Range(1, 1_000_001))),
     "a looser low": other_alternative(with_bound(0, Range(-3_000_001, 3_000_000))),
     "a tighter high": other_alternative(with_bound(2, Range(1, 999_999))),
     "a tighter low": other_alternative(with_bound(1, Range(-2_999_999, 3_000_000))),
-    "another operation": other_alternative(lambda a: replace(a, operation="move_linear")),
-    "a parameter more": other_alternative(lambda a: replace(a, bounds=(*a.bounds, None))),
-    "a parameter less": other_alternative(lambda a: replace(a, bounds=a.bounds[:-1])),
+    "a set for a range": other_alternative(with_bound(2, OneOf(frozenset({1, 5, 1_000_000})))),
     "a later end": lambda checks: replace(checks, not_after=checks.not_after + 1),
     "an earlier end": lambda checks: replace(checks, not_after=checks.not_after - 1),
     "an earlier start": lambda checks: replace(checks, not_before=checks.not_before - 1),
     "a later start": lambda checks: replace(checks, not_before=checks.not_before + 1),
-    "no end": lambda checks: replace(checks, not_after=None),
     "a higher ceiling": lambda checks: replace(checks, ceiling=checks.ceiling + 1),
     "a lower ceiling": lambda checks: replace(checks, ceiling=checks.ceiling - 1),
 }
+JWT_SCOPE = replace(SCOPE, ceiling=Tier.CONSEQUENTIAL)
 
 
 def asked(token: bytes) -> object:
@@ -564,17 +697,19 @@ def asked(token: bytes) -> object:
 
 
 @pytest.mark.parametrize("defect", DISAGREEING)
-def test_tok_12_typed_facts_and_datalog_that_differ_are_a_fault(defect):
-    assert asked(Forge.authority()) is None
-    fault = asked(Forge.authority(checks=DISAGREEING[defect]))
+def test_tok_12_a_reading_that_biscuit_does_not_share_is_a_fault(defect, monkeypatch):
+    token = Forge.authority(JWT_SCOPE)
+    assert asked(token) is None
+    monkeypatch.setattr(checks, "read", misread(DISAGREEING[defect])(checks.read))
+    fault = asked(token)
     assert (fault.code, fault.clause) == (FaultCode.ENGINES_DISAGREE, "TOK-12")
 
 
-def test_tok_12_a_disagreement_is_never_remembered_as_agreement():
-    token = Forge.authority(checks=DISAGREEING["a limit not checked"])
+def test_tok_12_a_disagreement_is_never_remembered_as_agreement(monkeypatch):
+    monkeypatch.setattr(checks, "read", misread(DISAGREEING["a looser high"])(checks.read))
     checker = Verifier(TRUST, DEFAULT)
     for _ in range(3):
-        chain = checker.verify(token, at=NOW, audience=CELL, view=VIEW, lease_ms=LEASE_MS)
+        chain = checker.verify(Forge.authority(), at=NOW, audience=CELL, view=VIEW, lease_ms=LEASE_MS)
         fault = checker.check_request(
             chain, object="ur3e", operation="move_joint", values=move(5), base_tier=Tier(1), at=NOW
         )
@@ -613,14 +748,13 @@ def test_a_panic_of_the_library_is_contained(monkeypatch):
     def panic(*_: object) -> None:
         raise PanicException("a Rust panic")
 
-    monkeypatch.setattr(biscuit, "_rows_of", panic)
-    assert found(mint_root()) == (FaultCode.CHAIN_BROKEN, "TOK-6")
+    token = mint_root()
+    monkeypatch.setattr(biscuit, "OpenedToken", panic)
+    assert found(token) == (FaultCode.SIGNATURE_INVALID, "TOK-3")
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(biscuit, "_rows_of", interrupt)
+    monkeypatch.setattr(biscuit, "OpenedToken", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        check(mint_root())
-    assert LAST.delegates == frozenset()
-    assert OTHER_CELL != CELL
+        check(token)

@@ -91,9 +91,9 @@ def test_a_role_names_delegates_of_the_same_sponsor():
 def test_an_agent_without_role_has_not_the_role_without_name():
     nobody = replace(chain_of(mint_root()).leaf.scope, delegates=frozenset({"role:"}))
     parents = (replace(chain_of(mint_root()).leaf, scope=nobody),)
-    facts = block.HopFacts(1, grant_to("eve", "orchestrator"), keys.thumbprint_bytes(raw_of("orchestrator")))
+    added = block.HopBlock(1, grant_to("eve", "orchestrator"), Restriction(ceiling=Tier(1)))
     with pytest.raises(TokenError) as caught:
-        links.next_hop(parents, block.HopBlock(facts, Restriction(ceiling=Tier(1))), reserved=frozenset(), caps=DEFAULT)
+        links.next_hop(parents, added, reserved=frozenset(), caps=DEFAULT)
     assert caught.value.code is FaultCode.DELEGATE_NOT_ALLOWED
 
 
@@ -444,7 +444,7 @@ def test_a_token_has_one_text():
     assert "=" not in text
     assert token_from_text(text, DEFAULT) == token
     assert token_from_text("", DEFAULT) == Fault(FaultCode.TOKEN_MISSING, "TOK-1")
-    assert token_from_text("A" * 12_001, DEFAULT).code is FaultCode.TOKEN_TOO_LARGE
+    assert token_from_text("A" * 16_385, DEFAULT).code is FaultCode.TOKEN_TOO_LARGE
     for other in (
         text + "=",
         text + "==",
@@ -492,7 +492,6 @@ def test_a_datalog_limit_has_its_own_reason():
     opened = biscuit.open_token(token, raw_of("root"))
     fault = disagreement(opened, chain.scope, find(chain.scope, "ur3e", "move_joint"), replace(DEFAULT, datalog_ms=0))
     assert (fault.code, fault.clause) == (FaultCode.LIMIT_EXCEEDED, "TOK-12")
-    assert check(token, caps=replace(DEFAULT, datalog_ms=0)).code is FaultCode.LIMIT_EXCEEDED
 
 
 def test_a_finite_set_may_have_its_full_size():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from dataclasses import dataclass, replace
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
@@ -160,6 +161,10 @@ def move(speed: int, q0: int = 0, q1: int = 0) -> tuple[Quantity, ...]:
 # --- blocks built to be wrong ----------------------------------------------------------------------------------------------
 
 
+def _same(found):
+    return found
+
+
 @dataclass
 class Forge:
     """Builds blocks past the rules of `mint` and `delegate`, with the real keys."""
@@ -168,27 +173,18 @@ class Forge:
     def authority(
         scope: Scope = SCOPE,
         *,
-        rows=lambda found: found,
-        checks=lambda found: found,
+        fact=_same,
+        checks=_same,
         signer: str = "root",
         root_key_id: int = ROOT_ID,
         token_id: str = TOKEN_ID,
         sponsor: Sponsor = SPONSOR,
         index: int = 0,
-        thumbprint: bytes = b"",
         **hop: object,
     ) -> bytes:
-        made = block.AuthorityBlock(
-            token_id,
-            sponsor,
-            block.HopFacts(index, replace(grant_to("orchestrator", "alice"), **hop), thumbprint),
-            scope,
-        )
+        made = block.AuthorityBlock(token_id, sponsor, index, replace(grant_to("orchestrator", "alice"), **hop), scope)
         return biscuit.seal_authority(
-            tuple(rows(block.rows(made))),
-            checks(block.checks(made, None)),
-            root=key_of(signer),
-            root_key_id=root_key_id,
+            fact(block.fact(made)), checks(block.checks(made, None)), root=key_of(signer), root_key_id=root_key_id
         )
 
     @staticmethod
@@ -196,21 +192,41 @@ class Forge:
         token: bytes,
         restriction: Restriction = SLOWER,
         *,
-        rows=lambda found: found,
-        checks=lambda found: found,
+        fact=_same,
+        checks=_same,
         signer: str = "attester",
         index: int = 1,
         agent: str = "robotic",
         delegator: str = "orchestrator",
-        delegator_key: bytes | None = None,
         parent: Scope = SCOPE,
         **hop: object,
     ) -> bytes:
-        holder = raw_of(delegator) if delegator_key is None else delegator_key
-        made = block.HopBlock(
-            block.HopFacts(index, grant_to(agent, delegator, **hop), keys.thumbprint_bytes(holder)), restriction
-        )
+        made = block.HopBlock(index, grant_to(agent, delegator, **hop), restriction)
         opened = biscuit.open_token(token, raw_of("root"))
         return biscuit.append_hop(
-            opened, tuple(rows(block.rows(made))), checks(block.checks(made, parent)), attester=key_of(signer)
+            opened, fact(block.fact(made)), checks(block.checks(made, parent)), attester=key_of(signer)
         )
+
+
+def saying(change):
+    """A fact whose JSON object `change` has changed, in place or by giving another."""
+
+    def changed(found):
+        predicate, (*terms, statement) = found
+        stated = json.loads(statement)
+        other = change(stated)
+        members = stated if other is None else other
+        raw = members if isinstance(members, bytes) else block._ENCODER.encode(members).encode()
+        return predicate, (*terms, raw)
+
+    return changed
+
+
+def with_term(position, value):
+    """A fact with another term at this position."""
+
+    def changed(found):
+        predicate, terms = found
+        return predicate, (*terms[:position], value, *terms[position + 1 :])
+
+    return changed

@@ -1,0 +1,253 @@
+"""What a block demands of a request, as values, and as the encoded checks that Biscuit's own authorizer evaluates.
+
+A scope's grants, ceiling and window are stated in a block once: in its checks. The Biscuit library writes them
+(capabilities.biscuit) and evaluates them; here they are read back, strictly: each check is one of the two forms of the
+specification, with nothing more in it.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from google.protobuf.message import DecodeError
+
+from capabilities.errors import FaultCode, TokenError
+from capabilities.scope import Bound, OneOf, Range
+from capabilities.wire import MESSAGES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+# Texts that every block knows, by their number (eclipse-biscuit/biscuit, specification, "symbol table").
+_KNOWN: Final = tuple(
+    "read write resource operation right time role owner tenant namespace user team service admin email group member "  # noqa: SIM905 - a table
+    "ip_address client client_ip domain path version cluster node hostname nonce query".split()
+)
+_OWN: Final = 1024
+"""Number of a block's own first text."""
+_LESS, _AT_MOST, _AT_LEAST, _CONTAINS = 0, 2, 3, 5  # OpBinary.Kind
+
+REQUEST: Final = "req"
+CONTEXT: Final = "req_ctx"
+TIME: Final = "time"
+TIER: Final = "tier"
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """One operation that a block keeps: ``req(object, operation, v0 .. vn)`` with the bounds that the block states."""
+
+    object: str
+    operation: str
+    bounds: tuple[Bound | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Checks:
+    """What a block demands of a request: one of the alternatives, a time and a base tier. None demands nothing."""
+
+    alternatives: tuple[Alternative, ...] | None
+    not_before: int | None
+    not_after: int | None
+    ceiling: int | None
+
+
+def variable(position: int) -> str:
+    """Name of the variable that stands for a request's parameter."""
+    return f"v{position}"
+
+
+def read(symbols: tuple[str, ...], encoded: Sequence[bytes]) -> Checks:
+    """The checks of a block.
+
+    Args:
+        symbols: the block's own texts.
+        encoded: its checks, each as a message.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` when they are not, in order, at most one over the request and at most one over its
+            context, in the forms of the specification.
+    """
+    if len(set(symbols)) != len(symbols) or not set(symbols).isdisjoint(_KNOWN):
+        raise _odd("a text twice")
+    alternatives = None
+    not_before = not_after = ceiling = None
+    rest = list(encoded)
+    if rest and (found := _request(symbols, rest[0])) is not None:
+        alternatives = found
+        rest.pop(0)
+    if rest:
+        not_before, not_after, ceiling = _context(symbols, rest.pop(0))
+    if rest:
+        raise _odd("a check too many")
+    return Checks(alternatives, not_before, not_after, ceiling)
+
+
+# --- over the request ------------------------------------------------------------------------------------------------
+
+
+@functools.lru_cache(maxsize=1_024)
+def _request(symbols: tuple[str, ...], encoded: bytes) -> tuple[Alternative, ...] | None:
+    """The alternatives of a check over the request; None for a check over something else.
+
+    Remembered: the same operations under the same limits come in every token that is renewed.
+    """
+    check = _message(encoded)
+    texts = _Texts(symbols)
+    if any(len(query.body) != 1 or texts[query.body[0].name] != REQUEST for query in check.queries):
+        return None
+    return tuple(_alternative(query, texts) for query in check.queries)
+
+
+def _alternative(query: Any, texts: _Texts) -> Alternative:
+    terms = _body(query)
+    if len(terms) < 2 or any(_kind(term) != "string" for term in terms[:2]):
+        raise _odd("an alternative without object and operation")
+    thing, operation = (texts[term.string] for term in terms[:2])
+    variables = [_variable(term, texts) for term in terms[2:]]
+    if variables != [variable(i) for i in range(len(variables))]:
+        raise _odd("a parameter that is no variable of its own")
+    stated = dict(_demands(query.expressions, texts))
+    if list(stated) != [name for name in variables if name in stated]:
+        raise _odd("a demand of no parameter, or not in the order of the parameters")
+    return Alternative(thing, operation, tuple(stated.get(name) for name in variables))
+
+
+def _demands(expressions: Iterable[Any], texts: _Texts) -> Iterator[tuple[str, Bound]]:
+    """Each range or set with the variable that it bounds, in order; none twice."""
+    seen: set[str] = set()
+    rest = iter(expressions)
+    for expression in rest:
+        first, second, kind = _binary(expression)
+        if kind == _CONTAINS and _kind(first) == "set":
+            name = _variable(second, texts)
+            bound: Bound = _set(first)
+        else:
+            name, low = _comparison(expression, _AT_LEAST, texts)
+            again, high = _comparison(next(rest, None), _AT_MOST, texts)
+            if again != name:
+                raise _odd("a range of two parameters")
+            bound = Range(low, high)
+        if name in seen:
+            raise _odd("two demands of one parameter")
+        seen.add(name)
+        yield name, bound
+
+
+def _set(term: Any) -> OneOf:
+    values = [_integer(member) for member in term.set.set]
+    if not values or values != sorted(set(values)):
+        raise _odd("a set that is empty or not in order")
+    return OneOf(frozenset(values))
+
+
+# --- over its context ------------------------------------------------------------------------------------------------
+
+
+def _context(symbols: tuple[str, ...], encoded: bytes) -> tuple[int | None, int | None, int | None]:
+    """Lower and upper end of the window, and the ceiling, as far as they are stated; at least one is."""
+    check = _message(encoded)
+    texts = _Texts(symbols)
+    if len(check.queries) != 1:
+        raise _odd("a check over no request and no context")
+    (query,) = check.queries
+    terms = _body(query)
+    if texts[query.body[0].name] != CONTEXT or [_variable(term, texts) for term in terms] != [TIME, TIER]:
+        raise _odd("not the context of a request")
+    found: dict[tuple[str, int], int] = {}
+    order = ((TIME, _AT_LEAST), (TIME, _LESS), (TIER, _AT_MOST))
+    for expression in query.expressions:
+        first, second, kind = _binary(expression)
+        demand = _variable(first, texts), kind
+        if demand not in order[order.index(next(reversed(found))) + 1 if found else 0 :]:
+            raise _odd("a demand of the context that is none of the three, twice, or out of order")
+        found[demand] = _integer(second)
+    if not found:
+        raise _odd("a check that demands nothing")
+    not_before, not_after, ceiling = (found.get(demand) for demand in order)
+    return not_before, not_after, ceiling
+
+
+# --- pieces ----------------------------------------------------------------------------------------------------------
+
+
+class _Texts:
+    """The texts of a block by their number."""
+
+    __slots__ = ("_own",)
+
+    def __init__(self, own: tuple[str, ...]) -> None:
+        self._own = own
+
+    def __getitem__(self, number: int) -> str:
+        if number < len(_KNOWN):
+            return _KNOWN[number]
+        if _OWN <= number < _OWN + len(self._own):
+            return self._own[number - _OWN]
+        raise _odd("a text that the block does not have")
+
+
+def text_of(symbols: tuple[str, ...], number: int) -> str:
+    """The text of a number in a block with these texts of its own.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` when it has none.
+    """
+    return _Texts(symbols)[number]
+
+
+def _message(encoded: bytes) -> Any:
+    try:
+        check = MESSAGES["Check"].FromString(encoded)
+    except DecodeError:
+        raise _odd("not the message of a check") from None
+    check.DiscardUnknownFields()
+    if check.SerializeToString() != encoded or check.HasField("kind") or not check.queries:
+        raise _odd("not a plain check in the one encoding")
+    return check
+
+
+def _body(query: Any) -> Any:
+    """The terms of the query's only predicate."""
+    if query.head.name != _KNOWN.index("query") or query.head.terms or query.scope or len(query.body) != 1:
+        raise _odd("not a query over one fact")
+    return query.body[0].terms
+
+
+def _comparison(expression: Any, kind: int, texts: _Texts) -> tuple[str, int]:
+    """Variable and constant of a comparison of this kind."""
+    first, second, found = _binary(expression)
+    if found != kind:
+        raise _odd("another comparison")
+    return _variable(first, texts), _integer(second)
+
+
+def _binary(expression: Any) -> tuple[Any, Any, int]:
+    """The two terms and the kind of an expression of one binary operation."""
+    ops = () if expression is None else expression.ops
+    if [op.WhichOneof("content") for op in ops] != ["value", "value", "binary"] or ops[2].binary.HasField("ffiName"):
+        raise _odd("not one operation on two terms")
+    return ops[0].value, ops[1].value, int(ops[2].binary.kind)
+
+
+def _kind(term: Any) -> str | None:
+    found: str | None = term.WhichOneof("content")
+    return found
+
+
+def _variable(term: Any, texts: _Texts) -> str:
+    if _kind(term) != "variable":
+        raise _odd("not a variable")
+    return texts[term.variable]
+
+
+def _integer(term: Any) -> int:
+    if _kind(term) != "integer":
+        raise _odd("not an integer")
+    return int(term.integer)
+
+
+def _odd(what: str) -> TokenError:
+    return TokenError(FaultCode.CHAIN_BROKEN, what)

@@ -1,0 +1,194 @@
+"""The form of a token on the wire, read without any cryptography and without any Datalog.
+
+A Biscuit is a Protocol Buffers message (eclipse-biscuit/biscuit, schema.proto); its fields are declared here, and the
+Protocol Buffers library reads them. This is no second opinion on signatures: those are the Biscuit library's alone.
+What a block says is read from the very bytes that were signed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.message import DecodeError
+
+from capabilities.errors import FaultCode, TokenError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+THIRD_PARTY_SIGNATURE: Final = 1
+"""Signature version that binds a third-party block to the signature of the block before it."""
+
+_FIELD: Final = descriptor_pb2.FieldDescriptorProto
+_NUMBERS: Final = {
+    "bool": _FIELD.TYPE_BOOL,
+    "bytes": _FIELD.TYPE_BYTES,
+    "int32": _FIELD.TYPE_INT32,
+    "int64": _FIELD.TYPE_INT64,
+    "string": _FIELD.TYPE_STRING,
+    "uint32": _FIELD.TYPE_UINT32,
+    "uint64": _FIELD.TYPE_UINT64,
+}
+
+# Messages of schema.proto with their field numbers: "?" optional, "*" repeated, "|" one of several. An enumeration is
+# an int32 here, since only its number counts. Fields that this profile never has are declared where they have to be
+# seen; what is not declared counts as unknown, and unknown fields are refused.
+_SCHEMA: Final[Mapping[str, str]] = {
+    "PublicKey": "?algorithm=1:int32 ?key=2:bytes",
+    "ExternalSignature": "?signature=1:bytes ?publicKey=2:PublicKey",
+    "SignedBlock": (
+        "?block=1:bytes ?nextKey=2:PublicKey ?signature=3:bytes ?externalSignature=4:ExternalSignature "
+        "?version=5:uint32"
+    ),
+    "Proof": "|nextSecret=1:bytes |finalSignature=2:bytes",
+    "Biscuit": "?rootKeyId=1:uint32 ?authority=2:SignedBlock *blocks=3:SignedBlock ?proof=4:Proof",
+    "Block": (
+        "*symbols=1:string ?context=2:string ?version=3:uint32 *facts=4:Fact *rules=5:bytes *checks=6:bytes "
+        "*scope=7:bytes *publicKeys=8:bytes"
+    ),
+    "Fact": "?predicate=1:Predicate",
+    "Rule": "?head=1:Predicate *body=2:Predicate *expressions=3:Expression *scope=4:bytes",
+    "Check": "*queries=1:Rule ?kind=2:int32",
+    "Predicate": "?name=1:uint64 *terms=2:Term",
+    "Term": (
+        "|variable=1:uint32 |integer=2:int64 |string=3:uint64 |date=4:uint64 |bytes=5:bytes |bool=6:bool |set=7:TermSet"
+    ),
+    "TermSet": "*set=1:Term",
+    "Expression": "*ops=1:Op",
+    "Op": "|value=1:Term |unary=2:bytes |binary=3:OpBinary |closure=4:bytes",
+    "OpBinary": "?kind=1:int32 ?ffiName=2:uint64",
+}
+
+
+def _messages() -> dict[str, Any]:
+    file = descriptor_pb2.FileDescriptorProto(name="biscuit.proto", package="biscuit", syntax="proto2")
+    for name, fields in _SCHEMA.items():
+        message = file.message_type.add(name=name)
+        for field in fields.split():
+            (label, left), kind = (field[0], field[1:].split(":")[0]), field.split(":")[1]
+            field_name, number = left.split("=")
+            added = message.field.add(
+                name=field_name,
+                number=int(number),
+                label=_FIELD.LABEL_REPEATED if label == "*" else _FIELD.LABEL_OPTIONAL,
+            )
+            if kind in _NUMBERS:
+                added.type = _NUMBERS[kind]
+            else:
+                added.type, added.type_name = _FIELD.TYPE_MESSAGE, f".biscuit.{kind}"
+            if label == "|":
+                added.oneof_index = 0
+        if "|" in fields:
+            message.oneof_decl.add(name="content")
+    pool = descriptor_pool.DescriptorPool()
+    pool.Add(file)
+    return {
+        name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"biscuit.{name}"))  # type: ignore[no-untyped-call]
+        for name in _SCHEMA
+    }
+
+
+MESSAGES: Final = _messages()
+"""The message classes by name."""
+
+_Biscuit: Final = MESSAGES["Biscuit"]
+_Block: Final = MESSAGES["Block"]
+
+
+@dataclass(frozen=True, slots=True)
+class SignedBlock:
+    """One block as it was signed.
+
+    Attributes:
+        third_party: it carries an external signature, in the version that binds it to its place.
+        payload: the signed bytes.
+    """
+
+    third_party: bool
+    payload: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """What a token consists of: the root key id that it claims and its blocks in order, the authority block first."""
+
+    root_key_id: int | None
+    blocks: tuple[SignedBlock, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What the payload of a block holds, and nothing else.
+
+    Attributes:
+        symbols: its own texts, in order.
+        version: of its Datalog.
+        terms: of its one fact: an integer, byte strings.
+        checks: encoded, in order.
+    """
+
+    symbols: tuple[str, ...]
+    version: int
+    predicate: int
+    terms: tuple[int | bytes, ...]
+    checks: tuple[bytes, ...]
+
+
+def read(token: bytes) -> Structure:
+    """The structure of a token that still has a next secret: a sealed one is not of this profile.
+
+    Raises:
+        TokenError: `TOKEN_MALFORMED` when the bytes are no such message.
+    """
+    try:
+        message = _Biscuit.FromString(token)
+    except DecodeError:
+        raise TokenError(FaultCode.TOKEN_MALFORMED, "not the message of a token") from None
+    if not message.HasField("authority") or not message.proof.HasField("nextSecret"):
+        raise TokenError(FaultCode.TOKEN_MALFORMED, "no authority block, or no next secret")
+    return Structure(
+        root_key_id=message.rootKeyId if message.HasField("rootKeyId") else None,
+        blocks=(_signed(message.authority), *map(_signed, message.blocks)),
+    )
+
+
+def _signed(block: Any) -> SignedBlock:
+    return SignedBlock(
+        third_party=block.HasField("externalSignature") and block.version == THIRD_PARTY_SIGNATURE,
+        payload=block.block,
+    )
+
+
+def contents(payload: bytes) -> Contents:
+    """What a block holds, when that is one fact and checks, in the one encoding.
+
+    Raises:
+        TokenError: `WRONG_PROFILE` when it holds a rule, a scope, a key, a context or anything unknown; `CHAIN_BROKEN`
+            when it has not one fact of an integer and byte strings.
+    """
+    try:
+        block = _Block.FromString(payload)
+    except DecodeError:
+        raise TokenError(FaultCode.WRONG_PROFILE, "not the message of a block") from None
+    block.DiscardUnknownFields()
+    if block.SerializeToString() != payload:
+        raise TokenError(FaultCode.WRONG_PROFILE, "a block in another encoding, or with unknown fields")
+    if block.rules or block.scope or block.publicKeys or block.HasField("context"):
+        raise TokenError(FaultCode.WRONG_PROFILE, "a block with a rule, a scope, a key or a context")
+    if len(block.facts) != 1:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not one fact in a block")
+    predicate = block.facts[0].predicate
+    index, *rest = predicate.terms or (None,)
+    if index is None or index.WhichOneof("content") != "integer":
+        raise TokenError(FaultCode.CHAIN_BROKEN, "a fact without index")
+    if any(term.WhichOneof("content") != "bytes" for term in rest):
+        raise TokenError(FaultCode.CHAIN_BROKEN, "a term that is no byte string")
+    return Contents(
+        symbols=tuple(block.symbols),
+        version=block.version,
+        predicate=predicate.name,
+        terms=(index.integer, *(term.bytes for term in rest)),
+        checks=tuple(block.checks),
+    )
