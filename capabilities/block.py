@@ -7,6 +7,7 @@ object. Nothing is stated twice.
 
 from __future__ import annotations
 
+import functools
 import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TypeVar, assert_never
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Final, TypeVar, assert_never
 from capabilities import algebra, keys, text
 from capabilities import checks as written
 from capabilities.chain import Attestation, EvidenceKind, HopGrant, Sponsor
-from capabilities.checks import Alternative, Checks
+from capabilities.checks import REMEMBERED, Alternative, Checks
 from capabilities.errors import CapabilityError, FaultCode, TokenError
 from capabilities.scope import Grant, Limit, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from capabilities.caps import Caps
-    from capabilities.scope import Bound
     from capabilities.wire import Contents
 
 _T = TypeVar("_T")
@@ -67,6 +67,15 @@ class HopBlock:
     index: int
     hop: HopGrant
     restriction: Restriction
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """What the fact of a block says: its index, its byte strings in order, the members of its JSON object."""
+
+    index: int
+    raw: tuple[bytes, ...]
+    members: Mapping[str, object]
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------
@@ -171,16 +180,41 @@ def _alternative(grant: Grant, signature: list[Parameter] | None) -> Alternative
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def authority_of(contents: Contents, caps: Caps) -> AuthorityBlock:
-    """The authority block that holds these contents.
+def statement_of(contents: Contents, *, first: bool) -> Statement:
+    """What the fact of a block says.
+
+    Args:
+        contents: of the block.
+        first: whether it is the authority block.
 
     Raises:
-        TokenError: `WRONG_PROFILE` when the profile is another, `CHAIN_BROKEN` when it is not exactly one such block.
+        TokenError: `WRONG_PROFILE` when the block is of another profile or version of Datalog, `CHAIN_BROKEN` when its
+            fact is not that of the profile.
     """
-    raw, members = _statement(contents, AUTHORITY_VERSION)
-    if members.get("profile") != PROFILE:
+    if contents.version != (AUTHORITY_VERSION if first else HOP_VERSION):
+        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
+    if written.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.terms) != TERMS:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
+    index, *raw, spelled = contents.terms
+    try:
+        members = json.loads(spelled)
+        again = _ENCODER.encode(members).encode()  # the same bytes: so no member was there twice
+    except (ValueError, RecursionError):
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not JSON") from None
+    if again != spelled or not isinstance(members, dict):
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not a canonical JSON object")
+    if first and members.get("profile") != PROFILE:
         raise TokenError(FaultCode.WRONG_PROFILE, f"not {PROFILE}")
-    demanded = written.read(contents.symbols, contents.checks)
+    return Statement(index, tuple(raw), members)
+
+
+def authority_of(stated: Statement, demanded: Checks, caps: Caps) -> AuthorityBlock:
+    """The authority block that states and demands this.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` when there is no such block of the profile.
+    """
+    members = stated.members
     try:
         _closed(members, _AUTHORITY, _AUTHORITY | {"role"})
         person = _closed(members["sponsor"], _SPONSOR, _SPONSOR)
@@ -193,10 +227,10 @@ def authority_of(contents: Contents, caps: Caps) -> AuthorityBlock:
         block = AuthorityBlock(
             token_id=_text(members["token"]),
             sponsor=sponsor,
-            index=_int(contents.terms[0]),
-            hop=_hop(raw, members, sponsor.subject),
+            index=stated.index,
+            hop=_hop(stated, sponsor.subject),
             scope=Scope(
-                grants=_whole_grants(_present(demanded.alternatives), members["parameters"]),
+                grants=_whole_grants(_present(demanded.alternatives), _parameters(members["parameters"])),
                 ceiling=Tier(_present(demanded.ceiling)),
                 audiences=_texts(members["audiences"]),
                 delegates=_texts(members["delegates"]),
@@ -211,21 +245,20 @@ def authority_of(contents: Contents, caps: Caps) -> AuthorityBlock:
     return block
 
 
-def hop_of(contents: Contents, *, delegator: str, parent: Scope, caps: Caps) -> HopBlock:
-    """The hop block that holds these contents, below a hop of agent `delegator` with the scope `parent`.
+def hop_of(stated: Statement, demanded: Checks, *, delegator: str, parent: Scope, caps: Caps) -> HopBlock:
+    """The hop block that states and demands this, below a hop of agent `delegator` with the scope `parent`.
 
     Raises:
         TokenError: `NOT_NARROWER` when it keeps an operation, or a number of parameters, that the parent does not have;
-            `CHAIN_BROKEN` when it is not exactly one such block.
+            `CHAIN_BROKEN` when there is no such block of the profile.
     """
-    raw, members = _statement(contents, HOP_VERSION)
-    demanded = written.read(contents.symbols, contents.checks)
-    kept = None if demanded.alternatives is None else _kept_grants(demanded.alternatives, parent)
+    members = stated.members
+    kept = None if demanded.alternatives is None else _kept_grants(demanded.alternatives, parent.grants)
     try:
         _closed(members, _HOP, _HOP | _AT_WILL)
         block = HopBlock(
-            index=_int(contents.terms[0]),
-            hop=_hop(raw, members, delegator),
+            index=stated.index,
+            hop=_hop(stated, delegator),
             restriction=Restriction(
                 grants=kept,
                 ceiling=None if demanded.ceiling is None else Tier(demanded.ceiling),
@@ -242,26 +275,9 @@ def hop_of(contents: Contents, *, delegator: str, parent: Scope, caps: Caps) -> 
     return block
 
 
-def _statement(contents: Contents, version: int) -> tuple[tuple[bytes, ...], dict[str, object]]:
-    """The byte strings of the fact but the last, and the JSON object in the last."""
-    if contents.version != version:
-        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
-    if written.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.terms) != TERMS:
-        raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
-    _, *raw, statement = contents.terms
-    assert isinstance(statement, bytes)
-    try:
-        members = json.loads(statement)
-        same = _ENCODER.encode(members).encode() == statement  # also: no member twice
-    except (ValueError, RecursionError):
-        same = False
-    if not same or not isinstance(members, dict):
-        raise TokenError(FaultCode.CHAIN_BROKEN, "not a canonical JSON object")
-    return tuple(raw), members  # type: ignore[arg-type]  # all terms but the first are byte strings
-
-
-def _hop(raw: tuple[bytes, ...], members: Mapping[str, object], delegator: str) -> HopGrant:
-    hop_id, key, measurement, request_digest = raw
+def _hop(stated: Statement, delegator: str) -> HopGrant:
+    members = stated.members
+    hop_id, key, measurement, request_digest = stated.raw
     return HopGrant(
         hop_id=_exact(hop_id, _ID_BYTES).hex(),
         agent=_text(members["agent"]),
@@ -274,22 +290,36 @@ def _hop(raw: tuple[bytes, ...], members: Mapping[str, object], delegator: str) 
     )
 
 
-def _whole_grants(alternatives: tuple[Alternative, ...], parameters: object) -> tuple[Grant, ...]:
+# What is made of the checks is remembered: a renewed token has the same ones, and so has the next agent's.
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _whole_grants(alternatives: tuple[Alternative, ...], parameters: tuple[tuple[str, ...], ...]) -> tuple[Grant, ...]:
     """The grants of a first block: what its check keeps, under the names and units that it states beside."""
-    named = [[_parameter(each) for each in _list(some)] for some in _list(parameters)]
     return tuple(
-        Grant(kept.object, kept.operation, tuple(_limit(*pair) for pair in zip(names, kept.bounds, strict=True)))
-        for kept, names in zip(alternatives, named, strict=True)
+        Grant(
+            kept.object,
+            kept.operation,
+            tuple(_limit(name, bound) for name, bound in zip(names, kept.bounds, strict=True)),
+        )
+        for kept, names in zip(alternatives, parameters, strict=True)
     )
 
 
-def _limit(parameter: Parameter, bound: Bound | None) -> Limit:
-    return Limit(parameter, _present(bound))
+def _limit(name: str, bound: Bound | None) -> Limit:
+    if bound is None:
+        raise ValueError("a parameter without bound")
+    return Limit(_parameter(name), bound)
 
 
-def _kept_grants(alternatives: tuple[Alternative, ...], parent: Scope) -> tuple[Grant, ...]:
+def _parameters(value: object) -> tuple[tuple[str, ...], ...]:
+    return tuple(tuple(map(_text, _list(some))) for some in _list(value))
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _kept_grants(alternatives: tuple[Alternative, ...], parent: tuple[Grant, ...]) -> tuple[Grant, ...]:
     """The grants that a hop keeps, each with the limits that it states, named as the parent names them."""
-    known = {(grant.object, grant.operation): grant.limits for grant in parent.grants}
+    known = {(grant.object, grant.operation): grant.limits for grant in parent}
     found = []
     for kept in alternatives:
         limits = known.get((kept.object, kept.operation))

@@ -8,7 +8,7 @@ specification, with nothing more in it.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from google.protobuf.message import DecodeError
@@ -29,6 +29,8 @@ _OWN: Final = 1024
 """Number of a block's own first text."""
 _LESS, _AT_MOST, _AT_LEAST, _CONTAINS = 0, 2, 3, 5  # OpBinary.Kind
 
+REMEMBERED: Final = 512
+"""Checks of which is remembered what they say; the least recently used go first."""
 REQUEST: Final = "req"
 CONTEXT: Final = "req_ctx"
 TIME: Final = "time"
@@ -42,6 +44,14 @@ class Alternative:
     object: str
     operation: str
     bounds: tuple[Bound | None, ...]
+    _hash: int = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Hashed once: what is remembered about checks is looked up by them."""
+        object.__setattr__(self, "_hash", hash((self.object, self.operation, self.bounds)))
+
+    def __hash__(self) -> int:
+        return self._hash
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +98,7 @@ def read(symbols: tuple[str, ...], encoded: Sequence[bytes]) -> Checks:
 # --- over the request ------------------------------------------------------------------------------------------------
 
 
-@functools.lru_cache(maxsize=1_024)
+@functools.lru_cache(maxsize=REMEMBERED)
 def _request(symbols: tuple[str, ...], encoded: bytes) -> tuple[Alternative, ...] | None:
     """The alternatives of a check over the request; None for a check over something else.
 
@@ -226,10 +236,11 @@ def _comparison(expression: Any, kind: int, texts: _Texts) -> tuple[str, int]:
 
 def _binary(expression: Any) -> tuple[Any, Any, int]:
     """The two terms and the kind of an expression of one binary operation."""
-    ops = () if expression is None else expression.ops
+    ops = [] if expression is None else list(expression.ops)
     if [op.WhichOneof("content") for op in ops] != ["value", "value", "binary"] or ops[2].binary.HasField("ffiName"):
         raise _odd("not one operation on two terms")
-    return ops[0].value, ops[1].value, int(ops[2].binary.kind)
+    first, second, operation = ops
+    return first.value, second.value, int(operation.binary.kind)
 
 
 def _kind(term: Any) -> str | None:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
-from capabilities import biscuit, block, keys, links, request, wire
+from capabilities import biscuit, block, checks, keys, links, request, wire
 from capabilities.caps import DEFAULT
 from capabilities.carriage import token_from_text, token_to_text
 from capabilities.chain import Chain, Hop, Refusal
@@ -43,10 +43,21 @@ _V = TypeVar("_V")
 
 @dataclass(frozen=True, slots=True)
 class _Read:
-    """What steps 1 to 6 found: the chain, with no view of revocation yet, and the token opened."""
+    """What steps 1 to 6 found.
+
+    Attributes:
+        chain: with no view of revocation yet.
+        opened: the token.
+        form: digest of all that step 12 could find out about: the blocks' checks, without the numbers of time and tier.
+        lifetimes: what [TOK-7] says about them, whenever it is asked.
+        attested_at: the latest instant at which anybody behind the chain was authenticated or attested.
+    """
 
     chain: Chain
     opened: biscuit.OpenedToken
+    form: bytes
+    lifetimes: Fault | None
+    attested_at: int
 
 
 class _Remembered(Generic[_K, _V]):
@@ -74,15 +85,16 @@ class _Remembered(Generic[_K, _V]):
 class Verifier:
     """Verifies tokens under one trust bundle.
 
-    It remembers what steps 1 to 6 found, by token digest, revocation epoch and bundle version, and what step 12 found,
-    by those and the operation. Only what was found valid is remembered, and only for the canonical bytes.
+    It remembers what steps 1 to 6 found, by token digest, revocation epoch and bundle version, and that step 12 found
+    agreement, by what the blocks check and the operation: a renewed token has the same checks. Only what was found
+    valid is remembered, and only for the canonical bytes.
     """
 
     def __init__(self, trust: TrustBundle, caps: Caps, *, remembered: int = REMEMBERED) -> None:
         self._trust = trust
         self._caps = caps
         self._read: _Remembered[tuple[bytes, int, int], _Read] = _Remembered(remembered)
-        self._agreed: _Remembered[tuple[bytes, int, int, str, str], object] = _Remembered(remembered)
+        self._agreed: _Remembered[tuple[bytes, str, str], object] = _Remembered(remembered)
 
     def verify(self, token: bytes, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
         """The chain of a token that passes steps 1 to 9 now, here; or the first fault.
@@ -99,7 +111,7 @@ class Verifier:
             return read
         chain = replace(read.chain, epoch=view.epoch, view_age_ms=view.age_ms)
         return (
-            _check_times(chain, at, self._caps)  # [TOK-7]
+            _check_times(read, at, self._caps)  # [TOK-7]
             or _check_audience(chain, audience)  # [TOK-8]
             or _check_revocation(chain, audience, view, lease_ms)  # [TOK-9]
             or chain
@@ -152,21 +164,20 @@ class Verifier:
         refused = request.refusal(chain, object=object, operation=operation, values=values, base_tier=base_tier)
         if refused is not None:
             return refused
-        # [TOK-12] Biscuit's own authorizer agrees, once for each operation
+        # [TOK-12] Biscuit's own authorizer agrees, once for each operation under these checks
         return self._check_agreement(chain, object, operation)
 
     def _check_agreement(self, chain: Chain, thing: str, operation: str) -> Fault | None:
-        key = (chain.digest, chain.epoch, self._trust.version)
-        known = self._agreed.get((*key, thing, operation))
-        if known is _AGREED:
-            return None
-        read = self._read.get(key)
+        read = self._read.get((chain.digest, chain.epoch, self._trust.version))
         grant = request.find(chain.scope, thing, operation)
         if read is None or grant is None:
             return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-12", "the token is no longer remembered; verify it again")
+        known = read.form, thing, operation
+        if self._agreed.get(known) is _AGREED:
+            return None
         fault = request.disagreement(read.opened, chain.scope, grant, self._caps)
         if fault is None:
-            self._agreed.put((*key, thing, operation), _AGREED)
+            self._agreed.put(known, _AGREED)
         return fault
 
 
@@ -212,7 +223,10 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
 
     # [TOK-6] profile, hop sequence, holder continuity, narrowing
     with _clause("TOK-6"):
-        authority, hops = _hops(shape, trust, caps)
+        contents = [wire.contents(signed.payload) for signed in shape.blocks]
+        stated = [block.statement_of(each, first=not i) for i, each in enumerate(contents)]
+        demanded = [checks.read(each.symbols, each.checks) for each in contents]
+        authority, hops = _hops(stated, demanded, trust, caps)
 
     chain = Chain(
         token_id=authority.token_id,
@@ -223,7 +237,13 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
         epoch=0,
         view_age_ms=0,
     )
-    return _Read(chain, opened)
+    return _Read(
+        chain=chain,
+        opened=opened,
+        form=_form(contents, demanded),
+        lifetimes=_lifetimes(hops, caps),
+        attested_at=max(authority.sponsor.authenticated_at, *(hop.attestation.at for hop in hops)),
+    )
 
 
 @contextmanager
@@ -273,30 +293,48 @@ def _check_attested(shape: wire.Structure, signers: tuple[bytes | None, ...], tr
             raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"hop {index} is signed by no trusted attester")
 
 
-def _hops(shape: wire.Structure, trust: TrustBundle, caps: Caps) -> tuple[block.AuthorityBlock, tuple[Hop, ...]]:
+def _hops(
+    stated: list[block.Statement], demanded: list[checks.Checks], trust: TrustBundle, caps: Caps
+) -> tuple[block.AuthorityBlock, tuple[Hop, ...]]:
     """[TOK-6]: each block is one of the profile, and narrows what the blocks before it leave."""
-    first, *further = (wire.contents(signed.payload) for signed in shape.blocks)
-    authority = block.authority_of(first, caps)
+    authority = block.authority_of(stated[0], demanded[0], caps)
     hops: tuple[Hop, ...] = (links.first_hop(authority, reserved=trust.all_keys, caps=caps),)
-    for contents in further:
-        added = block.hop_of(contents, delegator=hops[-1].agent, parent=hops[-1].scope, caps=caps)
+    for each, demands in zip(stated[1:], demanded[1:], strict=True):
+        parent = hops[-1]
+        added = block.hop_of(each, demands, delegator=parent.agent, parent=parent.scope, caps=caps)
         hops = (*hops, links.next_hop(hops, added, reserved=trust.all_keys, caps=caps))
     return authority, hops
+
+
+def _form(contents: list[wire.Contents], demanded: list[checks.Checks]) -> bytes:
+    """[TOK-12]: all that the blocks check, the numbers of window and ceiling left out."""
+    digest = hashlib.sha256()
+    for each, demands in zip(contents, demanded, strict=True):
+        over_request = b"" if demands.alternatives is None else each.checks[0]
+        stated = [bound is not None for bound in (demands.not_before, demands.not_after, demands.ceiling)]
+        digest.update(repr((each.symbols, over_request, stated)).encode())
+    return digest.digest()
 
 
 # --- steps 7 to 9 ----------------------------------------------------------------------------------------------------
 
 
-def _check_times(chain: Chain, at: float, caps: Caps) -> Fault | None:
-    """[TOK-7]."""
+def _lifetimes(hops: tuple[Hop, ...], caps: Caps) -> Fault | None:
+    """The part of [TOK-7] that asks nothing of the moment."""
     try:
-        links.check_lifetimes(chain.hops, caps)
+        links.check_lifetimes(hops, caps)
     except TokenError as error:
         return Fault(error.code, "TOK-7", error.detail)
-    attested = max(chain.sponsor.authenticated_at, *(hop.attestation.at for hop in chain.hops))
-    if not attested <= at + caps.skew_s:
+    return None
+
+
+def _check_times(read: _Read, at: float, caps: Caps) -> Fault | None:
+    """[TOK-7]."""
+    if read.lifetimes is not None:
+        return read.lifetimes
+    if not read.attested_at <= at + caps.skew_s:
         return Fault(FaultCode.NOT_YET_VALID, "TOK-7", "attested in the future")
-    return _check_window(chain, at, "TOK-7")
+    return _check_window(read.chain, at, "TOK-7")
 
 
 def _check_window(chain: Chain, at: float, clause: str) -> Fault | None:

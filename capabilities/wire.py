@@ -84,10 +84,7 @@ def _messages() -> dict[str, Any]:
             message.oneof_decl.add(name="content")
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
-    return {
-        name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"biscuit.{name}"))  # type: ignore[no-untyped-call]
-        for name in _SCHEMA
-    }
+    return {name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"biscuit.{name}")) for name in _SCHEMA}
 
 
 MESSAGES: Final = _messages()
@@ -132,7 +129,7 @@ class Contents:
     symbols: tuple[str, ...]
     version: int
     predicate: int
-    terms: tuple[int | bytes, ...]
+    terms: tuple[Any, ...]
     checks: tuple[bytes, ...]
 
 

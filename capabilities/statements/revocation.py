@@ -106,6 +106,8 @@ class RevocationView:
             chain: a chain that passed steps 1 to 8.
             audience: where the token is presented; None asks for every audience of its scope.
         """
+        if not self.revoked:
+            return None
         audiences = sorted(chain.scope.audiences) if audience is None else [audience]
         candidates = [
             (Revoked.SPONSOR, chain.sponsor.subject),

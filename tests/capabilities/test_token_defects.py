@@ -735,9 +735,20 @@ def test_tok_12_runs_once_for_each_operation(monkeypatch):
     assert once > 0
     assert checker.check_request(chain, object="ur3e", operation="stop", values=(), base_tier=Tier(0), at=NOW) is None
     assert len(probes) > once
-    later = checker.verify(mint_root(), at=NOW, audience=CELL, view=replace(VIEW, epoch=4), lease_ms=LEASE_MS)
+    # Another token with the same checks, whatever its window, tells nothing new; other checks do.
     before = len(probes)
-    assert checker.check_request(later, object="ur3e", operation="stop", values=(), base_tier=Tier(0), at=NOW) is None
+    for token in (mint_root(token_id="A" * 22), mint_root(replace(SCOPE, not_after=NOW + 2_500, ceiling=Tier(2)))):
+        later = checker.verify(token, at=NOW, audience=CELL, view=replace(VIEW, epoch=4), lease_ms=LEASE_MS)
+        assert (
+            checker.check_request(later, object="ur3e", operation="stop", values=(), base_tier=Tier(0), at=NOW) is None
+        )
+    assert len(probes) == before
+    narrower = checker.verify(
+        add_hop(mint_root(), "robotic", SLOWER), at=NOW, audience=CELL, view=VIEW, lease_ms=LEASE_MS
+    )
+    assert (
+        checker.check_request(narrower, object="ur3e", operation="stop", values=(), base_tier=Tier(0), at=NOW) is None
+    )
     assert len(probes) > before
 
 

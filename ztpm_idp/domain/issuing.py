@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from capabilities import block, links
 from capabilities.chain import Attestation, Chain, HopGrant, Sponsor
 from capabilities.errors import CapabilityError, Fault, FaultCode, TokenError
-from capabilities.keys import thumbprint_bytes
 from capabilities.statements.revocation import RevocationView
 from capabilities.verify import Verifier
 from ztpm_idp.domain.attestation import judge, may_receive
@@ -48,7 +47,7 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
     # make.
     hop = _hop(command, agent, shown.kind, delegator=command.by, sponsor=command.by, at_ms=at_ms)
     sponsor = Sponsor(issuer=rules.issuer, subject=command.by, method="operator-key", authenticated_at=at_ms // 1_000)
-    authority = block.AuthorityBlock(command.token_id, sponsor, block.HopFacts(0, hop, b""), command.scope)
+    authority = block.AuthorityBlock(command.token_id, sponsor, 0, hop, command.scope)
     highest = links.highest(shown.kind, rules.caps)
     if command.scope.ceiling > highest:
         return Refusal(FaultCode.ABOVE_CEILING, f"evidence of kind {shown.kind} carries at most tier {int(highest)}")
@@ -88,7 +87,7 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
     # 5. The token names this delegate and has depth left, and what is lent is strictly less than what is held: the very
     # checks that verifiers make.
     hop = _hop(command, agent, shown.kind, delegator=chain.leaf.agent, sponsor=chain.sponsor.subject, at_ms=at_ms)
-    added = block.HopBlock(block.HopFacts(len(chain.hops), hop, thumbprint_bytes(chain.leaf.key)), command.restriction)
+    added = block.HopBlock(len(chain.hops), hop, command.restriction)
     try:
         block.well_formed(added, rules.caps)
         leaf = links.next_hop(chain.hops, added, reserved=rules.own_keys, caps=rules.caps)
