@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from capabilities.caps import Caps
+    from capabilities.scope import Bound
     from capabilities.wire import Contents
 
 _T = TypeVar("_T")
