@@ -8,9 +8,10 @@ object. Nothing is stated twice.
 from __future__ import annotations
 
 import functools
-import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeVar, assert_never
+from typing import TYPE_CHECKING, Final, Generic, TypeVar, assert_never
+
+import msgspec
 
 from capabilities import algebra, keys, text
 from capabilities import checks as written
@@ -21,8 +22,6 @@ from capabilities.scope import Grant, Limit, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from capabilities.caps import Caps
     from capabilities.scope import Bound
     from capabilities.wire import Contents
@@ -32,19 +31,65 @@ _T = TypeVar("_T")
 PROFILE: Final = "ztpm/1"
 PREDICATE: Final = "hop"
 """The only fact of a block: ``hop(index, hop id, key, measurement, request digest, statement)``."""
-TERMS: Final = 6
+BYTE_STRINGS: Final = 5
 AUTHORITY_VERSION: Final = 3  # of a block's Datalog, as the Biscuit library writes it (schema.proto, Block.version)
 HOP_VERSION: Final = 5
 """Third-party blocks, in the signature version that binds them to their place, have this one."""
 
 _DIGEST_BYTES: Final = 32
 _ID_BYTES: Final = 16
-_HOP: Final = frozenset({"agent", "at", "evidence", "purpose"})
-_AT_WILL: Final = frozenset({"role", "audiences", "delegates", "depth"})
-_AUTHORITY: Final = _HOP | {"audiences", "delegates", "depth", "parameters", "profile", "sponsor", "token"}
-_SPONSOR: Final = frozenset({"authenticated_at", "issuer", "method", "subject"})
-_ENCODER: Final = json.JSONEncoder(ensure_ascii=False, allow_nan=False, sort_keys=True, separators=(",", ":"))
-"""Writes RFC 8785 where members are ASCII and numbers are integers, as in every statement here."""
+
+
+class SponsorStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Member `sponsor` of an authority block's statement."""
+
+    authenticated_at: int
+    issuer: str
+    method: str
+    subject: str
+
+
+# Members stand in the order of RFC 8785, those at will have a default; written again, a statement gives the same bytes.
+
+
+class HopStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The JSON object of a hop block."""
+
+    agent: str
+    at: int
+    audiences: tuple[str, ...] | None = None
+    delegates: tuple[str, ...] | None = None
+    depth: int | None = None
+    evidence: str
+    purpose: str
+    role: str = ""
+
+
+class AuthorityStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The JSON object of an authority block."""
+
+    agent: str
+    at: int
+    audiences: tuple[str, ...]
+    delegates: tuple[str, ...]
+    depth: int
+    evidence: str
+    parameters: tuple[tuple[str, ...], ...]
+    profile: str
+    purpose: str
+    role: str = ""
+    sponsor: SponsorStatement
+    token: str
+
+
+class _AnyProfile(msgspec.Struct):
+    profile: object = None
+
+
+_ENCODER: Final = msgspec.json.Encoder()
+_PROFILE: Final = msgspec.json.Decoder(_AnyProfile)
+_HOP: Final = msgspec.json.Decoder(HopStatement)
+_AUTHORITY: Final = msgspec.json.Decoder(AuthorityStatement)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,13 +115,16 @@ class HopBlock:
     restriction: Restriction
 
 
+_S = TypeVar("_S", AuthorityStatement, HopStatement)
+
+
 @dataclass(frozen=True, slots=True)
-class Statement:
-    """What the fact of a block says: its index, its byte strings in order, the members of its JSON object."""
+class Said(Generic[_S]):
+    """What the fact of a block says: its index, its byte strings in order, its JSON object."""
 
     index: int
     raw: tuple[bytes, ...]
-    members: Mapping[str, object]
+    statement: _S
 
 
 # --- writing ---------------------------------------------------------------------------------------------------------
@@ -98,55 +146,55 @@ def as_restriction(scope: Scope) -> Restriction:
 def fact(block: AuthorityBlock | HopBlock) -> tuple[str, tuple[int | bytes, ...]]:
     """The fact of a block."""
     hop = block.hop
-    statement = _ENCODER.encode(_members(block)).encode()
     return PREDICATE, (
         block.index,
         bytes.fromhex(hop.hop_id),
         hop.key,
         hop.attestation.measurement,
         hop.request_digest,
-        statement,
+        _ENCODER.encode(_statement(block)),
     )
 
 
-def _members(block: AuthorityBlock | HopBlock) -> dict[str, object]:
-    """What a block states in JSON."""
-    hop, stated = block.hop, _stated(block)
-    members: dict[str, object] = {
-        "agent": hop.agent,
-        "at": hop.attestation.at,
-        "evidence": str(hop.attestation.kind),
-        "purpose": hop.purpose,
-    }
-    if hop.role:
-        members["role"] = hop.role
-    if stated.audiences is not None:
-        members["audiences"] = sorted(stated.audiences)
-    if stated.delegates is not None:
-        members["delegates"] = sorted(stated.delegates)
-    if stated.depth is not None:
-        members["depth"] = stated.depth
+def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStatement:
+    hop = block.hop
     match block:
         case AuthorityBlock(token_id, sponsor, _, _, scope):
-            members |= {
-                "profile": PROFILE,
-                "token": token_id,
-                "sponsor": {
-                    "authenticated_at": sponsor.authenticated_at,
-                    "issuer": sponsor.issuer,
-                    "method": sponsor.method,
-                    "subject": sponsor.subject,
-                },
-                "parameters": [
-                    [f"{limit.parameter.name}:{limit.parameter.unit}" for limit in grant.limits]
+            return AuthorityStatement(
+                agent=hop.agent,
+                at=hop.attestation.at,
+                audiences=tuple(sorted(scope.audiences)),
+                delegates=tuple(sorted(scope.delegates)),
+                depth=scope.depth,
+                evidence=str(hop.attestation.kind),
+                parameters=tuple(
+                    tuple(f"{limit.parameter.name}:{limit.parameter.unit}" for limit in grant.limits)
                     for grant in scope.grants
-                ],
-            }
-        case HopBlock():
-            pass
+                ),
+                profile=PROFILE,
+                purpose=hop.purpose,
+                role=hop.role,
+                sponsor=SponsorStatement(
+                    authenticated_at=sponsor.authenticated_at,
+                    issuer=sponsor.issuer,
+                    method=sponsor.method,
+                    subject=sponsor.subject,
+                ),
+                token=token_id,
+            )
+        case HopBlock(_, _, restriction):
+            return HopStatement(
+                agent=hop.agent,
+                at=hop.attestation.at,
+                audiences=None if restriction.audiences is None else tuple(sorted(restriction.audiences)),
+                delegates=None if restriction.delegates is None else tuple(sorted(restriction.delegates)),
+                depth=restriction.depth,
+                evidence=str(hop.attestation.kind),
+                purpose=hop.purpose,
+                role=hop.role,
+            )
         case _:
             assert_never(block)
-    return members
 
 
 def _stated(block: AuthorityBlock | HopBlock) -> Restriction:
@@ -181,91 +229,108 @@ def _alternative(grant: Grant, signature: list[Parameter] | None) -> Alternative
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def statement_of(contents: Contents, *, first: bool) -> Statement:
-    """What the fact of a block says.
-
-    Args:
-        contents: of the block.
-        first: whether it is the authority block.
+def authority_said(contents: Contents) -> Said[AuthorityStatement]:
+    """What the fact of an authority block says.
 
     Raises:
         TokenError: `WRONG_PROFILE` when the block is of another profile or version of Datalog, `CHAIN_BROKEN` when its
             fact is not that of the profile.
     """
-    if contents.version != (AUTHORITY_VERSION if first else HOP_VERSION):
-        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
-    if written.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.terms) != TERMS:
-        raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
-    index, *raw, spelled = contents.terms
+    spelled = _spelled(contents, AUTHORITY_VERSION)
     try:
-        members = json.loads(spelled)
-        again = _ENCODER.encode(members).encode()  # the same bytes: so no member was there twice
-    except (ValueError, RecursionError):
-        raise TokenError(FaultCode.CHAIN_BROKEN, "not JSON") from None
-    if again != spelled or not isinstance(members, dict):
-        raise TokenError(FaultCode.CHAIN_BROKEN, "not a canonical JSON object")
-    if first and members.get("profile") != PROFILE:
+        profile = _PROFILE.decode(spelled).profile
+    except ValueError:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object") from None
+    if profile != PROFILE:
         raise TokenError(FaultCode.WRONG_PROFILE, f"not {PROFILE}")
-    return Statement(index, tuple(raw), members)
+    return _said(contents, _AUTHORITY)
 
 
-def authority_of(stated: Statement, demanded: Checks, caps: Caps) -> AuthorityBlock:
-    """The authority block that states and demands this.
+def hop_said(contents: Contents) -> Said[HopStatement]:
+    """What the fact of a hop block says.
+
+    Raises:
+        TokenError: as `authority_said`.
+    """
+    _spelled(contents, HOP_VERSION)
+    return _said(contents, _HOP)
+
+
+def _spelled(contents: Contents, version: int) -> bytes:
+    """The JSON of a fact that has the form of the profile."""
+    if contents.version != version:
+        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
+    if written.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.raw) != BYTE_STRINGS:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
+    return contents.raw[-1]
+
+
+def _said(contents: Contents, decoder: msgspec.json.Decoder[_S]) -> Said[_S]:
+    spelled = contents.raw[-1]
+    try:
+        statement = decoder.decode(spelled)
+        again = _ENCODER.encode(statement)  # the same bytes: so no member was there twice, and none had its default
+    except (ValueError, RecursionError):
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object of the profile") from None
+    if again != spelled:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not the canonical JSON")
+    return Said(contents.index, contents.raw[:-1], statement)
+
+
+def authority_of(said: Said[AuthorityStatement], demanded: Checks, caps: Caps) -> AuthorityBlock:
+    """The authority block that says and demands this.
 
     Raises:
         TokenError: `CHAIN_BROKEN` when there is no such block of the profile.
     """
-    members = stated.members
+    stated = said.statement
     try:
-        _closed(members, _AUTHORITY, _AUTHORITY | {"role"})
-        person = _closed(members["sponsor"], _SPONSOR, _SPONSOR)
         sponsor = Sponsor(
-            issuer=_text(person["issuer"]),
-            subject=_text(person["subject"]),
-            method=_text(person["method"]),
-            authenticated_at=_int(person["authenticated_at"]),
+            issuer=stated.sponsor.issuer,
+            subject=stated.sponsor.subject,
+            method=stated.sponsor.method,
+            authenticated_at=stated.sponsor.authenticated_at,
         )
         block = AuthorityBlock(
-            token_id=_text(members["token"]),
+            token_id=stated.token,
             sponsor=sponsor,
-            index=stated.index,
-            hop=_hop(stated, sponsor.subject),
+            index=said.index,
+            hop=_hop(said, sponsor.subject),
             scope=Scope(
-                grants=_whole_grants(_present(demanded.alternatives), _parameters(members["parameters"])),
+                grants=_whole_grants(_present(demanded.alternatives), stated.parameters),
                 ceiling=Tier(_present(demanded.ceiling)),
-                audiences=_texts(members["audiences"]),
-                delegates=_texts(members["delegates"]),
-                depth=_int(members["depth"]),
+                audiences=_ascending(stated.audiences),
+                delegates=_ascending(stated.delegates),
+                depth=stated.depth,
                 not_before=_present(demanded.not_before),
                 not_after=_present(demanded.not_after),
             ),
         )
         well_formed(block, caps)
-    except (ValueError, KeyError, CapabilityError) as error:
+    except (ValueError, CapabilityError) as error:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"not an authority block: {type(error).__name__}") from None
     return block
 
 
-def hop_of(stated: Statement, demanded: Checks, *, delegator: str, parent: Scope, caps: Caps) -> HopBlock:
-    """The hop block that states and demands this, below a hop of agent `delegator` with the scope `parent`.
+def hop_of(said: Said[HopStatement], demanded: Checks, *, delegator: str, parent: Scope, caps: Caps) -> HopBlock:
+    """The hop block that says and demands this, below a hop of agent `delegator` with the scope `parent`.
 
     Raises:
         TokenError: `NOT_NARROWER` when it keeps an operation, or a number of parameters, that the parent does not have;
             `CHAIN_BROKEN` when there is no such block of the profile.
     """
-    members = stated.members
+    stated = said.statement
     kept = None if demanded.alternatives is None else _kept_grants(demanded.alternatives, parent.grants)
     try:
-        _closed(members, _HOP, _HOP | _AT_WILL)
         block = HopBlock(
-            index=stated.index,
-            hop=_hop(stated, delegator),
+            index=said.index,
+            hop=_hop(said, delegator),
             restriction=Restriction(
                 grants=kept,
                 ceiling=None if demanded.ceiling is None else Tier(demanded.ceiling),
-                audiences=_texts(members["audiences"]) if "audiences" in members else None,
-                delegates=_texts(members["delegates"]) if "delegates" in members else None,
-                depth=_int(members["depth"]) if "depth" in members else None,
+                audiences=None if stated.audiences is None else _ascending(stated.audiences),
+                delegates=None if stated.delegates is None else _ascending(stated.delegates),
+                depth=stated.depth,
                 not_before=demanded.not_before,
                 not_after=demanded.not_after,
             ),
@@ -276,19 +341,26 @@ def hop_of(stated: Statement, demanded: Checks, *, delegator: str, parent: Scope
     return block
 
 
-def _hop(stated: Statement, delegator: str) -> HopGrant:
-    members = stated.members
-    hop_id, key, measurement, request_digest = stated.raw
+def _hop(said: Said[AuthorityStatement] | Said[HopStatement], delegator: str) -> HopGrant:
+    hop_id, key, measurement, request_digest = said.raw
+    stated = said.statement
     return HopGrant(
         hop_id=_exact(hop_id, _ID_BYTES).hex(),
-        agent=_text(members["agent"]),
+        agent=stated.agent,
         key=key,
         delegator=delegator,
-        purpose=_text(members["purpose"]),
+        purpose=stated.purpose,
         request_digest=request_digest,
-        attestation=Attestation(EvidenceKind(_text(members["evidence"])), measurement, _int(members["at"])),
-        role=_role(members["role"]) if "role" in members else "",
+        attestation=Attestation(EvidenceKind(stated.evidence), measurement, stated.at),
+        role=stated.role,
     )
+
+
+def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
+    """The members of a list of texts in ascending order, each once."""
+    if list(texts) != sorted(set(texts)):
+        raise ValueError("a list out of order, or with a member twice")
+    return frozenset(texts)
 
 
 # What is made of the checks is remembered: a renewed token has the same ones, and so has the next agent's.
@@ -311,10 +383,6 @@ def _limit(name: str, bound: Bound | None) -> Limit:
     if bound is None:
         raise ValueError("a parameter without bound")
     return Limit(_parameter(name), bound)
-
-
-def _parameters(value: object) -> tuple[tuple[str, ...], ...]:
-    return tuple(tuple(map(_text, _list(some))) for some in _list(value))
 
 
 @functools.lru_cache(maxsize=REMEMBERED)
@@ -376,52 +444,14 @@ def _well_formed_hop(hop: HopGrant, caps: Caps) -> None:
     _seconds(hop.attestation.at)
 
 
-def _closed(value: object, least: frozenset[str], most: frozenset[str]) -> Mapping[str, object]:
-    if not isinstance(value, dict) or not least <= value.keys() <= most:
-        raise ValueError("not the members of the profile")
-    return value
-
-
 def _present(value: _T | None) -> _T:
     if value is None:
         raise ValueError("the authority block states every dimension")
     return value
 
 
-def _int(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ValueError("not an integer")  # noqa: TRY004 - a wrong term is wrong input, not a wrong call
-    return value
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise ValueError("not a text")  # noqa: TRY004 - as above
-    return value
-
-
-def _list(value: object) -> list[object]:
-    if not isinstance(value, list):
-        raise ValueError("not a list")  # noqa: TRY004 - as above
-    return value
-
-
-def _texts(value: object) -> frozenset[str]:
-    """The members of a list of texts in ascending order, each once."""
-    found = [_text(each) for each in _list(value)]
-    if found != sorted(set(found)):
-        raise ValueError("a list out of order, or with a member twice")
-    return frozenset(found)
-
-
-def _role(value: object) -> str:
-    if not (role := _text(value)):
-        raise ValueError("an empty role is not stated")
-    return role
-
-
-def _parameter(value: object) -> Parameter:
-    name, colon, unit = _text(value).rpartition(":")
+def _parameter(value: str) -> Parameter:
+    name, colon, unit = value.rpartition(":")
     if not colon:
         raise ValueError("a parameter without unit")
     return Parameter(name, Unit(unit))
@@ -433,6 +463,6 @@ def _exact(raw: bytes, length: int) -> bytes:
     return raw
 
 
-def _seconds(value: object) -> None:
-    if not 0 <= _int(value) < algebra.TIME_LIMIT:
+def _seconds(value: int) -> None:
+    if not 0 <= value < algebra.TIME_LIMIT:
         raise TokenError(FaultCode.OUT_OF_RANGE, "a time outside the calendar")

@@ -37,6 +37,8 @@ REMEMBERED: Final = 1_024
 
 _AGREED: Final = object()
 
+Form = tuple[tuple[object, ...], ...]
+
 _K = TypeVar("_K")
 _V = TypeVar("_V")
 
@@ -48,14 +50,14 @@ class _Read:
     Attributes:
         chain: with no view of revocation yet.
         opened: the token.
-        form: digest of all that step 12 could find out about: the blocks' checks, without the numbers of time and tier.
+        form: all that step 12 could find out about: what the blocks check, without the numbers of time and tier.
         lifetimes: what [TOK-7] says about them, whenever it is asked.
         attested_at: the latest instant at which anybody behind the chain was authenticated or attested.
     """
 
     chain: Chain
     opened: biscuit.OpenedToken
-    form: bytes
+    form: Form
     lifetimes: Fault | None
     attested_at: int
 
@@ -94,7 +96,7 @@ class Verifier:
         self._trust = trust
         self._caps = caps
         self._read: _Remembered[tuple[bytes, int, int], _Read] = _Remembered(remembered)
-        self._agreed: _Remembered[tuple[bytes, str, str], object] = _Remembered(remembered)
+        self._agreed: _Remembered[tuple[Form, str, str], object] = _Remembered(remembered)
 
     def verify(self, token: bytes, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
         """The chain of a token that passes steps 1 to 9 now, here; or the first fault.
@@ -224,9 +226,7 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
     # [TOK-6] profile, hop sequence, holder continuity, narrowing
     with _clause("TOK-6"):
         contents = [wire.contents(signed.payload) for signed in shape.blocks]
-        stated = [block.statement_of(each, first=not i) for i, each in enumerate(contents)]
-        demanded = [checks.read(each.symbols, each.checks) for each in contents]
-        authority, hops = _hops(stated, demanded, trust, caps)
+        authority, hops, form = _chain(contents, trust, caps)
 
     chain = Chain(
         token_id=authority.token_id,
@@ -240,7 +240,7 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
     return _Read(
         chain=chain,
         opened=opened,
-        form=_form(contents, demanded),
+        form=form,
         lifetimes=_lifetimes(hops, caps),
         attested_at=max(authority.sponsor.authenticated_at, *(hop.attestation.at for hop in hops)),
     )
@@ -293,27 +293,28 @@ def _check_attested(shape: wire.Structure, signers: tuple[bytes | None, ...], tr
             raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"hop {index} is signed by no trusted attester")
 
 
-def _hops(
-    stated: list[block.Statement], demanded: list[checks.Checks], trust: TrustBundle, caps: Caps
-) -> tuple[block.AuthorityBlock, tuple[Hop, ...]]:
+def _chain(
+    contents: list[wire.Contents], trust: TrustBundle, caps: Caps
+) -> tuple[block.AuthorityBlock, tuple[Hop, ...], Form]:
     """[TOK-6]: each block is one of the profile, and narrows what the blocks before it leave."""
-    authority = block.authority_of(stated[0], demanded[0], caps)
-    hops: tuple[Hop, ...] = (links.first_hop(authority, reserved=trust.all_keys, caps=caps),)
-    for each, demands in zip(stated[1:], demanded[1:], strict=True):
-        parent = hops[-1]
-        added = block.hop_of(each, demands, delegator=parent.agent, parent=parent.scope, caps=caps)
-        hops = (*hops, links.next_hop(hops, added, reserved=trust.all_keys, caps=caps))
-    return authority, hops
+    first, *further = contents
+    said = block.authority_said(first)
+    demanded = [checks.read(first.symbols, first.checks)]
+    authority = block.authority_of(said, demanded[0], caps)
+    hops = [links.first_hop(authority, reserved=trust.all_keys, caps=caps)]
+    for each in further:
+        parent, more = hops[-1], block.hop_said(each)
+        demanded.append(checks.read(each.symbols, each.checks))
+        added = block.hop_of(more, demanded[-1], delegator=parent.agent, parent=parent.scope, caps=caps)
+        hops.append(links.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
+    return authority, tuple(hops), tuple(map(_form, contents, demanded))
 
 
-def _form(contents: list[wire.Contents], demanded: list[checks.Checks]) -> bytes:
-    """[TOK-12]: all that the blocks check, the numbers of window and ceiling left out."""
-    digest = hashlib.sha256()
-    for each, demands in zip(contents, demanded, strict=True):
-        over_request = b"" if demands.alternatives is None else each.checks[0]
-        stated = [bound is not None for bound in (demands.not_before, demands.not_after, demands.ceiling)]
-        digest.update(repr((each.symbols, over_request, stated)).encode())
-    return digest.digest()
+def _form(contents: wire.Contents, demanded: checks.Checks) -> tuple[object, ...]:
+    """[TOK-12]: all that a block checks, the numbers of window and ceiling left out."""
+    over_request = b"" if demanded.alternatives is None else contents.checks[0]
+    context = demanded.not_before is None, demanded.not_after is None, demanded.ceiling is None
+    return contents.symbols, over_request, context
 
 
 # --- steps 7 to 9 ----------------------------------------------------------------------------------------------------

@@ -122,14 +122,17 @@ class Contents:
     Attributes:
         symbols: its own texts, in order.
         version: of its Datalog.
-        terms: of its one fact: an integer, byte strings.
+        predicate: of its one fact, as the number of a text.
+        index: first term of the fact.
+        raw: its other terms, byte strings that are not empty.
         checks: encoded, in order.
     """
 
     symbols: tuple[str, ...]
     version: int
     predicate: int
-    terms: tuple[Any, ...]
+    index: int
+    raw: tuple[bytes, ...]
     checks: tuple[bytes, ...]
 
 
@@ -177,15 +180,17 @@ def contents(payload: bytes) -> Contents:
     if len(block.facts) != 1:
         raise TokenError(FaultCode.CHAIN_BROKEN, "not one fact in a block")
     predicate = block.facts[0].predicate
-    index, *rest = predicate.terms or (None,)
-    if index is None or index.WhichOneof("content") != "integer":
+    terms = predicate.terms
+    if not terms or terms[0].WhichOneof("content") != "integer":
         raise TokenError(FaultCode.CHAIN_BROKEN, "a fact without index")
-    if any(term.WhichOneof("content") != "bytes" for term in rest):
+    raw = tuple([term.bytes for term in terms[1:]])
+    if not all(raw):  # empty is also what a term of another type says here
         raise TokenError(FaultCode.CHAIN_BROKEN, "a term that is no byte string")
     return Contents(
         symbols=tuple(block.symbols),
         version=block.version,
         predicate=predicate.name,
-        terms=(index.integer, *(term.bytes for term in rest)),
+        index=terms[0].integer,
+        raw=raw,
         checks=tuple(block.checks),
     )

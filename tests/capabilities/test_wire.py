@@ -73,7 +73,7 @@ def test_an_external_signature_of_another_version_does_not_count(version):
 
 def test_the_contents_of_a_block():
     payload = field(1, b"one") + field(1, b"two") + VERSION + FACT + field(6, b"first") + field(6, b"second")
-    assert wire.contents(payload) == wire.Contents(("one", "two"), 3, 5, (0, b"abc"), (b"first", b"second"))
+    assert wire.contents(payload) == wire.Contents(("one", "two"), 3, 5, 0, (b"abc",), (b"first", b"second"))
 
 
 @pytest.mark.parametrize(

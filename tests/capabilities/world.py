@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from capabilities import biscuit, block, keys
+from capabilities import biscuit, block, keys, strict_json
 from capabilities.caps import DEFAULT
 from capabilities.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
 from capabilities.delegate import delegate
@@ -216,7 +216,7 @@ def saying(change):
         stated = json.loads(statement)
         other = change(stated)
         members = stated if other is None else other
-        raw = members if isinstance(members, bytes) else block._ENCODER.encode(members).encode()
+        raw = members if isinstance(members, bytes) else strict_json.canonical(members)
         return predicate, (*terms, raw)
 
     return changed
