@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from capabilities.caps import Caps
     from capabilities.checks import Alternative, Checks
+    from capabilities.fact import Fact
     from capabilities.scope import Bound
 
 _library: Any = biscuit_auth
@@ -34,10 +35,6 @@ _library: Any = biscuit_auth
 _PANIC: Final = "PanicException"
 _LIMITS_WORD: Final = "execution limits"
 """Part of the library's text when a Datalog limit was reached; it has no code for that. A test watches the wording."""
-
-
-Fact = tuple[str, tuple[int | bytes, ...]]
-"""The one fact of a block: its predicate and its terms."""
 
 
 class Answer(Enum):

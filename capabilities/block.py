@@ -1,95 +1,34 @@
 """One block of a token as values, and as what is signed: one fact and the checks that Datalog evaluates.
 
-A block is written from values (`fact`, `checks`) and read back from its contents (`authority_of`, `hop_of`). The checks
-state grants, ceiling and window; the fact states all the rest: keys and digests as byte strings, and one canonical JSON
-object. Nothing is stated twice.
+A block is written from values (`fact`, `checks`) and read back from what its fact says (capabilities.fact) and what its
+checks demand (capabilities.checks). The checks state grants, ceiling and window; the fact states all the rest. Nothing
+is stated twice.
 """
 
 from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Generic, TypeVar, assert_never
-
-import msgspec
+from typing import TYPE_CHECKING, Final, TypeVar, assert_never
 
 from capabilities import algebra, keys, text
-from capabilities import checks as written
+from capabilities import fact as facts
 from capabilities.chain import Attestation, EvidenceKind, HopGrant, Sponsor
 from capabilities.checks import REMEMBERED, Alternative, Checks
 from capabilities.errors import CapabilityError, FaultCode, TokenError
+from capabilities.fact import PROFILE, AuthorityStatement, HopStatement, SponsorStatement
 from capabilities.scope import Grant, Limit, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 
 if TYPE_CHECKING:
     from capabilities.caps import Caps
+    from capabilities.fact import Fact, Said
     from capabilities.scope import Bound
-    from capabilities.wire import Contents
 
 _T = TypeVar("_T")
 
-PROFILE: Final = "ztpm/1"
-PREDICATE: Final = "hop"
-"""The only fact of a block: ``hop(index, hop id, key, measurement, request digest, statement)``."""
-BYTE_STRINGS: Final = 5
-AUTHORITY_VERSION: Final = 3  # of a block's Datalog, as the Biscuit library writes it (schema.proto, Block.version)
-HOP_VERSION: Final = 5
-"""Third-party blocks, in the signature version that binds them to their place, have this one."""
-
 _DIGEST_BYTES: Final = 32
 _ID_BYTES: Final = 16
-
-
-class SponsorStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Member `sponsor` of an authority block's statement."""
-
-    authenticated_at: int
-    issuer: str
-    method: str
-    subject: str
-
-
-# Members stand in the order of RFC 8785, those at will have a default; written again, a statement gives the same bytes.
-
-
-class HopStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The JSON object of a hop block."""
-
-    agent: str
-    at: int
-    audiences: tuple[str, ...] | None = None
-    delegates: tuple[str, ...] | None = None
-    depth: int | None = None
-    evidence: str
-    purpose: str
-    role: str = ""
-
-
-class AuthorityStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The JSON object of an authority block."""
-
-    agent: str
-    at: int
-    audiences: tuple[str, ...]
-    delegates: tuple[str, ...]
-    depth: int
-    evidence: str
-    parameters: tuple[tuple[str, ...], ...]
-    profile: str
-    purpose: str
-    role: str = ""
-    sponsor: SponsorStatement
-    token: str
-
-
-class _AnyProfile(msgspec.Struct):
-    profile: object = None
-
-
-_ENCODER: Final = msgspec.json.Encoder()
-_PROFILE: Final = msgspec.json.Decoder(_AnyProfile)
-_HOP: Final = msgspec.json.Decoder(HopStatement)
-_AUTHORITY: Final = msgspec.json.Decoder(AuthorityStatement)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,18 +54,6 @@ class HopBlock:
     restriction: Restriction
 
 
-_S = TypeVar("_S", AuthorityStatement, HopStatement)
-
-
-@dataclass(frozen=True, slots=True)
-class Said(Generic[_S]):
-    """What the fact of a block says: its index, its byte strings in order, its JSON object."""
-
-    index: int
-    raw: tuple[bytes, ...]
-    statement: _S
-
-
 # --- writing ---------------------------------------------------------------------------------------------------------
 
 
@@ -143,17 +70,11 @@ def as_restriction(scope: Scope) -> Restriction:
     )
 
 
-def fact(block: AuthorityBlock | HopBlock) -> tuple[str, tuple[int | bytes, ...]]:
+def fact(block: AuthorityBlock | HopBlock) -> Fact:
     """The fact of a block."""
     hop = block.hop
-    return PREDICATE, (
-        block.index,
-        bytes.fromhex(hop.hop_id),
-        hop.key,
-        hop.attestation.measurement,
-        hop.request_digest,
-        _ENCODER.encode(_statement(block)),
-    )
+    raw = bytes.fromhex(hop.hop_id), hop.key, hop.attestation.measurement, hop.request_digest
+    return facts.written(block.index, raw, _statement(block))
 
 
 def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStatement:
@@ -227,54 +148,6 @@ def _alternative(grant: Grant, signature: list[Parameter] | None) -> Alternative
 
 
 # --- reading ---------------------------------------------------------------------------------------------------------
-
-
-def authority_said(contents: Contents) -> Said[AuthorityStatement]:
-    """What the fact of an authority block says.
-
-    Raises:
-        TokenError: `WRONG_PROFILE` when the block is of another profile or version of Datalog, `CHAIN_BROKEN` when its
-            fact is not that of the profile.
-    """
-    spelled = _spelled(contents, AUTHORITY_VERSION)
-    try:
-        profile = _PROFILE.decode(spelled).profile
-    except ValueError:
-        raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object") from None
-    if profile != PROFILE:
-        raise TokenError(FaultCode.WRONG_PROFILE, f"not {PROFILE}")
-    return _said(contents, _AUTHORITY)
-
-
-def hop_said(contents: Contents) -> Said[HopStatement]:
-    """What the fact of a hop block says.
-
-    Raises:
-        TokenError: as `authority_said`.
-    """
-    _spelled(contents, HOP_VERSION)
-    return _said(contents, _HOP)
-
-
-def _spelled(contents: Contents, version: int) -> bytes:
-    """The JSON of a fact that has the form of the profile."""
-    if contents.version != version:
-        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
-    if written.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.raw) != BYTE_STRINGS:
-        raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
-    return contents.raw[-1]
-
-
-def _said(contents: Contents, decoder: msgspec.json.Decoder[_S]) -> Said[_S]:
-    spelled = contents.raw[-1]
-    try:
-        statement = decoder.decode(spelled)
-        again = _ENCODER.encode(statement)  # the same bytes: so no member was there twice, and none had its default
-    except (ValueError, RecursionError):
-        raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object of the profile") from None
-    if again != spelled:
-        raise TokenError(FaultCode.CHAIN_BROKEN, "not the canonical JSON")
-    return Said(contents.index, contents.raw[:-1], statement)
 
 
 def authority_of(said: Said[AuthorityStatement], demanded: Checks, caps: Caps) -> AuthorityBlock:

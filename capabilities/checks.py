@@ -35,6 +35,7 @@ REQUEST: Final = "req"
 CONTEXT: Final = "req_ctx"
 TIME: Final = "time"
 TIER: Final = "tier"
+_IN_ORDER: Final = ((TIME, _AT_LEAST), (TIME, _LESS), (TIER, _AT_MOST))
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,25 +159,25 @@ def _set(term: Any) -> OneOf:
 
 def _context(symbols: tuple[str, ...], encoded: bytes) -> tuple[int | None, int | None, int | None]:
     """Lower and upper end of the window, and the ceiling, as far as they are stated; at least one is."""
-    check = _message(encoded)
-    texts = _Texts(symbols)
-    if len(check.queries) != 1:
+    queries = _message(encoded).queries
+    if len(queries) != 1:
         raise _odd("a check over no request and no context")
-    (query,) = check.queries
+    query, texts = queries[0], _Texts(symbols)
     terms = _body(query)
     if texts[query.body[0].name] != CONTEXT or [_variable(term, texts) for term in terms] != [TIME, TIER]:
         raise _odd("not the context of a request")
-    found: dict[tuple[str, int], int] = {}
-    order = ((TIME, _AT_LEAST), (TIME, _LESS), (TIER, _AT_MOST))
+    found: list[int | None] = [None, None, None]
+    after = -1
     for expression in query.expressions:
         first, second, kind = _binary(expression)
         demand = _variable(first, texts), kind
-        if demand not in order[order.index(next(reversed(found))) + 1 if found else 0 :]:
+        at = _IN_ORDER.index(demand) if demand in _IN_ORDER else after
+        if at <= after:
             raise _odd("a demand of the context that is none of the three, twice, or out of order")
-        found[demand] = _integer(second)
-    if not found:
+        found[at], after = _integer(second), at
+    if after < 0:
         raise _odd("a check that demands nothing")
-    not_before, not_after, ceiling = (found.get(demand) for demand in order)
+    not_before, not_after, ceiling = found
     return not_before, not_after, ceiling
 
 
@@ -237,9 +238,13 @@ def _comparison(expression: Any, kind: int, texts: _Texts) -> tuple[str, int]:
 def _binary(expression: Any) -> tuple[Any, Any, int]:
     """The two terms and the kind of an expression of one binary operation."""
     ops = [] if expression is None else list(expression.ops)
-    if [op.WhichOneof("content") for op in ops] != ["value", "value", "binary"] or ops[2].binary.HasField("ffiName"):
+    if len(ops) != 3:
         raise _odd("not one operation on two terms")
     first, second, operation = ops
+    if not (first.HasField("value") and second.HasField("value") and operation.HasField("binary")):
+        raise _odd("not one operation on two terms")
+    if operation.binary.HasField("ffiName"):
+        raise _odd("an operation of the host's own")
     return first.value, second.value, int(operation.binary.kind)
 
 

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
-from capabilities import biscuit, block, checks, keys, links, request, wire
+from capabilities import biscuit, block, checks, fact, keys, links, request, wire
 from capabilities.caps import DEFAULT
 from capabilities.carriage import token_from_text, token_to_text
 from capabilities.chain import Chain, Hop, Refusal
@@ -298,12 +298,12 @@ def _chain(
 ) -> tuple[block.AuthorityBlock, tuple[Hop, ...], Form]:
     """[TOK-6]: each block is one of the profile, and narrows what the blocks before it leave."""
     first, *further = contents
-    said = block.authority_said(first)
+    said = fact.authority_said(first)
     demanded = [checks.read(first.symbols, first.checks)]
     authority = block.authority_of(said, demanded[0], caps)
     hops = [links.first_hop(authority, reserved=trust.all_keys, caps=caps)]
     for each in further:
-        parent, more = hops[-1], block.hop_said(each)
+        parent, more = hops[-1], fact.hop_said(each)
         demanded.append(checks.read(each.symbols, each.checks))
         added = block.hop_of(more, demanded[-1], delegator=parent.agent, parent=parent.scope, caps=caps)
         hops.append(links.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
@@ -376,7 +376,7 @@ def inspect_token(token: bytes, trust: TrustBundle, caps: Caps = DEFAULT) -> dic
     except _Broken as broken:
         raise TokenError(broken.fault.code, f"{broken.fault.clause} {broken.fault.detail}".strip()) from None
     return {
-        "profile": block.PROFILE,
+        "profile": fact.PROFILE,
         "token_id": chain.token_id,
         "digest": chain.digest.hex(),
         "bytes": len(token),

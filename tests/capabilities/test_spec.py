@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from capabilities import block
+from capabilities import fact
 from capabilities.caps import DEFAULT
 from capabilities.chain import EvidenceKind
 from capabilities.errors import FaultCode
@@ -47,6 +47,7 @@ def test_every_code_of_a_clause_exists():
 def test_numbers_units_facts_and_kinds():
     for number in (
         DEFAULT.token_bytes,
+        DEFAULT.hops + 1,
         DEFAULT.lifetime_s,
         DEFAULT.key_evidence_lifetime_s,
         DEFAULT.jwt_evidence_lifetime_s,
@@ -66,7 +67,12 @@ def test_numbers_units_facts_and_kinds():
         assert f"| evidence kind `{kind}`: ceiling of the hop's scope | {ceiling} |" in SPEC
     assert len(EvidenceKind) == 2
     assert all(f"`{unit}`" in SPEC for unit in Unit)
-    assert all(f"| `{predicate}` |" in SPEC for predicate in block.ARITY)
+    assert f"    {fact.PREDICATE}(index, hop id, key, measurement, request digest, statement)\n" in SPEC
+    rows = SPEC.split("### 2.1", 1)[1].split("### 2.2", 1)[0]
+    told = {name for row in re.findall(r"^\| (`.*?`) \|", rows, re.MULTILINE) for name in re.findall(r"`(\w+)`", row)}
+    assert told == {*fact.AuthorityStatement.__struct_fields__, *fact.HopStatement.__struct_fields__}
+    assert all(f'"{name}"' in rows for name in fact.SponsorStatement.__struct_fields__)
+    assert f"({fact.AUTHORITY_VERSION} in block 0, {fact.HOP_VERSION} in a hop)" in SPEC
     assert all(
         f"| `{module.KIND}` |" in SPEC for module in (attestation, cell, checkpoint, observation, registry, revocation)
     )

@@ -1,0 +1,141 @@
+"""What the one fact of a block says: its index, keys and digests as byte strings, and one canonical JSON object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
+
+import msgspec
+
+from capabilities import checks
+from capabilities.errors import FaultCode, TokenError
+
+if TYPE_CHECKING:
+    from capabilities.wire import Contents
+
+PROFILE: Final = "ztpm/1"
+PREDICATE: Final = "hop"
+"""The only fact of a block: ``hop(index, hop id, key, measurement, request digest, statement)``."""
+BYTE_STRINGS: Final = 5
+AUTHORITY_VERSION: Final = 3  # of a block's Datalog, as the Biscuit library writes it (schema.proto, Block.version)
+HOP_VERSION: Final = 5
+"""Third-party blocks, in the signature version that binds them to their place, have this one."""
+
+
+class SponsorStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Member `sponsor` of an authority block's statement."""
+
+    authenticated_at: int
+    issuer: str
+    method: str
+    subject: str
+
+
+# Members stand in the order of RFC 8785, those at will have a default; written again, a statement gives the same bytes.
+
+
+class HopStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The JSON object of a hop block."""
+
+    agent: str
+    at: int
+    audiences: tuple[str, ...] | None = None
+    delegates: tuple[str, ...] | None = None
+    depth: int | None = None
+    evidence: str
+    purpose: str
+    role: str = ""
+
+
+class AuthorityStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The JSON object of an authority block."""
+
+    agent: str
+    at: int
+    audiences: tuple[str, ...]
+    delegates: tuple[str, ...]
+    depth: int
+    evidence: str
+    parameters: tuple[tuple[str, ...], ...]
+    profile: str
+    purpose: str
+    role: str = ""
+    sponsor: SponsorStatement
+    token: str
+
+
+class _AnyProfile(msgspec.Struct):
+    profile: object = None
+
+
+Fact = tuple[str, tuple[int | bytes, ...]]
+"""A predicate and its terms."""
+_ENCODER: Final = msgspec.json.Encoder()
+_PROFILE: Final = msgspec.json.Decoder(_AnyProfile)
+_HOP: Final = msgspec.json.Decoder(HopStatement)
+_AUTHORITY: Final = msgspec.json.Decoder(AuthorityStatement)
+
+
+_S = TypeVar("_S", AuthorityStatement, HopStatement)
+
+
+@dataclass(frozen=True, slots=True)
+class Said(Generic[_S]):
+    """What the fact of a block says: its index, its byte strings in order, its JSON object."""
+
+    index: int
+    raw: tuple[bytes, ...]
+    statement: _S
+
+
+def written(index: int, raw: tuple[bytes, ...], statement: AuthorityStatement | HopStatement) -> Fact:
+    """The fact that says this."""
+    return PREDICATE, (index, *raw, _ENCODER.encode(statement))
+
+
+def authority_said(contents: Contents) -> Said[AuthorityStatement]:
+    """What the fact of an authority block says.
+
+    Raises:
+        TokenError: `WRONG_PROFILE` when the block is of another profile or version of Datalog, `CHAIN_BROKEN` when its
+            fact is not that of the profile.
+    """
+    spelled = _spelled(contents, AUTHORITY_VERSION)
+    try:
+        profile = _PROFILE.decode(spelled).profile
+    except ValueError:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object") from None
+    if profile != PROFILE:
+        raise TokenError(FaultCode.WRONG_PROFILE, f"not {PROFILE}")
+    return _said(contents, _AUTHORITY)
+
+
+def hop_said(contents: Contents) -> Said[HopStatement]:
+    """What the fact of a hop block says.
+
+    Raises:
+        TokenError: as `authority_said`.
+    """
+    _spelled(contents, HOP_VERSION)
+    return _said(contents, _HOP)
+
+
+def _spelled(contents: Contents, version: int) -> bytes:
+    """The JSON of a fact that has the form of the profile."""
+    if contents.version != version:
+        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
+    if checks.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.raw) != BYTE_STRINGS:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
+    return contents.raw[-1]
+
+
+def _said(contents: Contents, decoder: msgspec.json.Decoder[_S]) -> Said[_S]:
+    spelled = contents.raw[-1]
+    try:
+        statement = decoder.decode(spelled)
+        again = _ENCODER.encode(statement)  # the same bytes: so no member was there twice, and none had its default
+    except (ValueError, RecursionError):
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object of the profile") from None
+    if again != spelled:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "not the canonical JSON")
+    return Said(contents.index, contents.raw[:-1], statement)
