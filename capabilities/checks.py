@@ -11,11 +11,9 @@ import functools
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from google.protobuf.message import DecodeError
-
 from capabilities.errors import FaultCode, TokenError
 from capabilities.scope import Bound, OneOf, Range
-from capabilities.wire import MESSAGES
+from capabilities.wire import exactly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -211,12 +209,11 @@ def text_of(symbols: tuple[str, ...], number: int) -> str:
 
 def _message(encoded: bytes) -> Any:
     try:
-        check = MESSAGES["Check"].FromString(encoded)
-    except DecodeError:
-        raise _odd("not the message of a check") from None
-    check.DiscardUnknownFields()
-    if check.SerializeToString() != encoded or check.HasField("kind") or not check.queries:
-        raise _odd("not a plain check in the one encoding")
+        check = exactly("Check", encoded)
+    except ValueError:
+        raise _odd("not a check in its one encoding") from None
+    if check.HasField("kind") or not check.queries:
+        raise _odd("not a plain check")
     return check
 
 

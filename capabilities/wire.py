@@ -90,8 +90,21 @@ def _messages() -> dict[str, Any]:
 MESSAGES: Final = _messages()
 """The message classes by name."""
 
-_Biscuit: Final = MESSAGES["Biscuit"]
-_Block: Final = MESSAGES["Block"]
+
+def exactly(name: str, encoded: bytes) -> Any:
+    """The message of this name, when these bytes are its one encoding: no unknown field, no other order or length.
+
+    Raises:
+        ValueError: when they are not.
+    """
+    try:
+        message = MESSAGES[name].FromString(encoded)
+    except DecodeError:
+        raise ValueError("not a message") from None
+    message.DiscardUnknownFields()
+    if message.SerializeToString() != encoded:
+        raise ValueError("another encoding")
+    return message
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +156,7 @@ def read(token: bytes) -> Structure:
         TokenError: `TOKEN_MALFORMED` when the bytes are no such message.
     """
     try:
-        message = _Biscuit.FromString(token)
+        message = MESSAGES["Biscuit"].FromString(token)
     except DecodeError:
         raise TokenError(FaultCode.TOKEN_MALFORMED, "not the message of a token") from None
     if not message.HasField("authority") or not message.proof.HasField("nextSecret"):
@@ -169,12 +182,9 @@ def contents(payload: bytes) -> Contents:
             when it has not one fact of an integer and byte strings.
     """
     try:
-        block = _Block.FromString(payload)
-    except DecodeError:
-        raise TokenError(FaultCode.WRONG_PROFILE, "not the message of a block") from None
-    block.DiscardUnknownFields()
-    if block.SerializeToString() != payload:
-        raise TokenError(FaultCode.WRONG_PROFILE, "a block in another encoding, or with unknown fields")
+        block = exactly("Block", payload)
+    except ValueError:
+        raise TokenError(FaultCode.WRONG_PROFILE, "not a block in its one encoding") from None
     if block.rules or block.scope or block.publicKeys or block.HasField("context"):
         raise TokenError(FaultCode.WRONG_PROFILE, "a block with a rule, a scope, a key or a context")
     if len(block.facts) != 1:

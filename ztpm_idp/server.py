@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ztpm_idp.settings import IdpKeys, Settings
 
 HEADER_BYTES = 32_768
-"""Headers that are read: a token of 12 KiB, its proof, and room."""
+"""Headers that are read: a token of 16 KiB, its proof, and room."""
 GRACE_S = 5
 """How long open requests may take to end after SIGTERM."""
 
