@@ -249,7 +249,7 @@ def test_a_token_that_is_not_sound_is_refused(world):
     planner, mover, lent = tree(world)
     flipped = lent.token[:-3] + ("A" if lent.token[-3] != "A" else "B") + lent.token[-2:]
     assert refused(planner.delegate, flipped, mover, SLOWER, purpose="p").status == 401
-    assert refused(planner.delegate, "A" * 13_000, mover, SLOWER, purpose="p").code == "TOKEN_TOO_LARGE"
+    assert refused(planner.delegate, "A" * 16_385, mover, SLOWER, purpose="p").code == "TOKEN_TOO_LARGE"
     assert refused(planner.delegate, "%%%", mover, SLOWER, purpose="p").code == "TOKEN_MALFORMED"
     body = {"request": delegate_request("mover", SLOWER, purpose="p"), "evidence": mover.evidence("planner", {})}
     assert refused(planner._post, "/tokens/delegate", body).code == "TOKEN_MISSING"
