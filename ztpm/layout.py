@@ -11,7 +11,7 @@ from capabilities import keys
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 OPERATORS: Final = ("alice", "bob", "carol")
 """Three, so that a tier-4 act can have two different approvers besides its sponsor."""
@@ -135,14 +135,14 @@ def write_private(path: Path, content: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def new_key(path: Path, passphrase: bytes) -> Ed25519PrivateKey:
+def new_key(path: Path, passphrase: bytes) -> PrivateKey:
     """A fresh key, stored encrypted at `path`."""
     key = keys.generate()
     write_private(path, keys.to_pem(key, passphrase))
     return key
 
 
-def read_key(path: Path, passphrase: bytes) -> Ed25519PrivateKey:
+def read_key(path: Path, passphrase: bytes) -> PrivateKey:
     """The key stored at `path`.
 
     Raises:

@@ -19,7 +19,7 @@ from ztpm.layout import IDP_KEYS, OPERATORS, SURVEYOR, Layout, LayoutError, new_
 from ztpm.platform import TRUST_DOMAIN
 
 if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 PEP_ID: Final = "cell-1"
 SENSOR_ID: Final = "camera-1"
@@ -207,7 +207,7 @@ def _check_readable(layout: Layout) -> None:
         raise SetupError(str(error)) from error
 
 
-def _trust(addresses: Addresses, made: dict[str, Ed25519PrivateKey]) -> keys.TrustBundle:
+def _trust(addresses: Addresses, made: dict[str, PrivateKey]) -> keys.TrustBundle:
     return keys.TrustBundle(
         issuer=addresses.issuer,
         version=1,
@@ -271,7 +271,7 @@ def _cell_settings(layout: Layout, addresses: Addresses, policy: str, defer_time
     }
 
 
-def _bootstrap(layout: Layout, operators: dict[str, Ed25519PrivateKey]) -> None:
+def _bootstrap(layout: Layout, operators: dict[str, PrivateKey]) -> None:
     from ztpm_idp.bootstrap import FirstPerson
     from ztpm_idp.bootstrap import initialise as first_people
     from ztpm_idp.store.errors import StoreUnavailableError

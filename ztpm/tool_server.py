@@ -69,9 +69,7 @@ from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, re
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-    from capabilities.keys import TrustBundle
+    from capabilities.keys import PrivateKey, TrustBundle
     from capabilities.statements.cell import Cell
     from policies.policy import PolicySet
 
@@ -114,7 +112,7 @@ class ToolServer:
         *,
         survey: Cell,
         trust: TrustBundle,
-        key: Ed25519PrivateKey,
+        key: PrivateKey,
         policies: PolicySet,
         http: httpx2.AsyncClient,
     ) -> None:

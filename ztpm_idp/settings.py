@@ -14,19 +14,21 @@ from typing import TYPE_CHECKING, Annotated, Final, Self, TypeVar
 from urllib.parse import urlsplit
 
 import sqlalchemy as sa
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from capabilities import text
 from capabilities.caps import DEFAULT
 from capabilities.errors import BadKeyError, CapabilityError, ScopeError
-from capabilities.keys import TrustBundle, from_pem, public_raw
+from capabilities.keys import from_pem, public_raw
+from capabilities.trust import TrustBundle
 from capabilities.workload import KEY_SET_BYTES, Platform, key_set
 from ztpm_idp.domain.asks import STANDING_ASKS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 PASSPHRASE_VARIABLE: Final = "ZTPM_PASSPHRASE"  # noqa: S105  its name, not its value
 """The environment variable that holds the passphrase of the key files."""
@@ -130,9 +132,9 @@ class IdpKeys:
 
     root: Ed25519PrivateKey
     attester: Ed25519PrivateKey
-    feed: Ed25519PrivateKey
-    registry: Ed25519PrivateKey
-    ledger: Ed25519PrivateKey
+    feed: PrivateKey
+    registry: PrivateKey
+    ledger: PrivateKey
 
     def __repr__(self) -> str:
         return "IdpKeys(...)"
@@ -195,6 +197,11 @@ def load_keys(settings: FileSettings, folder: Path, passphrase: str) -> IdpKeys:
     root, attester, feed, registry, ledger = (
         _load_key(name, folder / str(getattr(settings, name)), passphrase) for name in names
     )
+    # What signs tokens has the algorithm of the token profile; the rest may have either.
+    if not isinstance(root, Ed25519PrivateKey):
+        raise SettingsError("root_key_file", "not an Ed25519 key")
+    if not isinstance(attester, Ed25519PrivateKey):
+        raise SettingsError("attester_key_file", "not an Ed25519 key")
     keys = IdpKeys(root, attester, feed, registry, ledger)
     try:
         keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
@@ -226,12 +233,12 @@ def load_platform(settings: FileSettings, folder: Path, keys: IdpKeys) -> Platfo
         raise SettingsError(setting, "the file cannot be read") from None
     except CapabilityError as error:
         raise SettingsError(setting, f"{error.code}: {error.detail}") from None
-    if platform.ed25519 & keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id).all_keys:
+    if platform.all_keys & keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id).all_keys:
         raise SettingsError(setting, "a key of the provider itself: one key has one role")
     return platform
 
 
-def _load_key(setting: str, path: Path, passphrase: str) -> Ed25519PrivateKey:
+def _load_key(setting: str, path: Path, passphrase: str) -> PrivateKey:
     try:
         with path.open("rb") as file:
             if stat.S_IMODE(os.fstat(file.fileno()).st_mode) & 0o077:
@@ -240,7 +247,7 @@ def _load_key(setting: str, path: Path, passphrase: str) -> Ed25519PrivateKey:
     except OSError:
         raise SettingsError(setting, "the file cannot be read") from None
     except BadKeyError:
-        raise SettingsError(setting, "not an encrypted Ed25519 key, or a wrong passphrase") from None
+        raise SettingsError(setting, "not an encrypted key, or a wrong passphrase") from None
 
 
 def _validated(model: type[S], stated: dict[str, object]) -> S:
