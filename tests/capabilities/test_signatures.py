@@ -49,6 +49,16 @@ def test_every_flipped_bit_and_every_other_length_is_refused(key):
         assert signatures.verify(raw, message, other) is Checked.DOES_NOT_HOLD
 
 
+@each
+def test_the_border_between_signature_and_message_stays_where_it_is(key):
+    """libsodium takes both in one piece: bytes of the message must not be passed as the end of the signature."""
+    raw, message = keys.public_raw(key), b"the message"
+    whole = signatures.sign(key, message) + message
+    assert signatures.verify(raw, whole[64:], whole[:64]) is Checked.HOLDS
+    for border in (0, 32, 63, *range(65, len(whole) + 1)):
+        assert signatures.verify(raw, whole[border:], whole[:border]) is Checked.DOES_NOT_HOLD
+
+
 @pytest.mark.parametrize("raw", [b"", b"\1" * 31, bytes(32), b"\4" * 33, b"\2" + b"\xff" * 32, None, "x" * 32])
 def test_nothing_is_verified_with_a_bad_key(raw):
     with pytest.raises(BadKeyError) as caught:
