@@ -17,7 +17,6 @@ import biscuit_auth
 
 from capabilities.checks import CONTEXT, REQUEST, TIER, TIME, variable
 from capabilities.errors import FaultCode, TokenError
-from capabilities.keys import KEY_BYTES
 from capabilities.scope import OneOf, Range
 
 if TYPE_CHECKING:
@@ -72,12 +71,10 @@ class OpenedToken:
             return bytes(self._biscuit.to_bytes())
 
     def external_keys(self) -> tuple[bytes | None, ...]:
-        """The raw Ed25519 key that signed each block from outside, in order; None for none, or another kind."""
+        """The raw key that signed each block from outside, in order; None for none."""
         with _contained(FaultCode.TOKEN_MALFORMED):
             found = [self._biscuit.block_external_key(i) for i in range(self._biscuit.block_count())]
-            return tuple(
-                None if key is None or not repr(key).startswith("ed25519/") else bytes(key.to_bytes()) for key in found
-            )
+            return tuple(None if key is None else bytes(key.to_bytes()) for key in found)
 
     def decide(self, probe: Probe, caps: Caps) -> Answer:
         """What Biscuit's authorizer answers to one request, with nothing but that request as its own facts.
@@ -222,14 +219,8 @@ def _limits(builder: Any, caps: Caps) -> Any:
     return limits
 
 
-def _public(raw: bytes) -> Any:
-    return _library.PublicKey.from_bytes(raw, _library.Algorithm.Ed25519)
-
-
 def _private(key: Ed25519PrivateKey) -> Any:
-    raw = key.private_bytes_raw()
-    assert len(raw) == KEY_BYTES
-    return _library.PrivateKey.from_bytes(raw, _library.Algorithm.Ed25519)
+    return _library.PrivateKey.from_bytes(key.private_bytes_raw(), _library.Algorithm.Ed25519)
 
 
 @contextmanager

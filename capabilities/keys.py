@@ -1,7 +1,8 @@
-"""Ed25519 keys, their names, and the bundle of public keys that a verifier trusts.
+"""Ed25519 and P-256 keys, their names and their files.
 
-A raw public key is 32 bytes (RFC 8032). Keys of small order and keys in a non-canonical encoding are refused wherever
-one enters: under a key of small order a signature can be made without any secret.
+A raw public key is 32 bytes (Ed25519, RFC 8032) or 33 (P-256, the compressed point of SEC 1 section 2.3.3); its length
+says which, and the algorithm follows the key. Refused wherever a key enters: an Ed25519 key of small order (under it a
+signature can be made without any secret), a point that is not on the curve, and every second spelling.
 """
 
 from __future__ import annotations
@@ -10,20 +11,31 @@ import base64
 import binascii
 import functools
 import hashlib
-from dataclasses import dataclass
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, Final, assert_never, overload
 
 from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-from capabilities import strict_json, text
-from capabilities.errors import BadKeyError, CapabilityError, FaultCode
+from capabilities.errors import BadKeyError, FaultCode
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from capabilities.trust import TrustBundle as TrustBundle  # noqa: PLC0414 - is found here too
+
+PrivateKey = Ed25519PrivateKey | ec.EllipticCurvePrivateKey
+"""A private key of either algorithm; one of another curve than P-256 is refused where it is used."""
+PublicKey = Ed25519PublicKey | ec.EllipticCurvePublicKey
 
 KEY_BYTES: Final = 32
+"""Length of a raw Ed25519 key."""
+P256_BYTES: Final = 33
+"""Length of a raw P-256 key."""
+COORDINATE_BYTES: Final = 32
+P256_P: Final = 2**256 - 2**224 + 2**192 + 2**96 - 1
+"""The field of P-256 (SP 800-186 section 3.2.1.3)."""
+_P256_SIGNS: Final = (2, 3)
+"""First byte of a compressed point: y is even, y is odd."""
 _P: Final = 2**255 - 19
 """The field of Curve25519 (RFC 8032 section 5.1)."""
 _ORDER_EIGHT_Y: Final = 0x05FC536D880238B13933C6D305ACDFD5F098EFF289F4C345B027B2C28F95E826
@@ -39,53 +51,158 @@ _SMALL_ORDER_Y: Final = frozenset(
 )
 
 
+class Algorithm(StrEnum):
+    """What a key signs with; the value is the curve's name in a JWK (RFC 7518 section 6.2.1.1, RFC 8037 section 2)."""
+
+    ED25519 = "Ed25519"
+    P256 = "P-256"
+
+
 # --- keys ------------------------------------------------------------------------------------------------------------
 
 
-def generate() -> Ed25519PrivateKey:
+@overload
+def generate() -> Ed25519PrivateKey: ...
+@overload
+def generate(algorithm: Algorithm) -> PrivateKey: ...
+def generate(algorithm: Algorithm = Algorithm.ED25519) -> PrivateKey:
     """A new private key from the operating system's randomness."""
-    return Ed25519PrivateKey.generate()
+    match algorithm:
+        case Algorithm.ED25519:
+            return Ed25519PrivateKey.generate()
+        case Algorithm.P256:
+            return ec.generate_private_key(ec.SECP256R1())
+        case _:
+            assert_never(algorithm)
 
 
-def public_raw(key: Ed25519PrivateKey | Ed25519PublicKey) -> bytes:
-    """The 32 raw bytes of the public key."""
-    public = key.public_key() if isinstance(key, Ed25519PrivateKey) else key
-    return public.public_bytes_raw()
+def public_raw(key: PrivateKey | PublicKey) -> bytes:
+    """The raw bytes of the public key.
+
+    Raises:
+        BadKeyError: `KEY_MALFORMED` for a key of another curve.
+    """
+    public = key if isinstance(key, Ed25519PublicKey | ec.EllipticCurvePublicKey) else key.public_key()
+    if isinstance(public, Ed25519PublicKey):
+        return public.public_bytes_raw()
+    if not isinstance(public.curve, ec.SECP256R1):
+        raise BadKeyError(FaultCode.KEY_MALFORMED, "a key of another curve than P-256")
+    return public.public_bytes(serialization.Encoding.X962, serialization.PublicFormat.CompressedPoint)
+
+
+def algorithm_of(raw: bytes) -> Algorithm:
+    """What a raw key signs with: its length says so.
+
+    Raises:
+        BadKeyError: `KEY_MALFORMED` for another type or length.
+    """
+    match raw:
+        case bytes() if len(raw) == KEY_BYTES:
+            return Algorithm.ED25519
+        case bytes() if len(raw) == P256_BYTES:
+            return Algorithm.P256
+        case _:
+            raise BadKeyError(FaultCode.KEY_MALFORMED, f"neither {KEY_BYTES} nor {P256_BYTES} bytes")
 
 
 def check_raw(raw: object) -> bytes:
     """The value, when it is a usable raw public key.
 
     Raises:
-        BadKeyError: `KEY_MALFORMED` for another type or length, a non-canonical encoding, or a point of small order.
+        BadKeyError: `KEY_MALFORMED` for another type or length, a non-canonical encoding, a point of small order
+            (Ed25519) or one that is not on the curve (P-256).
     """
-    if not isinstance(raw, bytes) or len(raw) != KEY_BYTES:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not 32 bytes")
-    y = int.from_bytes(raw, "little") & ((1 << 255) - 1)
-    if y >= _P or y in _SMALL_ORDER_Y:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a canonical point of large order")
+    if not isinstance(raw, bytes):
+        raise BadKeyError(FaultCode.KEY_MALFORMED, "not bytes")
+    match algorithm_of(raw):
+        case Algorithm.ED25519:
+            y = int.from_bytes(raw, "little") & ((1 << 255) - 1)
+            if y >= _P or y in _SMALL_ORDER_Y:
+                raise BadKeyError(FaultCode.KEY_MALFORMED, "not a canonical point of large order")
+        case Algorithm.P256:
+            p256_point(raw)
+        case algorithm:
+            assert_never(algorithm)
     return raw
 
 
-def public_key(raw: bytes) -> Ed25519PublicKey:
+@functools.lru_cache(maxsize=4_096)
+def p256_point(raw: bytes) -> ec.EllipticCurvePublicKey:
+    """The key object of a compressed point of P-256, remembered: finding y costs as much as a signature.
+
+    Raises:
+        BadKeyError: `KEY_MALFORMED` for another length or prefix, an x of the field's size or more, or no point.
+    """
+    canonical = len(raw) == P256_BYTES and raw[0] in _P256_SIGNS and int.from_bytes(raw[1:], "big") < P256_P
+    if not canonical:
+        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a canonical compressed point")
+    try:
+        return ec.EllipticCurvePublicKey.from_encoded_point(ec.SECP256R1(), raw)
+    except ValueError:
+        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a point of P-256") from None
+
+
+def p256_raw(x: bytes, y: bytes) -> bytes:
+    """The raw key of a point of P-256 that is given by both coordinates, 32 bytes each.
+
+    Raises:
+        BadKeyError: `KEY_MALFORMED` for another length, a coordinate of the field's size or more, or no point.
+    """
+    if len(x) != COORDINATE_BYTES or len(y) != COORDINATE_BYTES:
+        raise BadKeyError(FaultCode.KEY_MALFORMED, f"a coordinate that is not {COORDINATE_BYTES} bytes")
+    raw = bytes([_P256_SIGNS[y[-1] & 1]]) + x
+    if p256_coordinates(raw) != (x, y):
+        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a point of P-256")
+    return raw
+
+
+def p256_coordinates(raw: bytes) -> tuple[bytes, bytes]:
+    """X and y of a raw P-256 key, 32 bytes each.
+
+    Raises:
+        BadKeyError: as `p256_point`.
+    """
+    numbers = p256_point(raw).public_numbers()
+    return numbers.x.to_bytes(COORDINATE_BYTES, "big"), numbers.y.to_bytes(COORDINATE_BYTES, "big")
+
+
+def public_key(raw: bytes) -> PublicKey:
     """The key object of a raw public key.
 
     Raises:
         BadKeyError: as `check_raw`.
     """
-    return Ed25519PublicKey.from_public_bytes(check_raw(raw))
+    match algorithm_of(raw):
+        case Algorithm.ED25519:
+            return Ed25519PublicKey.from_public_bytes(check_raw(raw))
+        case Algorithm.P256:
+            return p256_point(raw)
+        case algorithm:
+            assert_never(algorithm)
 
 
 @functools.lru_cache(maxsize=4_096)
 def thumbprint(raw: bytes) -> str:
-    """The RFC 7638 thumbprint of an Ed25519 key (RFC 8037 appendix A.3): SHA-256 of its minimal JWK, base64url."""
+    """The RFC 7638 thumbprint of a raw key: SHA-256 of its minimal JWK, base64url.
+
+    Raises:
+        BadKeyError: `KEY_MALFORMED` for a length that no key has, or no point of P-256.
+    """
     return b64u(thumbprint_bytes(raw))
 
 
 def thumbprint_bytes(raw: bytes) -> bytes:
     """The 32 bytes of `thumbprint`."""
-    # The canonical JSON of three fixed members whose values need no escape.
-    return hashlib.sha256(f'{{"crv":"Ed25519","kty":"OKP","x":"{b64u(raw)}"}}'.encode()).digest()
+    # The canonical JSON of fixed members whose values need no escape (RFC 7638 section 3.2, RFC 8037 appendix A.3).
+    match algorithm_of(raw):
+        case Algorithm.ED25519:
+            minimal = f'{{"crv":"Ed25519","kty":"OKP","x":"{b64u(raw)}"}}'
+        case Algorithm.P256:
+            x, y = map(b64u, p256_coordinates(raw))
+            minimal = f'{{"crv":"P-256","kty":"EC","x":"{x}","y":"{y}"}}'
+        case algorithm:
+            assert_never(algorithm)
+    return hashlib.sha256(minimal.encode()).digest()
 
 
 def b64u(raw: bytes) -> str:
@@ -108,14 +225,15 @@ def unb64u(value: str) -> bytes:
     return raw
 
 
-def to_pem(key: Ed25519PrivateKey, passphrase: bytes) -> bytes:
+def to_pem(key: PrivateKey, passphrase: bytes) -> bytes:
     """The key as PKCS #8, encrypted under a passphrase that is not empty.
 
     Raises:
-        BadKeyError: `KEY_MALFORMED` for an empty passphrase.
+        BadKeyError: `KEY_MALFORMED` for an empty passphrase or a key of another curve.
     """
     if not passphrase:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "an empty passphrase")
+    public_raw(key)
     return key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,
@@ -123,7 +241,7 @@ def to_pem(key: Ed25519PrivateKey, passphrase: bytes) -> bytes:
     )
 
 
-def from_pem(pem: bytes, passphrase: bytes) -> Ed25519PrivateKey:
+def from_pem(pem: bytes, passphrase: bytes) -> PrivateKey:
     """The key of an encrypted PKCS #8 file.
 
     Raises:
@@ -133,112 +251,16 @@ def from_pem(pem: bytes, passphrase: bytes) -> Ed25519PrivateKey:
         key = serialization.load_pem_private_key(pem, passphrase)
     except (ValueError, TypeError):
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not a key, or a wrong passphrase") from None
-    if not isinstance(key, Ed25519PrivateKey):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not an Ed25519 key")
+    if not isinstance(key, Ed25519PrivateKey | ec.EllipticCurvePrivateKey):
+        raise BadKeyError(FaultCode.KEY_MALFORMED, "neither an Ed25519 nor a P-256 key")
+    public_raw(key)
     return key
 
 
-# --- trust -----------------------------------------------------------------------------------------------------------
+def __getattr__(name: str) -> Any:
+    """`TrustBundle`, which lives in `capabilities.trust` and is found here too."""
+    if name == "TrustBundle":
+        from capabilities.trust import TrustBundle
 
-
-@dataclass(frozen=True, slots=True)
-class TrustBundle:
-    """The public keys that a verifier trusts, by what each may sign. Raw keys, 32 bytes each; no key has two roles.
-
-    Attributes:
-        issuer: canonical URL of the identity provider.
-        version: grows with each change; part of every cache key.
-        roots: by root key id.
-        attesters, feed, registry, ledger: by role.
-
-    Raises:
-        BadKeyError: `KEY_MALFORMED` for a bad key, an empty role or a bad issuer; `KEY_WRONG_ROLE` for a key with two
-            roles.
-    """
-
-    issuer: str
-    version: int
-    roots: Mapping[int, bytes]
-    attesters: frozenset[bytes]
-    feed: frozenset[bytes]
-    registry: frozenset[bytes]
-    ledger: frozenset[bytes]
-
-    def __post_init__(self) -> None:
-        try:
-            text.url(self.issuer, most_bytes=256)
-        except CapabilityError:
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "the issuer is not a canonical URL") from None
-        if self.version < 0:
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "the version is not a whole number")
-        object.__setattr__(self, "roots", MappingProxyType(dict(self.roots)))
-        if not all(0 <= number < 2**32 for number in self.roots):
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "a root key id that is no 32-bit number")
-        if len(set(self.roots.values())) != len(self.roots):
-            # The id in a token is not signed: two ids of one key would make two spellings of one token.
-            raise BadKeyError(FaultCode.KEY_WRONG_ROLE, "a root key with two ids")
-        roles = (frozenset(self.roots.values()), self.attesters, self.feed, self.registry, self.ledger)
-        if not all(roles):
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "a role without a key")
-        if sum(map(len, roles)) != len(self.all_keys):
-            raise BadKeyError(FaultCode.KEY_WRONG_ROLE, "a key with two roles")
-        for raw in self.all_keys:
-            check_raw(raw)
-
-    @property
-    def all_keys(self) -> frozenset[bytes]:
-        """Every key of the bundle: none of them may belong to an agent."""
-        return frozenset(self.roots.values()) | self.attesters | self.feed | self.registry | self.ledger
-
-    def to_json(self) -> bytes:
-        """The canonical JSON (RFC 8785) of the bundle."""
-        return strict_json.canonical(
-            {
-                "issuer": self.issuer,
-                "version": self.version,
-                "roots": {str(number): b64u(raw) for number, raw in self.roots.items()},
-                **{role: sorted(map(b64u, getattr(self, role))) for role in _SETS},
-            }
-        )
-
-    @classmethod
-    def from_json(cls, raw: bytes) -> TrustBundle:
-        """The bundle of its JSON.
-
-        Raises:
-            StatementError: `STATEMENT_MALFORMED` when the JSON is not of this shape.
-            BadKeyError: as the constructor.
-        """
-        members = strict_json.parse_object(raw)
-        roots = members.get("roots")
-        if members.keys() != {"issuer", "version", "roots", *_SETS} or not isinstance(roots, dict):
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "not the members of a trust bundle")
-        issuer, version = members["issuer"], members["version"]
-        if not isinstance(issuer, str) or not isinstance(version, int) or isinstance(version, bool):
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "issuer or version of a wrong type")
-        sets = {role: _key_set(members[role]) for role in _SETS}
-        return cls(issuer=issuer, version=version, roots={_number(k): _key(v) for k, v in roots.items()}, **sets)
-
-
-_SETS: Final = ("attesters", "feed", "registry", "ledger")
-
-
-def _key(value: object) -> bytes:
-    if not isinstance(value, str):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a base64url text")
-    return unb64u(value)
-
-
-def _key_set(value: object) -> frozenset[bytes]:
-    if not isinstance(value, list):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a list of keys")
-    found = frozenset(map(_key, value))
-    if len(found) != len(value):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "a key twice")
-    return found
-
-
-def _number(digits: str) -> int:
-    if not digits.isascii() or not digits.isdigit() or len(digits) > 10 or str(int(digits)) != digits:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a root key id")
-    return int(digits)
+        return TrustBundle
+    raise AttributeError(name)

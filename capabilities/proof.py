@@ -15,9 +15,8 @@ from capabilities import jws, keys, strict_json
 from capabilities.errors import BadKeyError, Fault, FaultCode, StatementError
 
 if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 TYPE: Final = "dpop+jwt"
 _JTI: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
@@ -41,7 +40,7 @@ class Proof:
     digest: bytes
 
 
-def prove(key: Ed25519PrivateKey, *, method: str, url: str, body: bytes, token: str | None, at: int, jti: str) -> str:
+def prove(key: PrivateKey, *, method: str, url: str, body: bytes, token: str | None, at: int, jti: str) -> str:
     """A proof, by `key`, for one request.
 
     Args:

@@ -53,6 +53,7 @@ class _Read:
         form: all that step 12 could find out about: what the blocks check, without the numbers of time and tier.
         lifetimes: what [TOK-7] says about them, whenever it is asked.
         attested_at: the latest instant at which anybody behind the chain was authenticated or attested.
+        attesters: for each hop after the first, the key that attested it, and when.
     """
 
     chain: Chain
@@ -60,6 +61,7 @@ class _Read:
     form: Form
     lifetimes: Fault | None
     attested_at: int
+    attesters: tuple[tuple[bytes, int], ...]
 
 
 class _Remembered(Generic[_K, _V]):
@@ -112,8 +114,10 @@ class Verifier:
         if isinstance(read, Fault):
             return read
         chain = replace(read.chain, epoch=view.epoch, view_age_ms=view.age_ms)
+        first = chain.hops[0].attestation.at
         return (
             _check_times(read, at, self._caps)  # [TOK-7]
+            or self._trust.refusal(chain.root_key_id, first, read.attesters, at=at)  # [TRB-2] and [TRB-3], now
             or _check_audience(chain, audience)  # [TOK-8]
             or _check_revocation(chain, audience, view, lease_ms)  # [TOK-9]
             or chain
@@ -243,6 +247,7 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
         form=form,
         lifetimes=_lifetimes(hops, caps),
         attested_at=max(authority.sponsor.authenticated_at, *(hop.attestation.at for hop in hops)),
+        attesters=tuple((signer, hop.attestation.at) for signer, hop in zip(signers, hops, strict=True) if signer),
     )
 
 

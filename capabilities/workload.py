@@ -15,7 +15,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import jwt
-from cryptography.hazmat.primitives.asymmetric import ec
 
 from capabilities import jws, keys, strict_json, text
 from capabilities.errors import BadKeyError, CapabilityError, FaultCode, StatementError
@@ -24,12 +23,8 @@ from capabilities.statements.claims import Claims
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
-
     from capabilities.caps import Caps
 
-EDDSA: Final = "EdDSA"
-ES256: Final = "ES256"
 KEYS: Final = 16
 """Most keys of one platform: a rotation needs two."""
 KID_BYTES: Final = 128
@@ -37,7 +32,7 @@ KID_BYTES: Final = 128
 KEY_SET_BYTES: Final = 16_384
 """Largest key file: 16 keys of less than 1 KiB."""
 
-_ENGINE: Final = jwt.PyJWS(algorithms=[EDDSA, ES256])
+_ENGINE: Final = jwt.PyJWS(algorithms=[jws.EDDSA, jws.ES256])
 _HEADER: Final = frozenset({"alg", "kid"})
 _TYPES: Final = frozenset({"JWT", "JOSE"})
 """JWT-SVID section 2: `alg`, `kid`, `typ` and no other member; `typ`, where it is stated, is one of these."""
@@ -58,18 +53,16 @@ class PlatformKey:
 
     Attributes:
         algorithm: `EdDSA` or `ES256`, and no other with this key.
-        raw: 32 bytes (Ed25519) or x and y, 64 bytes (P-256).
+        raw: the raw key (`capabilities.keys`).
     """
 
     algorithm: str
     raw: bytes
 
     @property
-    def public(self) -> Ed25519PublicKey | ec.EllipticCurvePublicKey:
+    def public(self) -> keys.PublicKey:
         """The key to verify with."""
-        if self.algorithm == EDDSA:
-            return keys.public_key(self.raw)
-        return ec.EllipticCurvePublicKey.from_encoded_point(ec.SECP256R1(), b"\x04" + self.raw)
+        return keys.public_key(self.raw)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +86,9 @@ class Platform:
         object.__setattr__(self, "keys", MappingProxyType(dict(self.keys)))
 
     @property
-    def ed25519(self) -> frozenset[bytes]:
-        """Its raw Ed25519 keys: nobody else may have one of them."""
-        return frozenset(key.raw for key in self.keys.values() if key.algorithm == EDDSA)
+    def all_keys(self) -> frozenset[bytes]:
+        """Its raw keys: nobody else may have one of them."""
+        return frozenset(key.raw for key in self.keys.values())
 
     def holds(self, workload: str) -> bool:
         """Whether a workload id is one of this trust domain."""
@@ -150,12 +143,12 @@ def _key(value: object) -> tuple[str, PlatformKey]:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not a key")
     match value.get("kty"), value.get("crv"):
         case "OKP", "Ed25519":
-            algorithm = EDDSA
+            algorithm = jws.EDDSA
         case "EC", "P-256":
-            algorithm = ES256
+            algorithm = jws.ES256
         case _:
             raise BadKeyError(FaultCode.KEY_MALFORMED, "neither Ed25519 nor P-256")
-    needed = {"kty", "crv", "x", "kid"} | ({"y"} if algorithm == ES256 else set())
+    needed = {"kty", "crv", "x", "kid"} | ({"y"} if algorithm == jws.ES256 else set())
     if not needed <= value.keys() <= needed | _JWK_OPTIONAL:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not the members of a public key")
     kid = value["kid"]
@@ -166,9 +159,9 @@ def _key(value: object) -> tuple[str, PlatformKey]:
         raise BadKeyError(FaultCode.KEY_WRONG_ROLE, "not a key to verify with")
     if value.get("alg", algorithm) != algorithm:
         raise BadKeyError(FaultCode.KEY_WRONG_ROLE, "a key of another algorithm")
-    if algorithm == EDDSA:
+    if algorithm == jws.EDDSA:
         return kid, PlatformKey(algorithm, keys.check_raw(_coordinate(value["x"])))
-    return kid, _on_curve(PlatformKey(algorithm, _coordinate(value["x"]) + _coordinate(value["y"])))
+    return kid, PlatformKey(algorithm, keys.p256_raw(_coordinate(value["x"]), _coordinate(value["y"])))
 
 
 def _coordinate(value: object) -> bytes:
@@ -178,24 +171,16 @@ def _coordinate(value: object) -> bytes:
     return raw
 
 
-def _on_curve(key: PlatformKey) -> PlatformKey:
-    try:
-        _ = key.public
-    except ValueError:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a point of P-256") from None
-    return key
-
-
 def jwks(public: bytes) -> bytes:
-    """The JWKS of one raw Ed25519 key; its id is its thumbprint."""
-    member = {**jws.jwk(public), "kid": keys.thumbprint(public), "use": "sig", "alg": EDDSA}
+    """The JWKS of one raw key; its id is its thumbprint."""
+    member = {**jws.jwk(public), "kid": keys.thumbprint(public), "use": "sig", "alg": jws.algorithm_name(public)}
     return strict_json.canonical({"keys": [member]})
 
 
 # --- tokens ----------------------------------------------------------------------------------------------------------
 
 
-def sign(workload: Workload, key: Ed25519PrivateKey) -> str:
+def sign(workload: Workload, key: keys.PrivateKey) -> str:
     """The token, signed by a platform whose JWKS is that of `jwks`."""
     claims = {
         "sub": workload.id,

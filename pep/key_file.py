@@ -13,12 +13,12 @@ from pep.errors import ConfigError, PepFault
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 PASSPHRASE_VARIABLE: Final = "ZTPM_PASSPHRASE"  # noqa: S105 - the name of the variable
 
 
-def read_key(path: Path, *, name: str) -> Ed25519PrivateKey:
+def read_key(path: Path, *, name: str) -> PrivateKey:
     """The key at `path`, with the passphrase of the environment.
 
     Args:

@@ -16,8 +16,7 @@ from policies.evidence import ImpactReading
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
+    from capabilities.keys import PrivateKey
     from policies.evidence import Evidence
     from policies.model import Decision, Request
 
@@ -34,7 +33,7 @@ class Asker:
     pep: str
     audience: str
     issuer: str
-    key: Ed25519PrivateKey
+    key: PrivateKey
 
     def page(self, ask_id: str) -> str:
         """URL of the provider's page on which people see the ask."""

@@ -15,8 +15,7 @@ from pep.errors import JournalError, PepFault
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
+    from capabilities.keys import PrivateKey
     from pep.ports import Clock
     from pep.record import FileJournal
 
@@ -45,7 +44,7 @@ class Shipper:
         http: httpx2.AsyncClient,
         *,
         issuer: str,
-        key: Ed25519PrivateKey,
+        key: PrivateKey,
         clock: Clock,
         incident: Callable[[JournalError], None],
     ) -> None:

@@ -11,13 +11,12 @@ from capabilities import keys
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 OPERATORS: Final = ("alice", "bob", "carol")
 """Three, so that a tier-4 act can have two different approvers besides its sponsor."""
 SURVEYOR: Final = "carol"
 """The operator who signs the embedded cell's file."""
-IDP_KEYS: Final = ("root", "attester", "feed", "registry", "ledger")
 
 
 class LayoutError(RuntimeError):
@@ -105,9 +104,14 @@ class Layout:
         """What `ztpm up` did and saw, as JSON lines."""
         return self.root / "up.log"
 
-    def idp_key(self, name: str) -> Path:
-        """A key of the identity provider, by role."""
-        return self.root / "idp" / f"{name}.key"
+    @property
+    def key_ring(self) -> Path:
+        """Which keys the identity provider has, and which of them sign."""
+        return self.root / "idp" / "keys.json"
+
+    def idp_key(self, id_: str) -> Path:
+        """A private key of the identity provider, by the name that the ring gives it: "root-2"."""
+        return self.root / "idp" / f"{id_}.key"
 
     def operator_key(self, name: str) -> Path:
         """An operator's key."""
@@ -135,14 +139,31 @@ def write_private(path: Path, content: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def new_key(path: Path, passphrase: bytes) -> Ed25519PrivateKey:
+def replace_private(path: Path, content: bytes) -> None:
+    """The file has this content with mode 0600, and had the old content until it had all of the new one.
+
+    Raises:
+        OSError: when it cannot be written; it is as it was then.
+    """
+    beside = path.with_name(f"{path.name}.new")
+    beside.unlink(missing_ok=True)
+    write_private(beside, content)
+    beside.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def new_key(path: Path, passphrase: bytes, algorithm: keys.Algorithm = keys.Algorithm.ED25519) -> PrivateKey:
     """A fresh key, stored encrypted at `path`."""
-    key = keys.generate()
+    key = keys.generate(algorithm)
     write_private(path, keys.to_pem(key, passphrase))
     return key
 
 
-def read_key(path: Path, passphrase: bytes) -> Ed25519PrivateKey:
+def read_key(path: Path, passphrase: bytes) -> PrivateKey:
     """The key stored at `path`.
 
     Raises:

@@ -17,7 +17,7 @@ from capabilities.caps import DEFAULT
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 TRUST_DOMAIN: Final = "cell.local"
 """Name of an embedded cell's platform; `.local` (RFC 6762) is nobody's on any network."""
@@ -38,7 +38,7 @@ class Attestor:
         now: wall clock, seconds since the epoch.
     """
 
-    key: Ed25519PrivateKey
+    key: PrivateKey
     issuer: str
     now: Callable[[], float]
 

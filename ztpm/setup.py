@@ -12,14 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from capabilities import keys, workload
+from capabilities import keys, rotation, workload
+from capabilities.caps import DEFAULT
+from capabilities.rotation_json import ring_to_json
 from capabilities.statements import cell as cell_statement
 from ztpm import survey
-from ztpm.layout import IDP_KEYS, OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
+from ztpm.layout import OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
 from ztpm.platform import TRUST_DOMAIN
 
 if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 PEP_ID: Final = "cell-1"
 SENSOR_ID: Final = "camera-1"
@@ -27,7 +29,6 @@ SENSOR_CALIBRATION: Final = hashlib.sha256(b"simulated sensor, ideal pinhole, ba
 """Digest of the calibration document; the simulated sensor's is this sentence."""
 SENSOR_TRANSIT_MS: Final = 20
 """Declared longest transit of a frame from the simulated sensor on loopback."""
-ROOT_KEY_ID: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,13 +181,14 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
     _check_readable(layout)
     stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
     write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
-    made = {name: new_key(layout.idp_key(name), passphrase) for name in IDP_KEYS}
+    ring = _ring(layout, addresses, passphrase)
     platform = new_key(layout.platform_key, passphrase)
     write_private(layout.platform_jwks, workload.jwks(keys.public_raw(platform)))
     new_key(layout.pep_key, passphrase)
     new_key(layout.sensor_key, passphrase)
     layout.state.mkdir(mode=0o700, parents=True, exist_ok=True)
-    write_private(layout.trust, _trust(addresses, made).to_json())
+    write_private(layout.key_ring, ring_to_json(ring))
+    write_private(layout.trust, ring.bundle(DEFAULT).to_json())
     _bootstrap(layout, operators)
 
 
@@ -207,16 +209,11 @@ def _check_readable(layout: Layout) -> None:
         raise SetupError(str(error)) from error
 
 
-def _trust(addresses: Addresses, made: dict[str, Ed25519PrivateKey]) -> keys.TrustBundle:
-    return keys.TrustBundle(
-        issuer=addresses.issuer,
-        version=1,
-        roots={ROOT_KEY_ID: keys.public_raw(made["root"])},
-        attesters=frozenset({keys.public_raw(made["attester"])}),
-        feed=frozenset({keys.public_raw(made["feed"])}),
-        registry=frozenset({keys.public_raw(made["registry"])}),
-        ledger=frozenset({keys.public_raw(made["ledger"])}),
-    )
+def _ring(layout: Layout, addresses: Addresses, passphrase: bytes) -> rotation.KeyRing:
+    """The first keys of the identity provider, their files written under the names that the ring gives them."""
+    first = {role: new_key(layout.idp_key(f"{stem}-1"), passphrase) for role, stem in rotation.ID_STEM.items()}
+    public = {role: keys.public_raw(key) for role, key in first.items()}
+    return rotation.begin(addresses.issuer, public, at=int(time.time()))
 
 
 def _toml(settings: dict[str, str | int]) -> bytes:
@@ -245,8 +242,7 @@ def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
         "host": addresses.host,
         "port": addresses.idp_port,
         "database_url": _database_url(layout),
-        "root_key_id": ROOT_KEY_ID,
-        **{f"{name}_key_file": str(layout.idp_key(name)) for name in IDP_KEYS},
+        "key_ring_file": str(layout.key_ring),
         "platform_trust_domain": TRUST_DOMAIN,
         "platform_jwks_file": str(layout.platform_jwks),
     }
@@ -271,7 +267,7 @@ def _cell_settings(layout: Layout, addresses: Addresses, policy: str, defer_time
     }
 
 
-def _bootstrap(layout: Layout, operators: dict[str, Ed25519PrivateKey]) -> None:
+def _bootstrap(layout: Layout, operators: dict[str, PrivateKey]) -> None:
     from ztpm_idp.bootstrap import FirstPerson
     from ztpm_idp.bootstrap import initialise as first_people
     from ztpm_idp.store.errors import StoreUnavailableError

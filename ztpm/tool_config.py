@@ -21,8 +21,7 @@ from policies.errors import PolicyError
 from policies.load import SHIPPED, load, load_shipped
 
 if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
+    from capabilities.keys import PrivateKey
     from policies.policy import PolicySet
 
 ROBOT_MODEL: Final = "ur3e"
@@ -168,7 +167,7 @@ def read_trust(config: CellConfig) -> keys.TrustBundle:
     return trust
 
 
-def read_key(config: CellConfig) -> Ed25519PrivateKey:
+def read_key(config: CellConfig) -> PrivateKey:
     """The PEP's key.
 
     Raises:

@@ -65,13 +65,12 @@ from pep.world import CellPhysics
 from ztpm.report import report_of, serve_reports
 from ztpm.robot import PROGRAM_S, commanded, committed, connect, connect_outputs, readiness
 from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, read_key, read_policies, read_trust
+from ztpm.trust_mark import check_mark
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-    from capabilities.keys import TrustBundle
+    from capabilities.keys import PrivateKey, TrustBundle
     from capabilities.statements.cell import Cell
     from policies.policy import PolicySet
 
@@ -114,7 +113,7 @@ class ToolServer:
         *,
         survey: Cell,
         trust: TrustBundle,
-        key: Ed25519PrivateKey,
+        key: PrivateKey,
         policies: PolicySet,
         http: httpx2.AsyncClient,
     ) -> None:
@@ -363,6 +362,7 @@ async def serve(config: CellConfig, *, reports: bool = False) -> None:
     """
     policies, trust, key = read_policies(config), read_trust(config), read_key(config)
     survey = read_cell(config, at=SystemClock().wall_s())
+    check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
     http = httpx2.AsyncClient()
     server = ToolServer(config, survey=survey, trust=trust, key=key, policies=policies, http=http)
     server.recover()

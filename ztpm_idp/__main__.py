@@ -7,8 +7,10 @@ import logging
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
+from ztpm_idp.key_ring import check_current
 from ztpm_idp.settings import PASSPHRASE_VARIABLE, SettingsError, load_keys, load_platform, load_settings
 
 USAGE = 2
@@ -26,6 +28,7 @@ def main() -> int:
         settings = load_settings(config)
         # Taken out of the environment, so that no child and no dump of it has it.
         keys = load_keys(settings, config.parent, os.environ.pop(PASSPHRASE_VARIABLE, ""))
+        check_current(keys, at=time.time())
         platform = load_platform(settings, config.parent, keys)
     except SettingsError as error:
         sys.stderr.write(f"refused to start: {error.setting}: {error.why}\n")
@@ -34,7 +37,7 @@ def main() -> int:
 
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    serve(settings.settings(), keys, platform)
+    serve(settings.settings(keys), keys, platform)
     return 0
 
 

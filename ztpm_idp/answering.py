@@ -13,8 +13,7 @@ from capabilities.statements import ask, vote
 from capabilities.units import Quantity
 
 if TYPE_CHECKING:
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
+    from capabilities.keys import PrivateKey
     from capabilities.statements.ask import Ask
 
 LIFETIME_S: Final = 120
@@ -74,7 +73,7 @@ def read(answer: dict[str, Any], ask_id: str) -> Shown:
     return Shown(shown, vote.digest_of(text))
 
 
-def sign_vote(shown: Shown, answer: str, terms: Terms, key: Ed25519PrivateKey, *, approver: str, at: int) -> str:
+def sign_vote(shown: Shown, answer: str, terms: Terms, key: PrivateKey, *, approver: str, at: int) -> str:
     """The signed vote on what was shown.
 
     Args:

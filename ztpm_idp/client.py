@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
     from types import TracebackType
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
+    from capabilities.keys import PrivateKey
     from capabilities.scope import Restriction, Scope
 
 TIMEOUT_S: Final = 30.0
@@ -88,7 +87,7 @@ class _Caller:
     def __init__(
         self,
         id: str,  # noqa: A002  the word of the wire
-        key: Ed25519PrivateKey,
+        key: PrivateKey,
         issuer: str,
         *,
         transport: httpx2.BaseTransport | None = None,
@@ -190,7 +189,7 @@ class Agent(_Caller):
     def __init__(
         self,
         id: str,  # noqa: A002  the word of the wire
-        key: Ed25519PrivateKey,
+        key: PrivateKey,
         issuer: str,
         measurement: bytes,
         *,

@@ -60,8 +60,8 @@ def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None) -> Ru
         issuer=settings.issuer,
         trust=trust,
         caps=DEFAULT,
-        # Nobody who is registered may hold a key of the platform either.
-        own_keys=trust.all_keys | (frozenset() if platform is None else platform.ed25519),
+        # Nobody who is registered may hold a key of the platform either, or one that was ours.
+        own_keys=keys.every_public | (frozenset() if platform is None else platform.all_keys),
         token_lifetime_s=settings.lifetimes.token_s,
         nonce_age_s=settings.lifetimes.nonce_s,
         open_nonces=settings.open_nonces,

@@ -14,23 +14,30 @@ from typing import TYPE_CHECKING, Annotated, Final, Self, TypeVar
 from urllib.parse import urlsplit
 
 import sqlalchemy as sa
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from capabilities import text
 from capabilities.caps import DEFAULT
 from capabilities.errors import BadKeyError, CapabilityError, ScopeError
-from capabilities.keys import TrustBundle, from_pem, public_raw
+from capabilities.keys import from_pem, public_raw
+from capabilities.trust import TrustBundle
+from capabilities.windows import Role
 from capabilities.workload import KEY_SET_BYTES, Platform, key_set
 from ztpm_idp.domain.asks import STANDING_ASKS
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
+    from capabilities.rotation import KeyRing
 
 PASSPHRASE_VARIABLE: Final = "ZTPM_PASSPHRASE"  # noqa: S105  its name, not its value
 """The environment variable that holds the passphrase of the key files."""
+KEY_FILES: Final = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
 S = TypeVar("S", bound=BaseModel)
+RootKeyId = Annotated[int, Field(ge=0, lt=2**32)]
+KeyFile = Annotated[str, Field(min_length=1)] | None
 _DRIVER: Final = "sqlite+aiosqlite"
 
 
@@ -57,14 +64,13 @@ class Lifetimes(BaseModel):
     nonce_s: Annotated[int, Field(ge=1, le=DEFAULT.nonce_age_s)] = DEFAULT.nonce_age_s
 
 
-class Settings(BaseModel):
-    """Where the identity provider is and how it keeps its state.
+class Stated(BaseModel):
+    """Where the identity provider is and how it keeps its state, but for its keys.
 
     Attributes:
         issuer: its base URL with a path; every endpoint is below it, every proof names it.
         host, port: where it listens.
         database_url: `sqlite+aiosqlite:///FILE`.
-        root_key_id: number of the root key, in every token.
         tls_certificate_file, tls_key_file: PEM files; needed wherever it listens beyond loopback.
         open_nonces: unused nonces that one agent may hold at a time.
         open_asks: asks that may wait for people at a time, one agent's at most a third of them. By default 24: at ten
@@ -78,7 +84,6 @@ class Settings(BaseModel):
     host: Annotated[str, Field(min_length=1)]
     port: Annotated[int, Field(ge=1, le=65_535)]
     database_url: Annotated[str, Field(min_length=1)]
-    root_key_id: Annotated[int, Field(ge=0, lt=2**32)]
     lifetimes: Lifetimes = Lifetimes()
     open_nonces: Annotated[int, Field(ge=1, le=4_096)] = 256
     open_asks: Annotated[int, Field(ge=1, le=STANDING_ASKS)] = 24
@@ -93,22 +98,47 @@ class Settings(BaseModel):
         return self
 
 
-class FileSettings(Settings):
-    """The settings of a configuration file, which also names the key files (PKCS #8, encrypted, mode 0600).
+class Settings(Stated):
+    """What `create_app` needs.
 
     Attributes:
+        root_key_id: number of the root key that signs, in every token.
+    """
+
+    root_key_id: RootKeyId
+
+
+class FileSettings(Stated):
+    """The settings of a configuration file, which also names the files of the keys (PKCS #8, encrypted, mode 0600).
+
+    Attributes:
+        key_ring_file: which keys there are, and which of them sign (`capabilities.rotation`); the private key of
+            "root-2" lies beside it as `root-2.key`. With it none of the next six is stated, without it all of them.
+            Read once: a step of a rotation needs a restart.
+        root_key_id: number of the root key, in every token.
+        root_key_file, attester_key_file, feed_key_file, registry_key_file, ledger_key_file: one key for each role.
         platform_trust_domain, platform_jwks_file: whose workload tokens are evidence of kind `jwt`, and its public keys
             (Ed25519 or P-256, each with a `kid`). Both or neither; without them there is evidence of kind `key` alone.
             The file is read once: a new key of the platform needs a restart.
     """
 
-    root_key_file: Annotated[str, Field(min_length=1)]
-    attester_key_file: Annotated[str, Field(min_length=1)]
-    feed_key_file: Annotated[str, Field(min_length=1)]
-    registry_key_file: Annotated[str, Field(min_length=1)]
-    ledger_key_file: Annotated[str, Field(min_length=1)]
+    key_ring_file: KeyFile = None
+    root_key_id: RootKeyId | None = None
+    root_key_file: KeyFile = None
+    attester_key_file: KeyFile = None
+    feed_key_file: KeyFile = None
+    registry_key_file: KeyFile = None
+    ledger_key_file: KeyFile = None
     platform_trust_domain: str | None = None
     platform_jwks_file: str | None = None
+
+    @model_validator(mode="after")
+    def _keys(self) -> Self:
+        for name in ("root_key_id", *KEY_FILES):
+            if (getattr(self, name) is None) != (self.key_ring_file is not None):
+                why = "missing" if self.key_ring_file is None else "the key ring says it"
+                raise _UnsafeError(name, why)
+        return self
 
     @model_validator(mode="after")
     def _platform(self) -> Self:
@@ -119,30 +149,54 @@ class FileSettings(Settings):
             raise _UnsafeError("platform_trust_domain", "not the name of a trust domain")
         return self
 
-    def settings(self) -> Settings:
-        """The part that `create_app` needs."""
-        return Settings(**{name: getattr(self, name) for name in Settings.model_fields})
+    def settings(self, keys: IdpKeys | None = None) -> Settings:
+        """The part that `create_app` needs.
+
+        Args:
+            keys: of `load_keys`; they say which root key signs, where there is a key ring.
+        """
+        ring = None if keys is None else keys.ring
+        signs = self.root_key_id if ring is None else ring.active(Role.ROOT).number
+        return _validated(
+            Settings, {name: getattr(self, name) for name in Stated.model_fields} | {"root_key_id": signs}
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class IdpKeys:
-    """The five private keys of an identity provider, one for each role."""
+    """The five private keys that an identity provider signs with, one for each role.
+
+    Attributes:
+        ring: what they are taken from, where there is a key ring.
+        former_registry: registry keys that signed before and are still trusted; they sign trust bundles alone, for
+            those verifiers that do not know the new key yet.
+    """
 
     root: Ed25519PrivateKey
     attester: Ed25519PrivateKey
-    feed: Ed25519PrivateKey
-    registry: Ed25519PrivateKey
-    ledger: Ed25519PrivateKey
+    feed: PrivateKey
+    registry: PrivateKey
+    ledger: PrivateKey
+    ring: KeyRing | None = None
+    former_registry: tuple[PrivateKey, ...] = ()
 
     def __repr__(self) -> str:
         return "IdpKeys(...)"
 
+    @property
+    def every_public(self) -> frozenset[bytes]:
+        """The raw public keys that this provider has or had: nobody else may have one of them."""
+        now = frozenset(map(public_raw, (self.root, self.attester, self.feed, self.registry, self.ledger)))
+        return now if self.ring is None else now | self.ring.all_keys
+
     def trust(self, *, issuer: str, root_key_id: int, version: int = 1) -> TrustBundle:
-        """What verifiers need to know of these keys.
+        """What verifiers need to know of these keys: what the key ring says, or these five, for ever.
 
         Raises:
             BadKeyError: `KEY_WRONG_ROLE` when a key has two roles.
         """
+        if self.ring is not None:
+            return self.ring.bundle(DEFAULT)
         return TrustBundle(
             issuer=issuer,
             version=version,
@@ -191,13 +245,16 @@ def load_keys(settings: FileSettings, folder: Path, passphrase: str) -> IdpKeys:
     """
     if not passphrase:
         raise SettingsError(PASSPHRASE_VARIABLE, "empty")
-    names = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
-    root, attester, feed, registry, ledger = (
-        _load_key(name, folder / str(getattr(settings, name)), passphrase) for name in names
-    )
-    keys = IdpKeys(root, attester, feed, registry, ledger)
+    if settings.key_ring_file is not None:
+        from ztpm_idp import key_ring  # it builds on this module
+
+        return key_ring.load(settings.key_ring_file, folder, settings.issuer, passphrase)
+    files = {name: folder / str(getattr(settings, name)) for name in KEY_FILES}
+    root, attester = (load_key(name, files[name], passphrase) for name in KEY_FILES[:2])
+    feed, registry, ledger = (load_key(name, files[name], passphrase) for name in KEY_FILES[2:])
+    keys = IdpKeys(token_key("root_key_file", root), token_key("attester_key_file", attester), feed, registry, ledger)
     try:
-        keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
+        keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id or 0)
     except BadKeyError as error:
         raise SettingsError("root_key_file", f"{error.code}: five different keys are needed") from None
     return keys
@@ -226,12 +283,28 @@ def load_platform(settings: FileSettings, folder: Path, keys: IdpKeys) -> Platfo
         raise SettingsError(setting, "the file cannot be read") from None
     except CapabilityError as error:
         raise SettingsError(setting, f"{error.code}: {error.detail}") from None
-    if platform.ed25519 & keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id).all_keys:
+    if platform.all_keys & keys.every_public:
         raise SettingsError(setting, "a key of the provider itself: one key has one role")
     return platform
 
 
-def _load_key(setting: str, path: Path, passphrase: str) -> Ed25519PrivateKey:
+def token_key(setting: str, key: PrivateKey) -> Ed25519PrivateKey:
+    """The key, when it has the algorithm that the token profile signs with; the other roles may have either.
+
+    Raises:
+        SettingsError: naming the setting.
+    """
+    if not isinstance(key, Ed25519PrivateKey):
+        raise SettingsError(setting, "not an Ed25519 key")
+    return key
+
+
+def load_key(setting: str, path: Path, passphrase: str) -> PrivateKey:
+    """The private key of an encrypted file that nobody else may read or write.
+
+    Raises:
+        SettingsError: naming the setting.
+    """
     try:
         with path.open("rb") as file:
             if stat.S_IMODE(os.fstat(file.fileno()).st_mode) & 0o077:
@@ -240,7 +313,7 @@ def _load_key(setting: str, path: Path, passphrase: str) -> Ed25519PrivateKey:
     except OSError:
         raise SettingsError(setting, "the file cannot be read") from None
     except BadKeyError:
-        raise SettingsError(setting, "not an encrypted Ed25519 key, or a wrong passphrase") from None
+        raise SettingsError(setting, "not an encrypted key, or a wrong passphrase") from None
 
 
 def _validated(model: type[S], stated: dict[str, object]) -> S:
@@ -277,7 +350,7 @@ def _check_issuer(issuer: str) -> None:
         raise _UnsafeError("issuer", "plain HTTP beyond loopback")
 
 
-def _check_listener(settings: Settings) -> None:
+def _check_listener(settings: Stated) -> None:
     tls = (settings.tls_certificate_file, settings.tls_key_file)
     if any(tls) and not all(tls):
         raise _UnsafeError("tls_certificate_file" if not tls[0] else "tls_key_file", "certificate and key go together")

@@ -13,7 +13,7 @@ from capabilities.proof import prove
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 _JTI_BYTES: Final = 18
 
@@ -29,9 +29,7 @@ class ProofAuth(httpx2.Auth):
 
     requires_request_body = True
 
-    def __init__(
-        self, key: Ed25519PrivateKey, token: str | None = None, *, now: Callable[[], float] = time.time
-    ) -> None:
+    def __init__(self, key: PrivateKey, token: str | None = None, *, now: Callable[[], float] = time.time) -> None:
         self._key = key
         self._token = token
         self._now = now

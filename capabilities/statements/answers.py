@@ -16,9 +16,8 @@ from capabilities.statements.claims import Claims, malformed, unique
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "answers"
 NONCE: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
@@ -58,7 +57,7 @@ class Answers:
     openings: tuple[str, ...]
 
 
-def sign(answers: Answers, key: Ed25519PrivateKey) -> str:
+def sign(answers: Answers, key: PrivateKey) -> str:
     """How things stand, signed by the identity provider's registry key."""
     claims: dict[str, object] = {
         "issuer": answers.issuer,

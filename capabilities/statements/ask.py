@@ -14,9 +14,8 @@ from capabilities.units import INT_LIMIT, Quantity, Unit
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "ask"
 ID: Final = re.compile(r"[0-9a-f]{32}", re.ASCII)
@@ -102,7 +101,7 @@ class Ask:
 NAMES: Final = tuple(field.name for field in fields(Ask))
 
 
-def sign(ask: Ask, key: Ed25519PrivateKey) -> str:
+def sign(ask: Ask, key: PrivateKey) -> str:
     """The ask, signed by the PEP."""
     claims: dict[str, object] = {
         "ask_id": ask.ask_id,

@@ -12,9 +12,8 @@ from capabilities.statements.claims import Claims
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "attestation"
 NONCE: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
@@ -50,7 +49,7 @@ class Evidence:
     workload: str = ""
 
 
-def sign(evidence: Evidence, key: Ed25519PrivateKey) -> str:
+def sign(evidence: Evidence, key: PrivateKey) -> str:
     """The signed evidence."""
     claims: dict[str, object] = {
         "agent": evidence.agent,

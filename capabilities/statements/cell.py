@@ -17,9 +17,8 @@ from capabilities.statements.claims import Claims, malformed, unique
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
     from capabilities.statements.observation import Point, Shape
 
 KIND: Final = "cell"
@@ -123,7 +122,7 @@ class Cell:
 _NAMES: Final = tuple(Cell.__dataclass_fields__)
 
 
-def sign(cell: Cell, key: Ed25519PrivateKey) -> str:
+def sign(cell: Cell, key: PrivateKey) -> str:
     """The cell file, signed by the person."""
     return sealed.sign(KIND, to_claims(cell), key)
 

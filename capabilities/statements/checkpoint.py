@@ -11,9 +11,8 @@ from capabilities.statements.claims import Claims
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "checkpoint"
 
@@ -35,7 +34,7 @@ class Checkpoint:
     as_of_ms: int
 
 
-def sign(checkpoint: Checkpoint, key: Ed25519PrivateKey) -> str:
+def sign(checkpoint: Checkpoint, key: PrivateKey) -> str:
     """The signed checkpoint."""
     claims: dict[str, object] = {
         "issuer": checkpoint.issuer,

@@ -12,9 +12,8 @@ from capabilities.statements.claims import Claims, malformed, unique
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "observation"
 REACH_UM: Final = 100_000_000
@@ -111,7 +110,7 @@ class Observation:
     objects: tuple[ObservedObject, ...]
 
 
-def sign(observation: Observation, key: Ed25519PrivateKey) -> str:
+def sign(observation: Observation, key: PrivateKey) -> str:
     """The signed frame."""
     claims: dict[str, object] = {
         "sensor": observation.sensor,

@@ -13,9 +13,8 @@ from capabilities.statements.vote import USES
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "opening"
 
@@ -48,7 +47,7 @@ class Opening:
 NAMES: Final = tuple(field.name for field in fields(Opening))
 
 
-def sign(opening: Opening, key: Ed25519PrivateKey) -> str:
+def sign(opening: Opening, key: PrivateKey) -> str:
     """The opening, signed by the person."""
     return sealed.sign(KIND, {name: getattr(opening, name) for name in NAMES}, key)
 

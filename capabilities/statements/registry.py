@@ -13,9 +13,8 @@ from capabilities.statements.claims import Claims, unique
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "registry"
 TOOLS: Final = 256
@@ -102,7 +101,7 @@ class RegistrySnapshot:
         return next((entry for entry in self.approvers if entry.id == name), None)
 
 
-def sign(snapshot: RegistrySnapshot, key: Ed25519PrivateKey) -> str:
+def sign(snapshot: RegistrySnapshot, key: PrivateKey) -> str:
     """The signed snapshot."""
     claims: dict[str, object] = {
         "issuer": snapshot.issuer,

@@ -15,10 +15,9 @@ from capabilities.statements.claims import Claims, malformed
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
     from capabilities.chain import Chain
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "revocation"
 ENTRIES: Final = 4_096
@@ -123,7 +122,7 @@ class RevocationView:
         return next(((str(kind), name) for kind, name in candidates if (str(kind), name) in self.revoked), None)
 
 
-def sign(index: RevocationIndex, key: Ed25519PrivateKey) -> str:
+def sign(index: RevocationIndex, key: PrivateKey) -> str:
     """The signed index."""
     claims: dict[str, object] = {
         "issuer": index.issuer,

@@ -14,9 +14,8 @@ from capabilities.errors import CapabilityError, FaultCode, StatementError
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 _HEADER: Final = frozenset({"alg", "kid", "typ"})
 
@@ -26,7 +25,7 @@ def type_of(kind: str) -> str:
     return f"ztpm-{kind}+jwt"
 
 
-def sign(kind: str, claims: dict[str, object], key: Ed25519PrivateKey) -> str:
+def sign(kind: str, claims: dict[str, object], key: PrivateKey) -> str:
     """The statement of these claims, signed.
 
     Raises:

@@ -13,9 +13,8 @@ from capabilities.statements.claims import Claims
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
     from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
 
 KIND: Final = "vote"
 ANSWERS: Final = frozenset({"approve", "deny", "withdraw"})
@@ -52,7 +51,7 @@ class Vote:
 NAMES: Final = tuple(field.name for field in fields(Vote))
 
 
-def sign(vote: Vote, key: Ed25519PrivateKey) -> str:
+def sign(vote: Vote, key: PrivateKey) -> str:
     """The vote, signed by the person."""
     return sealed.sign(KIND, {name: getattr(vote, name) for name in NAMES}, key)
 

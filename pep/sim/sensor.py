@@ -43,7 +43,7 @@ from pep.sim.seen import SceneCommandError, Seen, parse
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+    from capabilities.keys import PrivateKey
 
 RETRY_S: Final = 0.1
 HZ: Final = 30.0
@@ -60,7 +60,7 @@ class Sensor:
         calibration: digest (hex) of its calibration.
     """
 
-    def __init__(self, key: Ed25519PrivateKey, *, name: str, calibration: str) -> None:
+    def __init__(self, key: PrivateKey, *, name: str, calibration: str) -> None:
         self._key = key
         self.name = name
         self._calibration = calibration

@@ -1,20 +1,18 @@
-"""Keys, their spelling, their files, and the bundle of trust."""
+"""Keys of both algorithms, their spelling and their files."""
 
 from __future__ import annotations
-
-import json
-from dataclasses import replace
 
 import pytest
 from cryptography.hazmat.primitives import serialization as form
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capabilities import keys
-from capabilities.errors import BadKeyError, CapabilityError, FaultCode
-from tests.capabilities.world import TRUST, key_of, raw_of
+from capabilities import jws, keys
+from capabilities.errors import BadKeyError, FaultCode
+from tests.capabilities.world import key_of, raw_of
 
 P = 2**255 - 19
 
@@ -65,7 +63,7 @@ def test_keys_of_small_order_and_other_encodings_are_refused():
     for encoding in encodings:
         with pytest.raises(BadKeyError):
             keys.check_raw(encoding.to_bytes(32, "little"))
-    for bad in (b"", b"\1" * 31, b"\1" * 33, "x" * 32, None, bytearray(32), 5):
+    for bad in (b"", b"\1" * 31, b"\1" * 33, b"\2" * 34, "x" * 32, None, bytearray(32), 5):
         with pytest.raises(BadKeyError):
             keys.check_raw(bad)
 
@@ -84,7 +82,10 @@ def test_a_key_file_comes_back_only_with_its_passphrase():
     assert b"ENCRYPTED" in pem
     assert keys.public_raw(keys.from_pem(pem, b"open sesame")) == raw_of("someone")
     plain = key.private_bytes(form.Encoding.PEM, form.PrivateFormat.PKCS8, form.NoEncryption())
-    other = ec.generate_private_key(ec.SECP256R1()).private_bytes(
+    other = ec.generate_private_key(ec.SECP384R1()).private_bytes(
+        form.Encoding.PEM, form.PrivateFormat.PKCS8, form.BestAvailableEncryption(b"open sesame")
+    )
+    exchange = X25519PrivateKey.generate().private_bytes(
         form.Encoding.PEM, form.PrivateFormat.PKCS8, form.BestAvailableEncryption(b"open sesame")
     )
     for bad, passphrase in (
@@ -92,6 +93,7 @@ def test_a_key_file_comes_back_only_with_its_passphrase():
         (pem, b""),
         (plain, b"open sesame"),
         (other, b"open sesame"),
+        (exchange, b"open sesame"),
         (b"", b"x"),
         (b"junk", b"x"),
     ):
@@ -106,64 +108,133 @@ def test_generated_keys_differ():
     assert keys.public_raw(keys.generate()) != keys.public_raw(keys.generate())
 
 
-def test_a_bundle_comes_back_in_one_spelling():
-    wire = TRUST.to_json()
-    assert keys.TrustBundle.from_json(wire) == TRUST
-    assert keys.TrustBundle.from_json(wire).to_json() == wire
-    with pytest.raises(TypeError):
-        TRUST.roots[9] = b""
+# --- P-256 -----------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("change", "code"),
-    [
-        ({"attesters": frozenset()}, FaultCode.KEY_MALFORMED),
-        ({"feed": frozenset()}, FaultCode.KEY_MALFORMED),
-        ({"roots": {}}, FaultCode.KEY_MALFORMED),
-        ({"attesters": frozenset({raw_of("root")})}, FaultCode.KEY_WRONG_ROLE),
-        ({"feed": frozenset({raw_of("ledger")})}, FaultCode.KEY_WRONG_ROLE),
-        ({"roots": {1: raw_of("root"), 2: raw_of("root")}}, FaultCode.KEY_WRONG_ROLE),
-        ({"ledger": frozenset({bytes(32)})}, FaultCode.KEY_MALFORMED),
-        ({"issuer": ""}, FaultCode.KEY_MALFORMED),
-        ({"issuer": "idp"}, FaultCode.KEY_MALFORMED),
-        ({"version": -1}, FaultCode.KEY_MALFORMED),
-        ({"roots": {-1: raw_of("root")}}, FaultCode.KEY_MALFORMED),
-        ({"roots": {2**32: raw_of("root")}}, FaultCode.KEY_MALFORMED),
-    ],
-)
-def test_a_bad_bundle_is_refused(change, code):
-    with pytest.raises(BadKeyError) as caught:
-        replace(TRUST, **change)
-    assert caught.value.code is code
+def curve_of(name: str) -> ec.EllipticCurvePrivateKey:
+    return ec.derive_private_key(int.from_bytes(key_of(name).private_bytes_raw(), "big"), ec.SECP256R1())
 
 
-def test_a_bad_bundle_file_is_refused():
-    good = json.loads(TRUST.to_json())
-    changes = [
-        {"extra": 1},
-        {"roots": []},
-        {"roots": {"07": good["roots"]["7"]}},
-        {"roots": {"x": good["roots"]["7"]}},
-        {"roots": {"7": 5}},
-        {"version": "1"},
-        {"version": True},
-        {"version": 1.0},
-        {"issuer": 1},
-        {"feed": good["feed"] * 2},
-        {"feed": good["feed"][0]},
-        {"feed": [good["feed"][0] + "="]},
-        {"feed": [None]},
+CURVE = curve_of("someone")
+RAW = keys.public_raw(CURVE)
+B = 0x5AC635D8AA3A93E7B3EBBD55769886BC651D06B0CC53B0F63BCE3C3E27D2604B
+"""SP 800-186 section 3.2.1.3."""
+
+
+def on_curve(x: int) -> bool:
+    """Euler's criterion, by hand: what OpenSSL says is checked against arithmetic."""
+    square = (x**3 - 3 * x + B) % keys.P256_P
+    return pow(square, (keys.P256_P - 1) // 2, keys.P256_P) == 1
+
+
+def test_the_thumbprint_of_the_p256_key_of_rfc_7515():
+    """RFC 7515 appendix A.3.1; the thumbprint of its minimal JWK by RFC 7638 section 3, spelled out."""
+    import hashlib  # noqa: PLC0415
+
+    x, y = "f83OJ3D2xF1Bg8vub9tLe1gHMzV76e8Tus9uPHvRVEU", "x_FEzRu9m36HLN_tue659LNpXW6pCyStikYjKIWI5a0"
+    raw = jws.key_of_jwk({"kty": "EC", "crv": "P-256", "x": x, "y": y})
+    assert raw == b"\2" + keys.unb64u(x) or raw == b"\3" + keys.unb64u(x)
+    assert jws.jwk(raw) == {"kty": "EC", "crv": "P-256", "x": x, "y": y}
+    minimal = '{"crv":"P-256","kty":"EC","x":"%s","y":"%s"}' % (x, y)
+    assert keys.thumbprint(raw) == keys.b64u(hashlib.sha256(minimal.encode()).digest())
+
+
+def test_a_p256_key_has_one_raw_form():
+    uncompressed = CURVE.public_key().public_bytes(form.Encoding.X962, form.PublicFormat.UncompressedPoint)
+    x = RAW[1:]
+    assert (len(RAW), RAW[0]) == (33, 2 + (uncompressed[-1] & 1))
+    assert keys.check_raw(RAW) == RAW
+    bad = [
+        uncompressed,
+        *(bytes([first]) + x for first in range(256) if first not in (2, 3)),
+        *(first + (keys.P256_P + more).to_bytes(32, "big") for first in (b"\2", b"\3") for more in range(6)),
+        b"\2" + b"\xff" * 32,
+        RAW + b"\0",
+        RAW[:-2],
     ]
-    for change in changes:
-        with pytest.raises(CapabilityError):
-            keys.TrustBundle.from_json(json.dumps({**good, **change}).encode())
-    for raw in (
-        b"",
-        b"null",
-        b"[]",
-        b"\xff",
-        TRUST.to_json()[:-1],
-        TRUST.to_json().replace(b'"feed"', b'"feed":[],"feed"', 1),
+    for raw in bad:
+        with pytest.raises(BadKeyError) as caught:
+            keys.check_raw(raw)
+        assert caught.value.code is FaultCode.KEY_MALFORMED
+
+
+@given(st.integers(0, keys.P256_P - 1), st.sampled_from([b"\2", b"\3"]))
+def test_a_point_is_on_the_curve(x, sign):
+    raw = sign + x.to_bytes(32, "big")
+    try:
+        accepted = keys.check_raw(raw) == raw
+    except BadKeyError:
+        accepted = False
+    assert accepted == on_curve(x)
+    if accepted:
+        left, y = (int.from_bytes(part, "big") for part in keys.p256_coordinates(raw))
+        assert (left, y & 1) == (x, raw[0] & 1)
+        assert (y * y - x**3 + 3 * x - B) % keys.P256_P == 0
+
+
+def test_a_jwk_names_a_point_by_both_coordinates():
+    good = jws.jwk(RAW)
+    assert jws.key_of_jwk({**good, "use": "sig", "key_ops": ["verify"], "alg": "ES256", "kid": "x"}) == RAW
+    y = int.from_bytes(keys.unb64u(good["y"]), "big")
+    for change in (
+        {"y": keys.b64u((y ^ 1).to_bytes(32, "big"))},
+        {"y": keys.b64u((y ^ 2).to_bytes(32, "big"))},
+        {"y": keys.b64u(b"\0" + y.to_bytes(32, "big"))},
+        {"y": ""},
+        {"y": None},
+        {"x": good["y"], "y": good["x"]},
+        {"x": keys.b64u((keys.P256_P + 1).to_bytes(32, "big"))},
+        {"crv": "P-384"},
+        {"crv": "Ed25519"},
+        {"kty": "OKP"},
+        {"d": good["x"]},
     ):
-        with pytest.raises(CapabilityError):
-            keys.TrustBundle.from_json(raw)
+        with pytest.raises(BadKeyError) as caught:
+            jws.key_of_jwk({**good, **change})
+        assert caught.value.code is FaultCode.KEY_MALFORMED
+    for change in (
+        {"use": "enc"},
+        {"key_ops": ["sign"]},
+        {"key_ops": ["verify", "sign"]},
+        {"alg": "EdDSA"},
+        {"alg": 5},
+    ):
+        with pytest.raises(BadKeyError) as caught:
+            jws.key_of_jwk({**good, **change})
+        assert caught.value.code is FaultCode.KEY_WRONG_ROLE
+    edwards = jws.jwk(raw_of("someone"))
+    for change in ({"x": keys.b64u(RAW)}, {"y": good["y"]}, {"crv": "P-256"}, {"kty": "EC"}, {"kty": 5}, {"kty": []}):
+        with pytest.raises(BadKeyError):
+            jws.key_of_jwk({**edwards, **change})
+
+
+def test_no_two_keys_share_a_thumbprint():
+    opposite = bytes([RAW[0] ^ 1]) + RAW[1:]
+    raws = [RAW, opposite, raw_of("someone"), raw_of("other"), keys.public_raw(curve_of("other"))]
+    assert len({keys.thumbprint(raw) for raw in raws}) == len(raws)
+    for raw in (b"", b"\1" * 31, b"\2" + b"\xff" * 32):
+        with pytest.raises(BadKeyError):
+            keys.thumbprint(raw)
+
+
+def test_keys_of_other_curves_enter_nowhere():
+    from capabilities import signatures  # noqa: PLC0415
+
+    for curve in (ec.SECP384R1(), ec.SECP256K1()):
+        other = ec.generate_private_key(curve)
+        for use in (
+            lambda: keys.public_raw(other),
+            lambda: keys.public_raw(other.public_key()),
+            lambda: keys.to_pem(other, b"secret"),
+            lambda: signatures.sign(other, b"message"),
+            lambda: jws.sign({"typ": "x"}, b"{}", other),
+        ):
+            with pytest.raises(BadKeyError) as caught:
+                use()
+            assert caught.value.code is FaultCode.KEY_MALFORMED
+
+
+def test_a_p256_key_file_comes_back():
+    assert keys.public_raw(keys.from_pem(keys.to_pem(CURVE, b"open sesame"), b"open sesame")) == RAW
+    assert keys.public_raw(keys.generate(keys.Algorithm.P256)) != keys.public_raw(keys.generate(keys.Algorithm.P256))
+    assert keys.algorithm_of(keys.public_raw(keys.generate(keys.Algorithm.P256))) is keys.Algorithm.P256

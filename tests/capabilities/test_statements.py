@@ -18,15 +18,18 @@ from capabilities.statements import (
     attestation,
     cell,
     checkpoint,
+    message,
     observation,
     opening,
     registry,
     revocation,
     sealed,
+    trust,
     vote,
 )
 from capabilities.units import INT_LIMIT, Quantity, Unit
-from tests.capabilities.world import CELL, ISSUER, NOW, chain_of_four, chain_of, key_of, raw_of
+from tests.capabilities.test_keys import curve_of
+from tests.capabilities.world import CELL, ISSUER, NOW, TRUST, chain_of_four, chain_of, key_of, raw_of
 
 HEX = "ab" * 32
 SIGNER = key_of("signer")
@@ -128,6 +131,19 @@ SURVEY = cell.Cell(
     not_before=NOW,
     not_after=NOW + 86_400,
 )
+SAID = message.Message(
+    sender="orchestrator",
+    addressee="robotic",
+    token_id="t" * 22,
+    hop_id="0d" * 16,
+    conversation="c" * 22,
+    sequence=3,
+    in_reply_to=HEX,
+    schema="task/1",
+    body=b'{"pick":{"part":"red","x_um":-5},"steps":[1,null,true]}',
+    at=NOW,
+    not_after=NOW + 60,
+)
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
 
 KINDS = {
@@ -141,6 +157,8 @@ KINDS = {
     opening: OPENED,
     answers: STANDING,
     cell: SURVEY,
+    message: SAID,
+    trust: TRUST,
 }
 each = pytest.mark.parametrize("module", KINDS, ids=lambda module: module.KIND)
 
@@ -160,6 +178,22 @@ def test_a_statement_comes_back(module):
     text = module.sign(KINDS[module], SIGNER)
     assert module.open(text, TRUSTED, DEFAULT) == KINDS[module]
     assert module.sign(module.open(text, TRUSTED, DEFAULT), SIGNER) == text
+
+
+@each
+def test_a_statement_by_a_p256_key_comes_back(module):
+    """The algorithm follows the key: the same texts, the same answers, one spelling."""
+    key = curve_of("signer")
+    raw = keys.public_raw(key)
+    said = (
+        dataclasses.replace(EVIDENCE, key_thumbprint=keys.thumbprint(raw)) if module is attestation else KINDS[module]
+    )
+    text = module.sign(said, key)
+    assert jws.split(text, most_bytes=10**6).header["alg"] == "ES256"
+    assert module.open(text, TRUSTED | {raw}, DEFAULT) == said
+    assert module.sign(module.open(text, {raw}, DEFAULT), key) == text
+    assert code_of(module, text) is FaultCode.STATEMENT_UNTRUSTED
+    assert code_of(module, text, {keys.public_raw(curve_of("other"))}) is FaultCode.STATEMENT_UNTRUSTED
 
 
 @each
@@ -377,6 +411,84 @@ def test_a_view_asks_for_every_audience_when_none_is_given():
     assert view.why(chain) == ("audience", CELL)
     assert view.why(chain, audience=CELL) == ("audience", CELL)
     assert view.why(chain, audience="http://127.0.0.1:9001/mcp") is None
+
+
+WORDS_OF_A_MESSAGE = {
+    "to oneself": {"addressee": "orchestrator"},
+    "from a role": {"sender": "role:planner"},
+    "to a role": {"addressee": "role:planner"},
+    "sequence 0": {"sequence": 0},
+    "half an answer": {"in_reply_to": HEX[:-1]},
+    "an answer in capitals": {"in_reply_to": HEX.upper()},
+    "a short conversation": {"conversation": "c" * 15},
+    "a hop that is none": {"hop_id": "0D" * 16},
+    "a body that is a list": {"body": []},
+    "a body that is a text": {"body": "{}"},
+    "too long a body": {"body": {"x": "y" * message.BODY_BYTES}},
+    "over before it was said": {"not_after": NOW},
+    "too long a life": {"not_after": NOW + message.LIFETIME_S + 1},
+    "no schema": {"schema": ""},
+}
+
+
+@pytest.mark.parametrize("name", WORDS_OF_A_MESSAGE)
+def test_a_message_is_well_formed(name):
+    text = sealed.sign("message", {**claims_of(message), **WORDS_OF_A_MESSAGE[name]}, SIGNER)
+    assert code_of(message, text) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"[]", b"null", b"{ }", b'{"b":1,"a":2}', b'{"a":1.5}', b'{"a":1,"a":1}', b"\xff"]
+)
+def test_a_body_that_is_not_canonical_is_not_signed(body):
+    with pytest.raises(StatementError) as caught:
+        message.sign(dataclasses.replace(SAID, body=body), SIGNER)
+    assert caught.value.code is FaultCode.STATEMENT_MALFORMED
+
+
+def test_the_largest_message_fits():
+    frame = len(b'{"x":""}')
+    full = dataclasses.replace(
+        SAID,
+        sender="s" * 256,
+        addressee="a" * 256,
+        schema="x" * 256,
+        body=b'{"x":"' + b"y" * (message.BODY_BYTES - frame) + b'"}',
+        not_after=NOW + message.LIFETIME_S,
+    )
+    assert len(full.body) == message.BODY_BYTES
+    assert message.open(message.sign(full, SIGNER), TRUSTED, DEFAULT) == full
+
+
+PLACE = message.Place("orchestrator", "robotic", "t" * 22, "0d" * 16, "c" * 22, 2)
+MISPLACED = {
+    "another sender": ({"sender": "vision"}, FaultCode.STATEMENT_UNTRUSTED),
+    "under another token": ({"token_id": "u" * 22}, FaultCode.STATEMENT_UNTRUSTED),
+    "under another hop": ({"hop_id": "0e" * 16}, FaultCode.STATEMENT_UNTRUSTED),
+    "to another": ({"addressee": "gripper"}, FaultCode.WRONG_AUDIENCE),
+    "in another conversation": ({"conversation": "d" * 22}, FaultCode.WRONG_AUDIENCE),
+    "heard before": ({"sequence": 2}, FaultCode.REPLAYED),
+    "long heard": ({"sequence": 1}, FaultCode.REPLAYED),
+    "one left out": ({"sequence": 4}, FaultCode.CHAIN_BROKEN),
+    "of the future": ({"at": NOW + 7}, FaultCode.NOT_YET_VALID),
+    "over": ({"not_after": NOW + 1, "at": NOW - 60}, FaultCode.EXPIRED),
+}
+
+
+@pytest.mark.parametrize("name", MISPLACED)
+def test_a_message_has_one_place(name):
+    change, code = MISPLACED[name]
+    said = message.open(message.sign(dataclasses.replace(SAID, **change), SIGNER), TRUSTED, DEFAULT)
+    fault = message.refusal(said, PLACE, at=NOW + 1, caps=DEFAULT)
+    assert (fault.code, fault.clause) == (code, "STM-6")
+    assert message.refusal(SAID, PLACE, at=NOW + 1, caps=DEFAULT) is None
+
+
+def test_an_answer_names_the_very_text():
+    text = message.sign(SAID, SIGNER)
+    assert message.digest_of(text) != message.digest_of(message.sign(dataclasses.replace(SAID, sequence=4), SIGNER))
+    answer = dataclasses.replace(SAID, in_reply_to=message.digest_of(text))
+    assert message.open(message.sign(answer, SIGNER), TRUSTED, DEFAULT).in_reply_to == vote.digest_of(text)
 
 
 @pytest.mark.parametrize("member", ["tools", "sensors", "trust"])

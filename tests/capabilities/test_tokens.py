@@ -14,6 +14,7 @@ from capabilities.errors import CapabilityError, Fault, FaultCode, TokenError
 from capabilities.request import disagreement, find
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Tier
 from capabilities.statements.revocation import RevocationView, Revoked
+from capabilities.windows import Window
 from capabilities.units import Quantity, Unit
 from capabilities.verify import Verifier, inspect_token, tightest, token_from_text, token_to_text
 from tests.capabilities.world import (
@@ -37,6 +38,7 @@ from tests.capabilities.world import (
     TRUST,
     VIEW,
     WIDTH,
+    Forge,
     add_hop,
     chain_of,
     chain_of_four,
@@ -500,3 +502,43 @@ def test_a_finite_set_may_have_its_full_size():
     values = (Quantity("width", Unit.MICROMETRE, 5), Quantity("force", Unit.MILLINEWTON, -6_400))
     assert asked(mint_root(scope), "gripper_move", values) is None
     assert LAST.audiences == {CELL}
+
+
+# --- P-256 -----------------------------------------------------------------------------------------------------------------
+
+
+def test_every_holder_may_have_a_p256_key():
+    first, second = (keys.public_raw(keys.generate(keys.Algorithm.P256)) for _ in range(2))
+    token = mint_root(hop=grant_to("orchestrator", "alice", key=first))
+    further = chain_of(add_hop(token, "robotic", SLOWER, key=second))
+    assert [hop.key for hop in further.hops] == [first, second]
+    assert len(first) == keys.P256_BYTES
+    for odd in (b"\5" + first[1:], b"\2" + b"\xff" * 32, first + b"\0"):
+        assert check(Forge.authority(key=odd)).code is FaultCode.CHAIN_BROKEN
+
+
+@pytest.mark.parametrize("role", ["roots", "attesters"])
+def test_roots_and_attesters_are_ed25519(role):
+    other = keys.public_raw(keys.generate(keys.Algorithm.P256))
+    with pytest.raises(CapabilityError) as caught:
+        replace(TRUST, windows={}, **{role: {9: other} if role == "roots" else frozenset({other})})
+    assert caught.value.code is FaultCode.KEY_MALFORMED
+
+
+def test_a_key_counts_only_while_the_bundle_says_so():
+    """What was found about a token earlier is no answer to it: the same verifier asks for each key anew."""
+    token = add_hop(mint_root(), "robotic", SLOWER)
+    windows = {raw_of("attester"): Window(not_after=NOW + 10), raw_of("root"): Window(not_after=NOW + 20)}
+    checker = Verifier(replace(TRUST, windows=windows), DEFAULT)
+    for at, code in (
+        (NOW + 9, None),
+        (NOW + 10, FaultCode.HOP_NOT_ATTESTED),
+        (NOW + 20, FaultCode.UNKNOWN_ROOT_KEY),
+    ):
+        found = checker.verify(token, at=at, audience=CELL, view=VIEW, lease_ms=LEASE_MS)
+        assert (found.code if isinstance(found, Fault) else None) is code
+    tainted = replace(TRUST, windows={raw_of("attester"): Window(tainted_at=NOW - 10)})
+    assert check(token, trust=tainted).code is FaultCode.HOP_NOT_ATTESTED
+    assert isinstance(
+        check(token, trust=replace(TRUST, windows={raw_of("attester"): Window(tainted_at=NOW - 9)})), Chain
+    )

@@ -209,7 +209,7 @@ def test_a_token_with_the_longest_names_fits_and_so_does_the_evidence_around_it(
 
 def test_key_sets():
     assert set(PLATFORM.keys) == {"edwards", "curve"}
-    assert PLATFORM.ed25519 == {raw_of("platform")}
+    assert PLATFORM.all_keys == {raw_of("platform"), keys.public_raw(CURVE_KEY)}
     spiffe = json.dumps({"keys": [curve_jwk(use="jwt-svid")], "spiffe_sequence": 1, "spiffe_refresh_hint": 60})
     assert workload.key_set(spiffe.encode())["curve"].algorithm == "ES256"
     off_curve = curve_jwk()

@@ -157,7 +157,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
     }  # fmt: skip
     assert gets == {
-        "/healthz", "/readyz", "/trust", "/agents", "/revocations", "/registry", "/ledger/export",
+        "/healthz", "/readyz", "/trust", "/trust/signed", "/agents", "/revocations", "/registry", "/ledger/export",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings",
             "/revocations/wait",
     }  # fmt: skip

@@ -16,6 +16,7 @@ from ztpm.cli import (
     demo,
     doctor,
     evaluation,
+    keys,
     lending,
     mcp,
     policy,
@@ -41,6 +42,7 @@ app.command("version")(setup.version)
 app.command("revoke")(revoke.revoke)
 app.add_typer(approvals.app, name="approvals")
 app.add_typer(agent.app, name="agent")
+app.add_typer(keys.app, name="keys")
 app.add_typer(policy.app, name="policy")
 app.add_typer(audit.app, name="audit")
 token.app.command("issue")(lending.issue)

@@ -19,8 +19,7 @@ from ztpm.cli.passphrase import ask_passphrase
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
+    from capabilities.keys import PrivateKey
     from ztpm.layout import Layout
     from ztpm_idp.client import Operator
 
@@ -139,7 +138,7 @@ def issuer_of(layout: Layout, *, as_json: bool) -> str:
         fail("NOT_A_CELL", f"{layout.trust}: {type(error).__name__}", as_json=as_json, status=USAGE)
 
 
-def open_key(path: Path, *, as_json: bool) -> Ed25519PrivateKey:
+def open_key(path: Path, *, as_json: bool) -> PrivateKey:
     """The key in a file, or the command ends."""
     from capabilities.errors import BadKeyError
     from ztpm.layout import LayoutError, read_key

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from capabilities.statements import trust as signed
 from ztpm_idp.routes.caller import heartbeat_of, provider_of
 
 router = APIRouter()
@@ -30,3 +31,11 @@ async def trust(request: Request) -> Response:
     Fetch it over a channel that you trust, once; it is where trust begins.
     """
     return Response(provider_of(request).rules.trust.to_json(), media_type="application/json")
+
+
+@router.get("/trust/signed")
+async def signed_trust(request: Request) -> dict[str, list[str]]:
+    """The same keys, signed by each registry key that is trusted: for those who trust an earlier bundle."""
+    provider = provider_of(request)
+    keys = provider.keys
+    return {"statements": [signed.sign(provider.rules.trust, key) for key in (keys.registry, *keys.former_registry)]}

@@ -1,0 +1,164 @@
+"""A message from one agent to another, by the sender's own key. It says something and allows nothing.
+
+It names the hop that it is said under and its place in one conversation. Clause [STM-6] in docs/spec.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities import strict_json
+from capabilities import text as grammar
+from capabilities.errors import Fault, FaultCode
+from capabilities.statements import sealed
+from capabilities.statements.ask import ID, TOKEN_ID
+from capabilities.statements.attestation import NONCE
+from capabilities.statements.claims import Claims, malformed
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
+
+KIND: Final = "message"
+BODY_BYTES: Final = 65_536
+"""Longest body in canonical JSON: in base64 and with the rest it stays below the size of a statement (256 KiB)."""
+LIFETIME_S: Final = 3_600
+"""Longest life of a message: that of the hop of evidence kind `key` that it is said under."""
+_REPLY: Final = re.compile(r"|[0-9a-f]{64}", re.ASCII)
+_NAMES: Final = (
+    "sender", "addressee", "token_id", "hop_id", "conversation", "sequence", "in_reply_to", "schema", "body", "at",
+    "not_after",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """What one agent says to another.
+
+    Attributes:
+        sender, addressee: agent ids, two different ones.
+        token_id, hop_id: of the token, and of the sender's own hop in it, under which it is said.
+        conversation: 16 to 64 base64url characters, the same through one conversation.
+        sequence: of the sender's messages in the conversation, from 1 on, each one more.
+        in_reply_to: SHA-256 (hex) of the text of the message that it answers, or "".
+        schema: name of the form of the body.
+        body: canonical JSON (RFC 8785) of an object; its numbers are integers.
+        at, not_after: when it was said, and until when it counts; seconds since the epoch, at most `LIFETIME_S` apart.
+    """
+
+    sender: str
+    addressee: str
+    token_id: str
+    hop_id: str
+    conversation: str
+    sequence: int
+    in_reply_to: str
+    schema: str
+    body: bytes
+    at: int
+    not_after: int
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the addressee expects the next message of a sender.
+
+    Attributes:
+        sender, addressee, token_id, hop_id, conversation: as in `Message`; the hop is the sender's in a chain that was
+            verified, and the key that the message is opened with is that hop's.
+        heard: sequence of the sender's last message in the conversation, 0 for none.
+    """
+
+    sender: str
+    addressee: str
+    token_id: str
+    hop_id: str
+    conversation: str
+    heard: int
+
+
+def sign(message: Message, key: PrivateKey) -> str:
+    """The message, signed by its sender.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
+    """
+    body = strict_json.parse_object(message.body)
+    if strict_json.canonical(body) != message.body:
+        raise malformed("a body that is not canonical")
+    claims: dict[str, object] = {name: getattr(message, name) for name in _NAMES}
+    return sealed.sign(KIND, {**claims, "body": body}, key)
+
+
+def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A001 - read as message.open
+    """The message, signed by one of these keys: those of the agent that it is expected from, and of nobody else.
+
+    Raises:
+        StatementError: as `sealed.open`; also for a message to oneself, a body over `BODY_BYTES`, and one that lives
+            longer than `LIFETIME_S` or not at all.
+    """
+    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    body = claims.raw("body")
+    if not isinstance(body, dict):
+        raise malformed("body is no object")
+    message = Message(
+        sender=_agent(claims, "sender"),
+        addressee=_agent(claims, "addressee"),
+        token_id=claims.token("token_id", TOKEN_ID),
+        hop_id=claims.token("hop_id", ID),
+        conversation=claims.token("conversation", NONCE),
+        sequence=claims.integer("sequence", low=1),
+        in_reply_to=claims.token("in_reply_to", _REPLY),
+        schema=claims.name("schema"),
+        body=strict_json.canonical(body),
+        at=claims.integer("at"),
+        not_after=claims.integer("not_after"),
+    )
+    if message.sender == message.addressee:
+        raise malformed("a message to oneself")
+    if len(message.body) > BODY_BYTES:
+        raise malformed(f"a body over {BODY_BYTES} bytes")
+    if not 0 < message.not_after - message.at <= LIFETIME_S:
+        raise malformed(f"it counts for 1 to {LIFETIME_S} s")
+    return message
+
+
+def refusal(message: Message, place: Place, *, at: float, caps: Caps) -> Fault | None:
+    """None when the message is the next one in its place, now; else the first fault ([STM-6]).
+
+    Args:
+        message: opened with the key of the hop that `place` names.
+        place: where it is expected.
+        at: seconds since the epoch.
+        caps: the bounds.
+    """
+    if (message.sender, message.token_id, message.hop_id) != (place.sender, place.token_id, place.hop_id):
+        return Fault(FaultCode.STATEMENT_UNTRUSTED, "STM-6", "not said by this agent under this hop")
+    if message.addressee != place.addressee or message.conversation != place.conversation:
+        return Fault(FaultCode.WRONG_AUDIENCE, "STM-6", "said to another, or in another conversation")
+    if message.sequence <= place.heard:
+        return Fault(FaultCode.REPLAYED, "STM-6", f"{place.heard} messages were heard")
+    if message.sequence != place.heard + 1:
+        return Fault(FaultCode.CHAIN_BROKEN, "STM-6", f"message {place.heard + 1} is missing")
+    if not message.at <= at + caps.skew_s:
+        return Fault(FaultCode.NOT_YET_VALID, "STM-6")
+    if not at < message.not_after:
+        return Fault(FaultCode.EXPIRED, "STM-6")
+    return None
+
+
+def digest_of(text: str) -> str:
+    """SHA-256 (hex) of a message's text: what an answer to it names."""
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def _agent(claims: Claims, name: str) -> str:
+    found = claims.name(name)
+    if found.startswith(grammar.ROLE_PREFIX):
+        raise malformed(f"{name} is a role, not an agent")
+    return found

@@ -1,0 +1,63 @@
+"""Whose key may sign which kind of statement: one role for each kind, and no key has two roles."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from capabilities.statements import (
+    answers,
+    ask,
+    attestation,
+    cell,
+    checkpoint,
+    message,
+    observation,
+    opening,
+    registry,
+    revocation,
+    trust,
+    vote,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class Signer(StrEnum):
+    """Who has a key that signs.
+
+    The first five are the roles of the trust bundle; root and attester sign tokens and no statement. The others are
+    registered with the identity provider, but for the surveyor, whose key a cell's configuration names.
+    """
+
+    ROOT = "root"
+    ATTESTER = "attester"
+    FEED = "feed"
+    REGISTRY = "registry"
+    LEDGER = "ledger"
+    AGENT = "agent"
+    APPROVER = "approver"
+    PEP = "pep"
+    SENSOR = "sensor"
+    SURVEYOR = "surveyor"
+
+
+SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
+    {
+        answers.KIND: Signer.REGISTRY,
+        ask.KIND: Signer.PEP,
+        attestation.KIND: Signer.AGENT,
+        cell.KIND: Signer.SURVEYOR,
+        checkpoint.KIND: Signer.LEDGER,
+        message.KIND: Signer.AGENT,
+        observation.KIND: Signer.SENSOR,
+        opening.KIND: Signer.APPROVER,
+        registry.KIND: Signer.REGISTRY,
+        revocation.KIND: Signer.FEED,
+        trust.KIND: Signer.REGISTRY,
+        vote.KIND: Signer.APPROVER,
+    }
+)
+"""By kind; docs/spec.md part 5 says the same in its table."""

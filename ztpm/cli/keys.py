@@ -1,0 +1,208 @@
+"""`ztpm keys`: the identity provider's own keys over time, on the files of a cell's directory.
+
+Every step writes a new version of the trust bundle. It takes effect when the services of the cell are started again,
+so a step is refused while `ztpm up` runs it. Exit status: 0 done, 1 failure, 2 usage, 3 refused.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import time
+from contextlib import contextmanager
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ztpm.cli.output import DENY, USAGE, console, fail, say_json
+from ztpm.cli.person import Data, Json, layout_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from capabilities.rotation import KeyRecord, KeyRing, Refused
+    from ztpm.key_ring import Step
+    from ztpm.layout import Layout
+
+app = typer.Typer(no_args_is_help=True, help="The identity provider's keys: list, prepare, activate, taint, revoke.")
+
+KeyId = Annotated[str, typer.Argument(metavar="KEY", help="As `ztpm keys list` shows it, e.g. root-2.")]
+
+
+class Of(StrEnum):
+    """The roles, as people say them."""
+
+    ROOT = "root"
+    ATTESTER = "attester"
+    FEED = "feed"
+    REGISTRY = "registry"
+    LEDGER = "ledger"
+
+
+class Curve(StrEnum):
+    """What a key signs with."""
+
+    ED25519 = "ed25519"
+    P256 = "p256"
+
+
+@app.command("list")
+def list_(*, data: Data = None, as_json: Json = False) -> None:
+    """Every key that the provider has or had, and the trust bundle that they make."""
+    from rich.table import Table
+
+    from ztpm import key_ring
+
+    layout = layout_of(data, as_json=as_json)
+    with _failures(as_json=as_json):
+        ring = key_ring.read(layout)
+    if as_json:
+        say_json({"ok": True, **_described(ring), "keys": [_shown(record) for record in ring.records]})
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in ("key", "state", "signs with", "since", "thumbprint"):
+        table.add_column(heading)
+    for record in ring.records:
+        shown = _shown(record)
+        table.add_row(*(str(shown[name]) for name in ("id", "state", "algorithm", "since", "thumbprint")))
+    console.print(table)
+    described = _described(ring)
+    console.print(f"Trust bundle {described['version']}, holds until {described['valid_until']}.")
+
+
+@app.command("prepare")
+def prepare(
+    role: Annotated[Of, typer.Argument(help="What the key will sign.")],
+    *,
+    algorithm: Annotated[
+        Curve, typer.Option(help="Root and attester keys are Ed25519 in this version.")
+    ] = Curve.ED25519,
+    data: Data = None,
+    as_json: Json = False,
+) -> None:
+    """Make a further key of a role: verifiers trust it from the next start on, and it signs nothing yet."""
+    from capabilities import keys
+    from capabilities.windows import Role
+    from ztpm import key_ring
+    from ztpm.cli.passphrase import ask_passphrase
+
+    layout = layout_of(data, as_json=as_json)
+    chosen = keys.Algorithm.P256 if algorithm is Curve.P256 else keys.Algorithm.ED25519
+    if algorithm is Curve.P256 and role in {Of.ROOT, Of.ATTESTER}:
+        fail("ALGORITHM", "what signs tokens is an Ed25519 key in this version", as_json=as_json, status=USAGE)
+    passphrase = ask_passphrase(new=False, as_json=as_json)
+    with _failures(as_json=as_json), _alone(layout, as_json=as_json):
+        answer = key_ring.prepare(layout, Role[role.name], chosen, passphrase=passphrase, at=int(time.time()))
+        _tell(answer, None, layout.trust, as_json=as_json)
+
+
+@app.command("activate")
+def activate(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
+    """The prepared key signs from the next start on; the one that signed is trusted until what it signed is over."""
+    from capabilities import rotation
+
+    _step(rotation.activate, key, layout_of(data, as_json=as_json), as_json=as_json)
+
+
+@app.command("taint")
+def taint(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
+    """Nothing that the retired key signs from now on is accepted. If somebody may have the key, revoke it instead."""
+    from capabilities import rotation
+
+    _step(rotation.taint, key, layout_of(data, as_json=as_json), as_json=as_json)
+
+
+@app.command("revoke")
+def revoke(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
+    """Nothing under the key is accepted any more, for ever."""
+    from capabilities import rotation
+
+    _step(rotation.revoke, key, layout_of(data, as_json=as_json), as_json=as_json)
+
+
+@app.command("renew")
+def renew(*, data: Data = None, as_json: Json = False) -> None:
+    """The same keys in a new trust bundle, which holds for a year."""
+    from ztpm import key_ring
+
+    layout = layout_of(data, as_json=as_json)
+    with _failures(as_json=as_json), _alone(layout, as_json=as_json):
+        _tell(key_ring.renew(layout, at=int(time.time())), "", layout.trust, as_json=as_json)
+
+
+def _step(verb: Step, id_: str, layout: Layout, *, as_json: bool) -> None:
+    from ztpm import key_ring
+
+    with _failures(as_json=as_json), _alone(layout, as_json=as_json):
+        _tell(key_ring.step(layout, verb, id_, at=int(time.time())), id_, layout.trust, as_json=as_json)
+
+
+def _tell(answer: KeyRing | Refused, id_: str | None, trust: Path, *, as_json: bool) -> None:
+    """What was done to the key of this name; None: to the last one, "": to none."""
+    from capabilities.rotation import Refused
+
+    if isinstance(answer, Refused):
+        fail(str(answer.why), answer.detail, as_json=as_json, status=DENY)
+    record = answer.records[-1] if id_ is None else answer.find(id_)
+    described = {**_described(answer), "trust_file": str(trust)}
+    if as_json:
+        say_json({"ok": True, **described, **({} if record is None else {"key": _shown(record)})})
+        return
+    done = "" if record is None else f"{record.id} is {record.state}. "
+    typer.echo(
+        f"{done}Trust bundle {described['version']} in {trust}, until {described['valid_until']}: bring it to every "
+        "verifier, and start the services again."
+    )
+
+
+def _described(ring: KeyRing) -> dict[str, object]:
+    from capabilities.caps import DEFAULT
+
+    bundle = ring.bundle(DEFAULT)
+    return {"issuer": ring.issuer, "version": ring.version, "valid_until": _day(bundle.valid_until)}
+
+
+def _shown(record: KeyRecord) -> dict[str, object]:
+    from capabilities import keys
+
+    steps = (record.prepared_at, record.activated_at, record.retired_at, record.tainted_at, record.revoked_at)
+    return {
+        "id": record.id,
+        "state": str(record.state),
+        "algorithm": str(keys.algorithm_of(record.key)),
+        "since": _day(max(at for at in steps if at is not None)),
+        "thumbprint": keys.thumbprint(record.key),
+    }
+
+
+def _day(at: int) -> str:
+    return dt.datetime.fromtimestamp(at, dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+@contextmanager
+def _alone(layout: Layout, *, as_json: bool) -> Iterator[None]:
+    """No `ztpm up` runs the cell, and no other step is taken meanwhile."""
+    from ztpm.lock import DirectoryLock, LockedError
+
+    try:
+        with DirectoryLock.take(layout.lock):
+            yield
+    except LockedError as error:
+        fail("RUNNING", f"process {error.pid} runs the cell; end it first", as_json=as_json)
+
+
+@contextmanager
+def _failures(*, as_json: bool) -> Iterator[None]:
+    """Files that cannot be read, opened or written end the command."""
+    from capabilities.errors import BadKeyError
+    from ztpm.layout import LayoutError
+
+    try:
+        yield
+    except BadKeyError as error:
+        fail(str(error.code), error.detail, as_json=as_json, status=USAGE)
+    except LayoutError as error:
+        fail("KEYS_UNREADABLE", str(error), as_json=as_json, status=USAGE)
+    except OSError as error:
+        fail("UNWRITABLE", f"{error.filename}: {error.strerror}", as_json=as_json)
