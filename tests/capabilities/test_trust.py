@@ -47,10 +47,14 @@ def test_a_bundle_comes_back_in_one_spelling(bundle):
             mapping[9] = b""
 
 
-def test_a_p256_key_may_have_any_role():
-    raw = keys.public_raw(curve_of("root"))
-    bundle = replace(TRUST, roots={ROOT_ID: raw})
-    assert TrustBundle.from_json(bundle.to_json()).root(ROOT_ID, NOW) == raw
+def test_a_p256_key_may_sign_statements_and_no_token():
+    raw = keys.public_raw(curve_of("feed"))
+    bundle = replace(TRUST, feed=frozenset({raw}))
+    assert TrustBundle.from_json(bundle.to_json()).feed == {raw}
+    for role in ({"roots": {ROOT_ID: raw}}, {"attesters": frozenset({raw})}):
+        with pytest.raises(BadKeyError) as caught:
+            replace(TRUST, **role)
+        assert caught.value.code is FaultCode.KEY_MALFORMED
 
 
 @pytest.mark.parametrize(
