@@ -5,11 +5,14 @@ A person lends a scope to an agent (`mint`), an agent lends part of it on (`dele
 or a socket.
 """
 
-from capabilities.algebra import Narrowing, apply, meet, narrows, stated
+from capabilities.algebra import Narrowing, apply, hop, meet, narrows, stated
+from capabilities.bounds import one_of
+from capabilities.boxes import box
 from capabilities.carriage import token_from_text, token_to_text
 from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, HopGrant, Refusal, Sponsor
 from capabilities.delegate import delegate
 from capabilities.errors import CapabilityError, Fault, FaultCode, ScopeError, StatementError, TokenError
+from capabilities.explanation import Explanation, explain, explanation_to_json, repair
 from capabilities.keys import TrustBundle
 from capabilities.mint import mint
 from capabilities.proof import Proof, check_proof, prove
@@ -22,6 +25,7 @@ __all__ = [
     "CapabilityError",
     "Chain",
     "EvidenceKind",
+    "Explanation",
     "Fault",
     "FaultCode",
     "Grant",
@@ -44,13 +48,19 @@ __all__ = [
     "Verifier",
     "Widening",
     "apply",
+    "box",
     "check_proof",
     "delegate",
+    "explain",
+    "explanation_to_json",
+    "hop",
     "inspect_token",
     "meet",
     "mint",
     "narrows",
+    "one_of",
     "prove",
+    "repair",
     "restriction_from_json",
     "restriction_to_json",
     "scope_from_json",

@@ -1,16 +1,15 @@
-"""What a token allows, as values, and the partial order *narrows*.
+"""What a token allows, as values. Their order and their meet are in `capabilities.algebra`.
 
 A scope has seven dimensions: grants, limits per parameter, tier ceiling, audience, delegates, depth and time window.
-Scopes form a meet-semilattice: the scope of a chain is the meet of its blocks, and a hop must be strictly below its
-parent in grants, limits, ceiling, audience or delegates. All numbers are integers (capabilities.units).
+All numbers are integers (capabilities.units). One meaning has one value: docs/spec.md 1.2 says which.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
-from capabilities.units import Parameter  # noqa: TC001 - a dataclass field: its annotation must resolve
+from capabilities.units import Parameter, Unit  # noqa: TC001 - dataclass fields: their annotations must resolve
 
 
 class Tier(IntEnum):
@@ -33,7 +32,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class OneOf:
-    """Exactly these integers."""
+    """Exactly these integers, which are not consecutive: those are a `Range` (`capabilities.bounds.one_of`)."""
 
     values: frozenset[int]
 
@@ -81,6 +80,15 @@ class Scope:
     depth: int
     not_before: int
     not_after: int
+    _by_pair: dict[tuple[str, str], Grant] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def find(self, object: str, operation: str) -> Grant | None:  # noqa: A002 - the word of the profile
+        """The grant of a pair, or None. The table of the pairs is made once, when it is first asked for."""
+        known = self._by_pair
+        if not known:
+            # Filled in one call, so that no other thread sees half of it.
+            known.update({(grant.object, grant.operation): grant for grant in self.grants})
+        return known.get((object, operation))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +117,14 @@ class Widening:
         dimension: "grants", "limits", "ceiling", "audiences", "delegates", "depth" or "window".
         what: the grant or parameter concerned, e.g. "ur3e/move_joint/speed".
         parent, child: the two bounds as plain JSON values.
+        nearest: what the child could have had here, in the same form: the meet of the two bounds, or, where they have
+            nothing in common, the one permitted value nearest to what was asked. None when nothing is permitted.
+        unit: of the integers of a limit.
     """
 
     dimension: str
     what: str
     parent: object
     child: object
+    nearest: object = None
+    unit: Unit | None = None

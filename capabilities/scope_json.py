@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from capabilities.algebra import bound_to_json, well_formed, well_formed_restriction
+from capabilities.bounds import limits_to_json
 from capabilities.caps import DEFAULT
 from capabilities.errors import FaultCode, ScopeError
 from capabilities.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
+from capabilities.well_formed import well_formed, well_formed_restriction
 
 _DIMENSIONS: Final = ("grants", "ceiling", "audiences", "delegates", "depth", "not_before", "not_after")
 
@@ -57,10 +58,7 @@ def _write_grants(grants: tuple[Grant, ...]) -> list[object]:
         {
             "object": grant.object,
             "operation": grant.operation,
-            "limits": [
-                {"parameter": limit.parameter.name, "unit": str(limit.parameter.unit), **bound_to_json(limit.bound)}
-                for limit in grant.limits
-            ],
+            "limits": limits_to_json(grant.limits),
         }
         for grant in grants
     ]

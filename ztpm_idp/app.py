@@ -86,7 +86,7 @@ def create_app(
 async def _problem(_: Request, error: Exception) -> Response:
     if not isinstance(error, Problem):
         raise TypeError
-    return answer(error.code, error.detail)
+    return answer(error.code, error.detail, error.explanation)
 
 
 async def _unavailable(_: Request, error: Exception) -> Response:

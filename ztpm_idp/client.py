@@ -47,13 +47,16 @@ class ClientError(Exception):
         code: the reason; `UNREACHABLE`, `ANSWER_MALFORMED` and `ASK_CHANGED` are this client's own.
         status: HTTP status, 0 when there was no answer.
         detail: for people.
+        explanation: of `NOT_NARROWER`: `places`, each with `nearest`, `could_narrow`, and `repaired`, the nearest
+            restriction that is accepted (`capabilities.explanation`).
     """
 
-    def __init__(self, code: str, status: int, detail: str = "") -> None:
+    def __init__(self, code: str, status: int, detail: str = "", explanation: dict[str, Any] | None = None) -> None:
         super().__init__(f"{code} ({status}): {detail}")
         self.code = code
         self.status = status
         self.detail = detail
+        self.explanation = explanation
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +157,10 @@ class _Caller:
             return response
         try:
             problem = response.json()
-            code, detail = str(problem["code"]), str(problem.get("detail", ""))
+            code, detail, why = str(problem["code"]), str(problem.get("detail", "")), problem.get("explanation")
         except (ValueError, KeyError, TypeError, AttributeError):
-            code, detail = "ANSWER_MALFORMED", ""
-        raise ClientError(code, response.status_code, detail)
+            code, detail, why = "ANSWER_MALFORMED", "", None
+        raise ClientError(code, response.status_code, detail, why if isinstance(why, dict) else None)
 
     def _json(self, response: httpx2.Response) -> Any:
         try:

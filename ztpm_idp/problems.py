@@ -6,12 +6,16 @@ A stranger gets the code and its fixed title only.
 from __future__ import annotations
 
 import json
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from fastapi.responses import Response
 
 from capabilities.errors import FaultCode
+from capabilities.explanation import explanation_to_json
 from ztpm_idp.domain.codes import Code, IdpCode
+
+if TYPE_CHECKING:
+    from capabilities.explanation import Explanation
 
 MEDIA_TYPE: Final = "application/problem+json"
 
@@ -119,23 +123,29 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
 class Problem(Exception):  # noqa: N818  RFC 9457's word
     """A refusal on its way to the caller."""
 
-    def __init__(self, code: Code, detail: str = "") -> None:
+    def __init__(self, code: Code, detail: str = "", explanation: Explanation | None = None) -> None:
         super().__init__(str(code))
         self.code = code
         self.detail = detail
+        self.explanation = explanation
 
 
-def answer(code: Code, detail: str = "") -> Response:
-    """The problem details of a code. The detail goes only to a caller that is known: for 401 it is left out."""
+def answer(code: Code, detail: str = "", explanation: Explanation | None = None) -> Response:
+    """The problem details of a code, with the member `explanation` where there is one (RFC 9457 section 3.2).
+
+    Detail and explanation go only to a caller that is known: for 401 they are left out.
+    """
     status, title = STATUS.get(code, STATUS[IdpCode.INTERNAL])
     shown = title if status == _UNAUTHORISED or not detail else detail
-    body = {
+    body: dict[str, object] = {
         "type": f"urn:ztpm:problem:{code.value.lower()}",
         "title": title,
         "status": status,
         "code": code.value,
         "detail": shown,
     }
+    if explanation is not None and status != _UNAUTHORISED:
+        body["explanation"] = explanation_to_json(explanation)
     headers = {"Cache-Control": "no-store"}
     if status == _UNAUTHORISED:
         scheme = "invalid_token" if code.value.startswith("TOKEN") else "invalid_dpop_proof"

@@ -143,7 +143,7 @@ class Provider:
         except CapabilityError as error:
             raise Problem(error.code, error.detail) from None
         if isinstance(outcome, Refusal):
-            raise Problem(outcome.code, outcome.detail)
+            raise Problem(outcome.code, outcome.detail, outcome.explanation)
         if done is None:
             raise AssertionError
         self.epochs.told(done.epoch)  # after the commit: nobody is woken for what may still be rolled back

@@ -1,179 +1,43 @@
-"""The laws of the scope algebra."""
+"""The order of scopes and the rule of a hop, by example. Their laws are in tests/properties."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from capabilities import algebra
-from capabilities.algebra import apply, meet, narrows, permits, stated, within
+from capabilities.algebra import apply, hop, meet, narrows, stated, within
+from capabilities.bounds import one_of
 from capabilities.caps import DEFAULT
 from capabilities.errors import CapabilityError, FaultCode, ScopeError, TokenError
+from capabilities.explanation import explain, explanation_to_json, narrowable, repair
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
-from tests.capabilities.world import CELL, MOVE, NOW, OTHER_CELL, READ, SCOPE, SLOWER, SPEED
-
-small = st.integers(-8, 8)
-ranges = st.tuples(small, small).map(lambda ends: Range(min(ends), max(ends)))
-sets = st.frozensets(small, min_size=1, max_size=6).map(OneOf)
-bounds = ranges | sets
-UNIVERSE = range(-10, 11)
-PARAMETERS = tuple(Parameter(f"p{i}", Unit.COUNT) for i in range(3))
-OPERATIONS = {"a": 0, "b": 1, "c": 2, "d": 3}
-
-
-def inside(bound: object) -> set[int]:
-    return set() if bound is None else {value for value in UNIVERSE if permits(bound, value)}
-
-
-@st.composite
-def scopes(draw: st.DrawFn) -> Scope:
-    names = sorted(draw(st.sets(st.sampled_from(sorted(OPERATIONS)), min_size=1)))
-    grants = tuple(
-        Grant("arm", name, tuple(Limit(PARAMETERS[i], draw(bounds)) for i in range(OPERATIONS[name]))) for name in names
-    )
-    start = draw(st.integers(0, 20))
-    return Scope(
-        grants=grants,
-        ceiling=draw(st.sampled_from(Tier)),
-        audiences=draw(st.frozensets(st.sampled_from([CELL, OTHER_CELL]), min_size=1)),
-        delegates=draw(st.frozensets(st.sampled_from(["x", "y", "role:z"]))),
-        depth=draw(st.integers(0, DEFAULT.hops)),
-        not_before=start,
-        not_after=start + draw(st.integers(1, 20)),
-    )
-
-
-@st.composite
-def restrictions(draw: st.DrawFn) -> Restriction:
-    other = draw(scopes())
-    kept = {name: draw(st.booleans()) for name in Restriction.__dataclass_fields__}
-    thinned = tuple(
-        Grant(grant.object, grant.operation, tuple(limit for limit in grant.limits if draw(st.booleans())))
-        for grant in other.grants
-    )
-    values = {name: (thinned if name == "grants" else getattr(other, name)) for name, keep in kept.items() if keep}
-    return Restriction(**values)
-
-
-@given(bounds, bounds)
-def test_meet_is_commutative_and_is_the_intersection(a, b):
-    assert meet(a, b) == meet(b, a)
-    assert inside(meet(a, b)) == inside(a) & inside(b)
-
-
-@given(bounds, bounds, bounds)
-def test_meet_is_associative(a, b, c):
-    def both(x, y):
-        return None if x is None or y is None else meet(x, y)
-
-    assert both(both(a, b), c) == both(a, both(b, c))
-
-
-@given(bounds)
-def test_meet_is_idempotent(a):
-    assert meet(a, a) == a
-
-
-@given(bounds, bounds)
-def test_within_is_subset_and_size_counts(a, b):
-    assert within(a, b) == (inside(a) <= inside(b))
-    assert algebra.size(a) == len(inside(a))
-    if within(a, b):
-        assert inside(meet(a, b)) == inside(a)
-
-
-@given(bounds, st.integers(-12, 12))
-def test_nearest_is_inside_and_nearest(bound, value):
-    found = algebra.nearest(bound, value)
-    assert permits(bound, found)
-    assert all(abs(found - value) <= abs(other - value) for other in inside(bound))
+from tests.capabilities.world import CELL, FORCE, JOINTS, MOVE, NOW, READ, SCOPE, SLOWER, SPEED, STOP, WIDTH
 
 
 def test_a_wide_range_is_not_walked():
     assert not within(Range(0, 2**53), OneOf(frozenset({1, 2})))
 
 
-@given(scopes())
-def test_narrows_is_reflexive_but_not_strictly(scope):
-    found = narrows(scope, scope)
-    assert found.widenings == ()
-    assert found.strict == frozenset()
+def test_what_a_hop_keeps_is_the_very_same():
+    child = stated(SCOPE, SLOWER)
+    assert [grant is SCOPE.find(grant.object, grant.operation) for grant in child.grants] == [False, True, True]
+    assert [limit is above for limit, above in zip(child.grants[0].limits, MOVE.limits, strict=True)] == [
+        True,
+        True,
+        False,
+    ]
 
 
-@given(scopes(), restrictions())
-def test_apply_narrows_and_uses_up_depth(parent, restriction):
-    try:
-        child = apply(parent, restriction)
-    except ScopeError as error:
-        assert error.code in {FaultCode.NOT_NARROWER, FaultCode.TOO_MANY_HOPS}
-        return
-    assert narrows(child, parent).widenings == ()
-    assert child.depth < parent.depth
-    algebra.well_formed(child, DEFAULT)
-
-
-@given(scopes(), restrictions(), restrictions())
-def test_narrowing_is_transitive(parent, first, second):
-    try:
-        child = apply(parent, first)
-        grandchild = apply(child, second)
-    except ScopeError:
-        return
-    assert narrows(grandchild, parent).widenings == ()
-
-
-@given(scopes(), restrictions())
-def test_nowhere_wider_means_stated_is_what_holds(parent, restriction):
-    child = stated(parent, restriction)
-    if (
-        narrows(child, parent).widenings
-        or parent.depth < 1
-        or child.depth >= parent.depth
-        or child.not_before >= child.not_after
-    ):
-        return
-    assert apply(parent, restriction) == child
-
-
-def permitted(scope: Scope, operation: str, values: tuple[int, ...], tier: int, at: int, audience: str) -> bool:
-    grant = next((grant for grant in scope.grants if grant.operation == operation), None)
-    return (
-        grant is not None
-        and len(grant.limits) == len(values)
-        and all(permits(limit.bound, value) for limit, value in zip(grant.limits, values, strict=True))
-        and tier <= scope.ceiling
-        and scope.not_before <= at < scope.not_after
-        and audience in scope.audiences
-    )
-
-
-@settings(max_examples=400)
-@given(scopes(), scopes(), st.data())
-def test_whatever_a_child_permits_its_parent_permits(parent, child, data):
-    if narrows(child, parent).widenings:
-        return
-    for operation, arity in OPERATIONS.items():
-        values = tuple(data.draw(st.integers(-9, 9)) for _ in range(arity))
-        tier, at = data.draw(st.integers(0, 5)), data.draw(st.integers(0, 41))
-        for audience in (CELL, OTHER_CELL):
-            if permitted(child, operation, values, tier, at, audience):
-                assert permitted(parent, operation, values, tier, at, audience)
-
-
-@settings(max_examples=300)
-@given(scopes(), restrictions(), st.data())
-def test_apply_permits_exactly_what_parent_and_restriction_both_permit(parent, restriction, data):
-    try:
-        child = apply(parent, restriction)
-    except ScopeError:
-        return
-    wanted = stated(parent, restriction)
-    for operation, arity in OPERATIONS.items():
-        values = tuple(data.draw(st.integers(-9, 9)) for _ in range(arity))
-        request = (operation, values, data.draw(st.integers(0, 5)), data.draw(st.integers(0, 41)), CELL)
-        assert permitted(child, *request) == (permitted(parent, *request) and permitted(wanted, *request))
+def test_a_grant_is_found_by_its_pair():
+    assert SCOPE.find("ur3e", "stop") is STOP
+    assert SCOPE.find("ur3e", "drill") is None
+    assert SCOPE.find("ur5e", "stop") is None
+    other = replace(SCOPE, grants=(READ,))
+    assert other.find("ur3e", "stop") is None
+    assert other == Scope(**{name: getattr(other, name) for name in Restriction.__dataclass_fields__})
 
 
 @pytest.mark.parametrize(
@@ -232,6 +96,142 @@ def test_apply_refuses_what_leaves_nothing():
         with pytest.raises(ScopeError) as caught:
             apply(SCOPE, restriction)
         assert caught.value.code is FaultCode.NOT_NARROWER
+
+
+def speed(bound) -> Restriction:
+    return Restriction(grants=(Grant("ur3e", "move_joint", (Limit(SPEED, bound),)), READ))
+
+
+@pytest.mark.parametrize(
+    ("restriction", "what", "nearest"),
+    [
+        (speed(Range(1, 1_000_001)), "ur3e/move_joint/speed", {"low": 1, "high": 1_000_000}),
+        (speed(Range(1_000_001, 2_000_000)), "ur3e/move_joint/speed", {"low": 1_000_000, "high": 1_000_000}),
+        (speed(Range(-9, 0)), "ur3e/move_joint/speed", {"low": 1, "high": 1}),
+        (speed(one_of(0, 4, 9, 2_000_000)), "ur3e/move_joint/speed", {"one_of": [4, 9]}),
+        (
+            Restriction(grants=(Grant("ur3e", "gripper_move", (Limit(FORCE, Range(31, 100)),)),)),
+            "ur3e/gripper_move/force",
+            {"low": 40, "high": 40},
+        ),
+        (
+            Restriction(grants=(Grant("ur3e", "gripper_move", (Limit(FORCE, Range(11, 19)),)),)),
+            "ur3e/gripper_move/force",
+            {"low": 10, "high": 10},
+        ),
+        (
+            Restriction(
+                grants=(Grant("ur3e", "gripper_move", (Limit(Parameter("force", Unit.GRAM), Range(1, 2)),)),),
+            ),
+            "ur3e/gripper_move",
+            [
+                {"parameter": "width", "unit": "um", "low": 0, "high": 85_000},
+                {"parameter": "force", "unit": "mN", "one_of": [10, 20, 40]},
+            ],
+        ),
+        (Restriction(grants=(Grant("ur3e", "drill"), READ)), "ur3e/drill", None),
+        (Restriction(ceiling=Tier.SAFETY_CRITICAL), "ceiling", 3),
+        (Restriction(audiences=frozenset({CELL, "http://127.0.0.1:9002/mcp"})), "audiences", [CELL]),
+        (Restriction(audiences=frozenset({"http://127.0.0.1:9002/mcp"})), "audiences", None),
+        (Restriction(delegates=frozenset({"stranger"})), "delegates", []),
+        (Restriction(depth=4), "depth", 3),
+        (Restriction(not_after=NOW + 9_000), "window", [NOW - 60, NOW + 3_000]),
+        (Restriction(not_before=NOW + 5_000, not_after=NOW + 9_000), "window", [NOW + 2_999, NOW + 3_000]),
+        (Restriction(not_before=0, not_after=5), "window", [NOW - 60, NOW - 59]),
+        (Restriction(not_before=NOW, not_after=NOW, ceiling=Tier.REVERSIBLE), "window", [NOW, NOW + 1]),
+    ],
+)
+def test_the_nearest_is_told(restriction, what, nearest):
+    told = explain(SCOPE, restriction)
+    assert [(place.what, place.nearest) for place in told.widenings] == [(what, nearest)]
+    assert what in told.sentence or "axis" in told.sentence
+    assert explanation_to_json(told)["places"][0]["nearest"] == nearest
+
+
+def test_an_axis_is_told_by_its_vector():
+    wide = Restriction(grants=(Grant("ur3e", "move_joint", (Limit(JOINTS[1], Range(0, 4_000_000)),)),))
+    (place,) = explanation_to_json(explain(SCOPE, wide))["places"]
+    assert (place["vector"], place["axis"], place["unit"]) == ("ur3e/move_joint/q", 1, "urad")
+
+
+def test_the_bounds_are_told_in_the_sentence():
+    sentence = explain(SCOPE, speed(Range(0, 2_000_000))).sentence
+    for figure in ("ur3e/move_joint/speed", "0 to 2000000", "1 to 1000000", "urad_s"):
+        assert figure in sentence
+
+
+def test_a_long_refusal_is_one_short_sentence():
+    many = Restriction(
+        grants=tuple(Grant("ur3e", f"x{i:02}") for i in range(60)),
+        audiences=frozenset(f"http://127.0.0.1:{port}/mcp" for port in range(1_000, 1_060)),
+    )
+    told = explain(SCOPE, many)
+    assert len(told.widenings) == 61
+    assert len(told.sentence) < 400
+
+
+def test_nothing_taken_away_is_told():
+    told = explain(SCOPE, Restriction(depth=0, not_after=NOW + 5))
+    assert told.widenings == ()
+    assert told.could_narrow == ("grants", "limits", "ceiling", "audiences", "delegates") == narrowable(SCOPE)
+    assert told.repaired is None
+    assert all(dimension in told.sentence for dimension in told.could_narrow)
+    least = replace(SCOPE, grants=(STOP,), ceiling=Tier.NO_EFFECT, audiences=frozenset({CELL}), delegates=frozenset())
+    assert explain(least, Restriction()).could_narrow == ()
+
+
+def test_no_depth_left_is_told():
+    told = explain(replace(SCOPE, depth=0), SLOWER)
+    assert [(place.dimension, place.nearest) for place in told.widenings] == [("depth", None)]
+    assert told.repaired is None
+
+
+@pytest.mark.parametrize(
+    ("restriction", "repaired"),
+    [
+        (SLOWER, SLOWER),
+        (speed(Range(0, 500_000)), speed(Range(1, 500_000))),
+        (speed(Range(0, 2_000_000)), Restriction(grants=(Grant("ur3e", "move_joint"), READ))),
+        (
+            Restriction(grants=(Grant("ur3e", "drill"), READ), ceiling=Tier.SAFETY_CRITICAL, depth=8),
+            Restriction(grants=(READ,)),
+        ),
+        # What has nothing in common with the parent goes, with the grant that it stands in.
+        (speed(Range(2_000_000, 3_000_000)), Restriction(grants=(READ,))),
+        (
+            Restriction(delegates=frozenset({"vision", "stranger"}), not_after=NOW + 9_000),
+            Restriction(delegates=frozenset({"vision"})),
+        ),
+        # Without what is too much nothing is taken away, or nothing is left.
+        (Restriction(ceiling=Tier.SAFETY_CRITICAL), None),
+        (Restriction(grants=(Grant("ur3e", "drill"),)), None),
+        (Restriction(audiences=frozenset({"http://127.0.0.1:9002/mcp"})), None),
+        (Restriction(ceiling=Tier.REVERSIBLE, not_before=NOW + 9_000, not_after=NOW + 9_009), None),
+        (Restriction(), None),
+    ],
+)
+def test_the_nearest_restriction_that_is_accepted(restriction, repaired):
+    assert repair(SCOPE, restriction) == repaired
+    if repaired is not None:
+        assert isinstance(hop(SCOPE, repaired), Scope)
+
+
+def test_an_equal_set_is_not_less():
+    """A parent that holds a set and a child with the range of the same integers, and the other way round."""
+    three = replace(SCOPE, grants=(Grant("ur3e", "gripper_move", (Limit(WIDTH, OneOf(frozenset({3, 4, 5}))),)),))
+    span = replace(SCOPE, grants=(Grant("ur3e", "gripper_move", (Limit(WIDTH, Range(3, 5)),)),))
+    for child, parent in ((three, span), (span, three)):
+        found = narrows(child, parent)
+        assert (found.widenings, found.strict) == ((), frozenset())
+    assert meet(three, span) == span
+    with pytest.raises(ScopeError) as caught:
+        algebra.well_formed(three, DEFAULT)
+    assert caught.value.code is FaultCode.STATEMENT_MALFORMED
+
+
+def test_another_signature_meets_in_nothing():
+    other = replace(SCOPE, grants=(Grant("ur3e", "stop", (Limit(SPEED, Range(1, 2)),)),))
+    assert meet(other, replace(SCOPE, grants=(STOP,))) is None
 
 
 def test_the_error_tree_has_one_root():

@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from capabilities import algebra, biscuit
 from capabilities.biscuit import Answer, Probe
+from capabilities.bounds import one_of
 from capabilities.caps import DEFAULT
 from capabilities.chain import Chain
 from capabilities.errors import CapabilityError, FaultCode
 from capabilities.request import disagreement
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, Forge, add_hop, check, mint_root, raw_of
 
@@ -23,7 +24,7 @@ AGENTS = ("robotic", "vision", "gripper")
 numbers = st.integers(-6, 6)
 bounds = st.tuples(numbers, numbers).map(lambda ends: Range(min(ends), max(ends))) | st.frozensets(
     numbers, min_size=1, max_size=4
-).map(OneOf)
+).map(lambda values: one_of(*values))
 
 
 def inner(bound):
@@ -31,7 +32,7 @@ def inner(bound):
     values = sorted(value for value in range(-7, 8) if algebra.permits(bound, value))
     return st.one_of(
         st.just(bound),
-        st.frozensets(st.sampled_from(values), min_size=1).map(OneOf),
+        st.frozensets(st.sampled_from(values), min_size=1).map(lambda some: one_of(*some)),
         st.tuples(st.sampled_from(values), st.sampled_from(values))
         .map(lambda ends: Range(min(ends), max(ends)))
         .filter(lambda child: algebra.within(child, bound)),

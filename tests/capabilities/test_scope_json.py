@@ -5,24 +5,12 @@ from __future__ import annotations
 import copy
 
 import pytest
-from hypothesis import given
 
 from capabilities.errors import FaultCode, ScopeError
 from capabilities.scope import Restriction
 from capabilities.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
 from capabilities.units import INT_LIMIT
-from tests.capabilities.test_algebra import restrictions, scopes
 from tests.capabilities.world import QUIETER, SCOPE, SLOWER
-
-
-@given(scopes())
-def test_a_scope_comes_back(scope):
-    assert scope_from_json(scope_to_json(scope)) == scope
-
-
-@given(restrictions())
-def test_a_restriction_comes_back(restriction):
-    assert restriction_from_json(restriction_to_json(restriction)) == restriction
 
 
 def test_examples_come_back():
@@ -96,6 +84,10 @@ BAD = [
     (("grants", 0, "limits", 1, "one_of"), []),
     (("grants", 0, "limits", 1, "one_of"), [20, 10]),
     (("grants", 0, "limits", 1, "one_of"), [10, 10]),
+    (("grants", 0, "limits", 1, "one_of"), [10]),
+    (("grants", 0, "limits", 1, "one_of"), [10, 11, 12]),
+    (("grants", 0, "limits", 1, "one_of"), [True, 10]),
+    (("grants", 0, "limits", 1, "one_of"), [10, 20.0]),
     (("grants", 0, "limits", 1, "one_of"), list(range(65))),
     (("grants", 0, "limits", 1, "parameter"), "width"),  # twice
     (("grants", 0), None),

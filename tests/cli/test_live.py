@@ -75,6 +75,21 @@ def test_an_agents_life(run, live, tmp_path):
     nothing = tmp_path / "nothing.json"
     nothing.write_text("{}")
     assert refused(*pass_on, "--restriction", nothing, "--out", tmp_path / "x") == (3, "NOT_NARROWER")
+    told = run(*pass_on, "--restriction", nothing, "--out", tmp_path / "x", *data, "--json").json
+    assert told["explanation"]["could_narrow"] == ["grants", "limits", "ceiling", "delegates"]
+    more = arm_only(speed_high=9_000_000)
+    nothing.write_text(json.dumps(restriction_to_json(more)))
+    told = run(*pass_on, "--restriction", nothing, "--out", tmp_path / "x", *data)
+    assert told.status == 3
+    assert "NOT_NARROWER" in told.err
+    assert "9000000" in told.err  # what was asked ...
+    assert "1050000" in told.err  # ... and what is permitted
+    explained = run(*pass_on, "--restriction", nothing, "--out", tmp_path / "x", *data, "--json").json["explanation"]
+    (place,) = explained["places"]
+    assert place["nearest"] == {"low": 0, "high": 1_050_000}
+    assert json.dumps(explained["repaired"]) in told.err
+    nothing.write_text(json.dumps(explained["repaired"]))
+    done(*pass_on, "--restriction", nothing, "--out", tmp_path / "repaired.token")
     nothing.write_text('{"grants": 1, "grants": 2}')
     assert refused(*pass_on, "--restriction", nothing, "--out", tmp_path / "x") == (2, "STATEMENT_MALFORMED")
     told = run("token", "inspect", second, "--trust", live.layout.trust, "--json")

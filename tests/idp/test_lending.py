@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -10,11 +12,15 @@ from capabilities import keys
 from capabilities.algebra import narrows
 from capabilities.caps import DEFAULT
 from capabilities.chain import Chain
+from capabilities.errors import FaultCode
+from capabilities.explanation import explain, explanation_to_json
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Tier
+from capabilities.scope_json import restriction_from_json
 from capabilities.statements import attestation
 from capabilities.statements.revocation import RevocationView
 from capabilities.verify import token_from_text, verify
 from tests.idp.world import AUDIENCE, LOWER, MEASUREMENT, MOVE_TO, SLOWER, SPEED, World
+from ztpm_idp import problems
 from ztpm_idp.client import Agent, ClientError, Evidence, delegate_request, issue_request
 
 NOTHING_REVOKED = RevocationView(epoch=0, age_ms=0, revoked=frozenset())
@@ -77,11 +83,31 @@ def test_wider_or_equal_is_refused_and_kept_in_the_ledger(world, restriction):
     planner, mover, lent = tree(world)
     error = refused(planner.delegate, lent.token, mover, restriction, purpose="more")
     assert (error.code, error.status) == ("NOT_NARROWER", 403)
+    # The holder is told every place and what could be had, and what is told is accepted.
+    scope = chain_of(world, lent.token).scope
+    assert error.explanation == explanation_to_json(explain(scope, restriction))
+    assert error.detail == error.explanation["sentence"]
+    assert error.explanation["places"] or error.explanation["could_narrow"]
     kept = world.people["alice"].export_ledger()
     assert b'"kind":"delegation-refused"' in kept
     assert b'"code":"NOT_NARROWER"' in kept
+    (entry,) = (
+        line for line in map(json.loads, kept.splitlines()) if b"delegation-refused" in json.dumps(line).encode()
+    )
+    told = {"dimension", "what", "parent", "child", "nearest"}
+    places = [{name: place[name] for name in told} for place in error.explanation["places"]]
+    assert json.dumps(places, sort_keys=True) in json.dumps(entry, sort_keys=True)
+    if error.explanation["repaired"] is not None:
+        planner.delegate(lent.token, mover, restriction_from_json(error.explanation["repaired"]), purpose="less")
     # Nothing half done: the same evidence's nonce is unspent, so a proper request by the same agents works.
     planner.delegate(lent.token, mover, SLOWER, purpose="less")
+
+
+def test_a_stranger_is_told_nothing_of_the_scope(world):
+    _, _, lent = tree(world)
+    why = explain(chain_of(world, lent.token).scope, Restriction())
+    assert "explanation" in json.loads(problems.answer(FaultCode.NOT_NARROWER, "x", why).body)
+    assert "explanation" not in json.loads(problems.answer(FaultCode.CHAIN_BROKEN, "x", why).body)
 
 
 bounds = st.one_of(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Mapping
 from typing import Final, NoReturn
 
 import typer
@@ -34,10 +35,12 @@ def plain(text: str) -> str:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
-def fail(code: str, sentence: str, *, as_json: bool, status: int = FAILURE) -> NoReturn:
-    """The command ends with a reason code and a sentence."""
+def fail(
+    code: str, sentence: str, *, as_json: bool, status: int = FAILURE, more: Mapping[str, object] | None = None
+) -> NoReturn:
+    """The command ends with a reason code and a sentence; `more` is told by machine alone."""
     if as_json:
-        say_json({"ok": False, "code": code, "detail": sentence})
+        say_json({"ok": False, "code": code, "detail": sentence, **(more or {})})
     else:
         typer.echo(f"{code}: {sentence}", err=True)
     raise typer.Exit(status)

@@ -6,6 +6,7 @@ The key comes from a cell's directory (`--data DIR --as NAME`), or from a file o
 
 from __future__ import annotations
 
+import json
 import re
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, Protocol, cas
 
 import typer
 
-from ztpm.cli.output import DENY, FAILURE, USAGE, fail
+from ztpm.cli.output import DENY, FAILURE, USAGE, fail, plain
 from ztpm.cli.passphrase import ask_passphrase
 
 if TYPE_CHECKING:
@@ -168,4 +169,9 @@ def refusals(*, as_json: bool) -> Iterator[None]:
 def refuse(error: Any, *, as_json: bool) -> NoReturn:
     """The command ends as the provider's answer says."""
     status = DENY if 400 <= error.status < 500 else FAILURE
-    fail(error.code, error.detail or "refused by the identity provider", as_json=as_json, status=status)
+    sentence, why = error.detail or "refused by the identity provider", error.explanation
+    if why is None:
+        fail(error.code, sentence, as_json=as_json, status=status)
+    if not as_json and (less := why.get("repaired")) is not None:
+        sentence += f"\nAccepted would be: {plain(json.dumps(less))}"
+    fail(error.code, sentence, as_json=as_json, status=status, more={"explanation": why})

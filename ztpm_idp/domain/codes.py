@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from capabilities.errors import FaultCode
 
 if TYPE_CHECKING:
+    from capabilities.explanation import Explanation
     from ztpm_idp.domain.events import Event
 
 
@@ -86,8 +87,10 @@ class Refusal:
         detail: for the caller, once authenticated, and for the record; holds no token, no key and no text of a
             stranger.
         recorded: what is kept of the attempt, for refusals that the ledger must show.
+        explanation: of `NOT_NARROWER`, for the holder whose scope it compares with.
     """
 
     code: Code
     detail: str = ""
     recorded: tuple[Event, ...] = ()
+    explanation: Explanation | None = None

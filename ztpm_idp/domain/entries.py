@@ -80,7 +80,13 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
                 "delegate": event.delegate,
                 "code": event.code,
                 "widenings": [
-                    {"dimension": w.dimension, "what": w.what, "parent": w.parent, "child": w.child}
+                    {
+                        "dimension": w.dimension,
+                        "what": w.what,
+                        "parent": w.parent,
+                        "child": w.child,
+                        "nearest": w.nearest,
+                    }
                     for w in event.widenings
                 ],
                 "signed": _signed(event.signed),

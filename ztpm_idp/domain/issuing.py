@@ -5,11 +5,13 @@ What comes out is what the token's block will say.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from capabilities import block, links
 from capabilities.chain import Attestation, Chain, HopGrant, Sponsor
-from capabilities.errors import CapabilityError, Fault, FaultCode, TokenError
+from capabilities.errors import CapabilityError, Fault, FaultCode
+from capabilities.explanation import explain
 from capabilities.statements.revocation import RevocationView
 from capabilities.verify import Verifier
 from ztpm_idp.domain.attestation import judge, may_receive
@@ -92,11 +94,8 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
         block.well_formed(added, rules.caps)
         leaf = links.next_hop(chain.hops, added, reserved=rules.own_keys, caps=rules.caps)
         links.check_lifetimes((*chain.hops, leaf), rules.caps)
-    except TokenError as error:
-        wider = ", ".join(widening.what for widening in error.widenings)
-        return _kept(Refusal(error.code, f"{error.detail}: {wider}" if wider else error.detail), chain, command, error)
     except CapabilityError as error:
-        return _kept(Refusal(error.code, error.detail), chain, command)
+        return _kept(_told(error, chain, command), chain, command)
     if (over := _over(rules, leaf.scope, at_ms)) is not None:
         return _kept(over, chain, command)
     return (shown.spent, TokenDelegated(chain, hop, command.restriction, leaf.scope, command.evidence, command.signed))
@@ -145,7 +144,14 @@ def _hop(
     )
 
 
-def _kept(refusal: Refusal, chain: Chain, command: Delegate, error: TokenError | None = None) -> Refusal:
+def _told(error: CapabilityError, chain: Chain, command: Delegate) -> Refusal:
+    """The refusal; where it asks for too much or takes nothing away, with the places and what could be had."""
+    if error.code is FaultCode.NOT_NARROWER and (why := explain(chain.scope, command.restriction)) is not None:
+        return Refusal(error.code, why.sentence, explanation=why)
+    return Refusal(error.code, error.detail)
+
+
+def _kept(refusal: Refusal, chain: Chain, command: Delegate) -> Refusal:
     """The refusal, with what the ledger keeps of the attempt."""
     attempt = DelegationRefused(
         token_id=chain.token_id,
@@ -153,7 +159,7 @@ def _kept(refusal: Refusal, chain: Chain, command: Delegate, error: TokenError |
         holder=chain.leaf.agent,
         delegate=command.delegate,
         code=refusal.code.value,
-        widenings=() if error is None else error.widenings,
+        widenings=() if refusal.explanation is None else refusal.explanation.widenings,
         signed=command.signed,
     )
-    return Refusal(refusal.code, refusal.detail, (attempt,))
+    return replace(refusal, recorded=(attempt,))

@@ -1,0 +1,111 @@
+"""What every scope and restriction must be, whatever it says: docs/spec.md 1.1 and 1.2."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, assert_never
+
+from capabilities import text
+from capabilities.bounds import canonical
+from capabilities.errors import FaultCode, ScopeError
+from capabilities.scope import Bound, Grant, OneOf, Range, Restriction, Scope, Tier
+from capabilities.units import INT_LIMIT
+
+if TYPE_CHECKING:
+    from capabilities.caps import Caps
+
+__all__ = ["TIME_LIMIT", "well_formed", "well_formed_restriction"]
+
+TIME_LIMIT: Final = 253_402_300_800
+"""First second of the year 10000: no time in a token reaches it."""
+
+
+def well_formed(scope: Scope, caps: Caps) -> Scope:
+    """The scope itself, when it keeps every rule of the profile (docs/spec.md, [TOK-6]).
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` for shape, `OUT_OF_RANGE` for a number.
+    """
+    if not scope.grants:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without grants")
+    _check_grants(scope.grants, caps)
+    if not scope.audiences:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without audience")
+    _check_names(scope.audiences, scope.delegates, caps)
+    _integer(scope.ceiling, 0, max(Tier), "ceiling")
+    _integer(scope.depth, 0, caps.hops, "depth")
+    _integer(scope.not_before, 0, TIME_LIMIT, "not_before")
+    _integer(scope.not_after, scope.not_before + 1, TIME_LIMIT, "not_after")
+    return scope
+
+
+def well_formed_restriction(restriction: Restriction, caps: Caps) -> Restriction:
+    """The restriction itself, when each dimension that it states keeps the rules of the profile.
+
+    Raises:
+        ScopeError: as `well_formed`.
+    """
+    if restriction.grants is not None:
+        if not restriction.grants:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no grant at all")
+        _check_grants(restriction.grants, caps)
+    if restriction.audiences is not None and not restriction.audiences:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no audience at all")
+    _check_names(restriction.audiences or frozenset(), restriction.delegates or frozenset(), caps)
+    for value, most, what in (
+        (restriction.ceiling, int(max(Tier)), "ceiling"),
+        (restriction.depth, caps.hops, "depth"),
+        (restriction.not_before, TIME_LIMIT, "not_before"),
+        (restriction.not_after, TIME_LIMIT, "not_after"),
+    ):
+        if value is not None:
+            _integer(value, 0, most, what)
+    return restriction
+
+
+def _integer(value: object, low: int, high: int, what: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"{what} outside {low}..{high}")
+
+
+def _check_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
+    if len(grants) > caps.grants:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {caps.grants} grants")
+    pairs = [(grant.object, grant.operation) for grant in grants]
+    if pairs != sorted(set(pairs)):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "grants not sorted by object and operation, or one twice")
+    for grant in grants:
+        text.name(grant.object, most_bytes=caps.text_bytes)
+        text.name(grant.operation, most_bytes=caps.text_bytes)
+        if len(grant.limits) > caps.parameters:
+            raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {caps.parameters} parameters")
+        names = [limit.parameter.name for limit in grant.limits]
+        if len(names) != len(set(names)):
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a parameter twice")
+        for limit in grant.limits:
+            text.name(limit.parameter.name, most_bytes=caps.text_bytes)
+            _check_bound(limit.bound, caps)
+
+
+def _check_bound(bound: Bound, caps: Caps) -> None:
+    match bound:
+        case Range(low, high):
+            _integer(low, -INT_LIMIT, INT_LIMIT, "low")
+            _integer(high, low, INT_LIMIT, "high")
+        case OneOf(values):
+            if not 1 <= len(values) <= caps.one_of:
+                raise ScopeError(FaultCode.OUT_OF_RANGE, f"a set of none or more than {caps.one_of} values")
+            for value in values:
+                _integer(value, -INT_LIMIT, INT_LIMIT, "value")
+            if canonical(bound) != bound:
+                raise ScopeError(FaultCode.STATEMENT_MALFORMED, "consecutive values are a range")
+        case _:
+            assert_never(bound)
+
+
+def _check_names(audiences: frozenset[str], delegates: frozenset[str], caps: Caps) -> None:
+    if max(len(audiences), len(delegates)) > caps.one_of:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {caps.one_of} audiences or delegates")
+    for audience in audiences:
+        text.url(audience, most_bytes=caps.text_bytes)
+    for delegate in delegates:
+        text.delegate(delegate, most_bytes=caps.text_bytes)

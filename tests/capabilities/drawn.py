@@ -1,0 +1,160 @@
+"""Strategies for scopes: small enough that two of them often touch, and drawn to the edges of one another."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+from capabilities.algebra import stated
+from capabilities.bounds import one_of, permits, within
+from capabilities.caps import DEFAULT
+from capabilities.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.units import INT_LIMIT, Parameter, Unit
+from evaluation.tokens.laws import Request
+from tests.capabilities.world import CELL, OTHER_CELL
+
+small = st.integers(-8, 8)
+extreme = st.sampled_from([-INT_LIMIT, 1 - INT_LIMIT, -1, 0, 1, INT_LIMIT - 1, INT_LIMIT])
+numbers = small | small | extreme
+ranges = st.tuples(numbers, numbers).map(lambda ends: Range(min(ends), max(ends)))
+sets = st.frozensets(numbers, min_size=1, max_size=6).map(lambda values: one_of(*values))
+bounds = ranges | sets
+loose_bounds = bounds | st.builds(Range, numbers, numbers) | st.frozensets(numbers, max_size=4).map(OneOf)
+"""Empty bounds and sets of consecutive integers as well: what no scope may hold, and no function may stumble over."""
+UNIVERSE = range(-10, 11)
+PARAMETERS = tuple(Parameter(f"p{i}", Unit.COUNT) for i in range(3))
+OPERATIONS = {"a": 0, "b": 1, "c": 2, "d": 3}
+AUDIENCES = (CELL, OTHER_CELL, "http://127.0.0.1:9002/mcp")
+DELEGATES = ("x", "y", "role:z")
+
+
+def edges(bound: Bound) -> list[int]:
+    """Each end and member, and its neighbours."""
+    ends = (bound.low, bound.high) if isinstance(bound, Range) else sorted(bound.values)
+    return sorted({near for end in ends for near in (end - 1, end, end + 1) if abs(near) <= INT_LIMIT})
+
+
+@st.composite
+def bounds_near(draw: st.DrawFn, bound: Bound) -> Bound:
+    """The bound itself, or one whose ends are at its edges."""
+    at = st.sampled_from(edges(bound))
+    return draw(
+        st.one_of(
+            st.just(bound),
+            st.tuples(at, at).map(lambda ends: Range(min(ends), max(ends))),
+            st.frozensets(at, min_size=1, max_size=4).map(lambda values: one_of(*values)),
+            bounds,
+        )
+    )
+
+
+@st.composite
+def scopes(draw: st.DrawFn) -> Scope:
+    names = sorted(draw(st.sets(st.sampled_from(sorted(OPERATIONS)), min_size=1)))
+    grants = tuple(
+        Grant("arm", name, tuple(Limit(PARAMETERS[i], draw(bounds)) for i in range(OPERATIONS[name]))) for name in names
+    )
+    start = draw(st.integers(0, 20))
+    return Scope(
+        grants=grants,
+        ceiling=draw(st.sampled_from(Tier)),
+        audiences=draw(st.frozensets(st.sampled_from(AUDIENCES), min_size=1)),
+        delegates=draw(st.frozensets(st.sampled_from(DELEGATES))),
+        depth=draw(st.integers(0, DEFAULT.hops)),
+        not_before=start,
+        not_after=start + draw(st.integers(1, 20)),
+    )
+
+
+@st.composite
+def restrictions(draw: st.DrawFn) -> Restriction:
+    """Any restriction, of whatever scope."""
+    other = draw(scopes())
+    kept = {name: draw(st.booleans()) for name in Restriction.__dataclass_fields__}
+    thinned = tuple(
+        Grant(grant.object, grant.operation, tuple(limit for limit in grant.limits if draw(st.booleans())))
+        for grant in other.grants
+    )
+    values = {name: (thinned if name == "grants" else getattr(other, name)) for name, keep in kept.items() if keep}
+    return Restriction(**values)
+
+
+@st.composite
+def bounds_inside(draw: st.DrawFn, bound: Bound) -> Bound:
+    """A bound within this one, mostly at its edges."""
+    at = st.sampled_from([value for value in edges(bound) if permits(bound, value)])
+    inner = st.tuples(at, at).map(lambda ends: Range(min(ends), max(ends)))
+    some = st.frozensets(at, min_size=1, max_size=4).map(lambda values: one_of(*values))
+    return draw(st.just(bound) | some | inner.filter(lambda child: within(child, bound)))
+
+
+@st.composite
+def restrictions_near(draw: st.DrawFn, parent: Scope) -> Restriction:
+    """A restriction that takes a little from `parent` or leaves it as it is; half of them also ask for a little more."""
+    greedy = draw(st.booleans())
+
+    def rarely() -> bool:
+        return greedy and draw(st.integers(0, 4)) == 0
+
+    def step(value: int, less: int, low: int, high: int) -> int:
+        ways = [0, less, -less] if greedy else [0, less]
+        return min(max(value + draw(st.sampled_from(ways)), low), high)
+
+    def names(held: frozenset[str], all_: tuple[str, ...], least: int) -> frozenset[str]:
+        few = frozenset(name for name in sorted(held) if draw(st.integers(0, 3)))
+        more = few | {draw(st.sampled_from(all_))} if rarely() else few
+        return more if len(more) >= least else held
+
+    near = bounds_near if greedy else bounds_inside
+    grants = []
+    for grant in parent.grants:
+        if len(parent.grants) > 1 and draw(st.integers(0, 3)) == 0:
+            continue
+        limits = [Limit(limit.parameter, draw(near(limit.bound))) for limit in grant.limits if draw(st.booleans())]
+        if rarely():
+            limits.append(Limit(Parameter("other", Unit.GRAM), draw(bounds)))
+        grants.append(Grant(grant.object, grant.operation, tuple(limits)))
+    if rarely():
+        grants.append(Grant("arm", "z", ()))
+    stated_grants = tuple(grants) or None
+    return Restriction(
+        grants=draw(st.sampled_from([None, stated_grants, stated_grants])),
+        ceiling=draw(st.none() | st.just(Tier(step(parent.ceiling, -1, 0, 4)))),
+        audiences=draw(st.none() | st.just(names(parent.audiences, AUDIENCES, 1))),
+        delegates=draw(st.none() | st.just(names(parent.delegates, DELEGATES, 0))),
+        depth=draw(st.none() | st.just(step(max(parent.depth, 1) - 1, -1, 0, 8))),
+        not_before=draw(st.none() | st.just(step(parent.not_before, 1, 0, 99))),
+        not_after=draw(st.none() | st.just(step(parent.not_after, -1, 0, 99))),
+    )
+
+
+@st.composite
+def families(draw: st.DrawFn, count: int) -> tuple[Scope, ...]:
+    """Scopes of which each is often a little below the one before, or above it, or the same."""
+    family = [draw(scopes())]
+    while len(family) < count:
+        last = family[-1]
+        child = stated(last, draw(restrictions_near(last)))
+        well = child.depth >= 0 and child.not_before < child.not_after
+        family.append(draw(st.sampled_from([child, child, child, last])) if well else draw(scopes()))
+    return tuple(draw(st.permutations(family)))
+
+
+@st.composite
+def requests(draw: st.DrawFn, *scopes_: Scope) -> Request:
+    """A request at the edges of what these scopes permit."""
+    scope = draw(st.sampled_from(scopes_))
+    grant = draw(st.sampled_from(scope.grants))
+    values = tuple(draw(st.sampled_from(edges(limit.bound)) | small) for limit in grant.limits)
+    if draw(st.integers(0, 19)) == 0:
+        values = (*values, 0)
+    at = draw(st.sampled_from([scope.not_before - 1, scope.not_before, scope.not_after - 1, scope.not_after]))
+    return Request(
+        (grant.object, grant.operation), values, draw(st.integers(0, 5)), at, draw(st.sampled_from(AUDIENCES))
+    )
+
+
+@st.composite
+def hops(draw: st.DrawFn) -> tuple[Scope, Restriction]:
+    """A parent and a restriction, mostly of that very parent."""
+    parent = draw(scopes())
+    return parent, draw(restrictions_near(parent) | restrictions_near(parent) | restrictions())
