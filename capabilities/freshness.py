@@ -21,9 +21,9 @@ class Memory(Enum):
     """What a verifier that starts knows of the proofs that an earlier process accepted."""
 
     KEPT = "kept"
-    """Every proof that had an effect: they come back from a durable record."""
+    """Every proof that had an effect in the last `retention_ms`, whichever process took it, from a durable record."""
     LOST = "lost"
-    """Nothing."""
+    """Less than that: the record is missing, cut, or younger than that."""
 
 
 def stale(iat: int, *, at: float, caps: Caps) -> Fault | None:
@@ -42,8 +42,8 @@ def stale(iat: int, *, at: float, caps: Caps) -> Fault | None:
 def earliest_iat_s(started_s: float, *, memory: Memory, caps: Caps) -> int:
     """The earliest `iat` that a verifier accepts which started at `started_s` ([PRF-8]), seconds since the epoch.
 
-    Rounded up, since a proof counts whole seconds: one made before the start must not pass for one made after it. A
-    verifier that remembers nothing adds the skew twice: an earlier process may have accepted proofs from that far in
+    The first whole second after the start, since a proof counts whole seconds: one made before the start must not pass
+    for one made after it. A verifier that remembers nothing adds the skew twice: an earlier process may have accepted proofs from that far in
     the future, and its time may have been that far ahead of the present one.
 
     Args:
@@ -52,7 +52,7 @@ def earliest_iat_s(started_s: float, *, memory: Memory, caps: Caps) -> int:
         caps: the skew.
     """
     lost_s = 2 * caps.skew_s if memory is Memory.LOST else 0
-    return math.ceil(started_s) + lost_s
+    return math.floor(started_s) + 1 + lost_s
 
 
 def before_start(iat: int, *, earliest_s: float) -> Fault | None:
