@@ -405,6 +405,35 @@ def test_without_a_static_key_the_middle_can_answer_but_reaches_no_verifier():
         assert code(verifier.open(frame, at=NOW)) == (FaultCode.PROOF_WRONG_KEY, "SES-7")
 
 
+@pytest.mark.parametrize("signer", ["pep", "eve"])
+def test_a_signature_that_nobody_asked_for_is_none(signer):
+    """The holder could not check it, so an answer that carries one is not the one that was agreed on."""
+    pending = begun(verifier_key=None)
+    transcript = agreement.Transcript(
+        audience=CELL,
+        token=pending.token,
+        proof=hashlib.sha256(pending.proof.encode()).digest(),
+        holder_key=raw_of("gripper"),
+        verifier_key=b"",
+        holder_public=agreement.public_of(seeded("holder")),
+        holder_nonce=pending.nonce,
+        verifier_public=agreement.public_of(seeded("verifier")),
+        verifier_nonce=seeded("verifier nonce"),
+        not_after=ENDS,
+    )
+    derived = agreement.derive(agreement.agree(seeded("verifier"), transcript.holder_public), transcript)
+    for signature in (
+        "",
+        jws.sign(
+            {"kid": keys.thumbprint(raw_of(signer)), "typ": agreement.ANSWER_TYPE}, transcript.digest(), key_of(signer)
+        ),
+    ):
+        mac = keys.b64u(agreement.confirmation(derived, transcript, signature))
+        members = {**json.loads(answered(pending, signer=None).text), "signature": signature, "mac": mac}
+        found = concluded(pending, strict_json.canonical(members))
+        assert code(found) == (FaultCode.PROOF_WRONG_KEY, "SES-5") if signature else isinstance(found, Session)
+
+
 @pytest.mark.parametrize(
     "change",
     [

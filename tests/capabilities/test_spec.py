@@ -66,7 +66,9 @@ def test_numbers_units_facts_and_kinds():
         assert f"{number}" in SPEC
     assert f"{DEFAULT.proof_age_s} s" in SPEC
     assert f"kept for {freshness.retention_ms(DEFAULT) // 1000} s" in SPEC
-    assert all(f"`{name}`" in SPEC for name in (meta.TOKEN, meta.PROOF, meta.method("tools/call"), PROFILE, ANSWER_TYPE))
+    assert all(
+        f"`{name}`" in SPEC for name in (meta.TOKEN, meta.PROOF, meta.method("tools/call"), PROFILE, ANSWER_TYPE)
+    )
     for kind, ceiling in (
         (EvidenceKind.KEY, DEFAULT.key_evidence_ceiling),
         (EvidenceKind.JWT, DEFAULT.jwt_evidence_ceiling),
