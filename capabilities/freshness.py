@@ -43,8 +43,8 @@ def earliest_iat_s(started_s: float, *, memory: Memory, caps: Caps) -> int:
     """The earliest `iat` that a verifier accepts which started at `started_s` ([PRF-8]), seconds since the epoch.
 
     The first whole second after the start, since a proof counts whole seconds: one made before the start must not pass
-    for one made after it. A verifier that remembers nothing adds the skew twice: an earlier process may have accepted proofs from that far in
-    the future, and its time may have been that far ahead of the present one.
+    for one made after it. A verifier that remembers too little adds the skew twice: an earlier process may have taken
+    proofs from that far in the future, and its time may have been that far ahead of the present one.
 
     Args:
         started_s: the time that is judged by at the start, seconds since the epoch.

@@ -173,6 +173,8 @@ def _strict(proof: str, key: bytes | None, wanted: Mapping[str, str], caps: Caps
     # [PRF-3] the key in the header is the expected one, and it signed; the header chooses nothing
     try:
         signer = jws.key_of_jwk(header["jwk"])
+        if header["alg"] != _ALGORITHM[len(signer)]:
+            return Fault(FaultCode.PROOF_MALFORMED, "PRF-3", "not the algorithm of the key")
         if key is not None and not hmac.compare_digest(signer, key):
             return Fault(FaultCode.PROOF_WRONG_KEY, "PRF-3")
         jws.check(unverified, signer)
