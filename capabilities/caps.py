@@ -31,6 +31,10 @@ class Caps:
     """Oldest accepted proof."""
     skew_s: int = 5
     """Accepted clock skew into the future."""
+    session_lifetime_s: int = 3_600
+    """Longest life of a session: a stream that goes on opens another, with new keys and a new proof."""
+    frame_bytes: int = 65_536
+    """Bytes of the message in one frame of a session: the largest RTDE package has 65,535 (a 16-bit length)."""
     lifetime_s: int = 86_400
     """Longest lifetime of a token, issue to expiry."""
     key_evidence_lifetime_s: int = 3_600

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, assert_never
 
+from capabilities import freshness
 from capabilities.carriage import token_from_text
 from capabilities.chain import Chain
 from capabilities.errors import Fault, FaultCode
@@ -81,7 +82,8 @@ class Authority:
         clock: both clocks.
         caps: bounds.
         audience: canonical URL of this server.
-        started_s: wall time of this process's start; older proofs are refused, since the replay store began empty.
+        started_s: earliest time of an accepted proof ([PRF-8], `freshness.earliest_iat_s`): the replay store began with
+            what the journal remembers and nothing else.
     """
 
     def __init__(
@@ -155,20 +157,17 @@ class Authority:
                 assert_never(proof)
 
     def _once(self, proof: Proof) -> Fault | None:
-        # The store forgets with the process. What had an effect is in the journal and comes back from there; the rest
-        # is covered here.
-        if not proof.iat >= self._started_s:
-            return Fault(FaultCode.PROOF_STALE, PROOF_CLAUSE, "the proof is older than this process")
-        expires_ms = self._clock.monotonic_ms() + proof_life_ms(self._caps)
+        # [PRF-8] The store forgets with the process. What had an effect is in the journal and comes back from there;
+        # the rest is covered here.
+        fault = freshness.before_start(proof.iat, earliest_s=self._started_s)
+        if fault is not None:
+            return fault
+        # [PRF-7] single use
+        expires_ms = self._clock.monotonic_ms() + freshness.retention_ms(self._caps)
         if not self._replay.first_use(proof.jti, key=proof.key, expires_ms=expires_ms):
             return Fault(FaultCode.REPLAYED, PROOF_CLAUSE, "the proof was used before")
         return None
 
 
-def proof_life_ms(caps: Caps) -> int:
-    """How long a proof can be accepted after it was seen, in ms.
-
-    Greatest age, the skew by which it may come from the future, the skew by which the wall time may be set back after
-    that (pep.clock), and one second of rounding.
-    """
-    return (caps.proof_age_s + 2 * caps.skew_s + 1) * 1000
+proof_life_ms: Final = freshness.retention_ms
+"""How long a proof can be accepted after it was seen, in ms ([PRF-7])."""

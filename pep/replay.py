@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from pep.ports import Clock
 
 DEFAULT_CAPACITY: Final = 200_000
-"""Proofs are remembered for 41 s (pep.authority.proof_life_ms): this admits 4,800 a second, in about 40 MB."""
+"""Proofs are remembered for 41 s (capabilities.freshness.retention_ms): this admits 4,800 a second, in about 40 MB."""
 
 
 def proof_name(key: bytes, jti: str) -> bytes:
-    """What a proof is known by: SHA-256 over its raw public key (32 bytes) and its id."""
-    return hashlib.sha256(key + jti.encode("utf-8", "surrogatepass")).digest()
+    """What a proof is known by: SHA-256 over the length of its raw public key (one byte), the key, and its id."""
+    return hashlib.sha256(bytes([len(key)]) + key + jti.encode("utf-8", "surrogatepass")).digest()
 
 
 class ReplayCache:
@@ -39,7 +39,7 @@ class ReplayCache:
 
         Args:
             jti: the proof's id.
-            key: the proof's raw public key, 32 bytes.
+            key: the proof's raw public key, 32 or 33 bytes.
             expires_ms: on the monotonic clock; after it the proof is refused for its age.
 
         Raises:

@@ -5,24 +5,27 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from capabilities import fact
+from capabilities import fact, freshness, meta
+from capabilities.agreement import ANSWER_TYPE, PROFILE
 from capabilities.caps import DEFAULT
 from capabilities.chain import EvidenceKind
 from capabilities.errors import FaultCode
+from capabilities.frames import MOST_MISSING
 from capabilities.statements import attestation, cell, checkpoint, observation, registry, revocation
 from capabilities.units import Unit
 
 ROOT = Path(__file__).parents[2]
 SPEC = (ROOT / "docs" / "spec.md").read_text()
 CODE = "\n".join(path.read_text() for path in sorted((ROOT / "capabilities").rglob("*.py")))
-CLAUSE = re.compile(r"\b(?:TOK|PRF|STM|WLD)-\d+\b")
+CLAUSE = re.compile(r"\b(?:TOK|PRF|SES|STM|WLD)-\d+\b")
 
 
 def test_every_clause_is_in_both():
-    written = set(re.findall(r"^\*\*\[((?:TOK|PRF|STM|WLD)-\d+)\]", SPEC, re.MULTILINE))
+    written = set(re.findall(r"^\*\*\[((?:TOK|PRF|SES|STM|WLD)-\d+)\]", SPEC, re.MULTILINE))
     assert written == {
         *(f"TOK-{n}" for n in range(1, 13)),
-        *(f"PRF-{n}" for n in range(1, 7)),
+        *(f"PRF-{n}" for n in range(1, 11)),
+        *(f"SES-{n}" for n in range(1, 10)),
         *(f"STM-{n}" for n in range(1, 7)),
         *(f"WLD-{n}" for n in range(1, 6)),
     }
@@ -54,12 +57,19 @@ def test_numbers_units_facts_and_kinds():
         DEFAULT.workload_token_bytes,
         DEFAULT.workload_token_lifetime_s,
         DEFAULT.proof_bytes,
+        DEFAULT.session_lifetime_s,
+        DEFAULT.frame_bytes,
+        MOST_MISSING,
         DEFAULT.statement_bytes,
         DEFAULT.datalog_facts,
         revocation.ENTRIES,
     ):
         assert f"{number}" in SPEC
     assert f"{DEFAULT.proof_age_s} s" in SPEC
+    assert f"kept for {freshness.retention_ms(DEFAULT) // 1000} s" in SPEC
+    assert all(
+        f"`{name}`" in SPEC for name in (meta.TOKEN, meta.PROOF, meta.method("tools/call"), PROFILE, ANSWER_TYPE)
+    )
     for kind, ceiling in (
         (EvidenceKind.KEY, DEFAULT.key_evidence_ceiling),
         (EvidenceKind.JWT, DEFAULT.jwt_evidence_ceiling),

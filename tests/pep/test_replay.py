@@ -54,3 +54,8 @@ def test_what_the_journal_remembers_counts_as_used():
     store = ReplayCache(clock)
     store.remember(proof_name(KEY, "a"), expires_ms=clock.mono + 1_000)
     assert store.first_use("a", key=KEY, expires_ms=clock.mono + 1_000) is False
+
+
+def test_a_name_tells_keys_of_both_lengths_apart():
+    """A byte of a key is never taken for the first letter of an id."""
+    assert proof_name(b"\2" * 32 + b"j", "ti-0123456789abcdef") != proof_name(b"\2" * 32, "jti-0123456789abcdef")

@@ -250,7 +250,7 @@ def test_the_strategies_reach_every_case():
     """Laws that only ever see one outcome show nothing."""
     seen = Counter()
 
-    @settings(max_examples=250, database=None)
+    @settings(max_examples=1_500, database=None, derandomize=True, deadline=None)
     @given(hops(), families(2))
     def look(drawn, two):
         parent, restriction = drawn
