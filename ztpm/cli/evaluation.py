@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from evaluation.stops import Report
 
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
+bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_help=True)
+app.add_typer(bench, name="bench")
 
 
 @app.command()
@@ -59,7 +61,49 @@ def stops(
     raise typer.Exit(0 if result["ok"] else FAILURE)
 
 
-def _nothing(kind: str, count: int) -> None:
+@bench.command("capabilities")
+def bench_capabilities(
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")] = False,
+    seed: Annotated[int, typer.Option(help="Of the order in which cells take turns.")] = 1,
+    plot: Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+) -> None:
+    """Capability tokens from the wire to a decision: ours, Tenuo, AIP, bare Biscuit, macaroons, PyJWT."""
+    from evaluation.bench import plot as plots
+    from evaluation.bench.absent import AbsentError
+    from evaluation.bench.report import ratios_line
+    from evaluation.bench.run import run
+    from evaluation.bench.table import tables
+    from evaluation.bench.timing import FULL, QUICK, WrongAnswerError
+
+    plan = QUICK if quick else FULL
+    try:
+        if as_json:
+            result = run(plan, seed=seed, told=_nothing)
+        else:
+            with console.status("") as status:
+                result = run(plan, seed=seed, told=status.update)
+        if plot is not None:
+            plots.plot(result, plot)
+    except (WrongAnswerError, AbsentError) as error:
+        fail("NOT_MEASURED", str(error), as_json=as_json)
+    found = result.to_json()
+    if as_json:
+        say_json(found)
+        return
+    for table in tables(result):
+        console.print(table)
+        console.print()
+    for row in result.rows:
+        if row.scope is None:
+            console.print(f"{row.peer}: {row.why}")
+    console.print(", ".join(f"{name} {version}" for name, version in result.versions.items()))
+    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+    console.print(ratios_line(found["ratios"]))
+
+
+def _nothing(*_: object) -> None:
     """No progress is told."""
 
 
