@@ -19,19 +19,18 @@ from capabilities import (
     delegate,
     mint,
     prove,
-    strict_json,
     token_to_text,
 )
 from capabilities.caps import DEFAULT
-from capabilities.units import Quantity, Unit
-from evaluation.bench import tokens
+from evaluation.bench import stream, tokens
 from evaluation.bench.cell import Cell, Kind, Prepared, Unmeasured, Verdict, endless
 from evaluation.bench.tokens import Declined
-from evaluation.bench.workload import OBJECT
+from evaluation.bench.workload import OBJECT, body, quantities
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from capabilities.units import Quantity
     from evaluation.bench.tokens import Held
     from evaluation.bench.workload import Workload
 
@@ -101,7 +100,7 @@ class Ours:
             cells.append(self._unseen(workload, depth, kind, proof=proof, pool=pool))
         cells += [self._seen(workload, depth, one[0], proof=proof) for proof in (False, True)]
         cells.append(self._mint(workload) if depth == 0 else self._attenuate(workload, depth))
-        cells.append(Unmeasured(NAME, workload.name, depth, Kind.STREAM, proof=True, why="no session form yet"))
+        cells.append(stream.cell(NAME, workload, depth, one[0], view=self._view))
         return Prepared(tuple(cells), len(one[0].token))
 
     def _next(self, count: int) -> range:
@@ -157,7 +156,7 @@ class Ours:
     ) -> Call:
         """A request with a proof of its own; `signer` and `body_of` make the proof one of another key or body."""
         values = workload.values if values is None else values
-        text, body = token_to_text(held.token), _body(workload, values)
+        text, sent = token_to_text(held.token), body(workload, values)
         self._proofs += 1
         made = ""
         if proof:
@@ -165,12 +164,12 @@ class Ours:
                 Ed25519PrivateKey.from_private_bytes(held.seed) if signer is None else signer,
                 method="POST",
                 url=tokens.SERVER,
-                body=body if body_of is None else _body(workload, body_of),
+                body=sent if body_of is None else body(workload, body_of),
                 token=text,
                 at=tokens.NOW - 1,
                 jti=f"{self._proofs:022d}",
             )
-        return Call(verifier, held.token, text, made, body, _quantities(workload, values))
+        return Call(verifier, held.token, text, made, sent, quantities(workload, values))
 
     def _wrong(
         self, workload: Workload, held: Held, *, proof: bool, verifier: Verifier
@@ -284,21 +283,3 @@ class Ours:
     def _grants(self, token: bytes | None, *, hops: int) -> Verdict:
         chain = None if token is None else tokens.check(token)
         return Verdict.ALLOWED if isinstance(chain, Chain) and len(chain.hops) == hops else Verdict.REFUSED
-
-
-def _quantities(workload: Workload, values: tuple[int, ...]) -> tuple[Quantity, ...]:
-    limits = dict(workload.operations)[workload.operation]
-    return tuple(Quantity(limit.name, Unit(limit.unit), value) for limit, value in zip(limits, values, strict=True))
-
-
-def _body(workload: Workload, values: tuple[int, ...]) -> bytes:
-    """The body of an MCP `tools/call` for this request."""
-    arguments = dict(workload.named(values))
-    return strict_json.canonical(
-        {
-            "jsonrpc": "2.0",
-            "id": 1,
-            "method": "tools/call",
-            "params": {"name": workload.operation, "arguments": arguments},
-        }
-    )

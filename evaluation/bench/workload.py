@@ -9,6 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from capabilities import strict_json
+from capabilities.units import Quantity, Unit
+
 OBJECT: Final = "ur3e"
 STEP: Final = 100
 """By so many units each hop moves both ends of a limit that it tightens."""
@@ -137,3 +140,16 @@ SMALL: Final = Workload(
 WORKLOADS: Final = (REALISTIC, SMALL)
 DEPTHS: Final = (0, 1, 3, 8)
 """Hops after the first holder."""
+
+
+def quantities(workload: Workload, values: tuple[int, ...]) -> tuple[Quantity, ...]:
+    """The values of a request as ours takes them."""
+    limits = dict(workload.operations)[workload.operation]
+    return tuple(Quantity(limit.name, Unit(limit.unit), value) for limit, value in zip(limits, values, strict=True))
+
+
+def body(workload: Workload, values: tuple[int, ...]) -> bytes:
+    """The body of an MCP `tools/call` for a request."""
+    arguments = dict(workload.named(values))
+    params = {"name": workload.operation, "arguments": arguments}
+    return strict_json.canonical({"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params})

@@ -147,6 +147,22 @@ def test_a_first_call_finds_nothing_remembered():
     assert call.verifier is not other.verifier
 
 
+def test_what_forgets_is_measured_apart_from_what_remembers(monkeypatch):
+    groups = []
+
+    def measure(given, *_, **__):
+        groups.extend(given)
+        return [[timing.Series() for _ in group] for group in given]
+
+    monkeypatch.setattr(timing, "measure", measure)
+    plan = timing.Plan(repeats=1, rounds=1, warm_up=0)
+    run.run(plan, seed=1, told=lambda _: None, workloads=[SMALL], depths=[0, 1], others={})
+    kinds = [{one.kind for one in group} for group in groups]
+    assert kinds.count({Kind.FIRST}) == 2
+    assert all(kind == {Kind.FIRST} or Kind.FIRST not in kind for kind in kinds)
+    assert all(len({one.depth for one in group}) == 1 for group in groups)
+
+
 def test_every_warm_call_has_a_proof_of_its_own():
     cells = measured(Ours(tokens.lend_all).prepare(SMALL, 0, CALLS))
     (warm,) = [one for one in cells if (one.kind, one.proof) == (Kind.WARM, True)]

@@ -23,9 +23,9 @@ def row(peer: str, depth: int, kind: str, us: float, *, scope: str = "realistic"
 
 
 ROWS = (
+    row("ztpm", 3, "warm", 1.0, proof=False),
     row("ztpm", 3, "warm", 90.0),
     row("tenuo", 3, "warm", 100.0),
-    row("ztpm", 3, "warm", 1.0, proof=False),
     row("tenuo", 3, "warm", 1.0, scope="small"),
     row("ztpm", 8, "warm", 90.0),
     row("tenuo", 8, "warm", 200.0),
