@@ -164,8 +164,8 @@ def _of_tokens() -> Iterator[Edge]:
 # --- scopes ----------------------------------------------------------------------------------------------------------
 
 
-def _mint(scope: Scope, hop: HopGrant | None = None, caps: Caps = _ROOMY) -> FaultCode | None:
-    asked = tokens.first_of(SMALL, 0) | {"scope": scope, "caps": caps}
+def _mint(scope: Scope, hop: HopGrant | None = None) -> FaultCode | None:
+    asked = tokens.first_of(SMALL, 0) | {"scope": scope, "caps": _ROOMY}
     if hop is not None:
         asked["hop"] = hop
     try:
