@@ -1,12 +1,13 @@
 """Every peer's cells answer right and wrong as they must; a checker that checks nothing is caught."""
 
 import importlib.util
+import sys
 
 import pytest
 
 import capabilities.keys
 from capabilities import Chain, Verifier, inspect_token
-from evaluation.bench import absent, ours, run, timing, tokens
+from evaluation.bench import absent, ours, run, stream, timing, tokens
 from evaluation.bench.cell import Cell, Kind, Unmeasured
 from evaluation.bench.ours import Ours
 from evaluation.bench.timing import WrongAnswerError
@@ -51,6 +52,30 @@ def test_cells_of_peers(name):
                 timing.prove(one)
                 assert one.wrong or one.kind in {Kind.MINT, Kind.ATTENUATE}
             assert prepared.bytes > 100
+
+
+def stream_cell():
+    held = tokens.lend(SMALL, 1, 0)
+    return stream.cell("ztpm", SMALL, 1, held, view=tokens.view())
+
+
+def test_a_frame_is_asked_for_right_and_for_wrong(monkeypatch):
+    pytest.importorskip("capabilities.session")
+    one = stream_cell()
+    assert set(one.wrong) == {"a value out of limits", "one bit of the MAC", "a frame twice"}
+    for _ in range(20):
+        timing.prove(one)
+    monkeypatch.setattr(Verifier, "check_request", lambda *_, **__: None)
+    with pytest.raises(WrongAnswerError):
+        timing.prove(one)
+
+
+def test_without_sessions_the_row_says_so(monkeypatch):
+    monkeypatch.setitem(sys.modules, "capabilities.session", None)
+    one = stream_cell()
+    assert isinstance(one, Unmeasured)
+    assert (one.kind, one.proof) == (Kind.STREAM, True)
+    assert "session" in one.why
 
 
 # --- a checker that checks nothing is caught -------------------------------------------------------------------------------
@@ -134,7 +159,7 @@ def test_a_first_call_finds_nothing_remembered():
     (first,) = [one for one in cells if (one.kind, one.proof) == (Kind.FIRST, True)]
     caches = [
         member
-        for name, module in __import__("sys").modules.items()
+        for name, module in sys.modules.items()
         if name.startswith("capabilities")
         for member in vars(module).values()
         if hasattr(member, "cache_info")
