@@ -46,7 +46,7 @@ class Plan:
         return self.repeats * (self.rounds + self.warm_up) + 1
 
 
-FULL: Final = Plan(repeats=5, rounds=40)
+FULL: Final = Plan(repeats=5, rounds=36)
 QUICK: Final = Plan(repeats=2, rounds=8, warm_up=1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -69,6 +70,7 @@ class Declined:
     code: str
 
 
+@functools.cache
 def key_of(name: str) -> Ed25519PrivateKey:
     """The private key of a name: the two processes must hold the same."""
     return Ed25519PrivateKey.from_private_bytes(_seed(name))
@@ -82,6 +84,7 @@ def _raw(name: str) -> bytes:
     return keys.public_raw(key_of(name))
 
 
+@functools.cache
 def trust() -> TrustBundle:
     """The bundle that tokens of the benchmark are verified with."""
     return TrustBundle(
@@ -95,6 +98,7 @@ def trust() -> TrustBundle:
     )
 
 
+@functools.cache
 def view() -> RevocationView:
     """A view with `REVOKED` entries, none of them of a token of the benchmark."""
     revoked = frozenset(("hop", hashlib.sha256(b"gone %d" % n).hexdigest()[:32]) for n in range(REVOKED))
