@@ -1,7 +1,7 @@
 # The whole developer story. Each target is short and says what it proves.
 RUN ?= uv run --extra all --group dev
 
-.PHONY: check format lint types imports test docs demo constraints
+.PHONY: check format lint types imports test docs demo bench campaign constraints
 
 check: lint types imports test  ## all of it; green before anything lands
 
@@ -27,6 +27,12 @@ docs:  ## regenerate the generated pages; a test fails while they differ
 
 demo:
 	$(RUN) ztpm demo
+
+bench:  ## capability tokens beside their peers, in one run; the ratios last
+	uv run --extra all --extra bench --group dev ztpm eval bench capabilities
+
+campaign:  ## every claim about tokens, tried in full; the figures last
+	$(RUN) ztpm eval tokens
 
 constraints:  ## pin the whole set with hashes, without naming an index
 	uv pip compile pyproject.toml --all-extras --group dev --generate-hashes --no-emit-index-url --no-header --universal --python-version 3.11 -o constraints.txt -q

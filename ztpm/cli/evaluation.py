@@ -5,18 +5,22 @@ from __future__ import annotations
 import importlib
 import json
 import secrets
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from ztpm.cli.output import FAILURE, console, fail, say_json
+from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
 
 if TYPE_CHECKING:
     from evaluation.stops import Report
 
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
+bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_help=True)
+app.add_typer(bench, name="bench")
 
 
 @app.command()
@@ -59,7 +63,100 @@ def stops(
     raise typer.Exit(0 if result["ok"] else FAILURE)
 
 
-def _nothing(kind: str, count: int) -> None:
+@bench.command("capabilities")
+def bench_capabilities(
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")] = False,
+    seed: Annotated[int, typer.Option(help="Of the order in which cells take turns.")] = 1,
+    plot: Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+) -> None:
+    """Capability tokens from the wire to a decision: ours, Tenuo, AIP, bare Biscuit, macaroons, PyJWT."""
+    from evaluation.bench import plot as plots
+    from evaluation.bench.absent import AbsentError
+    from evaluation.bench.report import ratios_line
+    from evaluation.bench.run import run
+    from evaluation.bench.table import tables
+    from evaluation.bench.timing import FULL, QUICK, WrongAnswerError
+
+    plan = QUICK if quick else FULL
+    try:
+        if as_json:
+            result = run(plan, seed=seed, told=_nothing)
+        else:
+            with console.status("") as status:
+                result = run(plan, seed=seed, told=status.update)
+        if plot is not None:
+            plots.plot(result, plot)
+    except (WrongAnswerError, AbsentError) as error:
+        fail("NOT_MEASURED", str(error), as_json=as_json)
+    found = result.to_json()
+    if as_json:
+        say_json(found)
+        return
+    for table in tables(result):
+        console.print(table)
+        console.print()
+    for row in result.rows:
+        if row.scope is None:
+            console.print(f"{row.peer}: {row.why}")
+    console.print(", ".join(f"{name} {version}" for name, version in result.versions.items()))
+    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+    console.print(ratios_line(found["ratios"]))
+
+
+VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
+"""Where vectors made by others lie: beside the checkout."""
+
+
+@app.command("tokens")
+def campaigns_of_tokens(
+    *,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few trials: shows that it runs, not that a bar holds.")
+    ] = False,
+    only: Annotated[list[str] | None, typer.Option(help="Run this one, by its id; may be repeated.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Of every draw; a fresh one is drawn and told.")] = None,
+    vectors: Annotated[Path, typer.Option(help="Vectors made by others: `biscuit` and `wycheproof` in it.")] = VECTORS,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
+) -> None:
+    """The claims about tokens, each tried so many times; the exit status is not 0 when one is missed."""
+    from evaluation.tokens.campaign import Settings
+    from evaluation.tokens.registry import CAMPAIGNS
+    from evaluation.tokens.report import line, report, table
+
+    seed = secrets.randbits(32) if seed is None else seed
+    known = {campaign.id: campaign for campaign in CAMPAIGNS}
+    unknown = sorted(set(only or ()) - known.keys())
+    if unknown:
+        fail("UNKNOWN_CAMPAIGN", f"{', '.join(unknown)} is none of {', '.join(known)}", as_json=as_json, status=USAGE)
+    chosen = [campaign for campaign in CAMPAIGNS if not only or campaign.id in only]
+    settings = Settings(
+        quick=quick,
+        seed=seed,
+        vectors=vectors if vectors.is_dir() else None,
+        clock_ns=time.perf_counter_ns,
+        told=_nothing,
+    )
+    found = []
+    if as_json:
+        found = [(campaign, campaign.run(settings)) for campaign in chosen]
+    else:
+        console.print(f"seed {seed}")
+        with console.status("") as status:
+            for campaign in chosen:
+                told = lambda what, of=campaign.id: status.update(f"{of}: {what}")  # noqa: E731
+                found.append((campaign, campaign.run(replace(settings, told=told))))
+    said = report(found, quick=quick, seed=seed)
+    if as_json:
+        say_json(said)
+    else:
+        console.print(table(found))
+        console.print(line(found))
+    raise typer.Exit(0 if said["ok"] else FAILURE)
+
+
+def _nothing(*_: object) -> None:
     """No progress is told."""
 
 

@@ -1,0 +1,134 @@
+"""The session form of ours: a proof opens it, and each frame after that carries a MAC with a counter."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+from capabilities import Fault, Tier, Verifier, token_to_text
+from capabilities.caps import DEFAULT
+from evaluation.bench import tokens
+from evaluation.bench.cell import Cell, Kind, Unmeasured, Verdict
+from evaluation.bench.workload import OBJECT, body, quantities
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.statements.revocation import RevocationView
+    from capabilities.units import Quantity
+    from evaluation.bench.tokens import Held
+    from evaluation.bench.workload import Workload
+
+CHECKS: Final = (
+    "the token once; MAC, counter (so replay too), times, audience, revocations, limits and tier of each frame"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame, and the values that its message states."""
+
+    frame: bytes
+    values: tuple[Quantity, ...]
+
+
+def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: RevocationView) -> Cell | Unmeasured:
+    """A cell of one open session; or a row that says that the package has no session form."""
+    try:
+        session: Any = importlib.import_module("capabilities.session")
+    except ModuleNotFoundError:
+        return Unmeasured(peer, workload.name, depth, Kind.STREAM, proof=True, why="no session form yet")
+    verifier = Verifier(tokens.trust(), DEFAULT)
+    holder_end, verifier_end = _opened(session, held)
+
+    def decide(given: Frame) -> Verdict:
+        message = verifier_end.open(given.frame, at=tokens.NOW)
+        if isinstance(message, Fault):
+            return Verdict.REFUSED
+        chain = verifier.verify(held.token, at=tokens.NOW, audience=tokens.SERVER, view=view, lease_ms=tokens.LEASE_MS)
+        if isinstance(chain, Fault):
+            return Verdict.REFUSED
+        refused = verifier.check_request(
+            chain,
+            object=OBJECT,
+            operation=workload.operation,
+            values=given.values,
+            base_tier=Tier.CONSEQUENTIAL,
+            at=tokens.NOW,
+        )
+        return Verdict.ALLOWED if refused is None else Verdict.REFUSED
+
+    def sealed(values: tuple[int, ...]) -> Frame:
+        return Frame(holder_end.seal(body(workload, values), at=tokens.NOW), quantities(workload, values))
+
+    def spoiled() -> Frame:
+        good = sealed(workload.values)
+        return Frame(good.frame[:-1] + bytes([good.frame[-1] ^ 1]), good.values)
+
+    def again() -> Frame:
+        good = sealed(workload.values)
+        decide(good)
+        return good
+
+    wrong: dict[str, Callable[[], Frame]] = {
+        "a value out of limits": lambda: sealed(workload.outside),
+        "one bit of the MAC": spoiled,
+        "a frame twice": again,
+    }
+    return Cell(
+        peer,
+        workload.name,
+        depth,
+        Kind.STREAM,
+        proof=True,
+        checks=CHECKS,
+        fresh=lambda: sealed(workload.values),
+        act=decide,
+        wrong=wrong,
+    )
+
+
+def _opened(session: Any, held: Held) -> tuple[Any, Any]:
+    """Both ends of a session: the holder's, the verifier's."""
+    key, text = Ed25519PrivateKey.from_private_bytes(held.seed), token_to_text(held.token)
+    asked = session.begin(
+        key=key,
+        url=tokens.SERVER,
+        audience=tokens.SERVER,
+        token=text,
+        verifier_key=None,
+        private=_bytes("holder's private key"),
+        nonce=_bytes("holder's nonce"),
+        at=tokens.NOW,
+        jti="0" * 22,
+    )
+    answered = session.answer(
+        asked.body,
+        asked.proof,
+        holder_key=key.public_key().public_bytes_raw(),
+        url=tokens.SERVER,
+        audience=tokens.SERVER,
+        token=text,
+        signer=None,
+        private=_bytes("verifier's private key"),
+        nonce=_bytes("verifier's nonce"),
+        not_after=tokens.NOW + 600,
+        at=tokens.NOW,
+        most_missing=_LOST,
+        caps=DEFAULT,
+    )
+    if isinstance(answered, Fault):
+        raise RuntimeError(f"the benchmark's session is refused: {answered.code}")  # noqa: TRY004 - not a type error
+    return session.conclude(asked, answered.text, at=tokens.NOW, most_missing=_LOST, caps=DEFAULT), answered.session
+
+
+_LOST: Final = 8
+"""Frames in a row that may be missing: one for each counter-example that is never opened, and some to spare."""
+
+
+def _bytes(name: str) -> bytes:
+    return hashlib.sha256(name.encode()).digest()

@@ -1,0 +1,96 @@
+"""One claim about tokens, tried so many times: what it needs, and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a campaign is given.
+
+    Attributes:
+        quick: few trials, which show that it runs; the bar is of the full number.
+        seed: of every draw.
+        vectors: the directory of vectors made by others, with `biscuit` and `wycheproof` in it; None where absent.
+        clock_ns: a monotonic clock.
+        told: is told what happens now.
+    """
+
+    quick: bool
+    seed: int
+    vectors: Path | None
+    clock_ns: Callable[[], int]
+    told: Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a campaign found.
+
+    Attributes:
+        trials: how many.
+        figures: by name; the ones that the bar is about come first.
+        missed: each miss in a few words, the first ones only; empty when the bar is met.
+    """
+
+    trials: int
+    figures: Mapping[str, int | float | str]
+    missed: tuple[str, ...] = ()
+
+    @property
+    def met(self) -> bool:
+        """Whether the bar is met."""
+        return not self.missed
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """Why a campaign did not run."""
+
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """A claim.
+
+    Attributes:
+        id: as in the list of bars, e.g. "A3".
+        title: what is tried.
+        bar: what must come out.
+        run: does it.
+    """
+
+    id: str
+    title: str
+    bar: str
+    run: Callable[[Settings], Outcome | Skipped]
+
+
+MISSES: int = 5
+"""As many misses are told."""
+
+
+@dataclass(slots=True)
+class Misses:
+    """Misses as they come: all are counted, the first are told."""
+
+    count: int = 0
+    first: list[str] = field(default_factory=list)
+
+    def add(self, what: str) -> None:
+        """One more."""
+        self.count += 1
+        if len(self.first) < MISSES:
+            self.first.append(what)
+
+    def told(self) -> tuple[str, ...]:
+        """The first ones, and how many more."""
+        more = self.count - len(self.first)
+        return (*self.first, f"and {more} more") if more else tuple(self.first)

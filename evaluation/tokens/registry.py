@@ -1,0 +1,18 @@
+"""The campaigns of `ztpm eval tokens`, in the order in which they run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from evaluation.tokens import edges, hostile, load, samples, wycheproof
+
+if TYPE_CHECKING:
+    from evaluation.tokens.campaign import Campaign
+
+CAMPAIGNS: Final[list[Campaign]] = [
+    samples.CAMPAIGN,
+    wycheproof.CAMPAIGN,
+    hostile.CAMPAIGN,
+    load.CAMPAIGN,
+    edges.CAMPAIGN,
+]
