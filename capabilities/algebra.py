@@ -8,7 +8,7 @@ over its parent as it was written, wider places included; `hop` is the rule for 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeAlias
 
 from capabilities import bounds
 from capabilities.bounds import bound_to_json, limits_to_json, nearest, permits, size, within
@@ -17,7 +17,7 @@ from capabilities.scope import Grant, Limit, Restriction, Scope, Widening
 from capabilities.well_formed import TIME_LIMIT, well_formed, well_formed_restriction
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from capabilities.scope import Bound
 
@@ -40,6 +40,9 @@ __all__ = [
     "within",
 ]
 
+Grants: TypeAlias = tuple[Grant, ...]
+LayOver: TypeAlias = "Callable[[Grants, Grants], Grants]"
+CompareGrants: TypeAlias = "Callable[[Grants, Grants], Narrowing]"
 COUNTED: Final = ("grants", "limits", "ceiling", "audiences", "delegates")
 """The dimensions in which a hop must take something away. Depth and window shrink at every hop anyway."""
 
@@ -65,21 +68,28 @@ def narrows(child: Scope, parent: Scope) -> Narrowing:
     return _compare(child, parent, parent.depth)
 
 
-def _compare(child: Scope, parent: Scope, depth: int) -> Narrowing:
-    """As `narrows`, with `depth` as the parent's."""
+def compare_grants(child: Grants, parent: Grants) -> Narrowing:
+    """`narrows` of scopes that have these grants and are equal otherwise."""
     widenings: list[Widening] = []
     strict: set[str] = set()
-
-    for grant in child.grants:
-        above = parent.find(grant.object, grant.operation)
+    known = {(grant.object, grant.operation): grant for grant in parent}
+    for grant in child:
+        above = known.get((grant.object, grant.operation))
         if above is None:
             asked = limits_to_json(grant.limits)
             widenings.append(Widening("grants", f"{grant.object}/{grant.operation}", None, asked))
         elif grant is not above:
             _compare_limits(grant, above, widenings, strict)
-    if len(child.grants) < len(parent.grants):
+    if len(child) < len(parent):
         strict.add("grants")
+    return Narrowing(tuple(widenings), frozenset(strict))
 
+
+def _compare(child: Scope, parent: Scope, depth: int, compare: CompareGrants = compare_grants) -> Narrowing:
+    """As `narrows`, with `depth` as the parent's."""
+    of_grants = compare(child.grants, parent.grants)
+    widenings = list(of_grants.widenings)
+    strict = set(of_grants.strict)
     if child.ceiling > parent.ceiling:
         widenings.append(Widening("ceiling", "ceiling", parent.ceiling, child.ceiling, parent.ceiling))
     elif child.ceiling < parent.ceiling:
@@ -216,16 +226,19 @@ def _meet_grants(a: Grant, b: Grant) -> Grant | None:
 # --- one hop ---------------------------------------------------------------------------------------------------------
 
 
-def stated(parent: Scope, restriction: Restriction) -> Scope:
+def lay_over(parent: Grants, restriction: Grants) -> Grants:
+    """The grants that a restriction keeps, with what it leaves out of them as the parent has it."""
+    known = {(grant.object, grant.operation): grant for grant in parent}
+    return tuple([_lay_over(known.get((grant.object, grant.operation)), grant) for grant in restriction])
+
+
+def stated(parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over) -> Scope:
     """The child as the restriction states it, wider places included.
 
     What the restriction leaves out is the parent's very object, with one hop less of depth.
     """
-    grants = parent.grants
-    if restriction.grants is not None:
-        grants = tuple([_lay_over(parent.find(grant.object, grant.operation), grant) for grant in restriction.grants])
     return Scope(
-        grants=grants,
+        grants=parent.grants if restriction.grants is None else lay(parent.grants, restriction.grants),
         ceiling=parent.ceiling if restriction.ceiling is None else restriction.ceiling,
         audiences=parent.audiences if restriction.audiences is None else restriction.audiences,
         delegates=parent.delegates if restriction.delegates is None else restriction.delegates,
@@ -253,16 +266,24 @@ def _lay_over(parent: Grant | None, child: Grant) -> Grant:
     return Grant(parent.object, parent.operation, (*limits, *tightened.values()))
 
 
-def hop(parent: Scope, restriction: Restriction) -> Scope | Narrowing:
+def hop(
+    parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over, compare: CompareGrants = compare_grants
+) -> Scope | Narrowing:
     """The child scope of a hop that may be made, or how it fails (docs/spec.md 1.2, [TOK-6]).
 
     It may be made when the stated child is nowhere wider than the parent with one hop less of depth, has strictly less
     in one of `COUNTED`, and has time left. Then it is also the meet of the two. Otherwise `widenings` has every place
     where more was asked, with a window that is empty and a hop where no depth is left; it is empty itself when nothing
     was taken away.
+
+    Args:
+        parent: of the hop.
+        restriction: what the hop takes away.
+        lay: `lay_over`, or one that remembers.
+        compare: `compare_grants`, or one that remembers.
     """
-    child = stated(parent, restriction)
-    found = _compare(child, parent, parent.depth - 1)
+    child = stated(parent, restriction, lay=lay)
+    found = _compare(child, parent, parent.depth - 1, compare)
     if parent.depth < 1:
         return replace(found, widenings=(*found.widenings, Widening("depth", "depth", 0, 1)))
     if child.not_before >= child.not_after and not any(place.dimension == "window" for place in found.widenings):

@@ -43,13 +43,12 @@ class Alternative:
     object: str
     operation: str
     bounds: tuple[Bound | None, ...]
-    _hash: int = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        """Hashed once: what is remembered about checks is looked up by them."""
-        object.__setattr__(self, "_hash", hash((self.object, self.operation, self.bounds)))
+    _hash: int = field(default=0, init=False, repr=False, compare=False)
 
     def __hash__(self) -> int:
+        # Computed once: what is remembered about checks is looked up by them.
+        if not self._hash:
+            object.__setattr__(self, "_hash", hash((self.object, self.operation, self.bounds)) or 1)
         return self._hash
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, assert_never
+import functools
+from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities import algebra
 from capabilities.chain import EvidenceKind, Hop
+from capabilities.checks import REMEMBERED
 from capabilities.errors import FaultCode, TokenError
 from capabilities.scope import Scope, Tier
 from capabilities.text import ROLE_PREFIX
@@ -86,17 +88,16 @@ def highest(kind: EvidenceKind, caps: Caps) -> Tier:
             assert_never(kind)
 
 
+# A renewed token has the same grants at each hop, and so has the next agent's: what is made of them is remembered.
+_lay_over: Final = functools.lru_cache(maxsize=REMEMBERED)(algebra.lay_over)
+_compare_grants: Final = functools.lru_cache(maxsize=REMEMBERED)(algebra.compare_grants)
+
+
 def _narrower(parent: Scope, block: HopBlock) -> Scope:
-    child = algebra.stated(parent, block.restriction)
-    found = algebra.narrows(child, parent)
-    if child.depth >= parent.depth and not found.widenings:
-        # Every hop uses up one; a stated depth that does not is a widening of what is left.
-        raise TokenError(FaultCode.NOT_NARROWER, "the depth does not shrink")
-    if found.widenings or not found.strict:
-        raise TokenError(FaultCode.NOT_NARROWER, "wider, or nowhere strictly narrower", found.widenings)
-    if not child.not_before < child.not_after:
-        raise TokenError(FaultCode.NOT_NARROWER, "no time is left")
-    return child  # nowhere wider, so it is the meet with the parent: algebra.apply gives the same
+    child = algebra.hop(parent, block.restriction, lay=_lay_over, compare=_compare_grants)
+    if isinstance(child, algebra.Narrowing):
+        raise TokenError(FaultCode.NOT_NARROWER, "wider, or nowhere strictly narrower", child.widenings)
+    return child
 
 
 def _hop(index: int, grant: HopGrant, scope: Scope) -> Hop:

@@ -35,9 +35,9 @@ def refusal(
 
     Closed world: exactly the parameters of the grant, in its order, with its units, each an integer inside its bound.
     """
-    grant = find(chain.scope, object, operation)
+    grant = chain.scope.find(object, operation)
     if grant is None:
-        dropped_by = next((hop for hop in chain.hops if find(hop.scope, object, operation) is None), chain.leaf)
+        dropped_by = next((hop for hop in chain.hops if hop.scope.find(object, operation) is None), chain.leaf)
         return _refusal(chain, FaultCode.NOT_GRANTED, dropped_by)
     shapes = [(value.name, value.unit, type(value.value)) for value in values]
     if shapes != [(limit.parameter.name, limit.parameter.unit, int) for limit in grant.limits]:
@@ -62,11 +62,6 @@ def refusal(
     return None
 
 
-def find(scope: Scope, object: str, operation: str) -> Grant | None:  # noqa: A002 - the word of the profile
-    """The grant of a pair, or None."""
-    return next((grant for grant in scope.grants if grant.object == object and grant.operation == operation), None)
-
-
 def tightest(
     chain: Chain,
     object: str,  # noqa: A002 - the word of the profile
@@ -89,7 +84,7 @@ def tightest(
     """
     bounds = []
     for hop in chain.hops:
-        grant = find(hop.scope, object, operation)
+        grant = hop.scope.find(object, operation)
         limits = () if grant is None else grant.limits
         bounds.append(next((limit.bound for limit in limits if limit.parameter.name == parameter), None))
     held = bounds[-1]

@@ -7,6 +7,7 @@ address spelled in several ways.
 
 from __future__ import annotations
 
+import functools
 import re
 import unicodedata
 from typing import Final
@@ -94,17 +95,23 @@ def url(value: object, *, most_bytes: int) -> str:
     Raises:
         ScopeError: `STATEMENT_MALFORMED` otherwise.
     """
-    if not isinstance(value, str) or len(value) > most_bytes or not value.isascii():
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a URL")
+    if not isinstance(value, str) or len(value) > most_bytes or not _is_url(value):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a canonical URL")
+    return value
+
+
+@functools.lru_cache(maxsize=1_024)  # servers are few
+def _is_url(value: str) -> bool:
     try:
         parts = urlsplit(value)
         host, port = parts.hostname or "", parts.port
     except ValueError:
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a URL") from None
+        return False
     shown_host = f"[{host}]" if ":" in host else host
     respelled = f"{parts.scheme}://{shown_host}{'' if port is None else f':{port}'}{parts.path}"
-    whole = (
-        respelled == value
+    return (
+        value.isascii()
+        and respelled == value
         and _SCHEME.fullmatch(parts.scheme) is not None
         and _HOST.fullmatch(shown_host) is not None
         and not shown_host.endswith(".")
@@ -112,9 +119,6 @@ def url(value: object, *, most_bytes: int) -> str:
         and not any(segment in {".", ".."} for segment in parts.path.split("/"))
         and (port is None or 0 < port != _DEFAULT_PORT.get(parts.scheme))
     )
-    if not whole:
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a canonical URL")
-    return value
 
 
 def prose(value: object, *, most_bytes: int) -> str:

@@ -113,6 +113,29 @@ class Verifier:
         read = self._known(token, view)  # [TOK-1] to [TOK-6]
         if isinstance(read, Fault):
             return read
+        return self._now(read, at=at, audience=audience, view=view, lease_ms=lease_ms)
+
+    def still(self, chain: Chain, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
+        """As `verify`, for a chain that this verifier returned: steps 7 to 9 once more, now and under this view.
+
+        For what goes on after a request: a stream, a motion under way. Nothing of the token is read again while it is
+        remembered.
+
+        Args:
+            chain: that this verifier returned.
+            at: seconds since the epoch.
+            audience: canonical URL of this server.
+            view: of revocations.
+            lease_ms: oldest view that may be acted on.
+        """
+        read = self._read.get((chain.digest, chain.epoch, self._trust.version))
+        if read is None:
+            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-7", "the token is no longer remembered; verify it again")
+        self._read.put((chain.digest, view.epoch, self._trust.version), read)
+        return self._now(read, at=at, audience=audience, view=view, lease_ms=lease_ms)
+
+    def _now(self, read: _Read, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
+        """Steps 7 to 9."""
         chain = replace(read.chain, epoch=view.epoch, view_age_ms=view.age_ms)
         first = chain.hops[0].attestation.at
         return (
@@ -175,7 +198,7 @@ class Verifier:
 
     def _check_agreement(self, chain: Chain, thing: str, operation: str) -> Fault | None:
         read = self._read.get((chain.digest, chain.epoch, self._trust.version))
-        grant = request.find(chain.scope, thing, operation)
+        grant = chain.scope.find(thing, operation)
         if read is None or grant is None:
             return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-12", "the token is no longer remembered; verify it again")
         known = read.form, thing, operation

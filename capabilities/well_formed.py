@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities import text
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["TIME_LIMIT", "well_formed", "well_formed_restriction"]
 
+REMEMBERED: Final = 512
+"""Grants of which is remembered that they are well formed."""
 TIME_LIMIT: Final = 253_402_300_800
 """First second of the year 10000: no time in a token reaches it."""
 
@@ -27,7 +30,7 @@ def well_formed(scope: Scope, caps: Caps) -> Scope:
     """
     if not scope.grants:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without grants")
-    _check_grants(scope.grants, caps)
+    _check_grants(scope.grants, caps.grants, caps.parameters, caps.one_of, caps.text_bytes)
     if not scope.audiences:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without audience")
     _check_names(scope.audiences, scope.delegates, caps)
@@ -47,7 +50,7 @@ def well_formed_restriction(restriction: Restriction, caps: Caps) -> Restriction
     if restriction.grants is not None:
         if not restriction.grants:
             raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no grant at all")
-        _check_grants(restriction.grants, caps)
+        _check_grants(restriction.grants, caps.grants, caps.parameters, caps.one_of, caps.text_bytes)
     if restriction.audiences is not None and not restriction.audiences:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no audience at all")
     _check_names(restriction.audiences or frozenset(), restriction.delegates or frozenset(), caps)
@@ -67,33 +70,34 @@ def _integer(value: object, low: int, high: int, what: str) -> None:
         raise ScopeError(FaultCode.OUT_OF_RANGE, f"{what} outside {low}..{high}")
 
 
-def _check_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
-    if len(grants) > caps.grants:
-        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {caps.grants} grants")
+@functools.lru_cache(maxsize=REMEMBERED)  # that they are well formed; a refusal is not remembered
+def _check_grants(grants: tuple[Grant, ...], most: int, parameters: int, one_of: int, text_bytes: int) -> None:
+    if len(grants) > most:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {most} grants")
     pairs = [(grant.object, grant.operation) for grant in grants]
     if pairs != sorted(set(pairs)):
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "grants not sorted by object and operation, or one twice")
     for grant in grants:
-        text.name(grant.object, most_bytes=caps.text_bytes)
-        text.name(grant.operation, most_bytes=caps.text_bytes)
-        if len(grant.limits) > caps.parameters:
-            raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {caps.parameters} parameters")
+        text.name(grant.object, most_bytes=text_bytes)
+        text.name(grant.operation, most_bytes=text_bytes)
+        if len(grant.limits) > parameters:
+            raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {parameters} parameters")
         names = [limit.parameter.name for limit in grant.limits]
         if len(names) != len(set(names)):
             raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a parameter twice")
         for limit in grant.limits:
-            text.name(limit.parameter.name, most_bytes=caps.text_bytes)
-            _check_bound(limit.bound, caps)
+            text.name(limit.parameter.name, most_bytes=text_bytes)
+            _check_bound(limit.bound, one_of)
 
 
-def _check_bound(bound: Bound, caps: Caps) -> None:
+def _check_bound(bound: Bound, one_of: int) -> None:
     match bound:
         case Range(low, high):
             _integer(low, -INT_LIMIT, INT_LIMIT, "low")
             _integer(high, low, INT_LIMIT, "high")
         case OneOf(values):
-            if not 1 <= len(values) <= caps.one_of:
-                raise ScopeError(FaultCode.OUT_OF_RANGE, f"a set of none or more than {caps.one_of} values")
+            if not 1 <= len(values) <= one_of:
+                raise ScopeError(FaultCode.OUT_OF_RANGE, f"a set of none or more than {one_of} values")
             for value in values:
                 _integer(value, -INT_LIMIT, INT_LIMIT, "value")
             if canonical(bound) != bound:

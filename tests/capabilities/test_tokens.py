@@ -11,7 +11,7 @@ from capabilities import biscuit, block, keys, links
 from capabilities.caps import DEFAULT
 from capabilities.chain import Chain
 from capabilities.errors import CapabilityError, Fault, FaultCode, TokenError
-from capabilities.request import disagreement, find
+from capabilities.request import disagreement
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Tier
 from capabilities.statements.revocation import RevocationView, Revoked
 from capabilities.windows import Window
@@ -492,7 +492,7 @@ def test_a_datalog_limit_has_its_own_reason():
     token = chain_of_four()
     chain = chain_of(token)
     opened = biscuit.open_token(token, raw_of("root"))
-    fault = disagreement(opened, chain.scope, find(chain.scope, "ur3e", "move_joint"), replace(DEFAULT, datalog_ms=0))
+    fault = disagreement(opened, chain.scope, chain.scope.find("ur3e", "move_joint"), replace(DEFAULT, datalog_ms=0))
     assert (fault.code, fault.clause) == (FaultCode.LIMIT_EXCEEDED, "TOK-12")
 
 
@@ -541,4 +541,29 @@ def test_a_key_counts_only_while_the_bundle_says_so():
     assert check(token, trust=tainted).code is FaultCode.HOP_NOT_ATTESTED
     assert isinstance(
         check(token, trust=replace(TRUST, windows={raw_of("attester"): Window(tainted_at=NOW - 9)})), Chain
+    )
+
+
+def test_a_chain_is_asked_about_again_without_its_token():
+    checker = verifier()
+    ask = {"audience": CELL, "lease_ms": LEASE_MS}
+    chain = checker.verify(chain_of_four(), at=NOW, view=VIEW, **ask)
+    assert isinstance(chain, Chain)
+    later = checker.still(chain, at=NOW + 1, view=replace(VIEW, epoch=4, age_ms=7), **ask)
+    assert isinstance(later, Chain)
+    assert (later.epoch, later.view_age_ms, later.hops) == (4, 7, chain.hops)
+    assert isinstance(checker.still(later, at=NOW + 1, view=replace(VIEW, epoch=4), **ask), Chain)
+    revoked = replace(VIEW, epoch=5, revoked=frozenset({("hop", chain.hops[1].hop_id)}))
+    for other, code in (
+        ({"at": NOW + 2_000}, FaultCode.EXPIRED),
+        ({"audience": OTHER_CELL}, FaultCode.WRONG_AUDIENCE),
+        ({"view": revoked}, FaultCode.REVOKED),
+        ({"view": replace(VIEW, age_ms=LEASE_MS + 1)}, FaultCode.REVOCATION_VIEW_STALE),
+    ):
+        fault = checker.still(chain, **{"at": NOW, "view": VIEW, **ask, **other})
+        assert fault.code is code
+    assert verifier().still(chain, at=NOW, view=VIEW, **ask).code is FaultCode.LIMIT_EXCEEDED
+    assert (
+        Verifier(replace(TRUST, version=2), DEFAULT).still(chain, at=NOW, view=VIEW, **ask).code
+        is FaultCode.LIMIT_EXCEEDED
     )
