@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from capabilities import Fault, Tier, Verifier, token_to_text
+from capabilities import Fault, Tier, Verifier, session, token_to_text
 from capabilities.caps import DEFAULT
 from evaluation.bench import tokens
 from evaluation.bench.cell import Cell, Kind, Unmeasured, Verdict
@@ -18,6 +17,7 @@ from evaluation.bench.workload import OBJECT, body, quantities
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from capabilities.frames import Session
     from capabilities.statements.revocation import RevocationView
     from capabilities.units import Quantity
     from evaluation.bench.tokens import Held
@@ -38,18 +38,17 @@ class Frame:
 
 def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: RevocationView) -> Cell | Unmeasured:
     """A cell of one open session; or a row that says that the package has no session form."""
-    try:
-        session: Any = importlib.import_module("capabilities.session")
-    except ModuleNotFoundError:
-        return Unmeasured(peer, workload.name, depth, Kind.STREAM, proof=True, why="no session form yet")
     verifier = Verifier(tokens.trust(), DEFAULT)
-    holder_end, verifier_end = _opened(session, held)
+    first = verifier.verify(held.token, at=tokens.NOW, audience=tokens.SERVER, view=view, lease_ms=tokens.LEASE_MS)
+    if isinstance(first, Fault):
+        return Unmeasured(peer, workload.name, depth, Kind.STREAM, proof=True, why=str(first.code))
+    holder_end, verifier_end = _opened(held)
 
     def decide(given: Frame) -> Verdict:
         message = verifier_end.open(given.frame, at=tokens.NOW)
         if isinstance(message, Fault):
             return Verdict.REFUSED
-        chain = verifier.verify(held.token, at=tokens.NOW, audience=tokens.SERVER, view=view, lease_ms=tokens.LEASE_MS)
+        chain = verifier.still(first, at=tokens.NOW, audience=tokens.SERVER, view=view, lease_ms=tokens.LEASE_MS)
         if isinstance(chain, Fault):
             return Verdict.REFUSED
         refused = verifier.check_request(
@@ -92,7 +91,7 @@ def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: Revocat
     )
 
 
-def _opened(session: Any, held: Held) -> tuple[Any, Any]:
+def _opened(held: Held) -> tuple[Session, Session]:
     """Both ends of a session: the holder's, the verifier's."""
     key, text = Ed25519PrivateKey.from_private_bytes(held.seed), token_to_text(held.token)
     asked = session.begin(
@@ -123,7 +122,10 @@ def _opened(session: Any, held: Held) -> tuple[Any, Any]:
     )
     if isinstance(answered, Fault):
         raise RuntimeError(f"the benchmark's session is refused: {answered.code}")  # noqa: TRY004 - not a type error
-    return session.conclude(asked, answered.text, at=tokens.NOW, most_missing=_LOST, caps=DEFAULT), answered.session
+    concluded = session.conclude(asked, answered.text, at=tokens.NOW, most_missing=_LOST, caps=DEFAULT)
+    if isinstance(concluded, Fault):
+        raise RuntimeError(f"the benchmark's session is refused: {concluded.code}")  # noqa: TRY004 - not a type error
+    return concluded, answered.session
 
 
 _LOST: Final = 8
