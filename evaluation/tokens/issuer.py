@@ -6,6 +6,7 @@ attester would; verification alone stands against it.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
@@ -65,7 +66,7 @@ class Issuer:
 
     def key(self, name: str) -> Ed25519PrivateKey:
         """The private key of a role or of an agent."""
-        return Ed25519PrivateKey.from_private_bytes(hashlib.sha256(f"{self.seed} {name}".encode()).digest())
+        return _key(f"{self.seed} {name}")[0]
 
     def holder(  # what a block states about one holder
         self,
@@ -80,7 +81,7 @@ class Issuer:
         return HopGrant(
             hop_id=hashlib.sha256(agent.encode(errors="surrogatepass")).hexdigest()[:32],
             agent=agent,
-            key=keys.public_raw(self.key(f"agent {agent!r}")),
+            key=_key(f"{self.seed} agent {agent!r}")[1],
             delegator=delegator,
             purpose=purpose,
             request_digest=bytes(32),
@@ -123,6 +124,13 @@ class Issuer:
     def verifier(self) -> Verifier:
         """A verifier that trusts this issuer."""
         return Verifier(self.trust, DEFAULT)
+
+
+@functools.lru_cache(maxsize=4_096)
+def _key(words: str) -> tuple[Ed25519PrivateKey, bytes]:
+    """The private key of these words and its public one."""
+    private = Ed25519PrivateKey.from_private_bytes(hashlib.sha256(words.encode()).digest())
+    return private, keys.public_raw(private)
 
 
 def verified(verifier: Verifier, token: bytes, *, at: float = AT, audience: str = CELLS[0]) -> Chain | Fault:
