@@ -66,7 +66,9 @@ def test_numbers_units_facts_and_kinds():
         assert f"| evidence kind `{kind}`: ceiling of the hop's scope | {ceiling} |" in SPEC
     assert len(EvidenceKind) == 2
     assert all(f"`{unit}`" in SPEC for unit in Unit)
-    assert all(f"| `{predicate}` |" in SPEC for predicate in block.ARITY)
+    assert f"    {block.PREDICATE}(index, hop id, key, measurement, request digest, statement)" in SPEC
+    members = block._AUTHORITY | block._AT_WILL  # noqa: SLF001
+    assert all(f"`{member}`" in SPEC for member in members)
     assert all(
         f"| `{module.KIND}` |" in SPEC for module in (attestation, cell, checkpoint, observation, registry, revocation)
     )
