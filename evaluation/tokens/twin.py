@@ -1,0 +1,195 @@
+"""What a chain of blocks permits, said the slow and obvious way: every block is asked, and each may say no.
+
+A second opinion on the algebra of scopes, and none of it is used here: no order, no meet, no scope laid over another.
+Whether a set of integers lies in another is asked of points: both are unions of few ranges, so when one sticks out, it
+does so at an end of its own, or just beside a member or an end of the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from capabilities.scope import Grant, OneOf, Range, Restriction, Scope, Tier
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from capabilities.scope import Bound
+    from capabilities.units import Parameter, Quantity
+
+Blocks = tuple[Restriction, ...]
+"""What the blocks of a token state, in order. The first one states everything."""
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """A request to act."""
+
+    object: str
+    operation: str
+    values: tuple[Quantity, ...]
+    base_tier: Tier
+    at: int
+    audience: str
+
+
+@dataclass(frozen=True, slots=True)
+class Lend:
+    """A request to lend on: to whom, and the whole of what. The scope states every dimension."""
+
+    agent: str
+    role: str
+    scope: Scope
+
+
+# --- acting ----------------------------------------------------------------------------------------------------------
+
+
+def acts(blocks: Blocks, act: Act) -> list[bool]:
+    """For the holder after each block, whether the request is permitted: when no block so far says no."""
+    answers: list[bool] = []
+    for block in blocks:
+        answers.append((answers[-1] if answers else _shaped(blocks[0], act)) and _allows(block, act))
+    return answers
+
+
+def _shaped(first: Restriction, act: Act) -> bool:
+    """Exactly the parameters that the first block lists for the operation, in order, with their units, as integers."""
+    for grant in first.grants or ():
+        if (grant.object, grant.operation) == (act.object, act.operation):
+            listed = [(limit.parameter.name, limit.parameter.unit) for limit in grant.limits]
+            given = [(value.name, value.unit) for value in act.values]
+            return listed == given and all(type(value.value) is int for value in act.values)
+    return False
+
+
+def _allows(block: Restriction, act: Act) -> bool:
+    if block.grants is not None:
+        same = [g for g in block.grants if (g.object, g.operation) == (act.object, act.operation)]
+        if not same:
+            return False
+        for limit in same[0].limits:
+            for value in act.values:
+                if value.name == limit.parameter.name and not inside(limit.bound, value.value):
+                    return False
+    if block.ceiling is not None and act.base_tier > block.ceiling:
+        return False
+    if block.audiences is not None and act.audience not in block.audiences:
+        return False
+    if block.not_before is not None and act.at < block.not_before:
+        return False
+    return not (block.not_after is not None and act.at >= block.not_after)
+
+
+def inside(bound: Bound, value: int) -> bool:
+    """Whether an integer is in a bound."""
+    return value in bound.values if isinstance(bound, OneOf) else bound.low <= value <= bound.high
+
+
+# --- lending ---------------------------------------------------------------------------------------------------------
+
+
+def lends(blocks: Blocks, holders: Sequence[str], lend: Lend) -> list[bool]:
+    """For the holder after each block, whether it may lend on so. Nobody holds twice."""
+    return [lend.agent not in holders[: n + 1] and _may_lend(blocks[: n + 1], lend) for n in range(len(blocks))]
+
+
+def _may_lend(blocks: Sequence[Restriction], lend: Lend) -> bool:
+    names = {lend.agent} | ({f"role:{lend.role}"} if lend.role else set())
+    named = all(block.delegates is None or names & block.delegates for block in blocks)
+    return (
+        named and depth(blocks) > lend.scope.depth >= 0 and not wider(blocks, lend.scope) and less(blocks, lend.scope)
+    )
+
+
+def depth(blocks: Sequence[Restriction]) -> int:
+    """How many hops may follow after these blocks."""
+    left = 0
+    for block in blocks:
+        left = block.depth if block.depth is not None else left - 1
+    return left
+
+
+def wider(blocks: Sequence[Restriction], scope: Scope) -> bool:
+    """Whether a scope has anything, but for depth, that one of the blocks does not have."""
+    return any(_sticks_out(block, scope, first=not n) for n, block in enumerate(blocks))
+
+
+def _sticks_out(block: Restriction, scope: Scope, *, first: bool) -> bool:
+    if block.grants is not None:
+        for grant in scope.grants:
+            above = [g for g in block.grants if (g.object, g.operation) == (grant.object, grant.operation)]
+            if not above or _grant_sticks_out(grant, above[0], whole=first):
+                return True
+    return (
+        (block.ceiling is not None and scope.ceiling > block.ceiling)
+        or any(block.audiences is not None and audience not in block.audiences for audience in scope.audiences)
+        or any(block.delegates is not None and delegate not in block.delegates for delegate in scope.delegates)
+        or (block.not_before is not None and scope.not_before < block.not_before)
+        or (block.not_after is not None and scope.not_after > block.not_after)
+    )
+
+
+def _grant_sticks_out(grant: Grant, above: Grant, *, whole: bool) -> bool:
+    """Whether it has a value that `above` does not have, or, where that is the first block, other parameters."""
+    if whole and [limit.parameter for limit in grant.limits] != [limit.parameter for limit in above.limits]:
+        return True
+    for limit in grant.limits:
+        for stated in above.limits:
+            if stated.parameter == limit.parameter and any(
+                inside(limit.bound, point) and not inside(stated.bound, point)
+                for point in points(limit.bound, stated.bound)
+            ):
+                return True
+    return False
+
+
+def less(blocks: Sequence[Restriction], scope: Scope) -> bool:
+    """Whether a scope lacks an operation, a value, a tier, an audience or a delegate that all the blocks have."""
+    have = {(g.object, g.operation): g for g in scope.grants}
+    for grant in blocks[0].grants or ():
+        pair = grant.object, grant.operation
+        if not all(b.grants is None or any((g.object, g.operation) == pair for g in b.grants) for b in blocks):
+            continue
+        if pair not in have:
+            return True
+        for limit in have[pair].limits:
+            bounds = stated(blocks, pair, limit.parameter)
+            for point in points(limit.bound, *bounds):
+                if all(inside(bound, point) for bound in bounds) and not inside(limit.bound, point):
+                    return True
+    return (
+        all(block.ceiling is None or block.ceiling > scope.ceiling for block in blocks)
+        or _lacks([block.audiences for block in blocks], scope.audiences)
+        or _lacks([block.delegates for block in blocks], scope.delegates)
+    )
+
+
+def _lacks(above: Sequence[frozenset[str] | None], below: frozenset[str]) -> bool:
+    everything = {member for members in above if members is not None for member in members}
+    return any(
+        member not in below and all(members is None or member in members for members in above) for member in everything
+    )
+
+
+# --- bounds ----------------------------------------------------------------------------------------------------------
+
+
+def stated(blocks: Sequence[Restriction], pair: tuple[str, str], parameter: Parameter) -> list[Bound]:
+    """Every bound that a block states for a parameter of an operation."""
+    return [
+        limit.bound
+        for block in blocks
+        for grant in block.grants or ()
+        if (grant.object, grant.operation) == pair
+        for limit in grant.limits
+        if limit.parameter == parameter
+    ]
+
+
+def points(*bounds: Bound) -> Iterator[int]:
+    """Every end and member of the bounds, and the integers beside them."""
+    for bound in bounds:
+        for end in (bound.low, bound.high) if isinstance(bound, Range) else bound.values:
+            yield from (end - 1, end, end + 1)
