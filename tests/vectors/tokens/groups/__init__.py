@@ -1,0 +1,1 @@
+"""The vectors by what they show."""

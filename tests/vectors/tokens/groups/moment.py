@@ -1,0 +1,205 @@
+"""[TOK-7] to [TOK-9]: the same token at other times, for other servers, under other views of what is revoked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from capabilities import keys
+from capabilities.errors import FaultCode
+from tests.vectors.tokens.cases import Accepted, Case, Faulty, Group, group
+from tests.vectors.tokens.ordinary import (
+    CELL,
+    LESS,
+    NOW,
+    OTHER_CELL,
+    SCOPE,
+    SLOWER,
+    SMALL,
+    TOKEN_ID,
+    authority,
+    hop,
+    hop_id_of,
+)
+from tests.vectors.tokens.sealing import raw_of
+
+FIRST = "Inside the window"
+SHORT = replace(SMALL, not_before=NOW - 20, not_after=NOW + 30)
+BELOW = replace(SHORT, ceiling=SHORT.ceiling.NO_EFFECT, depth=1)
+
+
+def short():
+    first = authority(SMALL, at=NOW - 40, authenticated_at=NOW - 40)
+    return hop(first, replace(LESS, not_before=NOW - 20, not_after=NOW + 30), parent=SMALL, at=NOW - 40)
+
+
+def at(title: str, time: int, code: FaultCode | None, token: Any = FIRST) -> Case:
+    expected = Accepted(BELOW) if code is None else Faulty(code, "TOK-7")
+    return Case(title, "TOK-7", token, expected, {"time": time})
+
+
+def ahead(seconds: int, name: str) -> Any:
+    return lambda: authority(SMALL, **{name: NOW + seconds})
+
+
+TIMES = group(
+    "times",
+    "The window is that of the narrowest hop, without any allowance; attestations may lie a little in the future.",
+    at(FIRST, NOW, None, short),
+    at("The first second", NOW - 20, None),
+    at("A second before", NOW - 21, FaultCode.NOT_YET_VALID),
+    at("The last second", NOW + 29, None),
+    at("The end itself", NOW + 30, FaultCode.EXPIRED),
+    at("Long after", NOW + 31_536_000, FaultCode.EXPIRED),
+    at("At the epoch", 0, FaultCode.NOT_YET_VALID),
+    at("Inside the first hop's window but not the leaf's", NOW + 300, FaultCode.EXPIRED),
+    *(
+        Case(f"{who} five seconds ahead", "TOK-7", ahead(5, name), Accepted(SMALL))
+        for who, name in (("Attested", "at"), ("Authenticated", "authenticated_at"))
+    ),
+    *(
+        Case(f"{who} six seconds ahead", "TOK-7", ahead(6, name), Faulty(FaultCode.NOT_YET_VALID, "TOK-7"))
+        for who, name in (("Attested", "at"), ("Authenticated", "authenticated_at"))
+    ),
+    Case(
+        "A hop attested six seconds ahead",
+        "TOK-7",
+        lambda: hop(authority(SMALL), LESS, parent=SMALL, at=NOW + 6),
+        Faulty(FaultCode.NOT_YET_VALID, "TOK-7"),
+    ),
+    Case(
+        "A first hop attested ahead of a later one",
+        "TOK-7",
+        lambda: hop(authority(SMALL, at=NOW + 6), LESS, parent=SMALL),
+        Faulty(FaultCode.NOT_YET_VALID, "TOK-7"),
+    ),
+    Case(
+        "A lifetime too long is found before the end of the window",
+        "TOK-7",
+        lambda: authority(replace(SMALL, not_before=NOW - 60, not_after=NOW + 3_591)),
+        Faulty(FaultCode.LIFETIME_TOO_LONG, "TOK-7"),
+        {"time": NOW + 9_000},
+    ),
+)
+
+
+WHERE = "At one of its servers"
+
+
+def server(title: str, audience: str, *, accepted: bool = False, token: Any = WHERE) -> Case:
+    expected = Accepted(SCOPE) if accepted else Faulty(FaultCode.WRONG_AUDIENCE, "TOK-8")
+    return Case(title, "TOK-8", token, expected, {"audience": audience})
+
+
+AUDIENCES = group(
+    "audiences",
+    "A server is named byte by byte.",
+    server(WHERE, CELL, accepted=True, token=authority),
+    server("At the other of its servers", OTHER_CELL, accepted=True),
+    server("At another server", "http://127.0.0.1:9002/mcp"),
+    server("With a slash behind", CELL + "/"),
+    server("With the name of a folder below", CELL + "/a"),
+    server("With the folder above", "http://127.0.0.1:9000"),
+    server("Over another scheme", CELL.replace("http", "https")),
+    server("In capitals", CELL.upper()),
+    server("Under another name of the machine", CELL.replace("127.0.0.1", "localhost")),
+    server("Nowhere", ""),
+    Case(
+        "At a server that a hop has left out",
+        "TOK-8",
+        lambda: hop(authority(), replace(SLOWER, audiences=frozenset({CELL}))),
+        Faulty(FaultCode.WRONG_AUDIENCE, "TOK-8"),
+        {"audience": OTHER_CELL},
+    ),
+    Case(
+        "The wrong server for a token that is too late",
+        "TOK-7",
+        WHERE,
+        Faulty(FaultCode.EXPIRED, "TOK-7"),
+        {"audience": "http://127.0.0.1:9002/mcp", "time": NOW + 3_000},
+    ),
+)
+
+
+LIVE = "Nothing is revoked"
+NARROW = replace(
+    SCOPE,
+    grants=tuple(
+        replace(grant, limits=(*grant.limits[:2], replace(grant.limits[2], bound=SLOWER.grants[0].limits[0].bound)))
+        if grant.operation == "move_joint"
+        else grant
+        for grant in SCOPE.grants[1:]
+    ),
+    delegates=frozenset({"vision", "gripper"}),
+    not_after=NOW + 2_000,
+    depth=3,
+)
+
+
+def view(*revoked: tuple[str, str], age_ms: int = 100, epoch: int = 4) -> dict[str, Any]:
+    return {"view": {"epoch": epoch, "age_ms": age_ms, "revoked": sorted(map(list, revoked))}}
+
+
+def dead(title: str, kind: str, name: str, *, age_ms: int = 100) -> Case:
+    return Case(title, "TOK-9", LIVE, Faulty(FaultCode.REVOKED, "TOK-9"), view((kind, name), age_ms=age_ms))
+
+
+def alive(title: str, *revoked: tuple[str, str], age_ms: int = 100, **given: Any) -> Case:
+    return Case(title, "TOK-9", LIVE, Accepted(NARROW), {**view(*revoked, age_ms=age_ms), **given})
+
+
+def stale(title: str, age_ms: int, **given: Any) -> Case:
+    fault = Faulty(FaultCode.REVOCATION_VIEW_STALE, "TOK-9")
+    return Case(title, "TOK-9", LIVE, fault, {**view(age_ms=age_ms), **given})
+
+
+REVOCATION = group(
+    "revocation",
+    "What is revoked kills every chain that it stands in, however old the view; a view too old allows nothing.",
+    Case(LIVE, "TOK-9", lambda: hop(authority(), SLOWER), Accepted(NARROW)),
+    dead("The sponsor", "sponsor", "alice"),
+    dead("The token", "token", TOKEN_ID),
+    dead("The server", "audience", CELL),
+    dead("The first hop", "hop", hop_id_of("orchestrator").hex()),
+    dead("The last hop", "hop", hop_id_of("robotic").hex()),
+    dead("The first agent", "agent", "orchestrator"),
+    dead("The last agent", "agent", "robotic"),
+    dead("The key of the first holder", "key", keys.thumbprint(raw_of("orchestrator"))),
+    dead("The key of the last holder", "key", keys.thumbprint(raw_of("robotic"))),
+    dead("Revoked in a view that is too old", "token", TOKEN_ID, age_ms=2_001),
+    alive(
+        "Others of each kind",
+        ("sponsor", "bob"),
+        ("token", "A" * 22),
+        ("audience", "http://127.0.0.1:9002/mcp"),
+        ("hop", "0" * 32),
+        ("agent", "eve"),
+        ("key", keys.thumbprint(raw_of("stranger"))),
+    ),
+    alive("Another of its servers", ("audience", OTHER_CELL)),
+    alive(
+        "The same words of other kinds",
+        ("agent", "alice"),
+        ("sponsor", "robotic"),
+        ("hop", TOKEN_ID),
+        ("key", "robotic"),
+    ),
+    alive("A hop in capitals", ("hop", hop_id_of("robotic").hex().upper())),
+    alive("A key by its bytes", ("key", keys.b64u(raw_of("robotic")))),
+    alive("A view of no age", age_ms=0),
+    alive("As old as the lease", age_ms=2_000),
+    stale("A millisecond older than the lease", 2_001),
+    stale("An age below zero", -1),
+    stale("Never seen", 2**53 - 1),
+    stale("A shorter lease", 101, lease_ms=100),
+    alive("A longer lease", age_ms=30_000, lease_ms=30_000),
+    Case(
+        "The wrong server for a token that is revoked",
+        "TOK-8",
+        LIVE,
+        Faulty(FaultCode.WRONG_AUDIENCE, "TOK-8"),
+        {**view(("token", TOKEN_ID)), "audience": "http://127.0.0.1:9002/mcp"},
+    ),
+)
+
+GROUPS: tuple[Group, ...] = (TIMES, AUDIENCES, REVOCATION)
