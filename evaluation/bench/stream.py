@@ -62,7 +62,10 @@ def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: Revocat
         return Verdict.ALLOWED if refused is None else Verdict.REFUSED
 
     def sealed(values: tuple[int, ...]) -> Frame:
-        return Frame(holder_end.seal(body(workload, values), at=tokens.NOW), quantities(workload, values))
+        frame = holder_end.seal(body(workload, values), at=tokens.NOW)
+        if isinstance(frame, Fault):
+            raise RuntimeError(f"a frame of the benchmark is refused: {frame.code}")  # noqa: TRY004 - not a type error
+        return Frame(frame, quantities(workload, values))
 
     def spoiled() -> Frame:
         good = sealed(workload.values)
