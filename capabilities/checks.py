@@ -62,6 +62,12 @@ class Checks:
     ceiling: int | None
 
 
+@functools.lru_cache(maxsize=REMEMBERED)
+def forms(alternatives: tuple[Alternative, ...]) -> tuple[tuple[object, ...], ...]:
+    """Objects, operations and kinds of bounds, in order: the alternatives without their numbers."""
+    return tuple((kept.object, kept.operation, tuple(map(type, kept.bounds))) for kept in alternatives)
+
+
 def variable(position: int) -> str:
     """Name of the variable that stands for a request's parameter."""
     return f"v{position}"

@@ -50,7 +50,7 @@ class _Read:
     Attributes:
         chain: with no view of revocation yet.
         opened: the token.
-        form: all that step 12 could find out about: what the blocks check, without the numbers of time and tier.
+        form: all that step 12 could find out about: what the blocks check, the numbers left out.
         lifetimes: what [TOK-7] says about them, whenever it is asked.
         attested_at: the latest instant at which anybody behind the chain was authenticated or attested.
         attesters: for each hop after the first, the key that attested it, and when.
@@ -90,8 +90,8 @@ class Verifier:
     """Verifies tokens under one trust bundle.
 
     It remembers what steps 1 to 6 found, by token digest, revocation epoch and bundle version, and that step 12 found
-    agreement, by what the blocks check and the operation: a renewed token has the same checks. Only what was found
-    valid is remembered, and only for the canonical bytes.
+    agreement, by the form of what the blocks check and the operation. Only what was found valid is remembered, and only
+    for the canonical bytes.
     """
 
     def __init__(self, trust: TrustBundle, caps: Caps, *, remembered: int = REMEMBERED) -> None:
@@ -193,7 +193,7 @@ class Verifier:
         refused = request.refusal(chain, object=object, operation=operation, values=values, base_tier=base_tier)
         if refused is not None:
             return refused
-        # [TOK-12] Biscuit's own authorizer agrees, once for each operation under these checks
+        # [TOK-12] Biscuit's own authorizer agrees, once for each operation under checks of this form
         return self._check_agreement(chain, object, operation)
 
     def _check_agreement(self, chain: Chain, thing: str, operation: str) -> Fault | None:
@@ -335,14 +335,13 @@ def _chain(
         demanded.append(checks.read(each.symbols, each.checks))
         added = block.hop_of(more, demanded[-1], delegator=parent.agent, parent=parent.scope, caps=caps)
         hops.append(links.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
-    return authority, tuple(hops), tuple(map(_form, contents, demanded))
+    return authority, tuple(hops), tuple(map(_form, demanded))
 
 
-def _form(contents: wire.Contents, demanded: checks.Checks) -> tuple[object, ...]:
-    """[TOK-12]: all that a block checks, the numbers of window and ceiling left out."""
-    over_request = b"" if demanded.alternatives is None else contents.checks[0]
-    context = demanded.not_before is None, demanded.not_after is None, demanded.ceiling is None
-    return contents.symbols, over_request, context
+def _form(demanded: checks.Checks) -> tuple[object, ...]:
+    """[TOK-12]: what a block checks, the numbers left out: no two ways to read it differ by them alone."""
+    stated = demanded.not_before is not None, demanded.not_after is not None, demanded.ceiling is not None
+    return demanded.alternatives and checks.forms(demanded.alternatives), stated
 
 
 # --- steps 7 to 9 ----------------------------------------------------------------------------------------------------

@@ -27,7 +27,10 @@ class Kind(StrEnum):
     FIRST = "first"
     """From wire bytes to a decision, where nothing at all is remembered, not even what is common to all tokens."""
     COLD = "cold"
-    """From wire bytes that were never seen to a decision, by a verifier that has served other tokens."""
+    """From wire bytes that were never seen to a decision, by a verifier that has served other tokens of such a scope:
+    a renewed token, or the next agent's."""
+    NOVEL = "novel"
+    """The same, under limits that were never seen either."""
     WARM = "warm"
     """A further request under a token that was seen before, in the form that the peer keeps it in."""
     STREAM = "stream"

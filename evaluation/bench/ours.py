@@ -78,7 +78,7 @@ class Ours:
     name = NAME
     version = metadata.version("ztpm")
 
-    def __init__(self, lend: Callable[[Workload, int, range], list[Held] | Declined]) -> None:
+    def __init__(self, lend: Callable[[Workload, int, range, bool], list[Held] | Declined]) -> None:
         self._lend = lend
         self._serials = 0
         self._proofs = 0
@@ -88,14 +88,14 @@ class Ours:
     def prepare(self, workload: Workload, depth: int, calls: int) -> Prepared:
         """Cells of one scope at one depth, each good for `calls` calls."""
         cells: list[Cell | Unmeasured] = []
-        wanted = [(kind, proof) for kind in (Kind.COLD, Kind.FIRST) for proof in (False, True)]
-        one = self._lend(workload, depth, self._next(1))
+        wanted = [(kind, proof) for kind in (Kind.COLD, Kind.NOVEL, Kind.FIRST) for proof in (False, True)]
+        one = self._lend(workload, depth, self._next(1), False)  # noqa: FBT003 - across processes
         if isinstance(one, Declined):
             kinds = [*wanted, (Kind.WARM, False), (Kind.WARM, True), (Kind.STREAM, True)]
             why = f"refused: {one.code}"
             return Prepared(tuple(Unmeasured(NAME, workload.name, depth, k, p, why) for k, p in kinds), None)
         for kind, proof in wanted:
-            pool = self._lend(workload, depth, self._next(calls))
+            pool = self._lend(workload, depth, self._next(calls), kind is not Kind.COLD)
             assert not isinstance(pool, Declined)
             cells.append(self._unseen(workload, depth, kind, proof=proof, pool=pool))
         cells += [self._seen(workload, depth, one[0], proof=proof) for proof in (False, True)]
@@ -190,12 +190,12 @@ class Ours:
         return wrong
 
     def _unseen(self, workload: Workload, depth: int, kind: Kind, *, proof: bool, pool: list[Held]) -> Cell:
-        """From bytes that were never seen: `COLD` by one verifier for all, `FIRST` by a new one for each call."""
+        """From bytes that were never seen: by a new verifier for each call of `FIRST`, else by one for all."""
         verifier = Verifier(self._trust, DEFAULT)
 
         def calls() -> Iterator[Call]:
             for held in pool:
-                if kind is Kind.COLD:
+                if kind is not Kind.FIRST:
                     yield self._call(workload, held, proof=proof, verifier=verifier)
                 else:
                     call = self._call(workload, held, proof=proof, verifier=Verifier(self._trust, DEFAULT))
@@ -255,7 +255,7 @@ class Ours:
     def _attenuate(self, workload: Workload, depth: int) -> Cell:
         """From a verified chain, as the identity provider does it: attestation and checking are its own steps."""
         serial = self._next(1)[0]
-        parent = tokens.lend(workload, depth - 1, serial).token
+        parent = tokens.lend(workload, depth - 1, serial, varied=True).token
         chain = tokens.chain_of(parent)
 
         def asked(hop: int) -> dict[str, Any]:

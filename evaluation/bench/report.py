@@ -85,6 +85,8 @@ _RATIOS: Final = {
     "warm_proof_d8": (Kind.WARM, Kind.WARM, 8),
     "stream_d3": (Kind.STREAM, Kind.WARM, 3),  # Tenuo has no session: each sample is a call with a proof
     "cold_proof_d3": (Kind.COLD, Kind.COLD, 3),
+    "novel_proof_d3": (Kind.NOVEL, Kind.COLD, 3),  # Tenuo remembers nothing of limits: its cold call is its novel one
+    "first_proof_d3": (Kind.FIRST, Kind.FIRST, 3),
 }
 _BYTES_DEPTH: Final = 3
 

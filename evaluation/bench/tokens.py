@@ -128,7 +128,7 @@ def _limit(limit: WorkLimit) -> Limit:
 
 
 def scope(workload: Workload, serial: int) -> Scope:
-    """The whole scope of the token of this serial number."""
+    """The whole scope with the limits of this serial number."""
     return Scope(
         grants=tuple(
             Grant(OBJECT, operation, tuple(map(_limit, limits))) for operation, limits in workload.lent(0, serial)
@@ -156,15 +156,15 @@ def restriction(workload: Workload, hop: int, serial: int) -> Restriction:
     )
 
 
-def first_of(workload: Workload, serial: int) -> dict[str, Any]:
-    """What `mint` is asked for the token of this serial number."""
+def first_of(workload: Workload, serial: int, *, limits: int = 0) -> dict[str, Any]:
+    """What `mint` is asked for the token of this serial number, under the limits of that one."""
     return {
         "root": key_of("root"),
         "root_key_id": ROOT_ID,
         "token_id": keys.b64u(_seed(f"token {serial}")[:16]),
         "sponsor": Sponsor(ISSUER, "alice", "operator-key", NOW - 10),
         "hop": grant_to(0, serial),
-        "scope": scope(workload, serial),
+        "scope": scope(workload, limits),
         "caps": DEFAULT,
     }
 
@@ -198,28 +198,35 @@ def chain_of(token: bytes) -> Chain:
     return chain
 
 
-def lend(workload: Workload, depth: int, serial: int) -> Held:
+def lend(workload: Workload, depth: int, serial: int, *, varied: bool = False) -> Held:
     """A token of this depth and the key of its leaf.
+
+    Args:
+        workload: its scope.
+        depth: how many hops after the first holder.
+        serial: no two tokens of a run have the same one; agents, keys and ids go by it.
+        varied: the limits, too.
 
     Raises:
         CapabilityError: where the caps of the profile do not allow it.
     """
-    token = mint(**first_of(workload, serial))
+    limits = serial if varied else 0
+    token = mint(**first_of(workload, serial, limits=limits))
     for hop in range(1, depth + 1):
-        token = delegate(token, **next_of(chain_of(token), restriction(workload, hop, serial), serial))
+        token = delegate(token, **next_of(chain_of(token), restriction(workload, hop, limits), serial))
     return Held(token, _seed(f"{serial}/{depth}"))
 
 
-def lend_all(workload: Workload, depth: int, serials: range) -> list[Held] | Declined:
+def lend_all(workload: Workload, depth: int, serials: range, varied: bool = False) -> list[Held] | Declined:  # noqa: FBT001, FBT002 - across processes
     """A token for each serial number, or why there is none."""
     try:
-        return [lend(workload, depth, serial) for serial in serials]
+        return [lend(workload, depth, serial, varied=varied) for serial in serials]
     except CapabilityError as error:
         return Declined(str(error.code))
 
 
 @contextmanager
-def elsewhere() -> Iterator[Callable[[Workload, int, range], list[Held] | Declined]]:
+def elsewhere() -> Iterator[Callable[[Workload, int, range, bool], list[Held] | Declined]]:
     """`lend_all` in a fresh process, which lives as long as the block."""
     with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
-        yield lambda workload, depth, serials: pool.submit(lend_all, workload, depth, serials).result()
+        yield lambda *asked: pool.submit(lend_all, *asked).result()

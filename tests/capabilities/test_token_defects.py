@@ -735,7 +735,7 @@ def test_tok_12_runs_once_for_each_operation(monkeypatch):
     assert once > 0
     assert checker.check_request(chain, object="ur3e", operation="stop", values=(), base_tier=Tier(0), at=NOW) is None
     assert len(probes) > once
-    # Another token with the same checks, whatever its window, tells nothing new; other checks do.
+    # Another token with checks of the same form, whatever their numbers, tells nothing new; another form does.
     before = len(probes)
     for token in (mint_root(token_id="A" * 22), mint_root(replace(SCOPE, not_after=NOW + 2_500, ceiling=Tier(2)))):
         later = checker.verify(token, at=NOW, audience=CELL, view=replace(VIEW, epoch=4), lease_ms=LEASE_MS)

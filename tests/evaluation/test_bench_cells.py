@@ -31,7 +31,7 @@ def test_our_cells(workload, depth):
         assert one.wrong or one.kind is Kind.MINT
     making = Kind.ATTENUATE if depth else Kind.MINT
     assert {(one.kind, one.proof) for one in cells} >= {
-        *((kind, proof) for kind in (Kind.FIRST, Kind.COLD, Kind.WARM) for proof in (True, False)),
+        *((kind, proof) for kind in (Kind.FIRST, Kind.NOVEL, Kind.COLD, Kind.WARM) for proof in (True, False)),
         (making, False),
     }
     assert prepared.bytes == len(tokens.lend(workload, depth, 0).token)
@@ -68,14 +68,6 @@ def test_a_frame_is_asked_for_right_and_for_wrong(monkeypatch):
     monkeypatch.setattr(Verifier, "check_request", lambda *_, **__: None)
     with pytest.raises(WrongAnswerError):
         timing.prove(one)
-
-
-def test_without_sessions_the_row_says_so(monkeypatch):
-    monkeypatch.setitem(sys.modules, "capabilities.session", None)
-    one = stream_cell()
-    assert isinstance(one, Unmeasured)
-    assert (one.kind, one.proof) == (Kind.STREAM, True)
-    assert "session" in one.why
 
 
 # --- a checker that checks nothing is caught -------------------------------------------------------------------------------
@@ -124,16 +116,16 @@ def test_a_token_that_nobody_checks_is_caught(monkeypatch):
 def test_no_token_is_used_twice_and_no_two_are_alike():
     asked: list[range] = []
 
-    def lend(workload, depth, serials):
+    def lend(workload, depth, serials, varied):
         asked.append(serials)
-        return tokens.lend_all(workload, depth, serials)
+        return tokens.lend_all(workload, depth, serials, varied)
 
     one = Ours(lend)
     for workload in WORKLOADS:
         one.prepare(workload, 1, CALLS)
     serials = [serial for some in asked for serial in some]
-    assert len(serials) == len(set(serials)) == 2 * (4 * CALLS + 1)
-    made = [tokens.lend(SMALL, 1, serial).token for serial in range(5)]
+    assert len(serials) == len(set(serials)) == 2 * (6 * CALLS + 1)
+    made = [tokens.lend(SMALL, 1, serial, varied=True).token for serial in range(5)]
     described = [inspect_token(token, tokens.trust()) for token in made]
     for field in ("agent", "key", "hop_id", "measurement", "request_digest", "grants"):
         said = [
@@ -152,6 +144,15 @@ def test_a_cold_call_has_a_token_of_its_own_and_one_verifier_for_all():
     assert len({id(call.verifier) for call in calls}) == 1
     with pytest.raises(StopIteration):
         cold.fresh()
+
+
+@pytest.mark.parametrize(("kind", "scopes"), [(Kind.COLD, 1), (Kind.NOVEL, CALLS), (Kind.FIRST, CALLS)])
+def test_cold_calls_have_the_limits_of_others_and_novel_ones_have_not(kind, scopes):
+    cells = measured(Ours(tokens.lend_all).prepare(SMALL, 1, CALLS))
+    (one,) = [each for each in cells if (each.kind, each.proof) == (kind, False)]
+    described = [inspect_token(one.fresh().token, tokens.trust()) for _ in range(CALLS)]
+    assert len({str(token["hops"][-1]["scope"]["grants"]) for token in described}) == scopes
+    assert len({token["hops"][-1]["agent"] for token in described}) == CALLS
 
 
 def test_a_first_call_finds_nothing_remembered():

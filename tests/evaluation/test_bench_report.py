@@ -15,7 +15,7 @@ from evaluation.bench.report import Result, Row, Size
 from evaluation.bench.timing import QUICK
 from ztpm.cli import evaluation
 
-RATIOS = {"warm_proof_d3", "warm_proof_d8", "stream_d3", "cold_proof_d3", "bytes_d3"}
+RATIOS = {"warm_proof_d3", "warm_proof_d8", "stream_d3", "cold_proof_d3", "novel_proof_d3", "first_proof_d3", "bytes_d3"}
 
 
 def row(peer: str, depth: int, kind: str, us: float, *, scope: str = "realistic", proof: bool = True) -> Row:
@@ -32,6 +32,9 @@ ROWS = (
     row("ztpm", 3, "stream", 20.0),
     row("ztpm", 3, "cold", 300.0),
     row("tenuo", 3, "cold", 200.0),
+    row("ztpm", 3, "novel", 400.0),
+    row("ztpm", 3, "first", 1_000.0),
+    row("tenuo", 3, "first", 250.0),
     Row("aip", None, None, None, None, why="not installed: x"),
 )
 SIZES = (
@@ -49,6 +52,8 @@ def test_ratios_are_ours_over_theirs_in_the_realistic_scope_with_proof():
         "warm_proof_d8": 0.45,
         "stream_d3": 0.2,
         "cold_proof_d3": 1.5,
+        "novel_proof_d3": 2.0,
+        "first_proof_d3": 4.0,
         "bytes_d3": 0.667,
     }
     assert report.ratios(ROWS, SIZES, "p50_us") == expected
