@@ -73,7 +73,7 @@ BROKEN: dict[str, Texts] = {
     "An object that is a number": replaced('"ur3e", "gripper_move"', '5, "gripper_move"'),
     "Any operation": replaced('"gripper_move"', "$op"),
     "Any object": replaced('"ur3e", "gripper_move"', '$o, "gripper_move"'),
-    "Another predicate": replaced("req(", "request("),
+    "Another predicate for the request": replaced("req(", "request("),
     "An alternative over the context": replaced("check if req(", f"check if {CONTEXT} or req("),
     "An alternative that is always true": replaced("check if req(", "check if true or req("),
     "A check over nothing": replaced(f"check if {CONTEXT}, {START}, {END}, {CEILING}", "check if true"),

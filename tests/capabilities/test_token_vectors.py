@@ -1,0 +1,91 @@
+"""The conformance vectors: our verifier and an independent one agree with every one of them, and they cover the profile."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from capabilities.errors import FaultCode
+from tests.vectors.tokens import codec, generate
+
+TOP = Path(__file__).parents[2]
+TYPESCRIPT = TOP / "verifiers" / "typescript"
+WORLD = codec.read_world()
+VECTORS = {vector["id"]: (group, vector) for group in codec.read_groups().values() for vector in group["vectors"]}
+EXPECTED = [vector["expect"] for _, vector in VECTORS.values()]
+FAULTS = {(e["fault"]["code"], e["fault"]["clause"]) for e in EXPECTED if "fault" in e}
+REFUSALS = Counter(e["refusal"]["code"] for e in EXPECTED if "refusal" in e)
+
+
+@pytest.mark.parametrize("id", VECTORS)
+def test_our_verifier_finds_what_is_expected(id):
+    group, vector = VECTORS[id]
+    assert generate.outcome(WORLD, codec.text_of(group, vector), vector) == vector["expect"]
+
+
+def test_generating_again_changes_nothing():
+    """Every author's own expectation is met, and each file is byte for byte what its tokens and cases make of it."""
+    groups = generate.all_groups()
+    assert {group.name for group in groups} == {path.stem for path in codec.files()}
+    assert codec.WORLD.read_text("utf-8") == codec.written(generate.new_world()) + "\n"
+    for group in groups:
+        path = codec.FOLDER / f"{group.name}.json"
+        frozen = json.loads(path.read_text("utf-8"))
+        assert codec.written(generate.complete(WORLD, group, frozen)) + "\n" == path.read_text("utf-8"), group.name
+
+
+def test_ids_are_unique_and_there_are_enough():
+    ids = [vector["id"] for group in codec.read_groups().values() for vector in group["vectors"]]
+    assert len(ids) == len(set(ids)) >= 150
+
+
+def test_every_clause_and_code_of_the_part_is_covered():
+    section = (TOP / "docs" / "spec.md").read_text().split("## 3. Verification", 1)[1].split("## 4.", 1)[0]
+    clauses = re.split(r"^\*\*\[(TOK-\d+)\]", section, flags=re.MULTILINE)
+    stated = {
+        (code, clause)
+        for clause, text in zip(clauses[1::2], clauses[2::2], strict=True)
+        for code in re.findall(r"`([A-Z][A-Z_]+)`", text)
+    }
+    assert {clause for _, clause in stated} | {"TOK-10"} == {f"TOK-{n}" for n in range(1, 13)}
+    refusals = {(code, "TOK-11") for code in REFUSALS}
+    elsewhere = {("REPLAYED", "TOK-10")}  # asks of a store, not of a token
+    assert stated - FAULTS - refusals == elsewhere
+    assert {vector["clause"] for _, vector in VECTORS.values()} == {f"TOK-{n}" for n in range(1, 13)} - {"TOK-10"}
+    assert all(code in FaultCode.__members__ for code, _ in FAULTS)
+
+
+@pytest.fixture(scope="module")
+def typescript(tmp_path_factory) -> Path:
+    """The TypeScript verifier, built in a folder of its own."""
+    npm = shutil.which("npm")
+    if npm is None or shutil.which("node") is None:
+        pytest.skip("npm and node are not on the path: the independent verifier is not run")
+    where = tmp_path_factory.mktemp("typescript")
+    for name in ("package.json", "package-lock.json", "tsconfig.json", ".npmrc"):
+        shutil.copy(TYPESCRIPT / name, where)
+    shutil.copytree(TYPESCRIPT / "src", where / "src")
+    installed = subprocess.run([npm, "ci", "--ignore-scripts"], cwd=where, capture_output=True, text=True, timeout=240)
+    if installed.returncode and re.search(r"E(AI_AGAIN|NOTFOUND|CONNREFUSED|TIMEDOUT|CONNRESET)", installed.stderr):
+        pytest.skip("the packages of the independent verifier cannot be fetched here")
+    assert installed.returncode == 0, installed.stderr
+    built = subprocess.run([npm, "run", "-s", "build"], cwd=where, capture_output=True, text=True, timeout=120)
+    assert built.returncode == 0, built.stdout
+    return where
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(420)
+def test_an_independent_verifier_passes_the_same_vectors(typescript):
+    command = ["node", "--no-warnings", "--experimental-wasm-modules", "dist/main.js", str(codec.FOLDER)]
+    ran = subprocess.run(command, cwd=typescript, capture_output=True, text=True, timeout=120)
+    told = json.loads(ran.stdout.splitlines()[-1])
+    assert told["failed"] == []
+    assert sorted(told["passed"]) == sorted(VECTORS)
+    assert ran.returncode == 0
