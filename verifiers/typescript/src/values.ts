@@ -1,6 +1,7 @@
 // Part 1 of the specification: numbers, text, keys.
 
 import { createHash } from "node:crypto";
+import { isIPv6 } from "node:net";
 import { demand } from "./faults.js";
 
 export const LARGEST = Number.MAX_SAFE_INTEGER; // 2^53 - 1
@@ -51,7 +52,7 @@ export function url(value: unknown): string {
   const parts = URL.exec(string(value));
   demand(parts !== null && string(value).length <= 256 && !string(value).endsWith("\n"));
   const [, scheme, host, port, path] = parts;
-  demand(!host!.endsWith("."));
+  demand(!host!.endsWith(".") && (!host!.startsWith("[") || isIPv6(host!.slice(1, -1))));
   demand(!path!.split("/").some((segment) => segment === "." || segment === ".."));
   if (port !== undefined) {
     demand(String(Number(port)) === port && 0 < Number(port) && Number(port) <= 65_535);

@@ -272,6 +272,7 @@ NARROWING = group(
     wider("A set with another member", grip(Limit(FORCE, OneOf(frozenset({10, 30}))))),
     wider("A set with a member more", grip(Limit(FORCE, OneOf(frozenset({10, 20, 30, 40}))))),
     wider("A range over the gaps of a set", grip(Limit(FORCE, Range(10, 40)))),
+    wider("A shorter range with one step out of a set", close(Range(2, 4)), parent=CLOSE),
     wider("A range with one step out of a set", close(Range(1, 4)), parent=CLOSE),
     wider("One limit narrower and one wider", move(Limit(Q0, Range(0, 1)), Limit(SPEED, Range(0, 1)))),
     wider(

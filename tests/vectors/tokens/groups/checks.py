@@ -133,6 +133,16 @@ def more(extra: bytes):
     return lambda found: found + extra
 
 
+def deep(raw: bytes, path: list[int], change) -> bytes:
+    """The message with the last field of each number on this path changed, lengths and all."""
+    if not path:
+        return change(raw)
+    fields = cut(raw)
+    at = max(i for i, (number, _) in enumerate(fields) if number == path[0])
+    changed = put(path[0], deep(inner(fields[at][1]), path[1:], change))
+    return b"".join(changed if i == at else each for i, (_, each) in enumerate(fields))
+
+
 def first_longer(found: bytes) -> bytes:
     """The length of the first field in a byte more than it needs."""
     (_, first), *rest = cut(found)
@@ -175,6 +185,14 @@ CHECKS = group(
             "An unknown field in a query": lambda: in_check(0, in_query(more(put(9, 1)))),
             "A longer length in a check": lambda: in_check(1, first_longer),
             "A longer length in a query": lambda: in_check(1, in_query(first_longer)),
+            "A function of the host beside an operation": lambda: in_check(
+                1, lambda check: deep(check, [1, 3, 1, 3], more(put(2, 1024)))
+            ),
+            "An unknown field in a condition": lambda: in_check(1, lambda check: deep(check, [1, 3], more(put(9, 1)))),
+            "An unknown field in a term": lambda: in_check(1, lambda check: deep(check, [1, 2, 2], more(put(15, 1)))),
+            "A longer number in an operation": lambda: in_check(
+                1, lambda check: deep(check, [1, 3, 1, 3], lambda found: found[:1] + varint(found[1], pad=1))
+            ),
             "A set out of order": lambda: in_check(0, unsorted),
             "A member of a set twice": lambda: in_check(0, doubled),
             "A query with another head": lambda: in_check(
@@ -199,6 +217,18 @@ CHECKS = group(
             ),
             "A hop with a context that demands nothing": lambda: hop(
                 authority(SMALL), LESS, parent=SMALL, texts=replaced(", $tier <= 0", "")
+            ),
+            "A hop with a scope": lambda: hop(
+                authority(SMALL), LESS, parent=SMALL, texts=replaced("$tier <= 0", "$tier <= 0 trusting previous")
+            ),
+            "A hop with a check all": lambda: hop(
+                authority(SMALL), LESS, parent=SMALL, texts=replaced("check if req_ctx", "check all req_ctx")
+            ),
+            "A hop with an operation on bits": lambda: hop(
+                authority(SMALL), LESS, parent=SMALL, texts=replaced("$tier <= 0", "$tier & 7 <= 0")
+            ),
+            "A hop with an inequation": lambda: hop(
+                authority(SMALL), LESS, parent=SMALL, texts=replaced("$tier <= 0", "$tier !== 3")
             ),
             "A hop with the context before the request": lambda: hop(
                 authority(), SLOWER, texts=lambda found: found[::-1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from capabilities.errors import FaultCode
-from tests.vectors.tokens.cases import Case, Faulty, Group, Made, faults, group
+from tests.vectors.tokens.cases import Accepted, Case, Case, Faulty, Group, Made, faults, group
 from tests.vectors.tokens.ordinary import (
     CELL,
     ISSUER,
@@ -55,6 +55,11 @@ def also(number: int, value: int | bytes):
     return lambda fields: sorted([*fields, (number, put(number, value))], key=lambda field: field[0])
 
 
+def with_text(*texts: str):
+    """These texts behind those of the block."""
+    return lambda fields: sorted([*fields, *((1, put(1, text)) for text in texts)], key=lambda field: field[0])
+
+
 def in_fact(more: bytes):
     """The fact's message with something behind."""
     return lambda fields: [(n, put(4, inner(raw) + more) if n == 4 else raw) for n, raw in fields]
@@ -85,9 +90,15 @@ MESSAGE = group(
             "The version of a hop in the authority block": rewritten(version(5)),
             "The version of an authority block in a hop": hop_rewritten(version(4)),
             "A later version in a hop": hop_rewritten(version(6)),
+            "An earlier version": rewritten(version(2)),
+            "A version that Biscuit has not": rewritten(version(7)),
+            "No version": rewritten(lambda fields: [field for field in fields if field[0] != 3]),
+            "A version in a hop that Biscuit has not": hop_rewritten(version(7)),
             "A longer number for the version": rewritten(
                 lambda fields: [(n, b"\x18" + varint(3, pad=1) if n == 3 else raw) for n, raw in fields]
             ),
+            "A scope of the whole block": hop_rewritten(also(7, put(1, 0))),
+            "A key that nothing uses": hop_rewritten(also(8, put(1, 0) + put(2, raw_of("root")))),
             "An unknown field": rewritten(lambda fields: [*fields, (15, put(15, 1))]),
             "An unknown field in a hop": hop_rewritten(lambda fields: [*fields, (15, b"\x7a\x01x")]),
             "An unknown field in the fact": rewritten(in_fact(put(9, 1))),
@@ -115,6 +126,9 @@ MESSAGE = group(
             "The context check twice": with_statements("check if req_ctx($time, $tier), $tier <= 3"),
             "The request check twice": with_statements('check if req("ur3e", "read_state")'),
             "A text twice": rewritten(lambda fields: [*fields[:1], *fields]),
+            "A text twice, though nothing uses the second": rewritten(with_text("hop")),
+            "A text that Biscuit knows by itself": hop_rewritten(with_text("nonce")),
+            "A text twice in a hop": hop_rewritten(with_text("agent-x", "agent-x")),
             "A hop with a second fact": lambda: hop(
                 authority(SMALL), LESS, parent=SMALL, texts=lambda checks: [*checks, "n(1)"]
             ),
@@ -123,6 +137,7 @@ MESSAGE = group(
             ),
         },
     ),
+    Case("A text that nothing uses", "TOK-6", rewritten(with_text("unused")), Accepted(SMALL)),
 )
 
 

@@ -90,6 +90,9 @@ ODD_URLS = {
     "A URL with a letter of another script": "http://c\u0435ll.example/mcp",
     "A URL with a sign that segments have not": "http://cell.example/mcp;a",
     "A URL of 257 bytes": "http://cell.example/" + "a" * 237,
+    "A URL with four numbers in brackets": "http://[1.2.3.4]/mcp",
+    "A URL with no address in brackets": "http://[:::]/mcp",
+    "A URL with something behind its brackets": "http://[::1]a/mcp",
     "A URL without scheme": "//cell.example/mcp",
     "A URL with one slash": "http:/cell.example/mcp",
     "A URL with a backslash": "http://cell.example\\mcp",
@@ -130,6 +133,7 @@ TEXTS = group(
             "A delegate of a role that is no name": lambda: authority(SMALL, says=member(delegates=["role:.a"])),
             "A delegate of 257 bytes": lambda: authority(SMALL, says=member(delegates=["d" * 257])),
             "An object that is no name": lambda: authority(SMALL, texts=replaced('"ur3e"', '"ur 3e"')),
+            "An object with a byte order mark": lambda: authority(SMALL, texts=replaced('"ur3e"', '"\ufeffur3e"')),
             "An operation that is no name": lambda: authority(SMALL, texts=replaced('"read_state"', '""')),
             "An agent of a hop that is no name": lambda: hop(
                 authority(SMALL), LESS, parent=SMALL, says=member(agent="a b")
