@@ -8,14 +8,13 @@ over its parent as it was written, wider places included; `hop` is the rule for 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from capabilities import bounds
 from capabilities.bounds import bound_to_json, limits_to_json, nearest, permits, size, within
 from capabilities.errors import FaultCode, ScopeError
 from capabilities.scope import Grant, Limit, Restriction, Scope, Widening
 from capabilities.well_formed import TIME_LIMIT, well_formed, well_formed_restriction
-
 
 __all__ = [
     "COUNTED",
