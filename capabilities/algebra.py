@@ -17,9 +17,7 @@ from capabilities.scope import Grant, Limit, Restriction, Scope, Widening
 from capabilities.well_formed import TIME_LIMIT, well_formed, well_formed_restriction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from capabilities.scope import Bound
+    from collections.abc import Callable
 
 __all__ = [
     "COUNTED",
@@ -27,7 +25,6 @@ __all__ = [
     "Narrowing",
     "apply",
     "bound_to_json",
-    "difference",
     "hop",
     "meet",
     "narrows",
@@ -305,24 +302,3 @@ def apply(parent: Scope, restriction: Restriction) -> Scope:
     if both is None:
         raise ScopeError(FaultCode.NOT_NARROWER, "nothing is left")
     return both
-
-
-def difference(parent: Scope, child: Scope) -> Restriction:
-    """The least restriction that states `child`, which narrows `parent` and has less depth: nothing in it is kept."""
-    return Restriction(
-        grants=None if child.grants == parent.grants else tuple(_tightened(parent, grant) for grant in child.grants),
-        ceiling=None if child.ceiling == parent.ceiling else child.ceiling,
-        audiences=None if child.audiences == parent.audiences else child.audiences,
-        delegates=None if child.delegates == parent.delegates else child.delegates,
-        depth=None if child.depth == parent.depth - 1 else child.depth,
-        not_before=None if child.not_before == parent.not_before else child.not_before,
-        not_after=None if child.not_after == parent.not_after else child.not_after,
-    )
-
-
-def _tightened(parent: Scope, grant: Grant) -> Grant:
-    above = parent.find(grant.object, grant.operation)
-    kept: Iterable[Limit] = () if above is None else above.limits
-    bound_of: dict[object, Bound] = {limit.parameter: limit.bound for limit in kept}
-    limits = tuple(limit for limit in grant.limits if limit.bound != bound_of.get(limit.parameter))
-    return Grant(grant.object, grant.operation, limits)

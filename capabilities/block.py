@@ -8,7 +8,7 @@ is stated twice.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, TypeVar, assert_never
 
 from capabilities import algebra, keys, text
@@ -185,33 +185,40 @@ def authority_of(said: Said[AuthorityStatement], demanded: Checks, caps: Caps) -
     return block
 
 
-def hop_of(said: Said[HopStatement], demanded: Checks, *, delegator: str, parent: Scope, caps: Caps) -> HopBlock:
-    """The hop block that says and demands this, below a hop of agent `delegator` with the scope `parent`.
+def hop_of(
+    said: Said[HopStatement], demanded: Checks, *, index: int, delegator: str, parent: Scope, caps: Caps
+) -> HopBlock:
+    """The hop block that says and demands this, at this index below a hop of agent `delegator` with the scope `parent`.
 
     Raises:
         TokenError: `NOT_NARROWER` when it keeps an operation, or a number of parameters, that the parent does not have;
             `CHAIN_BROKEN` when there is no such block of the profile.
     """
     stated = said.statement
-    kept = None if demanded.alternatives is None else _kept_grants(demanded.alternatives, parent.grants)
     try:
-        block = HopBlock(
-            index=said.index,
-            hop=_hop(said, delegator),
-            restriction=Restriction(
-                grants=kept,
-                ceiling=None if demanded.ceiling is None else Tier(demanded.ceiling),
-                audiences=None if stated.audiences is None else _ascending(stated.audiences),
-                delegates=None if stated.delegates is None else _ascending(stated.delegates),
-                depth=stated.depth,
-                not_before=demanded.not_before,
-                not_after=demanded.not_after,
-            ),
+        hop = _hop(said, delegator)
+        _well_formed_hop(hop, caps)
+        rest = Restriction(
+            ceiling=None if demanded.ceiling is None else Tier(demanded.ceiling),
+            audiences=None if stated.audiences is None else _ascending(stated.audiences),
+            delegates=None if stated.delegates is None else _ascending(stated.delegates),
+            depth=stated.depth,
+            not_before=demanded.not_before,
+            not_after=demanded.not_after,
         )
-        well_formed(block, caps)
+        if said.index != index:
+            raise TokenError(FaultCode.CHAIN_BROKEN, f"not the index of block {index}")
+        algebra.well_formed_restriction(rest, caps)
     except (ValueError, CapabilityError) as error:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {type(error).__name__}") from None
-    return block
+    if demanded.alternatives is None:
+        return HopBlock(index, hop, rest)
+    whole = replace(rest, grants=_kept_grants(demanded.alternatives, parent.grants))
+    try:
+        algebra.well_formed_restriction(whole, caps)
+    except CapabilityError as error:
+        raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {type(error).__name__}") from None
+    return HopBlock(index, hop, whole)
 
 
 def _hop(said: Said[AuthorityStatement] | Said[HopStatement], delegator: str) -> HopGrant:

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Final
 from capabilities import algebra
 from capabilities.bounds import size
 from capabilities.boxes import boxes_of
-from capabilities.scope import Scope, Widening
+from capabilities.scope import Grant, Restriction, Scope, Widening
 from capabilities.scope_json import restriction_to_json
 
 if TYPE_CHECKING:
-    from capabilities.scope import Restriction
+    from collections.abc import Iterable
 
-__all__ = ["Explanation", "explain", "explanation_to_json", "narrowable", "repair"]
+    from capabilities.scope import Bound, Limit
+
+__all__ = ["Explanation", "difference", "explain", "explanation_to_json", "narrowable", "repair"]
 
 TOLD: Final = 4
 """Places that the sentence tells one by one."""
@@ -71,7 +73,28 @@ def repair(parent: Scope, restriction: Restriction) -> Restriction | None:
     both = algebra.meet(replace(parent, depth=parent.depth - 1), algebra.stated(parent, restriction))
     if both is None or not algebra.narrows(both, parent).strict:
         return None
-    return algebra.difference(parent, both)
+    return difference(parent, both)
+
+
+def difference(parent: Scope, child: Scope) -> Restriction:
+    """The least restriction that states `child`, which narrows `parent` and has less depth: nothing in it is kept."""
+    return Restriction(
+        grants=None if child.grants == parent.grants else tuple(_tightened(parent, grant) for grant in child.grants),
+        ceiling=None if child.ceiling == parent.ceiling else child.ceiling,
+        audiences=None if child.audiences == parent.audiences else child.audiences,
+        delegates=None if child.delegates == parent.delegates else child.delegates,
+        depth=None if child.depth == parent.depth - 1 else child.depth,
+        not_before=None if child.not_before == parent.not_before else child.not_before,
+        not_after=None if child.not_after == parent.not_after else child.not_after,
+    )
+
+
+def _tightened(parent: Scope, grant: Grant) -> Grant:
+    above = parent.find(grant.object, grant.operation)
+    kept: Iterable[Limit] = () if above is None else above.limits
+    bound_of: dict[object, Bound] = {limit.parameter: limit.bound for limit in kept}
+    limits = tuple(limit for limit in grant.limits if limit.bound != bound_of.get(limit.parameter))
+    return Grant(grant.object, grant.operation, limits)
 
 
 def narrowable(parent: Scope) -> tuple[str, ...]:

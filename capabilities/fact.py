@@ -97,10 +97,10 @@ def authority_said(contents: Contents) -> Said[AuthorityStatement]:
     """What the fact of an authority block says.
 
     Raises:
-        TokenError: `WRONG_PROFILE` when the block is of another profile or version of Datalog, `CHAIN_BROKEN` when its
+        TokenError: `WRONG_PROFILE` when the block is of another profile, `CHAIN_BROKEN` when its
             fact is not that of the profile.
     """
-    spelled = _spelled(contents, AUTHORITY_VERSION)
+    spelled = _spelled(contents)
     try:
         profile = _PROFILE.decode(spelled).profile
     except ValueError:
@@ -116,14 +116,12 @@ def hop_said(contents: Contents) -> Said[HopStatement]:
     Raises:
         TokenError: as `authority_said`.
     """
-    _spelled(contents, HOP_VERSION)
+    _spelled(contents)
     return _said(contents, _HOP)
 
 
-def _spelled(contents: Contents, version: int) -> bytes:
+def _spelled(contents: Contents) -> bytes:
     """The JSON of a fact that has the form of the profile."""
-    if contents.version != version:
-        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
     if checks.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.raw) != BYTE_STRINGS:
         raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
     return contents.raw[-1]

@@ -31,8 +31,8 @@ def first_hop(block: AuthorityBlock, *, reserved: frozenset[bytes], caps: Caps) 
     """
     if block.index != 0 or block.hop.delegator != block.sponsor.subject:
         raise TokenError(FaultCode.CHAIN_BROKEN, "hop 0 does not continue the sponsor")
+    _check_holder(block.hop, 0, (), reserved)
     hop = _hop(0, block.hop, block.scope)
-    _check_holder(hop, (), reserved)
     _check_ceiling(hop, caps)
     return hop
 
@@ -49,13 +49,13 @@ def next_hop(parents: tuple[Hop, ...], block: HopBlock, *, reserved: frozenset[b
     parent, added = parents[-1], block.hop
     if block.index != len(parents) or added.delegator != parent.agent:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"hop {len(parents)} does not continue the holder before it")
+    _check_holder(added, block.index, parents, reserved)
     if parent.scope.depth < 1:
         raise TokenError(FaultCode.TOO_MANY_HOPS, "no depth is left")
     names = {added.agent, ROLE_PREFIX + added.role} if added.role else {added.agent}
     if not names & parent.scope.delegates:
         raise TokenError(FaultCode.DELEGATE_NOT_ALLOWED, f"hop {parent.index} does not name this delegate")
     hop = _hop(block.index, added, _narrower(parent.scope, block))
-    _check_holder(hop, parents, reserved)
     _check_ceiling(hop, caps)
     return hop
 
@@ -115,12 +115,12 @@ def _hop(index: int, grant: HopGrant, scope: Scope) -> Hop:
     )
 
 
-def _check_holder(hop: Hop, parents: tuple[Hop, ...], reserved: frozenset[bytes]) -> None:
+def _check_holder(hop: HopGrant, index: int, parents: tuple[Hop, ...], reserved: frozenset[bytes]) -> None:
     if hop.key in reserved:
-        raise TokenError(FaultCode.KEY_WRONG_ROLE, f"the key of hop {hop.index} has another role")
+        raise TokenError(FaultCode.KEY_WRONG_ROLE, f"the key of hop {index} has another role")
     for parent in parents:
         if hop.agent == parent.agent or hop.key == parent.key or hop.hop_id == parent.hop_id:
-            raise TokenError(FaultCode.CHAIN_BROKEN, f"hop {hop.index} repeats hop {parent.index}")
+            raise TokenError(FaultCode.CHAIN_BROKEN, f"hop {index} repeats hop {parent.index}")
 
 
 def _check_ceiling(hop: Hop, caps: Caps) -> None:

@@ -157,11 +157,11 @@ class TrustBundle:
             return root
         standing = self.standing(root, signed_at=root_signed_at, at=at)
         if standing is not Standing.TRUSTED:
-            return Fault(FaultCode.UNKNOWN_ROOT_KEY, "TRB-3", standing.value)
+            return Fault(FaultCode.UNKNOWN_ROOT_KEY, _clause(standing), standing.value)
         for index, (attester, signed_at) in enumerate(hops, start=1):
             standing = self.standing(attester, signed_at=signed_at, at=at)
             if standing is not Standing.TRUSTED or attester not in self.attesters:
-                return Fault(FaultCode.HOP_NOT_ATTESTED, "TRB-3", f"hop {index}: {standing.value}")
+                return Fault(FaultCode.HOP_NOT_ATTESTED, _clause(standing), f"hop {index}: {standing.value}")
         return None
 
     # --- as JSON [TRB-1] ---------------------------------------------------------------------------------------------
@@ -221,6 +221,11 @@ class TrustBundle:
             issued_at=whole(members["issued_at"]),
             valid_until=whole(members["valid_until"]),
         )
+
+
+def _clause(standing: Standing) -> str:
+    """What says that a key which stands so is not trusted."""
+    return "TRB-3" if standing is Standing.TAINTED else "TRB-2"
 
 
 def _number(digits: str) -> int:

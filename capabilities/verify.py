@@ -252,7 +252,8 @@ def _read_chain(token: bytes, trust: TrustBundle, caps: Caps) -> _Read:
 
     # [TOK-6] profile, hop sequence, holder continuity, narrowing
     with _clause("TOK-6"):
-        contents = [wire.contents(signed.payload) for signed in shape.blocks]
+        versions = fact.AUTHORITY_VERSION, *(fact.HOP_VERSION,) * (len(shape.blocks) - 1)
+        contents = [wire.contents(each.payload, version=v) for each, v in zip(shape.blocks, versions, strict=True)]
         authority, hops, form = _chain(contents, trust, caps)
 
     chain = Chain(
@@ -333,7 +334,9 @@ def _chain(
     for each in further:
         parent, more = hops[-1], fact.hop_said(each)
         demanded.append(checks.read(each.symbols, each.checks))
-        added = block.hop_of(more, demanded[-1], delegator=parent.agent, parent=parent.scope, caps=caps)
+        added = block.hop_of(
+            more, demanded[-1], index=len(hops), delegator=parent.agent, parent=parent.scope, caps=caps
+        )
         hops.append(links.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
     return authority, tuple(hops), tuple(map(_form, demanded))
 

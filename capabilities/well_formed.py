@@ -36,8 +36,8 @@ def well_formed(scope: Scope, caps: Caps) -> Scope:
     _check_names(scope.audiences, scope.delegates, caps)
     _integer(scope.ceiling, 0, max(Tier), "ceiling")
     _integer(scope.depth, 0, caps.hops, "depth")
-    _integer(scope.not_before, 0, TIME_LIMIT, "not_before")
-    _integer(scope.not_after, scope.not_before + 1, TIME_LIMIT, "not_after")
+    _integer(scope.not_before, 0, TIME_LIMIT - 1, "not_before")
+    _integer(scope.not_after, scope.not_before + 1, TIME_LIMIT - 1, "not_after")
     return scope
 
 
@@ -57,8 +57,8 @@ def well_formed_restriction(restriction: Restriction, caps: Caps) -> Restriction
     for value, most, what in (
         (restriction.ceiling, int(max(Tier)), "ceiling"),
         (restriction.depth, caps.hops, "depth"),
-        (restriction.not_before, TIME_LIMIT, "not_before"),
-        (restriction.not_after, TIME_LIMIT, "not_after"),
+        (restriction.not_before, TIME_LIMIT - 1, "not_before"),
+        (restriction.not_after, TIME_LIMIT - 1, "not_after"),
     ):
         if value is not None:
             _integer(value, 0, most, what)

@@ -134,7 +134,6 @@ class Contents:
 
     Attributes:
         symbols: its own texts, in order.
-        version: of its Datalog.
         predicate: of its one fact, as the number of a text.
         index: first term of the fact.
         raw: its other terms, byte strings that are not empty.
@@ -142,7 +141,6 @@ class Contents:
     """
 
     symbols: tuple[str, ...]
-    version: int
     predicate: int
     index: int
     raw: tuple[bytes, ...]
@@ -174,12 +172,12 @@ def _signed(block: Any) -> SignedBlock:
     )
 
 
-def contents(payload: bytes) -> Contents:
-    """What a block holds, when that is one fact and checks, in the one encoding.
+def contents(payload: bytes, *, version: int) -> Contents:
+    """What a block of this version of Datalog holds, when that is one fact and checks, in the one encoding.
 
     Raises:
-        TokenError: `WRONG_PROFILE` when it holds a rule, a scope, a key, a context or anything unknown; `CHAIN_BROKEN`
-            when it has not one fact of an integer and byte strings.
+        TokenError: `WRONG_PROFILE` when it is of another version, or holds a rule, a scope, a key, a context or
+            anything unknown; `CHAIN_BROKEN` when it has not one fact of an integer and byte strings.
     """
     try:
         block = exactly("Block", payload)
@@ -187,6 +185,8 @@ def contents(payload: bytes) -> Contents:
         raise TokenError(FaultCode.WRONG_PROFILE, "not a block in its one encoding") from None
     if block.rules or block.scope or block.publicKeys or block.HasField("context"):
         raise TokenError(FaultCode.WRONG_PROFILE, "a block with a rule, a scope, a key or a context")
+    if block.version != version:
+        raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
     if len(block.facts) != 1:
         raise TokenError(FaultCode.CHAIN_BROKEN, "not one fact in a block")
     predicate = block.facts[0].predicate
@@ -198,7 +198,6 @@ def contents(payload: bytes) -> Contents:
         raise TokenError(FaultCode.CHAIN_BROKEN, "a term that is no byte string")
     return Contents(
         symbols=tuple(block.symbols),
-        version=block.version,
         predicate=predicate.name,
         index=terms[0].integer,
         raw=raw,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
-from evaluation.tokens import laws
+from evaluation.tokens import hop_laws, laws
 from evaluation.tokens.symbolic import UndecidedError, ways
 
 if TYPE_CHECKING:
@@ -75,19 +75,22 @@ SCOPES: Final = (
     ScopeClaim(laws.scopes_meet_in_the_intersection, 2, request=True),
     ScopeClaim(laws.scopes_meet_in_the_greatest, 3),
     ScopeClaim(laws.scopes_meet_in_any_order, 3),
-    ScopeClaim(laws.a_hop_is_the_meet, 1, restriction=True),
-    ScopeClaim(laws.a_refused_hop_asks_too_much, 1, restriction=True),
-    ScopeClaim(laws.repair_is_the_nearest, 1, restriction=True),
-    ScopeClaim(laws.every_nearest_is_permitted, 1, restriction=True),
-    ScopeClaim(laws.the_nearest_window_is_that_of_seconds, 1, restriction=True),
+    ScopeClaim(hop_laws.a_hop_is_the_meet, 1, restriction=True),
+    ScopeClaim(hop_laws.a_refused_hop_asks_too_much, 1, restriction=True),
+    ScopeClaim(hop_laws.repair_is_the_nearest, 1, restriction=True),
+    ScopeClaim(hop_laws.every_nearest_is_permitted, 1, restriction=True),
+    ScopeClaim(hop_laws.the_nearest_window_is_that_of_seconds, 1, restriction=True),
 )
 
 
 def prove() -> list[Law]:
     """Every law with its verdict and the seconds that it took."""
-    return [verdict(claim.law, bound_cases(claim)) for claim in BOUNDS] + [
-        verdict(claim.law, scope_cases(claim)) for claim in SCOPES
-    ]
+    return [prove_one(claim) for claim in (*BOUNDS, *SCOPES)]
+
+
+def prove_one(claim: Claim | ScopeClaim) -> Law:
+    """One law, with its verdict and the seconds that it took."""
+    return verdict(claim.law, bound_cases(claim) if isinstance(claim, Claim) else scope_cases(claim))
 
 
 def verdict(law: Callable[..., bool], cases: Iterator[Callable[[Run], bool]]) -> Law:

@@ -8,7 +8,7 @@ import pytest
 
 from capabilities import algebra
 from capabilities.algebra import apply, hop, meet, narrows, stated, within
-from capabilities.bounds import one_of
+from capabilities.bounds import nearest_bound, one_of
 from capabilities.caps import DEFAULT
 from capabilities.errors import CapabilityError, FaultCode, ScopeError, TokenError
 from capabilities.explanation import explain, explanation_to_json, narrowable, repair
@@ -19,6 +19,27 @@ from tests.capabilities.world import CELL, FORCE, JOINTS, MOVE, NOW, READ, SCOPE
 
 def test_a_wide_range_is_not_walked():
     assert not within(Range(0, 2**53), OneOf(frozenset({1, 2})))
+
+
+@pytest.mark.parametrize(
+    ("bound", "value", "found"),
+    [
+        (OneOf(frozenset({3, 7})), 5, 3),
+        (OneOf(frozenset({-7, -3})), -5, -7),
+        (OneOf(frozenset({3, 7})), 6, 7),
+        (Range(3, 7), 2, 3),
+        (Range(3, 7), 8, 7),
+        (Range(7, 3), 5, None),
+        (OneOf(frozenset()), 5, None),
+    ],
+)
+def test_the_lower_of_two_equally_near(bound, value, found):
+    assert algebra.nearest(bound, value) == found
+
+
+def test_the_lower_of_two_equally_near_bounds():
+    assert nearest_bound(OneOf(frozenset({0, 10})), Range(4, 6)) == Range(0, 0)
+    assert nearest_bound(Range(4, 6), OneOf(frozenset({0, 10}))) == Range(4, 4)
 
 
 def test_what_a_hop_keeps_is_the_very_same():
@@ -227,6 +248,23 @@ def test_an_equal_set_is_not_less():
     with pytest.raises(ScopeError) as caught:
         algebra.well_formed(three, DEFAULT)
     assert caught.value.code is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        (MOVE.limits[1], MOVE.limits[0], MOVE.limits[2]),
+        (*MOVE.limits[:2], Limit(Parameter("velocity", SPEED.unit), MOVE.limits[2].bound)),
+        (*MOVE.limits[:2], Limit(Parameter("speed", Unit.MICROMETRE_PER_SECOND), MOVE.limits[2].bound)),
+        MOVE.limits[:2],
+        (),
+    ],
+)
+def test_another_signature_is_another_operation(limits):
+    """The order, a name, a unit, the number of parameters: none may change, even where each bound is inside."""
+    child = replace(SCOPE, grants=(replace(MOVE, limits=limits),))
+    assert [place.what for place in narrows(child, SCOPE).widenings] == ["ur3e/move_joint"]
+    assert meet(child, SCOPE) is None
 
 
 def test_another_signature_meets_in_nothing():

@@ -61,78 +61,64 @@ def test_every_clause_and_code_of_the_part_is_covered():
     refusals = {(code, "TOK-11") for code in REFUSALS}
     elsewhere = {("REPLAYED", "TOK-10")}  # asks of a store, not of a token
     assert stated - FAULTS - refusals == elsewhere
-    assert {vector["clause"] for _, vector in VECTORS.values()} == {f"TOK-{n}" for n in range(1, 13)} - {"TOK-10"}
+    shown = {f"TOK-{n}" for n in range(1, 13)} - {"TOK-10"} | {"TRB-2", "TRB-3"}
+    assert {vector["clause"] for _, vector in VECTORS.values()} == shown
     assert all(code in FaultCode.__members__ for code, _ in FAULTS)
 
 
-# --- where the specification and our verifier part --------------------------------------------------------------------------
-# The token is refused all the same. A vector has one defect, so none of these is one; each test ends here when either is mended.
+# --- which of several codes ------------------------------------------------------------------------------------------------
+# A vector has one defect; here are tokens with two, of which the first in the order of the specification is told, and
+# tokens that the Biscuit library does not open at all.
 
-ONE_OF_TWO = pytest.mark.xfail(reason="[TOK-6]: items are asked in another order than the specification's", strict=True)
-AT_OPENING = pytest.mark.xfail(reason="[TOK-3]: the Biscuit library refuses more than signatures", strict=True)
+AT_OPENING = ("SIGNATURE_INVALID", "TOK-3")
 
 
 def behind(fields, number, raw):
     return sorted([*fields, (number, put(number, raw))], key=lambda field: field[0])
 
 
-PARTING = {
+SEVERAL = {
     "an agent twice that is no delegate (items 6, 7)": (
         lambda: hop(authority(SMALL), LESS, parent=SMALL, agent="orchestrator", key=raw_of("x"), hop_id=bytes(16)),
         ("CHAIN_BROKEN", "TOK-6"),
-        ONE_OF_TWO,
     ),
     "a key of the bundle in a hop that narrows nothing (items 6, 8)": (
         lambda: hop(authority(SMALL), Restriction(), parent=SMALL, key=raw_of("root")),
         ("KEY_WRONG_ROLE", "TOK-6"),
-        ONE_OF_TWO,
     ),
     "a wrong index in a hop with another operation (items 4, 5)": (
         lambda: hop(authority(SMALL), Restriction(grants=(STOP,)), parent=SMALL, index=5),
         ("CHAIN_BROKEN", "TOK-6"),
-        ONE_OF_TWO,
     ),
     "a wrong value in a hop with another operation (items 3, 5)": (
         lambda: hop(authority(SMALL), Restriction(grants=(STOP,)), parent=SMALL, at=-1),
         ("CHAIN_BROKEN", "TOK-6"),
-        ONE_OF_TWO,
     ),
-    "another version and no fact (item 1)": (lambda: seal(b""), ("WRONG_PROFILE", "TOK-6"), ONE_OF_TWO),
+    "another version and no fact (item 1)": (lambda: seal(b""), ("WRONG_PROFILE", "TOK-6")),
     "a window that ends where the calendar does (1.1)": (
         lambda: authority(SMALL, texts=replaced(f"< {SMALL.not_after}", "< 253402300800")),
         ("CHAIN_BROKEN", "TOK-6"),
-        pytest.mark.xfail(reason="[TOK-6]: the first second after the calendar is taken for a time", strict=True),
     ),
-    "a payload that is no message": (lambda: seal(b"\xff\xff"), ("WRONG_PROFILE", "TOK-6"), AT_OPENING),
+    "a payload that is no message": (lambda: seal(b"\xff\xff"), AT_OPENING),
     "a text of Biscuit's own in the authority block": (
         lambda: authority(SMALL, payload=message(lambda fields: behind(fields, 1, b"nonce"))),
-        ("CHAIN_BROKEN", "TOK-6"),
         AT_OPENING,
     ),
     "a hop in the old form of signature": (
         lambda: hop(authority(SMALL), LESS, parent=SMALL, version=None),
-        ("HOP_NOT_ATTESTED", "TOK-4"),
         AT_OPENING,
     ),
     "an authority block with an external signature": (
         lambda: authority(SMALL).swap(0, external=(bytes(64), raw_of("attester"), 0)),
-        ("HOP_NOT_ATTESTED", "TOK-4"),
         AT_OPENING,
     ),
 }
 
 
-@pytest.mark.parametrize(
-    ("token", "stated"), [pytest.param(t, s, marks=m, id=title) for title, (t, s, m) in PARTING.items()]
-)
-def test_the_specification_and_our_verifier_name_the_same_defect(token, stated):
+@pytest.mark.parametrize(("token", "stated"), SEVERAL.values(), ids=SEVERAL)
+def test_the_first_defect_is_named(token, stated):
     found = generate.outcome(WORLD, b64u(token().encode()), {})["fault"]
     assert (found["code"], found["clause"]) == stated
-
-
-@pytest.mark.parametrize("token", [t for t, _, _ in PARTING.values()], ids=PARTING)
-def test_what_they_name_differently_is_refused(token):
-    assert "fault" in generate.outcome(WORLD, b64u(token().encode()), {})
 
 
 # --- another verifier ------------------------------------------------------------------------------------------------------

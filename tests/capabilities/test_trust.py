@@ -193,12 +193,12 @@ REFUSED = {
     "an unknown root": ((ROOT_ID + 1, NOW, []), NOW, FaultCode.UNKNOWN_ROOT_KEY, "TRB-2"),
     "a root that is over": ((ROOT_ID, NOW, []), NOW + 24 * HOUR, FaultCode.UNKNOWN_ROOT_KEY, "TRB-2"),
     "a bundle that is over": ((ROOT_ID, NOW, [(SECOND, NOW)]), NOW + 48 * HOUR, FaultCode.UNKNOWN_ROOT_KEY, "TRB-2"),
-    "an attester that is over": ((ROOT_ID, NOW, [(ATTESTER, NOW)]), NOW + 24 * HOUR, FaultCode.HOP_NOT_ATTESTED, "TRB-3"),
+    "an attester that is over": ((ROOT_ID, NOW, [(ATTESTER, NOW)]), NOW + 24 * HOUR, FaultCode.HOP_NOT_ATTESTED, "TRB-2"),
     "after the taint": ((ROOT_ID, NOW, [(ATTESTER, NOW + HOUR)]), NOW + 2 * HOUR, FaultCode.HOP_NOT_ATTESTED, "TRB-3"),
     "the second hop": ((ROOT_ID, NOW, [(SECOND, NOW), (ATTESTER, NOW + HOUR)]), NOW + 2 * HOUR, FaultCode.HOP_NOT_ATTESTED, "TRB-3"),
-    "a stranger": ((ROOT_ID, NOW, [(raw_of("eve"), NOW)]), NOW, FaultCode.HOP_NOT_ATTESTED, "TRB-3"),
-    "a root as attester": ((ROOT_ID, NOW, [(ROOT, NOW)]), NOW, FaultCode.HOP_NOT_ATTESTED, "TRB-3"),
-    "a feed key as attester": ((ROOT_ID, NOW, [(raw_of("feed"), NOW)]), NOW, FaultCode.HOP_NOT_ATTESTED, "TRB-3"),
+    "a stranger": ((ROOT_ID, NOW, [(raw_of("eve"), NOW)]), NOW, FaultCode.HOP_NOT_ATTESTED, "TRB-2"),
+    "a root as attester": ((ROOT_ID, NOW, [(ROOT, NOW)]), NOW, FaultCode.HOP_NOT_ATTESTED, "TRB-2"),
+    "a feed key as attester": ((ROOT_ID, NOW, [(raw_of("feed"), NOW)]), NOW, FaultCode.HOP_NOT_ATTESTED, "TRB-2"),
 }  # fmt: skip
 
 

@@ -73,7 +73,7 @@ def test_an_external_signature_of_another_version_does_not_count(version):
 
 def test_the_contents_of_a_block():
     payload = field(1, b"one") + field(1, b"two") + VERSION + FACT + field(6, b"first") + field(6, b"second")
-    assert wire.contents(payload) == wire.Contents(("one", "two"), 3, 5, 0, (b"abc",), (b"first", b"second"))
+    assert wire.contents(payload, version=3) == wire.Contents(("one", "two"), 5, 0, (b"abc",), (b"first", b"second"))
 
 
 @pytest.mark.parametrize(
@@ -90,6 +90,8 @@ def test_the_contents_of_a_block():
         (VERSION + FACT + field(5, b"rule"), FaultCode.WRONG_PROFILE),
         (VERSION + FACT + field(7, b"scope"), FaultCode.WRONG_PROFILE),
         (VERSION + FACT + field(8, b"key"), FaultCode.WRONG_PROFILE),
+        (field(3, 4) + FACT, FaultCode.WRONG_PROFILE),
+        (FACT, FaultCode.WRONG_PROFILE),
         (VERSION, FaultCode.CHAIN_BROKEN),
         (VERSION + FACT + FACT, FaultCode.CHAIN_BROKEN),
         (VERSION + field(4, b""), FaultCode.CHAIN_BROKEN),
@@ -102,7 +104,7 @@ def test_the_contents_of_a_block():
 )
 def test_other_contents_are_refused(payload, code):
     with pytest.raises(TokenError) as caught:
-        wire.contents(payload)
+        wire.contents(payload, version=3)
     assert caught.value.code is code
 
 
@@ -117,7 +119,7 @@ WORDS = (
 def written(demanded: Checks) -> wire.Contents:
     made = block.AuthorityBlock(TOKEN_ID, SPONSOR, 0, grant_to("orchestrator", "alice"), SCOPE)
     token = biscuit.seal_authority(block.fact(made), demanded, root=key_of("root"), root_key_id=7)
-    return wire.contents(wire.read(token).blocks[0].payload)
+    return wire.contents(wire.read(token).blocks[0].payload, version=3)
 
 
 @pytest.mark.parametrize("word", WORDS)

@@ -15,7 +15,15 @@ from evaluation.bench.report import Result, Row, Size
 from evaluation.bench.timing import QUICK
 from ztpm.cli import evaluation
 
-RATIOS = {"warm_proof_d3", "warm_proof_d8", "stream_d3", "cold_proof_d3", "novel_proof_d3", "first_proof_d3", "bytes_d3"}
+RATIOS = {
+    "warm_proof_d3",
+    "warm_proof_d8",
+    "stream_d3",
+    "cold_proof_d3",
+    "novel_proof_d3",
+    "first_proof_d3",
+    "bytes_d3",
+}
 
 
 def row(peer: str, depth: int, kind: str, us: float, *, scope: str = "realistic", proof: bool = True) -> Row:

@@ -10,15 +10,15 @@ import rfc8785
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capabilities import algebra, bounds
+from capabilities import bounds
 from capabilities.algebra import COUNTED, apply, hop, meet, narrows, stated
 from capabilities.caps import DEFAULT
 from capabilities.errors import FaultCode, ScopeError
-from capabilities.explanation import explain, explanation_to_json, narrowable, repair
+from capabilities.explanation import difference, explain, explanation_to_json, narrowable, repair
 from capabilities.scope import OneOf, Range, Scope
 from capabilities.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
 from capabilities.well_formed import well_formed, well_formed_restriction
-from evaluation.tokens import laws
+from evaluation.tokens import hop_laws, laws
 from tests.capabilities.drawn import (
     UNIVERSE,
     bounds_near,
@@ -114,11 +114,11 @@ def test_scopes(three, data):
 @given(hops(), st.data())
 def test_hops(drawn, data):
     parent, restriction = drawn
-    assert laws.a_hop_is_the_meet(parent, restriction)
-    assert laws.a_refused_hop_asks_too_much(parent, restriction)
-    assert laws.repair_is_the_nearest(parent, restriction)
-    assert laws.every_nearest_is_permitted(parent, restriction)
-    assert laws.the_nearest_window_is_that_of_seconds(parent, restriction)
+    assert hop_laws.a_hop_is_the_meet(parent, restriction)
+    assert hop_laws.a_refused_hop_asks_too_much(parent, restriction)
+    assert hop_laws.repair_is_the_nearest(parent, restriction)
+    assert hop_laws.every_nearest_is_permitted(parent, restriction)
+    assert hop_laws.the_nearest_window_is_that_of_seconds(parent, restriction)
     child = stated(parent, restriction)
     request = data.draw(requests(parent, child))
     try:
@@ -129,7 +129,7 @@ def test_hops(drawn, data):
         return
     well_formed(left, DEFAULT)
     assert laws.allowed(left, request) == (laws.allowed(parent, request) and laws.allowed(child, request))
-    assert stated(parent, algebra.difference(parent, left)) == left
+    assert stated(parent, difference(parent, left)) == left
 
 
 @settings(max_examples=150)

@@ -90,7 +90,7 @@ def _claim(trust: Any, text: str, vector: dict[str, Any]) -> dict[str, Any]:
     assert isinstance(token, bytes)
     root = trust.roots[wire.read(token).root_key_id]
     scope = scope_from_json(vector["claimed"])
-    grant = request.find(scope, vector["request"]["object"], vector["request"]["operation"])
+    grant = scope.find(vector["request"]["object"], vector["request"]["operation"])
     fault = request.disagreement(biscuit.open_token(token, root), scope, grant, DEFAULT)
     return {"permitted": True} if fault is None else codec.fault_json(fault)
 

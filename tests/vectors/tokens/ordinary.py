@@ -16,6 +16,7 @@ import biscuit_auth
 from capabilities.keys import TrustBundle, b64u
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
+from capabilities.windows import Window
 from tests.vectors.tokens.sealing import Sealed, append, cut, inner, key_of, put, raw_of, seal
 
 NOW = 1_800_000_000
@@ -27,8 +28,12 @@ TOKEN_ID = b64u(b"token-id-16bytes")
 AUTHENTICATED_AT = ATTESTED_AT = NOW - 10
 
 
-def bundle(version: int, roots: dict[int, str], attesters: list[str]) -> TrustBundle:
+def bundle(
+    version: int, roots: dict[int, str], attesters: list[str], windows: dict[str, Window] | None = None, **times: int
+) -> TrustBundle:
     return TrustBundle(
+        windows={raw_of(name): window for name, window in (windows or {}).items()},
+        **times,
         issuer=ISSUER,
         version=version,
         roots={number: raw_of(name) for number, name in roots.items()},
@@ -45,6 +50,23 @@ TRUST = {
     "two roots": bundle(3, {ROOT_ID: "root", 8: "root-8", 4_294_967_295: "root-max"}, ["attester", "attester-2"]),
     "root withdrawn": bundle(4, {8: "root-8"}, ["attester", "attester-2"]),
     "robotic attests": bundle(5, {ROOT_ID: "root"}, ["attester", "robotic"]),
+    "root for a while": bundle(
+        6, {ROOT_ID: "root"}, ["attester", "attester-2"], {"root": Window(not_before=NOW - 5, not_after=NOW + 5)}
+    ),
+    "attester for a while": bundle(
+        7, {ROOT_ID: "root"}, ["attester", "attester-2"], {"attester": Window(not_before=NOW - 5, not_after=NOW + 5)}
+    ),
+    "root tainted": bundle(8, {ROOT_ID: "root"}, ["attester", "attester-2"], {"root": Window(tainted_at=ATTESTED_AT)}),
+    "root tainted later": bundle(
+        9, {ROOT_ID: "root"}, ["attester", "attester-2"], {"root": Window(tainted_at=ATTESTED_AT + 1)}
+    ),
+    "attester tainted": bundle(
+        10, {ROOT_ID: "root"}, ["attester", "attester-2"], {"attester": Window(tainted_at=ATTESTED_AT)}
+    ),
+    "attester tainted later": bundle(
+        11, {ROOT_ID: "root"}, ["attester", "attester-2"], {"attester": Window(tainted_at=ATTESTED_AT + 1)}
+    ),
+    "bundle for a while": bundle(12, {ROOT_ID: "root"}, ["attester", "attester-2"], valid_until=NOW + 5),
 }
 
 SPEED = Parameter("speed", Unit.MICRORADIAN_PER_SECOND)

@@ -200,6 +200,7 @@ function set(term: Strict): number[] {
   const values = new Strict(raw, { 1: "bytes*" }).each(1).map((member) => int64(new Strict(member, TERM)));
   demand(1 <= values.length && values.length <= 64);
   demand(values.every((value, i) => i === 0 || values[i - 1]! < value));
+  demand(values.at(-1)! - values[0]! >= values.length); // consecutive integers are a range
   return values;
 }
 

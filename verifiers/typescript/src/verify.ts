@@ -6,12 +6,21 @@ import { Broken, Fault } from "./faults.js";
 import { type Field, Malformed, fields, lastBytes, lastNumber, nested } from "./protobuf.js";
 import { fromBase64url, hex, sha256, thumbprint } from "./values.js";
 
+/** A key of the identity provider, and for how long it is trusted (part 6 of the specification). */
+export interface Entry {
+  readonly key: string;
+  readonly not_before: number;
+  readonly not_after: number;
+  readonly tainted_at: number | null;
+}
+
 export interface Trust {
-  readonly roots: Readonly<Record<string, string>>;
-  readonly attesters: readonly string[];
-  readonly feed: readonly string[];
-  readonly registry: readonly string[];
-  readonly ledger: readonly string[];
+  readonly valid_until: number;
+  readonly roots: Readonly<Record<string, Entry>>;
+  readonly attesters: readonly Entry[];
+  readonly feed: readonly Entry[];
+  readonly registry: readonly Entry[];
+  readonly ledger: readonly Entry[];
 }
 
 export interface View {
@@ -59,10 +68,12 @@ export function verify(text: string, trust: Trust, at: number, audience: string,
   // [TOK-4] attested hops
   const [first, ...further] = blocks;
   demand(first!.external === null, "HOP_NOT_ATTESTED", "TOK-4");
-  for (const { version, external } of further) {
-    const attester = external?.algorithm === 0n ? Buffer.from(external.key).toString("base64url") : "";
-    demand(version === 1n && trust.attesters.includes(attester), "HOP_NOT_ATTESTED", "TOK-4");
-  }
+  const signers = further.map(({ version, external }) => {
+    const key = external?.algorithm === 0n ? Buffer.from(external.key).toString("base64url") : "";
+    const attester = trust.attesters.find((entry) => entry.key === key);
+    demand(version === 1n && attester !== undefined, "HOP_NOT_ATTESTED", "TOK-4");
+    return attester;
+  });
 
   // [TOK-5] canonical bytes
   demand(Buffer.from(opened.toBytes()).equals(token), "NOT_CANONICAL", "TOK-5");
@@ -76,6 +87,9 @@ export function verify(text: string, trust: Trust, at: number, audience: string,
   }
 
   checkTimes(found, at);
+  [trust.roots[String(rootKeyId)]!, ...signers].forEach((entry, index) => {
+    checkKey(entry, trust, found.hops[index]!.attestation.at, at, index === 0 ? "UNKNOWN_ROOT_KEY" : "HOP_NOT_ATTESTED");
+  });
   const leaf = found.hops.at(-1)!;
 
   // [TOK-8] audience
@@ -120,7 +134,7 @@ function signed(block: Field[]): SignedBlock {
 export function open(token: Uint8Array, rootKeyId: bigint | null, trust: Trust): Biscuit {
   const named = rootKeyId === null ? undefined : trust.roots[String(rootKeyId)];
   demand(named !== undefined, "UNKNOWN_ROOT_KEY", "TOK-3");
-  const root = PublicKey.fromBytes(fromBase64url(named)!, SignatureAlgorithm.Ed25519);
+  const root = PublicKey.fromBytes(fromBase64url(named.key)!, SignatureAlgorithm.Ed25519);
   try {
     return Biscuit.fromBytes(token, root);
   } catch {
@@ -136,7 +150,13 @@ export function openText(text: string, trust: Trust): Biscuit {
 
 function reserved(trust: Trust): Set<string> {
   const all = [...Object.values(trust.roots), ...trust.attesters, ...trust.feed, ...trust.registry, ...trust.ledger];
-  return new Set(all.map((key) => hex(fromBase64url(key)!)));
+  return new Set(all.map(({ key }) => hex(fromBase64url(key)!)));
+}
+
+/** [TRB-2] and [TRB-3]: a key is trusted now, and was not tainted when it says to have signed. */
+function checkKey(entry: Entry, trust: Trust, signedAt: number, at: number, code: string): void {
+  demand(entry.not_before <= at && at < entry.not_after && at < trust.valid_until, code, "TRB-2");
+  demand(entry.tainted_at === null || signedAt < entry.tainted_at, code, "TRB-3");
 }
 
 /** [TOK-7] times. */

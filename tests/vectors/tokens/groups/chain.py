@@ -331,7 +331,12 @@ NARROWING = group(
         below(close(Range(1, 3)), parent=CLOSE),
         Accepted(closed(Range(1, 3))),
     ),
-    wider("A set of all that a range has", close(OneOf(frozenset({1, 2, 3}))), parent=closed(Range(1, 3))),
+    Case(
+        "A set of all that a range has",
+        "TOK-6",
+        below(close(OneOf(frozenset({1, 2, 3}))), parent=closed(Range(1, 3))),
+        Faulty(FaultCode.CHAIN_BROKEN, "TOK-6"),
+    ),
     narrower("A lower ceiling", Restriction(ceiling=Tier.CONSEQUENTIAL), ceiling=Tier.CONSEQUENTIAL),
     narrower("An audience less", Restriction(audiences=frozenset({CELL})), audiences=frozenset({CELL})),
     narrower(

@@ -83,6 +83,47 @@ TIMES = group(
 )
 
 
+KEYS = "Under keys without end"
+
+
+def two_signers():
+    return hop(authority(SMALL), LESS, parent=SMALL)
+
+
+def under(title: str, trust: str, time: int, fault: tuple[FaultCode, str] | None) -> Case:
+    expected = Accepted(ONE_LESS) if fault is None else Faulty(*fault)
+    return Case(title, "TRB-3" if "taint" in trust else "TRB-2", KEYS, expected, {"trust": trust, "time": time})
+
+
+ONE_LESS = replace(SMALL, ceiling=SMALL.ceiling.NO_EFFECT, depth=1)
+NO_ROOT = FaultCode.UNKNOWN_ROOT_KEY
+NO_ATTESTER = FaultCode.HOP_NOT_ATTESTED
+TRUSTED = group(
+    "trusted",
+    "Each key is trusted for a while, and a tainted one for what it signed before; asked when the token is presented.",
+    Case(KEYS, "TRB-2", two_signers, Accepted(ONE_LESS)),
+    *(
+        case
+        for who, trust, code in (
+            ("The root", "root for a while", NO_ROOT),
+            ("The attester", "attester for a while", NO_ATTESTER),
+        )
+        for case in (
+            under(f"{who} a second before its window", trust, NOW - 6, (code, "TRB-2")),
+            under(f"{who} in the first second of its window", trust, NOW - 5, None),
+            under(f"{who} in the last second of its window", trust, NOW + 4, None),
+            under(f"{who} at the end of its window", trust, NOW + 5, (code, "TRB-2")),
+        )
+    ),
+    under("The bundle in its last second", "bundle for a while", NOW + 4, None),
+    under("The bundle at its end", "bundle for a while", NOW + 5, (NO_ROOT, "TRB-2")),
+    under("A root that was tainted when it signed", "root tainted", NOW, (NO_ROOT, "TRB-3")),
+    under("A root that was tainted a second after it signed", "root tainted later", NOW, None),
+    under("An attester that was tainted when it signed", "attester tainted", NOW, (NO_ATTESTER, "TRB-3")),
+    under("An attester that was tainted a second after it signed", "attester tainted later", NOW, None),
+)
+
+
 WHERE = "At one of its servers"
 
 
@@ -202,4 +243,4 @@ REVOCATION = group(
     ),
 )
 
-GROUPS: tuple[Group, ...] = (TIMES, AUDIENCES, REVOCATION)
+GROUPS: tuple[Group, ...] = (TIMES, TRUSTED, AUDIENCES, REVOCATION)
