@@ -10,6 +10,8 @@ import hashlib
 import struct
 from dataclasses import dataclass, field, replace
 
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 ED25519 = 0
@@ -23,6 +25,13 @@ def key_of(name: str) -> Ed25519PrivateKey:
 def raw_of(name: str) -> bytes:
     """Its public half, 32 bytes."""
     return key_of(name).public_key().public_bytes_raw()
+
+
+def p256_of(name: str) -> bytes:
+    """The P-256 public key of that name, 33 bytes (SEC 1 section 2.3.3)."""
+    secret = int.from_bytes(hashlib.sha256(b"ztpm vectors: " + name.encode()).digest(), "big")
+    key = ec.derive_private_key(secret, ec.SECP256R1()).public_key()
+    return key.public_bytes(serialization.Encoding.X962, serialization.PublicFormat.CompressedPoint)
 
 
 # --- Protocol Buffers, as written ------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 // Part 1 of the specification: numbers, text, keys.
 
-import { createHash } from "node:crypto";
+import { ECDH, createHash } from "node:crypto";
 import { isIPv6 } from "node:net";
 import { demand } from "./faults.js";
 
@@ -89,13 +89,22 @@ export function hex(raw: Uint8Array): string {
 }
 
 export function thumbprint(key: Uint8Array): string {
-  const x = Buffer.from(key).toString("base64url");
-  return sha256(`{"crv":"Ed25519","kty":"OKP","x":"${x}"}`).toString("base64url");
+  const text = (raw: Uint8Array) => Buffer.from(raw).toString("base64url");
+  if (key.length === 32) return sha256(`{"crv":"Ed25519","kty":"OKP","x":"${text(key)}"}`).toString("base64url");
+  const point = uncompressed(key);
+  const [x, y] = [text(point.subarray(1, 33)), text(point.subarray(33))];
+  return sha256(`{"crv":"P-256","kty":"EC","x":"${x}","y":"${y}"}`).toString("base64url");
 }
 
 // --- keys ------------------------------------------------------------------------------------------------------------------
 
 const P = (1n << 255n) - 19n;
+const P256 = (1n << 256n) - (1n << 224n) + (1n << 192n) + (1n << 96n) - 1n;
+
+/** A point of P-256 with both coordinates; an error when there is no such point. */
+function uncompressed(key: Uint8Array): Buffer {
+  return ECDH.convertKey(key, "prime256v1", undefined, undefined, "uncompressed") as Buffer;
+}
 
 function mod(value: bigint): bigint {
   return ((value % P) + P) % P;
@@ -120,6 +129,16 @@ function smallOrder(y: bigint): boolean {
 }
 
 export function key(raw: Uint8Array): Uint8Array {
+  if (raw.length === 33) {
+    demand(raw[0] === 2 || raw[0] === 3);
+    demand(BigInt("0x" + hex(raw.subarray(1))) < P256);
+    try {
+      uncompressed(raw);
+    } catch {
+      demand(false);
+    }
+    return raw;
+  }
   demand(raw.length === 32);
   const y = BigInt("0x" + hex(Uint8Array.from(raw).reverse())) & ((1n << 255n) - 1n);
   demand(y < P && !smallOrder(y));

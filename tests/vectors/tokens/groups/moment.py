@@ -21,7 +21,7 @@ from tests.vectors.tokens.ordinary import (
     hop,
     hop_id_of,
 )
-from tests.vectors.tokens.sealing import raw_of
+from tests.vectors.tokens.sealing import p256_of, raw_of
 
 FIRST = "Inside the window"
 SHORT = replace(SMALL, not_before=NOW - 20, not_after=NOW + 30)
@@ -243,4 +243,40 @@ REVOCATION = group(
     ),
 )
 
-GROUPS: tuple[Group, ...] = (TIMES, TRUSTED, AUDIENCES, REVOCATION)
+FIELD = 2**256 - 2**224 + 2**192 + 2**96 - 1  # of P-256 (SP 800-186 section 3.2.1.3)
+CURVE = "Holders with keys on P-256"
+
+
+def on_curve():
+    return hop(authority(SMALL, key=p256_of("orchestrator")), LESS, parent=SMALL, key=p256_of("robotic"))
+
+
+def odd_key(title: str, raw: bytes) -> Case:
+    return Case(title, "TOK-6", lambda: authority(SMALL, key=raw), Faulty(FaultCode.CHAIN_BROKEN, "TOK-6"))
+
+
+P256 = group(
+    "p256",
+    "A holder's key may be a compressed point of P-256; its thumbprint has both coordinates.",
+    Case(CURVE, "TOK-6", on_curve, Accepted(ONE_LESS)),
+    *(
+        Case(
+            f"The key of {name}, revoked",
+            "TOK-9",
+            CURVE,
+            Faulty(FaultCode.REVOKED, "TOK-9"),
+            view(("key", keys.thumbprint(p256_of(name)))),
+        )
+        for name in ("orchestrator", "robotic")
+    ),
+    Case("The key of somebody else, revoked", "TOK-9", CURVE, Accepted(ONE_LESS), view(("key", "A" * 43))),
+    odd_key("A point without compression", b"\4" + p256_of("orchestrator")[1:]),
+    odd_key("A point of a hybrid form", b"\6" + p256_of("orchestrator")[1:]),
+    odd_key("A point with a prefix that a library takes for another", b"\5" + p256_of("orchestrator")[1:]),
+    odd_key("A point at infinity", bytes(33)),
+    odd_key("An x that no point has", b"\2" + (1).to_bytes(32, "big")),
+    odd_key("An x of the field's size", b"\2" + FIELD.to_bytes(32, "big")),
+    odd_key("An x beyond the field, of a point", b"\2" + (FIELD + 5).to_bytes(32, "big")),
+)
+
+GROUPS: tuple[Group, ...] = (TIMES, TRUSTED, AUDIENCES, REVOCATION, P256)
