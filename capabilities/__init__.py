@@ -13,11 +13,11 @@ from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, HopGrant, 
 from capabilities.delegate import delegate
 from capabilities.errors import CapabilityError, Fault, FaultCode, ScopeError, StatementError, TokenError
 from capabilities.explanation import Explanation, explain, explanation_to_json, repair
-from capabilities.keys import TrustBundle
 from capabilities.mint import mint
 from capabilities.proof import Proof, check_proof, prove
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier, Widening
 from capabilities.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
+from capabilities.trust import TrustBundle
 from capabilities.verify import Verifier, inspect_token, tightest, verify
 
 __all__ = [

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from capabilities.caps import Caps
     from capabilities.scope import Restriction
+    from capabilities.trust import TrustBundle
 
 __all__ = ["HopGrant", "delegate"]
 
@@ -23,7 +24,7 @@ def delegate(
     *,
     chain: Chain,
     attester: Ed25519PrivateKey,
-    trust: keys.TrustBundle,
+    trust: TrustBundle,
     hop: HopGrant,
     restriction: Restriction,
     caps: Caps,

@@ -12,16 +12,13 @@ import binascii
 import functools
 import hashlib
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Final, assert_never, overload
+from typing import Final, assert_never, overload
 
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from capabilities.errors import BadKeyError, FaultCode
-
-if TYPE_CHECKING:
-    from capabilities.trust import TrustBundle as TrustBundle  # noqa: PLC0414 - is found here too
 
 PrivateKey = Ed25519PrivateKey | ec.EllipticCurvePrivateKey
 """A private key of either algorithm; one of another curve than P-256 is refused where it is used."""
@@ -255,12 +252,3 @@ def from_pem(pem: bytes, passphrase: bytes) -> PrivateKey:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "neither an Ed25519 nor a P-256 key")
     public_raw(key)
     return key
-
-
-def __getattr__(name: str) -> Any:
-    """`TrustBundle`, which lives in `capabilities.trust` and is found here too."""
-    if name == "TrustBundle":
-        from capabilities.trust import TrustBundle
-
-        return TrustBundle
-    raise AttributeError(name)

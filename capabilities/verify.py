@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from capabilities.caps import Caps
-    from capabilities.keys import TrustBundle
     from capabilities.scope import Tier
     from capabilities.statements.revocation import RevocationView
+    from capabilities.trust import TrustBundle
     from capabilities.units import Quantity
 
 __all__ = ["Verifier", "inspect_token", "tightest", "token_from_text", "token_to_text", "verify"]

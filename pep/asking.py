@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from capabilities.caps import Caps
-    from capabilities.keys import TrustBundle
     from capabilities.statements.answers import Answers
+    from capabilities.trust import TrustBundle
     from pep.approvals import Asks
     from pep.deferral import Ask
     from pep.ports import Clock

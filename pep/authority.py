@@ -167,7 +167,3 @@ class Authority:
         if not self._replay.first_use(proof.jti, key=proof.key, expires_ms=expires_ms):
             return Fault(FaultCode.REPLAYED, PROOF_CLAUSE, "the proof was used before")
         return None
-
-
-proof_life_ms: Final = freshness.retention_ms
-"""How long a proof can be accepted after it was seen, in ms ([PRF-7])."""

@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from capabilities.caps import Caps
-    from capabilities.keys import TrustBundle
     from capabilities.statements.registry import RegistrySnapshot
     from capabilities.statements.revocation import RevocationIndex, RevocationView
+    from capabilities.trust import TrustBundle
     from pep.ports import Clock
 
 PERIOD_S: Final = 0.25

@@ -194,7 +194,7 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.STATEMENT_UNTRUSTED: ReasonRow(
             "A statement is not signed by a trusted key.", _REPORT, ("AID-3", "TEA-4")
         ),
-        Reason.KEY_MALFORMED: ReasonRow("A key cannot be read.", "Register a valid Ed25519 key.", ("AID-1",)),
+        Reason.KEY_MALFORMED: ReasonRow("A key cannot be read.", "Register a valid Ed25519 or P-256 key.", ("AID-1",)),
         Reason.KEY_WRONG_ROLE: ReasonRow(
             "A key is used outside its role.", "Use the key of the right role.", ("AID-1",)
         ),

@@ -20,8 +20,8 @@ from ztpm.layout import read_key, write_private
 from ztpm.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS
 
 if TYPE_CHECKING:
-    from capabilities.keys import TrustBundle
     from capabilities.statements.registry import RegistrySnapshot
+    from capabilities.trust import TrustBundle
     from ztpm.cell import Cell
     from ztpm_idp.client import Operator
 

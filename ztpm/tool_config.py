@@ -13,6 +13,7 @@ from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.errors import CapabilityError, FaultCode
 from capabilities.statements import cell
+from capabilities.trust import TrustBundle
 from pep import key_file
 from pep.errors import ConfigError, PepFault
 from pep.pit import CellError, CellParameters, ModelError, Robot, SurveyError, numbers_only, surveyed
@@ -152,14 +153,14 @@ def read_config(path: Path) -> CellConfig:
         raise ConfigError(PepFault.CONFIG_INVALID, f"{path}: {type(error).__name__}") from error
 
 
-def read_trust(config: CellConfig) -> keys.TrustBundle:
+def read_trust(config: CellConfig) -> TrustBundle:
     """The trust bundle of the configured issuer.
 
     Raises:
         ConfigError: `CONFIG_INVALID`.
     """
     try:
-        trust = keys.TrustBundle.from_json(config.trust_file.read_bytes())
+        trust = TrustBundle.from_json(config.trust_file.read_bytes())
     except (OSError, CapabilityError) as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"trust_file: {type(error).__name__}") from error
     if trust.issuer != config.issuer:

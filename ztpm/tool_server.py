@@ -14,7 +14,6 @@ import asyncio
 import contextlib
 import json
 import logging
-import math
 import os
 import resource
 import signal
@@ -29,11 +28,12 @@ import httpx2
 import uvicorn
 
 from capabilities.caps import DEFAULT as CAPS
+from capabilities.freshness import Memory, earliest_iat_s, retention_ms
 from capabilities.verify import Verifier
 from pep import records
 from pep.approvals import Asks
 from pep.asking import Asking
-from pep.authority import Authority, proof_life_ms
+from pep.authority import Authority
 from pep.clock import HeldClock, SystemClock, TimeMark
 from pep.context.frames import Frames
 from pep.errors import PepError, PepFault
@@ -70,8 +70,9 @@ from ztpm.trust_mark import check_mark
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from capabilities.keys import PrivateKey, TrustBundle
+    from capabilities.keys import PrivateKey
     from capabilities.statements.cell import Cell
+    from capabilities.trust import TrustBundle
     from policies.policy import PolicySet
 
 FIRST_VIEW_S: Final = 30.0
@@ -121,7 +122,7 @@ class ToolServer:
         # Proofs, tokens and statements are judged by a wall time that nobody can set back.
         self.clock = HeldClock(SystemClock(), mark=TimeMark(config.state_dir / "time.json"), skew_s=CAPS.skew_s)
         # Rounded up: a proof counts whole seconds, and one made before the start must not pass for one made after it.
-        self.started_s = math.ceil(self.clock.wall_s())
+        self.started_s = earliest_iat_s(self.clock.wall_s(), memory=Memory.KEPT, caps=CAPS)
         self.journal = FileJournal.open(config.journal_file, pep_id=config.pep_id, clock=self.clock)
         self.http = http
         self.ended = asyncio.Event()
@@ -256,8 +257,8 @@ class ToolServer:
         """What an earlier process left unfinished has an end on record, and what it accepted is not accepted again."""
         permits = records.unfinished(self.journal.records())
         self.asks.recover(self.journal.records())
-        earliest_ms = (self.clock.wall_s() * 1000) - proof_life_ms(CAPS)
-        expires_ms = self.clock.monotonic_ms() + proof_life_ms(CAPS)
+        earliest_ms = (self.clock.wall_s() * 1000) - retention_ms(CAPS)
+        expires_ms = self.clock.monotonic_ms() + retention_ms(CAPS)
         for record in self.journal.records():
             if record["kind"] == "decision" and record["at_ms"] >= earliest_ms and record["body"]["proof"]:
                 self.replay.remember(bytes.fromhex(record["body"]["proof"]), expires_ms=expires_ms)

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.errors import BadKeyError
-from capabilities.keys import TrustBundle
+from capabilities.trust import TrustBundle
 from ztpm.cell import Cell
 from ztpm.enrolment import Differing, EnrolmentError, enrol
 from ztpm.layout import OPERATORS, Layout, LayoutError, read_key

@@ -24,7 +24,7 @@ from ztpm_idp.strict_json import BodyError, parse_json
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from capabilities.keys import TrustBundle
+    from capabilities.trust import TrustBundle
 
 ENTRY_FIELDS: Final = frozenset({"v", "seq", "prev", "at_ms", "actor", "kind", "body"})
 LINE_BYTES: Final = 1_048_576

@@ -19,6 +19,7 @@ from capabilities.chain import Attestation, Chain, EvidenceKind, HopGrant, Spons
 from capabilities.delegate import delegate
 from capabilities.mint import mint
 from capabilities.statements.revocation import RevocationView
+from capabilities.trust import TrustBundle
 from capabilities.verify import Verifier
 
 if TYPE_CHECKING:
@@ -48,12 +49,12 @@ class Issuer:
 
     seed: str
     root_key_id: int = 7
-    trust: keys.TrustBundle = field(init=False)
+    trust: TrustBundle = field(init=False)
 
     def __post_init__(self) -> None:
         roles = ("attester", "attester-2", "feed", "registry", "ledger", "root", "root-2")
         raw = {role: keys.public_raw(self.key(role)) for role in roles}
-        bundle = keys.TrustBundle(
+        bundle = TrustBundle(
             issuer=ISSUER,
             version=1,
             roots={self.root_key_id: raw["root"], self.root_key_id + 1: raw["root-2"]},

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
+from capabilities import jws, meta
 from capabilities.errors import Fault, FaultCode
 from pep import records
 from pep.authority import Credentials, Presented
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 CREDENTIALS: Final = "ztpm.credentials"
 """Key in the ASGI scope under which the verified credentials travel to the guard."""
+ALGORITHMS: Final = (jws.EDDSA, jws.ES256)
+"""Of proofs; the holder's key says which."""
 SCHEME: Final = "dpop"
 WELL_KNOWN: Final = "/.well-known/oauth-protected-resource"
 REFUSALS_AT_ONCE: Final = 4
@@ -108,7 +111,7 @@ class DPoPLayer:
                 "resource": audience,
                 "authorization_servers": [issuer],
                 "dpop_bound_access_tokens_required": True,
-                "dpop_signing_alg_values_supported": ["EdDSA"],
+                "dpop_signing_alg_values_supported": list(ALGORITHMS),
             }
         ).encode()
         self._recording = asyncio.Semaphore(REFUSALS_AT_ONCE)
@@ -165,7 +168,7 @@ class DPoPLayer:
         """Steps 1 to 10, with the lease of what the body asks for. Whatever breaks on the way is a fault."""
         binding = self._bindings.get(knock.tool or "")
         lease_ms = self._gate.lease_ms(None if binding is None else bare_request(binding, audience=self._audience))
-        presented = self._presented(knock)
+        presented = meta.stray(knock.rpc.get("params")) or self._presented(knock)
         if isinstance(presented, Fault):
             return Credentials(None, presented)
         try:
@@ -206,7 +209,7 @@ class DPoPLayer:
             proof = reason.startswith("PROOF") or reason is Reason.REPLAYED
             challenge = (
                 f'DPoP error="{"invalid_dpop_proof" if proof else "invalid_token"}", error_description="{reason}", '
-                f'algs="EdDSA", resource_metadata="{self._metadata_url}"'
+                f'algs="{" ".join(ALGORITHMS)}", resource_metadata="{self._metadata_url}"'
             )
             headers.append((b"www-authenticate", challenge.encode()))
         await _answer(send, status, json.dumps({"decision": "DENY", "reason": str(reason)}).encode(), headers)

@@ -31,12 +31,6 @@ TIMED = replace(
 )
 
 
-def test_the_old_door_leads_to_the_same_class():
-    assert keys.TrustBundle is TrustBundle
-    with pytest.raises(AttributeError):
-        _ = keys.TrustBundles
-
-
 @pytest.mark.parametrize("bundle", [TRUST, TIMED], ids=["always", "timed"])
 def test_a_bundle_comes_back_in_one_spelling(bundle):
     wire = bundle.to_json()

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 from capabilities import biscuit, block, keys, strict_json
+from capabilities.trust import TrustBundle
 from capabilities.caps import DEFAULT
 from capabilities.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
 from capabilities.delegate import delegate
@@ -35,7 +36,7 @@ def raw_of(name: str) -> bytes:
     return keys.public_raw(key_of(name))
 
 
-TRUST = keys.TrustBundle(
+TRUST = TrustBundle(
     issuer=ISSUER,
     version=1,
     roots={ROOT_ID: raw_of("root")},

@@ -11,6 +11,7 @@ from pathlib import Path
 import httpx2
 
 from capabilities import keys
+from capabilities.trust import TrustBundle
 from capabilities.caps import DEFAULT
 from pep.clock import SystemClock
 from pep.feed import Follower, MarkFile
@@ -26,7 +27,7 @@ def say(**what):
 
 async def main(issuer, folder, period_s):
     http = httpx2.AsyncClient()
-    trust = keys.TrustBundle.from_json((await http.get(issuer + "/trust")).content)
+    trust = TrustBundle.from_json((await http.get(issuer + "/trust")).content)
     follower = Follower(
         http, issuer=issuer, audience="http://127.0.0.1:8800/mcp", trust=trust, caps=DEFAULT, clock=SystemClock(),
         mark=MarkFile(Path(folder) / "feed.json"), incident=lambda error: say(incident=str(error)),

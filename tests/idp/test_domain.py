@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capabilities import keys
+from capabilities.trust import TrustBundle
 from capabilities.caps import DEFAULT
 from capabilities.statements import attestation
 from ztpm_idp.domain import commands as c
@@ -34,7 +35,7 @@ from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
 AT_MS = 1_800_000_000_000
 DIGEST = bytes(range(32))
 AGENT_KEY = keys.generate()
-TRUST = keys.TrustBundle(
+TRUST = TrustBundle(
     "http://127.0.0.1:8700/ztpm", 1, {1: keys.public_raw(keys.generate())},
     *(frozenset({keys.public_raw(keys.generate())}) for _ in range(4)),
 )  # fmt: skip

@@ -8,6 +8,7 @@ import httpx2
 import pytest
 
 from capabilities import keys
+from capabilities.trust import TrustBundle
 from capabilities.proof import prove
 from capabilities.scope_json import restriction_to_json, scope_to_json
 from tests.hostile_bodies import HOSTILE_BODIES
@@ -439,7 +440,7 @@ def test_open_endpoints_and_listing(world):
     with world.anonymous() as http:
         assert http.get(ISSUER + "/healthz").status_code == 200
         assert http.get(ISSUER + "/readyz").json() == {"ready": True}
-        assert keys.TrustBundle.from_json(http.get(ISSUER + "/trust").content) == world.trust
+        assert TrustBundle.from_json(http.get(ISSUER + "/trust").content) == world.trust
         checked(http.get(ISSUER + "/agents"), status=401)
         checked(http.get(ISSUER + "/ledger/export"), status=401)
     world.pep()

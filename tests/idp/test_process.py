@@ -19,6 +19,7 @@ import httpx2
 import pytest
 
 from capabilities import keys
+from capabilities.trust import TrustBundle
 from capabilities.caps import DEFAULT
 from capabilities.scope import Tier
 from capabilities.statements import answers, revocation, vote
@@ -219,7 +220,7 @@ def test_kill_9_loses_no_acknowledged_revocation(tmp_path):
             assert not thread.is_alive()
     process.start()
     with httpx2.Client() as http, process.operator() as alice:
-        trust = keys.TrustBundle.from_json(http.get(process.issuer + "/trust").content)
+        trust = TrustBundle.from_json(http.get(process.issuer + "/trust").content)
         entries, since = {}, 0
         while True:
             text = http.get(process.issuer + "/revocations", params={"since": str(since), "nonce": "n" * 32}).text
@@ -243,7 +244,7 @@ def test_kill_9_loses_no_acknowledged_revocation(tmp_path):
 def answered(process, peps_key):
     """What the enforcement point is told, over the wire."""
     with httpx2.Client() as http:
-        trust = keys.TrustBundle.from_json(http.get(process.issuer + "/trust").content)
+        trust = TrustBundle.from_json(http.get(process.issuer + "/trust").content)
         response = http.get(
             process.issuer + "/approvals/answers",
             params={"audience": AUDIENCE, "nonce": "n" * 32},
@@ -302,6 +303,6 @@ def test_kill_9_loses_no_acknowledged_ask_vote_or_opening(tmp_path):
         last = answered(process, private["cell-1"])
         assert ([told.state for told in last.asks], last.openings) == (["withdrawn"], ())
         with httpx2.Client() as http:
-            trust = keys.TrustBundle.from_json(http.get(process.issuer + "/trust").content)
+            trust = TrustBundle.from_json(http.get(process.issuer + "/trust").content)
         assert isinstance(ledger_file.verify(alice.export_ledger().splitlines(), trust), ledger_file.Verified)
     assert process.end(signal.SIGTERM) == 0

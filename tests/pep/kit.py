@@ -12,6 +12,7 @@ from urllib.parse import parse_qs, urlsplit
 import httpx2
 
 from capabilities import keys
+from capabilities.trust import TrustBundle
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.carriage import token_to_text
 from capabilities.chain import Attestation, EvidenceKind, HopGrant, Sponsor
@@ -72,7 +73,7 @@ class ManualClock:
 def issuer_keys():
     made = {name: keys.generate() for name in ("root", "attester", "feed", "registry", "ledger")}
     raw = {name: keys.public_raw(key) for name, key in made.items()}
-    trust = keys.TrustBundle(
+    trust = TrustBundle(
         issuer=ISSUER,
         version=1,
         roots={1: raw["root"]},

@@ -11,7 +11,7 @@ import uvicorn
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 
-from capabilities import keys
+from capabilities import meta, keys
 from pep.clock import SystemClock
 from pep.errors import ActuationRefusedError
 from pep.mcp.arm import arm_server, tool_definitions
@@ -468,6 +468,16 @@ def test_stale_view_denies_motion_before_it_denies_reading(cell):
     motion, look = with_cell(cell, scenario)
     refused(motion, 401, "REVOCATION_VIEW_STALE")
     assert not look.is_error
+
+
+@pytest.mark.parametrize("member", [meta.TOKEN, meta.PROOF])
+def test_credentials_in_the_body_of_http_are_refused(cell, member):
+    """[PRF-10] Never both carriages: what a proxy strips from the header must not come in by the body."""
+    body = call_body()
+    body["params"]["_meta"][member] = "x"
+    answer = with_cell(cell, lambda: cell.post(cell.agent(), body))
+    assert (answer.status_code, answer.json()["reason"]) == (401, "TOKEN_MALFORMED")
+    assert cell.arm.moves == []
 
 
 @pytest.mark.parametrize("header", ["authorization", "dpop"])

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from capabilities.errors import CapabilityError
-from capabilities.keys import TrustBundle
+from capabilities.trust import TrustBundle
 from ztpm.cli.output import USAGE, console, fail, plain, say_json
 
 app = typer.Typer(no_args_is_help=True, help="The ledger, offline.")

@@ -27,7 +27,7 @@ def pin(
 ) -> None:
     """Show the tools whose definition is not the registered one, and register them as they are now."""
     from capabilities.errors import CapabilityError
-    from capabilities.keys import TrustBundle
+    from capabilities.trust import TrustBundle
     from pep.mcp.arm import tool_definitions
     from ztpm.enrolment import EnrolmentError, registered, tool_differences
     from ztpm.setup import SetupError, read_addresses

@@ -131,7 +131,7 @@ def layout_of(data: Path | None, *, as_json: bool) -> Layout:
 def issuer_of(layout: Layout, *, as_json: bool) -> str:
     """Base URL of the cell's identity provider, from its trust bundle."""
     from capabilities.errors import CapabilityError
-    from capabilities.keys import TrustBundle
+    from capabilities.trust import TrustBundle
 
     try:
         return TrustBundle.from_json(layout.trust.read_bytes()).issuer

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from capabilities.errors import CapabilityError, Fault, TokenError
-from capabilities.keys import TrustBundle
+from capabilities.trust import TrustBundle
 from ztpm.cli.output import DENY, USAGE, console, fail, say_json
 
 app = typer.Typer(no_args_is_help=True, help="Tokens.")

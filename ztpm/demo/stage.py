@@ -16,6 +16,7 @@ from rtde_receive import RTDEReceiveInterface
 
 from capabilities import keys
 from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from capabilities.trust import TrustBundle
 from capabilities.units import Parameter, Unit
 from ztpm.demo.calls import Answer, call
 from ztpm.layout import new_key, read_key
@@ -108,9 +109,9 @@ class Stage:
         return all(abs(speed) < STILL_RAD_S for speed in self.eyes.getActualQd())
 
     @property
-    def trust(self) -> keys.TrustBundle:
+    def trust(self) -> TrustBundle:
         """The public keys that everything is verified with."""
-        return keys.TrustBundle.from_json(self.cell.layout.trust.read_bytes())
+        return TrustBundle.from_json(self.cell.layout.trust.read_bytes())
 
     def journal(self, *, since: int | None = None) -> list[dict[str, Any]]:
         """The PEP's records since the step began, or since byte `since`, read from disk."""

@@ -20,7 +20,7 @@ from ztpm.status.picture import Known, Part, Picture
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from capabilities.keys import TrustBundle
+    from capabilities.trust import TrustBundle
     from ztpm.cell import Cell
     from ztpm.processes import Child
     from ztpm.supervision import Supervision

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from capabilities.caps import Caps
-    from capabilities.keys import TrustBundle
+    from capabilities.trust import TrustBundle
     from capabilities.workload import Platform
 
 

@@ -9,7 +9,8 @@ from typing import Any
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault
 from capabilities.algebra import bound_to_json
-from capabilities.keys import TrustBundle, b64u
+from capabilities.keys import b64u
+from capabilities.trust import TrustBundle
 from capabilities.scope import Tier
 from capabilities.scope_json import scope_to_json
 from capabilities.statements.revocation import RevocationView

@@ -13,7 +13,8 @@ from typing import Any
 
 import biscuit_auth
 
-from capabilities.keys import TrustBundle, b64u
+from capabilities.keys import b64u
+from capabilities.trust import TrustBundle
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 from capabilities.windows import Window
