@@ -206,7 +206,9 @@ AGREEMENT = group(
         [("n", Unit.COUNT, MOST)],
     ),
     permitted(
-        "A set with neighbours", replace(SMALL, grants=one_operation(Limit(N, one_of(-1, 0, 1, 3)))), [("n", Unit.COUNT, 0)]
+        "A set with neighbours",
+        replace(SMALL, grants=one_operation(Limit(N, one_of(-1, 0, 1, 3)))),
+        [("n", Unit.COUNT, 0)],
     ),
     permitted(
         "A set of the largest and the smallest number",
@@ -233,7 +235,9 @@ AGREEMENT = group(
         "TOK-12",
         lambda: hop(
             authority(),
-            replace(SLOWER, grants=(Grant("ur3e", "move_joint", (Limit(Q0, one_of(0, 5)), Limit(SPEED, one_of(7, 9)))),)),
+            replace(
+                SLOWER, grants=(Grant("ur3e", "move_joint", (Limit(Q0, one_of(0, 5)), Limit(SPEED, one_of(7, 9)))),)
+            ),
         ),
         Permitted(),
         {},
