@@ -90,17 +90,25 @@ class Figures:
     @property
     def ok(self) -> bool:
         """Whether the bar is met, by as many pairs as were wanted, in every dimension, on both sides of its lines."""
+        return not self.missed
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Where the bar is not met."""
         found = self.tally
         least = max(1, LEAST_PER_DIMENSION * self.count // COUNT)
-        return (
-            sum(found.pairs.values()) == self.count
-            and all(found.pairs[each] >= least for each in DIMENSIONS)
-            and all(found.split[each] >= found.pairs[each] * _LEAST_SPLIT for each in DIMENSIONS)
-            and found.by_biscuit > 0
-            and found.by_issuing > 0
-            and all(found.forged[each] for each in (*FORGED, "fair"))
-            and not (found.widened or found.parted or found.wrong)
-        )
+        one_sided = [each for each in DIMENSIONS if found.split[each] < found.pairs[each] * _LEAST_SPLIT]
+        faults = {
+            f"{sum(found.pairs.values())} pairs": sum(found.pairs.values()) != self.count,
+            f"a dimension with less than {least} pairs": any(found.pairs[each] < least for each in DIMENSIONS),
+            f"on one side of the line: {', '.join(one_sided)}": bool(one_sided),
+            "nothing asked of Biscuit, or of the issuer": not (found.by_biscuit and found.by_issuing),
+            "nothing of one kind forged": not all(found.forged[each] for each in (*FORGED, "fair")),
+            f"{len(found.widened)} widened": bool(found.widened),
+            f"{len(found.parted)} opinions parted": bool(found.parted),
+            f"{len(found.wrong)} forged hops judged wrong": bool(found.wrong),
+        }
+        return tuple(told for told, bad in faults.items() if bad)
 
     def summary(self) -> str:
         """One line."""
