@@ -18,9 +18,10 @@ from capabilities.biscuit import Answer, Probe
 from capabilities.caps import DEFAULT
 from capabilities.chain import Chain
 from capabilities.errors import CapabilityError, Fault, FaultCode
+from capabilities.text import ROLE_PREFIX
 from evaluation.tokens import requests, twin
 from evaluation.tokens.crew import seeds_of, shares, together
-from evaluation.tokens.families import AGENTS, FORGED, HOPS, family, lay_over, too_much, whole
+from evaluation.tokens.families import FORGED, HOPS, family, lay_over, too_much, whole
 from evaluation.tokens.issuer import CELLS, LEASE_MS, VIEW, Issuer, verified
 from evaluation.tokens.requests import ACTING, DIMENSIONS
 from evaluation.tokens.twin import Lend
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 COUNT: Final = 200_000
 LEAST_PER_DIMENSION: Final = 8_000
 """For `COUNT` pairs; fewer pairs need so many fewer."""
-_ASKED: Final = 600
+EACH: Final = 600
 """Requests for each chain: signatures are dear."""
 _BY_BISCUIT: Final = 10
 _BY_ISSUING: Final = 40
@@ -90,17 +91,25 @@ class Figures:
     @property
     def ok(self) -> bool:
         """Whether the bar is met, by as many pairs as were wanted, in every dimension, on both sides of its lines."""
+        return not self.missed
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Where the bar is not met."""
         found = self.tally
         least = max(1, LEAST_PER_DIMENSION * self.count // COUNT)
-        return (
-            sum(found.pairs.values()) == self.count
-            and all(found.pairs[each] >= least for each in DIMENSIONS)
-            and all(found.split[each] >= found.pairs[each] * _LEAST_SPLIT for each in DIMENSIONS)
-            and found.by_biscuit > 0
-            and found.by_issuing > 0
-            and all(found.forged[each] for each in (*FORGED, "fair"))
-            and not (found.widened or found.parted or found.wrong)
-        )
+        one_sided = [each for each in DIMENSIONS if found.split[each] < found.pairs[each] * _LEAST_SPLIT]
+        faults = {
+            f"{sum(found.pairs.values())} pairs": sum(found.pairs.values()) != self.count,
+            f"a dimension with less than {least} pairs": any(found.pairs[each] < least for each in DIMENSIONS),
+            f"on one side of the line: {', '.join(one_sided)}": bool(one_sided),
+            "nothing asked of Biscuit, or of the issuer": not (found.by_biscuit and found.by_issuing),
+            "nothing of one kind forged": not all(found.forged[each] for each in (*FORGED, "fair")),
+            f"{len(found.widened)} widened": bool(found.widened),
+            f"{len(found.parted)} opinions parted": bool(found.parted),
+            f"{len(found.wrong)} forged hops judged wrong": bool(found.wrong),
+        }
+        return tuple(told for told, bad in faults.items() if bad)
 
     def summary(self) -> str:
         """One line."""
@@ -191,8 +200,8 @@ class _Asked:
     found: Tally
 
 
-def explore(issuer: Issuer, count: int, seed: int) -> Tally:
-    """What so many pairs show; the dimensions take turns."""
+def explore(issuer: Issuer, count: int, seed: int, each: int) -> Tally:
+    """What so many pairs show, so many of them of each chain; the dimensions take turns."""
     chance = random.Random(seed)  # noqa: S311 - draws, no secrets
     found = Tally()
     number = 0
@@ -201,7 +210,7 @@ def explore(issuer: Issuer, count: int, seed: int) -> Tally:
         of = family(issuer, verifier, chance.choice((1, 2, 3, 4, 5, 6, 7, HOPS)), chance)
         found.chains[len(of.blocks) - 1] += 1
         asked = _Asked(issuer, verifier, of, chance, found)
-        for _ in range(min(_ASKED, count - number)):
+        for _ in range(min(each, count - number)):
             dimension = DIMENSIONS[number % len(DIMENSIONS)]
             pair = _pair_of_act if dimension in ACTING else _pair_of_lend
             pair(asked, dimension, number // len(DIMENSIONS))
@@ -257,9 +266,10 @@ def _compare(dimension: str, asked: object, answers: list[bool], expected: list[
 
 def _forge(asked: _Asked, what: str) -> None:
     """A hop with too much, and a fair one, below one of the holders; and what verification says of them."""
-    at = asked.chance.randrange(len(asked.of.tokens))
-    chain = asked.of.chains[at]
-    named = next((agent for agent in AGENTS if agent in chain.scope.delegates), "")
+    chain = asked.chance.choice([each for each in asked.of.chains if each.scope.depth] or asked.of.chains[-1:])
+    at = len(chain.hops) - 1
+    agents = chain.scope.delegates - {hop.agent for hop in chain.hops}
+    named = min((agent for agent in agents if not agent.startswith(ROLE_PREFIX)), default="")
     for name in (what, "fair"):
         restriction = too_much("stranger" if name == "fair" else what, chain.scope, asked.chance)
         lend = Lend("nobody" if name == "stranger" else named or "nobody", "", lay_over(chain.scope, restriction))
@@ -281,21 +291,23 @@ def _keep(into: list[str], what: str) -> None:
 # --- all of it -------------------------------------------------------------------------------------------------------
 
 
-def _share(issuer_seed: str, count: int, seed: int) -> Tally:
-    return explore(Issuer(issuer_seed), count, seed)
+def _share(issuer_seed: str, count: int, seed: int, each: int) -> Tally:
+    return explore(Issuer(issuer_seed), count, seed, each)
 
 
-def run(count: int = COUNT, seed: int = 1, *, processes: int = 2) -> Figures:
+def run(count: int = COUNT, seed: int = 1, *, processes: int = 2, each: int = EACH) -> Figures:
     """The figures of the campaign.
 
     Args:
         count: pairs.
         seed: of every draw.
         processes: that share the work; with 1 it is done here.
+        each: requests for each chain.
     """
     began = time.perf_counter()
     seeds = seeds_of(seed, processes)
-    work = [(f"attenuation {each}", share, each) for share, each in zip(shares(count, processes), seeds, strict=True)]
+    parts = zip(shares(count, processes), seeds, strict=True)
+    work = [(f"attenuation {own}", share, own, each) for share, own in parts]
     return Figures(count, seeds, _sum(together(_share, work)), time.perf_counter() - began)
 
 

@@ -57,7 +57,18 @@ class Figures:
     @property
     def ok(self) -> bool:
         """Whether the bar is met."""
-        return self.tokens and len(self.tried) == len(FAMILIES) + 1 and not self.accepted and not self.stray
+        return not self.missed
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Where the bar is not met."""
+        faults = {
+            "an issued token is refused": not self.tokens,
+            "a family was not tried": len(self.tried) != len(FAMILIES) + 1,
+            f"{len(self.accepted)} accepted": bool(self.accepted),
+            f"{len(self.stray)} stray exceptions": bool(self.stray),
+        }
+        return tuple(told for told, bad in faults.items() if bad)
 
     def summary(self) -> str:
         """One line."""

@@ -64,13 +64,18 @@ class Figures:
     @property
     def ok(self) -> bool:
         """Whether the bar is met: by every text in every place, and some texts were carried."""
-        tried = {place: self.carried.get(place, 0) + self.refused.get(place, 0) for place in PLACES}
-        return (
-            self.texts == len(set(TEXTS))
-            and all(count == self.texts for count in tried.values())
-            and self.carried.get("purpose", 0) > self.texts // 2
-            and not self.injected
-        )
+        return not self.missed
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Where the bar is not met."""
+        tried = [self.carried.get(place, 0) + self.refused.get(place, 0) for place in PLACES]
+        faults = {
+            "a text was not tried in some place": any(count != self.texts for count in tried),
+            "hardly any text was carried": not self.carried.get("purpose", 0) > self.texts // 2,
+            f"{len(self.injected)} injected": bool(self.injected),
+        }
+        return tuple(told for told, bad in faults.items() if bad)
 
     def summary(self) -> str:
         """One line."""

@@ -90,15 +90,21 @@ class Figures:
     @property
     def ok(self) -> bool:
         """Whether the bar is met, by all the mutants that were wanted."""
+        return not self.missed
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Where the bar is not met."""
         found = self.tally
-        return (
-            sum(found.tried.values()) == self.count > 0
-            and not found.accepted
-            and not found.stray
-            and not found.slow
-            and not found.lost
-            and found.growth_mib < GROWTH_MIB
-        )
+        faults = {
+            f"{sum(found.tried.values())} tried": not sum(found.tried.values()) == self.count > 0,
+            f"{len(found.accepted)} accepted": bool(found.accepted),
+            f"{len(found.stray)} stray exceptions": bool(found.stray),
+            f"{found.slow} over {SLOWEST_MS:g} ms": found.slow > 0,
+            f"{found.lost} issued tokens refused": found.lost > 0,
+            f"memory +{found.growth_mib:.0f} MiB": not found.growth_mib < GROWTH_MIB,
+        }
+        return tuple(told for told, bad in faults.items() if bad)
 
     def summary(self) -> str:
         """One line."""

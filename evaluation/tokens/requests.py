@@ -141,7 +141,7 @@ def lend(of: Family, dimension: str, chance: Random) -> Lend:
         agent, role = _delegate(names, chance)
         if chance.random() < 0.3:
             scope = replace(scope, delegates=scope.delegates | {chance.choice(names)})
-    if chance.random() < 0.1:
+    if chance.random() < 0.25:
         what = chance.choice(("ranges", "sets", "ceiling", "audience", "window", "grants"))
         scope = lay_over(held, too_much(what, held, chance))
     return Lend(agent, role, scope)

@@ -16,7 +16,10 @@ from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, T
 from capabilities.units import Parameter, Unit
 from tests.capabilities.world import CELL, FORCE, JOINTS, MOVE, NOW, READ, SCOPE, SLOWER, SPEED, STOP, WIDTH
 
+pytestmark = pytest.mark.clause("VAL-12")
 
+
+@pytest.mark.clause("VAL-8")
 def test_a_wide_range_is_not_walked():
     assert not within(Range(0, 2**53), OneOf(frozenset({1, 2})))
 
@@ -42,6 +45,7 @@ def test_the_lower_of_two_equally_near_bounds():
     assert nearest_bound(Range(4, 6), OneOf(frozenset({0, 10}))) == Range(4, 4)
 
 
+@pytest.mark.clause("BLK-6")
 def test_what_a_hop_keeps_is_the_very_same():
     child = stated(SCOPE, SLOWER)
     assert [grant is SCOPE.find(grant.object, grant.operation) for grant in child.grants] == [False, True, True]
@@ -61,6 +65,7 @@ def test_a_grant_is_found_by_its_pair():
     assert other == Scope(**{name: getattr(other, name) for name in Restriction.__dataclass_fields__})
 
 
+@pytest.mark.clause("VAL-10", "TOK-6.8")
 @pytest.mark.parametrize(
     ("restriction", "dimension"),
     [
@@ -89,6 +94,7 @@ def test_each_widening_is_named(restriction, dimension):
     assert [widening.dimension for widening in found.widenings] == [dimension]
 
 
+@pytest.mark.clause("VAL-12", "TOK-6.8")
 @pytest.mark.parametrize(
     ("restriction", "strict"),
     [
@@ -107,6 +113,7 @@ def test_each_strict_dimension_is_named(restriction, strict):
     assert found.strict == strict
 
 
+@pytest.mark.clause("VAL-11")
 def test_apply_refuses_what_leaves_nothing():
     for restriction in (
         Restriction(grants=(Grant("ur3e", "move_joint", (Limit(SPEED, Range(2_000_000, 3_000_000)),)),)),
@@ -123,6 +130,7 @@ def speed(bound) -> Restriction:
     return Restriction(grants=(Grant("ur3e", "move_joint", (Limit(SPEED, bound),)), READ))
 
 
+@pytest.mark.clause("VAL-16")
 @pytest.mark.parametrize(
     ("restriction", "what", "nearest"),
     [
@@ -169,18 +177,21 @@ def test_the_nearest_is_told(restriction, what, nearest):
     assert explanation_to_json(told)["places"][0]["nearest"] == nearest
 
 
+@pytest.mark.clause("VAL-16")
 def test_an_axis_is_told_by_its_vector():
     wide = Restriction(grants=(Grant("ur3e", "move_joint", (Limit(JOINTS[1], Range(0, 4_000_000)),)),))
     (place,) = explanation_to_json(explain(SCOPE, wide))["places"]
     assert (place["vector"], place["axis"], place["unit"]) == ("ur3e/move_joint/q", 1, "urad")
 
 
+@pytest.mark.clause("VAL-16")
 def test_the_bounds_are_told_in_the_sentence():
     sentence = explain(SCOPE, speed(Range(0, 2_000_000))).sentence
     for figure in ("ur3e/move_joint/speed", "0 to 2000000", "1 to 1000000", "urad_s"):
         assert figure in sentence
 
 
+@pytest.mark.clause("VAL-16")
 def test_a_long_refusal_is_one_short_sentence():
     many = Restriction(
         grants=tuple(Grant("ur3e", f"x{i:02}") for i in range(60)),
@@ -191,6 +202,7 @@ def test_a_long_refusal_is_one_short_sentence():
     assert len(told.sentence) < 400
 
 
+@pytest.mark.clause("VAL-16", "TOK-6.8")
 def test_nothing_taken_away_is_told():
     told = explain(SCOPE, Restriction(depth=0, not_after=NOW + 5))
     assert told.widenings == ()
@@ -201,6 +213,7 @@ def test_nothing_taken_away_is_told():
     assert explain(least, Restriction()).could_narrow == ()
 
 
+@pytest.mark.clause("VAL-16", "TOK-6.7")
 def test_no_depth_left_is_told():
     told = explain(replace(SCOPE, depth=0), SLOWER)
     assert [(place.dimension, place.nearest) for place in told.widenings] == [("depth", None)]
@@ -231,6 +244,7 @@ def test_no_depth_left_is_told():
         (Restriction(), None),
     ],
 )
+@pytest.mark.clause("VAL-16")
 def test_the_nearest_restriction_that_is_accepted(restriction, repaired):
     assert repair(SCOPE, restriction) == repaired
     if repaired is not None:
@@ -267,11 +281,13 @@ def test_another_signature_is_another_operation(limits):
     assert meet(child, SCOPE) is None
 
 
+@pytest.mark.clause("VAL-15")
 def test_another_signature_meets_in_nothing():
     other = replace(SCOPE, grants=(Grant("ur3e", "stop", (Limit(SPEED, Range(1, 2)),)),))
     assert meet(other, replace(SCOPE, grants=(STOP,))) is None
 
 
+@pytest.mark.clause(reason="the shape of our errors")
 def test_the_error_tree_has_one_root():
     assert issubclass(ScopeError, CapabilityError)
     assert issubclass(TokenError, CapabilityError)

@@ -12,6 +12,8 @@ from capabilities.scope import Grant, Limit, Range
 from capabilities.units import Parameter, Unit
 from tests.capabilities.world import MOVE, SPEED
 
+pytestmark = pytest.mark.clause("VAL-9")
+
 TURN = Limit(Parameter("r0", Unit.MICRORADIAN), Range(0, 1))
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -17,6 +19,8 @@ from capabilities.request import disagreement
 from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, Forge, add_hop, check, mint_root, raw_of
+
+pytestmark = pytest.mark.clause("TOK-12")
 
 PARAMETERS = tuple(Parameter(f"p{i}", Unit.COUNT) for i in range(3))
 ARITY = {"a": 0, "b": 1, "c": 3}
@@ -112,6 +116,7 @@ def test_engines_and_generations_agree(scope, data):
         assert allowed == sorted(allowed, reverse=True)  # once refused, refused for every descendant
 
 
+@pytest.mark.clause("TOK-6.8")
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(first_scopes(), first_scopes())
 def test_no_forged_hop_that_is_wider_verifies(scope, other):

@@ -25,6 +25,8 @@ from tests.capabilities.world import (
     saying,
 )
 
+pytestmark = pytest.mark.clause("BLK-10")
+
 HOSTILE = [
     '"',
     '\\"',
@@ -174,6 +176,7 @@ def test_an_issuer_that_binds_hostile_text_gains_nothing(text):
         )
 
 
+@pytest.mark.clause("VAL-4")
 @pytest.mark.parametrize(
     "text",
     [
@@ -200,6 +203,7 @@ def test_a_purpose_that_people_read_differently_than_machines_is_refused(text):
     assert caught.value.code is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("VAL-2")
 @pytest.mark.parametrize("text", ["role:", "role:planner", "role:x"])
 def test_no_agent_is_called_like_a_role(text):
     with pytest.raises(CapabilityError) as caught:

@@ -17,16 +17,19 @@ from tests.capabilities.world import key_of, raw_of
 P = 2**255 - 19
 
 
+@pytest.mark.clause("VAL-5")
 def test_the_rfc_8037_thumbprint():
     raw = keys.unb64u("11qYAYKxCrfVS_7TyWQHOg7hcvPapiMlrwIaaPcHURo")
     assert keys.thumbprint(raw) == "kPrK_qmxVWaYVA9wwBF6Iuo3vVzz7TxHCTwXBygrS4k"  # RFC 8037 appendix A.3
 
 
+@pytest.mark.clause("VAL-6")
 @given(st.binary(max_size=80))
 def test_base64url_comes_back(raw):
     assert keys.unb64u(keys.b64u(raw)) == raw
 
 
+@pytest.mark.clause("VAL-6")
 @pytest.mark.parametrize(
     "text", ["=", "AA==", "AA=", "A", "AB", "AAB", "A A", "AA\n", "AA+/", "ä", "AAAA=", "\0\0\0\0", "AA.A"]
 )
@@ -57,6 +60,7 @@ def torsion() -> list[int]:
     return [found for _, found in points[:8]]
 
 
+@pytest.mark.clause("VAL-5")
 def test_keys_of_small_order_and_other_encodings_are_refused():
     encodings = {y | sign << 255 for y in (*torsion(), P, P + 1) for sign in (0, 1)}
     encodings |= {(y + P) for y in range(19)} | {2**255 - 1, 2**256 - 1}
@@ -68,6 +72,7 @@ def test_keys_of_small_order_and_other_encodings_are_refused():
             keys.check_raw(bad)
 
 
+@pytest.mark.clause("VAL-5")
 def test_why_small_order_matters():
     """OpenSSL verifies this signature, made by nobody, under the identity point; we never get that far."""
     identity = (1).to_bytes(32, "little")
@@ -76,6 +81,7 @@ def test_why_small_order_matters():
         keys.public_key(identity)
 
 
+@pytest.mark.clause(reason="how private keys lie on a disk is no matter of the wire")
 def test_a_key_file_comes_back_only_with_its_passphrase():
     key = key_of("someone")
     pem = keys.to_pem(key, b"open sesame")
@@ -104,6 +110,7 @@ def test_a_key_file_comes_back_only_with_its_passphrase():
         keys.to_pem(key, b"")
 
 
+@pytest.mark.clause(reason="where private keys come from is no matter of the wire")
 def test_generated_keys_differ():
     assert keys.public_raw(keys.generate()) != keys.public_raw(keys.generate())
 
@@ -127,6 +134,7 @@ def on_curve(x: int) -> bool:
     return pow(square, (keys.P256_P - 1) // 2, keys.P256_P) == 1
 
 
+@pytest.mark.clause("VAL-5")
 def test_the_thumbprint_of_the_p256_key_of_rfc_7515():
     """RFC 7515 appendix A.3.1; the thumbprint of its minimal JWK by RFC 7638 section 3, spelled out."""
     import hashlib  # noqa: PLC0415
@@ -139,6 +147,7 @@ def test_the_thumbprint_of_the_p256_key_of_rfc_7515():
     assert keys.thumbprint(raw) == keys.b64u(hashlib.sha256(minimal.encode()).digest())
 
 
+@pytest.mark.clause("VAL-5")
 def test_a_p256_key_has_one_raw_form():
     uncompressed = CURVE.public_key().public_bytes(form.Encoding.X962, form.PublicFormat.UncompressedPoint)
     x = RAW[1:]
@@ -158,6 +167,7 @@ def test_a_p256_key_has_one_raw_form():
         assert caught.value.code is FaultCode.KEY_MALFORMED
 
 
+@pytest.mark.clause("VAL-5")
 @given(st.integers(0, keys.P256_P - 1), st.sampled_from([b"\2", b"\3"]))
 def test_a_point_is_on_the_curve(x, sign):
     raw = sign + x.to_bytes(32, "big")
@@ -172,6 +182,7 @@ def test_a_point_is_on_the_curve(x, sign):
         assert (y * y - x**3 + 3 * x - B) % keys.P256_P == 0
 
 
+@pytest.mark.clause("VAL-5")
 def test_a_jwk_names_a_point_by_both_coordinates():
     good = jws.jwk(RAW)
     assert jws.key_of_jwk({**good, "use": "sig", "key_ops": ["verify"], "alg": "ES256", "kid": "x"}) == RAW
@@ -208,6 +219,7 @@ def test_a_jwk_names_a_point_by_both_coordinates():
             jws.key_of_jwk({**edwards, **change})
 
 
+@pytest.mark.clause("VAL-5")
 def test_no_two_keys_share_a_thumbprint():
     opposite = bytes([RAW[0] ^ 1]) + RAW[1:]
     raws = [RAW, opposite, raw_of("someone"), raw_of("other"), keys.public_raw(curve_of("other"))]
@@ -217,6 +229,7 @@ def test_no_two_keys_share_a_thumbprint():
             keys.thumbprint(raw)
 
 
+@pytest.mark.clause("VAL-5")
 def test_keys_of_other_curves_enter_nowhere():
     from capabilities import signatures  # noqa: PLC0415
 
@@ -234,6 +247,7 @@ def test_keys_of_other_curves_enter_nowhere():
             assert caught.value.code is FaultCode.KEY_MALFORMED
 
 
+@pytest.mark.clause(reason="how private keys lie on a disk is no matter of the wire")
 def test_a_p256_key_file_comes_back():
     assert keys.public_raw(keys.from_pem(keys.to_pem(CURVE, b"open sesame"), b"open sesame")) == RAW
     assert keys.public_raw(keys.generate(keys.Algorithm.P256)) != keys.public_raw(keys.generate(keys.Algorithm.P256))

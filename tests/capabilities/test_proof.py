@@ -46,6 +46,7 @@ def found(proof: str, **other: object) -> tuple[FaultCode, str]:
     return fault.code, fault.clause
 
 
+@pytest.mark.clause("PRF-4", "PRF-5")
 def test_a_proof_holds_for_its_request():
     proof = checked(made())
     assert isinstance(proof, Proof)
@@ -54,6 +55,7 @@ def test_a_proof_holds_for_its_request():
     assert isinstance(checked(made(token=None), token=None), Proof)
 
 
+@pytest.mark.clause("PRF-4", "PRF-5")
 @pytest.mark.parametrize(
     ("other", "clause"),
     [
@@ -72,20 +74,24 @@ def test_a_proof_holds_for_no_other_request(other, clause):
     assert found(made(), **other) == (FaultCode.PROOF_NOT_FOR_THIS_REQUEST, clause)
 
 
+@pytest.mark.clause("PRF-5")
 def test_a_proof_without_token_does_not_carry_one():
     assert found(made(token=None)) == (FaultCode.PROOF_NOT_FOR_THIS_REQUEST, "PRF-5")
 
 
+@pytest.mark.clause("PRF-3", "TOK-10")
 def test_another_key():
     assert found(made(key=key_of("eve"))) == (FaultCode.PROOF_WRONG_KEY, "PRF-3")
     assert checked(made(key=key_of("eve")), key=None).key == raw_of("eve")
 
 
+@pytest.mark.clause("PRF-6")
 @pytest.mark.parametrize("age", [31, 30.001, -5.001, -6, 1e12, float("nan"), float("inf"), float("-inf")])
 def test_stale(age):
     assert found(made(), at=NOW + age) == (FaultCode.PROOF_STALE, "PRF-6")
 
 
+@pytest.mark.clause("PRF-6")
 @pytest.mark.parametrize("age", [30, 0, 0.5, -5])
 def test_fresh(age):
     assert isinstance(checked(made(), at=NOW + age), Proof)
@@ -106,16 +112,19 @@ def built(claims: object = CLAIMS, header: dict = HEADER, payload: bytes | None 
     return jws.sign(header, json.dumps(claims).encode() if payload is None else payload, HOLDER)
 
 
+@pytest.mark.clause(reason="the builder of the tests below")
 def test_the_builder_makes_good_proofs():
     assert isinstance(checked(built()), Proof)
 
 
+@pytest.mark.clause("PRF-2")
 @pytest.mark.parametrize("claim", sorted(CLAIMS))
 def test_each_claim_is_needed(claim):
     code, _ = found(built({name: value for name, value in CLAIMS.items() if name != claim}))
     assert code in {FaultCode.PROOF_MALFORMED, FaultCode.PROOF_NOT_FOR_THIS_REQUEST}
 
 
+@pytest.mark.clause("PRF-2", "PRF-4")
 @pytest.mark.parametrize("claim", sorted(CLAIMS))
 @pytest.mark.parametrize("value", [None, True, 0, -1, "", "x", [], {}, ["POST"], {"a": 1}])
 def test_each_claim_has_one_value(claim, value):
@@ -123,22 +132,26 @@ def test_each_claim_has_one_value(claim, value):
     assert code in {FaultCode.PROOF_MALFORMED, FaultCode.PROOF_NOT_FOR_THIS_REQUEST, FaultCode.PROOF_STALE}
 
 
+@pytest.mark.clause("PRF-2")
 @pytest.mark.parametrize("extra", ["exp", "nbf", "nonce", "aud", "x"])
 def test_no_other_claim(extra):
     assert found(built({**CLAIMS, extra: 1})) == (FaultCode.PROOF_MALFORMED, "PRF-2")
 
 
+@pytest.mark.clause("PRF-2")
 @pytest.mark.parametrize("jti", ["short", "x" * 65, "with space 0123456", "ümlaut-0123456789", "a" * 16 + "\n"])
 def test_form_of_the_id(jti):
     assert found(built({**CLAIMS, "jti": jti})) == (FaultCode.PROOF_MALFORMED, "PRF-2")
 
 
+@pytest.mark.clause("PRF-2")
 @pytest.mark.parametrize("iat", [1.5, True, "1800000000", None, 2**53])
 def test_form_of_the_time(iat):
     code, _ = found(built({**CLAIMS, "iat": iat}))
     assert code is FaultCode.PROOF_MALFORMED
 
 
+@pytest.mark.clause("PRF-2", "PRF-3")
 @pytest.mark.parametrize(
     "change",
     [
@@ -179,6 +192,7 @@ def recoded(header: dict, payload: bytes, signature: bytes) -> str:
     return ".".join(keys.b64u(part) for part in (json.dumps(header).encode(), payload, signature))
 
 
+@pytest.mark.clause("PRF-1")
 @pytest.mark.parametrize(
     "alg", ["none", "None", "HS256", "ES256", "RS256", "eddsa", "Ed25519", "EdDSA ", "", None, 1, ["EdDSA"]]
 )
@@ -189,6 +203,7 @@ def test_the_algorithm_is_fixed(alg):
         assert found(recoded({"alg": alg, **HEADER}, payload, mac))[0] is FaultCode.PROOF_MALFORMED
 
 
+@pytest.mark.clause("PRF-1", "PRF-3")
 def test_a_mac_under_the_public_key_is_no_signature():
     """CVE-2022-29217 and its relatives: every encoding of the public key offered as a symmetric secret."""
     import hashlib  # noqa: PLC0415
@@ -214,6 +229,7 @@ def test_a_mac_under_the_public_key_is_no_signature():
                 assert isinstance(checked(f"{signed}.{keys.b64u(signature)}"), Fault)
 
 
+@pytest.mark.clause("PRF-1")
 @pytest.mark.parametrize(
     "payload",
     [
@@ -239,6 +255,7 @@ def test_the_payload_has_one_meaning(payload):
     assert fault.code is FaultCode.PROOF_MALFORMED
 
 
+@pytest.mark.clause("PRF-1")
 def test_a_proof_has_one_spelling():
     proof = made()
     head, payload, signature = proof.split(".")
@@ -274,6 +291,7 @@ def test_a_proof_has_one_spelling():
             assert isinstance(checked(proof[:-1] + spare), Fault)
 
 
+@pytest.mark.clause("PRF-1", "PRF-3")
 @settings(max_examples=300, deadline=None)
 @given(st.integers(0, len(made()) - 1), st.integers(0, 127))
 def test_no_mutant_is_accepted(at, character):
@@ -283,6 +301,7 @@ def test_no_mutant_is_accepted(at, character):
         assert isinstance(checked(mutant), Fault)
 
 
+@pytest.mark.clause("PRF-3")
 def test_the_signature_must_be_the_low_one():
     """S + L is another signature of the same message in lax implementations (RFC 8032 section 5.1.7 forbids it)."""
     head, payload, signature = made().split(".")

@@ -13,6 +13,8 @@ from capabilities.caps import DEFAULT, Caps
 from capabilities.errors import Fault, FaultCode
 from capabilities.freshness import Memory, before_start, earliest_iat_s, retention_ms, stale
 
+pytestmark = pytest.mark.clause("PRF-7", "PRF-8")
+
 NOW = 1_800_000_000
 AGE, SKEW = DEFAULT.proof_age_s, DEFAULT.skew_s
 
@@ -21,11 +23,13 @@ def code(fault: Fault | None) -> tuple[FaultCode, str] | None:
     return None if fault is None else (fault.code, fault.clause)
 
 
+@pytest.mark.clause("PRF-6")
 @pytest.mark.parametrize("age", [-SKEW, -SKEW + 0.001, 0, 1, AGE - 0.001, AGE])
 def test_a_fresh_proof(age):
     assert stale(NOW, at=NOW + age, caps=DEFAULT) is None
 
 
+@pytest.mark.clause("PRF-6")
 @pytest.mark.parametrize(
     "age", [-SKEW - 0.001, -SKEW - 1, AGE + 0.001, AGE + 1, 1e300, -1e300, float("nan"), float("inf"), float("-inf")]
 )
@@ -33,6 +37,7 @@ def test_a_stale_proof(age):
     assert code(stale(NOW, at=NOW + age, caps=DEFAULT)) == (FaultCode.PROOF_STALE, "PRF-6")
 
 
+@pytest.mark.clause("PRF-8")
 @pytest.mark.parametrize(
     ("started", "memory", "earliest"),
     [
@@ -50,6 +55,7 @@ def test_the_first_second_after_the_start(started, memory, earliest):
     assert code(before_start(earliest, earliest_s=float("nan"))) == (FaultCode.PROOF_STALE, "PRF-8")
 
 
+@pytest.mark.clause("PRF-7")
 def test_how_long_an_id_is_kept():
     assert retention_ms(DEFAULT) == 41_000
     assert retention_ms(Caps(proof_age_s=60, skew_s=2)) == 65_000
@@ -108,6 +114,7 @@ MOVES = st.one_of(
 )
 
 
+@pytest.mark.clause("PRF-7", "PRF-8", "PRF-9")
 @settings(max_examples=1_500, deadline=None)
 @given(st.lists(MOVES, min_size=4, max_size=40))
 def test_no_proof_is_accepted_twice(moves):
@@ -166,6 +173,7 @@ def test_a_verifier_that_lost_its_memory_needs_twice_the_skew():
     assert verifier.earliest_s == iat + 1
 
 
+@pytest.mark.clause("PRF-7", "PRF-8", "PRF-9")
 def test_an_honest_proof_is_accepted_once_after_every_kind_of_start():
     for memory, wait_s in ((Memory.KEPT, 1), (Memory.LOST, 1 + 2 * SKEW)):
         verifier = Verifier(DEFAULT)
@@ -174,6 +182,7 @@ def test_an_honest_proof_is_accepted_once_after_every_kind_of_start():
         assert verifier.accepts(0, verifier.judged_ms // 1000)
 
 
+@pytest.mark.clause(reason="time is an argument in this house")
 def test_the_module_reads_no_clock():
     assert "time" not in vars(freshness)
     assert "random" not in vars(freshness)

@@ -16,6 +16,8 @@ from capabilities.meta import META, PROOF, TOKEN, Carried, attach, detach, stray
 from capabilities.proof import Proof, check_proof, prove
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, chain_of_four, key_of, raw_of
 
+pytestmark = pytest.mark.clause("PRF-10")
+
 TOKEN_TEXT = token_to_text(chain_of_four())
 JTI = "jti-0123456789abcdef"
 PARAMS = {

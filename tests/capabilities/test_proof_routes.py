@@ -14,6 +14,8 @@ from capabilities.errors import Fault, FaultCode
 from capabilities.proof import Proof, check_proof, prove, token_digest
 from tests.capabilities.world import CELL, NOW, key_of, raw_of
 
+pytestmark = pytest.mark.clause("PRF-1", "PRF-2", "PRF-3")
+
 HOLDER = key_of("gripper")
 TOKEN = "dG9rZW4"
 BODY = b'{"jsonrpc":"2.0"}'
@@ -136,12 +138,14 @@ class TestEachClaim:
         assert code(both(spell(claims)))[0] is FaultCode.PROOF_MALFORMED
 
 
+@pytest.mark.clause("PRF-2")
 @pytest.mark.parametrize("spell", [canonical, free])
 @pytest.mark.parametrize("name", ["exp", "nbf", "nonce", "aud", "cnf", "", "z"])
 def test_one_claim_more(spell, name):
     assert code(both(spell({**CLAIMS, name: 1}))) == WRONG_FORM
 
 
+@pytest.mark.clause("PRF-6")
 @pytest.mark.parametrize(
     ("iat", "expected"),
     [
@@ -220,6 +224,7 @@ def test_one_body_more_than_a_part():
     assert code(both(f"{head}.{payload}")) == (FaultCode.PROOF_MALFORMED, "PRF-1")
 
 
+@pytest.mark.clause("PRF-1")
 def test_the_size_is_exact():
     from dataclasses import replace
 
@@ -228,6 +233,7 @@ def test_the_size_is_exact():
     assert code(both(canonical(), caps=replace(DEFAULT, proof_bytes=size - 1))) == (FaultCode.PROOF_MALFORMED, "PRF-1")
 
 
+@pytest.mark.clause("PRF-4", "PRF-5")
 @pytest.mark.parametrize("text", ["ä", '"', "\\", "\u2028", "\ud800", "a" * 300, "x\x00", "x\x7f"])
 def test_strange_methods_addresses_and_tokens_are_compared_all_the_same(text):
     """They are the server's own, or text of a stranger; no exception, and no other text in their place."""

@@ -38,6 +38,8 @@ from tests.capabilities.world import (
     raw_of,
 )
 
+pytestmark = pytest.mark.clause("TRB-6")
+
 OVERLAP = DEFAULT.lifetime_s + DEFAULT.skew_s
 FIRST = {role: raw_of(f"first {role}") for role in Role}
 RING = rotation.begin(ISSUER, FIRST, at=NOW)

@@ -12,6 +12,8 @@ from capabilities.scope_json import restriction_from_json, restriction_to_json, 
 from capabilities.units import INT_LIMIT
 from tests.capabilities.world import QUIETER, SCOPE, SLOWER
 
+pytestmark = pytest.mark.clause("VAL-13")
+
 
 def test_examples_come_back():
     assert scope_from_json(scope_to_json(SCOPE)) == SCOPE
@@ -102,6 +104,7 @@ def test_anything_else_is_refused(path, value):
     assert caught.value.code in {FaultCode.STATEMENT_MALFORMED, FaultCode.OUT_OF_RANGE}
 
 
+@pytest.mark.clause("VAL-11", "VAL-13")
 @pytest.mark.parametrize(
     "value", [None, [], "x", 1, {1: 2}, {"grants": None}, {"unknown": 1}, {"grants": []}, {"audiences": []}]
 )
@@ -111,6 +114,7 @@ def test_a_bad_restriction_is_refused(value):
     assert caught.value.code in {FaultCode.STATEMENT_MALFORMED, FaultCode.OUT_OF_RANGE}
 
 
+@pytest.mark.clause("VAL-10", "VAL-13")
 def test_too_many_grants_are_refused():
     wire = scope_to_json(SCOPE)
     wire["grants"] = [{"object": "a", "operation": f"o{i:03}", "limits": []} for i in range(65)]

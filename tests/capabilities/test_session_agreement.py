@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from capabilities.agreement import SessionKeys, Transcript, agree, derive, public_of
 from capabilities.errors import BadKeyError, FaultCode
 
+pytestmark = pytest.mark.clause("SES-3")
+
 P = 2**255 - 19
 BASE = bytes([9]) + bytes(31)
 WYCHEPROOF = Path(__file__).parents[3] / "shared" / "data" / "vectors" / "wycheproof" / "x25519_test.json"

@@ -49,6 +49,7 @@ def framed(kind: int, counter: int, message: bytes, *, key: bytes = THERE, image
     return head + message + hmac.new(key, covered if image is None else image, "sha256").digest()
 
 
+@pytest.mark.clause("SES-6", "SES-7")
 @pytest.mark.parametrize("message", [b"", b"\0", b"move", bytes(200), bytes(DEFAULT.frame_bytes)])
 def test_frames_are_those_of_the_spec(message):
     holder, verifier = ends()
@@ -60,6 +61,7 @@ def test_frames_are_those_of_the_spec(message):
     assert holder.close(at=NOW) == framed(1, 3, b"")
 
 
+@pytest.mark.clause("SES-8")
 def test_a_frame_once():
     holder, verifier = ends()
     frames = [holder.seal(bytes([n]), at=NOW) for n in range(3)]
@@ -69,6 +71,7 @@ def test_a_frame_once():
             assert code(verifier.open(old, at=NOW)) == REPLAYED
 
 
+@pytest.mark.clause("SES-8")
 def test_a_frame_that_somebody_took_out_is_missed():
     """On a carriage that loses nothing, what comes after a stop that was taken out is refused, now and later."""
     holder, verifier = ends()
@@ -79,6 +82,7 @@ def test_a_frame_that_somebody_took_out_is_missed():
     assert verifier.open(after, at=NOW) == Message(b"move on", 0)
 
 
+@pytest.mark.clause("SES-8")
 @pytest.mark.parametrize(
     ("most", "skipped", "expected"),
     [
@@ -98,6 +102,7 @@ def test_how_many_may_be_missing(most, skipped, expected):
     assert found == Message(b"x", expected) if isinstance(expected, int) else code(found) == expected
 
 
+@pytest.mark.clause("SES-8")
 def test_a_frame_that_comes_late_is_never_accepted():
     holder, verifier = ends(most_missing=5)
     early, late = holder.seal(b"early", at=NOW), holder.seal(b"late", at=NOW)
@@ -105,12 +110,14 @@ def test_a_frame_that_comes_late_is_never_accepted():
     assert code(verifier.open(early, at=NOW)) == REPLAYED
 
 
+@pytest.mark.clause("SES-8")
 @pytest.mark.parametrize("most", [-1, MOST_MISSING + 1, 2**64])
 def test_a_gap_has_a_bound(most):
     with pytest.raises(ValueError, match="missing"):
         ends(most_missing=most)
 
 
+@pytest.mark.clause("SES-7")
 def test_a_frame_comes_back_to_its_own_sender():
     """Reflection: each direction has its key."""
     holder, verifier = ends(most_missing=5)
@@ -119,6 +126,7 @@ def test_a_frame_comes_back_to_its_own_sender():
     assert code(holder.open(holder.close(at=NOW), at=NOW)) == OVER
 
 
+@pytest.mark.clause("SES-7", "SES-8")
 def test_a_counter_is_read_after_the_mac():
     """A forged counter neither moves the window nor tells where it stands."""
     holder, verifier = ends(most_missing=5)
@@ -130,11 +138,13 @@ def test_a_counter_is_read_after_the_mac():
     assert verifier.open(frame, at=NOW) == Message(b"x", 0)
 
 
+@pytest.mark.clause("SES-8")
 def test_the_counter_zero_is_never_accepted():
     _, verifier = ends(most_missing=5)
     assert code(verifier.open(framed(0, 0, b"x"), at=NOW)) == REPLAYED
 
 
+@pytest.mark.clause("SES-8")
 def test_no_counter_is_left():
     holder, verifier = ends()
     holder._sealed = verifier._opened = LAST_COUNTER - 1
@@ -148,6 +158,7 @@ def test_no_counter_is_left():
     assert code(verifier.open(framed(0, 0, b"x"), at=NOW)) == REPLAYED
 
 
+@pytest.mark.clause("SES-7")
 def test_sizes():
     caps = replace(DEFAULT, frame_bytes=10)
     holder, verifier = ends(caps=caps)
@@ -160,6 +171,7 @@ def test_sizes():
     assert verifier.open(framed(0, 2, b""), at=NOW) == Message(b"", 0)
 
 
+@pytest.mark.clause("SES-7")
 @pytest.mark.parametrize(("kind", "message"), [(2, b""), (2, b"x"), (255, b""), (1, b"x"), (1, bytes(10))])
 def test_no_other_kind(kind, message):
     _, verifier = ends()
@@ -171,6 +183,7 @@ def test_no_other_kind(kind, message):
 HEAD = b"\0" + (1).to_bytes(8, "big")
 
 
+@pytest.mark.clause("SES-7")
 @pytest.mark.parametrize(
     "image",
     [
@@ -188,6 +201,7 @@ def test_a_mac_over_another_image(image):
     assert code(verifier.open(framed(0, 1, b"x", image=image), at=NOW)) == NOT_THEIRS
 
 
+@pytest.mark.clause("SES-7")
 def test_every_bit_counts():
     holder, verifier = ends(most_missing=MOST_MISSING)
     frame = holder.seal(b"move", at=NOW)
@@ -201,6 +215,7 @@ def test_every_bit_counts():
     assert verifier.open(frame, at=NOW) == Message(b"move", 0)
 
 
+@pytest.mark.clause("SES-7")
 def test_bytes_do_not_flow_between_frames():
     """Two messages glued together, or one in two pieces, are not what was sealed."""
     holder, verifier = ends(most_missing=5)
@@ -210,6 +225,7 @@ def test_bytes_do_not_flow_between_frames():
 
 
 class TestTheEnd:
+    @pytest.mark.clause("SES-9")
     def test_of_one_end_is_the_end_of_both(self):
         holder, verifier = ends()
         under_way = verifier.seal(b"state", at=NOW)
@@ -222,11 +238,13 @@ class TestTheEnd:
             assert code(session.open(framed(0, 2, b"x"), at=NOW)) == OVER
         assert code(holder.open(under_way, at=NOW)) == OVER
 
+    @pytest.mark.clause("SES-8", "SES-9")
     def test_tells_what_is_missing(self):
         holder, verifier = ends(most_missing=5)
         holder.seal(b"lost", at=NOW)
         assert verifier.open(holder.close(at=NOW), at=NOW) == End(1)
 
+    @pytest.mark.clause("SES-9")
     def test_does_not_come_before_what_was_sent(self):
         holder, verifier = ends()
         sent = holder.seal(b"x", at=NOW)
@@ -235,6 +253,7 @@ class TestTheEnd:
         assert verifier.open(sent, at=NOW) == Message(b"x", 0)
         assert verifier.open(end, at=NOW) == End(0)
 
+    @pytest.mark.clause("SES-9")
     def test_of_another_session_ends_nothing(self):
         _, verifier = ends()
         assert code(verifier.open(framed(1, 1, b"", key=BACK), at=NOW)) == NOT_THEIRS
@@ -242,11 +261,13 @@ class TestTheEnd:
 
 
 class TestTime:
+    @pytest.mark.clause("SES-6")
     @pytest.mark.parametrize("at", [NOW - DEFAULT.skew_s, NOW, NOW + 0.5, ENDS - 1, ENDS - 0.001])
     def test_inside(self, at):
         holder, verifier = ends()
         assert verifier.open(holder.seal(b"x", at=at), at=at) == Message(b"x", 0)
 
+    @pytest.mark.clause("SES-6")
     @pytest.mark.parametrize(
         "at", [ENDS, ENDS + 1, 1e300, NOW - DEFAULT.skew_s - 0.001, 0, float("nan"), float("inf"), float("-inf")]
     )
@@ -284,6 +305,7 @@ def in_between(code: CodeType, line: str, meanwhile: Callable[[], object]) -> Ca
     return finish
 
 
+@pytest.mark.clause("SES-8")
 def test_one_winner_when_two_open_at_the_same_time():
     """The second comes when the first has found the counter to be new and has not noted it yet."""
     holder, verifier = ends()
@@ -296,6 +318,7 @@ def test_one_winner_when_two_open_at_the_same_time():
     assert sorted(str(type(each).__name__) for each in found) == ["Fault", "Message"]
 
 
+@pytest.mark.clause("SES-8")
 def test_two_counters_when_two_seal_at_the_same_time():
     """The second comes when the first has taken its counter and has not made its MAC yet."""
     holder, verifier = ends()

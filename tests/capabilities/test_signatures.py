@@ -16,6 +16,8 @@ from capabilities.signatures import P256_N, Checked
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.world import key_of
 
+pytestmark = pytest.mark.clause("VAL-14")
+
 SIGNERS = {"ed25519": key_of("signer"), "p256": curve_of("signer")}
 each = pytest.mark.parametrize("key", SIGNERS.values(), ids=SIGNERS)
 
@@ -59,6 +61,7 @@ def test_the_border_between_signature_and_message_stays_where_it_is(key):
         assert signatures.verify(raw, whole[border:], whole[:border]) is Checked.DOES_NOT_HOLD
 
 
+@pytest.mark.clause("VAL-5", "VAL-14")
 @pytest.mark.parametrize("raw", [b"", b"\1" * 31, bytes(32), b"\4" * 33, b"\2" + b"\xff" * 32, None, "x" * 32])
 def test_nothing_is_verified_with_a_bad_key(raw):
     with pytest.raises(BadKeyError) as caught:
@@ -112,6 +115,7 @@ def test_libsodium_and_openssl_agree_on_ed25519(noise, real, bit):
 ALGORITHMS = {"ed25519": "EdDSA", "p256": "ES256"}
 
 
+@pytest.mark.clause(reason="others read what we write")
 @pytest.mark.parametrize("name", SIGNERS)
 def test_pyjwt_reads_what_we_write(name):
     key = SIGNERS[name]
@@ -139,6 +143,7 @@ def test_the_key_fixes_the_algorithm(name):
         assert caught.value.code is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("VAL-14", "STM-1")
 def test_a_statement_with_the_higher_s_is_refused():
     key = SIGNERS["p256"]
     text = jws.sign({"typ": "x"}, b"{}", key)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 from capabilities import fact, freshness, meta
 from capabilities.agreement import ANSWER_TYPE, PROFILE
 from capabilities.caps import DEFAULT
@@ -13,6 +15,8 @@ from capabilities.errors import FaultCode
 from capabilities.frames import MOST_MISSING
 from capabilities.statements import attestation, cell, checkpoint, observation, registry, revocation
 from capabilities.units import Unit
+
+pytestmark = pytest.mark.clause(reason="the specification itself against the code")
 
 ROOT = Path(__file__).parents[2]
 SPEC = (ROOT / "docs" / "spec.md").read_text()

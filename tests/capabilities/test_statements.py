@@ -173,6 +173,7 @@ def claims_of(module) -> dict:
     return json.loads(jws.split(module.sign(KINDS[module], SIGNER), most_bytes=10**6).payload_raw)
 
 
+@pytest.mark.clause("STM-5")
 @each
 def test_a_statement_comes_back(module):
     text = module.sign(KINDS[module], SIGNER)
@@ -180,6 +181,7 @@ def test_a_statement_comes_back(module):
     assert module.sign(module.open(text, TRUSTED, DEFAULT), SIGNER) == text
 
 
+@pytest.mark.clause("STM-1", "STM-3")
 @each
 def test_a_statement_by_a_p256_key_comes_back(module):
     """The algorithm follows the key: the same texts, the same answers, one spelling."""
@@ -196,6 +198,7 @@ def test_a_statement_by_a_p256_key_comes_back(module):
     assert code_of(module, text, {keys.public_raw(curve_of("other"))}) is FaultCode.STATEMENT_UNTRUSTED
 
 
+@pytest.mark.clause("STM-2")
 @each
 def test_another_kind_is_refused(module):
     for other in KINDS:
@@ -203,6 +206,7 @@ def test_another_kind_is_refused(module):
             assert code_of(module, other.sign(KINDS[other], SIGNER)) is FaultCode.STATEMENT_WRONG_KIND
 
 
+@pytest.mark.clause("STM-3")
 @each
 def test_another_key_is_refused(module):
     text = module.sign(KINDS[module], SIGNER)
@@ -217,6 +221,7 @@ def test_another_key_is_refused(module):
     assert code_of(module, forged) is FaultCode.STATEMENT_UNTRUSTED
 
 
+@pytest.mark.clause("STM-4")
 @each
 def test_only_canonical_bytes(module):
     claims = claims_of(module)
@@ -241,6 +246,7 @@ def test_only_canonical_bytes(module):
     assert module.open(jws.sign(header, canonical, SIGNER), TRUSTED, DEFAULT) == KINDS[module]
 
 
+@pytest.mark.clause("STM-1", "STM-3")
 @each
 def test_the_header_is_closed(module):
     header = {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
@@ -266,6 +272,7 @@ def test_the_header_is_closed(module):
     assert code_of(module, f"{none}.{payload}.") is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("STM-1")
 @each
 def test_other_spellings_and_sizes(module):
     from dataclasses import replace  # noqa: PLC0415
@@ -321,6 +328,7 @@ HARMLESS = {
 }
 
 
+@pytest.mark.clause("STM-5")
 @each
 def test_every_member_has_its_form(module):
     """Each place of the claims replaced by each wrong value, and each member removed or doubled under another name."""
@@ -356,6 +364,7 @@ def sealed_text(module, claims: object) -> str | None:
     return sealed.sign(module.KIND, claims, SIGNER)
 
 
+@pytest.mark.clause("STM-4")
 @pytest.mark.parametrize(
     "value", [1.5, float("nan"), float("inf"), INT_LIMIT + 1, b"x", {1, 2}, object(), "\ud800", {1: 2}]
 )
@@ -368,11 +377,13 @@ def test_what_no_statement_can_hold_is_not_signed(value):
 # --- each kind -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("STM-5")
 def test_evidence_names_the_key_that_signed_it():
     claims = {**claims_of(attestation), "key": keys.thumbprint(raw_of("other"))}
     assert code_of(attestation, sealed.sign("attestation", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("STM-5")
 @pytest.mark.parametrize(
     "change",
     [
@@ -393,18 +404,21 @@ def test_an_index_is_consistent(change):
     )
 
 
+@pytest.mark.clause("STM-5")
 def test_an_index_is_bounded():
     many = [{"epoch": 3, "kind": "agent", "id": f"a{i}"} for i in range(revocation.ENTRIES + 1)]
     text = sealed.sign("revocation", {**claims_of(revocation), "entries": many}, SIGNER)
     assert code_of(revocation, text) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("TOK-9")
 def test_a_view_that_was_never_read_knows_nothing_and_is_older_than_any_lease():
     view = revocation.RevocationView.never()
     assert view.why(chain_of(chain_of_four())) is None
     assert view.age_ms > 10**12
 
 
+@pytest.mark.clause("TOK-9")
 def test_a_view_asks_for_every_audience_when_none_is_given():
     chain = chain_of(chain_of_four())
     view = revocation.RevocationView(1, 0, frozenset({("audience", CELL)}))
@@ -431,12 +445,14 @@ WORDS_OF_A_MESSAGE = {
 }
 
 
+@pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("name", WORDS_OF_A_MESSAGE)
 def test_a_message_is_well_formed(name):
     text = sealed.sign("message", {**claims_of(message), **WORDS_OF_A_MESSAGE[name]}, SIGNER)
     assert code_of(message, text) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("STM-4")
 @pytest.mark.parametrize(
     "body", [b"", b"[]", b"null", b"{ }", b'{"b":1,"a":2}', b'{"a":1.5}', b'{"a":1,"a":1}', b"\xff"]
 )
@@ -446,6 +462,7 @@ def test_a_body_that_is_not_canonical_is_not_signed(body):
     assert caught.value.code is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("STM-1", "STM-5")
 def test_the_largest_message_fits():
     frame = len(b'{"x":""}')
     full = dataclasses.replace(
@@ -475,6 +492,7 @@ MISPLACED = {
 }
 
 
+@pytest.mark.clause("STM-6")
 @pytest.mark.parametrize("name", MISPLACED)
 def test_a_message_has_one_place(name):
     change, code = MISPLACED[name]
@@ -484,6 +502,7 @@ def test_a_message_has_one_place(name):
     assert message.refusal(SAID, PLACE, at=NOW + 1, caps=DEFAULT) is None
 
 
+@pytest.mark.clause("STM-5", "STM-6")
 def test_an_answer_names_the_very_text():
     text = message.sign(SAID, SIGNER)
     assert message.digest_of(text) != message.digest_of(message.sign(dataclasses.replace(SAID, sequence=4), SIGNER))
@@ -491,6 +510,7 @@ def test_an_answer_names_the_very_text():
     assert message.open(message.sign(answer, SIGNER), TRUSTED, DEFAULT).in_reply_to == vote.digest_of(text)
 
 
+@pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("member", ["tools", "sensors", "trust"])
 def test_a_snapshot_names_each_once(member):
     claims = claims_of(registry)
@@ -498,6 +518,7 @@ def test_a_snapshot_names_each_once(member):
     assert code_of(registry, text) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("STM-5")
 def test_a_snapshot_answers_by_name():
     assert SNAPSHOT.tool("move_joint").base_tier is Tier.REVERSIBLE
     assert SNAPSHOT.sensor("camera-1").transit_ms == 100
@@ -505,6 +526,7 @@ def test_a_snapshot_answers_by_name():
     assert (SNAPSHOT.tool("x"), SNAPSHOT.sensor("x"), SNAPSHOT.trust_permille("x")) == (None, None, None)
 
 
+@pytest.mark.clause("STM-5")
 @pytest.mark.parametrize(
     "shape",
     [
@@ -529,6 +551,7 @@ def test_a_shape_is_well_formed(shape):
     assert code_of(observation, sealed.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("STM-5")
 @pytest.mark.parametrize(
     ("path", "value"),
     [
@@ -549,6 +572,7 @@ def test_a_frame_is_well_formed(path, value):
     assert code_of(observation, sealed.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("STM-5")
 def test_a_frame_names_each_once():
     claims = claims_of(observation)
     for member in ("people", "objects"):
@@ -558,6 +582,7 @@ def test_a_frame_names_each_once():
         )
 
 
+@pytest.mark.clause("STM-1")
 def test_the_largest_snapshot_fits():
     """The counts and the size cap of a statement belong together."""
     long = "x" * 59
@@ -616,12 +641,14 @@ CONTRADICTORY_CELLS = {
 }
 
 
+@pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("name", CONTRADICTORY_CELLS)
 def test_a_cell_does_not_contradict_itself(name):
     text = sealed.sign("cell", {**claims_of(cell), **CONTRADICTORY_CELLS[name]}, SIGNER)
     assert code_of(cell, text) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("STM-1")
 def test_the_largest_cell_fits():
     long = "x" * 200
     box = observation.Box((-(10**7),) * 3, (10**7,) * 3, (1_000_000, 0, 0, 0))

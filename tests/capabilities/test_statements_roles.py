@@ -19,6 +19,8 @@ from tests.capabilities.test_keys import curve_of
 from tests.capabilities.test_statements import EVIDENCE, KINDS, SAID, VOTED, code_of
 from tests.capabilities.world import key_of
 
+pytestmark = pytest.mark.clause("STM-3")
+
 ROOT = Path(__file__).parents[2]
 MODULES = {module.KIND: module for module in KINDS}
 PRIVATE = {role: (curve_of if n % 2 else key_of)(f"the {role}") for n, role in enumerate(Signer)}
@@ -65,6 +67,7 @@ def test_only_the_right_role_is_heard(kind):
             assert code_of(module, text, {RAW[right]}) is FaultCode.STATEMENT_UNTRUSTED, role
 
 
+@pytest.mark.clause("STM-2")
 @pytest.mark.parametrize("kind", SIGNER_OF)
 @pytest.mark.parametrize("role", Signer)
 def test_no_text_is_read_as_another_kind(kind, role):

@@ -8,6 +8,8 @@ from capabilities import strict_json
 from capabilities.errors import FaultCode, StatementError
 from capabilities.units import INT_LIMIT
 
+pytestmark = pytest.mark.clause("PRF-1", "STM-1")
+
 
 def test_depth_is_bounded_before_parsing():
     deep = strict_json.DEPTH_LIMIT
@@ -49,6 +51,7 @@ def test_the_largest_integers_pass():
         assert strict_json.parse(str(number).encode()) == number
 
 
+@pytest.mark.clause("STM-4")
 def test_what_has_no_utf8_has_no_canonical_form():
     with pytest.raises(StatementError):
         strict_json.canonical({"x": "\ud800"})

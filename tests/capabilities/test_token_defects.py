@@ -46,6 +46,7 @@ def found(token: bytes, **other: object) -> tuple[FaultCode, str]:
     return fault.code, fault.clause
 
 
+@pytest.mark.clause(reason="the forge of the tests below")
 def test_the_forge_itself_makes_good_tokens():
     assert isinstance(check(Forge.authority()), Chain)
     assert isinstance(check(Forge.hop(Forge.authority())), Chain)
@@ -54,6 +55,7 @@ def test_the_forge_itself_makes_good_tokens():
 # --- [TOK-1] to [TOK-5] ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("TOK-1", "BLK-11")
 def test_tok_1_size():
     assert found(b"") == (FaultCode.TOKEN_MISSING, "TOK-1")
     assert found(b"\0" * 12_289) == (FaultCode.TOKEN_TOO_LARGE, "TOK-1")
@@ -62,6 +64,7 @@ def test_tok_1_size():
     assert found(token, caps=replace(DEFAULT, token_bytes=len(token) - 1)) == (FaultCode.TOKEN_TOO_LARGE, "TOK-1")
 
 
+@pytest.mark.clause("TOK-2", "VFY-1")
 def test_tok_2_count_before_any_signature():
     token = chain_of_four()
     assert found(token, caps=replace(DEFAULT, hops=2)) == (FaultCode.TOO_MANY_HOPS, "TOK-2")
@@ -70,6 +73,7 @@ def test_tok_2_count_before_any_signature():
     assert isinstance(check(token, caps=replace(DEFAULT, hops=4, grants=64)), Chain)
 
 
+@pytest.mark.clause("TOK-2")
 @pytest.mark.parametrize(
     "token",
     [
@@ -86,6 +90,7 @@ def test_tok_2_malformed(token):
     assert found(token) == (FaultCode.TOKEN_MALFORMED, "TOK-2")
 
 
+@pytest.mark.clause("TOK-3", "BLK-1")
 def test_tok_3_signatures():
     assert found(Forge.authority(signer="stranger")) == (FaultCode.SIGNATURE_INVALID, "TOK-3")
     assert found(Forge.authority(signer="attester")) == (FaultCode.SIGNATURE_INVALID, "TOK-3")
@@ -109,6 +114,7 @@ def third_party(
     return bytes(opened(token).append_third_party(public, made).to_bytes())
 
 
+@pytest.mark.clause("TOK-4", "BLK-2")
 def test_tok_4_a_block_that_the_holder_appended():
     token = bytes(opened(mint_root()).append(biscuit_auth.BlockBuilder("check if true;")).to_bytes())
     assert found(token) == (FaultCode.HOP_NOT_ATTESTED, "TOK-4")
@@ -118,22 +124,26 @@ def test_tok_4_a_block_that_the_holder_appended():
     assert found(deep) == (FaultCode.HOP_NOT_ATTESTED, "TOK-4")
 
 
+@pytest.mark.clause("TOK-4", "BLK-2")
 @pytest.mark.parametrize("signer", ["stranger", "root", "orchestrator", "feed"])
 def test_tok_4_a_block_that_someone_else_attested(signer):
     assert found(Forge.hop(mint_root(), signer=signer)) == (FaultCode.HOP_NOT_ATTESTED, "TOK-4")
 
 
+@pytest.mark.clause("TOK-4")
 def test_tok_4_a_block_attested_with_another_kind_of_key():
     token = third_party(mint_root(), "check if true;", signer="p256", algorithm=biscuit_auth.Algorithm.Secp256r1)
     assert found(token) == (FaultCode.HOP_NOT_ATTESTED, "TOK-4")
 
 
+@pytest.mark.clause("TOK-4")
 def test_tok_4_a_withdrawn_attester():
     later = replace(TRUST, version=2, attesters=frozenset({raw_of("attester-2")}))
     token = add_hop(mint_root(), "robotic", SLOWER)
     assert found(token, trust=later) == (FaultCode.HOP_NOT_ATTESTED, "TOK-4")
 
 
+@pytest.mark.clause("TOK-4", "VFY-1")
 def test_tok_4_comes_before_any_datalog(monkeypatch):
     def never(*_: object) -> None:
         raise AssertionError("what the block says was read")
@@ -144,6 +154,7 @@ def test_tok_4_comes_before_any_datalog(monkeypatch):
     assert found(token) == (FaultCode.HOP_NOT_ATTESTED, "TOK-4")
 
 
+@pytest.mark.clause("TOK-5")
 def test_tok_5_other_bytes_of_the_same_token():
     token = mint_root()
     # An unknown field, an over-long number, a field twice: the library reads the same token from each.
@@ -288,6 +299,7 @@ BROKEN_AUTHORITY = {
 }
 
 
+@pytest.mark.clause("TOK-6.1", "TOK-6.3", "TOK-6.4", "BLK-4", "BLK-5")
 @pytest.mark.parametrize("defect", BROKEN_AUTHORITY)
 def test_tok_6_an_authority_block_with_other_contents(defect):
     code = found(Forge.authority(fact=BROKEN_AUTHORITY[defect]))
@@ -296,6 +308,7 @@ def test_tok_6_an_authority_block_with_other_contents(defect):
     assert code == (FaultCode.WRONG_PROFILE if unread else FaultCode.CHAIN_BROKEN, "TOK-6")
 
 
+@pytest.mark.clause("TOK-6.2")
 @pytest.mark.parametrize("profile", ["ztpm/2", "ztpm", "ZTPM/1", "", 1, None, "ztpm/1 "])
 def test_tok_6_another_profile(profile):
     assert found(Forge.authority(fact=stating(profile=profile))) == (FaultCode.WRONG_PROFILE, "TOK-6")
@@ -318,6 +331,7 @@ BROKEN_HOP = {
 }
 
 
+@pytest.mark.clause("TOK-6.3", "TOK-6.4", "TOK-6.6", "BLK-4", "BLK-5")
 @pytest.mark.parametrize("defect", BROKEN_HOP)
 def test_tok_6_a_hop_block_with_other_contents(defect):
     code, clause = found(Forge.hop(mint_root(), fact=BROKEN_HOP[defect]))
@@ -348,10 +362,12 @@ def raw_authority(*, extra: str = "", drop: tuple[int, ...] = (), old: str = "",
     )
 
 
+@pytest.mark.clause(reason="the forge of the tests below")
 def test_tok_6_the_raw_forge_itself_makes_a_good_token():
     assert isinstance(check(raw_authority()), Chain)
 
 
+@pytest.mark.clause("TOK-6.1", "BLK-3")
 @pytest.mark.parametrize(
     "extra",
     [
@@ -368,11 +384,13 @@ def test_tok_6_a_block_holds_nothing_more(extra):
     assert found(raw_authority(extra=extra)) == (FaultCode.CHAIN_BROKEN, "TOK-6")
 
 
+@pytest.mark.clause("TOK-6.1", "BLK-3")
 @pytest.mark.parametrize("extra", ["reject if false;", "check all req_ctx($time, $tier), $tier <= 3;"])
 def test_tok_6_a_block_is_of_one_version_of_datalog(extra):
     assert found(raw_authority(extra=extra)) == (FaultCode.WRONG_PROFILE, "TOK-6")
 
 
+@pytest.mark.clause("TOK-6.1", "BLK-3")
 @pytest.mark.parametrize(
     "extra",
     [
@@ -385,6 +403,7 @@ def test_tok_6_even_an_issuer_adds_no_rule_and_no_scope(extra):
     assert found(raw_authority(extra=extra)) == (FaultCode.WRONG_PROFILE, "TOK-6")
 
 
+@pytest.mark.clause("TOK-6.1", "BLK-3")
 @pytest.mark.parametrize("extra", ["n(1);", "p($a) <- hop($a, $b, $c, $d, $e, $f);", "check if true;"])
 def test_tok_6_even_an_attester_adds_nothing(extra):
     source = biscuit._source(*hop_parts())  # noqa: SLF001
@@ -450,6 +469,7 @@ WRITTEN_DIFFERENTLY = {
 }
 
 
+@pytest.mark.clause("TOK-6.3", "BLK-8", "BLK-9", "BLK-10")
 @pytest.mark.parametrize("defect", WRITTEN_DIFFERENTLY)
 def test_tok_6_a_check_has_one_form(defect):
     token = raw_authority(**WRITTEN_DIFFERENTLY[defect])
@@ -460,6 +480,7 @@ def test_tok_6_a_check_has_one_form(defect):
     assert code is (FaultCode.WRONG_PROFILE if defect in later else FaultCode.CHAIN_BROKEN)
 
 
+@pytest.mark.clause("TOK-6.3", "BLK-8", "BLK-9")
 @pytest.mark.parametrize(
     "change",
     [
@@ -480,6 +501,7 @@ def test_tok_6_checks_that_state_no_scope(change):
     assert found(Forge.authority(checks=change)) == (FaultCode.CHAIN_BROKEN, "TOK-6")
 
 
+@pytest.mark.clause("TOK-6.3", "VAL-1", "VAL-8")
 @pytest.mark.parametrize(
     "bound",
     [Range(1, 0), Range(-(2**53), 5), Range(0, 2**53), OneOf(frozenset({2**53})), OneOf(frozenset(range(65))), None],
@@ -488,6 +510,7 @@ def test_tok_6_a_bound_outside_the_profile(bound):
     assert found(Forge.authority(checks=other_alternative(with_bound(2, bound)))) == (FaultCode.CHAIN_BROKEN, "TOK-6")
 
 
+@pytest.mark.clause("BLK-6")
 def test_tok_6_hop_0_is_the_sponsors():
     assert chain_of(Forge.authority()).hops[0].delegator == "alice"
     assert chain_of(add_hop(mint_root(), "robotic", SLOWER)).leaf.delegator == "orchestrator"
@@ -499,6 +522,7 @@ def test_tok_6_hop_0_is_the_sponsors():
 # --- [TOK-6]: narrowing ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("TOK-6.8", "TOK-6.5", "VAL-12")
 @pytest.mark.parametrize(
     "restriction",
     [
@@ -521,6 +545,7 @@ def test_tok_6_not_narrower(restriction):
     assert found(Forge.hop(mint_root(), restriction)) == (FaultCode.NOT_NARROWER, "TOK-6")
 
 
+@pytest.mark.clause("TOK-6.7", "BLK-7")
 def test_tok_6_delegates_and_depth():
     assert found(Forge.hop(mint_root(), agent="eve")) == (FaultCode.DELEGATE_NOT_ALLOWED, "TOK-6")
     assert found(Forge.hop(mint_root(), agent="eve", role="boss")) == (FaultCode.DELEGATE_NOT_ALLOWED, "TOK-6")
@@ -529,12 +554,14 @@ def test_tok_6_delegates_and_depth():
     assert found(Forge.hop(mint_root(shallow), parent=shallow)) == (FaultCode.TOO_MANY_HOPS, "TOK-6")
 
 
+@pytest.mark.clause("TOK-6.6")
 def test_tok_6_a_key_with_another_role():
     for role in ("root", "attester", "feed", "registry", "ledger"):
         assert found(Forge.authority(key=raw_of(role))) == (FaultCode.KEY_WRONG_ROLE, "TOK-6")
         assert found(Forge.hop(mint_root(), key=raw_of(role))) == (FaultCode.KEY_WRONG_ROLE, "TOK-6")
 
 
+@pytest.mark.clause("TOK-6.9", "TOK-7", "BLK-11")
 def test_evidence_bounds_ceiling_and_lifetime():
     assert found(Forge.authority(replace(SCOPE, ceiling=Tier.SAFETY_CRITICAL))) == (FaultCode.HOP_NOT_ATTESTED, "TOK-6")
     assert found(Forge.authority(replace(SCOPE, not_after=NOW + 3_591))) == (FaultCode.LIFETIME_TOO_LONG, "TOK-7")
@@ -548,6 +575,7 @@ JWT = Attestation(EvidenceKind.JWT, b"\2" * 32, NOW - 10)
 TIER_4 = replace(SCOPE, ceiling=Tier.SAFETY_CRITICAL)
 
 
+@pytest.mark.clause("TOK-6.9", "BLK-12")
 def test_a_hop_is_bounded_by_its_own_kind_of_evidence():
     """A platform's word carries tier 4, for the hop that has it and for no other."""
     top = Forge.authority(TIER_4, attestation=JWT)
@@ -566,6 +594,7 @@ def test_a_hop_is_bounded_by_its_own_kind_of_evidence():
     assert found(Forge.authority(fact=stating(evidence="x509")))[0] is FaultCode.CHAIN_BROKEN
 
 
+@pytest.mark.clause("TOK-7", "BLK-11")
 def test_the_lifetime_of_a_hop_with_a_platforms_word():
     assert DEFAULT.jwt_evidence_lifetime_s <= DEFAULT.key_evidence_lifetime_s
     longest = Forge.authority(replace(SCOPE, not_after=NOW + 3_590), attestation=JWT)
@@ -602,6 +631,7 @@ def joined(parts: list[tuple[int, bytes]]) -> bytes:
     return b"".join(raw for _, raw in parts)
 
 
+@pytest.mark.clause("TOK-3", "BLK-2")
 def test_blocks_cannot_be_moved_cut_doubled_or_grafted():
     token = chain_of_four()
     other = add_hop(mint_root(replace(SCOPE, ceiling=Tier.REVERSIBLE)), "robotic", SLOWER)
@@ -630,6 +660,7 @@ def test_blocks_cannot_be_moved_cut_doubled_or_grafted():
         assert isinstance(check(joined(parts)), Fault), name
 
 
+@pytest.mark.clause("TOK-3", "BLK-2")
 def test_a_hop_signed_for_one_token_fits_no_other():
     """Two tokens with equal contents; the attested block of one does not verify in the other."""
     ours, theirs = add_hop(mint_root(), "robotic", SLOWER), mint_root()
@@ -639,6 +670,7 @@ def test_a_hop_signed_for_one_token_fits_no_other():
         assert found(joined(parts)) == (FaultCode.SIGNATURE_INVALID, "TOK-3")
 
 
+@pytest.mark.clause("TOK-3")
 def test_the_attesters_key_cannot_be_exchanged():
     token = add_hop(mint_root(), "robotic", SLOWER)
     assert raw_of("attester") in token
@@ -696,6 +728,7 @@ def asked(token: bytes) -> object:
     )
 
 
+@pytest.mark.clause("TOK-12")
 @pytest.mark.parametrize("defect", DISAGREEING)
 def test_tok_12_a_reading_that_biscuit_does_not_share_is_a_fault(defect, monkeypatch):
     token = Forge.authority(JWT_SCOPE)
@@ -705,6 +738,7 @@ def test_tok_12_a_reading_that_biscuit_does_not_share_is_a_fault(defect, monkeyp
     assert (fault.code, fault.clause) == (FaultCode.ENGINES_DISAGREE, "TOK-12")
 
 
+@pytest.mark.clause("TOK-12")
 def test_tok_12_a_disagreement_is_never_remembered_as_agreement(monkeypatch):
     monkeypatch.setattr(checks, "read", misread(DISAGREEING["a looser high"])(checks.read))
     checker = Verifier(TRUST, DEFAULT)
@@ -716,6 +750,7 @@ def test_tok_12_a_disagreement_is_never_remembered_as_agreement(monkeypatch):
         assert fault.code is FaultCode.ENGINES_DISAGREE
 
 
+@pytest.mark.clause("TOK-12")
 def test_tok_12_runs_once_for_each_operation(monkeypatch):
     probes = []
     decide = biscuit.OpenedToken.decide
@@ -752,6 +787,7 @@ def test_tok_12_runs_once_for_each_operation(monkeypatch):
     assert len(probes) > before
 
 
+@pytest.mark.clause("TOK-3")
 def test_a_panic_of_the_library_is_contained(monkeypatch):
     class PanicException(BaseException):
         pass

@@ -25,6 +25,8 @@ from tests.capabilities.world import (
 )
 from dataclasses import replace
 
+pytestmark = pytest.mark.clause("TOK-3", "TOK-5")
+
 SEED = 20_261_120
 MUTANTS = 20_000
 
@@ -123,6 +125,7 @@ def test_appended_fields_are_refused(number, tail):
         assert isinstance(check(field + token), Fault)
 
 
+@pytest.mark.clause("TOK-3", "TOK-5")
 def test_the_root_key_id_is_not_malleable():
     """The id is no part of what is signed, so two ids of one key would be two spellings of one token."""
     token = small_token()

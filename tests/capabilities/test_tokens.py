@@ -52,6 +52,7 @@ from tests.capabilities.world import (
 )
 
 
+@pytest.mark.clause("BLK-1", "BLK-4")
 def test_what_is_minted_verifies():
     chain = chain_of(mint_root())
     assert (chain.token_id, chain.sponsor, chain.scope, chain.root_key_id) == (TOKEN_ID, SPONSOR, SCOPE, 7)
@@ -59,6 +60,7 @@ def test_what_is_minted_verifies():
     assert chain.leaf.agent == "orchestrator"
 
 
+@pytest.mark.clause("BLK-6", "VAL-12")
 def test_a_chain_of_four_names_every_holder_and_only_shrinks():
     chain = chain_of(chain_of_four())
     assert [hop.agent for hop in chain.hops] == ["orchestrator", "robotic", "vision", "gripper"]
@@ -82,6 +84,7 @@ def test_a_chain_of_four_names_every_holder_and_only_shrinks():
     assert chain.scope.not_after == NOW + 2_000
 
 
+@pytest.mark.clause("BLK-7", "TOK-6.7")
 def test_a_role_names_delegates_of_the_same_sponsor():
     token = add_hop(mint_root(), "anyone", SLOWER, role="planner")
     assert chain_of(token).leaf.role == "planner"
@@ -90,6 +93,7 @@ def test_a_role_names_delegates_of_the_same_sponsor():
     assert caught.value.code is FaultCode.DELEGATE_NOT_ALLOWED
 
 
+@pytest.mark.clause("TOK-6.7")
 def test_an_agent_without_role_has_not_the_role_without_name():
     nobody = replace(chain_of(mint_root()).leaf.scope, delegates=frozenset({"role:"}))
     parents = (replace(chain_of(mint_root()).leaf, scope=nobody),)
@@ -110,6 +114,7 @@ def asked(token: bytes, operation: str = "move_joint", values: tuple[Quantity, .
     return checker.check_request(chain, **{**arguments, **other})
 
 
+@pytest.mark.clause("TOK-11", "TOK-12")
 def test_a_request_inside_is_allowed_by_both_engines():
     assert asked(chain_of_four()) is None
     assert asked(chain_of_four(), "read_state", ()) is None
@@ -123,6 +128,7 @@ def test_a_request_inside_is_allowed_by_both_engines():
     )
 
 
+@pytest.mark.clause("TOK-11")
 def test_a_limit_names_the_hop_that_set_that_side():
     token = add_hop(
         mint_root(),
@@ -148,6 +154,7 @@ def test_a_limit_names_the_hop_that_set_that_side():
     assert (below.hop, below.agent, below.nearest) == (0, "orchestrator", -3_000_000)
 
 
+@pytest.mark.clause("TOK-11")
 def test_a_finite_set_names_its_nearest_member():
     refused = asked(chain_of_four(), values=move(6))
     assert (refused.code, refused.nearest, refused.hop, refused.agent) == (
@@ -158,6 +165,7 @@ def test_a_finite_set_names_its_nearest_member():
     )
 
 
+@pytest.mark.clause("TOK-11")
 def test_tightest_names_the_last_hop_that_changed_the_bound():
     chain = chain_of(chain_of_four())
     bound, hop = tightest(chain, "ur3e", "move_joint", "speed")
@@ -168,6 +176,7 @@ def test_tightest_names_the_last_hop_that_changed_the_bound():
         tightest(chain, "ur3e", "stop", "speed")
 
 
+@pytest.mark.clause("TOK-11")
 def test_a_dropped_grant_names_the_hop_that_dropped_it():
     assert (asked(chain_of_four(), "gripper_move", ()).hop, asked(chain_of_four(), "stop", ()).hop) == (1, 2)
     unknown = asked(chain_of_four(), "fly", ())
@@ -175,11 +184,13 @@ def test_a_dropped_grant_names_the_hop_that_dropped_it():
     assert asked(chain_of_four(), object="ur5e").code is FaultCode.NOT_GRANTED
 
 
+@pytest.mark.clause("TOK-11")
 def test_the_ceiling_names_the_hop_that_set_it():
     refused = asked(chain_of_four(), base_tier=Tier.HIGH_CONSEQUENCE)
     assert (refused.code, refused.hop, refused.agent) == (FaultCode.ABOVE_CEILING, 2, "vision")
 
 
+@pytest.mark.clause("TOK-11")
 @pytest.mark.parametrize(
     "values",
     [
@@ -200,6 +211,7 @@ def test_the_world_of_parameters_is_closed(values):
     assert asked(chain_of_four(), values=values).code is FaultCode.PARAMETERS_WRONG
 
 
+@pytest.mark.clause("TOK-11")
 def test_a_request_after_the_end_is_refused_whatever_was_verified_before():
     assert asked(chain_of_four(), at=NOW + 2_000) == Fault(FaultCode.EXPIRED, "TOK-11")
     assert asked(chain_of_four(), at=NOW - 61).code is FaultCode.NOT_YET_VALID
@@ -209,6 +221,7 @@ def test_a_request_after_the_end_is_refused_whatever_was_verified_before():
 # --- steps 7 to 9 ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("TOK-7")
 @pytest.mark.parametrize(
     ("at", "code"),
     [
@@ -226,6 +239,7 @@ def test_time(at, code):
     assert (fault.code, fault.clause) == (code, "TOK-7")
 
 
+@pytest.mark.clause("TOK-7", "VAL-10")
 def test_the_window_is_half_open():
     token = mint_root(replace(SCOPE, not_before=NOW, not_after=NOW + 1))
     assert isinstance(check(token, at=NOW), Chain)
@@ -233,6 +247,7 @@ def test_the_window_is_half_open():
     assert check(token, at=NOW + 1).code is FaultCode.EXPIRED
 
 
+@pytest.mark.clause("TOK-7")
 def test_evidence_from_the_future_is_refused():
     ahead = replace(grant_to("orchestrator", "alice").attestation, at=NOW + 6)
     fault = check(mint_root(hop=grant_to("orchestrator", "alice", attestation=ahead)))
@@ -241,6 +256,7 @@ def test_evidence_from_the_future_is_refused():
     assert fault.code is FaultCode.NOT_YET_VALID
 
 
+@pytest.mark.clause("TOK-8", "VAL-3")
 @pytest.mark.parametrize(
     "audience",
     [
@@ -258,6 +274,7 @@ def test_an_audience_is_matched_whole(audience):
     assert (fault.code, fault.clause) == (FaultCode.WRONG_AUDIENCE, "TOK-8")
 
 
+@pytest.mark.clause("TOK-8")
 def test_an_audience_that_a_hop_took_away_is_gone():
     assert isinstance(check(mint_root(), audience=OTHER_CELL), Chain)
     assert check(chain_of_four(), audience=OTHER_CELL).code is FaultCode.WRONG_AUDIENCE
@@ -270,6 +287,7 @@ def revoked(kind: Revoked, name: str) -> RevocationView:
 AGENTS = ["orchestrator", "robotic", "vision", "gripper"]
 
 
+@pytest.mark.clause("TOK-9")
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
@@ -288,6 +306,7 @@ def test_a_revocation_at_any_hop_kills_the_leaf(kind, name):
     assert check(chain_of_four(), view=stale).code is FaultCode.REVOKED
 
 
+@pytest.mark.clause("TOK-9")
 @pytest.mark.parametrize(
     ("kind", "name"),
     [(Revoked.AGENT, "alice"), (Revoked.TOKEN, "robotic"), (Revoked.AUDIENCE, OTHER_CELL), (Revoked.HOP, "robotic")],
@@ -296,11 +315,13 @@ def test_a_revocation_of_something_else_does_not(kind, name):
     assert isinstance(check(chain_of_four(), view=revoked(kind, name)), Chain)
 
 
+@pytest.mark.clause("TOK-9")
 def test_revoking_a_lower_hop_leaves_the_upper_token():
     view = revoked(Revoked.AGENT, "vision")
     assert isinstance(check(add_hop(mint_root(), "robotic", SLOWER), view=view), Chain)
 
 
+@pytest.mark.clause("TOK-9")
 def test_a_view_older_than_the_lease_is_refused():
     assert isinstance(check(mint_root(), view=replace(VIEW, age_ms=LEASE_MS)), Chain)
     for view in (replace(VIEW, age_ms=LEASE_MS + 1), RevocationView.never(), replace(VIEW, age_ms=-1)):
@@ -311,6 +332,7 @@ def test_a_view_older_than_the_lease_is_refused():
 # --- what is remembered ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("VFY-2")
 def test_a_remembered_token_answers_to_every_changed_input():
     checker = verifier()
     token = chain_of_four()
@@ -324,6 +346,7 @@ def test_a_remembered_token_answers_to_every_changed_input():
         assert isinstance(checker.verify(token, **fresh), Chain)
 
 
+@pytest.mark.clause("VFY-2", "TOK-12")
 def test_memory_is_bounded_and_forgetting_fails_closed():
     checker = Verifier(TRUST, DEFAULT, remembered=1)
     first = checker.verify(mint_root(), at=NOW, audience=CELL, view=VIEW, lease_ms=LEASE_MS)
@@ -332,6 +355,7 @@ def test_memory_is_bounded_and_forgetting_fails_closed():
     assert (fault.code, fault.clause) == (FaultCode.LIMIT_EXCEEDED, "TOK-12")
 
 
+@pytest.mark.clause("VFY-2")
 def test_threads_share_one_verifier():
     checker, token, answers = verifier(), chain_of_four(), []
 
@@ -355,6 +379,7 @@ def test_threads_share_one_verifier():
 # --- issuing ---------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("VFY-3", "TOK-6.8")
 @pytest.mark.parametrize(
     ("restriction", "other", "code"),
     [
@@ -386,18 +411,21 @@ def test_delegate_refuses(restriction, other, code):
     assert caught.value.code is code
 
 
+@pytest.mark.clause("VFY-3")
 def test_a_refused_widening_is_told():
     with pytest.raises(TokenError) as caught:
         add_hop(mint_root(), "robotic", replace(SLOWER, ceiling=Tier.SAFETY_CRITICAL, delegates=frozenset({"eve"})))
     assert [widening.dimension for widening in caught.value.widenings] == ["ceiling", "delegates"]
 
 
+@pytest.mark.clause("VFY-3")
 def test_delegate_refuses_the_chain_of_another_token():
     with pytest.raises(TokenError) as caught:
         add_hop(mint_root(), "robotic", SLOWER, chain=chain_of(mint_root(replace(SCOPE, ceiling=Tier.REVERSIBLE))))
     assert caught.value.code is FaultCode.CHAIN_BROKEN
 
 
+@pytest.mark.clause("TOK-6.6", "VFY-3")
 def test_no_agent_twice():
     scope = replace(SCOPE, delegates=frozenset({"orchestrator", "robotic"}))
     with pytest.raises(TokenError) as caught:
@@ -405,6 +433,7 @@ def test_no_agent_twice():
     assert caught.value.code is FaultCode.CHAIN_BROKEN
 
 
+@pytest.mark.clause("TOK-6.7", "VFY-3")
 def test_depth_runs_out():
     token = mint_root(replace(SCOPE, depth=1))
     token = add_hop(token, "robotic", SLOWER)
@@ -413,6 +442,7 @@ def test_depth_runs_out():
     assert caught.value.code is FaultCode.TOO_MANY_HOPS
 
 
+@pytest.mark.clause("VFY-3")
 @pytest.mark.parametrize(
     ("other", "code"),
     [
@@ -440,6 +470,7 @@ def test_mint_refuses(other, code):
 # --- text ------------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("TOK-1", "VAL-6")
 def test_a_token_has_one_text():
     token = chain_of_four()
     text = token_to_text(token)
@@ -463,6 +494,7 @@ def test_a_token_has_one_text():
     assert token_from_text("AB", DEFAULT).code is FaultCode.TOKEN_MALFORMED  # spare bits
 
 
+@pytest.mark.clause(reason="what we show of a token, no rule of the profile")
 def test_inspecting_tells_the_structure_and_never_the_secret():
     token = chain_of_four()
     told = repr(inspect_token(token, TRUST))
@@ -480,6 +512,7 @@ def test_inspecting_tells_the_structure_and_never_the_secret():
 # --- step 12 ---------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("TOK-12")
 def test_both_engines_agree_on_every_operation_at_every_hop():
     for token in (mint_root(), add_hop(mint_root(), "robotic", SLOWER), chain_of_four()):
         chain = chain_of(token)
@@ -488,6 +521,7 @@ def test_both_engines_agree_on_every_operation_at_every_hop():
             assert disagreement(opened, chain.scope, grant, DEFAULT) is None
 
 
+@pytest.mark.clause("TOK-12")
 def test_a_datalog_limit_has_its_own_reason():
     token = chain_of_four()
     chain = chain_of(token)
@@ -496,6 +530,7 @@ def test_a_datalog_limit_has_its_own_reason():
     assert (fault.code, fault.clause) == (FaultCode.LIMIT_EXCEEDED, "TOK-12")
 
 
+@pytest.mark.clause("VAL-8", "TOK-12")
 def test_a_finite_set_may_have_its_full_size():
     wide = OneOf(frozenset(range(-6_400, 0, 100)))
     scope = replace(SCOPE, grants=(Grant("ur3e", "gripper_move", (Limit(WIDTH, Range(0, 5)), Limit(FORCE, wide))),))
@@ -507,6 +542,7 @@ def test_a_finite_set_may_have_its_full_size():
 # --- P-256 -----------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("BLK-4", "VAL-5")
 def test_every_holder_may_have_a_p256_key():
     first, second = (keys.public_raw(keys.generate(keys.Algorithm.P256)) for _ in range(2))
     token = mint_root(hop=grant_to("orchestrator", "alice", key=first))
@@ -517,6 +553,7 @@ def test_every_holder_may_have_a_p256_key():
         assert check(Forge.authority(key=odd)).code is FaultCode.CHAIN_BROKEN
 
 
+@pytest.mark.clause("BLK-1", "TRB-1")
 @pytest.mark.parametrize("role", ["roots", "attesters"])
 def test_roots_and_attesters_are_ed25519(role):
     other = keys.public_raw(keys.generate(keys.Algorithm.P256))
@@ -525,6 +562,7 @@ def test_roots_and_attesters_are_ed25519(role):
     assert caught.value.code is FaultCode.KEY_MALFORMED
 
 
+@pytest.mark.clause("TRB-2", "TRB-3", "VFY-2")
 def test_a_key_counts_only_while_the_bundle_says_so():
     """What was found about a token earlier is no answer to it: the same verifier asks for each key anew."""
     token = add_hop(mint_root(), "robotic", SLOWER)
@@ -544,6 +582,7 @@ def test_a_key_counts_only_while_the_bundle_says_so():
     )
 
 
+@pytest.mark.clause("VFY-2")
 def test_a_chain_is_asked_about_again_without_its_token():
     checker = verifier()
     ask = {"audience": CELL, "lease_ms": LEASE_MS}

@@ -31,6 +31,7 @@ TIMED = replace(
 )
 
 
+@pytest.mark.clause("TRB-1")
 @pytest.mark.parametrize("bundle", [TRUST, TIMED], ids=["always", "timed"])
 def test_a_bundle_comes_back_in_one_spelling(bundle):
     wire = bundle.to_json()
@@ -41,6 +42,7 @@ def test_a_bundle_comes_back_in_one_spelling(bundle):
             mapping[9] = b""
 
 
+@pytest.mark.clause("TRB-1")
 def test_a_p256_key_may_sign_statements_and_no_token():
     raw = keys.public_raw(curve_of("feed"))
     bundle = replace(TRUST, feed=frozenset({raw}))
@@ -51,6 +53,7 @@ def test_a_p256_key_may_sign_statements_and_no_token():
         assert caught.value.code is FaultCode.KEY_MALFORMED
 
 
+@pytest.mark.clause("TRB-1")
 @pytest.mark.parametrize(
     ("change", "code"),
     [
@@ -79,12 +82,14 @@ def test_a_bad_bundle_is_refused(change, code):
     assert caught.value.code is code
 
 
+@pytest.mark.clause("TRB-1")
 def test_a_crowded_role_just_fits():
     assert (
         len(replace(TRUST, feed=frozenset(raw_of(f"feed-{n}") for n in range(KEYS_OF_A_ROLE))).feed) == KEYS_OF_A_ROLE
     )
 
 
+@pytest.mark.clause("TRB-1")
 @pytest.mark.parametrize("window", [(5, 5), (6, 5), (-1, 5), (0, FOREVER + 1), (0, 5, -1), (0, 5, FOREVER + 1)])
 def test_a_window_has_a_moment_in_it(window):
     with pytest.raises(BadKeyError) as caught:
@@ -96,6 +101,7 @@ def entry_with(**change) -> dict:
     return {**json.loads(TIMED.to_json())["feed"][0], **change}
 
 
+@pytest.mark.clause("TRB-1")
 def test_a_bad_bundle_file_is_refused():
     good = json.loads(TIMED.to_json())
     entry = good["feed"][0]
@@ -151,6 +157,7 @@ def test_a_bad_bundle_file_is_refused():
 # --- at a moment -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.clause("TRB-2", "TRB-3")
 @pytest.mark.parametrize(
     ("at", "signed_at", "standing"),
     [
@@ -171,6 +178,7 @@ def test_how_a_key_stands(at, signed_at, standing):
     assert TIMED.standing(raw_of("nobody"), signed_at=signed_at, at=at) is Standing.UNKNOWN
 
 
+@pytest.mark.clause("TRB-2")
 def test_a_root_and_the_attesters_of_a_moment():
     assert TIMED.root(ROOT_ID, NOW) == ROOT
     for number, at in ((ROOT_ID + 1, NOW), (ROOT_ID, NOW - 1), (ROOT_ID, NOW + 24 * HOUR)):
@@ -196,6 +204,7 @@ REFUSED = {
 }  # fmt: skip
 
 
+@pytest.mark.clause("TRB-2", "TRB-3")
 @pytest.mark.parametrize("name", REFUSED)
 def test_every_key_under_a_token_is_asked(name):
     (number, signed_at, hops), at, code, clause = REFUSED[name]
@@ -206,6 +215,7 @@ def test_every_key_under_a_token_is_asked(name):
     assert (fault.code, fault.clause) == (code, clause)
 
 
+@pytest.mark.clause("TRB-3")
 def test_a_tainted_root_vouches_for_what_it_signed_before():
     bundle = replace(TIMED, windows={ROOT: Window(NOW, NOW + 24 * HOUR, tainted_at=NOW + 60)})
     assert bundle.root(ROOT_ID, NOW + HOUR) == ROOT
@@ -228,6 +238,7 @@ def follow(held, newer, key, at=AT):
     return succeed(held, trust.sign(newer, key), at=at, caps=DEFAULT)
 
 
+@pytest.mark.clause("TRB-5")
 def test_a_registry_key_is_rotated_step_by_step():
     assert follow(FIRST, LATER, OLD) == LATER
     assert follow(LATER, LAST, NEXT) == LAST
@@ -258,6 +269,7 @@ UNFIT = {
 }  # fmt: skip
 
 
+@pytest.mark.clause("TRB-5")
 @pytest.mark.parametrize("name", UNFIT)
 def test_a_bundle_that_may_not_follow(name):
     held, newer, key, at, code = UNFIT[name]
@@ -266,6 +278,7 @@ def test_a_bundle_that_may_not_follow(name):
     assert (fault.code, fault.clause[:4]) == (code, "TRB-")
 
 
+@pytest.mark.clause("TRB-5")
 def test_a_bundle_in_another_kind_or_spelling_does_not_follow():
     registry_like = sealed.sign("registry", LATER.to_members(), OLD)
     assert succeed(FIRST, registry_like, at=AT, caps=DEFAULT).code is FaultCode.STATEMENT_WRONG_KIND
@@ -278,6 +291,7 @@ def test_a_bundle_in_another_kind_or_spelling_does_not_follow():
         assert succeed(FIRST, text, at=AT, caps=DEFAULT).code is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("TRB-4")
 def test_what_was_seen_is_not_forgotten():
     """An old file put back is refused, in the running verifier and after a restart that kept `Seen`."""
     seen = check_bundle(FIRST, None, at=AT, caps=DEFAULT)

@@ -48,6 +48,7 @@ def outcome(raw: bytes, root: biscuit_auth.PublicKey, code: str, *, extern: bool
         return "Err", None
 
 
+@pytest.mark.clause(reason="the library that signatures and Datalog come from")
 def test_the_library_passes_all_fifty_biscuit_validations():
     described = samples()
     root = biscuit_auth.PublicKey("ed25519/" + described["root_public_key"])
@@ -65,6 +66,7 @@ def test_the_library_passes_all_fifty_biscuit_validations():
     assert passed == 50
 
 
+@pytest.mark.clause("TOK-2", "TOK-3", "TOK-6")
 def test_no_biscuit_sample_is_a_token_of_this_profile():
     """Real Biscuits, signed by a root that we trust for the test, and none of them of the profile."""
     described = samples()
@@ -75,6 +77,7 @@ def test_no_biscuit_sample_is_a_token_of_this_profile():
             assert isinstance(check(token, trust=trust), Fault), case["filename"]
 
 
+@pytest.mark.clause("TOK-2")
 def test_the_wire_is_read_as_the_library_reads_it():
     described = samples()
     root = biscuit_auth.PublicKey("ed25519/" + described["root_public_key"])
@@ -103,6 +106,7 @@ def wycheproof(name: str) -> list[tuple[dict, dict]]:
     return [(group, case) for group in groups for case in group["tests"]]
 
 
+@pytest.mark.clause(reason="the library that signatures come from")
 def test_wycheproof_ed25519_all_151():
     """Each vector through the one function that verifies."""
     seen = 0
@@ -119,6 +123,7 @@ def holds(raw: bytes, case: dict) -> bool:
         return False
 
 
+@pytest.mark.clause("VAL-14")
 def test_wycheproof_p256_all_262():
     """Of the 173 valid vectors 70 have the higher s. Those are refused, and hold once s is lowered: nothing else is wrong."""
     accepted = raised = 0
@@ -145,6 +150,7 @@ VALID_ELSEWHERE = {
 }
 
 
+@pytest.mark.clause("PRF-1", "PRF-3", "VAL-14")
 @pytest.mark.parametrize("name", JOSE)
 def test_wycheproof_jose(name):
     """0 invalid accepted; of the valid ones, those of our two algorithms, but for what is listed with its reason."""
@@ -168,6 +174,7 @@ def test_wycheproof_jose(name):
     assert len(accepted) == (name == JOSE[0])
 
 
+@pytest.mark.clause("PRF-3", "VAL-5")
 def test_wycheproof_keys():
     """RSA, AES and MAC keys, wrong curves, wrong uses, a point beside the curve; one member of one set is a P-256 key."""
     found = []

@@ -34,6 +34,7 @@ def signed(block: bytes) -> wire.SignedBlock:
     return wire.read(field(2, block) + SECRET).blocks[0]
 
 
+@pytest.mark.clause("TOK-2")
 def test_a_token_is_read():
     found = wire.read(ROOT_ID + field(2, PLAIN) + field(3, THIRD_PARTY) + SECRET)
     assert found.root_key_id == 7
@@ -42,6 +43,7 @@ def test_a_token_is_read():
     assert len(wire.read(chain_of_four()).blocks) == 4
 
 
+@pytest.mark.clause("TOK-2", "BLK-1")
 @pytest.mark.parametrize(
     "token",
     [
@@ -64,6 +66,7 @@ def test_anything_else_is_malformed(token):
     assert caught.value.code is FaultCode.TOKEN_MALFORMED
 
 
+@pytest.mark.clause("TOK-4", "BLK-2")
 @pytest.mark.parametrize("version", [b"", field(5, 0), field(5, 2)])
 def test_an_external_signature_of_another_version_does_not_count(version):
     """Before version 1 it did not bind a block to its place (third-party key confusion, July 2024)."""
@@ -71,11 +74,13 @@ def test_an_external_signature_of_another_version_does_not_count(version):
     assert not signed(PLAIN + field(5, 1)).third_party
 
 
+@pytest.mark.clause("BLK-3")
 def test_the_contents_of_a_block():
     payload = field(1, b"one") + field(1, b"two") + VERSION + FACT + field(6, b"first") + field(6, b"second")
     assert wire.contents(payload, version=3) == wire.Contents(("one", "two"), 5, 0, (b"abc",), (b"first", b"second"))
 
 
+@pytest.mark.clause("TOK-6.1", "BLK-3", "BLK-4")
 @pytest.mark.parametrize(
     ("payload", "code"),
     [
@@ -122,6 +127,7 @@ def written(demanded: Checks) -> wire.Contents:
     return wire.contents(wire.read(token).blocks[0].payload, version=3)
 
 
+@pytest.mark.clause("BLK-3", "BLK-8")
 @pytest.mark.parametrize("word", WORDS)
 def test_words_that_every_block_knows_are_names_like_others(word):
     demanded = Checks((Alternative(word, "op", (Range(0, 1),)), Alternative("ur3e", word, ())), 1, 2, 3)
@@ -130,6 +136,7 @@ def test_words_that_every_block_knows_are_names_like_others(word):
     assert checks.text_of(found.symbols, found.predicate) == "hop"
 
 
+@pytest.mark.clause("BLK-8", "BLK-9")
 @pytest.mark.parametrize(
     "demanded",
     [
@@ -150,6 +157,7 @@ def test_checks_are_read_as_they_were_written(demanded):
     assert checks.read(found.symbols, found.checks) == demanded
 
 
+@pytest.mark.clause("BLK-3")
 @pytest.mark.parametrize("symbols", [("hop", "hop"), ("hop", "read"), ("query",)])
 def test_a_block_repeats_no_text(symbols):
     with pytest.raises(TokenError) as caught:
@@ -157,6 +165,7 @@ def test_a_block_repeats_no_text(symbols):
     assert caught.value.code is FaultCode.CHAIN_BROKEN
 
 
+@pytest.mark.clause("BLK-3")
 @pytest.mark.parametrize("number", [28, 1_023, 1_026, 2**63])
 def test_a_text_that_is_not_there(number):
     with pytest.raises(TokenError):

@@ -67,6 +67,7 @@ def refused(token, **how) -> FaultCode:
     return caught.value.code
 
 
+@pytest.mark.clause("WLD-1", "WLD-3")
 def test_what_is_signed_is_what_is_read():
     ours = workload.Platform(DOMAIN, workload.key_set(workload.jwks(raw_of("platform"))))
     assert opened(workload.sign(SAID, PLATFORM_KEY), platform=ours) == SAID
@@ -76,6 +77,7 @@ def test_what_is_signed_is_what_is_read():
     assert opened(made(header={"typ": None})) == SAID
 
 
+@pytest.mark.clause("WLD-2")
 def test_the_algorithm_is_the_keys_not_the_headers():
     assert refused(made(key=CURVE_KEY, alg="ES256", header={"kid": "edwards"})) is FaultCode.STATEMENT_UNTRUSTED
     assert refused(made(header={"kid": "curve"})) is FaultCode.STATEMENT_UNTRUSTED
@@ -90,6 +92,7 @@ def test_the_algorithm_is_the_keys_not_the_headers():
     assert refused(made(key=big, alg="RS256", header={"kid": "curve"})) is FaultCode.STATEMENT_UNTRUSTED
 
 
+@pytest.mark.clause("WLD-1", "WLD-2")
 def test_no_header_member_brings_a_key():
     mallory = Ed25519PrivateKey.generate()
     own = edwards_jwk(x=b64(keys.public_raw(mallory)))
@@ -109,6 +112,7 @@ def test_no_header_member_brings_a_key():
     assert refused(made(header={"typ": "ztpm-attestation+jwt"})) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("WLD-3", "WLD-4")
 @pytest.mark.parametrize(
     ("changes", "code"),
     [
@@ -148,11 +152,13 @@ def test_each_claim_has_one_form(changes, code):
     assert opened(made()) == SAID
 
 
+@pytest.mark.clause("WLD-3")
 @pytest.mark.parametrize("missing", sorted(CLAIMS))
 def test_no_claim_may_be_absent(missing):
     assert refused(made({k: v for k, v in CLAIMS.items() if k != missing})) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("WLD-4")
 def test_times_at_their_edges():
     assert opened(made(), at=NOW + 299.9) == SAID
     assert refused(made(), at=NOW + 300) is FaultCode.EXPIRED
@@ -162,6 +168,7 @@ def test_times_at_their_edges():
         assert refused(made(), at=at) in {FaultCode.EXPIRED, FaultCode.NOT_YET_VALID}
 
 
+@pytest.mark.clause("WLD-1")
 def test_two_readers_never_see_two_tokens():
     head, body, signature = made().split(".")
     for text_ in (
@@ -182,6 +189,7 @@ def test_two_readers_never_see_two_tokens():
     assert refused(made(CLAIMS | {"jti": "x" * 2_000})) is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.clause("WLD-2")
 @given(at=st.integers(0, 10_000), flip=st.integers(0, 7))
 def test_no_flipped_bit_passes(at, flip):
     token = made().encode()
@@ -192,6 +200,7 @@ def test_no_flipped_bit_passes(at, flip):
             opened(raw.decode("latin-1"))
 
 
+@pytest.mark.clause("WLD-1")
 def test_a_token_with_the_longest_names_fits_and_so_does_the_evidence_around_it():
     from capabilities.statements import attestation
 
@@ -207,6 +216,7 @@ def test_a_token_with_the_longest_names_fits_and_so_does_the_evidence_around_it(
     assert attestation.open(signed, {raw_of("robotic")}, DEFAULT) == evidence
 
 
+@pytest.mark.clause("WLD-2")
 def test_key_sets():
     assert set(PLATFORM.keys) == {"edwards", "curve"}
     assert PLATFORM.all_keys == {raw_of("platform"), keys.public_raw(CURVE_KEY)}
@@ -249,12 +259,14 @@ def test_key_sets():
         assert caught.value.code is code, raw
 
 
+@pytest.mark.clause("WLD-3")
 @pytest.mark.parametrize("name", ["", "Cell", "cell/example", "cell example", "x" * 256, "cell\n"])
 def test_what_is_no_trust_domain(name):
     with pytest.raises(StatementError):
         replace(PLATFORM, trust_domain=name)
 
 
+@pytest.mark.clause("WLD-3")
 @pytest.mark.parametrize(
     "name",
     ["", "spiffe://cell", "spiffe://cell/", "spiffe://cell//a", "spiffe://cell/a/", "spiffe://cell/./a", "spiffe://cell/a/..",

@@ -37,7 +37,7 @@ def honest(issued):
 
 
 def test_mutants_of_every_kind_and_shape_are_refused(pool):
-    figures = mutants.run(6_000, seed=3, processes=1)
+    figures = mutants.run(4_000, seed=3, processes=1)
     assert figures.ok, figures.summary()
     assert set(figures.tally.tried) == set(mutation.KINDS)
     assert len(pool.shapes) == 20
@@ -45,7 +45,7 @@ def test_mutants_of_every_kind_and_shape_are_refused(pool):
     # They get as far as the signatures and the canonical bytes, not just to the first length.
     wanted = {"TOKEN_MALFORMED", "SIGNATURE_INVALID", "NOT_CANONICAL", "UNKNOWN_ROOT_KEY"}
     assert wanted <= set(figures.tally.codes)
-    assert figures.figures()["count"] == 6_000
+    assert figures.figures()["count"] == 4_000
 
 
 def test_shapes_reach_the_bounds_of_the_profile():
@@ -174,7 +174,7 @@ def test_work_is_shared_whole():
 
 
 def test_no_other_spelling_is_accepted():
-    figures = encodings.run(seed=4, every=40)
+    figures = encodings.run(seed=4, every=97)
     assert figures.ok, figures.summary()
     assert set(figures.tried) == {*encodings.FAMILIES, encodings.TEXTS}
     assert {"NOT_CANONICAL", "SIGNATURE_INVALID", "TOKEN_MALFORMED", "UNKNOWN_ROOT_KEY"} <= set(figures.codes)
@@ -240,22 +240,22 @@ def test_whatever_is_raised_is_a_failure():
 
 
 def test_no_child_permits_what_a_parent_does_not():
-    figures = attenuation.run(2_400, seed=5, processes=1)
+    figures = attenuation.run(1_600, seed=5, processes=1, each=200)
     assert figures.ok, (figures.summary(), figures.figures())
-    assert sum(figures.tally.pairs.values()) == 2_400
+    assert sum(figures.tally.pairs.values()) == 1_600
     assert set(figures.tally.forged) == {*FORGED, "fair"}
     assert figures.figures()["widened"] == []
 
 
 def test_the_bar_is_of_every_dimension():
-    figures = attenuation.run(800, seed=6, processes=1)
+    figures = attenuation.run(400, seed=6, processes=1, each=100)
     tally = figures.tally
     few = replace(tally, pairs=tally.pairs | {"sets": 0})
-    assert not attenuation.Figures(800, (6,), few, 1.0).ok
+    assert not attenuation.Figures(400, (6,), few, 1.0).ok
     one_sided = replace(tally, split=tally.split | {"ceiling": 0})
-    assert not attenuation.Figures(800, (6,), one_sided, 1.0).ok
+    assert not attenuation.Figures(400, (6,), one_sided, 1.0).ok
     for failing in ("widened", "parted", "wrong"):
-        assert not attenuation.Figures(800, (6,), replace(tally, **{failing: ["x"]}), 1.0).ok
+        assert not attenuation.Figures(400, (6,), replace(tally, **{failing: ["x"]}), 1.0).ok
 
 
 def patched(monkeypatch, module, name, change):
@@ -309,7 +309,7 @@ SABOTAGE = {
 def test_a_broken_rule_is_seen(broken, monkeypatch):
     module, name, change = SABOTAGE[broken]
     patched(monkeypatch, module, name, change)
-    figures = attenuation.run(800, seed=7, processes=1)
+    figures = attenuation.run(400, seed=7, processes=1, each=100)
     assert not figures.ok, figures.summary()
 
 

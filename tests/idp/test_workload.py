@@ -101,6 +101,7 @@ def wrong_tokens(world):
     }
 
 
+@pytest.mark.clause("WLD-5")
 def test_what_is_not_the_platforms_word_on_this_agent_is_no_evidence_of_any_kind(world):
     planner = world.agent("planner", vouched=True)
     world.agent("helper", vouched=True)

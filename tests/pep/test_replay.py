@@ -11,6 +11,7 @@ from tests.pep.kit import ManualClock
 KEY = b"k" * 32
 
 
+@pytest.mark.clause("TOK-10")
 def test_once_for_each_key_and_id():
     store = ReplayCache(ManualClock())
     uses = [store.first_use(jti, key=key, expires_ms=2_000_000) for jti in "ab" for key in (KEY, b"l" * 32)]

@@ -43,6 +43,7 @@ def touching(draw, count):
     return tuple(draw(st.permutations(found)))
 
 
+@pytest.mark.clause("VAL-8")
 @given(touching(3), st.data())
 def test_bounds(three, data):
     a, b, c = three
@@ -61,6 +62,7 @@ def test_bounds(three, data):
     assert laws.nearest_bound_is_nearest(a, b, value, other)
 
 
+@pytest.mark.clause("VAL-8")
 @given(any_bounds, any_bounds, st.sampled_from(UNIVERSE))
 def test_bounds_are_the_sets_of_their_integers(a, b, value):
     """Against sets spelled out, inside a small universe."""
@@ -94,6 +96,7 @@ def test_no_bound_is_stumbled_over(a, b, value):
     assert bounds.nearest_bound(a, b) == (None if one is None or other is None else bounds.nearest_bound(one, other))
 
 
+@pytest.mark.clause("VAL-12", "VAL-15")
 @settings(max_examples=150)
 @given(families(3), st.data())
 def test_scopes(three, data):
@@ -110,6 +113,7 @@ def test_scopes(three, data):
         well_formed(both, DEFAULT)
 
 
+@pytest.mark.clause("VAL-11", "VAL-15")
 @settings(max_examples=150)
 @given(hops(), st.data())
 def test_hops(drawn, data):
@@ -132,6 +136,7 @@ def test_hops(drawn, data):
     assert stated(parent, difference(parent, left)) == left
 
 
+@pytest.mark.clause("VAL-16")
 @settings(max_examples=150)
 @given(hops())
 def test_every_refusal_is_explained(drawn):
@@ -155,6 +160,7 @@ def test_every_refusal_is_explained(drawn):
         assert restriction_from_json(wire["repaired"]) == told.repaired
 
 
+@pytest.mark.clause("VAL-16")
 @given(scopes())
 def test_what_could_be_narrowed_can_be(scope):
     """Some child with less in just that dimension exists, and none in the others."""
@@ -187,16 +193,19 @@ def test_what_could_be_narrowed_can_be(scope):
         assert bool(less) == (dimension in narrowable(scope))
 
 
+@pytest.mark.clause("VAL-13")
 @given(scopes())
 def test_a_scope_comes_back(scope):
     assert scope_from_json(json.loads(rfc8785.dumps(scope_to_json(scope)))) == scope
 
 
+@pytest.mark.clause("VAL-11", "VAL-13")
 @given(restrictions())
 def test_a_restriction_comes_back(restriction):
     assert restriction_from_json(json.loads(rfc8785.dumps(restriction_to_json(restriction)))) == restriction
 
 
+@pytest.mark.clause("VAL-13")
 @given(scopes(), scopes())
 def test_equal_scopes_have_equal_bytes_and_others_have_not(a, b):
     assert (a == b) == (rfc8785.dumps(scope_to_json(a)) == rfc8785.dumps(scope_to_json(b)))
@@ -204,6 +213,7 @@ def test_equal_scopes_have_equal_bytes_and_others_have_not(a, b):
         assert hash(a) == hash(b)
 
 
+@pytest.mark.clause("VAL-13")
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.text(max_size=4) | st.floats(),
