@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from evaluation.tokens import edges, hostile, load, samples, wycheproof
+from evaluation.tokens import edges, hostile, load, samples, searches, wycheproof
 
 if TYPE_CHECKING:
     from evaluation.tokens.campaign import Campaign
 
 CAMPAIGNS: Final[list[Campaign]] = [
+    searches.MUTANTS,
+    searches.ENCODINGS,
     samples.CAMPAIGN,
     wycheproof.CAMPAIGN,
+    searches.ATTENUATION,
     hostile.CAMPAIGN,
     load.CAMPAIGN,
     edges.CAMPAIGN,
+    searches.LATTICE,
 ]
