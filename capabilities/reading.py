@@ -1,0 +1,235 @@
+"""Steps 1 to 6 of verification, in order; each cites its clause in docs/spec.md. They ask nothing of the moment."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from capabilities import biscuit, block, checks, fact, keys, links, wire
+from capabilities.caps import DEFAULT
+from capabilities.chain import Chain, Hop
+from capabilities.errors import Fault, FaultCode, TokenError
+from capabilities.scope_json import scope_to_json
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from capabilities.caps import Caps
+    from capabilities.trust import TrustBundle
+
+Form = tuple[tuple[object, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """What steps 1 to 6 found.
+
+    Attributes:
+        chain: with no view of revocation yet.
+        opened: the token.
+        form: all that step 12 could find out about: what the blocks check, the numbers left out.
+        lifetimes: what [TOK-7] says about them, whenever it is asked.
+        attested_at: the latest instant at which anybody behind the chain was authenticated or attested.
+        attesters: for each hop after the first, the key that attested it, and when.
+    """
+
+    chain: Chain
+    opened: biscuit.OpenedToken
+    form: Form
+    lifetimes: Fault | None
+    attested_at: int
+    attesters: tuple[tuple[bytes, int], ...]
+
+
+class _Broken(Exception):  # noqa: N818 - not an error of the caller: it carries the fault out of the recipe
+    def __init__(self, fault: Fault) -> None:
+        super().__init__(fault.code)
+        self.fault = fault
+
+
+def read(token: bytes, trust: TrustBundle, caps: Caps) -> Read | Fault:
+    """What steps 1 to 6 find in a token, or the first fault."""
+    try:
+        return _steps(token, trust, caps)
+    except _Broken as broken:
+        return broken.fault
+
+
+def _steps(token: bytes, trust: TrustBundle, caps: Caps) -> Read:
+    # [TOK-1] the size cap, before anything is parsed
+    with _clause("TOK-1"):
+        _check_size(token, caps)
+
+    # [TOK-2] the number of blocks, before any signature is checked
+    with _clause("TOK-2"):
+        shape = wire.read(token)
+        _check_length(shape, caps)
+
+    # [TOK-3] every signature
+    with _clause("TOK-3"):
+        root_key_id, root = _root_key(shape, trust)
+        opened = biscuit.open_token(token, root)
+
+    # [TOK-4] every hop signed by a trusted attester, before anything that it says is read
+    with _clause("TOK-4"):
+        signers = opened.external_keys()
+        _check_attested(shape, signers, trust)
+
+    # [TOK-5] canonical bytes
+    with _clause("TOK-5"):
+        _check_canonical(opened, token)
+
+    # [TOK-6] profile, hop sequence, holder continuity, narrowing
+    with _clause("TOK-6"):
+        versions = fact.AUTHORITY_VERSION, *(fact.HOP_VERSION,) * (len(shape.blocks) - 1)
+        contents = [wire.contents(each.payload, version=v) for each, v in zip(shape.blocks, versions, strict=True)]
+        authority, hops, form = _chain(contents, trust, caps)
+
+    chain = Chain(
+        token_id=authority.token_id,
+        digest=hashlib.sha256(token).digest(),
+        sponsor=authority.sponsor,
+        root_key_id=root_key_id,
+        hops=hops,
+        epoch=0,
+        view_age_ms=0,
+    )
+    return Read(
+        chain=chain,
+        opened=opened,
+        form=form,
+        lifetimes=_lifetimes(hops, caps),
+        attested_at=max(authority.sponsor.authenticated_at, *(hop.attestation.at for hop in hops)),
+        attesters=tuple((signer, hop.attestation.at) for signer, hop in zip(signers, hops, strict=True) if signer),
+    )
+
+
+@contextmanager
+def _clause(clause: str) -> Iterator[None]:
+    """Name the clause of whatever goes wrong inside."""
+    try:
+        yield
+    except TokenError as error:
+        raise _Broken(Fault(error.code, clause, error.detail)) from None
+
+
+def _check_size(token: bytes, caps: Caps) -> None:
+    """[TOK-1]."""
+    if not token:
+        raise TokenError(FaultCode.TOKEN_MISSING)
+    if len(token) > caps.token_bytes:
+        raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"over {caps.token_bytes} bytes")
+
+
+def _check_length(shape: wire.Structure, caps: Caps) -> None:
+    """[TOK-2]."""
+    if len(shape.blocks) > 1 + caps.hops:
+        raise TokenError(FaultCode.TOO_MANY_HOPS, f"more than {caps.hops} hops")
+
+
+def _root_key(shape: wire.Structure, trust: TrustBundle) -> tuple[int, bytes]:
+    """[TOK-3]: the root key that the token names."""
+    if shape.root_key_id is None or shape.root_key_id not in trust.roots:
+        raise TokenError(FaultCode.UNKNOWN_ROOT_KEY)
+    return shape.root_key_id, trust.roots[shape.root_key_id]
+
+
+def _check_canonical(opened: biscuit.OpenedToken, token: bytes) -> None:
+    """[TOK-5]: writing the token again gives the very same bytes."""
+    if opened.encode() != token:
+        raise TokenError(FaultCode.NOT_CANONICAL)
+
+
+def _check_attested(shape: wire.Structure, signers: tuple[bytes | None, ...], trust: TrustBundle) -> None:
+    """[TOK-4]: the authority block by nobody else, each further one by a trusted attester, at its place."""
+    if len(signers) != len(shape.blocks):
+        raise TokenError(FaultCode.TOKEN_MALFORMED, "two readers count different blocks")
+    if signers[0] is not None:
+        raise TokenError(FaultCode.HOP_NOT_ATTESTED, "an authority block with a second signer")
+    for index, (signer, signed) in enumerate(zip(signers, shape.blocks, strict=True)):
+        if index and not (signed.third_party and signer in trust.attesters):
+            raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"hop {index} is signed by no trusted attester")
+
+
+def _chain(
+    contents: list[wire.Contents], trust: TrustBundle, caps: Caps
+) -> tuple[block.AuthorityBlock, tuple[Hop, ...], Form]:
+    """[TOK-6]: each block is one of the profile, and narrows what the blocks before it leave."""
+    first, *further = contents
+    said = fact.authority_said(first)
+    demanded = [checks.read(first.symbols, first.checks)]
+    authority = block.authority_of(said, demanded[0], caps)
+    hops = [links.first_hop(authority, reserved=trust.all_keys, caps=caps)]
+    for each in further:
+        parent, more = hops[-1], fact.hop_said(each)
+        demanded.append(checks.read(each.symbols, each.checks))
+        added = block.hop_of(
+            more, demanded[-1], index=len(hops), delegator=parent.agent, parent=parent.scope, caps=caps
+        )
+        hops.append(links.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
+    return authority, tuple(hops), tuple(map(_form, demanded))
+
+
+def _form(demanded: checks.Checks) -> tuple[object, ...]:
+    """[TOK-12]: what a block checks, the numbers left out: no two ways to read it differ by them alone."""
+    stated = demanded.not_before is not None, demanded.not_after is not None, demanded.ceiling is not None
+    return demanded.alternatives and checks.forms(demanded.alternatives), stated
+
+
+def _lifetimes(hops: tuple[Hop, ...], caps: Caps) -> Fault | None:
+    """The part of [TOK-7] that asks nothing of the moment."""
+    try:
+        links.check_lifetimes(hops, caps)
+    except TokenError as error:
+        return Fault(error.code, "TOK-7", error.detail)
+    return None
+
+
+# --- looking ---------------------------------------------------------------------------------------------------------
+
+
+def inspect_token(token: bytes, trust: TrustBundle, caps: Caps = DEFAULT) -> dict[str, object]:
+    """A JSON-ready description of a token that passes steps 1 to 6: never the token, its signatures or its secret.
+
+    Raises:
+        TokenError: with the code of the fault.
+    """
+    found = read(token, trust, caps)
+    if isinstance(found, Fault):
+        raise TokenError(found.code, f"{found.clause} {found.detail}".strip())
+    chain = found.chain
+    return {
+        "profile": fact.PROFILE,
+        "token_id": chain.token_id,
+        "digest": chain.digest.hex(),
+        "bytes": len(token),
+        "root_key_id": chain.root_key_id,
+        "sponsor": {
+            "issuer": chain.sponsor.issuer,
+            "subject": chain.sponsor.subject,
+            "method": chain.sponsor.method,
+            "authenticated_at": chain.sponsor.authenticated_at,
+        },
+        "hops": [_describe(hop) for hop in chain.hops],
+    }
+
+
+def _describe(hop: Hop) -> dict[str, object]:
+    return {
+        "index": hop.index,
+        "hop_id": hop.hop_id,
+        "agent": hop.agent,
+        "role": hop.role,
+        "key": keys.thumbprint(hop.key),
+        "delegator": hop.delegator,
+        "purpose": hop.purpose,
+        "request_digest": hop.request_digest.hex(),
+        "attestation": {
+            "kind": str(hop.attestation.kind),
+            "measurement": hop.attestation.measurement.hex(),
+            "at": hop.attestation.at,
+        },
+        "scope": scope_to_json(hop.scope),
+    }
