@@ -174,8 +174,12 @@ FORTY: Final = _forty()
 
 
 def texts(token: bytes) -> Iterator[str]:
-    """Twelve families of texts that a lax reader of base64 takes for the token."""
+    """Twelve families of texts that a lax reader of base64 takes for the token, each once and none the token's own."""
     text = token_to_text(token)
+    yield from dict.fromkeys(other for other in _texts(token, text) if other != text)
+
+
+def _texts(token: bytes, text: str) -> Iterator[str]:
     padding = "=" * (-len(text) % 4)
     yield text + padding  # 1: padded
     yield from (text + pad for pad in ("=", "===", "====") if pad != padding)  # 2: padded wrongly

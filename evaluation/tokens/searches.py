@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 from typing import TYPE_CHECKING, Final
 
-from evaluation.tokens import attenuation, encodings, mutants
+from evaluation.tokens import attenuation, encodings, injection, mutants
 from evaluation.tokens.campaign import Campaign, Outcome, Skipped
 
 if TYPE_CHECKING:
@@ -38,15 +38,17 @@ def _encodings(settings: Settings) -> Outcome:
 
 def _attenuation(settings: Settings) -> Outcome:
     found = attenuation.run(QUICK_PAIRS if settings.quick else attenuation.COUNT, settings.seed)
+    texts = injection.run(settings.seed)
     tally = found.tally
     figures = {
         "widened": len(tally.widened),
+        "texts injected": len(texts.injected),
         "opinions parted": len(tally.parted),
         "forged hops judged wrong": len(tally.wrong),
         "chains": sum(tally.chains.values()),
         "fewest pairs of a dimension": min(tally.pairs.values(), default=0),
     }
-    return Outcome(sum(tally.pairs.values()), figures, found.missed)
+    return Outcome(sum(tally.pairs.values()), figures, (*found.missed, *texts.missed))
 
 
 def _lattice(settings: Settings) -> Outcome | Skipped:
@@ -62,5 +64,7 @@ def _lattice(settings: Settings) -> Outcome | Skipped:
 
 MUTANTS: Final = Campaign("A1", "mutants of twenty shapes of tokens", "0 accepted, 0 stray, none over 50 ms", _mutants)
 ENCODINGS: Final = Campaign("A2", "every other spelling of two tokens", "0 accepted", _encodings)
-ATTENUATION: Final = Campaign("A5", "chains and requests at their boundaries", "0 widened", _attenuation)
+ATTENUATION: Final = Campaign(
+    "A5", "chains and requests at their boundaries; hostile texts", "0 widened, 0 injected", _attenuation
+)
 LATTICE: Final = Campaign("Z3", "laws of the scope algebra over all integers", "every one proven", _lattice)

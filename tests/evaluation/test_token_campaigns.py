@@ -12,7 +12,19 @@ import pytest
 from capabilities import algebra, carriage, keys, links, request
 from capabilities.chain import Chain
 from capabilities.errors import Fault, FaultCode
-from evaluation.tokens import attenuation, encodings, fields, injection, mutants, mutation, requests, twin
+from evaluation.tokens import (
+    attenuation,
+    encodings,
+    fields,
+    injection,
+    mutants,
+    mutation,
+    registry,
+    requests,
+    searches,
+    twin,
+)
+from evaluation.tokens.campaign import Settings
 from evaluation.tokens.crew import seeds_of, shares, together
 from evaluation.tokens.families import FORGED, family
 from evaluation.tokens.issuer import Issuer, verified
@@ -170,6 +182,22 @@ def test_work_is_shared_whole():
     assert together(max, [(1, 2), (5, 3)]) == [2, 5]
 
 
+def test_the_campaigns_are_rows_of_the_command():
+    settings = Settings(quick=True, seed=3, vectors=None, clock_ns=lambda: 0, told=lambda what: None)
+    assert {"A1", "A2", "A5"} <= {row.id for row in registry.CAMPAIGNS}
+    outcome = searches.ATTENUATION.run(settings)
+    assert outcome.met, outcome
+    assert (outcome.figures["widened"], outcome.figures["texts injected"]) == (0, 0)
+
+
+def test_an_injected_text_misses_the_bar(monkeypatch):
+    settings = Settings(quick=True, seed=3, vectors=None, clock_ns=lambda: 0, told=lambda what: None)
+    pairs, texts = attenuation.run(400, seed=3, processes=1, each=100), injection.run(seed=3)
+    monkeypatch.setattr(attenuation, "run", lambda *_: pairs)
+    monkeypatch.setattr(injection, "run", lambda *_: replace(texts, injected=("x",)))
+    assert not searches.ATTENUATION.run(settings).met
+
+
 # --- A2 --------------------------------------------------------------------------------------------------------------
 
 
@@ -195,6 +223,13 @@ def test_the_spellings_are_all_there():
     assert len(spellings) == len(set(spellings))
     # A lax reader takes many of them for the token: that is what makes them worth trying.
     assert len([spelling for spelling in spellings if lax(spelling) == one]) > 30
+
+
+def test_a_token_whose_text_has_only_letters_has_no_escape_of_its_own():
+    plain = bytes(40)  # no "-" and no "_" in its text
+    spellings = list(encodings.texts(plain))
+    assert carriage.token_to_text(plain) not in spellings
+    assert len(spellings) == len(set(spellings))
 
 
 def lax(value):
@@ -264,13 +299,15 @@ def patched(monkeypatch, module, name, change):
 
 
 def blind_to(dimension):
-    """The order of scopes, without one of its dimensions."""
+    """The rule of a hop, without one of its dimensions."""
 
-    def narrows(before, child, parent):
-        found = before(child, parent)
-        return replace(found, widenings=tuple(each for each in found.widenings if each.dimension != dimension))
+    def hop(before, parent, restriction, **how):
+        found = before(parent, restriction, **how)
+        if isinstance(found, algebra.Narrowing) and {each.dimension for each in found.widenings} == {dimension}:
+            return algebra.stated(parent, restriction)
+        return found
 
-    return algebra, "narrows", narrows
+    return algebra, "hop", hop
 
 
 def forgiving(code, forgives=lambda refusal: True):
@@ -285,7 +322,7 @@ def forgiving(code, forgives=lambda refusal: True):
 
 SABOTAGE = {
     **{f"no order of {each}": blind_to(each) for each in ("grants", "limits", "ceiling", "audiences", "delegates")},
-    "no order of window": blind_to("window"),
+    **{f"no order of {each}": blind_to(each) for each in ("depth", "window")},
     "depth does not run out": (
         links,
         "_narrower",
