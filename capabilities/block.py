@@ -213,12 +213,12 @@ def hop_of(
         raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {type(error).__name__}") from None
     if demanded.alternatives is None:
         return HopBlock(index, hop, rest)
-    whole = replace(rest, grants=_kept_grants(demanded.alternatives, parent.grants))
+    kept = _kept_grants(demanded.alternatives, parent.grants)
     try:
-        algebra.well_formed_restriction(whole, caps)
+        algebra.well_formed_restriction(Restriction(grants=kept), caps)
     except CapabilityError as error:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {type(error).__name__}") from None
-    return HopBlock(index, hop, whole)
+    return HopBlock(index, hop, replace(rest, grants=kept))
 
 
 def _hop(said: Said[AuthorityStatement] | Said[HopStatement], delegator: str) -> HopGrant:

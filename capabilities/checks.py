@@ -51,6 +51,10 @@ class Alternative:
             object.__setattr__(self, "_hash", hash((self.object, self.operation, self.bounds)) or 1)
         return self._hash
 
+    def __reduce__(self) -> tuple[type[Alternative], tuple[str, str, tuple[Bound | None, ...]]]:
+        # Without the hash, which another process computes differently.
+        return Alternative, (self.object, self.operation, self.bounds)
+
 
 @dataclass(frozen=True, slots=True)
 class Checks:

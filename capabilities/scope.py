@@ -66,6 +66,10 @@ class Grant:
             object.__setattr__(self, "_hash", hash((self.object, self.operation, self.limits)) or 1)
         return self._hash
 
+    def __reduce__(self) -> tuple[type[Grant], tuple[str, str, tuple[Limit, ...]]]:
+        # Without the hash, which another process computes differently.
+        return Grant, (self.object, self.operation, self.limits)
+
 
 @dataclass(frozen=True, slots=True)
 class Scope:

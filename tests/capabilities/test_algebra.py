@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import pytest
@@ -10,6 +11,7 @@ from capabilities import algebra
 from capabilities.algebra import apply, hop, meet, narrows, stated, within
 from capabilities.bounds import nearest_bound, one_of
 from capabilities.caps import DEFAULT
+from capabilities.checks import Alternative
 from capabilities.errors import CapabilityError, FaultCode, ScopeError, TokenError
 from capabilities.explanation import explain, explanation_to_json, narrowable, repair
 from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
@@ -291,3 +293,13 @@ def test_another_signature_meets_in_nothing():
 def test_the_error_tree_has_one_root():
     assert issubclass(ScopeError, CapabilityError)
     assert issubclass(TokenError, CapabilityError)
+
+
+@pytest.mark.clause(reason="library plumbing: what is remembered by grants is remembered in one process")
+@pytest.mark.parametrize("value", [MOVE, Alternative("ur3e", "stop", (None, Range(0, 1)))])
+def test_a_hash_does_not_leave_its_process(value):
+    assert hash(value) == hash(replace(value))
+    came = pickle.loads(pickle.dumps(value))
+    assert came == value
+    assert came._hash == 0
+    assert hash(came) == hash(value)
