@@ -205,7 +205,8 @@ def _stolen(stage: Stage) -> Seen:
 def _tampered(stage: Stage) -> Seen:
     honest = stage.ask("robotic", "read_state", {})
     token = bytearray(raw(stage.tokens["robotic"]))
-    place = token.find(b"move_joint")
+    stated = b'"purpose":"'  # of the first holder: a word that nothing but the signature protects
+    place = token.index(stated) + len(stated)
     token[place] ^= 1
     answer = stage.move("robotic", token=token_to_text(bytes(token)))
     told = f"one bit of the token flipped, at byte {place}: first {honest.status}, then {answer.status}"
