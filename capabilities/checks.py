@@ -67,9 +67,13 @@ class Checks:
 
 
 @functools.lru_cache(maxsize=REMEMBERED)
-def forms(alternatives: tuple[Alternative, ...]) -> tuple[tuple[object, ...], ...]:
+def form(alternatives: tuple[Alternative, ...]) -> str:
     """Objects, operations and kinds of bounds, in order: the alternatives without their numbers."""
-    return tuple((kept.object, kept.operation, tuple(map(type, kept.bounds))) for kept in alternatives)
+    # Names hold no blank, so no two forms have one text.
+    return " ".join(
+        " ".join((kept.object, kept.operation, *(type(bound).__name__ for bound in kept.bounds), ";"))
+        for kept in alternatives
+    )
 
 
 def variable(position: int) -> str:

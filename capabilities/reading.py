@@ -12,14 +12,13 @@ from capabilities.caps import DEFAULT
 from capabilities.chain import Chain, Hop
 from capabilities.errors import Fault, FaultCode, TokenError
 from capabilities.scope_json import scope_to_json
+from capabilities.statements.revocation import named
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from capabilities.caps import Caps
     from capabilities.trust import TrustBundle
-
-Form = tuple[tuple[object, ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,18 +28,22 @@ class Read:
     Attributes:
         chain: with no view of revocation yet.
         opened: the token.
-        form: all that step 12 could find out about: what the blocks check, the numbers left out.
+        form: all that step 12 could find out about: what the blocks check, the numbers left out; in one text.
         lifetimes: what [TOK-7] says about them, whenever it is asked.
         attested_at: the latest instant at which anybody behind the chain was authenticated or attested.
         attesters: for each hop after the first, the key that attested it, and when.
+        trusted: from when, and up to and without which time, all who signed are trusted.
+        names: every (kind, id) whose revocation kills the chain, audiences apart.
     """
 
     chain: Chain
     opened: biscuit.OpenedToken
-    form: Form
+    form: str
     lifetimes: Fault | None
     attested_at: int
     attesters: tuple[tuple[bytes, int], ...]
+    trusted: tuple[int, int]
+    names: frozenset[tuple[str, str]]
 
 
 class _Broken(Exception):  # noqa: N818 - not an error of the caller: it carries the fault out of the recipe
@@ -96,13 +99,16 @@ def _steps(token: bytes, trust: TrustBundle, caps: Caps) -> Read:
         epoch=0,
         view_age_ms=0,
     )
+    attesters = tuple((signer, hop.attestation.at) for signer, hop in zip(signers, hops, strict=True) if signer)
     return Read(
         chain=chain,
         opened=opened,
         form=form,
         lifetimes=_lifetimes(hops, caps),
         attested_at=max(authority.sponsor.authenticated_at, *(hop.attestation.at for hop in hops)),
-        attesters=tuple((signer, hop.attestation.at) for signer, hop in zip(signers, hops, strict=True) if signer),
+        attesters=attesters,
+        trusted=trust.span(root_key_id, hops[0].attestation.at, attesters),
+        names=named(chain),
     )
 
 
@@ -155,7 +161,7 @@ def _check_attested(shape: wire.Structure, signers: tuple[bytes | None, ...], tr
 
 def _chain(
     contents: list[wire.Contents], trust: TrustBundle, caps: Caps
-) -> tuple[block.AuthorityBlock, tuple[Hop, ...], Form]:
+) -> tuple[block.AuthorityBlock, tuple[Hop, ...], str]:
     """[TOK-6]: each block is one of the profile, and narrows what the blocks before it leave."""
     first, *further = contents
     said = fact.authority_said(first)
@@ -169,13 +175,13 @@ def _chain(
             more, demanded[-1], index=len(hops), delegator=parent.agent, parent=parent.scope, caps=caps
         )
         hops.append(links.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
-    return authority, tuple(hops), tuple(map(_form, demanded))
+    return authority, tuple(hops), "\n".join(map(_form, demanded))
 
 
-def _form(demanded: checks.Checks) -> tuple[object, ...]:
+def _form(demanded: checks.Checks) -> str:
     """[TOK-12]: what a block checks, the numbers left out: no two ways to read it differ by them alone."""
-    stated = demanded.not_before is not None, demanded.not_after is not None, demanded.ceiling is not None
-    return demanded.alternatives and checks.forms(demanded.alternatives), stated
+    context = demanded.not_before is not None, demanded.not_after is not None, demanded.ceiling is not None
+    return f"{context} {'' if demanded.alternatives is None else checks.form(demanded.alternatives)}"
 
 
 def _lifetimes(hops: tuple[Hop, ...], caps: Caps) -> Fault | None:

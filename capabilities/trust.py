@@ -164,6 +164,26 @@ class TrustBundle:
                 return Fault(FaultCode.HOP_NOT_ATTESTED, _clause(standing), f"hop {index}: {standing.value}")
         return None
 
+    def span(self, root_key_id: int, root_signed_at: int, hops: Iterable[tuple[bytes, int]]) -> tuple[int, int]:
+        """From when, and up to and without which time, `refusal` finds nothing against these; (0, 0) for never.
+
+        Args:
+            root_key_id: that the token names.
+            root_signed_at: when hop 0 was attested, by the authority block.
+            hops: for each further hop, the attester's raw key and the time of the attestation.
+        """
+        root = self.roots.get(root_key_id)
+        start, end = 0, self.valid_until
+        for role, raw, signed_at in (
+            (self.roots.values(), root, root_signed_at),
+            *((self.attesters, *hop) for hop in hops),
+        ):
+            window = None if raw is None or raw not in role else self.windows.get(raw)
+            if window is None or (window.tainted_at is not None and not signed_at < window.tainted_at):
+                return 0, 0
+            start, end = max(start, window.not_before), min(end, window.not_after)
+        return start, end
+
     # --- as JSON [TRB-1] ---------------------------------------------------------------------------------------------
 
     def to_members(self) -> dict[str, object]:

@@ -21,7 +21,7 @@ from capabilities.request import tightest
 if TYPE_CHECKING:
     from capabilities.caps import Caps
     from capabilities.chain import Chain, Refusal
-    from capabilities.reading import Form, Read
+    from capabilities.reading import Read
     from capabilities.scope import Tier
     from capabilities.statements.revocation import RevocationView
     from capabilities.trust import TrustBundle
@@ -72,7 +72,7 @@ class Verifier:
         self._trust = trust
         self._caps = caps
         self._read: _Remembered[tuple[bytes, int, int], Read] = _Remembered(remembered)
-        self._agreed: _Remembered[tuple[Form, str, str], object] = _Remembered(remembered)
+        self._agreed: _Remembered[tuple[str, str, str], object] = _Remembered(remembered)
 
     def verify(self, token: bytes, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
         """The chain of a token that passes steps 1 to 9 now, here; or the first fault.
@@ -111,14 +111,21 @@ class Verifier:
     def _now(self, read: Read, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
         """Steps 7 to 9."""
         chain = replace(read.chain, epoch=view.epoch, view_age_ms=view.age_ms)
-        first = chain.hops[0].attestation.at
         return (
             _check_times(read, at, self._caps)  # [TOK-7]
-            or self._trust.refusal(chain.root_key_id, first, read.attesters, at=at)  # [TRB-2] and [TRB-3], now
+            or self._check_signers(read, at)  # [TRB-2] and [TRB-3]
             or _check_audience(chain, audience)  # [TOK-8]
-            or _check_revocation(chain, audience, view, lease_ms)  # [TOK-9]
+            or _check_revocation(read, audience, view, lease_ms)  # [TOK-9]
             or chain
         )
+
+    def _check_signers(self, read: Read, at: float) -> Fault | None:
+        start, end = read.trusted
+        if start <= at < end:
+            return None
+        first = read.chain.hops[0].attestation.at
+        refused = self._trust.refusal(read.chain.root_key_id, first, read.attesters, at=at)
+        return refused or Fault(FaultCode.UNKNOWN_ROOT_KEY, "TRB-2")
 
     def audiences(self, token: bytes, *, view: RevocationView) -> frozenset[str] | Fault:
         """The servers that a token is for, when it passes steps 1 to 6: for who issues and serves no audience itself.
@@ -217,11 +224,11 @@ def _check_audience(chain: Chain, audience: str) -> Fault | None:
     return None if audience in chain.scope.audiences else Fault(FaultCode.WRONG_AUDIENCE, "TOK-8")
 
 
-def _check_revocation(chain: Chain, audience: str, view: RevocationView, lease_ms: int) -> Fault | None:
+def _check_revocation(read: Read, audience: str, view: RevocationView, lease_ms: int) -> Fault | None:
     """[TOK-9]: what is revoked stays revoked however old the view is, so that is asked first."""
-    why = view.why(chain, audience=audience)
-    if why is not None:
-        return Fault(FaultCode.REVOKED, "TOK-9", f"{why[0]}:{why[1]}")
+    if not view.spares(read.names, audience=audience):
+        why = view.why(read.chain, audience=audience)
+        return Fault(FaultCode.REVOKED, "TOK-9", "" if why is None else f"{why[0]}:{why[1]}")
     if not 0 <= view.age_ms <= lease_ms:
         return Fault(FaultCode.REVOCATION_VIEW_STALE, "TOK-9", f"{view.age_ms} ms old, at most {lease_ms} ms")
     return None

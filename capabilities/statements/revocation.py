@@ -13,7 +13,7 @@ from capabilities.statements.attestation import NONCE
 from capabilities.statements.claims import Claims, malformed
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterator
 
     from capabilities.caps import Caps
     from capabilities.chain import Chain
@@ -98,6 +98,10 @@ class RevocationView:
         """The view of a feed that was never read: nothing is known, and it is older than any lease."""
         return cls(epoch=0, age_ms=NEVER_MS, revoked=frozenset())
 
+    def spares(self, names: frozenset[tuple[str, str]], *, audience: str) -> bool:
+        """Whether nothing is revoked of what `named` has found in a chain, and the audience neither."""
+        return self.revoked.isdisjoint(names) and (_AUDIENCE, audience) not in self.revoked
+
     def why(self, chain: Chain, *, audience: str | None = None) -> tuple[str, str] | None:
         """The first (kind, id) by which the chain is dead, from the sponsor down, or None.
 
@@ -105,21 +109,28 @@ class RevocationView:
             chain: a chain that passed steps 1 to 8.
             audience: where the token is presented; None asks for every audience of its scope.
         """
-        if not self.revoked:
-            return None
         audiences = sorted(chain.scope.audiences) if audience is None else [audience]
-        candidates = [
-            (Revoked.SPONSOR, chain.sponsor.subject),
-            (Revoked.TOKEN, chain.token_id),
-            *((Revoked.AUDIENCE, url) for url in audiences),
-        ]
-        for hop in chain.hops:
-            candidates += [
-                (Revoked.HOP, hop.hop_id),
-                (Revoked.AGENT, hop.agent),
-                (Revoked.KEY, keys.thumbprint(hop.key)),
-            ]
-        return next(((str(kind), name) for kind, name in candidates if (str(kind), name) in self.revoked), None)
+        first, second, *rest = _names(chain)
+        candidates = (first, second, *((_AUDIENCE, url) for url in audiences), *rest)
+        return next((name for name in candidates if name in self.revoked), None)
+
+
+_AUDIENCE: Final = str(Revoked.AUDIENCE)
+
+
+def named(chain: Chain) -> frozenset[tuple[str, str]]:
+    """Every (kind, id) whose revocation kills the chain, audiences apart."""
+    return frozenset(_names(chain))
+
+
+def _names(chain: Chain) -> Iterator[tuple[str, str]]:
+    """Sponsor, token, and of each hop its id, agent and key."""
+    yield str(Revoked.SPONSOR), chain.sponsor.subject
+    yield str(Revoked.TOKEN), chain.token_id
+    for hop in chain.hops:
+        yield str(Revoked.HOP), hop.hop_id
+        yield str(Revoked.AGENT), hop.agent
+        yield str(Revoked.KEY), keys.thumbprint(hop.key)
 
 
 def sign(index: RevocationIndex, key: PrivateKey) -> str:

@@ -427,6 +427,18 @@ def test_a_view_asks_for_every_audience_when_none_is_given():
     assert view.why(chain, audience="http://127.0.0.1:9001/mcp") is None
 
 
+@pytest.mark.clause("TOK-9")
+@pytest.mark.parametrize("kind", list(revocation.Revoked))
+def test_what_is_spared_is_what_there_is_no_reason_against(kind):
+    chain = chain_of(chain_of_four())
+    names = revocation.named(chain)
+    assert len(names) == 2 + 3 * len(chain.hops)
+    mine = [name for name in (*sorted(names), ("audience", CELL)) if name[0] == kind]
+    for name in (*mine, (str(kind), "somebody-else")):
+        view = revocation.RevocationView(1, 0, frozenset({name, ("agent", "eve")}))
+        assert view.spares(names, audience=CELL) == (view.why(chain, audience=CELL) is None) == (name not in mine)
+
+
 WORDS_OF_A_MESSAGE = {
     "to oneself": {"addressee": "orchestrator"},
     "from a role": {"sender": "role:planner"},

@@ -224,6 +224,26 @@ def test_a_tainted_root_vouches_for_what_it_signed_before():
     assert (fault.code, fault.clause) == (FaultCode.UNKNOWN_ROOT_KEY, "TRB-3")
 
 
+@pytest.mark.clause("TRB-2", "TRB-3")
+@pytest.mark.parametrize(
+    "bundle", [TRUST, TIMED, replace(TIMED, valid_until=NOW + HOUR)], ids=["always", "timed", "short"]
+)
+@pytest.mark.parametrize(
+    "signed",
+    [
+        *(asked for asked, *_ in REFUSED.values()),
+        (ROOT_ID, NOW, []),
+        (ROOT_ID, NOW, [(ATTESTER, NOW)]),
+        (ROOT_ID, NOW, [(SECOND, NOW), (ATTESTER, NOW + 59)]),
+    ],
+)
+def test_the_span_is_where_nothing_is_refused(bundle, signed):
+    start, end = bundle.span(*signed)
+    moments = {0, NOW - 1, NOW, NOW + HOUR, NOW + 24 * HOUR, NOW + 48 * HOUR, start - 1, start, end - 1, end}
+    for at in moments | {moment + 1 for moment in moments}:
+        assert (start <= at < end) == (bundle.refusal(*signed, at=at) is None), at
+
+
 # --- succession ------------------------------------------------------------------------------------------------------------
 
 OLD, NEXT = key_of("registry"), curve_of("registry-2")

@@ -43,10 +43,10 @@ def idp_takes_any_evidence():
 def pep_takes_unattested_blocks():
     """Step 4 is gone, and so is asking for each key again: a block needs no attester."""
     from capabilities import reading
-    from capabilities.trust import TrustBundle
+    from capabilities.verify import Verifier
 
     reading._check_attested = lambda shape, signers, trust: None
-    TrustBundle.refusal = lambda self, *signed, at: None
+    Verifier._check_signers = lambda self, read, at: None
 
 
 @defect
@@ -156,7 +156,7 @@ def pep_reads_nan():
 def pep_ignores_revocations():
     from capabilities.statements.revocation import RevocationView
 
-    RevocationView.why = lambda self, chain, *, audience=None: None
+    RevocationView.spares = lambda self, names, *, audience: True
 
 
 @defect
@@ -164,13 +164,12 @@ def pep_ignores_sponsors():
     """Revocation of a person is not looked at."""
     from capabilities.statements.revocation import RevocationView
 
-    honest = RevocationView.why
+    honest = RevocationView.spares
 
-    def why(self, chain, *, audience=None):
-        found = honest(self, chain, audience=audience)
-        return None if found and found[0] == "sponsor" else found
+    def spares(self, names, *, audience):
+        return honest(self, frozenset(name for name in names if name[0] != "sponsor"), audience=audience)
 
-    RevocationView.why = why
+    RevocationView.spares = spares
 
 
 @defect
