@@ -15,8 +15,8 @@ settings.load_profile("shared-machine")
 def polite(request):
     """Tests that only compute leave the processor to those in which real time passes.
 
-    Several run at once on few cores, and a cell is stopped when its watch comes too late. Where the system does not let
-    a thread come back from idle scheduling, batch scheduling is what there is.
+    Several run at once on few cores, and a cell is stopped when its watch comes too late. What they start computes as
+    they do. Where the system does not let a thread come back from idle scheduling, batch scheduling is what there is.
     """
     if request.node.get_closest_marker("e2e") is not None or not hasattr(os, "sched_setscheduler"):
         yield
