@@ -167,7 +167,9 @@ def pep_ignores_sponsors():
     honest = RevocationView.spares
 
     def spares(self, names, *, audience):
-        return honest(self, frozenset(name for name in names if name[0] != "sponsor"), audience=audience)
+        # With the person its agents are revoked too: who does not look at people does not look at these either.
+        person = any(kind == "sponsor" and (kind, name) in self.revoked for kind, name in names)
+        return person or honest(self, names, audience=audience)
 
     RevocationView.spares = spares
 

@@ -41,6 +41,14 @@ def test_rubbish_in_the_file_is_no_pid(tmp_path, content):
         assert held.stale_pid is None
 
 
+def test_a_child_that_has_the_file_open_does_not_hold_it(tmp_path):
+    held = DirectoryLock.take(tmp_path / "lock")
+    child = os.dup(held._fd)  # as between fork and exec
+    held.give_back()
+    with DirectoryLock.take(tmp_path / "lock"):
+        os.close(child)
+
+
 def test_children_do_not_hold_it(tmp_path):
     held = DirectoryLock.take(tmp_path / "lock")
     child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, close_fds=False)
