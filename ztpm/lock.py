@@ -66,7 +66,7 @@ class DirectoryLock:
     def give_back(self) -> None:
         """The lock is free, and nothing in the file says otherwise."""
         os.ftruncate(self._fd, 0)
-        # A child that was just started has the file open until the kernel closes it on exec: the lock is ended, not left.
+        # A child that was just started has the file open until the kernel closes it: the lock is ended, not left.
         fcntl.flock(self._fd, fcntl.LOCK_UN)
         os.close(self._fd)
 
