@@ -66,10 +66,6 @@ class ActToken(PlainPeer):
         """The compact form."""
         return str(made)
 
-    def lend(self, workload: Workload, depth: int, serial: int) -> str:
-        """A token of this depth."""
-        return self._signed(workload, depth, serial)
-
     def size(self, token: Any) -> int:
         """Bytes of the compact form; it has no other."""
         return len(token)

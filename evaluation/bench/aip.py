@@ -50,13 +50,6 @@ class Aip(PlainPeer):
         """The base64 text, its only form."""
         return str(made.to_base64())
 
-    def lend(self, workload: Workload, depth: int, serial: int) -> str:
-        """A token of this depth."""
-        made = self.mint(workload, serial)
-        for hop in range(1, depth + 1):
-            made = self.attenuate(made, workload, hop, serial)
-        return self.wire(made)
-
     def size(self, token: Any) -> int:
         """Bytes of the Biscuit inside."""
         return len(base64.urlsafe_b64decode(token + "=" * (-len(token) % 4)))

@@ -46,13 +46,6 @@ class BareBiscuit(PlainPeer):
         """The bytes."""
         return bytes(made.to_bytes())
 
-    def lend(self, workload: Workload, depth: int, serial: int) -> bytes:
-        """A token of this depth."""
-        made = self.mint(workload, serial)
-        for hop in range(1, depth + 1):
-            made = self.attenuate(made, workload, hop, serial)
-        return self.wire(made)
-
     def size(self, token: Any) -> int:
         """Its bytes."""
         return len(token)

@@ -44,13 +44,6 @@ class Macaroons(PlainPeer):
         """The serialised text."""
         return str(made.serialize())
 
-    def lend(self, workload: Workload, depth: int, serial: int) -> str:
-        """A token of this depth."""
-        made = self.mint(workload, serial)
-        for hop in range(1, depth + 1):
-            made = self.attenuate(made, workload, hop, serial)
-        return self.wire(made)
-
     def size(self, token: Any) -> int:
         """Bytes before base64."""
         return len(base64.urlsafe_b64decode(token + "=" * (-len(token) % 4)))

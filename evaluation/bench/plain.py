@@ -43,10 +43,6 @@ class PlainPeer(ABC):
         self._serials = count()
 
     @abstractmethod
-    def lend(self, workload: Workload, depth: int, serial: int) -> Any:
-        """A token as it goes over the wire."""
-
-    @abstractmethod
     def size(self, token: Any) -> int:
         """Its bytes, before any base64."""
 
@@ -73,6 +69,13 @@ class PlainPeer(ABC):
     @abstractmethod
     def wire(self, made: Any) -> Any:
         """What was made, as it goes over the wire."""
+
+    def lend(self, workload: Workload, depth: int, serial: int) -> Any:
+        """A token of this depth, as it goes over the wire."""
+        made = self.mint(workload, serial)
+        for hop in range(1, depth + 1):
+            made = self.attenuate(made, workload, hop, serial)
+        return self.wire(made)
 
     def prepare(self, workload: Workload, depth: int, calls: int) -> Prepared:
         """Cells of one scope at one depth, each good for `calls` calls."""

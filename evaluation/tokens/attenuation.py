@@ -8,10 +8,9 @@ forged with the attester's real key: `verify` accepts those that narrow and no o
 from __future__ import annotations
 
 import random
-import time
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from capabilities import biscuit, block, links
 from capabilities.biscuit import Answer, Probe
@@ -20,6 +19,7 @@ from capabilities.chain import Chain
 from capabilities.errors import CapabilityError, Fault, FaultCode
 from capabilities.text import ROLE_PREFIX
 from evaluation.tokens import requests, twin
+from evaluation.tokens.campaign import missed
 from evaluation.tokens.crew import seeds_of, shares, together
 from evaluation.tokens.families import FORGED, HOPS, family, lay_over, too_much, whole
 from evaluation.tokens.issuer import CELLS, LEASE_MS, VIEW, Issuer, verified
@@ -78,24 +78,15 @@ class Figures:
 
     Attributes:
         count: pairs that were wanted.
-        seeds: one for each process.
         tally: of all of them.
-        seconds: that it took.
     """
 
     count: int
-    seeds: tuple[int, ...]
     tally: Tally
-    seconds: float
-
-    @property
-    def ok(self) -> bool:
-        """Whether the bar is met, by as many pairs as were wanted, in every dimension, on both sides of its lines."""
-        return not self.missed
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Where the bar is not met."""
+        """Where the bar is not met; nowhere when as many pairs as were wanted meet it, on both sides of every line."""
         found = self.tally
         least = max(1, LEAST_PER_DIMENSION * self.count // COUNT)
         one_sided = [each for each in DIMENSIONS if found.split[each] < found.pairs[each] * _LEAST_SPLIT]
@@ -105,40 +96,13 @@ class Figures:
             f"on one side of the line: {', '.join(one_sided)}": bool(one_sided),
             "nothing asked of Biscuit, or of the issuer": not (found.by_biscuit and found.by_issuing),
             "nothing of one kind forged": not all(found.forged[each] for each in (*FORGED, "fair")),
-            f"{len(found.widened)} widened": bool(found.widened),
-            f"{len(found.parted)} opinions parted": bool(found.parted),
-            f"{len(found.wrong)} forged hops judged wrong": bool(found.wrong),
         }
-        return tuple(told for told, bad in faults.items() if bad)
-
-    def summary(self) -> str:
-        """One line."""
-        found = self.tally
-        told = ", ".join(f"{found.pairs[each]} {each}" for each in DIMENSIONS)
-        return (
-            f"{sum(found.pairs.values())} pairs over {sum(found.chains.values())} chains of up to {max(found.chains)} "
-            f"hops: {len(found.widened)} widened, {len(found.parted)} opinions parted ({told}; {found.by_biscuit} of "
-            f"Biscuit, {found.by_issuing} of the issuer), {sum(found.forged.values())} forged hops: {len(found.wrong)} "
-            f"judged wrong; {self.seconds:.0f} s, seeds {', '.join(map(str, self.seeds))}"
-        )
-
-    def figures(self) -> dict[str, Any]:
-        """All of it, ready for JSON."""
-        found = self.tally
-        return {
-            "count": self.count,
-            "seeds": list(self.seeds),
-            "chains": {str(hops): count for hops, count in sorted(found.chains.items())},
-            "pairs": dict(found.pairs),
-            "split": dict(found.split),
+        failures = {
             "widened": found.widened,
-            "parted": found.parted,
-            "by_biscuit": found.by_biscuit,
-            "by_issuing": found.by_issuing,
-            "forged": dict(found.forged),
-            "wrong": found.wrong,
-            "seconds": round(self.seconds, 1),
+            "opinions parted": found.parted,
+            "forged hops judged wrong": found.wrong,
         }
+        return missed(faults, failures)
 
 
 # --- what the library says -------------------------------------------------------------------------------------------
@@ -304,11 +268,10 @@ def run(count: int = COUNT, seed: int = 1, *, processes: int = 2, each: int = EA
         processes: that share the work; with 1 it is done here.
         each: requests for each chain.
     """
-    began = time.perf_counter()
     seeds = seeds_of(seed, processes)
     parts = zip(shares(count, processes), seeds, strict=True)
     work = [(f"attenuation {own}", share, own, each) for share, own in parts]
-    return Figures(count, seeds, _sum(together(_share, work)), time.perf_counter() - began)
+    return Figures(count, _sum(together(_share, work)))
 
 
 def _sum(tallies: Sequence[Tally]) -> Tally:

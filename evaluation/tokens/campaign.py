@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
 
@@ -71,6 +71,17 @@ class Campaign:
     title: str
     bar: str
     run: Callable[[Settings], Outcome | Skipped]
+
+
+def missed(faults: Mapping[str, bool], failures: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
+    """Where a bar is not met: each fault that is there, and of each kind of failure how many and the first one, whole.
+
+    Args:
+        faults: what is wrong, and whether it is.
+        failures: each kind, with what shows it; made of random draws, so that only the text itself shows it again.
+    """
+    told = [f"{len(each)} {what}, the first: {each[0]}" for what, each in failures.items() if each]
+    return (*(what for what, bad in faults.items() if bad), *told)
 
 
 MISSES: int = 5

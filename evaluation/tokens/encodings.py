@@ -6,10 +6,9 @@ appended to each message, twelve families of other texts. The Biscuit library al
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
 
 from capabilities.caps import DEFAULT
@@ -18,6 +17,7 @@ from capabilities.chain import Chain
 from capabilities.errors import Fault
 from capabilities.scope import Restriction
 from evaluation.tokens import fields
+from evaluation.tokens.campaign import missed
 from evaluation.tokens.issuer import CELLS, SPONSOR, Issuer, chain_of, verified
 from evaluation.tokens.shapes import SMALL
 
@@ -42,8 +42,6 @@ class Figures:
         accepted: spellings that were, with their family; the first ones in hex.
         stray: what was raised.
         tokens: whether both tokens were accepted as they were issued, before and after.
-        whole: whether every spelling was tried, and not one in so many.
-        seconds: that it took.
     """
 
     tried: Mapping[str, int]
@@ -51,13 +49,6 @@ class Figures:
     accepted: tuple[str, ...]
     stray: tuple[str, ...]
     tokens: bool
-    whole: bool
-    seconds: float
-
-    @property
-    def ok(self) -> bool:
-        """Whether the bar is met."""
-        return not self.missed
 
     @property
     def missed(self) -> tuple[str, ...]:
@@ -65,30 +56,8 @@ class Figures:
         faults = {
             "an issued token is refused": not self.tokens,
             "a family was not tried": len(self.tried) != len(FAMILIES) + 1,
-            f"{len(self.accepted)} accepted": bool(self.accepted),
-            f"{len(self.stray)} stray exceptions": bool(self.stray),
         }
-        return tuple(told for told, bad in faults.items() if bad)
-
-    def summary(self) -> str:
-        """One line."""
-        told = ", ".join(f"{count} {family}" for family, count in self.tried.items())
-        return (
-            f"{sum(self.tried.values())} other spellings{'' if self.whole else ' (a part)'}: {len(self.accepted)} "
-            f"accepted, {len(self.stray)} stray exceptions ({told}); {self.seconds:.0f} s"
-        )
-
-    def figures(self) -> dict[str, Any]:
-        """All of it, ready for JSON."""
-        return {
-            "tried": dict(self.tried),
-            "codes": dict(self.codes),
-            "accepted": list(self.accepted),
-            "stray": list(self.stray),
-            "tokens": self.tokens,
-            "whole": self.whole,
-            "seconds": round(self.seconds, 1),
-        }
+        return missed(faults, {"accepted": self.accepted, "stray exceptions": self.stray})
 
 
 def tokens(issuer: Issuer) -> tuple[bytes, bytes]:
@@ -237,7 +206,6 @@ def search(of: tuple[bytes, ...], ask: Callable[[bytes], Chain | Fault], *, ever
         every: one spelling in so many is tried.
         offset: from which on.
     """
-    began = time.perf_counter()
     tried: Counter[str] = Counter()
     codes: Counter[str] = Counter()
     accepted: list[str] = []
@@ -267,9 +235,7 @@ def search(of: tuple[bytes, ...], ask: Callable[[bytes], Chain | Fault], *, ever
         for text in texts(token):
             judge(TEXTS, text)
     good = good and all(isinstance(ask(token), Chain) for token in of)
-    return Figures(
-        tried, codes, tuple(accepted), tuple(stray), good, whole=every == 1, seconds=time.perf_counter() - began
-    )
+    return Figures(tried, codes, tuple(accepted), tuple(stray), good)
 
 
 def _from_text(text: str, ask: Callable[[bytes], Chain | Fault]) -> Chain | Fault:

@@ -6,7 +6,6 @@ fact, a rule or a check to a block, and never a hop, an operation or a permissio
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
@@ -19,6 +18,7 @@ from capabilities.errors import CapabilityError
 from capabilities.scope import Grant, Limit, Range, Restriction, Scope
 from capabilities.units import Parameter, Unit
 from evaluation.tokens import fields
+from evaluation.tokens.campaign import missed
 from evaluation.tokens.issuer import AT, CELLS, SPONSOR, Issuer, verified
 from evaluation.tokens.shapes import SMALL
 
@@ -52,19 +52,12 @@ class Figures:
         texts: how many.
         carried, refused: for each place, how many texts came back, and how many were refused.
         injected: texts that came to be more than a text.
-        seconds: that it took.
     """
 
     texts: int
     carried: dict[str, int]
     refused: dict[str, int]
     injected: tuple[str, ...]
-    seconds: float
-
-    @property
-    def ok(self) -> bool:
-        """Whether the bar is met: by every text in every place, and some texts were carried."""
-        return not self.missed
 
     @property
     def missed(self) -> tuple[str, ...]:
@@ -73,27 +66,8 @@ class Figures:
         faults = {
             "a text was not tried in some place": any(count != self.texts for count in tried),
             "hardly any text was carried": not self.carried.get("purpose", 0) > self.texts // 2,
-            f"{len(self.injected)} injected": bool(self.injected),
         }
-        return tuple(told for told, bad in faults.items() if bad)
-
-    def summary(self) -> str:
-        """One line."""
-        return (
-            f"{self.texts} texts in each of {len(PLACES)} places: {len(self.injected)} injected "
-            f"({sum(self.carried.values())} came back as they were, {sum(self.refused.values())} refused); "
-            f"{self.seconds:.0f} s"
-        )
-
-    def figures(self) -> dict[str, Any]:
-        """All of it, ready for JSON."""
-        return {
-            "texts": self.texts,
-            "carried": self.carried,
-            "refused": self.refused,
-            "injected": list(self.injected),
-            "seconds": round(self.seconds, 1),
-        }
+        return missed(faults, {"injected": self.injected})
 
 
 # --- places ----------------------------------------------------------------------------------------------------------
@@ -167,7 +141,6 @@ PLACES: Final[dict[str, Callable[[Issuer, str], Made]]] = {
 
 def run(seed: int = 1) -> Figures:
     """The figures of the campaign; the seed is that of the keys."""
-    began = time.perf_counter()
     issuer = Issuer(f"injection {seed}")
     carried: Counter[str] = Counter()
     refused: Counter[str] = Counter()
@@ -185,7 +158,7 @@ def run(seed: int = 1) -> Figures:
                 injected.append(f"{place} {text!r} {what}" if len(injected) < _KEPT else "")
             accepted = isinstance(verified(issuer.verifier(), made.token), Chain)
             (carried if accepted else refused)[place] += 1
-    return Figures(len(set(TEXTS)), dict(carried), dict(refused), tuple(injected), time.perf_counter() - began)
+    return Figures(len(set(TEXTS)), dict(carried), dict(refused), tuple(injected))
 
 
 def _injected(issuer: Issuer, made: Made, text: str, likeness: list[dict[int, int]]) -> str:

@@ -25,6 +25,8 @@ def _mutants(settings: Settings) -> Outcome:
         "stray exceptions": len(tally.stray),
         "over 50 ms": tally.slow,
         "worst_ms": round(tally.worst_ms, 1),
+        "worst_processor_ms": round(tally.worst_cpu_ms, 1),
+        "pauses": tally.paused,
         "memory_mib": round(tally.growth_mib, 1),
     }
     return Outcome(sum(tally.tried.values()), figures, found.missed)
@@ -46,6 +48,10 @@ def _attenuation(settings: Settings) -> Outcome:
         "opinions parted": len(tally.parted),
         "forged hops judged wrong": len(tally.wrong),
         "chains": sum(tally.chains.values()),
+        "answers of Biscuit": tally.by_biscuit,
+        "answers of the issuer": tally.by_issuing,
+        "forged hops": sum(tally.forged.values()),
+        "hostile texts": sum(texts.carried.values()) + sum(texts.refused.values()),
         "fewest pairs of a dimension": min(tally.pairs.values(), default=0),
     }
     return Outcome(sum(tally.pairs.values()), figures, (*found.missed, *texts.missed))

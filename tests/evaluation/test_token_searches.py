@@ -43,7 +43,5 @@ def test_what_is_missed_is_told(campaign, module, monkeypatch):
     real = module.run
     monkeypatch.setattr(searches, "QUICK_MUTANTS", 50)
     monkeypatch.setattr(searches, "QUICK_PAIRS", 1_500)
-    monkeypatch.setattr(
-        module, "run", lambda count, seed: module.Figures(count + 1, (seed,), real(count, seed).tally, 0.0)
-    )
+    monkeypatch.setattr(module, "run", lambda count, seed: module.Figures(count + 1, real(count, seed).tally))
     assert not campaign.run(SETTINGS).met
