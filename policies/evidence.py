@@ -6,7 +6,7 @@ marked `NOT_COLLECTED`, and a primitive that needs it does not hold.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 from typing import TYPE_CHECKING, Final
 
@@ -16,6 +16,8 @@ from policies import canonical
 if TYPE_CHECKING:
     from capabilities.errors import Fault
     from capabilities.scope import Tier
+    from policies.conduct import BehaviourReading, SequenceReading
+    from policies.said import ContextReading, InstructionReading, MessageReading
 
 
 class NotCollected(Enum):
@@ -45,10 +47,25 @@ class ToolReading:
 
 
 @dataclass(frozen=True, slots=True)
+class EdgeReading:
+    """Trust of one party in one other, in permille; it belongs to this edge and to no other."""
+
+    delegator: str
+    delegate: str
+    score_permille: int
+
+
+@dataclass(frozen=True, slots=True)
 class TrustReading:
-    """Trust in the weakest edge of the chain, in permille, as `policies.trust` makes it of signed statements."""
+    """Trust along a chain, as `policies.trust` makes it of signed statements.
+
+    Attributes:
+        score_permille: of the chain: that of its weakest edge.
+        edges: one for each hop, the sponsor's trust in the first holder first.
+    """
 
     score_permille: int
+    edges: tuple[EdgeReading, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,6 +257,11 @@ class Evidence:
         robot: its readiness; like `impact`.
         approval: what people said to this request, or None when nobody was asked.
         opening: the prior leave that a safety-critical act needs, or None when there is none.
+        instruction: of an operator (e1, e2).
+        message: of another agent (e2).
+        context: what would enter a context (e3), or what the arguments of a call derive from (e4).
+        sequence: what the command stands in; like `impact`.
+        behaviour: of the holder.
     """
 
     at: float
@@ -255,6 +277,11 @@ class Evidence:
     robot: RobotReading | NotCollected = NOT_COLLECTED
     approval: ApprovalReading | NotCollected | None = NOT_COLLECTED
     opening: OpeningReading | NotCollected | None = NOT_COLLECTED
+    instruction: InstructionReading | NotCollected = NOT_COLLECTED
+    message: MessageReading | NotCollected = NOT_COLLECTED
+    context: ContextReading | NotCollected = NOT_COLLECTED
+    sequence: SequenceReading | NotCollected = NOT_COLLECTED
+    behaviour: BehaviourReading | NotCollected = NOT_COLLECTED
 
     @property
     def digest(self) -> str:
@@ -266,21 +293,5 @@ class Evidence:
         chain: object = self.chain
         if isinstance(chain, Chain):
             chain = ("verified", chain.token_id, chain.digest, chain.root_key_id, chain.epoch, chain.view_age_ms)
-        return canonical.digest(
-            "evidence",
-            {
-                "at": self.at,
-                "at_ms": self.at_ms,
-                "chain": chain,
-                "proof": self.proof,
-                "request_fault": self.request_fault,
-                "robot_fault": self.robot_fault,
-                "tool": self.tool,
-                "trust": self.trust,
-                "impact": self.impact,
-                "perception": self.perception,
-                "robot": self.robot,
-                "approval": self.approval,
-                "opening": self.opening,
-            },
-        )
+        readings = {field.name: getattr(self, field.name) for field in fields(self)}
+        return canonical.digest("evidence", {**readings, "chain": chain})

@@ -169,6 +169,94 @@ class Parameters:
         meaning="how far each joint may be at use from where it was shown",
         source="DESIGN section 6: 2 mrad",
     )
+    intent_age_s: int = _named(
+        3_600,
+        unit="s",
+        low=1,
+        high=86_400,
+        meaning="oldest instruction of a person that may be acted on",
+        source="ours: as long as a hop of evidence kind key lives",
+    )
+    message_age_s: int = _named(
+        60,
+        unit="s",
+        low=1,
+        high=3_600,
+        meaning="oldest message between agents that may be acted on",
+        source="ours: what is asked for is asked for now; capabilities.statements.message lets one live an hour",
+    )
+    manifest_age_s: int = _named(
+        604_800,
+        unit="s",
+        low=1,
+        high=31_536_000,
+        meaning="oldest manifest of a curated collection",
+        source="ours: a curator looks at a collection at least once a week",
+    )
+    suspicious_admitted_count: int = _named(
+        1,
+        unit="count",
+        low=0,
+        high=1,
+        meaning="1: a text with instructions or hidden characters in it is admitted as tainted; 0: it is refused",
+        source="ours: screening is evidence and errs; the taint is what protects",
+    )
+    unvouched_max_tier: int = _named(
+        0,
+        unit="tier",
+        low=0,
+        high=4,
+        meaning="highest tier of an act with an argument that derives from a text for which nobody vouches, or tainted",
+        source="ours: such a text moves nothing",
+    )
+    agent_max_tier: int = _named(
+        4,
+        unit="tier",
+        low=0,
+        high=4,
+        meaning="highest tier of an act with an argument that is an agent's own choice",
+        source="ours: scope, physics and people bound it; a stricter set asks for provenance from tier 2 on",
+    )
+    recorded_max_tier: int = _named(
+        2,
+        unit="tier",
+        low=0,
+        high=4,
+        meaning="highest tier of an act with an argument from a tool's response, memory or a curated document",
+        source="ours: what a person or a sensor has not said carries no high consequence",
+    )
+    alternations_max_count: int = _named(
+        6,
+        unit="count",
+        low=0,
+        high=1_000,
+        meaning="most acts within the window that undo each other",
+        source="ours: three times there and back is work; more is shaking",
+    )
+    sequence_drift_urad: int = _named(
+        20_000,
+        unit="urad",
+        low=0,
+        high=1_000_000,
+        meaning="how far a joint may be from where the committed state says that it is",
+        source="ours: 20 mrad, which moves the tool of a UR3e by at most 10 mm at its reach of 0.5 m",
+    )
+    behaviour_age_ms: int = _named(
+        5_000,
+        unit="ms",
+        low=1,
+        high=60_000,
+        meaning="oldest word about the holder's behaviour on which an act with physical impact may be permitted",
+        source="ours: behaviour is known over minutes; a PEP adds what it saw itself at once",
+    )
+    contracted_max_tier: int = _named(
+        0,
+        unit="tier",
+        low=0,
+        high=4,
+        meaning="highest tier of an act of an agent that holds the minimum safe set",
+        source="ours: it may look and it may stop",
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,6 +85,35 @@ class Reason(StrEnum):
     APPROVED_TOO_FAST = "APPROVED_TOO_FAST"
     APPROVAL_USED = "APPROVAL_USED"
     APPROVAL_NOT_USABLE = "APPROVAL_NOT_USABLE"
+    INSTRUCTION_UNAUTHENTIC = "INSTRUCTION_UNAUTHENTIC"
+    INSTRUCTION_MALFORMED = "INSTRUCTION_MALFORMED"
+    INSTRUCTION_OLD = "INSTRUCTION_OLD"
+    INTENT_NOT_BOUND = "INTENT_NOT_BOUND"
+    TEXT_WITHOUT_AUTHORITY = "TEXT_WITHOUT_AUTHORITY"
+    TEXT_SUSPICIOUS = "TEXT_SUSPICIOUS"
+    DOCUMENT_UNSIGNED = "DOCUMENT_UNSIGNED"
+    DOCUMENT_NOT_LISTED = "DOCUMENT_NOT_LISTED"
+    MANIFEST_OLD = "MANIFEST_OLD"
+    PROVENANCE_MISSING = "PROVENANCE_MISSING"
+    RESPONSE_MISMATCH = "RESPONSE_MISMATCH"
+    ARGUMENT_NOT_VOUCHED = "ARGUMENT_NOT_VOUCHED"
+    MESSAGE_UNAUTHENTIC = "MESSAGE_UNAUTHENTIC"
+    MESSAGE_MALFORMED = "MESSAGE_MALFORMED"
+    MESSAGE_MISDIRECTED = "MESSAGE_MISDIRECTED"
+    MESSAGE_OUT_OF_SEQUENCE = "MESSAGE_OUT_OF_SEQUENCE"
+    MESSAGE_OUT_OF_DELEGATION = "MESSAGE_OUT_OF_DELEGATION"
+    MESSAGE_OLD = "MESSAGE_OLD"
+    SEQUENCE_DRIFT = "SEQUENCE_DRIFT"
+    SEQUENCE_ALTERNATES = "SEQUENCE_ALTERNATES"
+    SEQUENCE_UNKNOWN = "SEQUENCE_UNKNOWN"
+    SEQUENCE_TOO_HIGH = "SEQUENCE_TOO_HIGH"
+    SEQUENCE_NEEDS_APPROVAL = "SEQUENCE_NEEDS_APPROVAL"
+    TRUST_NOT_OF_EDGE = "TRUST_NOT_OF_EDGE"
+    BEHAVIOUR_DEVIATES = "BEHAVIOUR_DEVIATES"
+    BEHAVIOUR_DRIFTS = "BEHAVIOUR_DRIFTS"
+    BEHAVIOUR_OLD = "BEHAVIOUR_OLD"
+    REATTESTATION_NEEDED = "REATTESTATION_NEEDED"
+    SCOPE_CONTRACTED = "SCOPE_CONTRACTED"
 
     # enforcement
     APPROVAL_TIMEOUT = "APPROVAL_TIMEOUT"
@@ -274,6 +303,103 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.APPROVAL_NOT_USABLE: ReasonRow(
             "The approval does not fit what is so now.", "Wait for a person's new answer, or restore what was shown."
         ),
+        Reason.INSTRUCTION_UNAUTHENTIC: ReasonRow(
+            "The instruction is not from an authenticated person.", "A person signs the instruction.", ("CII-1",)
+        ),
+        Reason.INSTRUCTION_MALFORMED: ReasonRow(
+            "The instruction is not well formed.", "State it in its schema, with finite numbers.", ("CII-1",)
+        ),
+        Reason.INSTRUCTION_OLD: ReasonRow("The instruction is too old.", "A person states it again.", ("CII-1",)),
+        Reason.INTENT_NOT_BOUND: ReasonRow(
+            "The delegation is not bound to what the person signed.",
+            "Delegate with the digest of the person's intent.",
+            ("CII-1",),
+        ),
+        Reason.TEXT_WITHOUT_AUTHORITY: ReasonRow(
+            "A text that is not from a principal was offered as authority.",
+            "Use it as content; a person gives instructions.",
+            ("CII-2",),
+        ),
+        Reason.TEXT_SUSPICIOUS: ReasonRow(
+            "A text has instructions or hidden characters in it.",
+            "Leave it out, or have a curator look at it and sign it.",
+            ("CII-2",),
+        ),
+        Reason.DOCUMENT_UNSIGNED: ReasonRow(
+            "A document is not signed by a curator, or was changed.", "A curator signs the document.", ("CII-3",)
+        ),
+        Reason.DOCUMENT_NOT_LISTED: ReasonRow(
+            "A document is not in the audited manifest.", "A curator lists the document.", ("CII-3",)
+        ),
+        Reason.MANIFEST_OLD: ReasonRow(
+            "The manifest of the documents is too old.", "A curator signs the manifest again.", ("CII-3",)
+        ),
+        Reason.PROVENANCE_MISSING: ReasonRow(
+            "Nobody who may vouches for what would be remembered or returned.",
+            "Write it under a token that grants writing, through the enforcement point.",
+            ("CII-5",),
+        ),
+        Reason.RESPONSE_MISMATCH: ReasonRow(
+            "A tool's response is not that of the approved tool to this request.", "Call the tool again.", ("CII-5",)
+        ),
+        Reason.ARGUMENT_NOT_VOUCHED: ReasonRow(
+            "An argument derives from something that is not believed for this impact.",
+            "Take the value from a person, a sensor or a signed document, or lower the impact.",
+            ("CII-5",),
+        ),
+        Reason.MESSAGE_UNAUTHENTIC: ReasonRow(
+            "The message is not signed by the holder that it names.",
+            "The sender signs it with its own key.",
+            ("CII-6",),
+        ),
+        Reason.MESSAGE_MALFORMED: ReasonRow("The message is not of its schema.", "Send it in its schema.", ("CII-6",)),
+        Reason.MESSAGE_MISDIRECTED: ReasonRow(
+            "The message is for somebody else.", "Address it to the receiver.", ("CII-6",)
+        ),
+        Reason.MESSAGE_OUT_OF_SEQUENCE: ReasonRow(
+            "The message is out of sequence.", "Send each message once, in order.", ("CII-6",)
+        ),
+        Reason.MESSAGE_OUT_OF_DELEGATION: ReasonRow(
+            "The message asks for more than its delegation holds.", "Ask for what was delegated.", ("CII-6",)
+        ),
+        Reason.MESSAGE_OLD: ReasonRow("The message is too old.", "Send it again.", ("CII-6",)),
+        Reason.SEQUENCE_DRIFT: ReasonRow(
+            "The arm is not where the sequence assumes.", "Read the state, and ask from there.", ("TEA-6",)
+        ),
+        Reason.SEQUENCE_ALTERNATES: ReasonRow(
+            "Acts undo each other too often.", "Wait, or ask for one act that does it.", ("TEA-6",)
+        ),
+        Reason.SEQUENCE_UNKNOWN: ReasonRow("What the gripper holds is not known.", _AT_THE_ROBOT, ("TEA-6",)),
+        Reason.SEQUENCE_TOO_HIGH: ReasonRow(
+            "The acts taken together have more impact than the token allows.",
+            "Wait, slow down, or keep away from people and fragile things.",
+            ("TEA-6",),
+        ),
+        Reason.SEQUENCE_NEEDS_APPROVAL: ReasonRow(
+            "The acts taken together need a person's approval.",
+            "Wait for a person's answer, or let time pass between the acts.",
+            ("TEA-6",),
+        ),
+        Reason.TRUST_NOT_OF_EDGE: ReasonRow(
+            "Trust was stated for another edge than the chain's, or for more than its weakest.", _REPORT, ("CATP-1",)
+        ),
+        Reason.BEHAVIOUR_DEVIATES: ReasonRow(
+            "The agent does not behave as usual.", "Wait for a person's answer.", ("ABG-1",)
+        ),
+        Reason.BEHAVIOUR_DRIFTS: ReasonRow(
+            "The agent's acts draw near to a bound.", "A person looks at it and restores the agent.", ("ABG-2",)
+        ),
+        Reason.BEHAVIOUR_OLD: ReasonRow(
+            "What is known of the agent's behaviour is too old.",
+            "Try again once the feed is back.",
+            ("ABG-1", "ABG-2", "ABG-3", "ABG-4"),
+        ),
+        Reason.REATTESTATION_NEEDED: ReasonRow(
+            "The agent has to be attested again after it deviated.", "Attest again, and delegate anew.", ("ABG-3",)
+        ),
+        Reason.SCOPE_CONTRACTED: ReasonRow(
+            "The agent holds the minimum safe set after it deviated.", "A person restores the agent.", ("ABG-4",)
+        ),
         Reason.ASK_BUDGET_SPENT: ReasonRow(
             "People are asked too often.", "Wait until earlier questions are answered or over."
         ),
@@ -304,6 +430,26 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.CHAIN_OUT_OF_BOUNDS,
     Reason.SPONSOR_AUTHENTICATION_OLD,
     Reason.ATTESTATION_OLD,
+    Reason.TRUST_NOT_OF_EDGE,
+    Reason.REATTESTATION_NEEDED,
+    # then what was said, and who said it
+    Reason.INSTRUCTION_UNAUTHENTIC,
+    Reason.INSTRUCTION_MALFORMED,
+    Reason.INSTRUCTION_OLD,
+    Reason.INTENT_NOT_BOUND,
+    Reason.MESSAGE_UNAUTHENTIC,
+    Reason.MESSAGE_MALFORMED,
+    Reason.MESSAGE_MISDIRECTED,
+    Reason.MESSAGE_OUT_OF_SEQUENCE,
+    Reason.MESSAGE_OUT_OF_DELEGATION,
+    Reason.MESSAGE_OLD,
+    Reason.DOCUMENT_UNSIGNED,
+    Reason.DOCUMENT_NOT_LISTED,
+    Reason.MANIFEST_OLD,
+    Reason.PROVENANCE_MISSING,
+    Reason.RESPONSE_MISMATCH,
+    Reason.TEXT_WITHOUT_AUTHORITY,
+    Reason.TEXT_SUSPICIOUS,
     # then the tool, the grant and the parameters
     Reason.TOOL_UNKNOWN,
     Reason.TOOL_DEFINITION_CHANGED,
@@ -316,6 +462,11 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.PARAMETERS_WRONG,
     Reason.LIMIT_EXCEEDED_BY_REQUEST,
     Reason.ROBOT_LIMIT,
+    Reason.ARGUMENT_NOT_VOUCHED,
+    # then how the agent has behaved
+    Reason.SCOPE_CONTRACTED,
+    Reason.BEHAVIOUR_DRIFTS,
+    Reason.BEHAVIOUR_OLD,
     # then the state of the robot
     Reason.ROBOT_SAFETY_STOP,
     Reason.ROBOT_NOT_RUNNING,
@@ -331,8 +482,12 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.PERCEPTION_INVALID,
     Reason.PHYSICS_FAULT,
     Reason.BUSY,
+    Reason.SEQUENCE_UNKNOWN,
+    Reason.SEQUENCE_DRIFT,
+    Reason.SEQUENCE_ALTERNATES,
     Reason.PHYSICS_VIOLATION,
     Reason.ABOVE_CEILING,
+    Reason.SEQUENCE_TOO_HIGH,
     Reason.APPROVAL_DENIED,
     Reason.APPROVED_TOO_FAST,
     Reason.APPROVAL_USED,
@@ -340,7 +495,9 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.TIER_SAFETY_CRITICAL,
     Reason.PROHIBITED,
     Reason.TIER_NEEDS_APPROVAL,
+    Reason.SEQUENCE_NEEDS_APPROVAL,
     Reason.PERCEPTION_MISSING,
+    Reason.BEHAVIOUR_DEVIATES,
     Reason.TRUST_TOO_LOW,
     Reason.APPROVAL_REQUIRED,
     # last, what only says that something else was not known

@@ -1,0 +1,95 @@
+"""Where a value comes from and who vouches for it: a label, and the rules by which labels spread.
+
+As in FIDES and CaMeL, the label on an argument is the control; what a text says about itself is nothing. Labels only
+get worse: what is made of several values has the least integrity of them, the greatest age, and their taint. Nothing
+here raises one; a new signature over the value itself is a new value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class Source(StrEnum):
+    """What kind of thing a value came from."""
+
+    OPERATOR = "operator"
+    SENSOR = "sensor"
+    RETRIEVAL = "retrieval"
+    MEMORY = "memory"
+    TOOL = "tool"
+    AGENT = "agent"
+    TEXT = "text"
+    """A text that nobody vouches for."""
+
+
+class Integrity(IntEnum):
+    """Who vouches for a value, in order: each kind is believed for at least as much as the one before."""
+
+    NONE = 0
+    """Nobody."""
+    AGENT = 1
+    """An authenticated agent says so: its own choice, or its message to another."""
+    RECORDED = 2
+    """A pinned tool answered so to a recorded request, or an agent wrote it to memory under its token."""
+    CURATED = 3
+    """A curator signed it and the audited manifest lists it."""
+    SENSED = 4
+    """A registered, calibrated sensor signed it."""
+    PRINCIPAL = 5
+    """An authenticated person signed it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """What is known of one value.
+
+    Attributes:
+        sources: kinds of everything that it derives from, at least one.
+        signers: ids of everybody who signed any of that; empty when nobody did.
+        integrity: the least of it.
+        age_ms: of the oldest part, at least 0.
+        tainted: some part of it is text in which instructions or hidden characters were found.
+    """
+
+    sources: frozenset[Source]
+    signers: frozenset[str]
+    integrity: Integrity
+    age_ms: int
+    tainted: bool = False
+
+
+NOBODY: Final = Label(frozenset({Source.TEXT}), frozenset(), Integrity.NONE, 0)
+"""The label of what has none."""
+
+
+def joined(labels: Iterable[Label]) -> Label:
+    """The label of what derives from all of these; of nothing at all it is `NOBODY`.
+
+    A model's output derives from everything in its context, whatever it says it used.
+    """
+    parts = tuple(labels)
+    if not parts:
+        return NOBODY
+    return Label(
+        sources=frozenset().union(*(part.sources for part in parts)),
+        signers=frozenset().union(*(part.signers for part in parts)),
+        integrity=min(part.integrity for part in parts),
+        age_ms=max(part.age_ms for part in parts),
+        tainted=any(part.tainted for part in parts),
+    )
+
+
+def aged(label: Label, by_ms: int) -> Label:
+    """The same label `by_ms` milliseconds later; time never goes back, so a negative wait is none."""
+    return Label(label.sources, label.signers, label.integrity, label.age_ms + max(0, by_ms), label.tainted)
+
+
+def tainted(label: Label) -> Label:
+    """The same label after instructions or hidden characters were found in the text."""
+    return Label(label.sources, label.signers, label.integrity, label.age_ms, tainted=True)
