@@ -12,6 +12,7 @@ from capabilities.statements import (
     attestation,
     cell,
     checkpoint,
+    manifest,
     message,
     observation,
     opening,
@@ -29,7 +30,8 @@ class Signer(StrEnum):
     """Who has a key that signs.
 
     The first five are the roles of the trust bundle; root and attester sign tokens and no statement. The others are
-    registered with the identity provider, but for the surveyor, whose key a cell's configuration names.
+    registered with the identity provider, but for the surveyor and the curators, whose keys the configuration of an
+    enforcement point names.
     """
 
     ROOT = "root"
@@ -42,6 +44,7 @@ class Signer(StrEnum):
     PEP = "pep"
     SENSOR = "sensor"
     SURVEYOR = "surveyor"
+    CURATOR = "curator"
 
 
 SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
@@ -51,6 +54,7 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         attestation.KIND: Signer.AGENT,
         cell.KIND: Signer.SURVEYOR,
         checkpoint.KIND: Signer.LEDGER,
+        manifest.KIND: Signer.CURATOR,
         message.KIND: Signer.AGENT,
         observation.KIND: Signer.SENSOR,
         opening.KIND: Signer.APPROVER,

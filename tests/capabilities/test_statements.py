@@ -18,6 +18,7 @@ from capabilities.statements import (
     attestation,
     cell,
     checkpoint,
+    manifest,
     message,
     observation,
     opening,
@@ -144,6 +145,18 @@ SAID = message.Message(
     at=NOW,
     not_after=NOW + 60,
 )
+LISTED = manifest.Manifest(
+    collection="procedures",
+    content="document",
+    curator="dora",
+    version=4,
+    entries=(
+        manifest.entry_of("gripping", b"Close on the part with 40 N.", "handbook-7"),
+        manifest.Entry("moving", HEX, "handbook-7"),
+    ),
+    at=NOW,
+    not_after=NOW + 86_400,
+)
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
 
 KINDS = {
@@ -157,6 +170,7 @@ KINDS = {
     opening: OPENED,
     answers: STANDING,
     cell: SURVEY,
+    manifest: LISTED,
     message: SAID,
     trust: TRUST,
 }
@@ -520,6 +534,71 @@ def test_an_answer_names_the_very_text():
     assert message.digest_of(text) != message.digest_of(message.sign(dataclasses.replace(SAID, sequence=4), SIGNER))
     answer = dataclasses.replace(SAID, in_reply_to=message.digest_of(text))
     assert message.open(message.sign(answer, SIGNER), TRUSTED, DEFAULT).in_reply_to == vote.digest_of(text)
+
+
+A_DOCUMENT = {"id": "a", "digest": HEX, "source": "s"}
+LISTS_THAT_ARE_NONE = {
+    "an id twice": {"entries": [A_DOCUMENT, {**A_DOCUMENT, "digest": "cd" * 32}]},
+    "out of order": {"entries": [{**A_DOCUMENT, "id": "b"}, A_DOCUMENT]},
+    "too many": {"entries": [{**A_DOCUMENT, "id": f"d{n:04}"} for n in range(manifest.ENTRIES + 1)]},
+    "an id in another script": {"entries": [{**A_DOCUMENT, "id": "gr\u0456pping"}]},
+    "an id that is decomposed": {"entries": [{**A_DOCUMENT, "id": "gru\u0308n"}]},
+    "an id that turns the line": {"entries": [{**A_DOCUMENT, "id": "a\u202eb"}]},
+    "no version": {"version": 0},
+    "another content": {"content": "instruction"},
+    "over before it was signed": {"not_after": NOW},
+    "too long a life": {"not_after": NOW + manifest.LIFETIME_S + 1},
+}
+
+
+@pytest.mark.clause("STM-5")
+@pytest.mark.parametrize("name", LISTS_THAT_ARE_NONE)
+def test_a_manifest_is_well_formed(name):
+    text = sealed.sign("manifest", {**claims_of(manifest), **LISTS_THAT_ARE_NONE[name]}, SIGNER)
+    assert code_of(manifest, text) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-1", "STM-5")
+def test_the_largest_manifest_fits():
+    long = "x" * 59
+    full = dataclasses.replace(
+        LISTED,
+        collection="c" * 256,
+        curator="d" * 256,
+        entries=tuple(manifest.Entry(f"{n:04}{long}", HEX, f"{long}{n:04}") for n in range(manifest.ENTRIES)),
+        not_after=NOW + manifest.LIFETIME_S,
+    )
+    assert manifest.open(manifest.sign(full, SIGNER), TRUSTED, DEFAULT) == full
+
+
+SHELF = manifest.Place("procedures", "document", "dora", 0, "")
+OFF_THE_SHELF = {
+    "of another curator": ({"curator": "eve"}, SHELF, FaultCode.STATEMENT_UNTRUSTED),
+    "of another collection": ({"collection": "recipes"}, SHELF, FaultCode.WRONG_AUDIENCE),
+    "of scenarios": ({"content": "scenario"}, SHELF, FaultCode.WRONG_AUDIENCE),
+    "an older one": ({"version": 3}, dataclasses.replace(SHELF, version=4, digest=HEX), FaultCode.REPLAYED),
+    "another of its version": ({}, dataclasses.replace(SHELF, version=4, digest=HEX), FaultCode.REPLAYED),
+    "of the future": ({"at": NOW + 7}, SHELF, FaultCode.NOT_YET_VALID),
+    "over": ({"at": NOW - 60, "not_after": NOW + 1}, SHELF, FaultCode.EXPIRED),
+}
+
+
+@pytest.mark.clause("STM-7")
+@pytest.mark.parametrize("name", OFF_THE_SHELF)
+def test_a_manifest_has_one_place(name):
+    change, place, code = OFF_THE_SHELF[name]
+    text = manifest.sign(dataclasses.replace(LISTED, **change), SIGNER)
+    said = manifest.open(text, TRUSTED, DEFAULT)
+    fault = manifest.refusal(said, manifest.digest_of(text), place, at=NOW + 1, caps=DEFAULT)
+    assert (fault.code, fault.clause) == (code, "STM-7")
+
+
+@pytest.mark.clause("STM-7")
+def test_a_manifest_may_be_read_again_and_followed_by_a_newer_one():
+    text = manifest.sign(LISTED, SIGNER)
+    for digest, version in (("", 0), (manifest.digest_of(text), 4), (HEX, 3)):
+        place = dataclasses.replace(SHELF, version=version, digest=digest)
+        assert manifest.refusal(LISTED, manifest.digest_of(text), place, at=NOW + 1, caps=DEFAULT) is None
 
 
 @pytest.mark.clause("STM-5")

@@ -47,6 +47,7 @@ def test_every_kind_has_a_signer_and_a_row_in_the_specification():
         Signer.FEED: "feed key", Signer.REGISTRY: "registry key", Signer.LEDGER: "ledger key", Signer.AGENT: "the agent",
         Signer.APPROVER: "a registered approver", Signer.PEP: "the PEP", Signer.SENSOR: "a registered sensor",
         Signer.SURVEYOR: "the person that the enforcement point's configuration names",
+        Signer.CURATOR: "a curator that the enforcement point's configuration names",
     }  # fmt: skip
     spec = (ROOT / "docs" / "spec.md").read_text()
     for kind, role in SIGNER_OF.items():

@@ -1,0 +1,162 @@
+"""A curator's signed manifest of a collection: which contents, digest by digest, may be believed when they come out.
+
+Clause [STM-7] in docs/spec.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities.errors import Fault, FaultCode
+from capabilities.statements import sealed
+from capabilities.statements.claims import Claims, malformed, unique
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
+
+KIND: Final = "manifest"
+ENTRIES: Final = 768
+"""Most entries of a manifest; with ids and sources of 63 bytes all of them together still fit a statement."""
+CONTENTS: Final = frozenset({"document", "scenario"})
+"""What a collection holds: documents that are read, or descriptions of scenarios. One is never taken for the other."""
+LIFETIME_S: Final = 366 * 86_400
+"""Longest life of a manifest: a year, as of a cell file. A policy bounds the age of those in use (`manifest_age_s`)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One listed content.
+
+    Attributes:
+        id: under which the collection holds it.
+        digest: SHA-256 (hex) of its bytes.
+        source: where the curator has it from.
+    """
+
+    id: str
+    digest: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """All that a curator vouches for in one collection.
+
+    Attributes:
+        collection: its name.
+        content: what all its entries are, one of `CONTENTS`.
+        curator: id of who signs.
+        version: grows with each change, from 1 on.
+        entries: in the order of their ids, each id once. Two ids may have one digest.
+        at, not_after: when it was signed, and until when it counts; seconds since the epoch.
+    """
+
+    collection: str
+    content: str
+    curator: str
+    version: int
+    entries: tuple[Entry, ...]
+    at: int
+    not_after: int
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a manifest is expected.
+
+    Attributes:
+        collection, content: what it is to be a manifest of.
+        curator: whose key opened it.
+        version, digest: of the newest manifest that was ever accepted here; 0 and "" for none.
+    """
+
+    collection: str
+    content: str
+    curator: str
+    version: int
+    digest: str
+
+
+def entry_of(id_: str, content: bytes, source: str) -> Entry:
+    """The entry that lists these very bytes."""
+    return Entry(id_, hashlib.sha256(content).hexdigest(), source)
+
+
+def sign(manifest: Manifest, key: PrivateKey) -> str:
+    """The manifest, signed by its curator."""
+    claims: dict[str, object] = {
+        "collection": manifest.collection,
+        "content": manifest.content,
+        "curator": manifest.curator,
+        "version": manifest.version,
+        "entries": [{"id": entry.id, "digest": entry.digest, "source": entry.source} for entry in manifest.entries],
+        "at": manifest.at,
+        "not_after": manifest.not_after,
+    }
+    return sealed.sign(KIND, claims, key)
+
+
+def open(text: str, keys: Collection[bytes], caps: Caps) -> Manifest:  # noqa: A001 - read as manifest.open
+    """The manifest, signed by one of these keys, with each id once and in order.
+
+    Raises:
+        StatementError: as `sealed.open`; also for one that ends before it begins or lives longer than `LIFETIME_S`.
+    """
+    members = sealed.open(KIND, text, keys, caps)
+    claims = Claims(members, "collection", "content", "curator", "version", "entries", "at", "not_after")
+    manifest = Manifest(
+        collection=claims.name("collection"),
+        content=claims.one_of("content", CONTENTS),
+        curator=claims.name("curator"),
+        version=claims.integer("version", low=1),
+        entries=unique(claims.each("entries", _entry, most=ENTRIES), lambda entry: entry.id, "an id"),
+        at=claims.integer("at"),
+        not_after=claims.integer("not_after"),
+    )
+    ids = [entry.id for entry in manifest.entries]
+    if ids != sorted(ids):
+        raise malformed("entries out of order")
+    if not 0 < manifest.not_after - manifest.at <= LIFETIME_S:
+        raise malformed("it ends before it begins, or lives for more than a year")
+    return manifest
+
+
+def refusal(manifest: Manifest, digest: str, place: Place, *, at: float, caps: Caps) -> Fault | None:
+    """None when the manifest is the one to go by in its place, now; else the first fault ([STM-7]).
+
+    To be asked at each use: a manifest that was accepted once ends, and a newer one may have been seen since.
+
+    Args:
+        manifest: opened with the key of the curator that `place` names.
+        digest: SHA-256 (hex) of its text.
+        place: where it is expected.
+        at: seconds since the epoch.
+        caps: the bounds.
+    """
+    if manifest.curator != place.curator:
+        return Fault(FaultCode.STATEMENT_UNTRUSTED, "STM-7", "it names another curator than its key's")
+    if (manifest.collection, manifest.content) != (place.collection, place.content):
+        return Fault(FaultCode.WRONG_AUDIENCE, "STM-7", "the manifest of another collection")
+    # Two manifests of one version are two truths: whoever can choose between them can take a correction back.
+    if manifest.version < place.version or (manifest.version == place.version and digest != place.digest):
+        return Fault(FaultCode.REPLAYED, "STM-7", f"version {place.version} was seen")
+    if not manifest.at <= at + caps.skew_s:
+        return Fault(FaultCode.NOT_YET_VALID, "STM-7")
+    if not at < manifest.not_after:
+        return Fault(FaultCode.EXPIRED, "STM-7")
+    return None
+
+
+def digest_of(text: str) -> str:
+    """SHA-256 (hex) of a manifest's text: what a verifier remembers beside its version."""
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
+def _entry(value: object) -> Entry:
+    claims = Claims(value, "id", "digest", "source")
+    return Entry(id=claims.name("id"), digest=claims.hex_digest("digest"), source=claims.name("source"))
