@@ -1,0 +1,217 @@
+"""What entered which context, and so the label of everything that comes out of it.
+
+As in FIDES and CaMeL, whatever a model says derives from everything in its context. The rules:
+
+1. A context that nothing entered says its holder's own choice: source `AGENT`, signed by the holder, `Integrity.AGENT`.
+2. What comes out of a context is that, joined with the label of everything that ever entered it (`policies.labels`).
+3. A context never gets better. Its label only ages, and is joined with more.
+4. A new hop of an agent is no new memory: its context begins with what the agent's other contexts hold.
+5. A reader is a context of its own (CaMeL's quarantined model, the second model of the dual LLM pattern). It begins
+   empty, what enters it enters no other, and it ends with one value, which has the label of all that it read. That
+   value is a thing to be handed on. Shown to the model of another context, it enters that one like anything else.
+6. What was forgotten is never taken for clean: beyond their bounds contexts are joined, or nothing more enters.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final
+
+from policies.labels import Integrity, Label, Source, aged, joined
+
+if TYPE_CHECKING:
+    from capabilities.chain import Hop
+    from pep.ports import Clock
+
+AGENTS: Final = 1_024
+"""Most agents whose contexts are remembered, as many as a registry snapshot names."""
+HOPS: Final = 64
+"""Most contexts of one agent that are told apart; the label of the oldest goes into what each new one begins with."""
+READERS: Final = 64
+"""Most open readers of one agent."""
+SIGNERS: Final = 64
+"""Most signers that a label names; `OTHERS` stands for the rest."""
+OTHERS: Final = "*"
+"""A signer that is nobody's id: there were more than are named."""
+KEPT_MS: Final = 86_400_000
+"""A context is remembered this long after something last entered it: the longest life of a token (`Caps.lifetime_s`).
+The host that keeps one alive for longer says so by `Flow.keep`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Whose context it is: the hop that the agent holds, and the agent."""
+
+    hop_id: str
+    agent: str
+
+    @classmethod
+    def of(cls, hop: Hop) -> Holder:
+        """The holder that a hop of a verified chain names."""
+        return cls(hop.hop_id, hop.agent)
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """One context: of a holder, or (with a `reader` id) of one that only reads for it."""
+
+    holder: Holder
+    reader: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Full:
+    """Nothing more can be remembered, so nothing more may enter. `what` says of what there are too many."""
+
+    what: str
+
+
+@dataclass(slots=True)
+class _Memory:
+    """What is remembered of one agent: a label and its time for each context, and of all that are told apart no more.
+
+    `begun` keeps readers that are open, also those that have read nothing: a reader of which nothing is known is
+    closed.
+    """
+
+    contexts: OrderedDict[str, tuple[Label, int]] = field(default_factory=OrderedDict)
+    begun: dict[str, tuple[Label, int] | None] = field(default_factory=dict)
+    earlier: tuple[Label, int] | None = None
+    touched_ms: int = 0
+
+
+def own(holder: Holder) -> Label:
+    """The label of what a holder chooses out of an empty context."""
+    return Label(frozenset({Source.AGENT}), frozenset({holder.agent}), Integrity.AGENT, 0)
+
+
+class Flow:
+    """The contexts of all holders at one admission point. Any thread; no IO.
+
+    Args:
+        clock: labels age on its monotonic time.
+        agents: most agents that are remembered.
+    """
+
+    def __init__(self, clock: Clock, *, agents: int = AGENTS) -> None:
+        self._clock = clock
+        self._agents = agents
+        self._lock = threading.Lock()
+        self._memory: dict[str, _Memory] = {}
+
+    def context(self, hop: Hop) -> Context:
+        """The context of the holder that a hop of a verified chain names."""
+        return Context(Holder.of(hop))
+
+    def fresh(self, holder: Holder) -> Context | Full:
+        """A new, empty context for a reader that works for the holder, until `close`."""
+        reader = secrets.token_hex(16)
+        with self._lock:
+            memory = self._remembered(holder.agent)
+            if isinstance(memory, Full):
+                return memory
+            if len(memory.begun) >= READERS:
+                return Full("readers")
+            memory.begun[reader] = None
+        return Context(holder, reader)
+
+    def enter(self, into: Context, label: Label) -> Full | None:
+        """Something with this label is in the context from now on; or nothing more may enter it."""
+        with self._lock:
+            memory = self._remembered(into.holder.agent)
+            if isinstance(memory, Full):
+                return memory
+            now_ms = self._clock.monotonic_ms()
+            memory.touched_ms = now_ms
+            if into.reader:
+                if into.reader not in memory.begun:
+                    return Full("a reader that is closed")
+                memory.begun[into.reader] = _more(memory.begun[into.reader], label, now_ms)
+                return None
+            before = memory.contexts.pop(into.holder.hop_id, None) or _all(memory, now_ms)
+            memory.contexts[into.holder.hop_id] = _more(before, label, now_ms)
+            while len(memory.contexts) > HOPS:
+                _, (oldest, since_ms) = memory.contexts.popitem(last=False)
+                memory.earlier = _more(memory.earlier, aged(oldest, now_ms - since_ms), now_ms)
+            return None
+
+    def label(self, of: Context) -> Label:
+        """The label of what comes out of the context now. Of a closed reader nothing is known: it is tainted."""
+        with self._lock:
+            now_ms = self._clock.monotonic_ms()
+            memory = self._memory.get(of.holder.agent)
+            if of.reader:
+                if memory is None or of.reader not in memory.begun:
+                    return replace(own(of.holder), integrity=Integrity.NONE, tainted=True)
+                held = memory.begun[of.reader]
+            elif memory is None:
+                held = None
+            else:
+                held = memory.contexts.get(of.holder.hop_id) or _all(memory, now_ms)
+        return own(of.holder) if held is None else _bounded(joined((own(of.holder), _at(held, now_ms))))
+
+    def close(self, reader: Context) -> Label:
+        """The label of the one value that comes out of a reader, which is forgotten; closed twice, it is tainted."""
+        label = self.label(reader)
+        with self._lock:
+            memory = self._memory.get(reader.holder.agent)
+            if memory is not None and reader.reader:
+                memory.begun.pop(reader.reader, None)
+        return label
+
+    def keep(self, of: Context) -> None:
+        """The context still lives: what is remembered of its agent is remembered for another `KEPT_MS`."""
+        with self._lock:
+            memory = self._memory.get(of.holder.agent)
+            if memory is not None:
+                memory.touched_ms = self._clock.monotonic_ms()
+
+    def unsafe_forget(self, agent: str) -> None:
+        """Nothing is remembered of an agent. Only who has just started it anew, without its memory, may say so."""
+        with self._lock:
+            self._memory.pop(agent, None)
+
+    def _remembered(self, agent: str) -> _Memory | Full:
+        """The agent's memory, made when there is room: what is over makes room, what is alive never does."""
+        memory = self._memory.get(agent)
+        if memory is not None:
+            return memory
+        now_ms = self._clock.monotonic_ms()
+        if len(self._memory) >= self._agents:
+            over = [name for name, old in self._memory.items() if now_ms - old.touched_ms > KEPT_MS]
+            for name in over:
+                del self._memory[name]
+        if len(self._memory) >= self._agents:
+            return Full("agents")
+        self._memory[agent] = memory = _Memory(touched_ms=now_ms)
+        return memory
+
+
+def _at(held: tuple[Label, int], now_ms: int) -> Label:
+    label, since_ms = held
+    return aged(label, now_ms - since_ms)
+
+
+def _more(held: tuple[Label, int] | None, label: Label, now_ms: int) -> tuple[Label, int]:
+    """The label joined into what was held, as of now."""
+    parts = (label,) if held is None else (_at(held, now_ms), label)
+    return _bounded(joined(parts)), now_ms
+
+
+def _all(memory: _Memory, now_ms: int) -> tuple[Label, int] | None:
+    """Everything that entered any context of the agent but its readers'; None when nothing did."""
+    held = list(memory.contexts.values())
+    if memory.earlier is not None:
+        held.append(memory.earlier)
+    return (_bounded(joined(_at(one, now_ms) for one in held)), now_ms) if held else None
+
+
+def _bounded(label: Label) -> Label:
+    """The label with at most `SIGNERS` named: who is not named is `OTHERS`, which no policy knows."""
+    if len(label.signers) <= SIGNERS:
+        return label
+    named = sorted(label.signers - {OTHERS})[: SIGNERS - 1]
+    return replace(label, signers=frozenset((*named, OTHERS)))
