@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import rfc8785
 
+from policies import replay
 from policies.canonical import plain
 from policies.evidence import Evidence
+from policies.model import Effect
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -19,17 +21,8 @@ if TYPE_CHECKING:
     from policies.model import ApprovalUse, Decision, Request
 
 
-def request_body(request: Request) -> dict[str, object]:
-    """A request, whole."""
-    return {
-        "id": request.request_id,
-        "digest": request.digest,
-        "points": sorted(str(point) for point in request.points),
-        "audience": request.audience,
-        "object": request.object,
-        "operation": request.operation,
-        "values": [[v.name, str(v.unit), v.value] for v in request.values],
-    }
+POLICY, GATE = "policy", "gate"
+"""Whose a decision is: what the policies say of the evidence, or a denial of the gate's own."""
 
 
 def decision_body(decision: Decision) -> dict[str, object]:
@@ -37,6 +30,7 @@ def decision_body(decision: Decision) -> dict[str, object]:
     return {
         "effect": str(decision.effect),
         "reason": str(decision.reason),
+        "by": _by(decision),
         "primitive": decision.primitive,
         "tier": None if decision.tier is None else int(decision.tier),
         "index_milli": decision.index,
@@ -50,11 +44,18 @@ def decision_body(decision: Decision) -> dict[str, object]:
     }
 
 
+def _by(decision: Decision) -> str:
+    # What policies find comes with its remedy (policies.primitives.base.found); what the gate adds does not.
+    own = (
+        decision.effect is not Effect.PERMIT and bool(decision.findings) and "remedy" not in decision.findings[0].detail
+    )
+    return GATE if own else POLICY
+
+
 def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: Ask | None = None) -> dict[str, object]:
-    """The record of a decision: what was asked, what was known, what was answered."""
+    """The record of a decision: what was asked, what was known, what was answered. `policies.replay` reads it back."""
     body: dict[str, object] = {
-        "request": request_body(call.request),
-        "evidence": plain(evidence),
+        **replay.to_plain(call.request, evidence),
         "decision": decision_body(decided),
         "proof": call.credentials.proof_name,
     }
@@ -130,7 +131,7 @@ def refusal(
         "reason": str(reason),
         "status": status,
         "where": dict(where),
-        "evidence": plain(evidence),
+        "evidence": replay.evidence_to_plain(evidence, None),
     }
     if fault is not None:
         body["clause"] = fault.clause
