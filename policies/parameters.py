@@ -257,6 +257,87 @@ class Parameters:
         meaning="highest tier of an act of an agent that holds the minimum safe set",
         source="ours: it may look and it may stop",
     )
+    trust_half_life_s: int = _named(
+        86_400,
+        unit="s",
+        low=60,
+        high=31_536_000,
+        meaning="time in which what was reported for or against an edge loses half its weight",
+        source="ours: a day's work is half forgotten the next day; docs/trust.md plots it",
+    )
+    trust_prior_weight_milli: int = _named(
+        20_000,
+        unit="milli",
+        low=1,
+        high=1_000_000,
+        meaning="how many good acts the prior stands for: s0 of the score",
+        source="ours: with theta 0.7 of prior 0.8, three wrongs of a stranger ask for a person",
+    )
+    trust_good_cap_milli: int = _named(
+        40_000,
+        unit="milli",
+        low=0,
+        high=1_000_000,
+        meaning="most that one reporter's good word can weigh, against its own bad word alone",
+        source="ours: good standing buys patience for at most nine wrongs instead of three",
+    )
+    trust_bad_cap_milli: int = _named(
+        20_000,
+        unit="milli",
+        low=0,
+        high=1_000_000,
+        meaning="most that one reporter's bad word can weigh: alone it leaves prior * s0 / (s0 + this)",
+        source="ours: a single liar takes at most half of the prior, and a single witness still counts",
+    )
+    behaviour_learn_count: int = _named(
+        256,
+        unit="count",
+        low=64,
+        high=1_024,
+        meaning="acts from which an agent's own baseline is made: the first half fixes ranges, the second how often "
+        "they are left",
+        source="ours: the upper 97.5 % bound of a share seen 0 times in 128 acts is 3 %",
+    )
+    behaviour_false_alarm_count: int = _named(
+        10_000,
+        unit="count",
+        low=1_000,
+        high=1_000_000,
+        meaning="acts of an unchanged agent between two false alarms of one feature, on average and at least",
+        source="ours; thresholds by the Markov chain of Brook and Evans 1972 (evaluation.conduct.thresholds)",
+    )
+    behaviour_near_permille: int = _named(
+        900,
+        unit="permille",
+        low=1,
+        high=1_000,
+        meaning="from which share of its limit on an act is close to it",
+        source="ours: the last tenth",
+    )
+    behaviour_refused_max_permille: int = _named(
+        150,
+        unit="permille",
+        low=1,
+        high=500,
+        meaning="highest share of refused acts that a baseline may hold to be usual",
+        source="ours: who is refused more often than one time in seven is no example for itself",
+    )
+    behaviour_near_max_permille: int = _named(
+        250,
+        unit="permille",
+        low=1,
+        high=500,
+        meaning="highest share of acts close to a limit that a baseline may hold to be usual",
+        source="ours: work inside its bounds is not at them one time in four",
+    )
+    behaviour_repeat_count: int = _named(
+        500,
+        unit="count",
+        low=1,
+        high=100_000,
+        meaning="acts within which a second alarm of one feature contracts the agent",
+        source="ours: one false alarm in 10,000 acts comes twice in 500 acts one time in twenty",
+    )
 
 
 @dataclass(frozen=True, slots=True)
