@@ -1,0 +1,123 @@
+"""Receipts: what one admission point admitted, another believes of exactly that value, and of no other ([STM-10])."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import TYPE_CHECKING, Final
+
+from capabilities import keys as key_forms
+from capabilities.errors import CapabilityError
+from capabilities.statements import admission as statement
+from capabilities.statements import sealed
+from capabilities.statements.admission import Receipt
+from policies.labels import Integrity, Label, Source, aged
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
+    from pep.context.flow import Holder
+    from pep.context.value import Plain
+
+LIFETIME_S: Final = 600
+"""How long a receipt counts: what was read for one task is used within it. Ours; a statement allows an hour."""
+
+
+class ReceiptFault(StrEnum):
+    """Why a receipt is not believed for an argument."""
+
+    TOO_MANY = "TOO_MANY"
+    STATEMENT_MALFORMED = "STATEMENT_MALFORMED"
+    STATEMENT_WRONG_KIND = "STATEMENT_WRONG_KIND"
+    STATEMENT_UNTRUSTED = "STATEMENT_UNTRUSTED"
+    """Signed by no registered admission point, or by another than it names."""
+    OTHER_HOLDER = "OTHER_HOLDER"
+    NOT_YET_VALID = "NOT_YET_VALID"
+    EXPIRED = "EXPIRED"
+    VALUE_TOO_LARGE = "VALUE_TOO_LARGE"
+    VALUE_MALFORMED = "VALUE_MALFORMED"
+    VALUE_CHANGED = "VALUE_CHANGED"
+    """The value that was presented is not the one that was admitted."""
+    NOT_AT_THAT_PLACE = "NOT_AT_THAT_PLACE"
+    """The argument is not what stands there, or not in its unit."""
+    UNKNOWN_ARGUMENT = "UNKNOWN_ARGUMENT"
+    """The call has no argument of that name."""
+
+
+def issue(
+    value: Plain,
+    label: Label,
+    holder: Holder,
+    *,
+    audience: str,
+    key: PrivateKey,
+    at: float,
+    lifetime_s: int = LIFETIME_S,
+) -> str:
+    """The receipt for a value that was admitted for a holder.
+
+    Args:
+        value: that was admitted.
+        label: of it.
+        holder: for whom.
+        audience: canonical URL of the admission point whose `key` signs.
+        key: of the PEP.
+        at: now, seconds since the epoch.
+        lifetime_s: how long it counts, at most an hour.
+    """
+    return statement.sign(
+        Receipt(
+            audience=audience,
+            agent=holder.agent,
+            hop_id=holder.hop_id,
+            value=value.digest,
+            sources=tuple(sorted(map(str, label.sources))),
+            signers=tuple(sorted(label.signers)),
+            integrity=statement.INTEGRITIES[label.integrity],
+            age_ms=label.age_ms,
+            tainted=label.tainted,
+            at=int(at),
+            not_after=int(at) + lifetime_s,
+        ),
+        key,
+    )
+
+
+def verify(text: str, *, admitters: Mapping[str, bytes], caps: Caps) -> Receipt | ReceiptFault:
+    """The receipt, signed with the registered key of the very admission point that it names; never raises.
+
+    Args:
+        text: compact JWS.
+        admitters: raw public key by canonical URL of every registered admission point.
+        caps: the bounds.
+    """
+    try:
+        receipt = statement.open(text, frozenset(admitters.values()), caps)
+    except CapabilityError as error:
+        return ReceiptFault(str(error.code))
+    named = admitters.get(receipt.audience)
+    if named is None or key_forms.thumbprint(named) != sealed.signer_thumbprint(text):
+        return ReceiptFault.STATEMENT_UNTRUSTED
+    return receipt
+
+
+def refusal(receipt: Receipt, *, holder: Holder, at: float, caps: Caps) -> ReceiptFault | None:
+    """None when the receipt counts for this holder now, else why not."""
+    if (receipt.hop_id, receipt.agent) != (holder.hop_id, holder.agent):
+        return ReceiptFault.OTHER_HOLDER
+    if not receipt.at <= at + caps.skew_s:
+        return ReceiptFault.NOT_YET_VALID
+    return None if at < receipt.not_after else ReceiptFault.EXPIRED
+
+
+def label_of(receipt: Receipt, *, at: float) -> Label:
+    """The label that the receipt states, as old as the value is now."""
+    label = Label(
+        sources=frozenset(map(Source, receipt.sources)),
+        signers=frozenset(receipt.signers),
+        integrity=Integrity(statement.INTEGRITIES.index(receipt.integrity)),
+        age_ms=receipt.age_ms,
+        tainted=receipt.tainted,
+    )
+    return aged(label, int((at - receipt.at) * 1_000))
