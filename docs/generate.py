@@ -41,8 +41,8 @@ an id, they are right and this page is to be mended.
 ## The table
 
 "Points" are the enforcement points at which a primitive has evidence: e1 operator to orchestrator, e2 agent to agent,
-e3 context admission, e4 tool call, e5 pre-actuation. A primitive that is not written yet decides nothing, and a
-policy that names it is refused when it is loaded.
+e3 context admission, e4 tool call, e5 pre-actuation. A policy that names a primitive elsewhere is refused when it is
+loaded.
 """
 
 COMMON: Final = """## What all have in common
@@ -58,6 +58,8 @@ COMMON: Final = """## What all have in common
 * **[POL-6]** The runtime tier is the maximum of the tool's registered base tier and the computed one, and at least 3
   while the view of the cell is not fresh.
 * **[POL-7]** A stop is asked for no grant, limit, trust, tier or physics.
+* **[POL-12]** A reading with a value that is not of exactly the type which it declares denies with
+  `EVIDENCE_MALFORMED` and the value's place, before any policy is asked.
 * **[POL-8]** Trust in an edge is at most the policy's prior; a chain is as trusted as its weakest edge.
 * **[POL-9]** Tier 4 is denied, and may be asked for only while a person's prior leave (an opening) for this agent,
   object and operation is in force.
@@ -93,10 +95,7 @@ def _section(row: Row) -> list[str]:
     if row.counters:
         counters = ", ".join(f"{attack} ({defence})" for attack, defence in row.counters)
         lines.append(f"* Counters: {counters}.")
-    if row.decides is None:
-        lines.append("* Not written yet: a policy that names it is refused.")
-    else:
-        lines.append(f"* Decided by `{row.decides.__module__}.{row.decides.__name__}`; reasons: {_codes(row.reasons)}.")
+    lines.append(f"* Decided by `{row.decides.__module__}.{row.decides.__name__}`; reasons: {_codes(row.reasons)}.")
     if row.parameters:
         lines.append(f"* Parameters: {', '.join(f'`{p.name}`' for p in row.parameters)}.")
     return [*lines, ""]
@@ -130,7 +129,7 @@ def page() -> str:
                 row.id,
                 row.name,
                 " ".join(sorted(row.points)),
-                "not written yet" if row.decides is None else f"`{row.decides.__name__}`",
+                f"`{row.decides.__name__}`",
                 _codes(row.reasons),
             )
             for row in CATALOG

@@ -20,8 +20,8 @@ from pep import records
 from pep.authority import NO_TOKEN
 from pep.deferral import AskState
 from pep.errors import ActuationRefusedError, JournalError
-from pep.operations import touchable
-from pep.permit import Permit
+from pep.operations import Kind, touchable
+from pep.permit import Permit, unfulfilled
 from pep.ports import Assessed
 from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading, ToolReading
 from policies.model import Decision, Effect, Finding, Request
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from pep.deferral import Ask
     from pep.operations import Operation
     from pep.ports import Announcer, Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
+    from pep.sequence import Sequence
     from policies.policy import PolicySet
 
 PHYSICS_TIMEOUT_S: Final = 3.0
@@ -99,6 +100,7 @@ class Gate:
         limits: the robot's own limits.
         slot: one motion at a time.
         readiness: of the robot.
+        sequence: what was done with the robot just now.
         physics: runtime impact.
         policies: what is decided by.
         journal: durable; nothing moves before its answer.
@@ -115,6 +117,7 @@ class Gate:
         limits: RobotLimits,
         slot: MotionSlot,
         readiness: Readiness,
+        sequence: Sequence,
         physics: Physics,
         policies: PolicySet,
         journal: Journal,
@@ -127,6 +130,7 @@ class Gate:
         self._limits = limits
         self._slot = slot
         self._readiness = readiness
+        self._sequence = sequence
         self._physics = physics
         self._policies = policies
         self._journal = journal
@@ -162,6 +166,10 @@ class Gate:
                 decision = decide(call.request, evidence, self._policies)
                 if decision.effect is not Effect.PERMIT:
                     return await self._conclude(call, evidence, decision)
+                undone = unfulfilled(decision, call.request)
+                if undone is not None:
+                    void = _denial(call.request, decision, Reason.POLICY_ERROR, "", obligation=str(undone.kind))
+                    return await self._conclude(call, evidence, void)
                 if not self._asks.consume(decision):
                     # the use went to another request, or out of time, since the evidence was collected
                     if attempt < ATTEMPTS:
@@ -239,7 +247,12 @@ class Gate:
             found = Assessed(ImpactFault(Reason.PHYSICS_FAULT, "the assessment took too long"), NOT_COLLECTED)
         at, at_ms = self._clock.wall_s(), self._clock.monotonic_ms()
         chain = self._standing(call)
-        return replace(seen, at=at, at_ms=at_ms, impact=found.impact, perception=found.perception, chain=chain)
+        seen = replace(seen, at=at, at_ms=at_ms, impact=found.impact, perception=found.perception, chain=chain)
+        # the slot is this request's, or the request is part of what holds it: nothing else is unfinished
+        sequence = self._sequence.reading(
+            call.request, agent=_agent(call), impact=seen.impact, robot=seen.robot, unfinished=False
+        )
+        return replace(seen, sequence=sequence)
 
     def _standing(self, call: Call) -> Chain | Fault:
         """Steps 1 to 9 as of now, with the lease that the policies want for the request."""
@@ -270,13 +283,14 @@ class Gate:
             index_milli=authorised_milli(decision, self._policies.parameters),
             sighted=isinstance(evidence.impact, ImpactReading) and evidence.impact.perception == FRESH,
             touch=touchable(evidence.chain) if isinstance(evidence.chain, Chain) else frozenset(),
-            agent=call.credentials.chain.leaf.agent if isinstance(call.credentials.chain, Chain) else "",
+            agent=_agent(call),
         )
 
     async def _effect(
         self, call: Call, decision: Decision, permit: Permit, record: str, effect: Callable[[Permit], Awaitable[Result]]
     ) -> Answer:
         """The effect, and the record of what came of it."""
+        self._sequence.begins(call.request, agent=permit.agent)
         try:
             result = await effect(permit)
         except ActuationRefusedError as refused:
@@ -288,6 +302,9 @@ class Gate:
             )
             recorded = await self._concluded(permit, body)
             return Answer(_denial(call.request, decision, Reason.EFFECT_FAILED, ""), recorded=recorded)
+        if call.operation.kind is Kind.READ:
+            self._sequence.looked()
+        self._sequence.ended(call.request, arrived=not result.failed)
         what = "failed" if result.failed else "done"
         body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
         return Answer(decision, result=result, recorded=await self._concluded(permit, body))
@@ -379,6 +396,12 @@ class Gate:
         self._recorder.shutdown(wait=True)
 
 
+def _agent(call: Call) -> str:
+    """The holder who calls, or "" while nobody is known to."""
+    chain = call.credentials.chain
+    return chain.leaf.agent if isinstance(chain, Chain) else ""
+
+
 def _fault(seen: Evidence) -> object:
     """The first thing that makes dearer evidence pointless, or None."""
     if isinstance(seen.chain, Fault):
@@ -395,7 +418,7 @@ def _fault(seen: Evidence) -> object:
     return None
 
 
-def _denial(request: Request, decided: Decision, reason: Reason, primitive: str) -> Decision:
+def _denial(request: Request, decided: Decision, reason: Reason, primitive: str, **detail: object) -> Decision:
     """`decided` turned into a denial for `reason`; its own findings stay behind it."""
     return replace(
         decided,
@@ -403,7 +426,7 @@ def _denial(request: Request, decided: Decision, reason: Reason, primitive: str)
         effect=Effect.DENY,
         reason=reason,
         primitive=primitive,
-        findings=(Finding(primitive, reason), *decided.findings),
+        findings=(Finding(primitive, reason, detail), *decided.findings),
         obligations=(),
         lifetime_ms=0,
         approval=None,

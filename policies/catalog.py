@@ -1,7 +1,6 @@
 """The 25 primitives as one table: what must hold, where, on which evidence, and the class that decides it.
 
-Ids are the paper's. A row without a class is not written yet: it says so, and a policy that names it is refused when it
-is loaded. Clauses are the sentences of docs/primitives.md, which is generated from this table.
+Ids are the paper's. Clauses are the sentences of docs/primitives.md, which is generated from this table.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from policies.model import Point
-from policies.primitives import cognition, identity, propagation, tools
+from policies.primitives import cognition, governance, identity, propagation, sequence, tools
 from policies.row import Attack, Defence, Row
 
 if TYPE_CHECKING:
@@ -82,6 +81,7 @@ CATALOG: Final = (
         points=frozenset({_E1, _E2}),
         evidence=("instruction",),
         counters=((Attack.AC_2, _PREVENT),),
+        decides=cognition.OperatorInput,
     ),
     Row(
         id="CII-2",
@@ -93,6 +93,7 @@ CATALOG: Final = (
         points=frozenset({_E1, _E2, _E3}),
         evidence=("context",),
         counters=((Attack.AC_2, _DETECT), (Attack.AC_3, _DETECT)),
+        decides=cognition.InstructionIsolation,
     ),
     Row(
         id="CII-3",
@@ -101,6 +102,7 @@ CATALOG: Final = (
         points=frozenset({_E3}),
         evidence=("context",),
         counters=((Attack.AC_3, _DETECT), (Attack.AC_3, _PREVENT)),
+        decides=cognition.RetrievalIntegrity,
     ),
     Row(
         id="CII-4",
@@ -122,8 +124,9 @@ CATALOG: Final = (
             " and the request."
         ),
         points=frozenset({_E3, _E4}),
-        evidence=("context", "tool"),
+        evidence=("context", "tool", "impact"),
         counters=((Attack.AC_3, _PREVENT),),
+        decides=cognition.ProvenanceOfContent,
     ),
     Row(
         id="CII-6",
@@ -135,6 +138,7 @@ CATALOG: Final = (
         points=frozenset({_E2}),
         evidence=("message",),
         counters=((Attack.AC_2, _DETECT),),
+        decides=cognition.MessageIntegrity,
     ),
     Row(
         id="TEA-1",
@@ -191,8 +195,9 @@ CATALOG: Final = (
         name="sequence coherence",
         must_hold="The command together with what was just done and what is queued stays safe.",
         points=frozenset({_E4, _E5}),
-        evidence=("committed state", "impact"),
+        evidence=("chain", "tool", "impact", "sequence", "opening"),
         counters=((Attack.AC_1, _CONTAIN), (Attack.AC_5, _DETECT), (Attack.AC_5, _PREVENT)),
+        decides=sequence.SequenceCoherence,
     ),
     Row(
         id="CATP-1",
@@ -204,6 +209,7 @@ CATALOG: Final = (
         points=frozenset({_E2, _E4, _E5}),
         evidence=("chain", "trust"),
         counters=((Attack.AC_2, _CONTAIN),),
+        decides=propagation.NonTransitiveTrust,
     ),
     Row(
         id="CATP-2",
@@ -243,23 +249,26 @@ CATALOG: Final = (
             "the next act."
         ),
         points=frozenset({_E4, _E5}),
-        evidence=("behaviour",),
+        evidence=("chain", "behaviour"),
         counters=((Attack.AC_3, _CONTAIN), (Attack.AC_5, _CONTAIN)),
+        decides=governance.BehaviouralBaseline,
     ),
     Row(
         id="ABG-2",
         name="drift containment",
         must_hold="Near-boundary and escalating patterns are recognised and contained before a bound is crossed.",
         points=frozenset({_E5}),
-        evidence=("behaviour",),
+        evidence=("chain", "behaviour"),
         counters=((Attack.AC_1, _CONTAIN), (Attack.AC_5, _CONTAIN)),
+        decides=governance.DriftContainment,
     ),
     Row(
         id="ABG-3",
         name="re-verification",
         must_hold="A deviation forces re-attestation before the next physical act.",
         points=frozenset({_E2, _E4, _E5}),
-        evidence=("behaviour", "chain"),
+        evidence=("chain", "behaviour"),
+        decides=governance.Reverification,
         meaning_is_ours=True,
     ),
     Row(
@@ -267,8 +276,9 @@ CATALOG: Final = (
         name="scope contraction",
         must_hold="After a deviation the agent holds the minimum safe set until a human principal restores it.",
         points=frozenset({_E4, _E5}),
-        evidence=("behaviour",),
+        evidence=("chain", "behaviour"),
         counters=((Attack.AC_3, _CONTAIN), (Attack.AC_4, _CONTAIN)),
+        decides=governance.ScopeContraction,
     ),
 )
 

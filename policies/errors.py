@@ -22,7 +22,6 @@ class PolicyFault(StrEnum):
     DUPLICATE_ID = "DUPLICATE_ID"
     DUPLICATE_VALUE = "DUPLICATE_VALUE"
     UNKNOWN_PRIMITIVE = "UNKNOWN_PRIMITIVE"
-    PRIMITIVE_NOT_WRITTEN = "PRIMITIVE_NOT_WRITTEN"
     WRONG_POINT = "WRONG_POINT"
     """The policy names a primitive at an enforcement point where that primitive has no evidence."""
     LOOSENS = "LOOSENS"

@@ -256,10 +256,6 @@ def _primitive(table: _Table, parameters: Parameters, where: str) -> Primitive:
     if name not in ROWS:
         raise PolicyError(PolicyFault.UNKNOWN_PRIMITIVE, where, name)
     row = ROWS[name]
-    if row.decides is None:
-        raise PolicyError(
-            PolicyFault.PRIMITIVE_NOT_WRITTEN, where, f"{name} is in the catalog, but nothing decides it yet"
-        )
     table.expect("primitive", optional=tuple(f.name for f in fields(row.decides)))
     values = {
         p.name: table.integer(p.name, p.low, p.high) if p.name in table.content else getattr(parameters, p.name)

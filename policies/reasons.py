@@ -62,6 +62,7 @@ class Reason(StrEnum):
     PROHIBITED = "PROHIBITED"
     APPROVAL_REQUIRED = "APPROVAL_REQUIRED"
     EVIDENCE_MISSING = "EVIDENCE_MISSING"
+    EVIDENCE_MALFORMED = "EVIDENCE_MALFORMED"
     SPONSOR_AUTHENTICATION_OLD = "SPONSOR_AUTHENTICATION_OLD"
     ATTESTATION_OLD = "ATTESTATION_OLD"
     CHAIN_OUT_OF_BOUNDS = "CHAIN_OUT_OF_BOUNDS"
@@ -236,6 +237,7 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.PROHIBITED: ReasonRow("A policy forbids this.", "Ask the operator who wrote the policy."),
         Reason.APPROVAL_REQUIRED: ReasonRow("A policy wants a person's approval.", "Wait for a person's answer."),
         Reason.EVIDENCE_MISSING: ReasonRow("Evidence that the decision needs is missing.", _REPORT),
+        Reason.EVIDENCE_MALFORMED: ReasonRow("A reading is not of the shape that it declares.", _REPORT),
         Reason.SPONSOR_AUTHENTICATION_OLD: ReasonRow(
             "The human sponsor has not been authenticated recently enough.",
             "The sponsor logs in again and issues a new token.",
@@ -501,6 +503,7 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.TRUST_TOO_LOW,
     Reason.APPROVAL_REQUIRED,
     # last, what only says that something else was not known
+    Reason.EVIDENCE_MALFORMED,
     Reason.POLICY_ERROR,
     Reason.NO_POLICY,
     Reason.EVIDENCE_MISSING,

@@ -57,8 +57,8 @@ class Row:
         must_hold: what must hold, in one sentence.
         points: the enforcement points at which it has evidence.
         evidence: the readings it looks at.
+        decides: the class that decides it.
         counters: the attacks it counters, each in which dimension (the paper's table).
-        decides: the class that decides it, or None while there is none.
         meaning_is_ours: the paper's text does not define the id; the meaning is taken from its domain's paragraph.
     """
 
@@ -67,8 +67,8 @@ class Row:
     must_hold: str
     points: frozenset[Point]
     evidence: tuple[str, ...]
+    decides: type[Any]
     counters: tuple[tuple[Attack, Defence], ...] = ()
-    decides: type[Any] | None = None
     meaning_is_ours: bool = False
 
     @property
@@ -83,8 +83,8 @@ class Row:
 
     @property
     def parameters(self) -> tuple[ParameterRow, ...]:
-        """The parameters that the class takes, with unit and range; none while it is not written."""
-        return () if self.decides is None else tuple(PARAMETERS[f.name] for f in fields(self.decides))
+        """The parameters that the class takes, with unit and range."""
+        return tuple(PARAMETERS[f.name] for f in fields(self.decides))
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -93,7 +93,5 @@ class Row:
 
     def make(self, **values: int) -> Primitive:
         """The primitive with these parameters, each in its unit and already inside its range."""
-        if self.decides is None:
-            raise TypeError(self.id)
         primitive: Primitive = self.decides(**values)
         return primitive

@@ -59,6 +59,7 @@ from pep.rtde.outputs import DigitalOutputs
 from pep.rtde.program import ProgramWatch
 from pep.rtde.state import ReceivedState
 from pep.rtde.telemetry import Telemetry
+from pep.sequence import Sequence
 from pep.ship import Shipper
 from pep.watch import Limits, Watch
 from pep.world import CellPhysics
@@ -234,6 +235,7 @@ class ToolServer:
             limits=Ur3eLimits(),
             slot=self.devices,
             readiness=self.readiness,
+            sequence=Sequence(self.clock),
             physics=self.physics,
             policies=policies,
             journal=self.journal,

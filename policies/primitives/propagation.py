@@ -23,6 +23,42 @@ from policies.reasons import Reason
 
 
 @dataclass(frozen=True, slots=True)
+class NonTransitiveTrust:
+    """CATP-1: trust belongs to one edge; nothing flows along the chain, which is as trusted as its weakest edge."""
+
+    trust_prior_permille: int
+    id: ClassVar[str] = "CATP-1"
+
+    def judge(self, case: Case) -> Verdict:
+        """Holds when trust was read for exactly the edges of this chain, and the chain has no more than any of them.
+
+        An edge above the prior is no reading that can be believed: nothing makes anybody more trusted than a stranger.
+        """
+        chain = verified_chain(self.id, case)
+        if not isinstance(chain, Chain):
+            return chain
+        match case.evidence.trust:
+            case NotCollected():
+                return missing(self.id, "trust")
+            case TrustReading() as trust:
+                return self._reading(chain, trust)
+            case _:
+                assert_never(case.evidence.trust)
+
+    def _reading(self, chain: Chain, trust: TrustReading) -> Verdict:
+        wanted = [(hop.delegator, hop.agent) for hop in chain.hops]
+        stated = [(edge.delegator, edge.delegate) for edge in trust.edges]
+        if stated != wanted:
+            return fails(self.id, Reason.TRUST_NOT_OF_EDGE, edges=[list(edge) for edge in wanted])
+        if not all(0 <= edge.score_permille <= self.trust_prior_permille for edge in trust.edges):
+            return fails(self.id, Reason.TRUST_NOT_OF_EDGE, trust_prior_permille=self.trust_prior_permille)
+        weakest = min(edge.score_permille for edge in trust.edges)
+        if not 0 <= trust.score_permille <= weakest:
+            return fails(self.id, Reason.TRUST_NOT_OF_EDGE, trust_permille=trust.score_permille, weakest=weakest)
+        return Holds()
+
+
+@dataclass(frozen=True, slots=True)
 class ScopeNarrowing:
     """CATP-2: every delegation is strictly narrower than what it came from."""
 
@@ -36,7 +72,7 @@ class ScopeNarrowing:
 
 @dataclass(frozen=True, slots=True)
 class DynamicTrust:
-    """CATP-3: from tier 2, trust in the weakest edge is at least theta. So far the score is a signed static one."""
+    """CATP-3: from tier 2, trust in the weakest edge, from history, anomalies and time, is at least theta."""
 
     trust_theta_permille: int
     id: ClassVar[str] = "CATP-3"

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from policies import decide
-from policies.pdp import CONSUME
+from policies.obligations import CONSUME
 from policies.reasons import PRECEDENCE
 from tests.model import triples, twin
 

@@ -31,13 +31,15 @@ from policies import (
     TrustReading,
     decide,
 )
-from policies.evidence import PerceptionReading, SensorReading
 from policies.combine import AllOf, Always, AnyOf, Check, Not
+from policies.conduct import BehaviourReading, Deviation, Feature, SequenceReading
+from policies.evidence import EdgeReading, PerceptionReading, SensorReading
+from policies.labels import Integrity, Label, Source
+from policies.said import ArgumentReading, ContextReading, InstructionReading, ItemKind, ItemReading, MessageReading
 
 NOW = 1_000_000
 STRANGE = 20
 """One value in so many is strange: a triple has about fifteen of them, and one strange one is enough for a denial."""
-DECIDING = [row for row in ROWS.values() if row.decides is not None]
 RECORD = Obligation(ObligationKind.RECORD)
 
 
@@ -49,7 +51,14 @@ def request(pick):
     return Request(
         request_id="r",
         points=frozenset(
-            mostly(pick, (Point.TOOL, Point.ACTUATION), [(Point.TOOL,), (Point.ACTUATION,), (Point.AGENT,)])
+            pick(
+                [
+                    *([(Point.TOOL, Point.ACTUATION)] * 12),
+                    *([tuple(Point)] * 3),
+                    *([(Point.OPERATOR, Point.AGENT, Point.CONTEXT)] * 3),
+                    *[(point,) for point in Point],
+                ]
+            )
         ),
         audience=mostly(pick, "https://a/", ["https://b/"]),
         object=mostly(pick, "ur3e", ["ur5e"]),
@@ -204,12 +213,89 @@ def triple(pick):
     return asked, approved(pick, seen, policies, decide(asked, seen, policies).tier), policies
 
 
+def instruction(pick):
+    return InstructionReading(
+        fault=mostly(pick, "", ["SIGNATURE_INVALID"]),
+        principal=mostly(pick, "alice", [""]),
+        signed_at=NOW - mostly(pick, 60, [-5, -6, 3_600, 3_601]),
+        well_formed=mostly(pick, True, [False]),
+        intent_digest=mostly(pick, "dd", [""]),
+        bound_digest=mostly(pick, "dd", ["", "DD"]),
+    )
+
+
+def message(pick):
+    truths = [mostly(pick, True, [False]) for _ in range(5)]
+    age_s = mostly(pick, 5, [-5, -6, 60, 61, None])
+    return MessageReading(mostly(pick, "", ["STATEMENT_MALFORMED"]), "vision", "robotic", *truths, age_s)
+
+
+def label(pick):
+    integrity = mostly(pick, pick([Integrity.SENSED, Integrity.PRINCIPAL]), list(Integrity))
+    return Label(frozenset({pick(list(Source))}), frozenset(), integrity, 10, mostly(pick, False, [True]))
+
+
+def item(pick):
+    return ItemReading(
+        kind=pick(list(ItemKind)),
+        id="i",
+        label=label(pick),
+        signs=mostly(pick, (), [("hidden text",)]),
+        as_authority=mostly(pick, False, [True]),
+        fault=mostly(pick, "", ["CHANGED"]),
+        listed=mostly(pick, True, [False]),
+        manifest_age_s=mostly(pick, 60, [None, -1, 604_800, 604_801]),
+        writer_authorised=mostly(pick, True, [False]),
+        of_request=mostly(pick, True, [False]),
+        of_pin=mostly(pick, True, [False]),
+    )
+
+
+def context(pick):
+    names = mostly(pick, ("speed",), [(), ("speed", "q0"), ("q0",)])
+    arguments = tuple(ArgumentReading(name, label(pick), mostly(pick, "", ["RECEIPT_UNTRUSTED"])) for name in names)
+    return ContextReading(tuple(item(pick) for _ in range(mostly(pick, pick([1, 2]), [0]))), arguments)
+
+
+def sequence(pick):
+    return SequenceReading(
+        unfinished=mostly(pick, False, [True]),
+        tier=mostly(pick, pick([Tier(1), Tier(2)]), [None, *Tier]),
+        index_milli=mostly(pick, 900, [None]),
+        drift_urad=mostly(pick, 0, [-1, 20_000, 20_001]),
+        alternations=mostly(pick, 0, [-1, 6, 7]),
+        held_known=mostly(pick, True, [False]),
+        acts=1,
+    )
+
+
+def behaviour(pick):
+    odd = mostly(pick, (), [tuple(Deviation(feature, NOW - 9, 1_100) for feature in Feature if pick([True, False]))])
+    return BehaviourReading(
+        agent=mostly(pick, "robotic", ["vision"]),
+        deviations=odd,
+        deviated_at=mostly(pick, None, [NOW - 61, NOW - 60, NOW]),
+        contracted=mostly(pick, False, [True]),
+        samples=pick([0, 500]),
+        age_ms=mostly(pick, 100, [-1, 0, 5_000, 5_001]),
+    )
+
+
+def trust(pick, known):
+    """A reading for a chain: mostly of its very edges."""
+    score = mostly(pick, pick([699, 700, 800]), [0, 701, 1_000, 1_001, -1])
+    hops = known.hops if isinstance(known, Chain) else ()
+    edges = tuple(EdgeReading(h.delegator, h.agent, mostly(pick, 800, [-1, 0, 700, 801])) for h in hops)
+    return TrustReading(score, mostly(pick, edges, [(), edges[1:], (*edges, EdgeReading("a", "b", 800))]))
+
+
 def evidence(pick):
     faults = [*Reason, "", "nonsense"]
+    known = mostly(pick, chain(pick), [fault(pick), NOT_COLLECTED])
     return Evidence(
         at=float(NOW),
         at_ms=5,
-        chain=mostly(pick, chain(pick), [fault(pick), NOT_COLLECTED]),
+        chain=known,
         proof=mostly(pick, True, [False, fault(pick), NOT_COLLECTED]),
         request_fault=mostly(pick, None, [refusal(pick), fault(pick), NOT_COLLECTED]),
         robot_fault=mostly(pick, None, [refusal(pick), NOT_COLLECTED]),
@@ -223,23 +309,32 @@ def evidence(pick):
                 NOT_COLLECTED,
             ],
         ),
-        trust=mostly(
-            pick, TrustReading(mostly(pick, pick([699, 700, 800]), [0, 701, 1_000, 1_001, -1])), [NOT_COLLECTED]
-        ),
+        trust=mostly(pick, trust(pick, known), [NOT_COLLECTED]),
         impact=mostly(pick, impact(pick), [ImpactFault(str(pick(faults))), NOT_COLLECTED]),
         perception=mostly(pick, perception(pick), [NOT_COLLECTED]),
         robot=mostly(pick, robot(pick), [NOT_COLLECTED]),
         approval=pick([None, NOT_COLLECTED, APPROVAL, APPROVAL]),
         opening=mostly(pick, pick([None, opening(pick), opening(pick)]), [NOT_COLLECTED]),
+        instruction=mostly(pick, instruction(pick), [NOT_COLLECTED]),
+        message=mostly(pick, message(pick), [NOT_COLLECTED]),
+        context=mostly(pick, context(pick), [NOT_COLLECTED]),
+        sequence=mostly(pick, sequence(pick), [NOT_COLLECTED]),
+        behaviour=mostly(pick, behaviour(pick), [NOT_COLLECTED]),
     )
 
 
 def check(pick, points, *, gate):
-    rows = [row for row in DECIDING if points <= row.points and (gate or row.id != "TEA-4")]
+    rows = [row for row in ROWS.values() if points <= row.points and (gate or row.id != "TEA-4")]
     row = pick(rows)
     values = {p.name: p.default for p in row.parameters}
     if row.id == "CATP-3":
         values["trust_theta_permille"] = pick([0, 700, 1_000])
+    if row.id == "CII-2":
+        values["suspicious_admitted_count"] = pick([0, 1])
+    if row.id == "CII-5":
+        values["agent_max_tier"] = pick([0, 1, 4])
+    if row.id == "ABG-4":
+        values["contracted_max_tier"] = pick([0, 1, 3])
     return Check(row.make(**values))
 
 
@@ -271,11 +366,17 @@ def negative(pick, points, depth):
 
 def policy(pick, name):
     effect = pick([Effect.PERMIT, Effect.PERMIT, Effect.PERMIT, Effect.DENY, Effect.DEFER])
-    points = pick([frozenset({Point.TOOL}), frozenset({Point.TOOL, Point.ACTUATION}), frozenset({Point.ACTUATION})])
+    points = pick(
+        [
+            *([frozenset({Point.TOOL}), frozenset({Point.TOOL, Point.ACTUATION}), frozenset({Point.ACTUATION})] * 2),
+            *(frozenset({point}) for point in (Point.OPERATOR, Point.AGENT, Point.CONTEXT)),
+            frozenset({Point.CONTEXT, Point.TOOL}),
+        ]
+    )
     pit_bound = None
     if effect is Effect.PERMIT:
         predicate = positive(pick, points, pick([0, 1, 2]))
-        if pick([True, False]):
+        if points <= ROWS["TEA-4"].points and pick([True, False]):
             pit_bound = pick([Tier(0), Tier(1), Tier(2), Tier(3), Tier(3), Tier(4)])
             predicate = AllOf((predicate, Check(ROWS["TEA-4"].make())))
     else:

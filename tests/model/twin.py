@@ -73,7 +73,7 @@ def in_age(e, then, bound):
 def judge(primitive, r, e, physical):
     """(truth, findings) of one primitive with the default parameters of its set."""
     me = primitive.id
-    if me not in {"TEA-3", "TEA-5", "CATP-3", "CII-4"}:
+    if me not in {"TEA-3", "TEA-5", "CATP-3", "CII-1", "CII-2", "CII-3", "CII-4", "CII-5", "CII-6"}:
         found = broken_chain(me, e)
         if found:
             return NO, found
@@ -207,7 +207,133 @@ def judge(primitive, r, e, physical):
         if not b.frames_match:
             bad.add((me, "FRAMES_MISMATCH"))
         return (NO, bad) if bad else (YES, bad)
+    if me.startswith("ABG"):
+        return conduct(primitive, r, e, physical)
+    if me.startswith("CII"):
+        return said(primitive, r, e, physical)
+    if me == "CATP-1":
+        t = e.trust
+        if t is NOT_COLLECTED:
+            return NO, missing(me)
+        same = len(t.edges) == len(c.hops) and all(
+            a.delegator == b.delegator and a.delegate == b.agent for a, b in zip(t.edges, c.hops)
+        )
+        scores = [a.score_permille for a in t.edges]
+        good = same and min(scores) >= 0 and max(scores) <= 800 and 0 <= t.score_permille <= sorted(scores)[0]
+        return (YES, set()) if good else (NO, {(me, "TRUST_NOT_OF_EDGE")})
+    if me == "TEA-6":
+        s = e.sequence
+        if s is NOT_COLLECTED:
+            return NO, missing(me)
+        bad = set()
+        if s.unfinished:
+            bad.add((me, "BUSY"))
+        if not s.held_known:
+            bad.add((me, "SEQUENCE_UNKNOWN"))
+        if s.drift_urad < 0 or s.drift_urad > 20_000:
+            bad.add((me, "SEQUENCE_DRIFT"))
+        if s.alternations < 0 or s.alternations > 6:
+            bad.add((me, "SEQUENCE_ALTERNATES"))
+        if bad:
+            return NO, bad
+        if s.tier is None or pit(e, physical) is None:
+            return NO, missing(me)
+        whole = max(int(s.tier), pit(e, physical))
+        if whole > int(c.hops[-1].scope.ceiling) or (whole == 4 and not opened(e)):
+            return NO, {(me, "SEQUENCE_TOO_HIGH")}
+        return (ASK, {(me, "SEQUENCE_NEEDS_APPROVAL")}) if whole > 2 else (YES, set())
     raise AssertionError(me)
+
+
+def conduct(primitive, r, e, physical):
+    """The ABG domain, for a chain that is verified."""
+    me, b, leaf = primitive.id, e.behaviour, e.chain.hops[-1]
+    if b is NOT_COLLECTED or b.agent != leaf.agent or b.age_ms < 0:
+        return NO, missing(me)
+    if physical and b.age_ms > 5_000:
+        return NO, {(me, "BEHAVIOUR_OLD")}
+    drift = [d for d in b.deviations if d.feature in {"near boundary", "escalation"}]
+    if me == "ABG-1":
+        return (ASK, {(me, "BEHAVIOUR_DEVIATES")}) if len(drift) < len(b.deviations) else (YES, set())
+    if me == "ABG-2":
+        return (NO, {(me, "BEHAVIOUR_DRIFTS")}) if drift else (YES, set())
+    if me == "ABG-3":
+        asked = b.deviated_at is not None and (physical or "e2" in r.points)
+        return (NO, {(me, "REATTESTATION_NEEDED")}) if asked and leaf.attestation.at <= b.deviated_at else (YES, set())
+    tier = pit(e, physical)
+    harmless = tier is not None and tier <= primitive.contracted_max_tier
+    return (NO, {(me, "SCOPE_CONTRACTED")}) if b.contracted and not harmless else (YES, set())
+
+
+def said(primitive, r, e, physical):
+    """The CII domain, but for CII-4."""
+    me, bad = primitive.id, set()
+    if me == "CII-1":
+        i = e.instruction
+        if i is NOT_COLLECTED:
+            return NO, missing(me)
+        for wrong, word in (
+            (i.fault != "" or i.principal == "", "INSTRUCTION_UNAUTHENTIC"),
+            (not i.well_formed or i.intent_digest == "", "INSTRUCTION_MALFORMED"),
+            (not in_age(e, i.signed_at, 3_600), "INSTRUCTION_OLD"),
+            (i.bound_digest != i.intent_digest, "INTENT_NOT_BOUND"),
+        ):
+            if wrong:
+                return NO, {(me, word)}
+        return YES, set()
+    if me == "CII-6":
+        m = e.message
+        if m is NOT_COLLECTED:
+            return NO, missing(me)
+        for wrong, word in (
+            (m.fault != "" or not m.by_holder, "MESSAGE_UNAUTHENTIC"),
+            (not m.in_schema, "MESSAGE_MALFORMED"),
+            (not m.addressed, "MESSAGE_MISDIRECTED"),
+            (not m.in_sequence, "MESSAGE_OUT_OF_SEQUENCE"),
+            (not m.in_delegation, "MESSAGE_OUT_OF_DELEGATION"),
+            (m.age_s is None or m.age_s > 60 or m.age_s < -5, "MESSAGE_OLD"),
+        ):
+            if wrong:
+                bad.add((me, word))
+        return (NO, bad) if bad else (YES, bad)
+    x = e.context
+    if x is NOT_COLLECTED or (me in {"CII-2", "CII-3"} and len(x.items) == 0):
+        return NO, missing(me)
+    if me == "CII-2":
+        for i in x.items:
+            if i.as_authority and (i.label.integrity < 5 or i.label.tainted):
+                bad.add((me, "TEXT_WITHOUT_AUTHORITY"))
+            if i.signs and (not i.label.tainted or primitive.suspicious_admitted_count == 0):
+                bad.add((me, "TEXT_SUSPICIOUS"))
+    elif me == "CII-3":
+        for i in [i for i in x.items if i.kind in {"document", "scenario"}]:
+            if i.fault != "" or i.label.integrity < 3:
+                bad.add((me, "DOCUMENT_UNSIGNED"))
+            elif not i.listed:
+                bad.add((me, "DOCUMENT_NOT_LISTED"))
+            elif i.manifest_age_s is None or i.manifest_age_s < 0 or i.manifest_age_s > 604_800:
+                bad.add((me, "MANIFEST_OLD"))
+    else:
+        if sorted(a.name for a in x.arguments) != ["speed"]:
+            return NO, missing(me)
+        for i in x.items:
+            answered = i.kind == "tool response"
+            if (i.kind == "memory" and (i.fault or not i.writer_authorised)) or (
+                answered and (i.fault or i.label.integrity < 2)
+            ):
+                bad.add((me, "PROVENANCE_MISSING"))
+            elif answered and not (i.of_request and i.of_pin):
+                bad.add((me, "RESPONSE_MISMATCH"))
+        tier = pit(e, physical)
+        for a in x.arguments:
+            highest = [0, primitive.agent_max_tier, 2, 2, 4, 4][a.label.integrity]
+            if a.fault or a.label.tainted:
+                highest = 0
+            if tier is None and highest < 4:
+                bad.add((me, "EVIDENCE_MISSING"))
+            elif tier is not None and tier > highest:
+                bad.add((me, "ARGUMENT_NOT_VOUCHED"))
+    return (NO, bad) if bad else (YES, bad)
 
 
 def truth(predicate, r, e, physical):

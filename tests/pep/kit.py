@@ -38,6 +38,7 @@ from pep.question import Asker
 from pep.record import FileJournal
 from pep.replay import ReplayCache
 from pep.rtde.limits import Ur3eLimits
+from pep.sequence import Sequence
 from policies.evidence import ImpactReading, PerceptionReading, RobotReading, SensorReading, ToolReading
 from policies.load import load_shipped
 from ztpm.survey import embedded
@@ -396,6 +397,7 @@ class Rig:
             limits=Ur3eLimits(),
             slot=self.slot,
             readiness=self.readiness,
+            sequence=Sequence(self.clock),
             physics=self.physics,
             policies=self.policies,
             journal=journal,

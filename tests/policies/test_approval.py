@@ -22,7 +22,7 @@ from policies import (
 from policies.combine import Always, Check
 from policies.evidence import Contribution, ImpactFault, OpeningReading
 from policies.model import ApprovalUse
-from policies.pdp import CONSUME
+from policies.obligations import CONSUME
 from tests.policies import world
 
 PERSON = Contribution("person", 500, "wrist_3", "dave", 10, 20, 30)
@@ -184,7 +184,7 @@ def test_too_fast_in_an_unseen_cell_at_tier_4():
     ("change", "reason"),
     [
         ({"impact": ImpactFault("PERCEPTION_INVALID")}, Reason.PERCEPTION_INVALID),
-        ({"trust": "x"}, Reason.POLICY_ERROR),
+        ({"trust": "x"}, Reason.EVIDENCE_MALFORMED),
     ],
 )
 def test_no_fault_is_lifted(change, reason):

@@ -31,12 +31,12 @@ def led(decision):
     return decision.effect, decision.reason, decision.primitive
 
 
-def test_c0_is_permitted_recorded_and_watched():
+def test_c0_is_permitted_recorded_watched_and_no_faster():
     decision = answer()
     assert led(decision) == (Effect.PERMIT, Reason.PERMITTED, "")
     assert decision.findings == ()
     assert (decision.tier, decision.index) == (Tier.REVERSIBLE, 1_000)
-    assert [o.kind for o in decision.obligations] == [ObligationKind.RECORD, ObligationKind.WATCH]
+    assert [o.kind for o in decision.obligations] == [ObligationKind.CLAMP, ObligationKind.RECORD, ObligationKind.WATCH]
     assert decision.lifetime_ms == 50
 
 

@@ -109,8 +109,6 @@ BAD = {
     ),
     "a primitive that does not exist": (but('"TEA-1"', '"TEA-7"'), F.UNKNOWN_PRIMITIVE, "policy[0].predicate.all[1]"),
     "a primitive in small letters": (but('"TEA-1"', '"tea-1"'), F.UNKNOWN_PRIMITIVE, "policy[0].predicate.all[1]"),
-    "a primitive that is not written yet": (but('"TEA-1"', '"TEA-6"'), F.PRIMITIVE_NOT_WRITTEN, "policy[0].predicate.all[1]"),
-    "a primitive that is not written yet, in a table": (but('"TEA-1"', '{ primitive = "CII-6" }'), F.PRIMITIVE_NOT_WRITTEN, "policy[0].predicate.all[1].primitive"),
     "a primitive where it has no evidence": (but('"TEA-1"', '"TEA-3"'), F.WRONG_POINT, "policy[0].ep"),
     "a primitive's parameter that it does not have": (but('"TEA-1"', '{ primitive = "TEA-1", skew_s = 1 }'), F.UNKNOWN_KEY, "policy[0].predicate.all[1].skew_s"),
     "a primitive's parameter out of range": (

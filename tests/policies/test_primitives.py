@@ -1,6 +1,7 @@
 """Every primitive against its case file, and through `decide` with a policy of that primitive alone."""
 
 import tomllib
+from dataclasses import replace
 
 import pytest
 
@@ -17,6 +18,7 @@ from policies import (
     Reason,
     Subject,
     decide,
+    shape,
 )
 from policies.combine import Check
 from policies.primitives.base import Defers, Fails, Holds
@@ -30,6 +32,11 @@ CASES = [
     for case in document["case"]
 ]
 VERDICTS = {"holds": Holds, "fails": Fails, "defers": Defers}
+KINDS = {
+    "permit", "deny", "inside", "outside", "missing", "stale", "future", "non-finite", "unit", "type", "empty", "oversized",
+    "confusable",
+}  # fmt: skip
+KEYS = {"says", "kind", "given", "raw", "parameters", "verdict", "reason", "by", "detail", "place"}
 
 
 def primitive(name, overrides):
@@ -64,10 +71,14 @@ def set_of(one, *, physical):
 @pytest.mark.parametrize(("name", "spec"), CASES)
 def test_case(name, spec):
     one = primitive(name, spec.get("parameters", {}))
+    if spec["verdict"] == "malformed":
+        assert shape.fault(*world.asked(spec.get("given"), spec["raw"])) == spec["place"]
+        return
+    assert shape.fault(*world.asked(spec.get("given"))) is None
     verdict = one.judge(world.case(spec.get("given")))
     assert type(verdict) is VERDICTS[spec["verdict"]]
     if spec["verdict"] == "holds":
-        assert set(spec) <= {"says", "given", "parameters", "verdict"}
+        assert set(spec) <= {"says", "kind", "given", "parameters", "verdict"}
         return
     first = verdict.findings[0]
     assert (first.reason, first.primitive) == (Reason(spec["reason"]), spec.get("by", name))
@@ -80,10 +91,17 @@ def test_case(name, spec):
 def test_case_through_the_pdp(name, spec):
     """The finding of a primitive reaches the decision, and nothing that fails or defers is permitted."""
     given = spec.get("given", {})
-    request, evidence = world.asked(given)
+    request, evidence = world.asked(given, spec.get("raw"))
+    # it is asked where it has evidence, too, and at e4 and e5 for the impact
+    points = ROWS[name].points if "request.points" not in given else frozenset()
+    request = replace(request, points=request.points | points)
     decision = decide(
         request, evidence, set_of(primitive(name, spec.get("parameters", {})), physical=given.get("physical", True))
     )
+    if spec["verdict"] == "malformed":
+        assert (decision.effect, decision.reason) == (Effect.DENY, Reason.EVIDENCE_MALFORMED)
+        assert decision.findings[0].detail["place"] == spec["place"]
+        return
     if spec["verdict"] == "holds":
         assert not [f for f in decision.findings if f.primitive == name and name != "TEA-4"]
         return
@@ -104,7 +122,11 @@ def test_every_primitive_has_enough_cases():
         assert len({case["says"] for case in cases}) == len(cases)
         assert {"holds", "fails"} <= {case["verdict"] for case in cases}
         assert any(case.get("reason") == "EVIDENCE_MISSING" for case in cases), path
-        assert all(set(case) <= {"says", "given", "parameters", "verdict", "reason", "by", "detail"} for case in cases)
+        assert all(set(case) <= KEYS for case in cases)
+        without = document.get("without", {})
+        kinds = {case["kind"] for case in cases if "kind" in case}
+        assert kinds | set(without) == KINDS, path
+        assert not kinds & set(without), path
 
 
 def test_every_reason_of_a_primitive_leads_in_a_case_or_belongs_to_verification():

@@ -105,9 +105,12 @@ def test_nonsense_inside_an_impact_is_never_permitted(field, nonsense):
 @pytest.mark.parametrize("thing", [None, 7, "x", object(), []])
 def test_what_is_no_request_evidence_or_set_is_denied(thing):
     request, evidence = world.asked()
-    for arguments in ((thing, evidence, SET), (request, thing, SET), (request, evidence, thing)):
+    for arguments, place in (((thing, evidence, SET), "request"), ((request, thing, SET), "evidence")):
         decision = decide(*arguments)
-        assert (decision.effect, decision.reason) == (Effect.DENY, Reason.POLICY_ERROR)
+        assert (decision.effect, decision.reason) == (Effect.DENY, Reason.EVIDENCE_MALFORMED)
+        assert decision.findings[0].detail["place"] == place
+    decision = decide(request, evidence, thing)
+    assert (decision.effect, decision.reason) == (Effect.DENY, Reason.POLICY_ERROR)
 
 
 @many

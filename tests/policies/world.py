@@ -9,10 +9,12 @@ from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, S
 from capabilities.errors import Fault, FaultCode
 from capabilities.scope import Grant, Limit, OneOf, Range, Scope, Tier
 from capabilities.units import Parameter, Quantity, Unit
+from policies.conduct import BehaviourReading, Deviation, Feature, SequenceReading
 from policies.evidence import (
     NOT_COLLECTED,
     ApprovalReading,
     Contribution,
+    EdgeReading,
     Evidence,
     ImpactFault,
     ImpactReading,
@@ -23,9 +25,11 @@ from policies.evidence import (
     ToolReading,
     TrustReading,
 )
+from policies.labels import Integrity, Label, Source
 from policies.load import load_shipped
 from policies.model import Point, Request
 from policies.primitives.base import Case
+from policies.said import ArgumentReading, ContextReading, InstructionReading, ItemKind, ItemReading, MessageReading
 from policies.tiers import runtime_tier
 
 VECTORS = Path(__file__).parents[1] / "vectors" / "primitives"
@@ -189,6 +193,51 @@ def opening(plain):
     return OpeningReading(**plain)
 
 
+def trust(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    return TrustReading(plain["score_permille"], tuple(EdgeReading(**edge) for edge in plain["edges"]))
+
+
+def said(kind, plain):
+    return NOT_COLLECTED if plain == "not collected" else kind(**{key: none(value) for key, value in plain.items()})
+
+
+def label(plain):
+    sources = frozenset(Source(source) for source in plain["sources"])
+    rest = {**plain, "sources": sources, "signers": frozenset(plain["signers"])}
+    return Label(**{**rest, "integrity": Integrity(plain["integrity"])})
+
+
+def item(plain):
+    rest = {key: none(value) for key, value in plain.items()}
+    return ItemReading(
+        **{**rest, "kind": ItemKind(plain["kind"]), "label": label(plain["label"]), "signs": tuple(plain["signs"])}
+    )
+
+
+def context(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    arguments = (ArgumentReading(each["name"], label(each["label"]), each["fault"]) for each in plain["arguments"])
+    return ContextReading(tuple(map(item, plain["items"])), tuple(arguments))
+
+
+def sequence(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    tier = none(plain["tier"])
+    rest = {**plain, "index_milli": none(plain["index_milli"]), "tier": None if tier is None else Tier(tier)}
+    return SequenceReading(**rest)
+
+
+def behaviour(plain):
+    if plain == "not collected":
+        return NOT_COLLECTED
+    odd = (Deviation(**{**each, "feature": Feature(each["feature"])}) for each in plain["deviations"])
+    return BehaviourReading(**{**plain, "deviations": tuple(odd), "deviated_at": none(plain["deviated_at"])})
+
+
 def proof(plain):
     if plain == "not collected":
         return NOT_COLLECTED
@@ -206,7 +255,6 @@ def request(plain):
 
 
 def evidence(plain):
-    trust = plain["trust"]
     return Evidence(
         at=plain["at"],
         at_ms=plain["at_ms"],
@@ -215,27 +263,44 @@ def evidence(plain):
         request_fault=refusal(plain["request_fault"]),
         robot_fault=refusal(plain["robot_fault"]),
         tool=tool(plain["tool"]),
-        trust=NOT_COLLECTED if trust == "not collected" else TrustReading(**trust),
+        trust=trust(plain["trust"]),
         impact=impact(plain["impact"]),
         perception=perception(plain["perception"]),
         robot=robot(plain["robot"]),
         approval=approval(plain["approval"]),
         opening=opening(plain["opening"]),
+        instruction=said(InstructionReading, plain["instruction"]),
+        message=said(MessageReading, plain["message"]),
+        context=context(plain["context"]),
+        sequence=sequence(plain["sequence"]),
+        behaviour=behaviour(plain["behaviour"]),
     )
+
+
+def put(whole, steps, value):
+    """A copy of `whole` with `value`, of whatever type, at this place."""
+    if not steps:
+        return value
+    first, *rest = steps
+    if isinstance(whole, tuple):
+        return tuple(put(each, rest, value) if n == int(first) else each for n, each in enumerate(whole))
+    return replace(whole, **{first: put(getattr(whole, first), rest, value)})
+
+
+def asked(given=None, raw=None):
+    """Request and evidence; `raw` is put into them as it is, once they are made."""
+    world = changed(given)
+    both = {"request": request(world["request"]), "evidence": evidence(world["evidence"])}
+    for path, value in (raw or {}).items():
+        first, *steps = path.split(".")
+        both[first] = put(both[first], steps, value)
+    return both["request"], both["evidence"]
 
 
 def case(given=None):
-    world = changed(given)
-    readings = evidence(world["evidence"])
-    return Case(
-        request(world["request"]), readings, world["physical"], runtime_tier(readings, physical=world["physical"])
-    )
-
-
-def asked(given=None):
-    """Request and evidence."""
-    one = case(given)
-    return one.request, one.evidence
+    one, readings = asked(given)
+    physical = changed(given)["physical"]
+    return Case(one, readings, physical, runtime_tier(readings, physical=physical))
 
 
 OPENING = {"opening_id": "0b" * 16, "opener": "carol", "uses_left": 1, "not_after": 1_000_600, "age_ms": 100}
@@ -253,7 +318,7 @@ def approved(at_tier, /, **changes):
     reading = ApprovalReading(
         ask_id="a5" * 16,
         state="granted",
-        reasons=frozenset({"TIER_NEEDS_APPROVAL", "TIER_SAFETY_CRITICAL"}),
+        reasons=frozenset({"TIER_NEEDS_APPROVAL", "TIER_SAFETY_CRITICAL", "SEQUENCE_NEEDS_APPROVAL"}),
         tier=Tier(at_tier),
         index_milli=seen.impact.index_milli,
         contributors=frozenset((c.kind, c.object) for c in seen.impact.contributions),

@@ -9,8 +9,10 @@ import typer
 from rich.table import Table
 
 from ztpm.cli.output import console, fail, say_json
+from ztpm.cli.proof import prove
 
 app = typer.Typer(no_args_is_help=True, help="Policy sets.")
+app.command("prove")(prove)
 
 
 @app.callback()
