@@ -7,14 +7,41 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING, Final
 
 from pep.errors import ActuationRefusedError
+from policies.model import ObligationKind
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from capabilities.errors import Fault
+    from capabilities.units import Quantity
     from pep.ports import Clock
-    from policies.model import Request
+    from policies.model import Decision, Obligation, Request
+
+
+def unfulfilled(decision: Decision, request: Request) -> Obligation | None:
+    """The first obligation of a PERMIT that will not be fulfilled here; a PERMIT with one is void.
+
+    A gate records, consumes approvals and sends nothing but what was decided; the watch of its shell watches. What else
+    a policy may ask for, nobody does yet.
+    """
+    for obligation in decision.obligations:
+        match obligation.kind:
+            case ObligationKind.RECORD | ObligationKind.WATCH | ObligationKind.CONSUME:
+                continue
+            case ObligationKind.CLAMP if _within(obligation.at_most, request):
+                continue
+            case _:
+                return obligation
+    return None
+
+
+def _within(at_most: Quantity | None, request: Request) -> bool:
+    """Whether the request has that parameter, in that unit, no higher."""
+    return at_most is not None and any(
+        (value.name, value.unit) == (at_most.name, at_most.unit) and value.value <= at_most.value
+        for value in request.values
+    )
 
 
 class Permit:

@@ -12,22 +12,25 @@ from enum import Enum
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 EXACT: Final = 2**53 - 1
 """Largest integer that every JSON reader keeps exactly (RFC 8259 section 6); larger ones are written as text."""
 
-_dumps: Final = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False).encode
-"""JSON without choices; escapes make it total over lone surrogates."""
+_ENCODER: Final = msgspec.json.Encoder(order="sorted")
+_AS_IT_IS: Final = frozenset({str, bool, type(None)})
+"""Types whose every value is plain."""
 
 
 def plain(value: object) -> object:
     """`value` as JSON values: dataclasses with their type's name, bytes in hex, sets sorted, floats exact."""
     kind = type(value)
-    if kind is str or value is None or kind is bool or (kind is int and -EXACT <= value <= EXACT):  # type: ignore[operator]
+    if kind in _AS_IT_IS or (kind is int and -EXACT <= value <= EXACT):  # type: ignore[operator]
         return value  # the usual leaves, before all that is rarer
-    return _writer(kind)(value)
+    return _writer(kind)(value)  # type: ignore[arg-type]  # mypy takes no type object for hashable
 
 
 @cache
@@ -49,21 +52,26 @@ def _record(kind: type[Any]) -> Callable[[Any], object]:
     def write(value: Any) -> object:
         written: dict[str, object] = {"type": title}
         for name in names:
-            written[name] = plain(getattr(value, name))
+            member = getattr(value, name)
+            written[name] = member if type(member) in _AS_IT_IS else plain(member)
         return written
 
     return write
 
 
 def _map(value: dict[object, object]) -> object:
-    """Pairs in the order of their text, which for keys that are texts is the order of the keys."""
-    if all(type(key) is str for key in value):
-        return {"map": [[key, plain(value[key])] for key in sorted(value, key=_dumps)]}
-    return {"map": sorted(([plain(key), plain(member)] for key, member in value.items()), key=_dumps)}
+    return {"map": _in_order([[plain(key), plain(member)] for key, member in value.items()])}
 
 
 def _set(value: frozenset[object]) -> object:
-    return {"set": sorted(map(plain, value), key=_dumps)}
+    return {"set": _in_order([plain(member) for member in value])}
+
+
+def _in_order(members: list[Any]) -> list[Any]:
+    """Plain values in the one order that their texts have; names among themselves need no text for that."""
+    if len(members) < 2:
+        return members
+    return sorted(members, key=None if {*map(type, members)} == {str} else _encoded)
 
 
 def _list(value: tuple[object, ...]) -> object:
@@ -71,7 +79,7 @@ def _list(value: tuple[object, ...]) -> object:
 
 
 _WRITERS: Final[tuple[tuple[type[Any], Callable[[Any], object]], ...]] = (
-    (Enum, lambda value: plain(value.value)),  # before what an enum may be besides
+    (Enum, lambda member: plain(member._value_)),  # before what an enum may be besides
     (int, lambda value: {"int": str(int(value))}),
     (str, str),
     (float, lambda value: {"float": value.hex()}),
@@ -85,11 +93,19 @@ _WRITERS: Final[tuple[tuple[type[Any], Callable[[Any], object]], ...]] = (
 )
 
 
+def _encoded(value: object) -> bytes:
+    """JSON without choices, of a plain value."""
+    try:
+        return _ENCODER.encode(value)
+    except UnicodeEncodeError:  # half a surrogate pair, which UTF-8 cannot write and an escape can
+        return json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=True).encode("ascii")
+
+
 def text(value: object) -> str:
     """The canonical JSON text of `value`."""
-    return _dumps(plain(value))
+    return _encoded(plain(value)).decode("utf-8")
 
 
 def digest(kind: str, value: object) -> str:
     """SHA-256 (hex) over the kind and the canonical text of `value`."""
-    return hashlib.sha256(f"ztpm/1 {kind}\n{text(value)}".encode("ascii")).hexdigest()
+    return hashlib.sha256(b"ztpm/1 %s\n%s" % (kind.encode("utf-8"), _encoded(plain(value)))).hexdigest()

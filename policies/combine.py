@@ -8,7 +8,7 @@ policy permits.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, assert_never
+from typing import TYPE_CHECKING, Final, assert_never
 
 from policies import canonical
 from policies.errors import PolicyError, PolicyFault
@@ -67,18 +67,17 @@ Predicate = Check | AllOf | AnyOf | Not | Always
 def evaluate(predicate: Predicate, case: Case) -> Verdict:
     """The verdict of `predicate` on `case`. Every part is asked: findings do not depend on the order of parts."""
     match predicate:
-        case Check(primitive):
-            return primitive.judge(case)
+        case Check():
+            return predicate.primitive.judge(case)
+        case AllOf():
+            return _worst([evaluate(part, case) for part in predicate.parts])
+        case AnyOf():
+            # by De Morgan: the mirror of the worst of the mirrors
+            return _mirror(_worst([_mirror(evaluate(part, case)) for part in predicate.parts]))
+        case Not():
+            return _mirror(evaluate(predicate.part, case))
         case Always():
             return Holds()
-        case Not(part):
-            return _mirror(evaluate(part, case))
-        case AllOf(parts):
-            verdicts = [evaluate(part, case) for part in parts]
-            return _worst(verdicts)
-        case AnyOf(parts):
-            # by De Morgan: the mirror of the worst of the mirrors
-            return _mirror(_worst([_mirror(evaluate(part, case)) for part in parts]))
         case _:
             assert_never(predicate)
 
@@ -98,13 +97,25 @@ def _mirror(verdict: Verdict) -> Verdict:
 
 def _worst(verdicts: list[Verdict]) -> Verdict:
     """`all`: the least verdict, with the findings of all that are not better than Defers."""
-    failed = [f for v in verdicts if isinstance(v, Fails) for f in v.findings]
-    deferred = [f for v in verdicts if isinstance(v, Defers) for f in v.findings]
-    if any(isinstance(v, Fails) for v in verdicts):
-        return Fails((*failed, *deferred))
-    if any(isinstance(v, Defers) for v in verdicts):
-        return Defers(tuple(deferred))
-    return Holds(tuple(f for v in verdicts if isinstance(v, Holds) for f in v.because))
+    held: list[Holds] = []
+    failed: list[Fails] = []
+    deferred: list[Defers] = []
+    for verdict in verdicts:
+        match verdict:
+            case Holds():
+                held.append(verdict)
+            case Fails():
+                failed.append(verdict)
+            case Defers():
+                deferred.append(verdict)
+            case _:
+                assert_never(verdict)
+    asked = tuple(finding for verdict in deferred for finding in verdict.findings)
+    if failed:
+        return Fails((*(finding for verdict in failed for finding in verdict.findings), *asked))
+    if deferred:
+        return Defers(asked)
+    return Holds(tuple(finding for verdict in held for finding in verdict.because))
 
 
 def checks(predicate: Predicate, *, negated: bool = False) -> Iterator[tuple[Primitive, bool]]:
@@ -146,17 +157,27 @@ class Answer:
     grants: bool = False
 
 
+SILENT: Final = Answer(None)
+PERMITS: Final = Answer(Effect.PERMIT, grants=True)
+
+
 def deny_overrides(answers: Iterable[Answer]) -> tuple[Effect, tuple[Finding, ...]]:
     """The effect of all answers, and the findings with the leading one first, whatever the order of answers.
 
     DENY over DEFER over PERMIT. Where no policy that may permit concerns the request, the effect is DENY with
     `NO_POLICY`.
     """
-    answers = tuple(answers)
-    denied = [f for a in answers if a.effect is Effect.DENY for f in a.findings]
-    deferred = [f for a in answers if a.effect is Effect.DEFER for f in a.findings]
-    effects = {a.effect for a in answers}
-    if not any(a.grants for a in answers):
+    effects, granted = set(), False
+    denied: list[Finding] = []
+    deferred: list[Finding] = []
+    for answer in answers:
+        effects.add(answer.effect)
+        granted = granted or answer.grants
+        if answer.effect is Effect.DENY:
+            denied += answer.findings
+        elif answer.effect is Effect.DEFER:
+            deferred += answer.findings
+    if not granted:
         effects.add(Effect.DENY)
         denied.append(found("", Reason.NO_POLICY))
     if Effect.DENY in effects:
@@ -169,13 +190,24 @@ def deny_overrides(answers: Iterable[Answer]) -> tuple[Effect, tuple[Finding, ..
 def _ranked(findings: list[Finding]) -> tuple[Finding, ...]:
     """One finding for each (primitive, reason), the one that says most, in the order of `PRECEDENCE`."""
     fullest: dict[tuple[str, Reason], Finding] = {}
-    for finding in sorted(findings, key=lambda f: (len(f.detail), canonical.text(f.detail))):
-        fullest[finding.primitive, finding.reason] = finding
+    for finding in findings:
+        about = finding.primitive, finding.reason
+        fullest[about] = _fuller(fullest.get(about, finding), finding)
     return tuple(sorted(fullest.values(), key=_rank))
+
+
+def _fuller(one: Finding, other: Finding) -> Finding:
+    """Which of two says more; between two that say as much, the same one whatever their order."""
+    if one is other:
+        return one
+    return max(one, other, key=lambda finding: (len(finding.detail), canonical.text(finding.detail)))
+
+
+_ORDER: Final = {reason: place for place, reason in enumerate(PRECEDENCE)}
 
 
 def _rank(finding: Finding) -> tuple[int, int, str]:
     """Sort key: the reason's precedence, then the owner that leads, then the id."""
     owners = REASONS[finding.reason].owners
     owner = owners.index(finding.primitive) if finding.primitive in owners else len(owners)
-    return PRECEDENCE.index(finding.reason), owner, finding.primitive
+    return _ORDER[finding.reason], owner, finding.primitive

@@ -9,14 +9,20 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 import rfc8785
+
+from policies.canonical import EXACT
+from policies.errors import PolicyError, PolicyFault
 
 if TYPE_CHECKING:
     from capabilities.scope import Tier
     from capabilities.units import Quantity
     from policies.reasons import Reason
+
+_QUICK: Final = msgspec.json.Encoder()
 
 
 class Point(StrEnum):
@@ -66,21 +72,26 @@ class Request:
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) of what would be done: audience, object, operation and values; the same for every retry."""
-        return hashlib.sha256(
-            rfc8785.dumps(
-                {
-                    "audience": self.audience,
-                    "object": self.object,
-                    "operation": self.operation,
-                    "values": [[v.name, str(v.unit), v.value] for v in self.values],
-                }
-            )
-        ).hexdigest()
+        """SHA-256 (hex) of what would be done, as RFC 8785 JSON: audience, object, operation and values.
+
+        The same for every retry.
+        """
+        content: dict[str, Any] = {
+            "audience": self.audience,
+            "object": self.object,
+            "operation": self.operation,
+            "values": [[v.name, str(v.unit), v.value] for v in self.values],
+        }
+        # of names and of integers that every reader keeps, the quick encoder writes the RFC 8785 form
+        usual = all(type(v.value) is int and -EXACT <= v.value <= EXACT for v in self.values)
+        return hashlib.sha256(_QUICK.encode(content) if usual else rfc8785.dumps(content)).hexdigest()
 
 
 class ObligationKind(StrEnum):
-    """What must be done for a PERMIT to count."""
+    """What must be done for a PERMIT to count, or because of a DENY.
+
+    A policy may ask for any of them but `CONSUME` and `CLAMP`, which only a decision can know.
+    """
 
     RECORD = "record"
     """Write the decision durably before the effect."""
@@ -88,13 +99,36 @@ class ObligationKind(StrEnum):
     """Keep watching while the effect lasts: its authority, what the sensors see, and what is left of it; else stop."""
     CONSUME = "consume approval"
     """Take the use of the approval that the decision names, durably, before the effect."""
+    CLAMP = "clamp"
+    """Let nothing through in which the parameter is higher than what was decided. Never silent: whoever lowers a
+    parameter has the lower request decided and tells the caller; a PERMIT says what it holds for."""
+    NOTIFY = "notify"
+    """Tell a person who answers for the cell."""
+    REATTEST = "re-attest"
+    """Have the holder attested again before its next act."""
+    LOWER_TRUST = "lower trust"
+    """Report the attempt, so that trust is lowered: in the holder where chain and proof were verified, else in whoever
+    sent the request, and never in an agent that only an unverified token names."""
 
 
 @dataclass(frozen=True, slots=True)
 class Obligation:
-    """One obligation of a decision."""
+    """One obligation of a decision.
+
+    Attributes:
+        kind: what must be done.
+        at_most: of a clamp, and of nothing else: the parameter, its unit and its highest value.
+
+    Raises:
+        PolicyError: for a clamp without a bound, and for a bound without a clamp.
+    """
 
     kind: ObligationKind
+    at_most: Quantity | None = None
+
+    def __post_init__(self) -> None:
+        if (self.kind is ObligationKind.CLAMP) is (self.at_most is None):
+            raise PolicyError(PolicyFault.UNKNOWN_VALUE, "obligation", "a clamp and a bound come together")
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +167,7 @@ class Decision:
         findings: every contributing finding, the leading one first.
         tier: the runtime tier, or None when no tier was computed (a fault is no tier).
         index: the physical impact index in thousandths, or None.
-        obligations: what must be done for the PERMIT to count.
+        obligations: what must be done for the PERMIT to count, or because of the DENY; sorted by kind.
         policy_digest: SHA-256 (hex) of the policy set.
         evidence_digest: SHA-256 (hex) of the evidence.
         lifetime_ms: how long after the decision its effect may begin.

@@ -6,15 +6,17 @@ broken or undecidable is DENY; only a view of the world may be supplied by a per
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, assert_never
+from typing import TYPE_CHECKING, assert_never
 
 from capabilities.chain import Chain
 from capabilities.scope import Tier
+from policies import shape
 from policies.approval import AskAgain, Counts, Refused, Waiting, prior_leave, standing
-from policies.combine import Answer, deny_overrides, evaluate
+from policies.combine import PERMITS, SILENT, Answer, deny_overrides, evaluate
 from policies.evidence import ImpactReading
-from policies.model import ApprovalUse, Decision, Effect, Obligation, ObligationKind, Request
-from policies.policy import Concern, Policy, PolicySet, requirement
+from policies.model import ApprovalUse, Decision, Effect, Request
+from policies.obligations import NOTIFY, RECORD, of_permit, of_refusal
+from policies.policy import Concern, Policy, PolicySet
 from policies.primitives.base import Case, Defers, Fails, Holds, Verdict, found, verified_chain
 from policies.primitives.identity import AgentAuthentication
 from policies.primitives.tools import PhysicalImpactGate
@@ -24,9 +26,6 @@ from policies.tiers import runtime_tier
 if TYPE_CHECKING:
     from policies.evidence import Evidence
     from policies.model import Finding
-
-RECORD: Final = Obligation(ObligationKind.RECORD)
-CONSUME: Final = Obligation(ObligationKind.CONSUME)
 
 
 def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decision:
@@ -41,18 +40,18 @@ def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decisio
         The Decision. An error inside a policy is a DENY with `POLICY_ERROR`.
     """
     try:
-        needs = requirement(request, policies)
-        case = Case(request, evidence, needs.physical, runtime_tier(evidence, physical=needs.physical))
-        concerned = [policy for policy in policies.policies if policy.concerns(request) is Concern.YES]
-        effect, findings = deny_overrides([_answer(policy, case) for policy in concerned])
+        place = shape.fault(request, evidence)
+        if place is not None:
+            return _undecidable(request, policies, found("", Reason.EVIDENCE_MALFORMED, place=place))
+        plan = policies.plan(request)
+        case = Case(request, evidence, plan.needs.physical, runtime_tier(evidence, physical=plan.needs.physical))
+        answers = [_answer(policy, case) for policy in plan.policies]
+        effect, findings = deny_overrides(answers)
         approval: ApprovalUse | None = None
         if effect is Effect.DEFER:
             effect, findings, approval = _asked(case, findings, policies)
-        obligations = {o for policy in concerned for o in policy.obligations if policy.effect is Effect.PERMIT}
-        if approval is not None:
-            obligations.add(CONSUME)
         permitted = effect is Effect.PERMIT
-        impact = evidence.impact if isinstance(evidence.impact, ImpactReading) and needs.physical else None
+        impact = evidence.impact if case.physical and isinstance(evidence.impact, ImpactReading) else None
         return Decision(
             request_id=request.request_id,
             request_digest=request.digest,
@@ -62,14 +61,14 @@ def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decisio
             findings=findings,
             tier=case.tier,
             index=None if impact is None else impact.index_milli,
-            obligations=tuple(sorted(obligations if permitted else {RECORD}, key=lambda o: o.kind)),
+            obligations=of_permit(plan, case, approval) if permitted else of_refusal(effect, plan, answers, findings),
             policy_digest=policies.digest,
             evidence_digest=evidence.digest,
-            lifetime_ms=needs.lifetime_ms if permitted else 0,
+            lifetime_ms=plan.needs.lifetime_ms if permitted else 0,
             approval=approval,
         )
     except Exception as error:  # noqa: BLE001 - total: whatever goes wrong in deciding is a DENY, and the record says what it was
-        return _undecidable(request, policies, error)
+        return _undecidable(request, policies, found("", Reason.POLICY_ERROR, error=type(error).__name__))
 
 
 def _asked(
@@ -95,83 +94,79 @@ def _asked(
 def _answer(policy: Policy, case: Case) -> Answer:
     """What one policy that concerns the operation says. An error in it denies."""
     try:
-        match policy.subject.concern(case.evidence):
-            case Concern.NO:
-                return Answer(None)
-            case Concern.UNKNOWN if policy.effect is Effect.PERMIT:
-                # nobody knows whether this policy is for the caller: it cannot speak for them
-                stranger = verified_chain(AgentAuthentication.id, case)
-                return Answer(Effect.DENY, () if isinstance(stranger, Chain) else stranger.findings, grants=True)
-            case Concern.YES | Concern.UNKNOWN:
-                return _verdict(policy, evaluate(policy.predicate, case), case)
+        concern = policy.subject.concern(case.evidence)
+        if concern is Concern.NO:
+            return SILENT
+        if concern is Concern.UNKNOWN and policy.effect is Effect.PERMIT:
+            # nobody knows whether this policy is for the caller: it cannot speak for them
+            stranger = verified_chain(AgentAuthentication.id, case)
+            return Answer(Effect.DENY, () if isinstance(stranger, Chain) else stranger.findings, grants=True)
+        verdict = evaluate(policy.predicate, case)
+        match policy.effect:
+            case Effect.PERMIT:
+                return _permit(policy, verdict, case)
+            case Effect.DENY:
+                return _speak(policy, verdict, Reason.PROHIBITED)
+            case Effect.DEFER:
+                return _speak(policy, verdict, Reason.APPROVAL_REQUIRED)
     except Exception as error:  # noqa: BLE001 - a policy that errors denies (Cedar skips it: fine for web pages, wrong for robots)
         return Answer(Effect.DENY, (found("", Reason.POLICY_ERROR, policy=policy.id, error=type(error).__name__),))
-
-
-def _verdict(policy: Policy, verdict: Verdict, case: Case) -> Answer:
-    """What the policy's effect makes of its predicate's verdict."""
-    match policy.effect:
-        case Effect.PERMIT:
-            return _permit(policy, verdict, case)
-        case Effect.DENY:
-            return _speak(policy, verdict, found("", Reason.PROHIBITED, policy=policy.id))
-        case Effect.DEFER:
-            return _speak(policy, verdict, found("", Reason.APPROVAL_REQUIRED, policy=policy.id))
 
 
 def _permit(policy: Policy, verdict: Verdict, case: Case) -> Answer:
     """A requirement: what does not hold is denied, and from the PITBound on a PERMIT escalates."""
     match verdict:
+        case Holds():
+            return PERMITS if policy.pit_bound is None else _bounded(policy, policy.pit_bound, case)
         case Fails(findings):
             return Answer(Effect.DENY, findings, grants=True)
         case Defers(findings):
             return Answer(Effect.DEFER, findings, grants=True)
-        case Holds():
-            pass
         case _:
             assert_never(verdict)
-    if policy.pit_bound is None:
-        return Answer(Effect.PERMIT, grants=True)
+
+
+def _bounded(policy: Policy, bound: Tier, case: Case) -> Answer:
+    """What the PITBound makes of a PERMIT: without a tier nothing, and from `bound` on a question or a denial."""
     gate, tier = PhysicalImpactGate.id, case.tier
     if tier is None:
         return Answer(Effect.DENY, (found(gate, Reason.EVIDENCE_MISSING, evidence="impact"),), grants=True)
-    if tier < policy.pit_bound:
-        return Answer(Effect.PERMIT, grants=True)
-    detail = {"tier": int(tier), "pit_bound": int(policy.pit_bound), "policy": policy.id}
+    if tier < bound:
+        return PERMITS
+    detail = {"tier": int(tier), "pit_bound": int(bound), "policy": policy.id}
     if tier is Tier.SAFETY_CRITICAL:
         effect = Effect.DENY if prior_leave(case.evidence) is None else Effect.DEFER
         return Answer(effect, (found(gate, Reason.TIER_SAFETY_CRITICAL, **detail),), grants=True)
     return Answer(Effect.DEFER, (found(gate, Reason.TIER_NEEDS_APPROVAL, **detail),), grants=True)
 
 
-def _speak(policy: Policy, verdict: Verdict, plainly: Finding) -> Answer:
+def _speak(policy: Policy, verdict: Verdict, plainly: Reason) -> Answer:
     """A prohibition or a question: it speaks when its predicate holds, and asks a person where the predicate defers."""
     match verdict:
         case Fails():
-            return Answer(None)
+            return SILENT
         case Defers(findings):
             return Answer(Effect.DEFER, findings)
         case Holds(because):
-            return Answer(policy.effect, (plainly, *because))
+            return Answer(policy.effect, (found("", plainly, policy=policy.id), *because))
         case _:
             assert_never(verdict)
 
 
-def _undecidable(request: Request, policies: PolicySet, error: Exception) -> Decision:
+def _undecidable(request: Request, policies: PolicySet, finding: Finding) -> Decision:
     """The DENY for a request or evidence that is not even of the right shape; nothing here can raise."""
-    finding = found("", Reason.POLICY_ERROR, error=type(error).__name__)
     name = getattr(request, "request_id", "")
     digest = getattr(policies, "digest", "")
     return Decision(
         request_id=name if isinstance(name, str) else "",
         request_digest="",
         effect=Effect.DENY,
-        reason=Reason.POLICY_ERROR,
+        reason=finding.reason,
         primitive="",
         findings=(finding,),
         tier=None,
         index=None,
-        obligations=(RECORD,),
+        obligations=(NOTIFY, RECORD),
         policy_digest=digest if isinstance(digest, str) else "",
         evidence_digest="",
         lifetime_ms=0,

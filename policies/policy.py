@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from capabilities.chain import Chain
 from policies import canonical
@@ -86,7 +86,7 @@ class Policy:
         subject, object, predicate: whom, what, and what must hold.
         points: EP, the enforcement points at which it decides.
         effect: what it says when the predicate holds.
-        obligations: what must be done for its PERMIT to count.
+        obligations: what must be done when its effect is the decision's: for a PERMIT to count, or because it forbade.
         pit_bound: least tier at which its PERMIT escalates to DEFER, or to DENY at tier 4; None for no physical
             dependency.
 
@@ -118,7 +118,7 @@ class Policy:
                 raise PolicyError(PolicyFault.WRONG_POINT, "ep", primitive.id)
         if permits and Obligation(ObligationKind.RECORD) not in self.obligations:
             raise PolicyError(PolicyFault.NO_RECORD, "obligation")
-        if Obligation(ObligationKind.CONSUME) in self.obligations:
+        if any(o.kind in (ObligationKind.CONSUME, ObligationKind.CLAMP) for o in self.obligations):
             raise PolicyError(PolicyFault.UNKNOWN_VALUE, "obligation", "made by a decision alone")
         gated = any(p.id == PhysicalImpactGate.id for p, _ in checks(self.predicate))
         required = permits and any(p.id == PhysicalImpactGate.id for p in conjuncts(self.predicate))
@@ -142,6 +142,40 @@ def _holds_always(predicate: Predicate) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
+class Requirement:
+    """What a gate must collect before it asks for a decision.
+
+    Attributes:
+        physical: whether the physical impact must be computed.
+        lease_ms: oldest revocation view that verification may use.
+        lifetime_ms: how long after the decision its effect may begin.
+    """
+
+    physical: bool
+    lease_ms: int
+    lifetime_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What a set makes of one operation, whoever asks.
+
+    Attributes:
+        policies: those that concern it.
+        needs: what must be collected for it.
+        obligations: what must be done for a PERMIT to count.
+    """
+
+    policies: tuple[Policy, ...]
+    needs: Requirement
+    obligations: frozenset[Obligation]
+
+
+PLANS: Final = 256
+"""Most plans that a set remembers: a cell has a dozen operations, and a stranger may name any."""
+
+
+@dataclass(frozen=True, slots=True)
 class PolicySet:
     """Policies that decide together, with their parameters.
 
@@ -157,6 +191,9 @@ class PolicySet:
     policies: tuple[Policy, ...]
     parameters: Parameters
     digest: str = field(init=False, compare=False)
+    _plans: dict[tuple[frozenset[Point], str, str], Plan] = field(
+        init=False, compare=False, repr=False, default_factory=dict
+    )
 
     def __post_init__(self) -> None:
         ids = [policy.id for policy in self.policies]
@@ -165,26 +202,32 @@ class PolicySet:
         content = (self.name, self.version, sorted(self.policies, key=lambda policy: policy.id), self.parameters)
         object.__setattr__(self, "digest", canonical.digest("policy-set", content))
 
+    def plan(self, request: Request) -> Plan:
+        """What concerns the request. Points, object and operation fix it, so it is worked out once and remembered."""
+        about = request.points, request.object, request.operation
+        plan = self._plans.get(about)
+        if plan is None:
+            if len(self._plans) >= PLANS:
+                self._plans.clear()
+            plan = self._plans[about] = self._planned(request)
+        return plan
 
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    """What a gate must collect before it asks for a decision.
-
-    Attributes:
-        physical: whether the physical impact must be computed.
-        lease_ms: oldest revocation view that verification may use.
-        lifetime_ms: how long after the decision its effect may begin.
-    """
-
-    physical: bool
-    lease_ms: int
-    lifetime_ms: int
+    def _planned(self, request: Request) -> Plan:
+        """The plan for a request. An act that no policy names counts as physical."""
+        concerned = tuple(policy for policy in self.policies if policy.concerns(request) is Concern.YES)
+        physical = not concerned or any(policy.pit_bound is not None for policy in concerned)
+        of, permits = self.parameters, (policy for policy in concerned if policy.effect is Effect.PERMIT)
+        return Plan(
+            policies=concerned,
+            needs=Requirement(
+                physical=physical,
+                lease_ms=of.lease_motion_ms if physical else of.lease_other_ms,
+                lifetime_ms=of.verdict_lifetime_ms if physical else of.verdict_lifetime_other_ms,
+            ),
+            obligations=frozenset().union(*(policy.obligations for policy in permits)),
+        )
 
 
 def requirement(request: Request, policies: PolicySet) -> Requirement:
-    """What the set wants to know about an operation, whoever asks. An act that no policy names counts as physical."""
-    concerned = [policy for policy in policies.policies if policy.concerns(request) is Concern.YES]
-    parameters = policies.parameters
-    if not concerned or any(policy.pit_bound is not None for policy in concerned):
-        return Requirement(True, parameters.lease_motion_ms, parameters.verdict_lifetime_ms)  # noqa: FBT003 - the field's name is near
-    return Requirement(False, parameters.lease_other_ms, parameters.verdict_lifetime_other_ms)  # noqa: FBT003 - likewise
+    """What the set wants to know about an operation, whoever asks."""
+    return policies.plan(request).needs

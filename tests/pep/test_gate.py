@@ -7,11 +7,12 @@ from dataclasses import replace
 import pytest
 
 from capabilities.scope import Grant, Tier
+from capabilities.units import Quantity, Unit
 from pep import gate as gate_module
 from pep.errors import ActuationRefusedError, JournalError, PepFault
 from pep.gate import ATTEMPTS, Result
 from policies.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
-from policies.model import Effect
+from policies.model import Effect, Obligation, ObligationKind
 from policies.reasons import Reason
 from tests.pep.kit import MOVE, FailingJournal, Rig, full_scope, reading
 
@@ -78,6 +79,41 @@ def test_a_permit_says_what_the_watch_has_to_hold(rig, monkeypatch, perception, 
     run(rig, call, effect)
     (permit,) = given
     assert (permit.request, permit.index_milli, permit.sighted) == (call.request, 1_000 * tier, sighted)
+
+
+SPEED = Quantity("speed", Unit.MICRORADIAN_PER_SECOND, 0)
+
+
+@pytest.mark.parametrize(
+    "obligation",
+    [
+        *(Obligation(k) for k in (ObligationKind.NOTIFY, ObligationKind.REATTEST, ObligationKind.LOWER_TRUST)),
+        Obligation(ObligationKind.CLAMP, SPEED),
+        Obligation(ObligationKind.CLAMP, replace(SPEED, unit=Unit.MICROMETRE_PER_SECOND, value=10**9)),
+        Obligation(ObligationKind.CLAMP, replace(SPEED, name="force", value=10**9)),
+    ],
+    ids=lambda o: f"{o.kind} {o.at_most.name} {o.at_most.unit}" if o.at_most else str(o.kind),
+)
+def test_a_permit_with_an_obligation_that_is_not_fulfilled_here_is_void(rig, monkeypatch, obligation):
+    """Whether nobody here fulfils it, or the request is faster than the PERMIT is good for, or it has no such parameter."""
+    honest = gate_module.decide
+    monkeypatch.setattr(
+        gate_module, "decide", lambda *a: replace(d := honest(*a), obligations=(*d.obligations, obligation))
+    )
+    answer = run(rig, rig.call(rig.agent()))
+    assert (answer.decision.effect, answer.decision.reason) == (Effect.DENY, Reason.POLICY_ERROR)
+    assert answer.decision.findings[0].detail == {"obligation": str(obligation.kind)}
+    assert rig.sent == []
+    assert [r["body"]["decision"]["effect"] for r in rig.records("decision")] == ["DENY"]
+    assert rig.slot.holder is None
+
+
+def test_a_permit_says_up_to_which_speed_it_is_good(rig):
+    call = rig.call(rig.agent())
+    answer = run(rig, call)
+    (clamp,) = (o for o in answer.decision.obligations if o.kind is ObligationKind.CLAMP)
+    assert clamp.at_most in call.request.values
+    assert clamp.at_most.name == "speed"
 
 
 def test_what_the_watch_saw_is_in_the_record(rig):
