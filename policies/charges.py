@@ -170,10 +170,10 @@ back an attack with a thousand reads)."""
 
 
 def charge(report: Report) -> Charge:
-    """What the report counts against the edge. Only refusals, and permits that did not come to be done, count."""
-    if report.effect == "DENY" or report.outcome in {"failed", "refused"}:
+    """What the report counts against the edge. Only refusals count, and permits that did not come to be done."""
+    if report.effect == "DENY":
         return CHARGES.get(report.reason, _UNLISTED)
-    return _HOUSE
+    return CHARGES.get(report.reason, _HOUSE) if report.outcome in {"failed", "refused"} else _HOUSE
 
 
 def credit_milli(report: Report) -> int:

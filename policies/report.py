@@ -97,9 +97,7 @@ class Report:
         _require(is_text(self.outcome) and self.outcome in OUTCOMES, "outcome")
         _require(self.outcome == "none" or self.effect == "PERMIT", "outcome")
         _require(len(self.values) <= VALUES_MAX, "values")
-        for entry in self.values:
-            _require(len(entry) == 2 and is_text(entry[0]), "values")
-            _require(type(entry[1]) is int and -EXACT <= entry[1] <= EXACT, "values")
+        _require(all(is_text(name) and is_whole(value) for name, value in self.values), "values")
         _require(self.near_permille is None or is_count(self.near_permille, 1000), "near_permille")
 
     @property
@@ -140,6 +138,8 @@ class Report:
         fields = keyed(body, set(cls.__slots__), "report")
         parties, values = listed(fields["delegators"], "delegators"), listed(fields["values"], "values")
         pairs = tuple(tuple(listed(entry, "values")) for entry in values)
+        if not all(len(pair) == 2 for pair in pairs):
+            raise ReportError("values")
         return cls(**{**fields, "delegators": tuple(parties), "values": pairs})
 
 
@@ -153,6 +153,11 @@ def is_text(value: object) -> bool:
 def is_count(value: object, high: int) -> bool:
     """Whether it is an integer (no bool) from 0 to `high`."""
     return type(value) is int and 0 <= value <= high
+
+
+def is_whole(value: object) -> bool:
+    """Whether it is an integer (no bool) that every JSON reader keeps."""
+    return type(value) is int and -EXACT <= value <= EXACT
 
 
 def keyed(body: object, keys: set[str], where: str) -> Mapping[str, Any]:

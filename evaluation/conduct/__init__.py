@@ -1,0 +1,1 @@
+"""Trust and behaviour on simulated agents: what is claimed of them, measured."""
