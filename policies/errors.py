@@ -10,6 +10,8 @@ class PolicyFault(StrEnum):
 
     TOO_LARGE = "TOO_LARGE"
     NOT_TOML = "NOT_TOML"
+    UNKNOWN_FORMAT = "UNKNOWN_FORMAT"
+    """The text is of a form that this version does not read."""
     TOO_DEEP = "TOO_DEEP"
     UNKNOWN_SET = "UNKNOWN_SET"
     UNKNOWN_KEY = "UNKNOWN_KEY"

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     from policies.primitives.base import Primitive
 
+FORMAT: Final = 1
+"""The form of the text that is read here; a text that states none is of this form."""
 TEXT_LIMIT: Final = 262_144
 """Characters of a policy set: what a person could still read."""
 DEPTH_LIMIT: Final = 16
@@ -34,7 +36,7 @@ MEMBER_LIMIT: Final = 256
 """Members of any list."""
 NAME_LIMIT: Final = 128
 """Characters of a name."""
-SHIPPED: Final = ("paper-default",)
+SHIPPED: Final = ("paper-default", "strict")
 """The sets that come with the package."""
 
 ANY: Final = "any"
@@ -71,7 +73,9 @@ def load(text: str) -> PolicySet:
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise PolicyError(PolicyFault.NOT_TOML, "text", str(error)[:NAME_LIMIT]) from error
     top = _Table(document, "")
-    top.expect("name", "version", "policy", optional=("parameters",))
+    top.expect("name", "version", "policy", optional=("format", "parameters"))
+    if "format" in document and top.integer("format", 0, 2**31 - 1) != FORMAT:
+        raise PolicyError(PolicyFault.UNKNOWN_FORMAT, "format", f"this version reads {FORMAT}")
     parameters = _parameters(top)
     tables = top.list("policy")
     policies = tuple(_policy(_table(entry, f"policy[{i}]"), parameters) for i, entry in enumerate(tables))

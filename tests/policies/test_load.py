@@ -64,6 +64,9 @@ BAD = {
     "a missing effect": (but('effect = "PERMIT"', ""), F.MISSING_KEY, "policy[0].effect"),
     "a missing obligation": (but('obligation = ["record"]', ""), F.MISSING_KEY, "policy[0].obligation"),
     "a missing PITBound": (but('pit_bound = "none"', ""), F.MISSING_KEY, "policy[0].pit_bound"),
+    "a form of tomorrow": (but("version = 1", "version = 1\nformat = 2"), F.UNKNOWN_FORMAT, "format"),
+    "a form that is a text": (but("version = 1", 'version = 1\nformat = "1"'), F.WRONG_TYPE, "format"),
+    "a form that is a fraction": (but("version = 1", "version = 1\nformat = 1.0"), F.WRONG_TYPE, "format"),
     "a name that is a number": (but('"small"', "7"), F.WRONG_TYPE, "name"),
     "an empty name": (but('"small"', '""'), F.OUT_OF_RANGE, "name"),
     "a long name": (but('"small"', f'"{"x" * (NAME_LIMIT + 1)}"'), F.OUT_OF_RANGE, "name"),
@@ -244,10 +247,10 @@ def test_the_digest_does_not_depend_on_the_order_of_policies():
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_sets_load_and_state_every_parameter_at_its_default(name):
+def test_shipped_sets_load_and_state_every_parameter_and_one_the_defaults(name):
     from importlib import resources
     from policies import PARAMETERS
 
     text = resources.files("policies").joinpath("sets", f"{name}.toml").read_text("utf-8")
-    assert load(text).parameters == Parameters()
+    assert (load(text).parameters == Parameters()) is (name == "paper-default")
     assert all(re.search(rf"^{parameter} = ", text, re.MULTILINE) for parameter in PARAMETERS)
