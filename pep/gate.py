@@ -366,7 +366,7 @@ class Gate:
             index=None,
             obligations=(),
             policy_digest=self._policies.digest,
-            evidence_digest="",
+            evidence=None,
             lifetime_ms=0,
         )
         if reason is not Reason.RECORD_FAILED:

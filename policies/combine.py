@@ -97,6 +97,8 @@ def _mirror(verdict: Verdict) -> Verdict:
 
 def _worst(verdicts: list[Verdict]) -> Verdict:
     """`all`: the least verdict, with the findings of all that are not better than Defers."""
+    if all(type(verdict) is Holds and not verdict.because for verdict in verdicts):
+        return verdicts[0]  # the usual case, where nobody has anything to say
     held: list[Holds] = []
     failed: list[Fails] = []
     deferred: list[Defers] = []

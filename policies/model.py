@@ -20,6 +20,7 @@ from policies.errors import PolicyError, PolicyFault
 if TYPE_CHECKING:
     from capabilities.scope import Tier
     from capabilities.units import Quantity
+    from policies.evidence import Evidence
     from policies.reasons import Reason
 
 _QUICK: Final = msgspec.json.Encoder()
@@ -169,7 +170,7 @@ class Decision:
         index: the physical impact index in thousandths, or None.
         obligations: what must be done for the PERMIT to count, or because of the DENY; sorted by kind.
         policy_digest: SHA-256 (hex) of the policy set.
-        evidence_digest: SHA-256 (hex) of the evidence.
+        evidence: what was known; None where it was not even of the right shape.
         lifetime_ms: how long after the decision its effect may begin.
         approval: the use of an approval that this PERMIT rests on and must consume, or None.
     """
@@ -184,6 +185,11 @@ class Decision:
     index: int | None
     obligations: tuple[Obligation, ...]
     policy_digest: str
-    evidence_digest: str
+    evidence: Evidence | None = field(repr=False)
     lifetime_ms: int
     approval: ApprovalUse | None = None
+
+    @property
+    def evidence_digest(self) -> str:
+        """SHA-256 (hex) of the evidence, or "". Worked out when it is asked for, which is when a record is made."""
+        return "" if self.evidence is None else self.evidence.digest

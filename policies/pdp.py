@@ -63,7 +63,7 @@ def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decisio
             index=None if impact is None else impact.index_milli,
             obligations=of_permit(plan, case, approval) if permitted else of_refusal(effect, plan, answers, findings),
             policy_digest=policies.digest,
-            evidence_digest=evidence.digest,
+            evidence=evidence,
             lifetime_ms=plan.needs.lifetime_ms if permitted else 0,
             approval=approval,
         )
@@ -168,6 +168,6 @@ def _undecidable(request: Request, policies: PolicySet, finding: Finding) -> Dec
         index=None,
         obligations=(NOTIFY, RECORD),
         policy_digest=digest if isinstance(digest, str) else "",
-        evidence_digest="",
+        evidence=None,
         lifetime_ms=0,
     )
