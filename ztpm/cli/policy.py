@@ -1,17 +1,26 @@
-"""`ztpm policy check`: is a policy set well formed, and what does it rest on?"""
+"""`ztpm policy`: sets of policies as their authors and auditors want to look at them."""
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
+from rich.text import Text
 
-from ztpm.cli.output import console, fail, say_json
+from ztpm.cli.comparison import diff, simulate
+from ztpm.cli.explanation import explain
+from ztpm.cli.output import FAILURE, console, plain, say_json
+from ztpm.cli.policy_set import open_set
 from ztpm.cli.proof import prove
 
+if TYPE_CHECKING:
+    from policies.advice import Advice, Known
+
 app = typer.Typer(no_args_is_help=True, help="Policy sets.")
+app.command("explain")(explain)
+app.command("diff")(diff)
+app.command("simulate")(simulate)
 app.command("prove")(prove)
 
 
@@ -24,51 +33,114 @@ def policies_() -> None:
 def check(
     source: Annotated[str, typer.Argument(help="A shipped set's name or a TOML file.")] = "paper-default",
     *,
+    strict: Annotated[bool, typer.Option("--strict", help="Warnings are failures.")] = False,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Load a policy set strictly; list its parameters, and which of the 25 primitives decide in this version."""
+    """Load a policy set strictly; list its parameters, the primitives that it asks, and what is probably not meant."""
     import policies
-    from policies.errors import PolicyError
+    from policies.advice import advise
+    from policies.combine import checks
 
-    path = Path(source)
-    try:
-        loaded = policies.load(path.read_text("utf-8")) if path.suffix == ".toml" else policies.load_shipped(source)
-    except PolicyError as error:
-        fail(str(error.code), str(error), as_json=as_json)
-    except (OSError, UnicodeDecodeError) as error:
-        fail("UNREADABLE", f"{source}: {error}", as_json=as_json)
+    opened = open_set(source, as_json=as_json)
+    loaded = opened.policies
+    warnings = advise(loaded, stated=opened.stated, known=operations())
+    asked: dict[str, list[str]] = {row.id: [] for row in policies.CATALOG}
+    for policy in loaded.policies:
+        for primitive in sorted({primitive.id for primitive, _ in checks(policy.predicate)}):
+            asked[primitive].append(policy.id)
     rows = [
         {
             "id": row.id,
             "name": row.name,
             "points": sorted(str(point) for point in row.points),
-            "decides": row.decides is not None,
+            "asked_by": asked[row.id],
         }
         for row in policies.CATALOG
     ]
     parameters = [
-        {"name": row.name, "value": getattr(loaded.parameters, row.name), "unit": row.unit, "meaning": row.meaning}
+        {
+            "name": row.name,
+            "value": getattr(loaded.parameters, row.name),
+            "unit": row.unit,
+            "stated": row.name in opened.stated,
+            "meaning": row.meaning,
+        }
         for row in policies.PARAMETERS.values()
     ]
+    failed = strict and bool(warnings)
     if as_json:
         say_json(
             {
-                "ok": True, "name": loaded.name, "version": loaded.version, "digest": loaded.digest,
+                "ok": not failed, "name": loaded.name, "version": loaded.version, "digest": loaded.digest,
                 "policies": [policy.id for policy in loaded.policies], "parameters": parameters, "primitives": rows,
+                "warnings": [{"code": str(w.code), "where": w.where, "detail": w.sentence} for w in warnings],
             }
         )  # fmt: skip
-        return
-    console.print(f"{loaded.name} {loaded.version}: {len(loaded.policies)} policies, digest {loaded.digest}")
-    stated = Table(box=None, pad_edge=False)
-    for heading in ("parameter", "value", "unit", "meaning"):
-        stated.add_column(heading, justify="right" if heading == "value" else "left")
-    for parameter in parameters:
-        stated.add_row(*(str(cell) for cell in parameter.values()))
-    console.print(stated)
+    else:
+        title = f"{loaded.name} {loaded.version}: {len(loaded.policies)} policies, digest {loaded.digest}"
+        console.print(Text(plain(title)))
+        console.print(_table(("parameter", "value", "unit", "", "meaning"), [
+            (str(p["name"]), str(p["value"]), str(p["unit"]), "" if p["stated"] else "default", str(p["meaning"]))
+            for p in parameters
+        ]))  # fmt: skip
+        console.print(_table(("primitive", "name", "points", "asked by"), [
+            (row.id, row.name, " ".join(sorted(map(str, row.points))), " ".join(asked[row.id]) or "nobody")
+            for row in policies.CATALOG
+        ]))  # fmt: skip
+        _tell(warnings)
+    if failed:
+        raise typer.Exit(FAILURE)
+
+
+@app.command("schema")
+def schema(
+    *, example: Annotated[bool, typer.Option("--example", help="A case to start from instead, permitted.")] = False
+) -> None:
+    """Print the JSON schema of a case: the request and evidence that `explain --request` takes."""
+    import json
+    from importlib import resources
+
+    from policies.case_schema import schema as made
+
+    if example:
+        typer.echo(resources.files("policies").joinpath("cases", "ordinary.json").read_text(encoding="utf-8"), nl=False)
+    else:
+        typer.echo(json.dumps(made(), indent=2))
+
+
+def operations() -> tuple[Known, ...]:
+    """Every operation that this version knows: those of the robot, those of admission, and delegating."""
+    from pep.context.admission import OBJECT, OPERATION_OF
+    from pep.mcp.mapping import ARM_TOOLS
+    from pep.operations import Kind
+    from policies import Point
+    from policies.advice import Known
+    from policies.said import ItemKind
+
+    acting = frozenset({Point.TOOL, Point.ACTUATION})
+    where = {ItemKind.INSTRUCTION: Point.OPERATOR, ItemKind.MESSAGE: Point.AGENT}
+    return (
+        *(
+            Known(b.operation.object, b.operation.name, acting, b.operation.kind in (Kind.MOTION, Kind.SWITCH))
+            for b in ARM_TOOLS.values()
+        ),
+        *(Known(OBJECT, name, frozenset({where.get(kind, Point.CONTEXT)})) for kind, name in OPERATION_OF.items()),
+        Known("", "delegate", frozenset({Point.AGENT})),
+    )
+
+
+def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:
     table = Table(box=None, pad_edge=False)
-    for heading in ("primitive", "name", "points", "in this version"):
-        table.add_column(heading)
-    for row in policies.CATALOG:
-        state = "decides" if row.decides is not None else "[dim]not yet (refused in a policy)[/]"
-        table.add_row(row.id, row.name, " ".join(sorted(str(point) for point in row.points)), state)
-    console.print(table)
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading == "value" else "left")
+    for row in rows:
+        table.add_row(*(Text(plain(cell)) for cell in row))
+    return table
+
+
+def _tell(warnings: tuple[Advice, ...]) -> None:
+    if not warnings:
+        console.print("[green]no warnings[/]")
+    for warning in warnings:
+        told = Text(str(warning.code), style="yellow")
+        console.print(told.append(plain(f" {warning.where}: {warning.sentence}"), style="default"))
