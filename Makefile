@@ -31,8 +31,9 @@ demo:
 bench:  ## capability tokens beside their peers, in one run; the ratios last
 	uv run --extra all --extra bench --group dev ztpm eval bench capabilities
 
-campaign:  ## every claim about tokens, tried in full; the figures last
+campaign:  ## every claim about tokens and decisions, tried in full; the figures last
 	$(RUN) ztpm eval tokens
+	$(RUN) python -m tests.model.campaign
 
 constraints:  ## pin the whole set with hashes, without naming an index
 	uv pip compile pyproject.toml --all-extras --group dev --generate-hashes --no-emit-index-url --no-header --universal --python-version 3.11 -o constraints.txt -q
