@@ -174,7 +174,7 @@ def test_too_fast_for_an_approved_act_is_denied_with_the_speed_that_needs_nobody
 
 
 def test_too_fast_in_an_unseen_cell_at_tier_4():
-    reasons = frozenset({"TIER_SAFETY_CRITICAL", "PERCEPTION_MISSING"})
+    reasons = frozenset({"TIER_SAFETY_CRITICAL", "SEQUENCE_NEEDS_APPROVAL", "PERCEPTION_MISSING"})
     impact = {"perception": "stale", "tcp_speed_um_s": 250_001}
     assert answer(4, approval={"reasons": reasons}, impact=impact).reason is Reason.APPROVED_TOO_FAST
     assert answer(4, approval={"reasons": reasons}, impact={"perception": "stale"}).effect is Effect.PERMIT
