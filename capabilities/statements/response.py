@@ -1,0 +1,123 @@
+"""What a tool answered: the enforcement point's word that this result came of this very call, from this very tool.
+
+It vouches for where a result comes from, never for what the result says. Clause [STM-11] in docs/spec.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities.errors import Fault, FaultCode
+from capabilities.statements import sealed
+from capabilities.statements.ask import ID
+from capabilities.statements.claims import Claims, malformed
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
+
+KIND: Final = "response"
+LIFETIME_S: Final = 3_600
+"""Longest life of a response: that of the hop of evidence kind `key` that the call was made under."""
+_NAMES: Final = (
+    "audience", "agent", "hop_id", "proof", "request", "tool", "definition", "result", "tainted", "at", "not_after",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """One answer of one tool.
+
+    Attributes:
+        audience: canonical URL of the enforcement point that the call came to.
+        agent, hop_id: the holder that called.
+        proof: name (hex) of the call's proof ([PRF-7]): one for each call, known to who made it, and in
+            the record of the decision.
+        request: SHA-256 (hex) of the request that was decided; the same for every retry.
+        tool: its name.
+        definition: SHA-256 (hex) of the definition; it was the approved one before and after.
+        result: SHA-256 (hex) of the result's canonical JSON.
+        tainted: the call had an argument in which, or in whose origin, instructions or hidden characters were found.
+        at, not_after: when it answered, and until when the response counts; seconds since the epoch, at most
+            `LIFETIME_S` apart.
+    """
+
+    audience: str
+    agent: str
+    hop_id: str
+    proof: str
+    request: str
+    tool: str
+    definition: str
+    result: str
+    tainted: bool
+    at: int
+    not_after: int
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """The call that an answer is expected to. Members as in `Response`."""
+
+    audience: str
+    agent: str
+    hop_id: str
+    proof: str
+    request: str
+    tool: str
+
+
+def sign(response: Response, key: PrivateKey) -> str:
+    """The response, signed by the enforcement point."""
+    claims: dict[str, object] = {name: getattr(response, name) for name in _NAMES}
+    return sealed.sign(KIND, claims, key)
+
+
+def open(text: str, keys: Collection[bytes], caps: Caps) -> Response:  # noqa: A001 - read as response.open
+    """The response, signed by one of these keys: that of the enforcement point whose audience was called.
+
+    Raises:
+        StatementError: as `sealed.open`; also for one that lives longer than `LIFETIME_S` or not at all.
+    """
+    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    response = Response(
+        audience=claims.url("audience"),
+        agent=claims.name("agent"),
+        hop_id=claims.token("hop_id", ID),
+        proof=claims.hex_digest("proof"),
+        request=claims.hex_digest("request"),
+        tool=claims.name("tool"),
+        definition=claims.hex_digest("definition"),
+        result=claims.hex_digest("result"),
+        tainted=claims.boolean("tainted"),
+        at=claims.integer("at"),
+        not_after=claims.integer("not_after"),
+    )
+    if not 0 < response.not_after - response.at <= LIFETIME_S:
+        raise malformed(f"it counts for 1 to {LIFETIME_S} s")
+    return response
+
+
+def refusal(response: Response, call: Call, *, at: float, caps: Caps) -> Fault | None:
+    """None when it is the answer to this very call, now; else the first fault ([STM-11]).
+
+    Args:
+        response: opened with the key of the enforcement point of `call.audience`.
+        call: as whoever asks recorded it when it was made.
+        at: seconds since the epoch.
+        caps: the bounds.
+    """
+    if response.audience != call.audience:
+        return Fault(FaultCode.STATEMENT_UNTRUSTED, "STM-11", "said for another enforcement point")
+    if (response.agent, response.hop_id) != (call.agent, call.hop_id):
+        return Fault(FaultCode.WRONG_AUDIENCE, "STM-11", "an answer to another holder")
+    if (response.proof, response.request, response.tool) != (call.proof, call.request, call.tool):
+        return Fault(FaultCode.PROOF_NOT_FOR_THIS_REQUEST, "STM-11", "an answer to another call")
+    if not response.at <= at + caps.skew_s:
+        return Fault(FaultCode.NOT_YET_VALID, "STM-11")
+    if not at < response.not_after:
+        return Fault(FaultCode.EXPIRED, "STM-11")
+    return None

@@ -1,0 +1,37 @@
+"""High-water marks: the newest that was ever seen of something, kept where whoever keeps the thing cannot write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """The newest that was seen: its version or number, and SHA-256 (hex) of its text; 0 and "" for nothing yet."""
+
+    version: int
+    digest: str
+
+
+UNSEEN: Final = Mark(0, "")
+
+
+class Marks(Protocol):
+    """Marks by name, over restarts. One process at a time; any thread."""
+
+    def read(self, name: str) -> Mark:
+        """The mark, `UNSEEN` when there never was one.
+
+        Raises:
+            PepError: `STATE_UNREADABLE`; to start from nothing would accept what was rolled back.
+        """
+        ...
+
+    def write(self, name: str, mark: Mark) -> None:
+        """The mark survives a power cut.
+
+        Raises:
+            PepError: `STATE_UNREADABLE` when it could not be made durable.
+        """
+        ...

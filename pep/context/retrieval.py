@@ -1,0 +1,323 @@
+"""Curated retrieval: what comes out of a collection is believed for its digest in a curator's manifest, and no more.
+
+The store is not trusted: whoever can write to it may change, swap, add, delete and roll back. So everything is verified
+after retrieval, on the very bytes that would enter a context ([STM-7] in docs/spec.md, CII-3). The description of a
+scenario is a content like any other, of a collection of scenarios. What the store chooses not to return is not seen
+here, but for entries that are gone altogether: the order of what it finds is the store's word.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Final, Protocol
+
+from capabilities import keys, text
+from capabilities.errors import CapabilityError, Fault, FaultCode
+from capabilities.statements import manifest, sealed
+from capabilities.statements.claims import TEXT_BYTES
+from capabilities.statements.revocation import Revoked
+from pep.context.marks import Mark
+from policies.labels import NOBODY, Integrity, Label, Source
+from policies.said import ItemKind, ItemReading
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from capabilities.caps import Caps
+    from capabilities.statements.manifest import Entry, Manifest
+    from pep.context.marks import Marks
+    from pep.ports import Clock, RevocationFeed
+
+DOCUMENT_BYTES: Final = 65_536
+"""Largest content in UTF-8: a chunk of a handbook has some kB, and what is admitted fills an agent's context."""
+QUERY_BYTES: Final = 8_192
+MOST: Final = 32
+"""Most contents of one retrieval."""
+SUPERSEDED_KEPT: Final = 4
+"""Earlier manifests that are remembered, so that their contents can be told from those that nobody ever signed."""
+_KIND: Final = {"document": ItemKind.DOCUMENT, "scenario": ItemKind.SCENARIO}
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """One content as the store returns it. Nothing in it is believed; a text that is None is missing."""
+
+    id: str
+    text: str | None
+
+
+class Collection(Protocol):
+    """A collection in a store. Either call may raise whatever the store raises."""
+
+    def nearest(self, query: str, *, most: int) -> Sequence[Held]:
+        """At most `most` contents, the nearest to the query first."""
+        ...
+
+    def ids(self, *, most: int) -> Sequence[str]:
+        """At most `most` ids that the collection holds."""
+        ...
+
+
+class Curators(Protocol):
+    """The curators that this enforcement point knows."""
+
+    def curators(self) -> Mapping[str, bytes]:
+        """Raw public key by curator's id; none of these keys has another role."""
+        ...
+
+
+class RetrievalFault(StrEnum):
+    """Why a content is not believed, where it is not the manifest's own fault (`capabilities.errors.FaultCode`)."""
+
+    NO_MANIFEST = "NO_MANIFEST"
+    NOT_LISTED = "NOT_LISTED"
+    """No curator ever listed it here. What an earlier manifest lists has no fault and is only not listed any more."""
+    ID_MALFORMED = "ID_MALFORMED"
+    """An id that no manifest can have: look-alikes, turned and decomposed letters among them."""
+    CHANGED = "CHANGED"
+    SWAPPED = "SWAPPED"
+    """The bytes of another entry."""
+    TWICE = "TWICE"
+    TOO_LARGE = "TOO_LARGE"
+    NOT_TEXT = "NOT_TEXT"
+    MISSING = "MISSING"
+    """Listed, and no longer held."""
+    STORE_FAILED = "STORE_FAILED"
+    QUERY_TOO_LARGE = "QUERY_TOO_LARGE"
+
+
+@dataclass(frozen=True, slots=True)
+class Retrieved:
+    """One content: what admission may know of it, and its text, which is "" when its provenance is not believed."""
+
+    reading: ItemReading
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Incident:
+    """What an operator must see: a fault code, and the id that it is about ("" for the whole collection)."""
+
+    fault: str
+    id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Retrieval:
+    """The answer to one query, every content judged, and what is wrong with the collection."""
+
+    items: tuple[Retrieved, ...]
+    incidents: tuple[Incident, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Current:
+    """The manifest in force, with the thumbprint of the key that signed it."""
+
+    manifest: Manifest
+    digest: str
+    signer: str
+    by_id: Mapping[str, Entry]
+    digests: frozenset[str]
+
+
+class Curated:
+    """One curated collection. Any thread.
+
+    Args:
+        collection: in its store.
+        name, content: of the collection, as its manifests must state them.
+        curators: who may sign them.
+        feed: revoked keys; a key of kind `key` with its thumbprint revokes a curator.
+        marks: the newest manifest that was ever accepted, over restarts.
+        clock: wall time for ages and ends.
+        caps: bounds and skew.
+    """
+
+    def __init__(
+        self,
+        collection: Collection,
+        *,
+        name: str,
+        content: str,
+        curators: Curators,
+        feed: RevocationFeed,
+        marks: Marks,
+        clock: Clock,
+        caps: Caps,
+    ) -> None:
+        self._collection = collection
+        self._name = name
+        self._content = content
+        self._curators = curators
+        self._feed = feed
+        self._marks = marks
+        self._clock = clock
+        self._caps = caps
+        self._lock = threading.Lock()
+        self._current: _Current | None = None
+        self._superseded: list[_Current] = []
+
+    @property
+    def mark_name(self) -> str:
+        """Under which the newest manifest is remembered."""
+        return f"manifest/{self._content}/{self._name}"
+
+    def adopt(self, signed: str) -> Manifest | Fault:
+        """The manifest, now in force; or why it is refused, and what was in force stays so.
+
+        Args:
+            signed: text of the statement, from whoever has it.
+
+        Raises:
+            PepError: `STATE_UNREADABLE` when what was seen is not known, or could not be made durable.
+        """
+        known = self._curators.curators()
+        try:
+            opened = manifest.open(signed, frozenset(known.values()), self._caps)
+        except CapabilityError as error:
+            return Fault(error.code, "STM-7", error.detail)
+        signer = sealed.signer_thumbprint(signed)
+        curator = next(id_ for id_, raw in known.items() if keys.thumbprint(raw) == signer)
+        digest = manifest.digest_of(signed)
+        by_id = {entry.id: entry for entry in opened.entries}
+        taken = _Current(opened, digest, signer, by_id, frozenset(entry.digest for entry in opened.entries))
+        with self._lock:
+            seen = self._marks.read(self.mark_name)
+            place = manifest.Place(self._name, self._content, curator, seen.version, seen.digest)
+            refused = manifest.refusal(opened, digest, place, at=self._clock.wall_s(), caps=self._caps)
+            refused = refused or self._revoked(signer)
+            if refused is not None:
+                return refused
+            # Seen before it is acted on: a power cut between the two must not leave room for the older one.
+            if seen != Mark(opened.version, digest):
+                self._marks.write(self.mark_name, Mark(opened.version, digest))
+            if self._current is not None and self._current.digest != digest:
+                self._superseded = [self._current, *self._superseded][:SUPERSEDED_KEPT]
+            self._current = taken
+        return opened
+
+    def retrieve(self, query: str, *, most: int, lease_ms: int) -> Retrieval:
+        """What the store finds nearest to the query, each content judged; and what is wrong with the collection.
+
+        Args:
+            query: at most `QUERY_BYTES` of UTF-8; it reaches the store and no decision.
+            most: contents, at most `MOST`.
+            lease_ms: oldest acceptable revocation view.
+        """
+        if not (0 < most <= MOST and len(query.encode("utf-8", "surrogatepass")) <= QUERY_BYTES):
+            return Retrieval((), (Incident(RetrievalFault.QUERY_TOO_LARGE, ""),))
+        try:
+            found = list(self._collection.nearest(query, most=most))[:most]
+        except Exception:  # noqa: BLE001 - whatever a store raises, nothing was retrieved
+            return Retrieval((), (Incident(RetrievalFault.STORE_FAILED, ""),))
+        with self._lock:
+            current, superseded = self._current, tuple(self._superseded)
+        fault = self._fault(current, lease_ms=lease_ms)
+        heard: set[str] = set()
+        items = []
+        for one in found:
+            items.append(self._judged(one, current, superseded, fault=fault, again=one.id in heard))
+            heard.add(one.id)
+        return Retrieval(tuple(items), self.audit(lease_ms=lease_ms))
+
+    def audit(self, *, lease_ms: int) -> tuple[Incident, ...]:
+        """What is wrong with the whole collection: ids that are gone, and ids that nobody listed, in order.
+
+        Args:
+            lease_ms: oldest acceptable revocation view.
+        """
+        current = self._current
+        fault = self._fault(current, lease_ms=lease_ms)
+        if current is None or fault:
+            return (Incident(fault, ""),)
+        try:
+            # One more than can be listed shows that some are not; which ones a flood consists of is of no use.
+            held = frozenset(self._collection.ids(most=2 * manifest.ENTRIES))
+        except Exception:  # noqa: BLE001 - whatever a store raises
+            return (Incident(RetrievalFault.STORE_FAILED, ""),)
+        gone = [Incident(RetrievalFault.MISSING, id_) for id_ in sorted(current.by_id.keys() - held)]
+        strange = [Incident(RetrievalFault.NOT_LISTED, shown(id_)) for id_ in sorted(held - current.by_id.keys())]
+        return (*gone, *strange)
+
+    def _fault(self, current: _Current | None, *, lease_ms: int) -> str:
+        """Why nothing of the collection can be believed now, a code; "" when its contents speak for themselves."""
+        if current is None:
+            return RetrievalFault.NO_MANIFEST
+        held = current.manifest
+        raw = self._curators.curators().get(held.curator)
+        if raw is None or keys.thumbprint(raw) != current.signer:
+            return str(FaultCode.STATEMENT_UNTRUSTED)
+        if self._feed.view().age_ms > lease_ms:
+            return str(FaultCode.REVOCATION_VIEW_STALE)
+        place = manifest.Place(self._name, self._content, held.curator, held.version, current.digest)
+        refused = manifest.refusal(held, current.digest, place, at=self._clock.wall_s(), caps=self._caps)
+        refused = refused or self._revoked(current.signer)
+        return "" if refused is None else str(refused.code)
+
+    def _revoked(self, signer: str) -> Fault | None:
+        if (str(Revoked.KEY), signer) in self._feed.view().revoked:
+            return Fault(FaultCode.STATEMENT_UNTRUSTED, "STM-7", "the curator's key is revoked")
+        return None
+
+    def _judged(
+        self, one: Held, current: _Current | None, superseded: tuple[_Current, ...], *, fault: str, again: bool
+    ) -> Retrieved:
+        """The numbered recipe of one content."""
+        if current is None or fault:
+            return self._refused(one, fault)
+        # 1 an id of the one grammar, so that no other id looks like it; once
+        try:
+            text.name(one.id, most_bytes=TEXT_BYTES)
+        except CapabilityError:
+            return self._refused(one, RetrievalFault.ID_MALFORMED)
+        if again:
+            return self._refused(one, RetrievalFault.TWICE)
+        # 2 a text, of a size that may enter a context
+        if not isinstance(one.text, str) or len(one.text) > DOCUMENT_BYTES:
+            large = isinstance(one.text, str)
+            return self._refused(one, RetrievalFault.TOO_LARGE if large else RetrievalFault.NOT_TEXT)
+        try:
+            raw = one.text.encode("utf-8")
+        except UnicodeEncodeError:
+            return self._refused(one, RetrievalFault.NOT_TEXT)
+        if len(raw) > DOCUMENT_BYTES:
+            return self._refused(one, RetrievalFault.TOO_LARGE)
+        # 3 listed under this id with exactly these bytes
+        digest = hashlib.sha256(raw).hexdigest()
+        entry = current.by_id.get(one.id)
+        if entry is not None and entry.digest == digest:
+            return Retrieved(self._reading(one.id, current, listed=True), one.text)
+        # 4 else: signed once by a curator who is still believed, and taken back; or never signed
+        for older in superseded:
+            before = older.by_id.get(one.id)
+            if before is not None and before.digest == digest and self._stands(older):
+                return Retrieved(self._reading(one.id, older, listed=False), "")
+        if digest in current.digests:
+            return self._refused(one, RetrievalFault.SWAPPED)
+        return self._refused(one, RetrievalFault.NOT_LISTED if entry is None else RetrievalFault.CHANGED)
+
+    def _stands(self, older: _Current) -> bool:
+        raw = self._curators.curators().get(older.manifest.curator)
+        return raw is not None and keys.thumbprint(raw) == older.signer and self._revoked(older.signer) is None
+
+    def _reading(self, id_: str, current: _Current, *, listed: bool) -> ItemReading:
+        # A curator whose clock is ahead by less than the skew signed just now, not in the future.
+        age_ms = max(0, int(self._clock.wall_s() * 1000) - current.manifest.at * 1000)
+        label = Label(frozenset({Source.RETRIEVAL}), frozenset({current.manifest.curator}), Integrity.CURATED, age_ms)
+        return ItemReading(_KIND[self._content], id_, label, listed=listed, manifest_age_s=age_ms // 1000)
+
+    def _refused(self, one: Held, fault: str) -> Retrieved:
+        return Retrieved(ItemReading(_KIND[self._content], shown(one.id), NOBODY, fault=str(fault)), "")
+
+
+def shown(id_: object) -> str:
+    """The id where it is a name; else a name for it that cannot be taken for another's, since it goes on record."""
+    try:
+        return text.name(id_, most_bytes=TEXT_BYTES)
+    except CapabilityError:
+        raw = str(id_).encode("utf-8", "surrogatepass")
+        return f"unnamed:{hashlib.sha256(raw).hexdigest()[:16]}"
