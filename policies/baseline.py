@@ -1,4 +1,4 @@
-"""What an agent's acts look like: eight yes-or-no questions to each act, and the reference that they are asked against.
+"""What an agent's acts look like: eleven yes-or-no questions to each, and the reference that they are asked against.
 
 A question is asked of one act at a time and its share of yes is known from the baseline, so that one kind of detector
 (policies.cusum) with one stated false-alarm rate serves all of them. The reference is fixed once and never follows the
@@ -40,24 +40,35 @@ class Watch(IntEnum):
     """Is it an operation that the reference saw at most once?"""
     SELDOM_TOOL = 1
     """Is it one of the less used half of its acts?"""
-    OUTSIDE = 2
-    """Is any value outside all that the reference saw?"""
-    TAIL = 3
+    FIRST_TOOL = 2
+    """Is it the operation that it uses most?"""
+    SECOND_TOOL = 3
+    """Is it the one that comes next?"""
+    THIRD_TOOL = 4
+    """And the one after that?"""
+    OUTSIDE = 5
+    """Is any value well outside all that the reference saw?"""
+    TAIL = 6
     """Are more than a quarter of its values in the outer tenths?"""
-    QUICK = 4
+    QUICK = 7
     """Did the last four acts take less time than nine in ten of such blocks?"""
-    REFUSED = 5
+    REFUSED = 8
     """Was it refused for something that is charged to its agent (policies.charges)?"""
-    NEAR = 6
+    NEAR = 9
     """Was it close to a limit?"""
-    HIGH = 7
+    HIGH = 10
     """Is its tier, and within the tier its closeness to a limit, above that of three in four acts?"""
 
+
+TOP_TOOLS: Final = (Watch.FIRST_TOOL, Watch.SECOND_TOOL, Watch.THIRD_TOOL)
 
 FEATURES: Final[Mapping[Watch, Feature]] = MappingProxyType(
     {
         Watch.RARE_TOOL: Feature.TOOLS,
         Watch.SELDOM_TOOL: Feature.TOOLS,
+        Watch.FIRST_TOOL: Feature.TOOLS,
+        Watch.SECOND_TOOL: Feature.TOOLS,
+        Watch.THIRD_TOOL: Feature.TOOLS,
         Watch.OUTSIDE: Feature.PARAMETERS,
         Watch.TAIL: Feature.PARAMETERS,
         Watch.QUICK: Feature.RATE,
@@ -127,7 +138,7 @@ def act_of(report: Report, parameters: Parameters, *, span_s: int | None) -> Act
 
 
 Range = tuple[int, int, int, int]
-"""Lowest, lower tenth, upper tenth, highest."""
+"""Lowest, lower tenth, upper tenth, highest; the outer two with a margin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +148,7 @@ class Reference:
     Attributes:
         known: operations that were seen more than once.
         usual: the more used half of the acts.
+        top: the three that are used most, in order; "" where there is none.
         ranges: by operation and parameter.
         quick_s: a block that took less is quick; None when no block was timed.
         high: a level above it is high; None when none was known.
@@ -144,13 +156,20 @@ class Reference:
 
     known: frozenset[str]
     usual: frozenset[str]
+    top: tuple[str, str, str]
     ranges: Mapping[str, Mapping[str, Range]]
     quick_s: int | None
     high: int | None
 
     def answers(self, act: Act) -> dict[Watch, bool]:
         """Yes or no to each question that can be asked of this act."""
-        found = {Watch.RARE_TOOL: act.operation not in self.known, Watch.SELDOM_TOOL: act.operation not in self.usual}
+        found = {
+            Watch.RARE_TOOL: act.operation not in self.known,
+            Watch.SELDOM_TOOL: act.operation not in self.usual,
+        }
+        for watch, operation in zip(TOP_TOOLS, self.top, strict=True):
+            if operation:
+                found[watch] = act.operation == operation
         ranges = self.ranges.get(act.operation, {})
         placed = [(value, ranges[name]) for name, value in act.values if name in ranges]
         if placed:
@@ -168,6 +187,7 @@ class Reference:
         return {
             "known": sorted(self.known),
             "usual": sorted(self.usual),
+            "top": list(self.top),
             "ranges": [
                 [operation, [[name, *bounds] for name, bounds in sorted(ranges.items())]]
                 for operation, ranges in sorted(self.ranges.items())
@@ -184,9 +204,14 @@ class Reference:
             ReportError: it is not that.
         """
         fields = keyed(body, set(cls.__slots__), "reference")
-        names = {key: listed(fields[key], key) for key in ("known", "usual")}
-        if not all(is_text(name) for each in names.values() for name in each):
+        names = {key: listed(fields[key], key) for key in ("known", "usual", "top")}
+        if not all(is_text(name) or name == "" for each in names.values() for name in each):
             raise ReportError("reference")
+        match names["top"]:
+            case [first, second, third]:
+                pass
+            case _:
+                raise ReportError("top")
         if not all(fields[key] is None or is_count(fields[key], EXACT) for key in ("quick_s", "high")):
             raise ReportError("reference")
         ranges = {}
@@ -199,6 +224,7 @@ class Reference:
         return cls(
             frozenset(names["known"]),
             frozenset(names["usual"]),
+            (first, second, third),
             MappingProxyType(ranges),
             fields["quick_s"],
             fields["high"],
@@ -214,11 +240,13 @@ def bare_answers(act: Act) -> dict[Watch, bool]:
 def reference(acts: Sequence[Act]) -> Reference:
     """The reference that these acts make."""
     uses = Counter(act.operation for act in acts)
+    by_use = sorted(uses, key=lambda operation: (-uses[operation], operation))
+    first, second, third = (*by_use, "", "", "")[:3]
     usual, before = set(), 0
-    for operation, count in sorted(uses.items(), key=lambda item: (-item[1], item[0])):
+    for operation in by_use:
         if 2 * before < len(acts):
             usual.add(operation)
-        before += count
+        before += uses[operation]
     values: dict[str, dict[str, list[int]]] = {}
     for act in acts:
         for name, value in act.values:
@@ -227,7 +255,7 @@ def reference(acts: Sequence[Act]) -> Reference:
         operation: MappingProxyType(
             {name: _placed(found) for name, found in values[operation].items() if len(found) >= SAMPLES_MIN}
         )
-        for operation, _ in uses.most_common(OPERATIONS_MAX)
+        for operation in by_use[:OPERATIONS_MAX]
         if operation in values
     }
     spans = sorted(act.span_s for act in acts if act.span_s is not None)
@@ -235,6 +263,7 @@ def reference(acts: Sequence[Act]) -> Reference:
     return Reference(
         known=frozenset(operation for operation, count in uses.items() if count > 1),
         usual=frozenset(usual),
+        top=(first, second, third),
         ranges=MappingProxyType(ranges),
         quick_s=spans[len(spans) // 10] if spans else None,
         high=levels[len(levels) * 3 // 4] if levels else None,
@@ -253,6 +282,7 @@ def widest(one: Reference, other: Reference) -> Reference:
     return Reference(
         one.known | other.known,
         one.usual | other.usual,
+        one.top if one.top == other.top else ("", "", ""),  # what is used most differs within a role: not asked
         MappingProxyType({operation: MappingProxyType(bounds) for operation, bounds in ranges.items()}),
         min(quick, default=None),
         max(high, default=None),
@@ -260,10 +290,10 @@ def widest(one: Reference, other: Reference) -> Reference:
 
 
 def _placed(found: list[int]) -> Range:
-    """Range and outer tenths of some values."""
+    """Range, a quarter of its width wider to each side, and outer tenths of some values."""
     found = sorted(found)
-    tenth = len(found) // 10
-    return found[0], found[tenth], found[-1 - tenth], found[-1]
+    tenth, margin = len(found) // 10, (found[-1] - found[0]) // 4
+    return found[0] - margin, found[tenth], found[-1 - tenth], found[-1] + margin
 
 
 def _hull(one: Range | None, other: Range | None) -> Range:

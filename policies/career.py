@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from policies.baseline import FEATURES, Act, Reference, Watch, bare_answers, reference, widest
+from policies.baseline import BLOCK, FEATURES, Act, Reference, Watch, bare_answers, reference, widest
 from policies.conduct import Feature
-from policies.cusum import SHARES, rounded_up, share_above, watched
+from policies.cusum import RUNS, SHARES, Watched, rounded_up, share_above, watched
 from policies.report import EXACT, ReportError, is_count, is_text, keyed, listed
 
 if TYPE_CHECKING:
     from policies.parameters import Parameters
 
+CLEAR: Final = 3
+"""In halves: how far above what was seen in learning a limit stays, where hits follow each other."""
 _NONE: Final = (0,) * len(Watch)
+_UNASKED: Final = ("",) * len(Watch)
+_CEILED: Final = {Watch.REFUSED: "behaviour_refused_max_permille", Watch.NEAR: "behaviour_near_max_permille"}
+"""Whose share has a ceiling, and whose limit nothing that was learned moves."""
 _PARTS: Final = {watch: sum(FEATURES[other] is FEATURES[watch] for other in Watch) for watch in Watch}
 """How many questions share the false alarms of a feature."""
-_EACH: Final = {watch: 4 if watch is Watch.QUICK else 1 for watch in Watch}
+_EACH: Final = {watch: BLOCK if watch is Watch.QUICK else 1 for watch in Watch}
 """How many acts make one trial."""
 
 
@@ -43,19 +49,23 @@ class Baseline:
     Attributes:
         reference: what acts are compared with.
         shares: by `Watch`, in permille, of `policies.cusum.SHARES`; 0 where nothing can be told.
+        peaks: by `Watch`, the highest level of its detector over the acts that taught the share. Work comes in phases,
+            and hits that follow each other reach higher than independent ones: the limit stays clear of it.
     """
 
     reference: Reference
     shares: tuple[int, ...]
+    peaks: tuple[int, ...]
 
     def joined(self, other: Baseline) -> Baseline:
         """What is usual for either."""
         shares = tuple(max(pair) if all(pair) else 0 for pair in zip(self.shares, other.shares, strict=True))
-        return Baseline(widest(self.reference, other.reference), shares)
+        peaks = tuple(map(max, self.peaks, other.peaks))
+        return Baseline(widest(self.reference, other.reference), shares, peaks)
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON."""
-        return {"reference": self.reference.to_json(), "shares": list(self.shares)}
+        return {"reference": self.reference.to_json(), "shares": list(self.shares), "peaks": list(self.peaks)}
 
     @classmethod
     def from_json(cls, body: object) -> Baseline:
@@ -68,7 +78,8 @@ class Baseline:
         shares = tuple(listed(fields["shares"], "shares"))
         if len(shares) != len(Watch) or not all(type(share) is int and share in (0, *SHARES) for share in shares):
             raise ReportError("shares")
-        return cls(Reference.from_json(fields["reference"]), shares)
+        peaks = _counts(fields["peaks"], "peaks")
+        return cls(Reference.from_json(fields["reference"]), shares, peaks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +93,7 @@ class Career:
         anchor, blocked: the end of the last timed block, and how many acts came since.
         young: the acts of the first half of learning; empty afterwards.
         fixed: the reference that they made.
-        trials, hits: of each question, in the second half of learning.
+        answers: to each question in the second half of learning, "1" for yes and "0" for no, in order.
         baseline: once learned.
         levels: of each detector.
         deviations: ordered by feature.
@@ -98,8 +109,7 @@ class Career:
     blocked: int = 0
     young: tuple[Act, ...] = ()
     fixed: Reference | None = None
-    trials: tuple[int, ...] = _NONE
-    hits: tuple[int, ...] = _NONE
+    answers: tuple[str, ...] = _UNASKED
     baseline: Baseline | None = None
     levels: tuple[int, ...] = _NONE
     deviations: tuple[Noted, ...] = ()
@@ -120,17 +130,27 @@ class Career:
         answers = bare_answers(act) if against is None else against.reference.answers(act)
         levels, alarms = list(self.levels), []
         for watch, hit in answers.items():
-            share = _reckoned(watch, None if against is None else against.shares[watch], parameters)
-            if not share:
+            detector = self.detector(watch, usual, parameters)
+            if detector is None:
                 continue
-            run = parameters.behaviour_false_alarm_count * _PARTS[watch] // _EACH[watch]
-            detector = watched(share, run)
             level = detector.step(levels[watch], hit=hit)
             if level >= detector.limit:
                 alarms.append(Alarm(watch, level * 1000 // detector.limit))
                 level = 0
             levels[watch] = level
         return replace(self, levels=tuple(levels)), alarms
+
+    def detector(self, watch: Watch, usual: Baseline | None, parameters: Parameters) -> Watched | None:
+        """The detector of one question, or None when nothing can be told of it."""
+        against = self.baseline or usual
+        share = _reckoned(watch, None if against is None else against.shares[watch], parameters)
+        run = parameters.behaviour_false_alarm_count * _PARTS[watch] // _EACH[watch]
+        if not share:
+            return None
+        detector = watched(share, run)
+        if against is None or watch in _CEILED:
+            return detector
+        return detector._replace(limit=max(detector.limit, against.peaks[watch] * CLEAR // 2))
 
     def learned(self, act: Act, parameters: Parameters) -> Career:
         """With the act counted, and learned from while the baseline is not complete.
@@ -146,15 +166,17 @@ class Career:
             if len(young) < half:
                 return replace(counted, young=young)
             return replace(counted, young=(), fixed=reference(young))
-        answers = self.fixed.answers(act)
-        trials = tuple(n + (watch in answers) for watch, n in enumerate(self.trials))
-        hits = tuple(n + answers.get(Watch(watch), False) for watch, n in enumerate(self.hits))
-        if trials[Watch.RARE_TOOL] < half:
-            return replace(counted, trials=trials, hits=hits)
-        shares = tuple(share_above(hit, trial) or 0 for hit, trial in zip(hits, trials, strict=True))
-        return replace(
-            counted, fixed=None, trials=_NONE, hits=_NONE, levels=_NONE, baseline=Baseline(self.fixed, shares)
+        now = self.fixed.answers(act)
+        answers = tuple(
+            before + (str(int(now[watch])) if watch in now else "")
+            for watch, before in zip(Watch, self.answers, strict=True)
         )
+        if len(answers[Watch.RARE_TOOL]) < half:
+            return replace(counted, answers=answers)
+        shares = tuple(share_above(each.count("1"), len(each)) or 0 for each in answers)
+        peaks = tuple(map(_peak, shares, answers))
+        baseline = Baseline(self.fixed, shares, peaks)
+        return replace(counted, fixed=None, answers=_UNASKED, levels=_NONE, baseline=baseline)
 
     def noted(self, feature: Feature, *, at: int, score_milli: int) -> Career:
         """With the deviation in it: of each feature when it was first and last seen, and the highest score."""
@@ -179,8 +201,7 @@ class Career:
             "blocked": self.blocked,
             "young": [act.to_json() for act in self.young],
             "fixed": None if self.fixed is None else self.fixed.to_json(),
-            "trials": list(self.trials),
-            "hits": list(self.hits),
+            "answers": list(self.answers),
             "baseline": None if self.baseline is None else self.baseline.to_json(),
             "levels": list(self.levels),
             "deviations": [[str(d.feature), d.since, d.newest, d.score_milli] for d in self.deviations],
@@ -203,12 +224,12 @@ class Career:
         for name in ("alarmed", "restored_at"):
             if fields[name] is not None:
                 _require_count(fields[name], name)
-        for name in ("trials", "hits", "levels"):
-            fields[name] = tuple(listed(fields[name], name))
-            if len(fields[name]) != len(Watch):
-                raise ReportError(name)
-            for number in fields[name]:
-                _require_count(number, name)
+        fields["levels"] = _counts(fields["levels"], "levels")
+        fields["answers"] = tuple(listed(fields["answers"], "answers"))
+        if len(fields["answers"]) != len(Watch):
+            raise ReportError("answers")
+        if not all(type(each) is str and set(each) <= {"0", "1"} for each in fields["answers"]):
+            raise ReportError("answers")
         if type(fields["contracted"]) is not bool:
             raise ReportError("contracted")
         if fields["role"] != "" and not is_text(fields["role"]):
@@ -227,14 +248,29 @@ def _reckoned(watch: Watch, share: int | None, parameters: Parameters) -> int:
 
     Refusals and near misses have a ceiling, which also stands in while nothing is learned.
     """
-    ceilings = {
-        Watch.REFUSED: parameters.behaviour_refused_max_permille,
-        Watch.NEAR: parameters.behaviour_near_max_permille,
-    }
-    ceiling = rounded_up(ceilings[watch]) if watch in ceilings else None
+    ceiling = rounded_up(getattr(parameters, _CEILED[watch])) if watch in _CEILED else None
     if ceiling is None:
         return share or 0
     return min(share, ceiling) if share else ceiling
+
+
+def _peak(share: int, answers: str) -> int:
+    """The highest level that the detector for this share reaches over the answers."""
+    if not share:
+        return 0
+    detector = watched(share, RUNS[0])
+    walk = accumulate(answers, lambda level, answer: detector.step(level, hit=answer == "1"), initial=0)
+    return max(walk)
+
+
+def _counts(body: object, where: str) -> tuple[int, ...]:
+    """One count for each question."""
+    row = tuple(listed(body, where))
+    if len(row) != len(Watch):
+        raise ReportError(where)
+    for number in row:
+        _require_count(number, where)
+    return row
 
 
 def _noted(body: object) -> Noted:

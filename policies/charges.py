@@ -156,6 +156,7 @@ CHARGES: Final[Mapping[str, Charge]] = MappingProxyType(
         Reason.RECORD_FAILED: _HOUSE,
         Reason.BODY_MALFORMED: _SLIP,
         Reason.BODY_TOO_LARGE: _SLIP,
+        Reason.EVIDENCE_MALFORMED: _HOUSE,
         Reason.EFFECT_FAILED: _HOUSE,
         Reason.IMPACT_ROSE: _HOUSE,
         Reason.WATCH_BLIND: _HOUSE,

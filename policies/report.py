@@ -147,7 +147,7 @@ def is_text(value: object) -> bool:
     """Whether it is a name: 1 to `TEXT_MAX` characters that UTF-8 can write."""
     if type(value) is not str or not 1 <= len(value) <= TEXT_MAX:
         return False
-    return not any("\ud800" <= letter <= "\udfff" for letter in value)
+    return value.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in value)
 
 
 def is_count(value: object, high: int) -> bool:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from policies.report import EXACT, ReportError, is_count, is_text, listed
 
 KEPT: Final = 512
-"""Request ids remembered of one reporter: minutes of work. Older reports of it are not counted any more."""
+"""Most request ids remembered of one reporter; then the older half is forgotten, and older reports are not counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +29,13 @@ class Seen:
 
     def added(self, at: int, request_id: str) -> Seen | None:
         """With this report in it, or None when it is not to be counted."""
-        if at <= self.floor or any(known == request_id for _, known in self.kept):
+        if at <= self.floor or request_id in [known for _, known in self.kept]:
             return None
         kept = list(self.kept)
         insort(kept, (at, request_id))
         if len(kept) <= KEPT:
             return Seen(self.floor, tuple(kept))
-        floor = kept[0][0]
+        floor = kept[KEPT // 2][0]
         return Seen(floor, tuple(entry for entry in kept if entry[0] > floor))
 
     def to_json(self) -> list[Any]:

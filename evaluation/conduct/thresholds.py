@@ -18,7 +18,10 @@ import numpy as np
 
 ODDS: Final = 4
 """The change that is looked for: four times the odds, e.g. 5 % to 17 %, 20 % to 50 %, 50 % to 80 %."""
-SHARES: Final = (10, 15, 20, 25, 30, 35, 40, 50, 60, 70, 80, 100, 120, 150, 200, 250, 300, 350, 400, 450, 500, 550, 600)
+SHARES: Final = (
+    *(10, 15, 20, 25, 30, 35, 40, 50, 60, 70, 80, 100, 120, 150),
+    *(200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800),
+)
 """Shares of hits for which there are thresholds, permille: a baseline's share is rounded up to one of them."""
 RUNS: Final = (250, 500, 1_000, 2_500, 5_000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000, 1_000_000, 2_000_000)
 """Average run lengths, in trials: the wanted one is rounded up to one of them."""
