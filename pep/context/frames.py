@@ -163,12 +163,13 @@ class Look:
             return Unseen()
         return Seen(frames, age_ms, tuple(one.sensor for one in self.heard if one.frame is None))
 
-    def reading(self, *, now_ms: int, limit_ms: int) -> PerceptionReading:
+    def reading(self, *, now_ms: int, limit_ms: int, witnesses: tuple[SensorReading, ...] = ()) -> PerceptionReading:
         """The same for the evidence.
 
         Args:
             now_ms: monotonic time at which the decision uses it.
             limit_ms: a frame of a greater age is stale.
+            witnesses: what independent sources say of it (`pep.context.witness.witnessed`).
         """
         readings = []
         for one in self.heard:
@@ -176,7 +177,7 @@ class Look:
             state = "missing" if age_ms is None else "fresh" if age_ms <= limit_ms else "stale"
             fault = "" if one.rejected is None else str(one.rejected.fault)
             readings.append(SensorReading(one.sensor, "invalid" if fault else state, fault, age_ms))
-        return PerceptionReading(tuple(readings))
+        return PerceptionReading((*readings, *witnesses))
 
 
 class Frames:
