@@ -20,6 +20,7 @@ from pep import records
 from pep.authority import NO_TOKEN
 from pep.deferral import AskState
 from pep.errors import ActuationRefusedError, JournalError
+from pep.observation import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.operations import Kind, touchable
 from pep.permit import Permit, unfulfilled
 from pep.ports import Assessed
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from pep.approvals import Asks
     from pep.authority import Authority, Credentials
     from pep.deferral import Ask
+    from pep.observation import Simulated
     from pep.operations import Operation
     from pep.ports import Announcer, Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
     from pep.sequence import Sequence
@@ -88,6 +90,8 @@ class Answer:
     ask: Ask | None = None
     result: Result | None = None
     recorded: bool = True
+    observed: bool = False
+    """The decision was not enforced (`unsafe_observe`)."""
 
 
 class Gate:
@@ -106,6 +110,8 @@ class Gate:
         journal: durable; nothing moves before its answer.
         asks: deferrals, what people answered, and what was used of it.
         announcer: tells people of a new deferral.
+        unsafe_observe: a simulated controller behind which nothing moves: what the policies deny or defer is recorded
+            so, and happens all the same. None, as everywhere else, enforces.
     """
 
     def __init__(
@@ -123,7 +129,10 @@ class Gate:
         journal: Journal,
         asks: Asks,
         announcer: Announcer,
+        unsafe_observe: Simulated | None = None,
     ) -> None:
+        self._unsafe_observe = unsafe_observe
+        journal = journal if unsafe_observe is None else Marked(journal)
         self._clock = clock
         self._authority = authority
         self._registry = registry
@@ -165,7 +174,12 @@ class Gate:
                 decided_ms = self._clock.monotonic_ms()
                 decision = decide(call.request, evidence, self._policies)
                 if decision.effect is not Effect.PERMIT:
-                    return await self._conclude(call, evidence, decision)
+                    if self._unsafe_observe is None:
+                        return await self._conclude(call, evidence, decision)
+                    held = held or not physical or self._slot.reserve(call.request.request_id)
+                    if held:
+                        return await self._observed(call, evidence, decision, effect)
+                    return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
                 undone = unfulfilled(decision, call.request)
                 if undone is not None:
                     void = _denial(call.request, decision, Reason.POLICY_ERROR, "", obligation=str(undone.kind))
@@ -308,6 +322,25 @@ class Gate:
         what = "failed" if result.failed else "done"
         body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
         return Answer(decision, result=result, recorded=await self._concluded(permit, body))
+
+    async def _observed(
+        self, call: Call, evidence: Evidence, decision: Decision, effect: Callable[[Permit], Awaitable[Result]]
+    ) -> Answer:
+        """What was denied or deferred, and happened: in the simulator, on record before, and told as what it is."""
+        record = await self._record("decision", records.decision(call, evidence, decision))
+        permit = Permit(
+            request_id=call.request.request_id,
+            digest=call.request.digest,
+            since_ms=call.arrived_ms,
+            deadline_ms=self._clock.monotonic_ms() + LASTS_MS,
+            clock=self._clock,
+            standing=lambda: None,
+            request=call.request,
+            index_milli=HIGHEST_MILLI,
+            sighted=False,
+            agent=_agent(call),
+        )
+        return replace(await self._effect(call, decision, permit, record, effect), observed=True)
 
     async def _concluded(self, permit: Permit, body: dict[str, object]) -> bool:
         """Whether the outcome of an effect is on record. A record that fails undoes no effect, so it denies none."""

@@ -44,6 +44,7 @@ from pep.mcp.arm import arm_server
 from pep.mcp.deadline import DeadlineProtocol
 from pep.mcp.guard import guard
 from pep.mcp.mapping import ARM_TOOLS
+from pep.observation import Marked, Unwatched
 from pep.perception import Receiver
 from pep.pit import Robot, surveyed
 from pep.question import Asker
@@ -61,6 +62,7 @@ from pep.rtde.state import ReceivedState
 from pep.rtde.telemetry import Telemetry
 from pep.sequence import Sequence
 from pep.ship import Shipper
+from pep.sim.recognition import recognise
 from pep.watch import Limits, Watch
 from pep.world import CellPhysics
 from ztpm.report import report_of, serve_reports
@@ -74,6 +76,7 @@ if TYPE_CHECKING:
     from capabilities.keys import PrivateKey
     from capabilities.statements.cell import Cell
     from capabilities.trust import TrustBundle
+    from pep.observation import Simulated
     from policies.policy import PolicySet
 
 FIRST_VIEW_S: Final = 30.0
@@ -104,6 +107,7 @@ class ToolServer:
         key: of this PEP.
         policies: what is decided by.
         http: client of the identity provider.
+        unsafe_observe: the simulated controller, where nothing is to be enforced; None enforces.
 
     Attributes:
         ended: set it to end the server.
@@ -118,6 +122,7 @@ class ToolServer:
         key: PrivateKey,
         policies: PolicySet,
         http: httpx2.AsyncClient,
+        unsafe_observe: Simulated | None = None,
     ) -> None:
         self.config = config
         # Proofs, tokens and statements are judged by a wall time that nobody can set back.
@@ -171,14 +176,17 @@ class ToolServer:
             telemetry, RemoteControl(config.robot_host), program, control, robot=robot, holding=holding
         )
         self.judging = ThreadPoolExecutor(1, "rest")
+        # An observed motion begins wherever the arm is: what was denied may never have been assessed.
+        start_of = self.physics.start_of if unsafe_observe is None else lambda _: self.state.read().q_rad
+        journal = self.journal if unsafe_observe is None else Marked(self.journal)
         self.drive = Drive(
             control=control,
             state=self.state,
             gripper=RobotiqGripper(config.robot_host),
             dashboard_stop=lambda: stop_program(config.robot_host),
-            start_of=self.physics.start_of,
+            start_of=start_of,
             watching=partial(
-                Watch,
+                Watch if unsafe_observe is None else Unwatched,
                 remaining=self.physics,
                 views=self.frames,
                 limits=Limits.of(self.cell),
@@ -191,7 +199,7 @@ class ToolServer:
         )
         self.devices = Devices(
             self.drive,
-            Jog(self.drive, control, start_of=self.physics.start_of, clock=self.clock),
+            Jog(self.drive, control, start_of=start_of, clock=self.clock),
             DigitalOutputs(
                 connect_outputs(config.robot_host),
                 telemetry,
@@ -204,7 +212,7 @@ class ToolServer:
         asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)
         self.asks = Asks(
             clock=self.clock,
-            journal=self.journal,
+            journal=journal,
             timeout_ms=config.defer_timeout_s * 1000,
             asker=asker,
             approvers=self.follower,
@@ -241,6 +249,7 @@ class ToolServer:
             journal=self.journal,
             asks=self.asks,
             announcer=self.asking,
+            unsafe_observe=unsafe_observe,
         )
         self.app = guard(
             arm_server(self.devices, self.physics.summary),
@@ -357,17 +366,26 @@ class ToolServer:
             logging.getLogger("ztpm.tool_server").warning("%s: %s", what, error)
 
 
-async def serve(config: CellConfig, *, reports: bool = False) -> None:
+async def serve(config: CellConfig, *, reports: bool = False, unsafe_observe: bool = False) -> None:
     """The cell's tool server has run and ended, its arm standing still; `reports` as for `ToolServer.run`.
+
+    Args:
+        config: of the cell.
+        reports: it has told of itself.
+        unsafe_observe: nothing was enforced, everything decided and recorded: with a simulated controller alone.
 
     Raises:
         PepError: when a part cannot be had; nothing was served then.
     """
+    # Before anything is opened: a real robot is never observed.
+    simulated = recognise(config.robot_host) if unsafe_observe else None
     policies, trust, key = read_policies(config), read_trust(config), read_key(config)
     survey = read_cell(config, at=SystemClock().wall_s())
     check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
     http = httpx2.AsyncClient()
-    server = ToolServer(config, survey=survey, trust=trust, key=key, policies=policies, http=http)
+    server = ToolServer(
+        config, survey=survey, trust=trust, key=key, policies=policies, http=http, unsafe_observe=simulated
+    )
     server.recover()
     await server.run(reports=reports)
 
@@ -377,6 +395,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m ztpm.tool_server", description="The MCP tool server of a cell.")
     parser.add_argument("--config", type=Path, required=True)
     parser.add_argument("--reports", action="store_true", help="answer questions on standard input")
+    parser.add_argument(
+        "--unsafe-observe", action="store_true", help="enforce nothing; refused unless the controller is simulated"
+    )
     options = parser.parse_args()
     # The watch looks every few ms: whoever else computes hands the interpreter over within one (5 by default).
     sys.setswitchinterval(SWITCH_S)
@@ -385,7 +406,7 @@ def main() -> None:
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     status = 1
     try:
-        asyncio.run(serve(read_config(options.config), reports=options.reports))
+        asyncio.run(serve(read_config(options.config), reports=options.reports, unsafe_observe=options.unsafe_observe))
         status = 0
     except PepError as error:
         sys.stderr.write(f"{error}\n")

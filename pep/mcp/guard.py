@@ -29,6 +29,7 @@ from pep.mcp import defer
 from pep.mcp.dpop import CREDENTIALS, DPoPLayer
 from pep.mcp.mapping import Misfit, ToolBinding, to_request
 from pep.mcp.pins import definition_digest
+from pep.observation import OBSERVED
 from pep.operations import Kind
 from pep.permit import Permit, PermitScope
 from policies.evidence import ToolReading
@@ -268,7 +269,9 @@ def _told(answer: Answer) -> HandlerResult:
         told["index_milli"] = decision.index
     if not answer.recorded:
         told["outcome_recorded"] = False
-    if decision.effect is Effect.PERMIT and answer.result is not None:
+    if answer.observed:
+        told[OBSERVED] = True
+    if (decision.effect is Effect.PERMIT or answer.observed) and answer.result is not None:
         return _with_meta(answer.result.carried, told)
     if answer.ask is not None:
         told |= defer.told(answer)

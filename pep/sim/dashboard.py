@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Final
 
+from pep.sim.recognition import ANSWER, QUESTION
 from pep.sim.robot import RobotMode, RuntimeState
 
 if TYPE_CHECKING:
@@ -118,6 +119,7 @@ class Dashboard:
             (6, "is in remote control", lambda: _flag(self._controller.remote)),
             (6, "get serial number", say(SERIAL_NUMBER)),
             (6, "get robot model", say(MODEL)),
+            (0, f"{QUESTION} ([0-9a-f]{{32}})", lambda nonce: f"{ANSWER}{nonce}"),  # no robot says this
         ]
 
     @property
