@@ -26,6 +26,7 @@ from capabilities.statements import registry, revocation
 from pep.durable import replace_file
 from pep.errors import FeedError, PepFault
 from pep.ports import RegisteredSensor, RegisteredTool
+from pep.standings import Standings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from capabilities.statements.registry import RegistrySnapshot
     from capabilities.statements.revocation import RevocationIndex, RevocationView
     from capabilities.trust import TrustBundle
-    from pep.ports import Clock
+    from pep.ports import Clock, ConductWord
 
 PERIOD_S: Final = 0.25
 """Time between pulls: an eighth of the motion lease; a quarter would do."""
@@ -133,6 +134,9 @@ class Follower:
         clock: both clocks.
         mark: the high-water mark.
         incident: told about every refused answer.
+
+    Attributes:
+        standings: the word on conduct, pulled beside.
     """
 
     def __init__(
@@ -165,6 +169,7 @@ class Follower:
         self._ended = 0
         self._over = asyncio.Event()
         self._approvers: dict[str, bytes] = {}
+        self.standings = Standings(self._get, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident)
 
     # -- ports
 
@@ -187,6 +192,10 @@ class Follower:
     def trust_permille(self, agent: str) -> int | None:
         """The signed static trust of an agent, or None when nothing is stated."""
         return None if self._known is None else self._known.snapshot.trust_permille(agent)
+
+    def conduct(self) -> ConductWord:
+        """What was said of agents' conduct, its age taken now."""
+        return self.standings.word()
 
     def sensors(self) -> Mapping[str, RegisteredSensor]:
         """The registered sensors of this audience."""
@@ -212,7 +221,7 @@ class Follower:
         """
         self._loop = asyncio.get_running_loop()
         self._wake, self._over = asyncio.Event(), asyncio.Event()  # of this very loop
-        listening = asyncio.create_task(self._listen())
+        beside = [asyncio.create_task(part) for part in (self._listen(), self.standings.run())]
         try:
             while True:
                 started = self._clock.monotonic_ms()
@@ -227,8 +236,9 @@ class Follower:
                 over.set()
                 await self._pause(period_s, started)
         finally:
-            listening.cancel()
-            await asyncio.gather(listening, return_exceptions=True)
+            for task in beside:
+                task.cancel()
+            await asyncio.gather(*beside, return_exceptions=True)
 
     async def _pause(self, period_s: float, started: int) -> None:
         """The period is over, or somebody has woken us."""

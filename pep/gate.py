@@ -18,19 +18,19 @@ from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault
 from pep import records
 from pep.authority import NO_TOKEN
+from pep.conduct import Conduct
 from pep.deferral import AskState
 from pep.errors import ActuationRefusedError, JournalError
 from pep.observation import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.operations import Kind, touchable
 from pep.permit import Permit, unfulfilled
 from pep.ports import Assessed
-from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading, ToolReading
+from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading, NotCollected, ToolReading
 from policies.model import Decision, Effect, Finding, Request
 from policies.pdp import decide
 from policies.policy import requirement
 from policies.reasons import Reason
 from policies.tiers import FRESH, authorised_milli
-from policies.trust import chain_trust
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from pep.ports import Announcer, Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
     from pep.sequence import Sequence
     from policies.policy import PolicySet
+    from policies.said import ContextReading
 
 PHYSICS_TIMEOUT_S: Final = 3.0
 """An assessment that takes longer is a fault, and a fault is no tier."""
@@ -64,6 +65,7 @@ class Call:
         tool: as it is registered and as it is served now.
         credentials: what the caller presented, after steps 1 to 10.
         arrived_ms: monotonic time of arrival.
+        context: what its parameters derive from.
     """
 
     request: Request
@@ -71,6 +73,7 @@ class Call:
     tool: ToolReading
     credentials: Credentials
     arrived_ms: int
+    context: ContextReading | NotCollected = NOT_COLLECTED
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +103,7 @@ class Gate:
     Args:
         clock: both clocks.
         authority: steps 1 to 10, and again at the last moment.
-        registry: trust in agents.
+        registry: trust in agents, and what is known of their conduct.
         limits: the robot's own limits.
         slot: one motion at a time.
         readiness: of the robot.
@@ -112,6 +115,9 @@ class Gate:
         announcer: tells people of a new deferral.
         unsafe_observe: a simulated controller behind which nothing moves: what the policies deny or defer is recorded
             so, and happens all the same. None, as everywhere else, enforces.
+
+    Attributes:
+        conduct: what is known of holders' conduct; it hears what is recorded here.
     """
 
     def __init__(
@@ -135,14 +141,14 @@ class Gate:
         journal = journal if unsafe_observe is None else Marked(journal)
         self._clock = clock
         self._authority = authority
-        self._registry = registry
         self._limits = limits
         self._slot = slot
         self._readiness = readiness
         self._sequence = sequence
         self._physics = physics
         self._policies = policies
-        self._journal = journal
+        # What is recorded here is heard: what this enforcement point saw itself counts at once.
+        self.conduct = self._journal = Conduct(journal, registry=registry, clock=clock, parameters=policies.parameters)
         self._asks = asks
         self._announcer = announcer
         # A worker each, so that a long assessment never delays a record, and neither delays a stop (which has its own
@@ -226,7 +232,7 @@ class Gate:
         seen = replace(seen, chain=chain)
         if isinstance(chain, Fault) or seen.proof is not True:
             return seen
-        seen = replace(seen, tool=call.tool)
+        seen = replace(seen, tool=call.tool, context=call.context)
         if _fault(seen) or call.tool.base_tier is None:
             return seen
         request = call.request
@@ -244,8 +250,8 @@ class Gate:
         seen = replace(seen, robot_fault=self._limits.refuse(request))
         if seen.robot_fault is not None:
             return seen
-        stated = (self._registry.trust_permille(hop.agent) for hop in chain.hops)
-        return replace(seen, trust=chain_trust(stated, self._policies.parameters))
+        trust, behaviour = self.conduct.trust(chain, at=seen.at), self.conduct.behaviour(chain.leaf.agent, at=seen.at)
+        return replace(seen, trust=trust, behaviour=behaviour)
 
     async def _dear(self, call: Call, seen: Evidence) -> Evidence:
         """The robot's state, physics, and then authority once more: a revocation may arrive during an assessment."""

@@ -10,10 +10,12 @@ if TYPE_CHECKING:
 
     from capabilities.chain import Refusal
     from capabilities.scope import Tier
+    from capabilities.statements.conduct import AgentEntry
     from capabilities.statements.revocation import RevocationView
     from pep.deferral import Ask, AskState
     from policies.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading, RobotReading
     from policies.model import Request
+    from policies.report import Edge
 
 
 class Clock(Protocol):
@@ -46,8 +48,23 @@ class RegisteredTool:
     base_tier: Tier
 
 
+@dataclass(frozen=True, slots=True)
+class ConductWord:
+    """What the identity provider has said of agents' conduct.
+
+    Attributes:
+        age_ms: since the nonce of its newest word was sent; endless when there was none.
+        edges: trust in each edge that it named, in permille; the others have the prior.
+        agents: the standing of each agent that it named; of the others it knows nothing bad.
+    """
+
+    age_ms: int
+    edges: Mapping[Edge, int]
+    agents: Mapping[str, AgentEntry]
+
+
 class Registry(Protocol):
-    """The newest verified registry snapshot for this PEP's audience."""
+    """The newest verified registry snapshot for this PEP's audience, and the newest word on conduct."""
 
     def tool(self, name: str) -> RegisteredTool | None:
         """The registered tool, or None."""
@@ -55,6 +72,10 @@ class Registry(Protocol):
 
     def trust_permille(self, agent: str) -> int | None:
         """The signed static trust of an agent, or None when nothing is stated."""
+        ...
+
+    def conduct(self) -> ConductWord:
+        """What was said of conduct, with its age taken now."""
         ...
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import rfc8785
 
+from pep.conduct import near_permille
 from policies import replay
 from policies.canonical import plain
 from policies.evidence import Evidence
@@ -58,6 +59,7 @@ def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: Ask | No
         **replay.to_plain(call.request, evidence),
         "decision": decision_body(decided),
         "proof": call.credentials.proof_name,
+        "near_permille": near_permille(call.request, evidence),
     }
     if decided.approval is not None:
         body["approval"] = use_body(decided.approval)

@@ -7,16 +7,21 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import (
+    admission,
     answers,
     ask,
     attestation,
     cell,
     checkpoint,
+    conduct,
+    intent,
     manifest,
+    memory,
     message,
     observation,
     opening,
     registry,
+    response,
     revocation,
     trust,
     vote,
@@ -49,16 +54,21 @@ class Signer(StrEnum):
 
 SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
     {
+        admission.KIND: Signer.PEP,
         answers.KIND: Signer.REGISTRY,
         ask.KIND: Signer.PEP,
         attestation.KIND: Signer.AGENT,
         cell.KIND: Signer.SURVEYOR,
         checkpoint.KIND: Signer.LEDGER,
+        conduct.KIND: Signer.FEED,
+        intent.KIND: Signer.APPROVER,
         manifest.KIND: Signer.CURATOR,
+        memory.KIND: Signer.PEP,
         message.KIND: Signer.AGENT,
         observation.KIND: Signer.SENSOR,
         opening.KIND: Signer.APPROVER,
         registry.KIND: Signer.REGISTRY,
+        response.KIND: Signer.PEP,
         revocation.KIND: Signer.FEED,
         trust.KIND: Signer.REGISTRY,
         vote.KIND: Signer.APPROVER,

@@ -13,16 +13,21 @@ from capabilities.caps import DEFAULT
 from capabilities.errors import FaultCode, StatementError
 from capabilities.scope import Tier
 from capabilities.statements import (
+    admission,
     answers,
     ask,
     attestation,
     cell,
     checkpoint,
+    conduct,
+    intent,
     manifest,
+    memory,
     message,
     observation,
     opening,
     registry,
+    response,
     revocation,
     sealed,
     trust,
@@ -157,6 +162,71 @@ LISTED = manifest.Manifest(
     at=NOW,
     not_after=NOW + 86_400,
 )
+WANTED = intent.Intent(
+    subject="alice",
+    schema="sort/1",
+    body=b'{"box":2,"parts":["red"]}',
+    nonce="n" * 22,
+    at=NOW,
+    not_after=NOW + 3_600,
+)
+LET_IN = admission.Receipt(
+    audience=CELL,
+    agent="robotic",
+    hop_id="0d" * 16,
+    value=HEX,
+    sources=("retrieval", "sensor"),
+    signers=("*", "camera-1", "dora"),
+    integrity="curated",
+    age_ms=40,
+    tainted=False,
+    at=NOW,
+    not_after=NOW + 600,
+)
+SEEN = conduct.Conduct(
+    ISSUER,
+    9,
+    2,
+    8,
+    NOW * 1_000,
+    "n" * 22,
+    (conduct.EdgeEntry(3, "alice", "orchestrator", 800), conduct.EdgeEntry(8, "orchestrator", "robotic", 640)),
+    (
+        conduct.AgentEntry(
+            7, "robotic", (conduct.DeviationEntry("near boundary", NOW - 60, 1_400),), NOW - 60, True, 71, NOW - 900
+        ),
+    ),
+)
+ANSWERED = response.Response(
+    audience=CELL,
+    agent="robotic",
+    hop_id="0d" * 16,
+    proof="cd" * 32,
+    request=HEX,
+    tool="read_state",
+    definition="ef" * 32,
+    result="01" * 32,
+    tainted=False,
+    at=NOW,
+    not_after=NOW + 600,
+)
+ROW = memory.Remembered(
+    audience=CELL,
+    sequence=7,
+    previous=HEX,
+    name="tray/pose-1",
+    value="cd" * 32,
+    writer="robotic",
+    hop_id="0d" * 16,
+    token_id="t" * 22,
+    behind=(("agent", "robotic"), ("hop", "0d" * 16), ("key", "-" + "k" * 42), ("sponsor", "alice")),
+    sources=("agent", "retrieval"),
+    signers=("*", "dora", "robotic"),
+    integrity="agent",
+    age_ms=40,
+    tainted=False,
+    at=NOW,
+)
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
 
 KINDS = {
@@ -165,13 +235,18 @@ KINDS = {
     registry: SNAPSHOT,
     observation: FRAME,
     checkpoint: POINT,
+    conduct: SEEN,
     ask: ASKED,
     vote: VOTED,
     opening: OPENED,
     answers: STANDING,
     cell: SURVEY,
     manifest: LISTED,
+    memory: ROW,
+    response: ANSWERED,
     message: SAID,
+    intent: WANTED,
+    admission: LET_IN,
     trust: TRUST,
 }
 each = pytest.mark.parametrize("module", KINDS, ids=lambda module: module.KIND)
@@ -392,6 +467,35 @@ def test_what_no_statement_can_hold_is_not_signed(value):
 
 
 @pytest.mark.clause("STM-5")
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"version": 7},
+        {"through": 7},
+        {"through": 10},
+        {"through": 1},
+        {"since": 3},
+        {"since": 7},
+        {"edges": [{"version": 3, "delegator": "alice", "delegate": "a", "score_permille": 1_001}]},
+        {"edges": [{"version": v, "delegator": "alice", "delegate": "a", "score_permille": 1} for v in (3, 4)]},
+        {"nonce": "short"},
+    ],
+)
+def test_a_word_on_conduct_is_consistent(change):
+    text = sealed.sign("conduct", {**claims_of(conduct), **change}, SIGNER)
+    assert code_of(conduct, text) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-5")
+def test_the_largest_words_on_conduct_fit_a_statement():
+    """As many as one word may hold are cut earlier where names are long; the provider counts bytes."""
+    name = lambda kind, n: f"{kind}{n:04}".ljust(40, "x")
+    edges = tuple(conduct.EdgeEntry(n + 1, name("d", n), name("a", n), 1_000) for n in range(conduct.ENTRIES))
+    word = dataclasses.replace(SEEN, since=0, version=1_024, through=1_024, edges=edges, agents=())
+    assert conduct.open(conduct.sign(word, SIGNER), TRUSTED, DEFAULT) == word
+
+
+@pytest.mark.clause("STM-5")
 def test_evidence_names_the_key_that_signed_it():
     claims = {**claims_of(attestation), "key": keys.thumbprint(raw_of("other"))}
     assert code_of(attestation, sealed.sign("attestation", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
@@ -536,6 +640,56 @@ def test_an_answer_names_the_very_text():
     assert message.open(message.sign(answer, SIGNER), TRUSTED, DEFAULT).in_reply_to == vote.digest_of(text)
 
 
+CALLED = response.Call(CELL, "robotic", "0d" * 16, "cd" * 32, HEX, "read_state")
+NO_ANSWERS = {
+    "of another enforcement point": ({"audience": ISSUER}, FaultCode.STATEMENT_UNTRUSTED),
+    "to another agent": ({"agent": "vision"}, FaultCode.WRONG_AUDIENCE),
+    "to another hop": ({"hop_id": "0e" * 16}, FaultCode.WRONG_AUDIENCE),
+    "to the same request, earlier": ({"proof": "ce" * 32}, FaultCode.PROOF_NOT_FOR_THIS_REQUEST),
+    "to another request": ({"request": "ce" * 32}, FaultCode.PROOF_NOT_FOR_THIS_REQUEST),
+    "of another tool": ({"tool": "move_joint"}, FaultCode.PROOF_NOT_FOR_THIS_REQUEST),
+    "of the future": ({"at": NOW + 7}, FaultCode.NOT_YET_VALID),
+    "over": ({"at": NOW - 60, "not_after": NOW + 1}, FaultCode.EXPIRED),
+}
+
+
+@pytest.mark.clause("STM-11")
+@pytest.mark.parametrize("name", NO_ANSWERS)
+def test_a_response_is_to_one_call(name):
+    change, code = NO_ANSWERS[name]
+    said = response.open(response.sign(dataclasses.replace(ANSWERED, **change), SIGNER), TRUSTED, DEFAULT)
+    fault = response.refusal(said, CALLED, at=NOW + 1, caps=DEFAULT)
+    assert (fault.code, fault.clause) == (code, "STM-11")
+    assert response.refusal(ANSWERED, CALLED, at=NOW + 1, caps=DEFAULT) is None
+
+
+@pytest.mark.clause("STM-5")
+@pytest.mark.parametrize("change", [{"not_after": NOW}, {"not_after": NOW + response.LIFETIME_S + 1}])
+def test_a_response_lives_for_a_while(change):
+    text = sealed.sign("response", {**claims_of(response), **change}, SIGNER)
+    assert code_of(response, text) is FaultCode.STATEMENT_MALFORMED
+
+
+NO_ROWS = {
+    "the first row follows another": {"sequence": 1},
+    "a later row follows none": {"previous": memory.FIRST_PREVIOUS},
+    "no source": {"sources": []},
+    "a source twice": {"sources": ["agent", "agent"]},
+    "signers out of order": {"signers": ["robotic", "dora"]},
+    "an unknown integrity": {"integrity": "certain"},
+    "an audience behind it": {"behind": [{"kind": "audience", "id": CELL}]},
+    "names behind it out of order": {"behind": [{"kind": "hop", "id": "b"}, {"kind": "agent", "id": "a"}]},
+    "too many behind it": {"behind": [{"kind": "hop", "id": f"h{n:02}"} for n in range(memory.BEHIND + 1)]},
+}
+
+
+@pytest.mark.clause("STM-12")
+@pytest.mark.parametrize("name", NO_ROWS)
+def test_a_row_of_a_memory_is_well_formed(name):
+    text = sealed.sign("memory", {**claims_of(memory), **NO_ROWS[name]}, SIGNER)
+    assert code_of(memory, text) is FaultCode.STATEMENT_MALFORMED
+
+
 A_DOCUMENT = {"id": "a", "digest": HEX, "source": "s"}
 LISTS_THAT_ARE_NONE = {
     "an id twice": {"entries": [A_DOCUMENT, {**A_DOCUMENT, "digest": "cd" * 32}]},
@@ -599,6 +753,102 @@ def test_a_manifest_may_be_read_again_and_followed_by_a_newer_one():
     for digest, version in (("", 0), (manifest.digest_of(text), 4), (HEX, 3)):
         place = dataclasses.replace(SHELF, version=version, digest=digest)
         assert manifest.refusal(LISTED, manifest.digest_of(text), place, at=NOW + 1, caps=DEFAULT) is None
+
+
+NO_INTENTS = {
+    "no person": {"subject": ""},
+    "a person in another script": {"subject": "\u0430lice"},
+    "a short nonce": {"nonce": "n" * 15},
+    "a body that is a text": {"body": "sort the red parts"},
+    "a body that is too large": {"body": {"text": "x" * intent.BODY_BYTES}},
+    "over before it was signed": {"not_after": NOW},
+    "too long a life": {"not_after": NOW + intent.LIFETIME_S + 1},
+}
+
+
+@pytest.mark.clause("STM-5")
+@pytest.mark.parametrize("name", NO_INTENTS)
+def test_an_intent_is_well_formed(name):
+    text = sealed.sign("intent", {**claims_of(intent), **NO_INTENTS[name]}, SIGNER)
+    assert code_of(intent, text) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-4")
+@pytest.mark.parametrize("body", [b'{"b":1,"a":2}', b'{"a": 1}', b"[]", b'{"a":1,"a":1}', b'{"a":NaN}', b'{"a":0.5}'])
+def test_an_intent_is_signed_in_one_spelling(body):
+    with pytest.raises(StatementError) as caught:
+        intent.sign(dataclasses.replace(WANTED, body=body), SIGNER)
+    assert caught.value.code is FaultCode.STATEMENT_MALFORMED
+
+
+INTENTS_OUT_OF_PLACE = {
+    "of another person": ({}, "bob", NOW, FaultCode.STATEMENT_UNTRUSTED),
+    "of the future": ({"at": NOW + 6}, "alice", NOW, FaultCode.NOT_YET_VALID),
+    "over": ({}, "alice", NOW + 3_600, FaultCode.EXPIRED),
+}
+
+
+@pytest.mark.clause("STM-9")
+@pytest.mark.parametrize("name", INTENTS_OUT_OF_PLACE)
+def test_an_intent_has_its_person_and_its_time(name):
+    change, subject, at, code = INTENTS_OUT_OF_PLACE[name]
+    fault = intent.refusal(dataclasses.replace(WANTED, **change), subject=subject, at=at, caps=DEFAULT)
+    assert (fault.code, fault.clause) == (code, "STM-9")
+    assert intent.refusal(WANTED, subject="alice", at=NOW + 3_599, caps=DEFAULT) is None
+    assert intent.refusal(dataclasses.replace(WANTED, at=NOW + 5), subject="alice", at=NOW, caps=DEFAULT) is None
+
+
+def purposed(*purposes):
+    chain = chain_of(chain_of_four())
+    hops = tuple(dataclasses.replace(hop, purpose=p) for hop, p in zip(chain.hops, purposes, strict=False))
+    return dataclasses.replace(chain, hops=hops)
+
+
+@pytest.mark.clause("STM-9")
+@pytest.mark.parametrize(
+    ("purposes", "bound"),
+    [
+        ((f"intent:{HEX}",), HEX),
+        ((intent.purpose(HEX, "sort the red parts"), "grip"), HEX),
+        (("sort the red parts",), ""),
+        (("sort the red parts", f"intent:{HEX}"), ""),
+        ((f"intent:{HEX}", "intent:" + "cd" * 32), HEX),
+        ((f"intent:{HEX}0",), ""),
+        ((f"intent:{HEX},",), ""),
+        ((f" intent:{HEX}",), ""),
+        ((f"Intent:{HEX}",), ""),
+        ((f"intent:{HEX.upper()}",), ""),
+        ((f"intent: {HEX}",), ""),
+        ((f"not intent:{HEX}",), ""),
+    ],
+)
+def test_a_delegation_is_bound_by_its_first_purpose_alone(purposes, bound):
+    assert intent.bound(purposed(*purposes)) == bound
+
+
+NO_RECEIPTS = {
+    "no source": {"sources": []},
+    "a source twice": {"sources": ["agent", "agent"]},
+    "sources out of order": {"sources": ["tool", "agent"]},
+    "an unknown source": {"sources": ["hearsay"]},
+    "a signer twice": {"signers": ["dora", "dora"]},
+    "signers out of order": {"signers": ["dora", "camera-1"]},
+    "a signer in another script": {"signers": ["d\u043era"]},
+    "too many signers": {"signers": [f"s{n:02}" for n in range(admission.SIGNERS + 1)]},
+    "an unknown integrity": {"integrity": "5"},
+    "a negative age": {"age_ms": -1},
+    "a taint that is a number": {"tainted": 0},
+    "a digest in capitals": {"value": HEX.upper()},
+    "over before it was given": {"not_after": NOW},
+    "too long a life": {"not_after": NOW + admission.LIFETIME_S + 1},
+}
+
+
+@pytest.mark.clause("STM-5")
+@pytest.mark.parametrize("name", NO_RECEIPTS)
+def test_a_receipt_is_well_formed(name):
+    text = sealed.sign("admission", {**claims_of(admission), **NO_RECEIPTS[name]}, SIGNER)
+    assert code_of(admission, text) is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-5")

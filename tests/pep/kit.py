@@ -21,6 +21,7 @@ from capabilities.proof import Proof, check_proof, prove
 from capabilities.scope import Grant, Limit, Range, Scope, Tier
 from capabilities.statements import answers as answers_statement
 from capabilities.statements import ask as ask_statement
+from capabilities.statements import conduct as conduct_statement
 from capabilities.statements import opening as opening_statement
 from capabilities.statements import registry as registry_statement
 from capabilities.statements import revocation
@@ -33,7 +34,7 @@ from pep.authority import Authority, Presented
 from pep.gate import Call, Gate, Result
 from pep.mcp.mapping import ARM_TOOLS, to_request
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT, SET_DIGITAL_OUTPUT, SPEED_JOINT
-from pep.ports import Assessed, RegisteredSensor, RegisteredTool
+from pep.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool
 from pep.question import Asker
 from pep.record import FileJournal
 from pep.replay import ReplayCache
@@ -189,6 +190,10 @@ class Registry:
     def __init__(self):
         self.tools = {n: RegisteredTool(n, "d" * 64, b.operation.name, b.base_tier) for n, b in ARM_TOOLS.items()}
         self.trust, self.known, self.people = {}, {}, {}
+        self.word = ConductWord(0, {}, {})
+
+    def conduct(self):
+        return self.word
 
     def tool(self, name):
         return self.tools.get(name)
@@ -468,6 +473,7 @@ class FakeIssuer:
         self.made, self.clock = made, clock
         self.epoch, self.registry_version, self.entries = 0, 1, []
         self.tools, self.sensors, self.trust, self.approvers = tuple(tools), tuple(sensors), (), ()
+        self.edges, self.agents, self.conduct_version, self.conduct_lie = (), (), 0, {}
         self.down = False
         self.lie = {}
         self.signer = made["feed"]
@@ -498,6 +504,8 @@ class FakeIssuer:
                 return self.hint(**query)
             case "/registry":
                 return httpx2.Response(200, text=self.snapshot(**query))
+            case "/conduct":
+                return httpx2.Response(200, text=self.conduct(**query))
             case "/approvals":
                 return self.take_ask(request)
             case "/approvals/answers":
@@ -522,6 +530,20 @@ class FakeIssuer:
             "entries": tuple(e for e in self.entries if e.epoch > since)[: revocation.ENTRIES],
         }
         return revocation.sign(revocation.RevocationIndex(**{**fields, **self.lie}), self.signer)
+
+    def conduct(self, *, since, nonce):
+        since, told = int(since), (*self.edges, *self.agents)
+        fields = {
+            "issuer": ISSUER,
+            "version": self.conduct_version,
+            "since": since,
+            "through": self.conduct_version,
+            "as_of_ms": int(self.clock.wall_s() * 1000),
+            "nonce": nonce,
+            "edges": tuple(e for e in told if isinstance(e, conduct_statement.EdgeEntry) and e.version > since),
+            "agents": tuple(a for a in told if isinstance(a, conduct_statement.AgentEntry) and a.version > since),
+        }
+        return conduct_statement.sign(conduct_statement.Conduct(**{**fields, **self.conduct_lie}), self.signer)
 
     def snapshot(self, *, audience):
         return registry_statement.sign(
