@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from ztpm_idp.key_ring import check_current
-from ztpm_idp.settings import PASSPHRASE_VARIABLE, SettingsError, load_keys, load_platform, load_settings
+from ztpm_idp.settings import PASSPHRASE_VARIABLE, SettingsError, load_keys, load_platform, load_policies, load_settings
 
 USAGE = 2
 """Exit status for a configuration that is refused."""
@@ -30,6 +30,7 @@ def main() -> int:
         keys = load_keys(settings, config.parent, os.environ.pop(PASSPHRASE_VARIABLE, ""))
         check_current(keys, at=time.time())
         platform = load_platform(settings, config.parent, keys)
+        policies = load_policies(settings, config.parent)
     except SettingsError as error:
         sys.stderr.write(f"refused to start: {error.setting}: {error.why}\n")
         return USAGE
@@ -37,7 +38,7 @@ def main() -> int:
 
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    serve(settings.settings(keys), keys, platform)
+    serve(settings.settings(keys), keys, platform, policies)
     return 0
 
 

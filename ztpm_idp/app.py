@@ -15,7 +15,8 @@ from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.feed import Heartbeat
 from ztpm_idp.problems import Problem, answer
 from ztpm_idp.provider import Provider
-from ztpm_idp.routes import approvals, ledger, registry, service, tokens
+from ztpm_idp.routes import approvals, conduct, ledger, registry, service, tokens
+from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
 
 if TYPE_CHECKING:
@@ -26,13 +27,19 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
     from capabilities.workload import Platform
+    from policies.policy import PolicySet
     from ztpm_idp.settings import IdpKeys, Settings
 
 logger = logging.getLogger(__name__)
 
 
 def create_app(
-    settings: Settings, keys: IdpKeys, *, platform: Platform | None = None, now: Callable[[], float] = time.time
+    settings: Settings,
+    keys: IdpKeys,
+    *,
+    platform: Platform | None = None,
+    policies: PolicySet | None = None,
+    now: Callable[[], float] = time.time,
 ) -> FastAPI:
     """The identity provider as an ASGI application.
 
@@ -42,15 +49,17 @@ def create_app(
         settings: checked already; see `ztpm_idp.settings`.
         keys: the five private keys.
         platform: whose workload tokens are evidence of kind `jwt`; None: nobody's.
+        policies: by what delegations are decided; None: the shipped set that the settings name.
         now: wall clock, seconds since the epoch.
     """
     path = "/" + settings.issuer.split("/", 3)[3]
+    decided_by = load_policies(settings) if policies is None else policies
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = await Store.open(settings.database_url)
         try:
-            app.state.provider = Provider(settings, keys, store, now, platform)
+            app.state.provider = Provider(settings, keys, store, now, platform=platform, policies=decided_by)
             app.state.heartbeat = Heartbeat(app.state.provider)
             yield
         finally:
@@ -74,7 +83,7 @@ def create_app(
             "auto_configure": False,
         },
     )
-    for routes in (service, registry, tokens, ledger, approvals):
+    for routes in (service, registry, tokens, ledger, approvals, conduct):
         app.include_router(routes.router, prefix=path)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(StoreUnavailableError, _unavailable)

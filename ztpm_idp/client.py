@@ -132,7 +132,12 @@ class _Caller:
         return int(self._post("/revocations", {"kind": kind, "id": id, "reason": reason})["epoch"])
 
     def agents(self) -> list[dict[str, Any]]:
-        """Every registered agent: id, status, sponsor, role, model, software_digest, key, trust_permille, workload."""
+        """Every registered agent.
+
+        Each has id, status, sponsor, role, model, software_digest, key, trust_permille, workload, `trust_by` (score in
+        permille by delegator, where it is not the prior) and `conduct` (`deviations`, `deviated_at`, `contracted`,
+        `samples`, `restored_at`; None when nothing was reported).
+        """
         found: list[dict[str, Any]] = self._json(self._send("GET", "/agents", b"", None))
         return found
 
@@ -303,6 +308,19 @@ class Operator(_Caller):
     def suspend_agent(self, id: str, reason: str) -> int:  # noqa: A002
         """The agent and all that is below it are dead; the epoch."""
         return int(self._post(f"/agents/{id}/suspend", {"reason": reason})["epoch"])
+
+    def restore_agent(self, id: str, reason: str, *, relearn: bool = False) -> None:  # noqa: A002
+        """The agent's deviations are taken off it: it may act again as before.
+
+        Args:
+            id: of the agent.
+            reason: for the ledger.
+            relearn: its work has changed: what is usual for it is learned anew.
+
+        Raises:
+            ClientError: `NOTHING_TO_RESTORE` when nothing was reported of it, `NOT_PERMITTED` and other codes.
+        """
+        self._post(f"/agents/{id}/restore", {"reason": reason, "relearn": relearn})
 
     def set_trust(self, id: str, permille: int) -> None:  # noqa: A002
         """The agent's static trust is this."""

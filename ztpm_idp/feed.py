@@ -1,4 +1,4 @@
-"""What the identity provider publishes, signed: what is revoked, what is registered, how far the ledger goes."""
+"""What the identity provider publishes, signed: what is revoked and registered, who behaves how, the ledger's end."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from itertools import accumulate
 from typing import TYPE_CHECKING, Final
 
 from capabilities.scope import Tier
-from capabilities.statements import answers, checkpoint, registry, revocation
+from capabilities.statements import answers, checkpoint, conduct, registry, revocation
 from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.parties import Agent, Person, PersonRole, Sensor, Standing
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
     from ztpm_idp.provider import Provider
+    from ztpm_idp.store.conduct import Told
 
 INDEX_BYTES: Final = 150_000
 """Entries of one index, as JSON: in base64 and with the rest they stay below the size of a statement (256 KiB)."""
@@ -24,6 +25,10 @@ INDEX_ENTRIES: Final = revocation.ENTRIES
 """Most entries of one index."""
 _ENTRY_BYTES: Final = 60
 """An entry without its id, as JSON, at most."""
+_EDGE_BYTES: Final = 80
+_STANDING_BYTES: Final = 160
+_DEVIATION_BYTES: Final = 100
+"""An edge without its names, an agent without its name and deviations, and a deviation, as JSON, at most."""
 EXPORT_PAGE: Final = 500
 ANSWERS_BYTES: Final = 190_000
 """Texts of one `answers` statement, as JSON: in base64 and with the rest they stay below its size (256 KiB)."""
@@ -100,6 +105,54 @@ def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.Entry, ...]
         for (epoch, kind, id_), size in zip(found, sizes, strict=True)
         if size <= INDEX_BYTES
     )
+
+
+async def conduct_word(provider: Provider, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
+    """The signed word on what became known of agents' conduct after `since`.
+
+    As with revocations, `as_of` is taken first, and a store that cannot commit says nothing. A word that cannot hold
+    everything brings the oldest.
+
+    Raises:
+        StoreUnavailableError: the store cannot commit.
+        Problem: `EPOCH_AHEAD` when the caller knows more than the store.
+    """
+    as_of_ms = provider.now_ms()
+    await heartbeat.beat()
+    async with provider.store.read() as view:
+        newest = (await view.counters()).conduct_version
+        told = await view.conduct.told(since=since, most=conduct.ENTRIES)
+    if since > newest:
+        raise Problem(IdpCode.EPOCH_AHEAD)
+    # A kind that was cut ends at its last; what is newer of the other one is told with what follows.
+    cut = [rows[-1].version for rows in _kinds(told) if len(rows) == conduct.ENTRIES]
+    through = min([newest, *cut])
+    rows = sorted((row for kind in _kinds(told) for row in kind if row.version <= through), key=lambda row: row.version)
+    sizes = list(accumulate(map(_size, rows)))
+    if sizes and sizes[-1] > INDEX_BYTES:
+        rows = rows[: sum(size <= INDEX_BYTES for size in sizes)]
+        through = rows[-1].version
+    word = conduct.Conduct(
+        issuer=provider.settings.issuer,
+        version=newest,
+        since=since,
+        through=through,
+        as_of_ms=as_of_ms,
+        nonce=nonce,
+        edges=tuple(row for row in rows if isinstance(row, conduct.EdgeEntry)),
+        agents=tuple(row for row in rows if isinstance(row, conduct.AgentEntry)),
+    )
+    return conduct.sign(word, provider.keys.feed)
+
+
+def _kinds(told: Told) -> tuple[tuple[conduct.EdgeEntry | conduct.AgentEntry, ...], ...]:
+    return told.edges, told.agents
+
+
+def _size(row: conduct.EdgeEntry | conduct.AgentEntry) -> int:
+    if isinstance(row, conduct.EdgeEntry):
+        return _EDGE_BYTES + len(row.delegator) + len(row.delegate)
+    return _STANDING_BYTES + len(row.agent) + _DEVIATION_BYTES * len(row.deviations)
 
 
 async def registry_snapshot(provider: Provider, *, audience: str) -> str:

@@ -12,6 +12,7 @@ from fastapi.responses import Response
 
 from capabilities.errors import FaultCode
 from capabilities.explanation import explanation_to_json
+from policies.reasons import Reason
 from ztpm_idp.domain.codes import Code, IdpCode
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.SPONSOR_INACTIVE: (403, "The sponsor is not active."),
     IdpCode.AGENT_INACTIVE: (403, "The agent is revoked."),
     IdpCode.WORKLOAD_UNKNOWN: (400, "The workload is of no trusted platform."),
+    IdpCode.NOTHING_TO_RESTORE: (409, "Nothing was reported of the agent."),
     IdpCode.REGISTRY_FULL: (409, "There are as many as a registry snapshot can hold."),
     IdpCode.TOO_MANY_NONCES: (429, "Too many nonces are open."),
     IdpCode.STORE_NOT_EMPTY: (409, "The first people are registered already."),
@@ -118,6 +120,8 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     FaultCode.KEY_MALFORMED: (400, "A key is malformed."),
 }
 """Status and title of each code that can reach a caller; anything else is an error of ours."""
+DECIDED: Final = (403, "The policies do not permit it.")
+"""Status and title of whatever policies decided against."""
 
 
 class Problem(Exception):  # noqa: N818  RFC 9457's word
@@ -135,7 +139,7 @@ def answer(code: Code, detail: str = "", explanation: Explanation | None = None)
 
     Detail and explanation go only to a caller that is known: for 401 they are left out.
     """
-    status, title = STATUS.get(code, STATUS[IdpCode.INTERNAL])
+    status, title = DECIDED if isinstance(code, Reason) else STATUS.get(code, STATUS[IdpCode.INTERNAL])
     shown = title if status == _UNAUTHORISED or not detail else detail
     body: dict[str, object] = {
         "type": f"urn:ztpm:problem:{code.value.lower()}",

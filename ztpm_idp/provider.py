@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from capabilities.proof import Proof
     from capabilities.workload import Platform
+    from policies.policy import PolicySet
     from ztpm_idp.domain.commands import Command
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.parties import Party
@@ -53,8 +54,8 @@ class Done:
         return f"Done(epoch={self.epoch}, events={len(self.events)})"
 
 
-def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None) -> Rules:
-    """What a deployment's settings and keys fix for the domain."""
+def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None, policies: PolicySet) -> Rules:
+    """What a deployment's settings, keys and policies fix for the domain."""
     trust = keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
     return Rules(
         issuer=settings.issuer,
@@ -67,6 +68,7 @@ def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None) -> Ru
         open_nonces=settings.open_nonces,
         platform=platform,
         open_asks=settings.open_asks,
+        policies=policies,
     )
 
 
@@ -77,15 +79,23 @@ class Provider:
         settings, keys, store: of this deployment.
         now: wall clock, seconds since the epoch.
         platform: whose word on workloads counts, if anyone's.
+        policies: by what delegations are decided.
 
     Attributes:
         epochs: requests that wait for the next revocation.
     """
 
     def __init__(
-        self, settings: Settings, keys: IdpKeys, store: Store, now: Callable[[], float], platform: Platform | None
+        self,
+        settings: Settings,
+        keys: IdpKeys,
+        store: Store,
+        now: Callable[[], float],
+        *,
+        platform: Platform | None,
+        policies: PolicySet,
     ) -> None:
-        self.rules = rules_of(settings, keys, platform)
+        self.rules = rules_of(settings, keys, platform, policies)
         self.settings = settings
         self.keys = keys
         self.store = store

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from capabilities.workload import Platform
+    from policies.policy import PolicySet
     from ztpm_idp.settings import IdpKeys, Settings
 
 HEADER_BYTES = 32_768
@@ -43,15 +44,18 @@ class _Announcing(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def serve(settings: Settings, keys: IdpKeys, platform: Platform | None = None) -> None:
+def serve(
+    settings: Settings, keys: IdpKeys, platform: Platform | None = None, policies: PolicySet | None = None
+) -> None:
     """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
 
     Args:
         settings: checked already.
         keys: the five private keys.
         platform: whose workload tokens count, if anyone's.
+        policies: by what delegations are decided; None: the shipped set that the settings name.
     """
-    app = create_app(settings, keys, platform=platform)
+    app = create_app(settings, keys, platform=platform, policies=policies)
     config = uvicorn.Config(
         app,
         host=settings.host,

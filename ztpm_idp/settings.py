@@ -24,6 +24,8 @@ from capabilities.keys import from_pem, public_raw
 from capabilities.trust import TrustBundle
 from capabilities.windows import Role
 from capabilities.workload import KEY_SET_BYTES, Platform, key_set
+from policies.errors import PolicyError
+from policies.load import SHIPPED, load, load_shipped
 from ztpm_idp.domain.asks import STANDING_ASKS
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 
     from capabilities.keys import PrivateKey
     from capabilities.rotation import KeyRing
+    from policies.policy import PolicySet
 
 PASSPHRASE_VARIABLE: Final = "ZTPM_PASSPHRASE"  # noqa: S105  its name, not its value
 """The environment variable that holds the passphrase of the key files."""
@@ -71,6 +74,7 @@ class Stated(BaseModel):
         issuer: its base URL with a path; every endpoint is below it, every proof names it.
         host, port: where it listens.
         database_url: `sqlite+aiosqlite:///FILE`.
+        policy: by what delegations are decided: the name of a shipped policy set, or a TOML file.
         tls_certificate_file, tls_key_file: PEM files; needed wherever it listens beyond loopback.
         open_nonces: unused nonces that one agent may hold at a time.
         open_asks: asks that may wait for people at a time, one agent's at most a third of them. By default 24: at ten
@@ -87,6 +91,7 @@ class Stated(BaseModel):
     lifetimes: Lifetimes = Lifetimes()
     open_nonces: Annotated[int, Field(ge=1, le=4_096)] = 256
     open_asks: Annotated[int, Field(ge=1, le=STANDING_ASKS)] = 24
+    policy: Annotated[str, Field(min_length=1)] = "paper-default"
     tls_certificate_file: str | None = None
     tls_key_file: str | None = None
 
@@ -286,6 +291,26 @@ def load_platform(settings: FileSettings, folder: Path, keys: IdpKeys) -> Platfo
     if platform.all_keys & keys.every_public:
         raise SettingsError(setting, "a key of the provider itself: one key has one role")
     return platform
+
+
+def load_policies(settings: Stated, folder: Path | None = None) -> PolicySet:
+    """By what delegations are decided.
+
+    Args:
+        settings: name a shipped set, or a file.
+        folder: where a relative name of a file starts; None: only a shipped set is taken.
+
+    Raises:
+        SettingsError: `policy`, when there is no such set, or it is refused.
+    """
+    try:
+        if folder is None or settings.policy in SHIPPED:
+            return load_shipped(settings.policy)
+        return load((folder / settings.policy).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError):
+        raise SettingsError("policy", "the file cannot be read") from None
+    except PolicyError as error:
+        raise SettingsError("policy", f"{error.code}: {error.where}") from None
 
 
 def token_key(setting: str, key: PrivateKey) -> Ed25519PrivateKey:

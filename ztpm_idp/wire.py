@@ -122,6 +122,13 @@ class TrustBody(Body):
     permille: Annotated[int, Field(ge=0, le=1_000)]
 
 
+class RestoreBody(Body):
+    """Why an agent is all right again; with `relearn` its baseline is learned anew."""
+
+    reason: Text
+    relearn: bool = False
+
+
 class PepBody(Body):
     """An enforcement point to register."""
 

@@ -14,6 +14,7 @@ from capabilities import keys
 from capabilities.trust import TrustBundle
 from capabilities.caps import DEFAULT
 from capabilities.statements import attestation
+from policies.load import load_shipped
 from ztpm_idp.domain import commands as c
 from ztpm_idp.domain.codes import Refusal
 from ztpm_idp.domain.core import decide
@@ -39,7 +40,7 @@ TRUST = TrustBundle(
     "http://127.0.0.1:8700/ztpm", 1, {1: keys.public_raw(keys.generate())},
     *(frozenset({keys.public_raw(keys.generate())}) for _ in range(4)),
 )  # fmt: skip
-RULES = Rules(TRUST.issuer, TRUST, DEFAULT, TRUST.all_keys, 3_600, 60, 4, 6)
+RULES = Rules(TRUST.issuer, TRUST, DEFAULT, TRUST.all_keys, 3_600, 60, 4, 6, load_shipped("paper-default"))
 
 
 def person(name, *roles, standing=Standing.ACTIVE):

@@ -154,13 +154,14 @@ def test_the_openapi_names_every_endpoint(world):
     gets = {path.removeprefix("/ztpm") for path, verbs in described.items() if "get" in verbs}
     assert posts == {
         "/people", "/people/{id_}/disable", "/agents", "/agents/{id_}/attestations", "/agents/{id_}/suspend", "/agents/{id_}/trust",
+        "/agents/{id_}/restore",
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/agents", "/revocations", "/registry", "/ledger/export",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings",
-            "/revocations/wait",
+        "/revocations/wait", "/conduct",
     }  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """Every reason for which the identity provider refuses, closed.
 
-`capabilities.errors.FaultCode` joins it for what concerns tokens.
+`capabilities.errors.FaultCode` joins it for what concerns tokens, `policies.reasons.Reason` for what policies decide.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from capabilities.errors import FaultCode
+from policies.reasons import Reason
 
 if TYPE_CHECKING:
     from capabilities.explanation import Explanation
@@ -35,6 +36,7 @@ class IdpCode(StrEnum):
     SPONSOR_INACTIVE = "SPONSOR_INACTIVE"
     AGENT_INACTIVE = "AGENT_INACTIVE"
     WORKLOAD_UNKNOWN = "WORKLOAD_UNKNOWN"
+    NOTHING_TO_RESTORE = "NOTHING_TO_RESTORE"
     REGISTRY_FULL = "REGISTRY_FULL"
     TOO_MANY_NONCES = "TOO_MANY_NONCES"
     STORE_NOT_EMPTY = "STORE_NOT_EMPTY"
@@ -75,7 +77,7 @@ class IdpCode(StrEnum):
     INTERNAL = "INTERNAL"
 
 
-Code = FaultCode | IdpCode
+Code = FaultCode | IdpCode | Reason
 
 
 @dataclass(frozen=True, slots=True)

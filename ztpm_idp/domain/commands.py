@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, assert_never
 
 from capabilities.caps import DEFAULT
 from ztpm_idp.domain.asks import stated
+from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.state import AgentsOf, Approvers, SensorsOf, ToolsBeside, TrustBeside, Wanted
 
@@ -92,6 +93,16 @@ class StateTrust:
 
 
 @dataclass(frozen=True, slots=True)
+class RestoreAgent:
+    """A person takes an agent's deviations off it; with `relearn` its baseline is learned anew, too."""
+
+    by: str
+    agent: str
+    reason: str
+    relearn: bool
+
+
+@dataclass(frozen=True, slots=True)
 class GiveNonce:
     """An agent asks for a nonce; `nonce` is fresh randomness."""
 
@@ -134,7 +145,8 @@ class Issue:
 class Delegate:
     """A holder lends part of what it has.
 
-    `token` is the holder's, `by` and `key` are who proved possession of which key.
+    `token` is the holder's, `by` and `key` are who proved possession of which key. `agents` are the holders that the
+    token names, as it was read beforehand: what is known of them is loaded; what is believed of them is verified here.
     """
 
     by: str
@@ -147,6 +159,7 @@ class Delegate:
     evidence: str
     hop_id: str
     signed: SignedRequest
+    agents: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,6 +224,7 @@ Command = (
     | RegisterSensor
     | RegisterTool
     | StateTrust
+    | RestoreAgent
     | GiveNonce
     | Attest
     | Issue
@@ -241,17 +255,21 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by}), crowd=ToolsBeside(tool.audience, tool.name))
         case StateTrust(by=by, agent=agent):
             return Wanted(parties=frozenset({by, agent}), crowd=TrustBeside(agent))
+        case RestoreAgent(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}), conduct_of=frozenset({agent}))
         case GiveNonce(by=by):
             return Wanted(parties=frozenset({by}), nonces_of=by)
         case Attest(by=by, agent=agent) | Issue(by=by, agent=agent):
             return Wanted(parties=frozenset({by, agent}), nonces_of=agent)
-        case Delegate(by=by, delegate=delegate):
-            return Wanted(parties=frozenset({by, delegate}), nonces_of=delegate, revocations=True)
+        case Delegate(by=by, delegate=delegate, agents=agents):
+            holders = agents | {by}
+            return Wanted(parties=holders | {delegate}, nonces_of=delegate, revocations=True, conduct_of=holders)
         case Revoke():
             return _wanted_by_revocation(command)
         case TakeRecords(by=by, records=records):
             seqs = frozenset(seq for r in records if isinstance(seq := r.get("seq"), int) and not isinstance(seq, bool))
-            return Wanted(parties=frozenset({by}), journal=by, journal_seqs=seqs)
+            about = concerned(records)
+            return Wanted(parties=frozenset({by}), journal=by, journal_seqs=seqs, concerned=about)
         case TakeAsk(by=by, text=text):
             says = stated(text, DEFAULT)
             return Wanted(

@@ -20,6 +20,7 @@ from ztpm_idp.domain.commands import (
     RegisterPerson,
     RegisterSensor,
     RegisterTool,
+    RestoreAgent,
     Revoke,
     StateTrust,
     TakeAsk,
@@ -60,6 +61,8 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
             return registry.register_tool(state, command)
         case StateTrust():
             return registry.state_trust(state, command)
+        case RestoreAgent():
+            return registry.restore_agent(rules, state, command, at_ms)
         case GiveNonce():
             return attestation.give_nonce(rules, state, command, at_ms)
         case Attest():
@@ -71,7 +74,7 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
         case Revoke():
             return revocation.revoke(state, command)
         case TakeRecords():
-            return ledger.take_records(state, command)
+            return ledger.take_records(rules, state, command, at_ms)
         case TakeAsk():
             return approving.take_ask(rules, state, command, at_ms)
         case CastVote():

@@ -12,14 +12,18 @@ from capabilities.keys import thumbprint
 from capabilities.scope_json import scope_to_json
 from ztpm_idp.domain.events import (
     AgentAttested,
+    AgentRestored,
     ApprovalActRefused,
     AskTaken,
+    ConductObserved,
     DelegationRefused,
     NonceConsumed,
     NonceGiven,
     OpeningClosed,
     OpeningMade,
     PartyRegistered,
+    PermitConcluded,
+    PermitOpened,
     RecordTaken,
     Revoked,
     TokenDelegated,
@@ -31,6 +35,7 @@ from ztpm_idp.domain.events import (
 from ztpm_idp.domain.parties import Agent, Pep, Person, Sensor, kind_of
 
 if TYPE_CHECKING:
+    from policies.model import Decision
     from ztpm_idp.domain.events import Event, SignedRequest
     from ztpm_idp.domain.parties import Party
 
@@ -38,7 +43,10 @@ Json = dict[str, object]
 
 
 def entry_of(event: Event) -> tuple[str, Json] | None:
-    """The kind and body of the event's ledger entry; None for nonces, whose trace is what they were spent on."""
+    """The kind and body of the event's ledger entry; None for what follows from other entries.
+
+    Of a nonce the trace is what it was spent on; of an agent's conduct it is the records that tell of it.
+    """
     match event:
         case PartyRegistered(party=party):
             return f"{kind_of(party)}-registered", _party(party)
@@ -53,8 +61,10 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "tool-registered", body
         case TrustStated(agent=agent, permille=permille):
             return "trust-stated", {"agent": agent, "permille": permille}
-        case NonceGiven() | NonceConsumed():
+        case NonceGiven() | NonceConsumed() | PermitOpened() | PermitConcluded() | ConductObserved():
             return None
+        case AgentRestored(agent=agent, reason=reason, relearned=relearned):
+            return "agent-restored", {"agent": agent, "reason": reason, "relearned": relearned}
         case AgentAttested(agent=agent, measurement=measurement, evidence=evidence, kind=kind):
             return "agent-attested", {
                 "agent": agent,
@@ -90,6 +100,7 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
                     for w in event.widenings
                 ],
                 "signed": _signed(event.signed),
+                "decision": None if event.decision is None else _decision(event.decision),
             }
         case Revoked(kind=kind, id=id_, reason=reason, party=party_id):
             return "revoked", {"kind": kind.value, "id": id_, "reason": reason, "party": party_id}
@@ -165,6 +176,17 @@ def _made(event: TokenIssued | TokenDelegated) -> Json:
         "scope": scope_to_json(event.scope),
         "evidence": event.evidence,
         "signed": _signed(event.signed),
+    }
+
+
+def _decision(decision: Decision) -> Json:
+    return {
+        "effect": str(decision.effect),
+        "reason": str(decision.reason),
+        "primitive": decision.primitive,
+        "findings": [{"primitive": f.primitive, "reason": str(f.reason)} for f in decision.findings],
+        "policy_digest": decision.policy_digest,
+        "evidence_digest": decision.evidence_digest,
     }
 
 

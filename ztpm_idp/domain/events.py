@@ -9,7 +9,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from capabilities.chain import Chain, EvidenceKind, HopGrant, Sponsor
     from capabilities.scope import Restriction, Scope, Widening
+    from policies.model import Decision
+    from policies.report import Report
     from ztpm_idp.domain.asks import AskRecord, AskState, OpeningRecord, VoteRecord
+    from ztpm_idp.domain.conduct import AgentConduct, Published
     from ztpm_idp.domain.parties import Party, Tool
 
 
@@ -109,7 +112,10 @@ class TokenDelegated:
 
 @dataclass(frozen=True, slots=True)
 class DelegationRefused:
-    """A holder tried to lend what it does not have. Kept: an attempt is detected, recorded and refused."""
+    """A holder tried to lend what it does not have, or may not lend now. Kept: an attempt is recorded and refused.
+
+    `decision` is that of the policies, where they were asked.
+    """
 
     token_id: str
     parent_hop: str
@@ -118,6 +124,7 @@ class DelegationRefused:
     code: str
     widenings: tuple[Widening, ...]
     signed: SignedRequest
+    decision: Decision | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +157,43 @@ class RecordTaken:
     seq: int
     digest: str
     record: dict[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class PermitOpened:
+    """An enforcement point recorded a PERMIT, in its record `seq`; `report` is as if nothing were ever sent."""
+
+    pep: str
+    seq: int
+    report: Report
+
+
+@dataclass(frozen=True, slots=True)
+class PermitConcluded:
+    """The outcome of a PERMIT has come."""
+
+    pep: str
+    request_id: str
+
+
+@dataclass(frozen=True, slots=True)
+class ConductObserved:
+    """This is known of an agent from now on. Not in the ledger: the records that say so are."""
+
+    agent: str
+    conduct: AgentConduct
+    published: Published
+
+
+@dataclass(frozen=True, slots=True)
+class AgentRestored:
+    """A person took an agent's deviations off it; `relearned`: its baseline, too."""
+
+    agent: str
+    reason: str
+    relearned: bool
+    conduct: AgentConduct
+    published: Published
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +269,10 @@ Event = (
     | DelegationRefused
     | Revoked
     | RecordTaken
+    | PermitOpened
+    | PermitConcluded
+    | ConductObserved
+    | AgentRestored
     | AskTaken
     | VoteCast
     | OpeningMade

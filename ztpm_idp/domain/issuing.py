@@ -5,7 +5,7 @@ What comes out is what the token's block will say.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from capabilities import block, links
@@ -14,6 +14,8 @@ from capabilities.errors import CapabilityError, Fault, FaultCode
 from capabilities.explanation import explain
 from capabilities.statements.revocation import RevocationView
 from capabilities.verify import Verifier
+from policies.reasons import Reason
+from ztpm_idp.domain import conduct, lending
 from ztpm_idp.domain.attestation import judge, may_receive
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import DelegationRefused, RevocationKind, TokenDelegated, TokenIssued
@@ -23,7 +25,10 @@ from ztpm_idp.domain.registry import active_person
 if TYPE_CHECKING:
     from capabilities.chain import EvidenceKind
     from capabilities.scope import Scope
+    from policies.model import Decision
+    from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.commands import Delegate, Issue
+    from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.parties import Agent
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
@@ -67,25 +72,27 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
 def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outcome:
     """One more hop, when the holder lends strictly less than it has to an agent that is attested for exactly this."""
     # 1. The token verifies in full against what is revoked in this very transaction.
-    chain = _verified(rules, state, command, at_ms)
-    if isinstance(chain, Refusal):
-        return chain
+    verified = _verified(rules, state, command, at_ms)
+    if isinstance(verified, Refusal):
+        return verified
+    chain, audience = verified
+    refused = _Refusing(rules, state, command, chain, at_ms)
     # 2. The caller proved possession of the leaf's key.
     if command.key != chain.leaf.key or command.by != chain.leaf.agent:
         return Refusal(FaultCode.PROOF_WRONG_KEY, "the proof is not by the holder of the token")
     # 3. The agent may receive authority, and is new to the chain.
     agent = may_receive(state, command.delegate)
     if isinstance(agent, Refusal):
-        return _kept(agent, chain, command)
+        return refused(agent)
     if any(hop.agent == agent.id or hop.key == agent.key for hop in chain.hops):
-        return _kept(Refusal(FaultCode.DELEGATE_NOT_ALLOWED, "no agent stands twice in a chain"), chain, command)
+        return refused(Refusal(FaultCode.DELEGATE_NOT_ALLOWED, "no agent stands twice in a chain"))
     # 4. The delegate shows itself for this delegator and this request.
     shown = judge(
         rules, state, agent, command.evidence,
         delegator=chain.leaf.agent, request_digest=command.request_digest, purpose=command.hop_id, at_ms=at_ms,
     )  # fmt: skip
     if isinstance(shown, Refusal):
-        return _kept(shown, chain, command)
+        return refused(shown)
     # 5. The token names this delegate and has depth left, and what is lent is strictly less than what is held: the very
     # checks that verifiers make.
     hop = _hop(command, agent, shown.kind, delegator=chain.leaf.agent, sponsor=chain.sponsor.subject, at_ms=at_ms)
@@ -95,14 +102,20 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
         leaf = links.next_hop(chain.hops, added, reserved=rules.own_keys, caps=rules.caps)
         links.check_lifetimes((*chain.hops, leaf), rules.caps)
     except CapabilityError as error:
-        return _kept(_told(error, chain, command), chain, command)
+        return refused(_told(error, chain, command))
     if (over := _over(rules, leaf.scope, at_ms)) is not None:
-        return _kept(over, chain, command)
-    return (shown.spent, TokenDelegated(chain, hop, command.restriction, leaf.scope, command.evidence, command.signed))
+        return refused(over)
+    # 6. The policies permit it.
+    decision, against = lending.judged(rules, state, command, chain, audience=audience, at_ms=at_ms)
+    if against is not None:
+        return refused(against, decision)
+    made = TokenDelegated(chain, hop, command.restriction, leaf.scope, command.evidence, command.signed)
+    return (shown.spent, made, *_observed(rules, state, chain, command.hop_id, at_ms=at_ms))
 
 
-def _verified(rules: Rules, state: State, command: Delegate, at_ms: int) -> Chain | Refusal:
-    verifier = Verifier(rules.trust, rules.caps)
+def _verified(rules: Rules, state: State, command: Delegate, at_ms: int) -> tuple[Chain, str] | Refusal:
+    """The holder's chain, and an audience that it is good for."""
+    verifier, audience = Verifier(rules.trust, rules.caps), ""
     view = RevocationView(epoch=state.epoch, age_ms=0, revoked=state.revoked)
     found: Chain | Fault
     match verifier.audiences(command.token, view=view):
@@ -115,7 +128,7 @@ def _verified(rules: Rules, state: State, command: Delegate, at_ms: int) -> Chai
             found = verifier.verify(command.token, at=at_ms / 1_000, audience=audience, view=view, lease_ms=0)
     match found:
         case Chain():
-            return found
+            return found, audience
         case Fault(code=code, detail=detail):
             return Refusal(code, detail)
 
@@ -151,15 +164,37 @@ def _told(error: CapabilityError, chain: Chain, command: Delegate) -> Refusal:
     return Refusal(error.code, error.detail)
 
 
-def _kept(refusal: Refusal, chain: Chain, command: Delegate) -> Refusal:
-    """The refusal, with what the ledger keeps of the attempt."""
-    attempt = DelegationRefused(
-        token_id=chain.token_id,
-        parent_hop=chain.leaf.hop_id,
-        holder=chain.leaf.agent,
-        delegate=command.delegate,
-        code=refusal.code.value,
-        widenings=() if refusal.explanation is None else refusal.explanation.widenings,
-        signed=command.signed,
-    )
-    return replace(refusal, recorded=(attempt,))
+@dataclass(frozen=True, slots=True)
+class _Refusing:
+    """How a holder's attempt is refused: with what the ledger keeps of it, and what it says of the holder."""
+
+    rules: Rules
+    state: State
+    command: Delegate
+    chain: Chain
+    at_ms: int
+
+    def __call__(self, refusal: Refusal, decision: Decision | None = None) -> Refusal:
+        attempt = DelegationRefused(
+            token_id=self.chain.token_id,
+            parent_hop=self.chain.leaf.hop_id,
+            holder=self.chain.leaf.agent,
+            delegate=self.command.delegate,
+            code=refusal.code.value,
+            widenings=() if refusal.explanation is None else refusal.explanation.widenings,
+            signed=self.command.signed,
+            decision=decision,
+        )
+        # Who asked for nothing less did not ask for more: that is a slip.
+        slip = refusal.explanation is not None and not refusal.explanation.widenings
+        code = Reason.PARAMETERS_WRONG if slip else refusal.code
+        said = _observed(self.rules, self.state, self.chain, self.command.hop_id, at_ms=self.at_ms, refused=code)
+        return replace(refusal, recorded=(attempt, *said))
+
+
+def _observed(
+    rules: Rules, state: State, chain: Chain, hop_id: str, *, at_ms: int, refused: Code | None = None
+) -> tuple[Event, ...]:
+    """What the attempt, whose possession was proven, says of the holder."""
+    report = conduct.of_delegation(rules, chain, hop_id, at_ms=at_ms, refused=refused)
+    return () if report is None else conduct.observed(rules, state, (report,), at_ms)

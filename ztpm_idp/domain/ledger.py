@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import rfc8785
 
+from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import RecordTaken
 from ztpm_idp.domain.parties import Pep, Standing
@@ -18,6 +19,7 @@ from ztpm_idp.domain.parties import Pep, Standing
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import TakeRecords
     from ztpm_idp.domain.registry import Outcome
+    from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
 
 FIRST_PREV: Final = "0" * 64
@@ -56,12 +58,13 @@ def record_digest(record: dict[str, object]) -> str:
     return hashlib.sha256(rfc8785.dumps(record)).hexdigest()  # type: ignore[arg-type]
 
 
-def take_records(state: State, command: TakeRecords) -> Outcome:
+def take_records(rules: Rules, state: State, command: TakeRecords, at_ms: int) -> Outcome:
     """The new records, in order; one already taken is skipped when it is the same, and refused when it is not.
 
-    All or nothing: one refused record refuses the batch.
+    All or nothing: one refused record refuses the batch. What they say of agents' conduct counts with them.
     """
-    if not isinstance(state.parties.get(command.by), Pep) or state.parties[command.by].standing is not Standing.ACTIVE:
+    pep = state.parties.get(command.by)
+    if not isinstance(pep, Pep) or pep.standing is not Standing.ACTIVE:
         return Refusal(IdpCode.NOT_PERMITTED, "enforcement points ship records")
     journal = state.journal
     if journal is None:  # the store loads it whenever it is wanted
@@ -85,7 +88,7 @@ def take_records(state: State, command: TakeRecords) -> Outcome:
         taken.append(RecordTaken(command.by, this, digest, record))
         seq, head = this, digest
         digests[this] = digest
-    return tuple(taken)
+    return (*taken, *conduct.reported(rules, state, pep, taken, at_ms))
 
 
 def _malformed(record: dict[str, object]) -> Refusal | None:

@@ -1,13 +1,17 @@
-"""Who may register whom, with one key and one role each; who may state trust."""
+"""Who may register whom, with one key and one role each; who may state trust, and who restores an agent."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import thumbprint
 from capabilities.statements import registry as snapshot
+from policies import behaviour
+from policies.behaviour import RestoreError
+from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
-from ztpm_idp.domain.events import PartyRegistered, ToolRegistered, TrustStated
+from ztpm_idp.domain.events import AgentRestored, PartyRegistered, ToolRegistered, TrustStated
 from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing
 
 if TYPE_CHECKING:
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
         RegisterPerson,
         RegisterSensor,
         RegisterTool,
+        RestoreAgent,
         StateTrust,
     )
     from ztpm_idp.domain.events import Event
@@ -137,13 +142,11 @@ def state_trust(state: State, command: StateTrust) -> Outcome:
     agent = state.parties.get(command.agent)
     admin = active_person(state, command.by, PersonRole.ADMIN) is not None
     match agent:
-        case Agent() if (admin or _is_sponsor_of(state, command.by, agent)) and not state.crowd < TRUSTED_OF_ONE:
+        case Agent() if (admin or is_sponsor_of(state, command.by, agent)) and not state.crowd < TRUSTED_OF_ONE:
             return _full(f"trust in {TRUSTED_OF_ONE} agents of one sponsor")
-        case Agent() if (
-            admin or _is_sponsor_of(state, command.by, agent)
-        ) and not state.crowd_of_all < snapshot.AGENTS:
+        case Agent() if (admin or is_sponsor_of(state, command.by, agent)) and not state.crowd_of_all < snapshot.AGENTS:
             return _full(f"trust in {snapshot.AGENTS} agents")
-        case Agent() if admin or _is_sponsor_of(state, command.by, agent):
+        case Agent() if admin or is_sponsor_of(state, command.by, agent):
             return (TrustStated(agent.id, command.permille),)
         case Agent() | None if not admin:
             return Refusal(IdpCode.NOT_PERMITTED, "the sponsor or an administrator states trust")
@@ -151,12 +154,34 @@ def state_trust(state: State, command: StateTrust) -> Outcome:
             return Refusal(IdpCode.NOT_FOUND, "no such agent")
 
 
+def restore_agent(rules: Rules, state: State, command: RestoreAgent, at_ms: int) -> Outcome:
+    """By the agent's sponsor or an administrator: who may end an agent may also say that it is all right again."""
+    agent = state.parties.get(command.agent)
+    admin = active_person(state, command.by, PersonRole.ADMIN) is not None
+    if not isinstance(agent, Agent):
+        code = IdpCode.NOT_FOUND if admin else IdpCode.NOT_PERMITTED
+        return Refusal(code, "no such agent" if admin else "the sponsor or an administrator restores an agent")
+    if not admin and not is_sponsor_of(state, command.by, agent):
+        return Refusal(IdpCode.NOT_PERMITTED, "the sponsor or an administrator restores an agent")
+    if agent.standing is Standing.REVOKED:
+        return Refusal(IdpCode.AGENT_INACTIVE, "the agent is revoked, for ever")
+    before, at = conduct.of(state, agent.id), at_ms // 1_000
+    again = behaviour.relearn if command.relearn else behaviour.restore
+    try:
+        after = replace(before, behaviour=again(before.behaviour, agent.id, by=command.by, at=at), restored_at=at)
+    except RestoreError:
+        return Refusal(IdpCode.NOTHING_TO_RESTORE, "nothing was reported of it")
+    told = conduct.published(agent.id, after, at=at, parameters=rules.policies.parameters)
+    return (AgentRestored(agent.id, command.reason, command.relearn, after, told),)
+
+
 def _full(of_what: str) -> Refusal:
     """A registry snapshot is one statement: what would make it too large for enforcement points is refused here."""
     return Refusal(IdpCode.REGISTRY_FULL, f"at most {of_what}")
 
 
-def _is_sponsor_of(state: State, person: str, agent: Agent) -> bool:
+def is_sponsor_of(state: State, person: str, agent: Agent) -> bool:
+    """Whether the person answers for the agent, now."""
     return agent.sponsor == person and active_person(state, person, PersonRole.SPONSOR) is not None
 
 

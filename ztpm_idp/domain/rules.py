@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from capabilities.caps import Caps
     from capabilities.trust import TrustBundle
     from capabilities.workload import Platform
+    from policies.policy import PolicySet
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +26,7 @@ class Rules:
         open_nonces: nonces that one agent may hold unused at a time.
         platform: whose word on workloads counts, or None: there is no evidence of kind `jwt` then.
         open_asks: asks that may wait for people at a time; one agent's at most a third of them.
+        policies: by what delegations are decided, and whose parameters trust and behaviour are reckoned with.
     """
 
     issuer: str
@@ -35,4 +37,5 @@ class Rules:
     nonce_age_s: int
     open_nonces: int
     open_asks: int
+    policies: PolicySet
     platform: Platform | None = None

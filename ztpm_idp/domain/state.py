@@ -6,13 +6,18 @@ Loaded in the command's transaction, never changed.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
+
+from ztpm_idp.domain.conduct import Held
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ztpm_idp.domain.asks import Asked, OpeningRecord
+    from ztpm_idp.domain.conduct import Concerned
     from ztpm_idp.domain.parties import Party
+
+NOTHING_HELD: Final = Held()
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +129,10 @@ class Wanted:
     opening: str | None = None
     openings_of: str | None = None
     """An audience: its openings that may be in force, and whether anybody serves it."""
+    concerned: Concerned | None = None
+    """Of the journal: its open PERMITs among these requests, the edges of these hops, and the agents of both."""
+    conduct_of: frozenset[str] = frozenset()
+    """Agents: what is known of their conduct."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,6 +158,7 @@ class State:
         opening: the wanted opening.
         openings: of the wanted audience, those that may be in force.
         served: the wanted audience, when a registered enforcement point serves it.
+        held: of the conduct of the wanted agents and of those that the wanted records are about.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)
@@ -169,3 +179,4 @@ class State:
     opening: OpeningRecord | None = None
     openings: tuple[OpeningRecord, ...] = ()
     served: frozenset[str] = frozenset()
+    held: Held = NOTHING_HELD

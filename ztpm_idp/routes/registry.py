@@ -60,9 +60,14 @@ async def register_agent(request: Request, call: Caller) -> dict[str, str]:
 
 @router.get("/agents")
 async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  # noqa: ARG001  being registered is all that is asked
-    """Every agent, for every registered caller."""
+    """Every agent, for every registered caller.
+
+    `trust_by` has the score of each delegator that is not the policy's prior, as enforcement points are told of it;
+    `conduct` is what is known of its behaviour, or null when nothing was reported.
+    """
     async with provider_of(request).store.read() as view:
         found = await view.all_parties("agent")
+        scores, standings = await view.conduct.everybody()
     return [
         {
             "id": a.id,
@@ -74,6 +79,8 @@ async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  
             "key": a.thumbprint,
             "trust_permille": a.trust_permille,
             "workload": a.workload,
+            "trust_by": scores.get(a.id, {}),
+            "conduct": standings.get(a.id),
         }
         for a in found
         if isinstance(a, Agent)

@@ -13,6 +13,7 @@ from fastapi.responses import PlainTextResponse
 
 from capabilities.errors import CapabilityError, FaultCode
 from capabilities.keys import b64u
+from capabilities.reading import inspect_token
 from capabilities.scope_json import restriction_from_json, scope_from_json
 from capabilities.units import INT_LIMIT
 from ztpm_idp import wire
@@ -24,7 +25,7 @@ from ztpm_idp.problems import Problem
 from ztpm_idp.routes.caller import Call, authenticated, body_of, heartbeat_of, provider_of, query_of
 
 if TYPE_CHECKING:
-    from ztpm_idp.provider import Done
+    from ztpm_idp.provider import Done, Provider
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
@@ -57,7 +58,7 @@ async def issue(request: Request, call: Caller) -> dict[str, Any]:
 @router.post("/tokens/delegate", status_code=201, openapi_extra=body_of(wire.DelegateBody))
 async def delegate(request: Request, call: Caller) -> dict[str, Any]:
     """A holder lends part of what its token allows; the proof is by the token's holder."""
-    body = call.body(wire.DelegateBody)
+    body, provider = call.body(wire.DelegateBody), provider_of(request)
     if call.token is None:
         raise Problem(FaultCode.TOKEN_MISSING)
     try:
@@ -75,8 +76,18 @@ async def delegate(request: Request, call: Caller) -> dict[str, Any]:
         evidence=body.evidence,
         hop_id=secrets.token_hex(16),
         signed=call.signed,
+        agents=_named(call.token, provider),
     )
-    return _made(await provider_of(request).run(command, actor=call.party.id))
+    return _made(await provider.run(command, actor=call.party.id))
+
+
+def _named(token: bytes, provider: Provider) -> frozenset[str]:
+    """The holders that a token names, as far as it can be read; whether it is good is asked where it counts."""
+    try:
+        hops = inspect_token(token, provider.rules.trust, provider.rules.caps)["hops"]
+    except CapabilityError:
+        return frozenset()
+    return frozenset(str(hop["agent"]) for hop in hops) if isinstance(hops, list) else frozenset()
 
 
 @router.post("/revocations", openapi_extra=body_of(wire.RevocationBody))

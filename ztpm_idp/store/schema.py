@@ -190,6 +190,39 @@ openings = sa.Table(
     sa.Column("text", sa.Text, nullable=False),
 )
 
+permits = sa.Table(
+    "permits",
+    metadata,
+    sa.Column("pep", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("request_id", sa.String(256), primary_key=True),
+    sa.Column("seq", sa.BigInteger, nullable=False),
+    sa.Column("report", sa.Text, nullable=False),
+)
+"""PERMITs in enforcement points' journals whose outcome is to come."""
+
+conduct = sa.Table(
+    "conduct",
+    metadata,
+    sa.Column("agent", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("trust", sa.Text, nullable=False),
+    sa.Column("behaviour", sa.Text, nullable=False),
+    sa.Column("restored_at", sa.BigInteger, nullable=True),
+    sa.Column("standing", sa.Text, nullable=False),
+    sa.Column("version", sa.BigInteger, nullable=False, index=True),
+)
+"""What is known of each agent that something was reported about: the reducers' states, the standing that is told of,
+and the version at which that was new; 0 while there is nothing to tell."""
+
+edges = sa.Table(
+    "edges",
+    metadata,
+    sa.Column("delegator", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("delegate", sa.ForeignKey("parties.id"), primary_key=True, index=True),
+    sa.Column("score_permille", sa.Integer, nullable=False),
+    sa.Column("version", sa.BigInteger, nullable=False, index=True),
+)
+"""Trust in each edge that was ever below the prior, and the version at which that was new."""
+
 counters = sa.Table(
     "counters",
     metadata,
@@ -199,6 +232,7 @@ counters = sa.Table(
     sa.Column("ledger_size", sa.BigInteger, nullable=False),
     sa.Column("ledger_head", sa.String(64), nullable=False),
     sa.Column("beats", sa.BigInteger, nullable=False),
+    sa.Column("conduct_version", sa.BigInteger, nullable=False, server_default="0"),
     sa.CheckConstraint("singleton = 1", name="one_row"),
 )
 """One row.

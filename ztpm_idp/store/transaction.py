@@ -10,14 +10,18 @@ import sqlalchemy as sa
 from ztpm_idp.domain.entries import entry_of
 from ztpm_idp.domain.events import (
     AgentAttested,
+    AgentRestored,
     ApprovalActRefused,
     AskTaken,
+    ConductObserved,
     DelegationRefused,
     NonceConsumed,
     NonceGiven,
     OpeningClosed,
     OpeningMade,
     PartyRegistered,
+    PermitConcluded,
+    PermitOpened,
     RecordTaken,
     Revoked,
     TokenDelegated,
@@ -32,6 +36,7 @@ from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
 from ztpm_idp.store import crowds, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
+from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.errors import OnceOnlyError
 
 if TYPE_CHECKING:
@@ -59,6 +64,7 @@ class Counters:
     registry_version: int
     ledger_size: int
     ledger_head: str
+    conduct_version: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +83,7 @@ class Transaction:
     def __init__(self, connection: AsyncConnection) -> None:
         self._connection = connection
         self.approvals = Approvals(connection)
+        self.conduct = Conduct(connection)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
@@ -87,7 +94,10 @@ class Transaction:
             wanted: by a command.
             young_ms: before now; nonces given before it, and asks, approvals and openings over before it, are left out.
         """
-        parties, since_s = await self._parties(wanted), young_ms // 1_000
+        held = await self.conduct.held(wanted.conduct_of, wanted.concerned, wanted.journal)
+        # Of whom something will be known, what it is for is known, too.
+        met = frozenset(report.agent for report in held.open.values()) | {edge.delegate for edge in held.made.values()}
+        parties, since_s = await self._parties(wanted.parties | met), young_ms // 1_000
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
         return State(
             parties=parties,
@@ -110,13 +120,16 @@ class Transaction:
             if openings_of is None
             else await self.approvals.openings(since_s=since_s, audience=openings_of),
             served=frozenset() if openings_of is None else await self.approvals.served(openings_of),
+            held=held,
         )
 
     async def counters(self) -> Counters:
         """The counters now."""
         c = t.counters.c
         found = (
-            await self._connection.execute(sa.select(c.epoch, c.registry_version, c.ledger_size, c.ledger_head))
+            await self._connection.execute(
+                sa.select(c.epoch, c.registry_version, c.ledger_size, c.ledger_head, c.conduct_version)
+            )
         ).one()
         return Counters(*found)
 
@@ -159,8 +172,8 @@ class Transaction:
     async def _scalar(self, query: sa.Select[Any]) -> Any:
         return (await self._connection.execute(query)).scalar_one_or_none()
 
-    async def _parties(self, wanted: Wanted) -> dict[str, Party]:
-        found = {p.id: p for p in await self._by_id(wanted.parties)}
+    async def _parties(self, ids: frozenset[str]) -> dict[str, Party]:
+        found = {p.id: p for p in await self._by_id(ids)}
         # Whoever judges an agent judges its sponsor too.
         sponsors = {p.sponsor for p in found.values() if isinstance(p, Agent)} - found.keys()
         return found | {p.id: p for p in await self._by_id(sponsors)}
@@ -337,6 +350,8 @@ class Transaction:
                 await self._connection.execute(
                     sa.update(t.peps).where(t.peps.c.id == pep).values(journal_seq=seq, journal_head=digest)
                 )  # fmt: skip
+            case PermitOpened() | PermitConcluded() | ConductObserved() | AgentRestored():
+                await self.conduct.write(event)
             case AskTaken() | VoteCast() | OpeningMade() | OpeningClosed():
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
             case _:

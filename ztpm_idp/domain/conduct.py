@@ -1,0 +1,211 @@
+"""How agents conduct themselves, as enforcement points' records tell it, and this provider's own word on delegations.
+
+The reducers are those of `policies`; here is what they are fed, and by whom. A report counts when it is of authority
+that this provider lent, to the agent that acted, and of an audience that the reporter serves. What is not that is kept
+in the ledger like every record, and counts for nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from policies import behaviour, concluded, trust
+from policies.behaviour import NOTHING_KNOWN, BehaviourState
+from policies.model import Effect
+from policies.report import Edge, Report, ReportError
+from policies.trust import NOTHING_REPORTED, TrustState
+from ztpm_idp.domain.events import ConductObserved, PermitConcluded, PermitOpened
+from ztpm_idp.domain.parties import Agent
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from capabilities.chain import Chain
+    from policies.conduct import BehaviourReading
+    from policies.parameters import Parameters
+    from ztpm_idp.domain.codes import Code
+    from ztpm_idp.domain.events import Event, RecordTaken
+    from ztpm_idp.domain.parties import Pep
+    from ztpm_idp.domain.rules import Rules
+    from ztpm_idp.domain.state import State
+
+DELEGATE: Final = "delegate"
+"""The operation of lending on."""
+OPEN_RECORDS: Final = 4_096
+"""How many records after a PERMIT its outcome is waited for: one that comes later makes no report."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentConduct:
+    """What is known of one agent: the reducers' states, and when a person last restored it (seconds), or None."""
+
+    trust: TrustState = NOTHING_REPORTED
+    behaviour: BehaviourState = NOTHING_KNOWN
+    restored_at: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """What enforcement points are told of an agent.
+
+    Attributes:
+        scores: trust in each edge into it that something was ever reported about, in permille.
+        default_permille: of an edge that is not told of.
+        reading: of its behaviour.
+        restored_at: as in `AgentConduct`.
+    """
+
+    scores: Mapping[Edge, int]
+    default_permille: int
+    reading: BehaviourReading
+    restored_at: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Concerned:
+    """What records are about: requests whose PERMIT may be open, and the hops under which was asked."""
+
+    requests: frozenset[str] = frozenset()
+    hops: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """What the state knows of the agents concerned.
+
+    Attributes:
+        agents: by id; one that is not here is one of which nothing was reported.
+        open: reports of PERMITs of the enforcement point, by request id: as if nothing had been sent.
+        made: the edge of each concerned hop that was ever made.
+    """
+
+    agents: Mapping[str, AgentConduct] = field(default_factory=lambda: MappingProxyType({}))
+    open: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
+    made: Mapping[str, Edge] = field(default_factory=lambda: MappingProxyType({}))
+
+
+# --- from records ----------------------------------------------------------------------------------------------------
+
+
+def concerned(records: Iterable[Mapping[str, object]]) -> Concerned:
+    """What must be loaded for these records, of any shape."""
+    requests, hops = set[str](), set[str]()
+    for record in records:
+        match record:
+            case {"kind": "outcome", "body": {"request_id": str(request_id)}}:
+                requests.add(request_id)
+            case {"kind": "decision", "pep": str(pep), "at_ms": int(at_ms), "body": dict(body)}:
+                found = concluded.decided(body, reporter=pep, at_ms=at_ms)
+                if found is not None:
+                    hops.add(found.hop_id)
+            case _:
+                pass
+    return Concerned(frozenset(requests), frozenset(hops))
+
+
+def reported(rules: Rules, state: State, pep: Pep, taken: Iterable[RecordTaken], at_ms: int) -> tuple[Event, ...]:
+    """What new records of an enforcement point's journal, in order, say of the agents that acted."""
+    events: list[Event] = []
+    reports, open_ = list[Report](), dict(state.held.open)
+    for record in taken:
+        written, body = int(str(record.record["at_ms"])), record.record["body"]
+        if not isinstance(body, dict):  # no record of this shape was taken
+            raise AssertionError  # noqa: TRY004  an invariant
+        match record.record["kind"]:
+            case "decision":
+                found = concluded.decided(body, reporter=pep.id, at_ms=written)
+                if found is None or not _ours(state, pep, found):
+                    continue
+                if found.open:
+                    open_[found.report.request_id] = found.report
+                    events.append(PermitOpened(pep.id, record.seq, found.report))
+                else:
+                    reports.append(found.report)
+            case "outcome":
+                request_id = body.get("request_id")
+                before = open_.get(request_id) if isinstance(request_id, str) else None
+                after = None if before is None else concluded.concluded(before, body, at_ms=written)
+                if after is not None:
+                    del open_[after.request_id]
+                    events.append(PermitConcluded(pep.id, after.request_id))
+                    reports.append(after)
+            case _:
+                pass
+    return (*events, *observed(rules, state, reports, at_ms))
+
+
+def _ours(state: State, pep: Pep, found: concluded.Decided) -> bool:
+    """Whether it is of an audience of the enforcement point's, and of a hop that was made for just this edge."""
+    return found.audience in pep.audiences and state.held.made.get(found.hop_id) == found.report.edge
+
+
+def observed(rules: Rules, state: State, reports: Iterable[Report], at_ms: int) -> tuple[ConductObserved, ...]:
+    """What the reports make of what was known, once for each agent that they are about."""
+    parameters, now, known = rules.policies.parameters, at_ms // 1_000, dict[str, AgentConduct]()
+    for report in reports:
+        before = known.get(report.agent) or of(state, report.agent)
+        party = state.parties.get(report.agent)
+        role = party.role if isinstance(party, Agent) else ""
+        known[report.agent] = replace(
+            before,
+            trust=trust.observe(before.trust, report, parameters, now=now),
+            behaviour=behaviour.observe(before.behaviour, report, parameters, now=now, role=role),
+        )
+    return tuple(
+        ConductObserved(agent, conduct, published(agent, conduct, at=now, parameters=parameters))
+        for agent, conduct in sorted(known.items())
+    )
+
+
+# --- from here -------------------------------------------------------------------------------------------------------
+
+
+def of_delegation(rules: Rules, chain: Chain, request_id: str, *, at_ms: int, refused: Code | None) -> Report | None:
+    """This provider's own word on a holder that asked to lend on; None when it cannot be put into one.
+
+    Args:
+        rules: name the provider.
+        chain: the holder's, verified.
+        request_id: unique for this provider.
+        at_ms: now, wall clock.
+        refused: why, or None when it was made.
+    """
+    try:
+        return Report(
+            reporter=rules.issuer,
+            request_id=request_id,
+            agent=chain.leaf.agent,
+            delegators=(chain.sponsor.subject, *(hop.agent for hop in chain.hops)),
+            at=at_ms // 1_000,
+            operation=DELEGATE,
+            # Lending moves nothing: it earns nothing (policies.charges).
+            base_tier=0,
+            runtime_tier=0,
+            effect=str(Effect.PERMIT if refused is None else Effect.DENY),
+            reason="PERMITTED" if refused is None else refused.value,
+            outcome="done" if refused is None else "none",
+            values=(),
+            near_permille=None,
+        )
+    except ReportError:
+        return None
+
+
+# --- what is known ---------------------------------------------------------------------------------------------------
+
+
+def of(state: State, agent: str) -> AgentConduct:
+    """What is known of an agent that the command wanted to see."""
+    return state.held.agents.get(agent) or AgentConduct()
+
+
+def published(agent: str, conduct: AgentConduct, *, at: int, parameters: Parameters) -> Published:
+    """What enforcement points are told of an agent, as of `at` (seconds)."""
+    return Published(
+        scores={edge: trust.score(conduct.trust, edge, at, None, parameters) for edge in conduct.trust.accounts},
+        default_permille=parameters.trust_prior_permille,
+        reading=behaviour.reading(conduct.behaviour, agent, at, 0, parameters),
+        restored_at=conduct.restored_at,
+    )

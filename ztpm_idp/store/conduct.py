@@ -1,0 +1,227 @@
+"""Agents' conduct in its tables: the reducers' states, what of them is told, and PERMITs whose outcome is to come."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, assert_never
+
+import sqlalchemy as sa
+
+from capabilities.statements.conduct import AgentEntry, DeviationEntry, EdgeEntry
+from policies.behaviour import BehaviourState
+from policies.report import Edge, Report
+from policies.trust import TrustState
+from ztpm_idp.domain.conduct import OPEN_RECORDS, AgentConduct, Held
+from ztpm_idp.domain.events import AgentRestored, ConductObserved, PermitConcluded, PermitOpened
+from ztpm_idp.domain.parties import Standing
+from ztpm_idp.store import schema as t
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sqlalchemy.ext.asyncio import AsyncConnection
+
+    from ztpm_idp.domain.conduct import Concerned, Published
+
+ConductEvent = PermitOpened | PermitConcluded | ConductObserved | AgentRestored
+IDS: Final = 500
+"""Ids in one statement: below any database's limit on variables."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What was told of conduct after some version.
+
+    Attributes:
+        edges, agents: each in the order of their versions.
+    """
+
+    edges: tuple[EdgeEntry, ...]
+    agents: tuple[AgentEntry, ...]
+
+
+class Conduct:
+    """What one transaction sees of agents' conduct, and writes of it."""
+
+    def __init__(self, connection: AsyncConnection) -> None:
+        self._connection = connection
+
+    # --- reading -----------------------------------------------------------------------------------------------------
+
+    async def held(self, agents: frozenset[str], concerned: Concerned | None, pep: str | None) -> Held:
+        """What is known of these agents and of those that the records of `pep`'s journal are about."""
+        open_, made = dict[str, Report](), dict[str, Edge]()
+        if concerned is not None and pep is not None:
+            open_ = await self._open(pep, concerned.requests)
+            made = await self._made(concerned.hops)
+            agents = agents | {report.agent for report in open_.values()} | {edge.delegate for edge in made.values()}
+        return Held(agents=await self._agents(agents), open=open_, made=made)
+
+    async def told(self, *, since: int, most: int) -> Told:
+        """What was told after `since` of living parties: the oldest, at most `most` edges and as many agents."""
+        e, c = t.edges.c, t.conduct.c
+        living = sa.select(t.parties.c.id).where(t.parties.c.standing != Standing.REVOKED.value)
+        edges = await self._connection.execute(
+            sa.select(e.version, e.delegator, e.delegate, e.score_permille)
+            .where(e.version > since, e.delegate.in_(living), e.delegator.in_(living))
+            .order_by(e.version)
+            .limit(most)
+        )
+        agents = await self._connection.execute(
+            sa.select(c.version, c.agent, c.standing)
+            .where(c.version > since, c.agent.in_(living))
+            .order_by(c.version)
+            .limit(most)
+        )
+        return Told(
+            tuple(EdgeEntry(*row) for row in edges),
+            tuple(_entry(version, agent, json.loads(standing)) for version, agent, standing in agents),
+        )
+
+    async def everybody(self) -> tuple[dict[str, dict[str, int]], dict[str, dict[str, Any]]]:
+        """By agent: the trust of each delegator that is told of, and the standing that was last worked out."""
+        e, c = t.edges.c, t.conduct.c
+        scores: dict[str, dict[str, int]] = {}
+        for delegator, delegate, permille in await self._connection.execute(
+            sa.select(e.delegator, e.delegate, e.score_permille).order_by(e.delegate, e.delegator)
+        ):
+            scores.setdefault(delegate, {})[delegator] = permille
+        found = await self._connection.execute(sa.select(c.agent, c.standing))
+        return scores, {agent: json.loads(standing) for agent, standing in found}
+
+    async def _open(self, pep: str, requests: frozenset[str]) -> dict[str, Report]:
+        p, found = t.permits.c, dict[str, Report]()
+        for ids in _some(requests):
+            rows = await self._connection.execute(
+                sa.select(p.request_id, p.report).where(p.pep == pep, p.request_id.in_(ids))
+            )
+            found |= {request_id: Report.from_json(json.loads(report)) for request_id, report in rows}
+        return found
+
+    async def _made(self, hops: frozenset[str]) -> dict[str, Edge]:
+        """Who lent to whom in each of these hops: the first is the sponsor's."""
+        parent, found = t.hops.alias("above"), dict[str, Edge]()
+        for ids in _some(hops):
+            rows = await self._connection.execute(
+                sa.select(t.hops.c.hop_id, t.hops.c.sponsor, t.hops.c.agent, parent.c.agent.label("delegator"))
+                .select_from(t.hops.outerjoin(parent, parent.c.hop_id == t.hops.c.parent))
+                .where(t.hops.c.hop_id.in_(ids))
+            )
+            found |= {row.hop_id: Edge(row.delegator or row.sponsor, row.agent) for row in rows}
+        return found
+
+    async def _agents(self, agents: frozenset[str]) -> dict[str, AgentConduct]:
+        c, found = t.conduct.c, dict[str, AgentConduct]()
+        for ids in _some(agents):
+            for agent, trust, behaviour, restored_at in await self._connection.execute(
+                sa.select(c.agent, c.trust, c.behaviour, c.restored_at).where(c.agent.in_(ids))
+            ):
+                found[agent] = AgentConduct(
+                    TrustState.from_json(json.loads(trust)),
+                    BehaviourState.from_json(json.loads(behaviour)),
+                    restored_at,
+                )
+        return found
+
+    # --- writing -----------------------------------------------------------------------------------------------------
+
+    async def write(self, event: ConductEvent) -> None:
+        """The event is in its tables."""
+        p = t.permits.c
+        match event:
+            case PermitOpened(pep=pep, seq=seq, report=report):
+                same = sa.and_(p.pep == pep, p.request_id == report.request_id)
+                # What is decided afresh takes the place of what was not acted on in time; what nothing came of goes.
+                await self._connection.execute(
+                    sa.delete(t.permits).where(sa.or_(same, sa.and_(p.pep == pep, p.seq < seq - OPEN_RECORDS)))
+                )
+                text = json.dumps(report.to_json())
+                values = {"pep": pep, "request_id": report.request_id, "seq": seq, "report": text}
+                await self._connection.execute(sa.insert(t.permits).values(**values))
+            case PermitConcluded(pep=pep, request_id=request_id):
+                await self._connection.execute(sa.delete(t.permits).where(p.pep == pep, p.request_id == request_id))
+            case ConductObserved(agent=agent, conduct=conduct, published=published):
+                await self._agent(agent, conduct, published)
+            case AgentRestored(agent=agent, conduct=conduct, published=published):
+                await self._agent(agent, conduct, published)
+            case _:
+                assert_never(event)
+
+    async def _agent(self, agent: str, conduct: AgentConduct, published: Published) -> None:
+        c = t.conduct.c
+        before = (
+            await self._connection.execute(sa.select(c.standing, c.version).where(c.agent == agent))
+        ).one_or_none()
+        standing = _standing(published)
+        was = _NOTHING_TO_TELL if before is None else _told(json.loads(before.standing))
+        version = 0 if before is None else before.version
+        if _told(standing) != was:
+            version = await self._next_version()
+        values: dict[str, Any] = {
+            "trust": json.dumps(conduct.trust.to_json()),
+            "behaviour": json.dumps(conduct.behaviour.to_json()),
+            "restored_at": conduct.restored_at,
+            "standing": json.dumps(standing),
+            "version": version,
+        }
+        if before is None:
+            await self._connection.execute(sa.insert(t.conduct).values(agent=agent, **values))
+        else:
+            await self._connection.execute(sa.update(t.conduct).where(c.agent == agent).values(**values))
+        await self._edges(agent, published)
+
+    async def _edges(self, agent: str, published: Published) -> None:
+        e = t.edges.c
+        rows = await self._connection.execute(sa.select(e.delegator, e.score_permille).where(e.delegate == agent))
+        before = {delegator: permille for delegator, permille in rows}  # noqa: C416  rows are no pairs
+        now = {edge.delegator: permille for edge, permille in published.scores.items()}
+        for delegator in sorted(before.keys() | now.keys()):
+            score = now.get(delegator, published.default_permille)
+            if score == before.get(delegator, published.default_permille):
+                continue
+            values = {"score_permille": score, "version": await self._next_version()}
+            if delegator in before:
+                same = sa.and_(e.delegator == delegator, e.delegate == agent)
+                await self._connection.execute(sa.update(t.edges).where(same).values(**values))
+            else:
+                await self._connection.execute(sa.insert(t.edges).values(delegator=delegator, delegate=agent, **values))
+
+    async def _next_version(self) -> int:
+        """A version at which nothing was told yet; this transaction holds the row's lock: they come in commit order."""
+        c = t.counters.c
+        await self._connection.execute(sa.update(t.counters).values(conduct_version=c.conduct_version + 1))
+        return int((await self._connection.execute(sa.select(c.conduct_version))).scalar_one())
+
+
+_NOTHING_TO_TELL: Final = ((), None, False, None)
+
+
+def _standing(published: Published) -> dict[str, Any]:
+    reading = published.reading
+    return {
+        "deviations": [
+            {"feature": str(d.feature), "since": d.since, "score_milli": d.score_milli} for d in reading.deviations
+        ],
+        "deviated_at": reading.deviated_at,
+        "contracted": reading.contracted,
+        "samples": reading.samples,
+        "restored_at": published.restored_at,
+    }
+
+
+def _told(standing: dict[str, Any]) -> tuple[object, ...]:
+    """What of a standing is news: not how many acts it rests on, nor how far a feature has left its baseline by now."""
+    features = tuple((d["feature"], d["since"]) for d in standing["deviations"])
+    return features, standing["deviated_at"], standing["contracted"], standing["restored_at"]
+
+
+def _entry(version: int, agent: str, standing: dict[str, Any]) -> AgentEntry:
+    deviations = tuple(DeviationEntry(**deviation) for deviation in standing["deviations"])
+    return AgentEntry(version=version, agent=agent, **(standing | {"deviations": deviations}))
+
+
+def _some(ids: Iterable[str]) -> list[list[str]]:
+    """The ids, `IDS` at a time."""
+    every = sorted(ids)
+    return [every[at : at + IDS] for at in range(0, len(every), IDS)]
