@@ -189,7 +189,8 @@ def _timed(career: Career, report: Report, parameters: Parameters) -> tuple[Care
 def _deviated(career: Career, alarm: Alarm, at: int, parameters: Parameters) -> Career:
     """With the alarm in it, and contracted when it is one that contracts."""
     feature = FEATURES[alarm.watch]
-    again = career.alarmed is not None and career.acts - career.alarmed <= parameters.behaviour_repeat_count
+    # two questions about one act are one alarm
+    again = career.alarmed is not None and 0 < career.acts - career.alarmed <= parameters.behaviour_repeat_count
     return replace(
         career.noted(feature, at=at, score_milli=alarm.score_milli),
         contracted=career.contracted or again or feature in AT_ONCE,

@@ -315,12 +315,12 @@ class Parameters:
         source="ours: the last tenth",
     )
     behaviour_refused_max_permille: int = _named(
-        150,
+        100,
         unit="permille",
         low=1,
         high=500,
-        meaning="highest share of refused acts that a baseline may hold to be usual",
-        source="ours: who is refused more often than one time in seven is no example for itself",
+        meaning="highest share of refused acts that a baseline may hold to be usual; about twice as many are noticed",
+        source="ours: who is refused more often than one time in ten is no example for itself",
     )
     behaviour_near_max_permille: int = _named(
         250,
