@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
+from ztpm.cli.conduct import conduct
 from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
 bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
+app.command()(conduct)
 
 
 @app.command()
