@@ -17,7 +17,7 @@ import numpy as np
 from chromadb.config import Settings
 from chromadb.utils.embedding_functions import register_embedding_function
 
-from pep.context.retrieval import Held
+from pep.context.collection import Held
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

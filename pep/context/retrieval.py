@@ -11,23 +11,24 @@ from __future__ import annotations
 import hashlib
 import threading
 from dataclasses import dataclass
-from enum import StrEnum
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from capabilities import keys, text
 from capabilities.errors import CapabilityError, Fault, FaultCode
 from capabilities.statements import manifest, sealed
 from capabilities.statements.claims import TEXT_BYTES
 from capabilities.statements.revocation import Revoked
+from pep.context.collection import Incident, Retrieval, RetrievalFault, Retrieved, shown
 from pep.context.marks import Mark
 from policies.labels import NOBODY, Integrity, Label, Source
 from policies.said import ItemKind, ItemReading
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from capabilities.caps import Caps
     from capabilities.statements.manifest import Entry, Manifest
+    from pep.context.collection import Collection, Curators, Held
     from pep.context.marks import Marks
     from pep.ports import Clock, RevocationFeed
 
@@ -39,78 +40,6 @@ MOST: Final = 32
 SUPERSEDED_KEPT: Final = 4
 """Earlier manifests that are remembered, so that their contents can be told from those that nobody ever signed."""
 _KIND: Final = {"document": ItemKind.DOCUMENT, "scenario": ItemKind.SCENARIO}
-
-
-@dataclass(frozen=True, slots=True)
-class Held:
-    """One content as the store returns it. Nothing in it is believed; a text that is None is missing."""
-
-    id: str
-    text: str | None
-
-
-class Collection(Protocol):
-    """A collection in a store. Either call may raise whatever the store raises."""
-
-    def nearest(self, query: str, *, most: int) -> Sequence[Held]:
-        """At most `most` contents, the nearest to the query first."""
-        ...
-
-    def ids(self, *, most: int) -> Sequence[str]:
-        """At most `most` ids that the collection holds."""
-        ...
-
-
-class Curators(Protocol):
-    """The curators that this enforcement point knows."""
-
-    def curators(self) -> Mapping[str, bytes]:
-        """Raw public key by curator's id; none of these keys has another role."""
-        ...
-
-
-class RetrievalFault(StrEnum):
-    """Why a content is not believed, where it is not the manifest's own fault (`capabilities.errors.FaultCode`)."""
-
-    NO_MANIFEST = "NO_MANIFEST"
-    NOT_LISTED = "NOT_LISTED"
-    """No curator ever listed it here. What an earlier manifest lists has no fault and is only not listed any more."""
-    ID_MALFORMED = "ID_MALFORMED"
-    """An id that no manifest can have: look-alikes, turned and decomposed letters among them."""
-    CHANGED = "CHANGED"
-    SWAPPED = "SWAPPED"
-    """The bytes of another entry."""
-    TWICE = "TWICE"
-    TOO_LARGE = "TOO_LARGE"
-    NOT_TEXT = "NOT_TEXT"
-    MISSING = "MISSING"
-    """Listed, and no longer held."""
-    STORE_FAILED = "STORE_FAILED"
-    QUERY_TOO_LARGE = "QUERY_TOO_LARGE"
-
-
-@dataclass(frozen=True, slots=True)
-class Retrieved:
-    """One content: what admission may know of it, and its text, which is "" when its provenance is not believed."""
-
-    reading: ItemReading
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Incident:
-    """What an operator must see: a fault code, and the id that it is about ("" for the whole collection)."""
-
-    fault: str
-    id: str
-
-
-@dataclass(frozen=True, slots=True)
-class Retrieval:
-    """The answer to one query, every content judged, and what is wrong with the collection."""
-
-    items: tuple[Retrieved, ...]
-    incidents: tuple[Incident, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,12 +241,3 @@ class Curated:
 
     def _refused(self, one: Held, fault: str) -> Retrieved:
         return Retrieved(ItemReading(_KIND[self._content], shown(one.id), NOBODY, fault=str(fault)), "")
-
-
-def shown(id_: object) -> str:
-    """The id where it is a name; else a name for it that cannot be taken for another's, since it goes on record."""
-    try:
-        return text.name(id_, most_bytes=TEXT_BYTES)
-    except CapabilityError:
-        raw = str(id_).encode("utf-8", "surrogatepass")
-        return f"unnamed:{hashlib.sha256(raw).hexdigest()[:16]}"

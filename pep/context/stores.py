@@ -12,7 +12,8 @@ import threading
 from typing import TYPE_CHECKING, Final
 
 from pep.context.marks import UNSEEN, Mark
-from pep.context.memory import VALUE_BYTES, Row
+from pep.context.memory import VALUE_BYTES
+from pep.context.rows import Row
 from pep.durable import replace_file
 from pep.errors import PepError, PepFault
 

@@ -16,8 +16,9 @@ from capabilities.statements import memory as statement
 from capabilities.verify import Verifier
 from pep.context import memory as module
 from pep.context.marks import Mark
-from pep.context.memory import MARK_NAME, VALUE_BYTES, Memory, MemoryFault, Row, Written
-from pep.context.retrieval import Incident
+from pep.context.collection import Incident
+from pep.context.memory import MARK_NAME, VALUE_BYTES, Memory, Written
+from pep.context.rows import MemoryFault, Row
 from pep.context.stores import MarksFile, MemoryFile
 from pep.context.value import plain
 from pep.errors import PepError, PepFault

@@ -14,7 +14,8 @@ from capabilities.caps import DEFAULT as CAPS
 from capabilities.errors import Fault, FaultCode
 from capabilities.statements import manifest, observation
 from pep.context.marks import Mark
-from pep.context.retrieval import DOCUMENT_BYTES, MOST, QUERY_BYTES, Curated, Held, Incident, RetrievalFault, shown
+from pep.context.collection import Held, Incident, RetrievalFault, shown
+from pep.context.retrieval import DOCUMENT_BYTES, MOST, QUERY_BYTES, Curated
 from pep.context.stores import MarksFile
 from pep.errors import PepError, PepFault
 from policies.labels import NOBODY, Integrity, Source
@@ -130,6 +131,19 @@ class Lying:
             raise self.error
         return (sorted({one.id for one in self.held}) if self.listed is None else self.listed)[:most]
 
+    def keep(self, contents):
+        self.held = [
+            Held(id_, text) for id_, text in ({one.id: one.text for one in self.held} | dict(contents)).items()
+        ]
+
+
+@pytest.fixture
+def shelf(tmp_path):
+    """A library whose store does as it is told: for what is done to manifests."""
+    shelf = Library(tmp_path, Lying())
+    assert not isinstance(shelf.publish(), Fault)
+    return shelf
+
 
 def lying(tmp_path, *held, **more):
     library = Library(tmp_path, Lying(*held, **more))
@@ -164,10 +178,10 @@ def test_a_scenario_is_a_content_of_its_own_kind(tmp_path, chroma):
     assert (fault.code, fault.clause) == (FaultCode.WRONG_AUDIENCE, "STM-7")
 
 
-def test_a_curator_whose_clock_is_ahead_signed_just_now(library):
-    text = library.signed(version=2, at=int(library.clock.wall_s()) + 3)
-    assert not isinstance(library.adopt(text), Fault)
-    assert {item.reading.manifest_age_s for item in library.ask().items} == {0}
+def test_a_curator_whose_clock_is_ahead_signed_just_now(shelf):
+    text = shelf.signed(version=2, at=int(shelf.clock.wall_s()) + 3)
+    assert not isinstance(shelf.adopt(text), Fault)
+    assert {item.reading.manifest_age_s for item in shelf.ask().items} == {0}
 
 
 # --- what is done to the store -------------------------------------------------------------------------------------
@@ -222,14 +236,14 @@ def test_a_collection_that_was_put_back(library):
     assert taken_back.reading.label.integrity is Integrity.CURATED
 
 
-def test_an_older_signature_counts_no_more_once_its_key_is_revoked(library):
-    other = library.curator("emil")
+def test_an_older_signature_counts_no_more_once_its_key_is_revoked(shelf):
+    other = shelf.curator("emil")
     newer = {**TEXTS, "gripping": "Close the gripper with twenty newton."}
-    library.publish(newer, version=2, curator="emil", key=other)
-    library.store.keep(list(TEXTS.items()))
-    assert library.found()["gripping"] == "unlisted"
-    library.feed.revoke("key", keys.thumbprint(keys.public_raw(library.key)))
-    assert library.found()["gripping"] == "CHANGED"
+    shelf.publish(newer, version=2, curator="emil", key=other)
+    shelf.store.keep(list(TEXTS.items()))
+    assert shelf.found()["gripping"] == "unlisted"
+    shelf.feed.revoke("key", keys.thumbprint(keys.public_raw(shelf.key)))
+    assert shelf.found()["gripping"] == "CHANGED"
 
 
 def test_a_store_that_returns_one_id_twice(tmp_path):
@@ -347,40 +361,40 @@ def refused(library, text):
     return fault.code
 
 
-def test_the_manifest_of_a_stranger(library):
-    assert refused(library, library.signed(version=2, key=keys.generate())) is FaultCode.STATEMENT_UNTRUSTED
+def test_the_manifest_of_a_stranger(shelf):
+    assert refused(shelf, shelf.signed(version=2, key=keys.generate())) is FaultCode.STATEMENT_UNTRUSTED
 
 
-def test_a_curator_speaks_for_no_other(library):
-    eve = library.curator("eve")
-    assert refused(library, library.signed(version=2, key=eve)) is FaultCode.STATEMENT_UNTRUSTED
+def test_a_curator_speaks_for_no_other(shelf):
+    eve = shelf.curator("eve")
+    assert refused(shelf, shelf.signed(version=2, key=eve)) is FaultCode.STATEMENT_UNTRUSTED
 
 
-def test_the_manifest_of_another_collection(library):
-    assert refused(library, library.signed(version=2, collection="recipes")) is FaultCode.WRONG_AUDIENCE
+def test_the_manifest_of_another_collection(shelf):
+    assert refused(shelf, shelf.signed(version=2, collection="recipes")) is FaultCode.WRONG_AUDIENCE
 
 
-def test_a_manifest_is_not_rolled_back(library):
-    older = library.signed()
-    library.clock.advance(1_000)
-    assert not isinstance(library.adopt(library.signed(version=2)), Fault)
-    assert refused(library, older) is FaultCode.REPLAYED
+def test_a_manifest_is_not_rolled_back(shelf):
+    older = shelf.signed()
+    shelf.clock.advance(1_000)
+    assert not isinstance(shelf.adopt(shelf.signed(version=2)), Fault)
+    assert refused(shelf, older) is FaultCode.REPLAYED
     # Not by another truth of the same version either, and not over a restart.
-    assert refused(library, library.signed(version=2, entries=())) is FaultCode.REPLAYED
-    library.start()
-    assert library.adopt(older).code is FaultCode.REPLAYED
-    assert every_fault(library) == "NO_MANIFEST"
+    assert refused(shelf, shelf.signed(version=2, entries=())) is FaultCode.REPLAYED
+    shelf.start()
+    assert shelf.adopt(older).code is FaultCode.REPLAYED
+    assert every_fault(shelf) == "NO_MANIFEST"
 
 
-def test_the_newest_manifest_is_taken_again_after_a_restart(library):
-    newest = library.signed(version=2)
-    library.adopt(newest)
-    library.start()
-    assert not isinstance(library.adopt(newest), Fault)
-    assert set(library.found().values()) == {""}
+def test_the_newest_manifest_is_taken_again_after_a_restart(shelf):
+    newest = shelf.signed(version=2)
+    shelf.adopt(newest)
+    shelf.start()
+    assert not isinstance(shelf.adopt(newest), Fault)
+    assert set(shelf.found().values()) == {""}
 
 
-def test_a_manifest_is_seen_before_it_counts(library):
+def test_a_manifest_is_seen_before_it_counts(shelf):
     class Broken:
         def read(self, name):
             return Mark(0, "")
@@ -388,51 +402,51 @@ def test_a_manifest_is_seen_before_it_counts(library):
         def write(self, name, mark):
             raise PepError(PepFault.STATE_UNREADABLE)
 
-    library.curated._marks = Broken()
+    shelf.curated._marks = Broken()
     with pytest.raises(PepError) as caught:
-        library.adopt(library.signed({**TEXTS, "x": "y"}, version=2))
+        shelf.adopt(shelf.signed({**TEXTS, "x": "y"}, version=2))
     assert caught.value.code is PepFault.STATE_UNREADABLE
-    assert library.curated._current.manifest.version == 1
+    assert shelf.curated._current.manifest.version == 1
 
 
-def test_a_manifest_ends(library):
-    library.clock.advance(86_400_000 - 1_000)
-    assert set(library.found().values()) == {""}
-    library.clock.advance(2_000)
-    assert every_fault(library) == "EXPIRED"
-    assert library.adopt(library.signed(version=2, at=1, not_after=2)).code is FaultCode.EXPIRED
+def test_a_manifest_ends(shelf):
+    shelf.clock.advance(86_400_000 - 1_000)
+    assert set(shelf.found().values()) == {""}
+    shelf.clock.advance(2_000)
+    assert every_fault(shelf) == "EXPIRED"
+    assert shelf.adopt(shelf.signed(version=2, at=1, not_after=2)).code is FaultCode.EXPIRED
 
 
-def test_a_manifest_of_the_future(library):
-    at = int(library.clock.wall_s()) + 60
-    assert refused(library, library.signed(version=2, at=at)) is FaultCode.NOT_YET_VALID
+def test_a_manifest_of_the_future(shelf):
+    at = int(shelf.clock.wall_s()) + 60
+    assert refused(shelf, shelf.signed(version=2, at=at)) is FaultCode.NOT_YET_VALID
 
 
-def test_a_curator_whose_key_is_revoked(library):
-    library.feed.revoke("key", keys.thumbprint(library.known["dora"]))
-    assert every_fault(library) == "STATEMENT_UNTRUSTED"
-    assert library.adopt(library.signed(version=2)).code is FaultCode.STATEMENT_UNTRUSTED
+def test_a_curator_whose_key_is_revoked(shelf):
+    shelf.feed.revoke("key", keys.thumbprint(shelf.known["dora"]))
+    assert every_fault(shelf) == "STATEMENT_UNTRUSTED"
+    assert shelf.adopt(shelf.signed(version=2)).code is FaultCode.STATEMENT_UNTRUSTED
 
 
-def test_a_curator_whom_nobody_names_any_more(library):
-    library.known["dora"] = keys.public_raw(keys.generate())
-    assert every_fault(library) == "STATEMENT_UNTRUSTED"
-    del library.known["dora"]
-    assert every_fault(library) == "STATEMENT_UNTRUSTED"
+def test_a_curator_whom_nobody_names_any_more(shelf):
+    shelf.known["dora"] = keys.public_raw(keys.generate())
+    assert every_fault(shelf) == "STATEMENT_UNTRUSTED"
+    del shelf.known["dora"]
+    assert every_fault(shelf) == "STATEMENT_UNTRUSTED"
 
 
-def test_revocations_must_be_known(library):
-    library.feed.age_ms = LEASE_MS
-    assert set(library.found().values()) == {""}
-    library.feed.age_ms = LEASE_MS + 1
-    assert every_fault(library) == "REVOCATION_VIEW_STALE"
+def test_revocations_must_be_known(shelf):
+    shelf.feed.age_ms = LEASE_MS
+    assert set(shelf.found().values()) == {""}
+    shelf.feed.age_ms = LEASE_MS + 1
+    assert every_fault(shelf) == "REVOCATION_VIEW_STALE"
 
 
-def test_a_text_that_is_no_manifest(library):
+def test_a_text_that_is_no_manifest(shelf):
     for text in ("", "a.b.c", "\u202e", "x" * 300_000):
-        assert refused(library, text) is FaultCode.STATEMENT_MALFORMED
-    frame = observation.sign(observation.Observation("camera-1", "0" * 32, 1, 1, "ab" * 32, True, (), ()), library.key)
-    assert refused(library, frame) is FaultCode.STATEMENT_WRONG_KIND
+        assert refused(shelf, text) is FaultCode.STATEMENT_MALFORMED
+    frame = observation.sign(observation.Observation("camera-1", "0" * 32, 1, 1, "ab" * 32, True, (), ()), shelf.key)
+    assert refused(shelf, frame) is FaultCode.STATEMENT_WRONG_KIND
 
 
 def test_every_fault_is_produced():

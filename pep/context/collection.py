@@ -1,0 +1,98 @@
+"""A curated collection as an enforcement point meets it: what a store returns, and what is made of it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Protocol
+
+from capabilities import text
+from capabilities.errors import CapabilityError
+from capabilities.statements.claims import TEXT_BYTES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from policies.said import ItemReading
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """One content as the store returns it. Nothing in it is believed; a text that is None is missing."""
+
+    id: str
+    text: str | None
+
+
+class Collection(Protocol):
+    """A collection in a store. Either call may raise whatever the store raises."""
+
+    def nearest(self, query: str, *, most: int) -> Sequence[Held]:
+        """At most `most` contents, the nearest to the query first."""
+        ...
+
+    def ids(self, *, most: int) -> Sequence[str]:
+        """At most `most` ids that the collection holds."""
+        ...
+
+
+class Curators(Protocol):
+    """The curators that this enforcement point knows."""
+
+    def curators(self) -> Mapping[str, bytes]:
+        """Raw public key by curator's id; none of these keys has another role."""
+        ...
+
+
+class RetrievalFault(StrEnum):
+    """Why a content is not believed, where it is not the manifest's own fault (`capabilities.errors.FaultCode`)."""
+
+    NO_MANIFEST = "NO_MANIFEST"
+    NOT_LISTED = "NOT_LISTED"
+    """No curator ever listed it here. What an earlier manifest lists has no fault and is only not listed any more."""
+    ID_MALFORMED = "ID_MALFORMED"
+    """An id that no manifest can have: look-alikes, turned and decomposed letters among them."""
+    CHANGED = "CHANGED"
+    SWAPPED = "SWAPPED"
+    """The bytes of another entry."""
+    TWICE = "TWICE"
+    TOO_LARGE = "TOO_LARGE"
+    NOT_TEXT = "NOT_TEXT"
+    MISSING = "MISSING"
+    """Listed, and no longer held."""
+    STORE_FAILED = "STORE_FAILED"
+    QUERY_TOO_LARGE = "QUERY_TOO_LARGE"
+
+
+@dataclass(frozen=True, slots=True)
+class Retrieved:
+    """One content: what admission may know of it, and its text, which is "" when its provenance is not believed."""
+
+    reading: ItemReading
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Incident:
+    """What an operator must see: a fault code, and the id that it is about ("" for the whole collection)."""
+
+    fault: str
+    id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Retrieval:
+    """The answer to one query, every content judged, and what is wrong with the collection."""
+
+    items: tuple[Retrieved, ...]
+    incidents: tuple[Incident, ...]
+
+
+def shown(id_: object) -> str:
+    """The id where it is a name; else a name for it that cannot be taken for another's, since it goes on record."""
+    try:
+        return text.name(id_, most_bytes=TEXT_BYTES)
+    except CapabilityError:
+        raw = str(id_).encode("utf-8", "surrogatepass")
+        return f"unnamed:{hashlib.sha256(raw).hexdigest()[:16]}"
