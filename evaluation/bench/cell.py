@@ -66,6 +66,11 @@ class Cell:
     judge: Callable[[Any], Verdict] = lambda verdict: verdict
     wrong: Mapping[str, Callable[[], Any]] = field(default_factory=dict)
 
+    @property
+    def name(self) -> str:
+        """Which cell it is, for people."""
+        return f"{self.peer} {self.scope} depth {self.depth} {self.kind}"
+
 
 @dataclass(frozen=True, slots=True)
 class Unmeasured:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import platform
 import random
 import time
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from evaluation.bench import timing, tokens
 from evaluation.bench.absent import AbsentError
@@ -17,6 +14,7 @@ from evaluation.bench.aip import Aip
 from evaluation.bench.bare_biscuit import BareBiscuit
 from evaluation.bench.cell import Cell, Kind, Peer, Unmeasured
 from evaluation.bench.macaroons import Macaroons
+from evaluation.bench.machine import machine
 from evaluation.bench.ours import Ours
 from evaluation.bench.report import Result, Row, Size
 from evaluation.bench.tenuo import Tenuo
@@ -117,24 +115,3 @@ def _row(cell: Cell, series: Series) -> Row:
         n=series.count,
         checks=cell.checks,
     )
-
-
-def machine() -> dict[str, Any]:
-    """What this was measured on."""
-    return {
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "load": [round(load, 2) for load in os.getloadavg()],
-    }
-
-
-def _processor() -> str:
-    """The processor's name as Linux tells it; the architecture elsewhere."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.machine()
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.machine())

@@ -7,15 +7,13 @@ import math
 import statistics
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from evaluation.bench.cell import Verdict
 
 if TYPE_CHECKING:
     import random
-    from collections.abc import Callable, Iterator, Sequence
-
-    from evaluation.bench.cell import Cell
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 
 TRIES: Final = 20
@@ -24,6 +22,26 @@ TRIES: Final = 20
 
 class WrongAnswerError(RuntimeError):
     """A cell answered what it must not: its figure would be of something else."""
+
+
+class Timed(Protocol):
+    """What can be timed: `evaluation.bench.cell.Cell` says what each member is."""
+
+    @property
+    def name(self) -> str:
+        """Which it is, for people."""
+
+    @property
+    def fresh(self) -> Callable[[], Any]: ...  # noqa: D102 - see the class
+
+    @property
+    def act(self) -> Callable[[Any], Any]: ...  # noqa: D102 - see the class
+
+    @property
+    def judge(self) -> Callable[[Any], Verdict]: ...  # noqa: D102 - see the class
+
+    @property
+    def wrong(self) -> Mapping[str, Callable[[], Any]]: ...  # noqa: D102 - see the class
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +90,7 @@ class Series:
         }
 
 
-def prove(cell: Cell) -> None:
+def prove(cell: Timed) -> None:
     """Pass when the cell allows what it should and refuses each of its counter-examples.
 
     Raises:
@@ -83,7 +101,7 @@ def prove(cell: Cell) -> None:
         _demand(cell, _answer(cell, given), why, Verdict.REFUSED)
 
 
-def _answer(cell: Cell, given: Callable[[], object]) -> object:
+def _answer(cell: Timed, given: Callable[[], object]) -> object:
     """The first answer that is one: a peer that gives up for its own limit of time is asked again."""
     verdict: object = Verdict.OVERRUN
     for _ in range(TRIES):
@@ -94,7 +112,7 @@ def _answer(cell: Cell, given: Callable[[], object]) -> object:
 
 
 def measure(
-    groups: Sequence[Sequence[Cell]], plan: Plan, *, clock_ns: Callable[[], int], order: random.Random
+    groups: Sequence[Sequence[Timed]], plan: Plan, *, clock_ns: Callable[[], int], order: random.Random
 ) -> list[list[Series]]:
     """The durations of every cell, in the shape of `groups`.
 
@@ -112,7 +130,7 @@ def measure(
 
 
 def _pass(
-    group: Sequence[Cell], series: Sequence[Series], plan: Plan, clock_ns: Callable[[], int], order: random.Random
+    group: Sequence[Timed], series: Sequence[Series], plan: Plan, clock_ns: Callable[[], int], order: random.Random
 ) -> None:
     for cell in group:
         for _ in range(plan.warm_up):
@@ -135,11 +153,9 @@ def _pass(
                 one.passes[-1].append(took)
 
 
-def _demand(cell: Cell, verdict: object, what: str, *right: Verdict) -> None:
+def _demand(cell: Timed, verdict: object, what: str, *right: Verdict) -> None:
     if verdict not in right:
-        raise WrongAnswerError(
-            f"{cell.peer} {cell.scope} depth {cell.depth} {cell.kind}, {what}: {verdict}, not {right[0].value}"
-        )
+        raise WrongAnswerError(f"{cell.name}, {what}: {verdict}, not {right[0].value}")
 
 
 @contextmanager

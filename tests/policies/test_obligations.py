@@ -137,6 +137,12 @@ def test_a_question_that_was_overruled_by_a_denial_obliges_to_nothing():
     assert list(answer({"evidence.chain": {"fault": "EXPIRED"}}, asked).obligations) == [RECORD]
 
 
+def test_a_prohibition_that_is_silent_while_another_policy_denies_obliges_to_nothing():
+    silent = FORBIDDING.format(word="notify", operation="move_joint", effect="DENY").replace('"always"', '{ not = "CATP-3" }')
+    assert list(answer({"evidence.chain": {"fault": "EXPIRED"}}, load(TEXT + silent)).obligations) == [RECORD]
+    assert NOTIFY in answer({"evidence.trust": "not collected"}, load(TEXT + silent)).obligations
+
+
 def test_the_order_of_policies_does_not_matter():
     policies = load(asking('"notify"') + FORBIDDING.format(word="re-attest", operation="read_state", effect="DENY"))
     other = PolicySet(policies.name, policies.version, policies.policies[::-1], policies.parameters)

@@ -107,6 +107,49 @@ def bench_capabilities(
     console.print(ratios_line(found["ratios"]))
 
 
+@bench.command("decide")
+def bench_decide(
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")] = False,
+    seed: Annotated[int, typer.Option(help="Of the order in which engines take turns.")] = 1,
+    plot: Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+) -> None:
+    """One decision on facts that are there: ours, Cedar, casbin and Rego on equivalent rules."""
+    from evaluation.bench.absent import AbsentError
+    from evaluation.bench.decisions import plot as plots
+    from evaluation.bench.decisions.report import ratios_line, tables
+    from evaluation.bench.decisions.rules import NoPlainFormError
+    from evaluation.bench.decisions.run import FULL, run
+    from evaluation.bench.timing import QUICK, WrongAnswerError
+
+    plan = QUICK if quick else FULL
+    try:
+        if as_json:
+            result = run(plan, seed=seed, told=_nothing)
+        else:
+            with console.status("") as status:
+                result = run(plan, seed=seed, told=status.update)
+        if plot is not None:
+            plots.plot(result, plot)
+    except (WrongAnswerError, NoPlainFormError, AbsentError) as error:
+        fail("NOT_MEASURED", str(error), as_json=as_json)
+    found = result.to_json()
+    if as_json:
+        say_json(found)
+        return
+    for table in tables(result):
+        console.print(table)
+        console.print()
+    for row in result.rows:
+        if row.case is None:
+            console.print(f"{row.peer}: {row.why}")
+    console.print(", ".join(f"{name} {version}" for name, version in result.versions.items()))
+    console.print(f"All engines agree in {result.agreed} cases, on {result.rules} rules.")
+    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+    console.print(ratios_line(found["ratios"]))
+
+
 VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
 """Where vectors made by others lie: beside the checkout."""
 
