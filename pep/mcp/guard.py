@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import json
 import secrets
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -29,10 +30,11 @@ from pep.mcp import defer
 from pep.mcp.dpop import CREDENTIALS, DPoPLayer
 from pep.mcp.mapping import Misfit, ToolBinding, to_request
 from pep.mcp.pins import definition_digest
+from pep.mcp.vouching import Unreadable, shown, wanted
 from pep.observation import OBSERVED
 from pep.operations import Kind
 from pep.permit import Permit, PermitScope
-from policies.evidence import ToolReading
+from policies.evidence import NOT_COLLECTED, NotCollected, ToolReading
 from policies.model import Effect
 from policies.reasons import REASONS, Reason
 
@@ -46,7 +48,9 @@ if TYPE_CHECKING:
 
     from pep.approvals import Asks
     from pep.authority import Authority
+    from pep.mcp.vouching import Vouching
     from pep.ports import Clock, Registry
+    from policies.said import ContextReading
 
 EXTENSION: Final = "dev.ztpm/pep"
 DECISION_META: Final = "dev.ztpm/decision"
@@ -64,6 +68,7 @@ class Guard(Extension):
         asks: what has become of deferrals, for a retry that waits.
         audience: canonical URL of the server.
         clock: both clocks.
+        vouching: where values come from; None where nothing is known of it, and what asks for it is denied.
     """
 
     identifier = EXTENSION
@@ -78,7 +83,9 @@ class Guard(Extension):
         asks: Asks,
         audience: str,
         clock: Clock,
+        vouching: Vouching | None = None,
     ) -> None:
+        self._vouching = vouching
         self._patience = defer.Patience(asks)
         self._server = server
         self._gate = gate
@@ -111,7 +118,14 @@ class Guard(Extension):
         if isinstance(request, Misfit):
             where: dict[str, object] = {"tool": params.name, "argument": request.argument, "detail": request.detail}
             return await self._refuse(request.reason, "TEA-2", credentials, where)
+        presented = shown(params.meta)
+        if isinstance(presented, Unreadable):
+            unread: dict[str, object] = {"tool": params.name, "argument": "_meta", "detail": presented.detail}
+            return await self._refuse(Reason.BODY_MALFORMED, "CII-5", credentials, unread)
         tool = await self._tool(binding)
+        context: ContextReading | NotCollected = NOT_COLLECTED
+        if self._vouching is not None and isinstance(credentials.chain, Chain):
+            context = self._vouching.context(request, presented, leaf=credentials.chain.leaf, at=at)
 
         async def effect(permit: Permit) -> Result:
             with PermitScope(permit):
@@ -121,12 +135,39 @@ class Guard(Extension):
             return _result(outcome)
 
         call = Call(
-            request=request, operation=binding.operation, tool=tool, credentials=credentials, arrived_ms=arrived_ms
+            request=request,
+            operation=binding.operation,
+            tool=tool,
+            credentials=credentials,
+            arrived_ms=arrived_ms,
+            context=context,
         )
         if defer.is_retry(params):
             await self._patience.wait(params)
         answer = await self._gate.run(call, effect)
+        if wanted(params.meta):
+            answer = await self._vouched(answer, call, binding)
         return defer.elicitation(answer, params, ctx) or _told(answer)
+
+    async def _vouched(self, answer: Answer, call: Call, binding: ToolBinding) -> Answer:
+        """The answer, its result with a receipt where there is one and the tool is still what it was."""
+        chain, result = call.credentials.chain, answer.result
+        if self._vouching is None or result is None or result.failed or not isinstance(chain, Chain):
+            return answer
+        if isinstance(call.context, NotCollected) or not isinstance(result.carried, CallToolResult):
+            return answer
+        if await self._tool(binding) != call.tool:
+            return answer
+        said = self._vouching.meta(
+            result.carried.structured_content,
+            request=call.request,
+            reading=call.context,
+            tool=call.tool,
+            leaf=chain.leaf,
+            proof=call.credentials.proof_name,
+            at=self._clock.wall_s(),
+        )
+        return replace(answer, result=replace(result, carried=_with_meta(result.carried, said)))
 
     async def _tool(self, binding: ToolBinding) -> ToolReading:
         """The tool as it is registered, and as this server serves it at this moment."""
@@ -157,7 +198,7 @@ class Guard(Extension):
         with contextlib.suppress(JournalError):
             await self._gate.record("outcome", {"request_id": "stop", "decision": "", "outcome": "done", "stop": body})
         told = {"decision": "PERMIT", "reason": str(Reason.PERMITTED), "primitive": "", "tier": 0}
-        return _with_meta(outcome if fault is None else _untold(outcome), told)
+        return _with_meta(outcome if fault is None else _untold(outcome), {DECISION_META: told})
 
     async def _refuse(
         self, reason: Reason, primitive: str, credentials: Credentials, where: dict[str, object]
@@ -191,6 +232,7 @@ def guard(
     audience: str,
     issuer: str,
     clock: Clock,
+    vouching: Vouching | None = None,
 ) -> ASGIApp:
     """The guarded HTTP app of an existing server: no tool of it can be reached but through the gate.
 
@@ -204,12 +246,20 @@ def guard(
         audience: canonical URL of the server; its path is where the app answers.
         issuer: of the tokens.
         clock: both clocks.
+        vouching: where values come from; None where nothing is known of it, and what asks for it is denied.
 
     Raises:
         RuntimeError: when this SDK does not let the guard stand before the tools.
     """
     extension = Guard(
-        server, gate=gate, registry=registry, bindings=bindings, asks=asks, audience=audience, clock=clock
+        server,
+        gate=gate,
+        registry=registry,
+        bindings=bindings,
+        asks=asks,
+        audience=audience,
+        clock=clock,
+        vouching=vouching,
     )
     # The SDK takes extensions in the constructor only; these two calls are what the constructor does with them. A later
     # SDK without them raises here, before anything is served.
@@ -272,7 +322,7 @@ def _told(answer: Answer) -> HandlerResult:
     if answer.observed:
         told[OBSERVED] = True
     if (decision.effect is Effect.PERMIT or answer.observed) and answer.result is not None:
-        return _with_meta(answer.result.carried, told)
+        return _with_meta(answer.result.carried, {DECISION_META: told})
     if answer.ask is not None:
         told |= defer.told(answer)
     return _denied(told | _remedy(decision.reason, detail))
@@ -293,7 +343,7 @@ def _denied(told: dict[str, object]) -> CallToolResult:
     )
 
 
-def _with_meta(outcome: HandlerResult, told: dict[str, object]) -> HandlerResult:
+def _with_meta(outcome: HandlerResult, members: Mapping[str, object]) -> HandlerResult:
     if not isinstance(outcome, CallToolResult):
         return outcome
-    return outcome.model_copy(update={"meta": {**(outcome.meta or {}), DECISION_META: told}})
+    return outcome.model_copy(update={"meta": {**(outcome.meta or {}), **members}})
