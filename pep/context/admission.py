@@ -3,24 +3,47 @@
     what is said -> reading -> decide -> record -> enter the context -> the value, with its label and a receipt
                     pure       pure      durable
 
-Plain calls, for any agent framework: whoever runs the agent asks here before anything is put before its model.
+Plain calls, for any agent framework: whoever runs the agent asks here before anything is put before its model. Whatever
+fails on the way is DENY.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol
+import secrets
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from policies.said import ItemKind
+from pep import records
+from pep.context import receipts, screening
+from pep.context import value as values
+from pep.context.cases import Reader
+from pep.context.flow import Full
+from pep.context.value import Plain, ValueFault
+from pep.errors import JournalError
+from policies import replay as recorded
+from policies.evidence import Evidence
+from policies.labels import tainted
+from policies.model import Decision, Effect, Finding, ObligationKind, Point, Request
+from policies.pdp import decide
+from policies.reasons import Reason
+from policies.said import ItemKind, ItemReading
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from capabilities.caps import Caps
     from capabilities.chain import Chain
     from capabilities.errors import Fault
+    from capabilities.keys import PrivateKey
     from pep.authority import Credentials
-    from pep.context.flow import Context
+    from pep.context.cases import Case
+    from pep.context.flow import Context, Flow, Holder
+    from pep.context.forms import Forms
+    from pep.context.instructions import People
+    from pep.context.messages import Conversations
+    from pep.ports import Clock, Journal, ReplayStore
     from policies.labels import Label
-    from policies.model import Decision
-    from policies.said import ItemReading
+    from policies.policy import PolicySet
 
 OBJECT: Final = "context"
 """The object of every request of admission."""
@@ -32,6 +55,8 @@ OPERATION_OF: Final = {
     ItemKind.TOOL_RESPONSE: "respond",
     ItemKind.SCENARIO: "scenario",
 }
+POINT_OF: Final = {ItemKind.INSTRUCTION: Point.OPERATOR, ItemKind.MESSAGE: Point.AGENT}
+"""Where a kind is judged that is not judged at e3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +91,15 @@ class Refused:
     record: str
 
 
+@dataclass(frozen=True, slots=True)
+class Released:
+    """The one value that came out of a reader, with the label of all that it read, and a receipt."""
+
+    value: object
+    label: Label
+    receipt: str
+
+
 class Admits(Protocol):
     """What retrieval, memory and tool adapters need of the gate of admission."""
 
@@ -89,31 +123,197 @@ class Standing(Protocol):
 
 
 class Admission:
-    """Judges everything that would enter a context. Any thread; all IO is in its ports."""
+    """Judges everything that would enter a context. Any thread; all IO is in its ports.
+
+    Args:
+        policies: what is decided by.
+        clock: both clocks.
+        journal: durable; nothing is admitted before its answer.
+        audience: canonical URL of this admission point; its receipts name it.
+        key: of this PEP; signs receipts.
+        flow: what entered which context.
+        standing: the authority behind a context.
+        people: whose word is an instruction.
+        forms: of instructions and messages.
+        conversations: which messages were heard.
+        replay: which intents were carried out.
+        caps: the bounds.
+    """
+
+    def __init__(
+        self,
+        *,
+        policies: PolicySet,
+        clock: Clock,
+        journal: Journal,
+        audience: str,
+        key: PrivateKey,
+        flow: Flow,
+        standing: Standing,
+        people: People,
+        forms: Forms,
+        conversations: Conversations,
+        replay: ReplayStore,
+        caps: Caps,
+    ) -> None:
+        self._policies = policies
+        self._clock = clock
+        self._journal = journal
+        self._audience = audience
+        self._key = key
+        self._flow = flow
+        self._standing = standing
+        self._reader = Reader(
+            clock=clock,
+            flow=flow,
+            people=people,
+            forms=forms,
+            conversations=conversations,
+            replay=replay,
+            caps=caps,
+        )
 
     def instruct(self, text: str, *, credentials: Credentials, into: Context) -> Admitted | Refused:
-        """e1: a person's signed intent, admitted as an instruction under the delegation that names its digest.
+        """e1: a person's signed intent, admitted once for each token as the instruction that it is. Never raises.
 
         Args:
             text: the signed intent (`capabilities.statements.intent`).
-            credentials: of the orchestrator, after steps 1 to 10.
+            credentials: of the orchestrator, after steps 1 to 10. Without a chain and a proof that hold, the intent is
+                bound to nothing.
             into: its context.
         """
-        raise NotImplementedError
+        return self._guarded(ItemKind.INSTRUCTION, lambda: self._reader.instruction(text, credentials, into))
 
     def hear(
         self, text: str, *, credentials: Credentials, into: Context, intent: str | None = None
     ) -> Admitted | Refused:
-        """e2: another agent's signed message, admitted as what that agent says.
+        """e2: another agent's signed message, admitted once as what that agent says. Never raises.
 
         Args:
             text: the signed message (`capabilities.statements.message`).
-            credentials: the chain, after steps 1 to 10, in which the sender's hop is.
+            credentials: of a chain that has the sender's hop, after steps 1 to 9 at least: the message is the proof.
             into: the addressee's context.
             intent: the person's signed intent that the work is under, where it came along.
         """
-        raise NotImplementedError
+        return self._guarded(ItemKind.MESSAGE, lambda: self._reader.message(text, credentials, into, intent))
 
     def admit(self, item: ItemReading, value: object, *, into: Context) -> Admitted | Refused:
         """e3: see `Admits.admit`."""
-        raise NotImplementedError
+        return self._guarded(item.kind, lambda: self._reader.item(item, value, into, self._standing.chain(into)))
+
+    def release(self, reader: Context, value: object) -> Released | ValueFault:
+        """The one value that comes out of a reader, which ends with it; or why it is no value.
+
+        The value derives from everything that the reader read, whatever it says. It enters no context by this: to hand
+        it on as an argument, its receipt is enough. Before it is shown to another model, `Flow.enter` that context.
+        """
+        label = self._flow.close(reader)
+        plain = values.plain(value)
+        if isinstance(plain, ValueFault):
+            return plain
+        if screening.screen_value(plain.value):
+            label = tainted(label)
+        return Released(plain.value, label, self._receipt(plain, label, reader.holder))
+
+    def recover(self, found: Iterable[Mapping[str, Any]]) -> None:
+        """What an earlier process admitted once is not admitted again.
+
+        Args:
+            found: records of the whole journal, oldest first.
+        """
+        self._reader.recover(found)
+
+    # --- from there on all are alike ---------------------------------------------------------------------------------
+
+    def _guarded(self, kind: ItemKind, read: Callable[[], Case]) -> Admitted | Refused:
+        request = Request(
+            request_id=secrets.token_hex(16),
+            points=frozenset({POINT_OF.get(kind, Point.CONTEXT)}),
+            audience=self._audience,
+            object=OBJECT,
+            operation=OPERATION_OF[kind],
+            values=(),
+            at=self._clock.wall_s(),
+        )
+        try:
+            return self._settle(request, read())
+        except Exception as error:  # noqa: BLE001 - any exception on the way is DENY; a narrower net would leak
+            return self._broken(request, error)
+
+    def _settle(self, request: Request, case: Case) -> Admitted | Refused:
+        decided_ms = self._clock.monotonic_ms()
+        decision = decide(request, case.evidence, self._policies)
+        if decision.effect is not Effect.PERMIT:
+            return self._refused(request, case, decision)
+        if isinstance(case.value, ValueFault):
+            large = case.value is ValueFault.TOO_LARGE
+            return self._refused(
+                request, case, _denial(decision, Reason.BODY_TOO_LARGE if large else Reason.BODY_MALFORMED)
+            )
+        if any(obligation.kind is not ObligationKind.RECORD for obligation in decision.obligations):
+            # nothing here watches, lowers or tells: a PERMIT that asks for it does not count
+            return self._refused(request, case, _denial(decision, Reason.POLICY_ERROR))
+        taken = case.claim()
+        if taken is not None:
+            return self._refused(request, case, _denial(decision, taken))
+        label = case.item.label
+        receipt = self._receipt(case.value, label, case.into.holder)
+        record = self._journal.append("decision", self._body(request, case, decision))
+        late = self._clock.monotonic_ms() > decided_ms + decision.lifetime_ms
+        full = None if late else self._flow.enter(case.into, label)
+        if late or isinstance(full, Full):
+            reason = Reason.VERDICT_EXPIRED if late else Reason.EVIDENCE_MISSING
+            self._journal.append("outcome", records.outcome(request, record, "refused", reason=reason))
+            return Refused(_denial(decision, reason), record)
+        self._journal.append("outcome", records.outcome(request, record, "done"))
+        return Admitted(case.value.value, label, receipt, decision, record)
+
+    def _refused(self, request: Request, case: Case, decision: Decision) -> Refused:
+        return Refused(decision, self._journal.append("decision", self._body(request, case, decision)))
+
+    def _broken(self, request: Request, error: Exception) -> Refused:
+        """An exception on the way: DENY, recorded if that is still possible."""
+        reason = Reason.RECORD_FAILED if isinstance(error, JournalError) else Reason.EVIDENCE_MISSING
+        unknown = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms())
+        decision = _denial(decide(request, unknown, self._policies), reason, error=type(error).__name__)
+        if reason is Reason.RECORD_FAILED:
+            return Refused(decision, "")
+        try:
+            body = {**recorded.to_plain(request, unknown), "decision": records.decision_body(decision), "proof": ""}
+            return Refused(decision, self._journal.append("decision", body))
+        except Exception as failed:  # noqa: BLE001 - whatever a journal raises, there is no record
+            return Refused(_denial(decision, Reason.RECORD_FAILED, error=type(failed).__name__), "")
+
+    def _body(self, request: Request, case: Case, decision: Decision) -> dict[str, object]:
+        """The record of a decision; what is admitted stands in it by its digest, and never itself."""
+        holder = case.into.holder
+        noted = {
+            "hop_id": holder.hop_id,
+            "agent": holder.agent,
+            "reader": case.into.reader,
+            "value": case.value.digest if isinstance(case.value, Plain) else str(case.value),
+            **(case.note if decision.effect is Effect.PERMIT else {}),
+        }
+        return {
+            **recorded.to_plain(request, case.evidence),
+            "decision": records.decision_body(decision),
+            "proof": case.proof,
+            "admission": noted,
+        }
+
+    def _receipt(self, value: Plain, label: Label, holder: Holder) -> str:
+        return receipts.issue(value, label, holder, audience=self._audience, key=self._key, at=self._clock.wall_s())
+
+
+def _denial(decision: Decision, reason: Reason, **detail: object) -> Decision:
+    """The decision turned into a denial of the gate's own; its findings stay behind it."""
+    return replace(
+        decision,
+        effect=Effect.DENY,
+        reason=reason,
+        primitive="",
+        findings=(Finding("", reason, detail), *decision.findings),
+        obligations=(),
+        lifetime_ms=0,
+        approval=None,
+    )

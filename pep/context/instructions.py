@@ -1,0 +1,113 @@
+"""What a person tells an orchestrator (e1): a signed intent, and whether the delegation was given for exactly it.
+
+Pure: text, keys of people and a chain go in, a reading comes out. An agent's own words about what a person wants are
+never an instruction: only what a person's registered key signed is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
+
+from capabilities import keys as key_forms
+from capabilities import strict_json
+from capabilities.errors import CapabilityError
+from capabilities.statements import intent as statement
+from capabilities.statements import sealed
+from pep.context import screening
+from policies.labels import NOBODY, Integrity, Label, Source, tainted
+from policies.said import InstructionReading, ItemKind, ItemReading
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from capabilities.caps import Caps
+    from capabilities.chain import Chain
+    from capabilities.statements.intent import Intent
+    from pep.context.forms import Forms, Read
+
+SPARED: Final = frozenset({screening.INSTRUCTION_LIKE})
+"""A person's signed instruction may read like one."""
+
+
+class People(Protocol):
+    """The registered, active people whose word is an instruction."""
+
+    def people(self) -> Mapping[str, bytes]:
+        """Raw public key by person; empty while no snapshot has been verified. None of them is an agent's."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """An instruction as it was read.
+
+    Attributes:
+        reading: for CII-1.
+        item: the same text as something that would enter a context, offered as authority, for CII-2.
+        intent: what was signed; None when the signature is not believed.
+        read: its body, of its form; None when it is of none.
+    """
+
+    reading: InstructionReading
+    item: ItemReading
+    intent: Intent | None = None
+    read: Read | None = None
+
+
+def read(
+    text: str, *, people: Mapping[str, bytes], chain: Chain | None, forms: Forms, at: float, caps: Caps
+) -> Instruction:
+    """The instruction that a text is; never raises.
+
+    Args:
+        text: the signed intent as it came.
+        people: raw public key by registered, active person.
+        chain: the verified chain under which it is to be carried out; None when none was verified.
+        forms: the known forms of instructions.
+        at: now, seconds since the epoch.
+        caps: the bounds.
+    """
+    bound = "" if chain is None else statement.bound(chain)
+    try:
+        intent = statement.open(text, frozenset(people.values()), caps)
+    except CapabilityError as error:
+        return _unbelieved(str(error.code), bound)
+    signer = sealed.signer_thumbprint(text)
+    subject = next((name for name, key in people.items() if key_forms.thumbprint(key) == signer), "")
+    digest = statement.digest_of(text)
+    fault = statement.refusal(intent, subject=subject, at=at, caps=caps)
+    if intent.subject != subject:
+        return _unbelieved(str(fault.code if fault else ""), bound)
+    body = forms.read(intent.schema, intent.body)
+    reading = InstructionReading(
+        fault="" if fault is None else str(fault.code),
+        principal=subject,
+        signed_at=intent.at,
+        well_formed=body is not None,
+        intent_digest=digest,
+        bound_digest=bound,
+    )
+    label = Label(
+        frozenset({Source.OPERATOR}), frozenset({subject}), Integrity.PRINCIPAL, max(0, int((at - intent.at) * 1_000))
+    )
+    signs = screening.signs(screening.screen_value(strict_json.parse(intent.body)), spared=SPARED)
+    item = ItemReading(
+        kind=ItemKind.INSTRUCTION,
+        id=digest,
+        label=tainted(label) if signs else label,
+        signs=signs,
+        as_authority=True,
+        fault=reading.fault,
+    )
+    return Instruction(reading, item, intent, body)
+
+
+def _unbelieved(fault: str, bound: str) -> Instruction:
+    """A text that no registered person signed: nobody's, and still offered as authority."""
+    return Instruction(
+        InstructionReading(
+            fault=fault, principal="", signed_at=0, well_formed=False, intent_digest="", bound_digest=bound
+        ),
+        ItemReading(kind=ItemKind.INSTRUCTION, id="", label=NOBODY, as_authority=True, fault=fault),
+    )

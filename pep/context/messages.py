@@ -1,0 +1,222 @@
+"""What one agent says to another (e2): signed by the hop that it is said under, in form, in turn, inside its grant.
+
+A message allows nothing. What it asks for is compared with the scope of the sender's own hop, so that nobody asks
+another for what they do not hold; what the addressee may then do is judged by the addressee's own chain.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING, Final, Protocol
+
+from capabilities import keys as key_forms
+from capabilities import request as scope_request
+from capabilities.errors import CapabilityError, FaultCode
+from capabilities.scope import Tier
+from capabilities.statements import message as statement
+from capabilities.statements import sealed
+from policies.said import MessageReading
+
+if TYPE_CHECKING:
+    from capabilities.caps import Caps
+    from capabilities.chain import Chain, Hop
+    from capabilities.statements.message import Message
+    from pep.context.forms import Asked, Forms, Read
+    from pep.ports import Clock
+
+CONVERSATIONS: Final = 16_384
+"""Most conversations that are remembered."""
+OF_A_HOP: Final = 64
+"""Most conversations of one sender's hop with one addressee that are open at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One direction of one conversation: who speaks under which hop, and to whom."""
+
+    addressee: str
+    hop_id: str
+    conversation: str
+
+
+class Turn(Enum):
+    """What became of a try to take a turn."""
+
+    TAKEN = "taken"
+    OUT_OF_TURN = "out of turn"
+    FULL = "full"
+
+
+class Conversations(Protocol):
+    """Which messages were heard. Taking a turn is the check: one call, atomic."""
+
+    def heard(self, line: Line) -> int:
+        """The number of the last message that was heard, 0 for none."""
+        ...
+
+    def take(self, line: Line, sequence: int, *, until_s: float) -> Turn:
+        """`TAKEN` exactly once for each number of a line, and only for the one after the last.
+
+        Args:
+            line: in which it was said.
+            sequence: of the message.
+            until_s: until when messages of the line may still count, seconds since the epoch.
+        """
+        ...
+
+    def remember(self, line: Line, sequence: int, *, until_s: float) -> None:
+        """The message counts as heard, and all before it: it stands in the journal of an earlier process."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A message as it was read.
+
+    Attributes:
+        reading: for CII-6.
+        message: what was said; None when the signature is not believed.
+        hop: the sender's, in the chain; None when it is none of the chain's.
+        read: its body, of its form; None when it is of none.
+        line: where it was said; None when that is not known.
+        until_s: until when a message under this hop may count.
+    """
+
+    reading: MessageReading
+    message: Message | None = None
+    hop: Hop | None = None
+    read: Read | None = None
+    line: Line | None = None
+    until_s: float = 0.0
+
+
+def read(
+    text: str, *, chain: Chain | None, addressee: str, conversations: Conversations, forms: Forms, at: float, caps: Caps
+) -> Heard:
+    """The message that a text is; nothing is taken yet. Raises only what `conversations` raises.
+
+    Args:
+        text: the signed message as it came.
+        chain: a verified chain that has the sender's hop: the sender's own, or that of somebody below it.
+        addressee: agent id of whoever received it.
+        conversations: what was heard before.
+        forms: the known forms of messages.
+        at: now, seconds since the epoch.
+        caps: the bounds.
+    """
+    if chain is None:
+        return _unbelieved("")
+    by_thumbprint = {key_forms.thumbprint(hop.key): hop for hop in chain.hops}
+    try:
+        # Whatever the text claims, the key that signed it says under which hop it is said.
+        message = statement.open(text, frozenset(hop.key for hop in chain.hops), caps)
+    except CapabilityError as error:
+        return _unbelieved(str(error.code))
+    hop = by_thumbprint[sealed.signer_thumbprint(text)]
+    by_holder = (message.sender, message.token_id, message.hop_id) == (hop.agent, chain.token_id, hop.hop_id)
+    line = Line(addressee, hop.hop_id, message.conversation)
+    body = forms.read(message.schema, message.body)
+    reading = MessageReading(
+        fault=_untimely(message, at=at, caps=caps),
+        sender=message.sender,
+        addressee=message.addressee,
+        by_holder=by_holder,
+        addressed=message.addressee == addressee,
+        in_schema=body is not None,
+        in_sequence=message.sequence == conversations.heard(line) + 1,
+        in_delegation=by_holder and body is not None and all(_granted(chain, hop, asked) for asked in body.asked),
+        age_s=int(at - message.at) if message.at <= at + caps.skew_s else None,
+    )
+    return Heard(reading, message, hop, body, line, max(message.not_after, hop.scope.not_after) + caps.skew_s)
+
+
+def _unbelieved(fault: str) -> Heard:
+    """A text that no hop of the chain signed. What it claims of itself is not repeated."""
+    return Heard(
+        MessageReading(
+            fault=fault or str(FaultCode.STATEMENT_UNTRUSTED),
+            sender="",
+            addressee="",
+            by_holder=False,
+            addressed=False,
+            in_schema=False,
+            in_sequence=False,
+            in_delegation=False,
+            age_s=None,
+        )
+    )
+
+
+def _untimely(message: Message, *, at: float, caps: Caps) -> str:
+    if not message.at <= at + caps.skew_s:
+        return str(FaultCode.NOT_YET_VALID)
+    return "" if at < message.not_after else str(FaultCode.EXPIRED)
+
+
+def _granted(chain: Chain, hop: Hop, asked: Asked) -> bool:
+    """Whether the sender's own hop grants what is asked. The tier is judged where it is done (TEA-4)."""
+    if asked.values is None:
+        return hop.scope.find(asked.object, asked.operation) is not None
+    refused = scope_request.refusal(
+        replace(chain, hops=chain.hops[: hop.index + 1]),
+        object=asked.object,
+        operation=asked.operation,
+        values=asked.values,
+        base_tier=Tier.NO_EFFECT,
+    )
+    return refused is None
+
+
+class ConversationBook:
+    """The `Conversations` port in memory: bounded, atomic, fail-closed. The journal brings back what it held.
+
+    A conversation is forgotten when no message in it can count any more. Nothing is forgotten early: when it is full,
+    nothing new is heard.
+    """
+
+    def __init__(self, clock: Clock, *, capacity: int = CONVERSATIONS, of_a_hop: int = OF_A_HOP) -> None:
+        self._clock = clock
+        self._capacity = capacity
+        self._of_a_hop = of_a_hop
+        self._lock = threading.Lock()
+        self._heard: dict[tuple[str, str], dict[str, tuple[int, float]]] = {}
+
+    def heard(self, line: Line) -> int:
+        """As the port says."""
+        with self._lock:
+            return self._heard.get((line.addressee, line.hop_id), {}).get(line.conversation, (0, 0.0))[0]
+
+    def take(self, line: Line, sequence: int, *, until_s: float) -> Turn:
+        """As the port says."""
+        with self._lock:
+            lines = self._heard.get((line.addressee, line.hop_id), {})
+            last, before_s = lines.get(line.conversation, (0, 0.0))
+            if sequence != last + 1:
+                return Turn.OUT_OF_TURN
+            if last == 0 and not self._room(line):
+                return Turn.FULL
+            self._put(line, sequence, max(before_s, until_s))
+            return Turn.TAKEN
+
+    def remember(self, line: Line, sequence: int, *, until_s: float) -> None:
+        """As the port says."""
+        with self._lock:
+            lines = self._heard.get((line.addressee, line.hop_id), {})
+            last, before_s = lines.get(line.conversation, (0, 0.0))
+            self._put(line, max(last, sequence), max(before_s, until_s))
+
+    def _put(self, line: Line, sequence: int, until_s: float) -> None:
+        self._heard.setdefault((line.addressee, line.hop_id), {})[line.conversation] = (sequence, until_s)
+
+    def _room(self, line: Line) -> bool:
+        """Whether one more conversation may begin; what is over goes first."""
+        now_s = self._clock.wall_s()
+        if sum(map(len, self._heard.values())) >= self._capacity:
+            for key, lines in list(self._heard.items()):
+                self._heard[key] = {name: kept for name, kept in lines.items() if now_s < kept[1]}
+                if not self._heard[key]:
+                    del self._heard[key]
+        lines = self._heard.get((line.addressee, line.hop_id), {})
+        return len(lines) < self._of_a_hop and sum(map(len, self._heard.values())) < self._capacity
