@@ -1,6 +1,7 @@
 """What is decided: 25 primitives, 7-tuple policies, tiers, trust, and the one pure function `decide`."""
 
 from policies.catalog import CATALOG, ROWS
+from policies.counsel import Means, Remedy, remedies
 from policies.errors import PolicyError, PolicyFault
 from policies.evidence import (
     NOT_COLLECTED,
@@ -40,6 +41,7 @@ __all__ = [
     "Finding",
     "ImpactFault",
     "ImpactReading",
+    "Means",
     "NotCollected",
     "Object",
     "Obligation",
@@ -52,6 +54,7 @@ __all__ = [
     "PolicyFault",
     "PolicySet",
     "Reason",
+    "Remedy",
     "Request",
     "Requirement",
     "RobotReading",
@@ -64,5 +67,6 @@ __all__ = [
     "edge_trust",
     "load",
     "load_shipped",
+    "remedies",
     "requirement",
 ]
