@@ -47,7 +47,8 @@ def _writer(kind: type) -> Callable[[Any], object]:
 
 def _record(kind: type[Any]) -> Callable[[Any], object]:
     """Each field by its name, beside the type's."""
-    title, names = kind.__name__, tuple(f.name for f in fields(kind))
+    # what a value only remembers for itself, its hash in this process above all, is no part of it
+    title, names = kind.__name__, tuple(f.name for f in fields(kind) if f.init)
 
     def write(value: Any) -> object:
         written: dict[str, object] = {"type": title}

@@ -57,9 +57,9 @@ def evidence_to_plain(evidence: Evidence, request: Request | None) -> object:
     """
     chain = evidence.chain
     if not isinstance(chain, Chain):
-        return _stated(canonical.plain(evidence))
+        return canonical.plain(evidence)
     hops = tuple(replace(hop, scope=_only(hop.scope, request)) for hop in chain.hops)
-    return _stated(canonical.plain(replace(evidence, chain=replace(chain, hops=hops))))
+    return canonical.plain(replace(evidence, chain=replace(chain, hops=hops)))
 
 
 def to_plain(request: Request, evidence: Evidence) -> dict[str, object]:
@@ -71,17 +71,6 @@ def _only(scope: Scope, request: Request | None) -> Scope:
     """The scope with the grant of the request alone, if it has it."""
     grant = None if request is None else scope.find(request.object, request.operation)
     return replace(scope, grants=() if grant is None else (grant,))
-
-
-def _stated(plain: object) -> object:
-    """The same without what a value only remembers for itself, such as its hash in this process."""
-    match plain:
-        case dict():
-            return {key: _stated(member) for key, member in plain.items() if not key.startswith("_")}
-        case list():
-            return [_stated(member) for member in plain]
-        case _:
-            return plain
 
 
 # --- reading ---------------------------------------------------------------------------------------------------------

@@ -6,10 +6,10 @@ shipped name, `answers.ndjson.xz` a line for each case: set, effect, reason, tie
 
 import json
 import lzma
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from policies import canonical, decide, load, load_shipped, replay
+from policies import ApprovalReading, canonical, decide, load, load_shipped, replay
 from policies.reasons import REASONS
 
 HERE = Path(__file__).parent
@@ -47,10 +47,7 @@ class Difference:
 
 def answer(decision):
     """What is recorded of this decision. Remedies are texts for people and may be reworded."""
-    findings = [
-        (f.primitive, f.reason, {key: value for key, value in f.detail.items() if key != "remedy"})
-        for f in decision.findings
-    ]
+    findings = [(f.primitive, f.reason, _said(f.detail)) for f in decision.findings]
     whole = (
         decision.effect, decision.reason, decision.primitive, findings, decision.tier, decision.index,
         decision.obligations, decision.lifetime_ms, decision.approval,
@@ -58,6 +55,14 @@ def answer(decision):
     tier = None if decision.tier is None else int(decision.tier)
     digest = canonical.digest("answer", whole)[:DIGEST_DIGITS]
     return Answer(str(decision.effect), str(decision.reason), tier, digest)
+
+
+def _said(detail):
+    """A finding's detail without the remedy, and without the digests of sets, which change with every set."""
+    kept = {key: value for key, value in detail.items() if key != "remedy"}
+    if "differs" in kept:
+        kept["differs"] = [{"what": d["what"]} if d["what"] == "policy_digest" else d for d in kept["differs"]]
+    return kept
 
 
 def lines(path):
@@ -76,10 +81,19 @@ def loaded_sets(rows):
 
 
 def decisions():
-    """Every recorded decision taken again: (case, set, document, recorded answer, decision now)."""
-    policies = loaded_sets(json.loads(SETS.read_text("ascii")))
+    """Every recorded decision taken again: (case, set, document, recorded answer, decision now).
+
+    An approval that was given under one of the sets is one under that set as it is now.
+    """
+    rows = json.loads(SETS.read_text("ascii"))
+    policies = loaded_sets(rows)
+    now_called = {row["digest"]: loaded.digest for row, loaded in zip(rows, policies, strict=True)}
     for number, (document, answers) in enumerate(zip(lines(CASES), lines(ANSWERS), strict=True)):
         case = replay.read(document)
+        approval = case.evidence.approval
+        if isinstance(approval, ApprovalReading) and approval.policy_digest in now_called:
+            renamed = replace(approval, policy_digest=now_called[approval.policy_digest])
+            case = replace(case, evidence=replace(case.evidence, approval=renamed))
         for which, effect, reason, tier, digest in answers:
             now = decide(case.request, case.evidence, policies[which])
             yield number, f"set {which} ({policies[which].name})", document, Answer(effect, reason, tier, digest), now

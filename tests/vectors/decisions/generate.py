@@ -96,6 +96,7 @@ def case(seed, home):
 def generate():
     rows = sets()
     policies = loaded_sets(rows)
+    rows = [{**row, "digest": loaded.digest} for row, loaded in zip(rows, policies, strict=True)]
     documents, answers = [], []
     for i in range(CASE_COUNT):
         # every other case is of a set that is shipped
