@@ -40,13 +40,13 @@ _HOUSE: Final = Charge(0, "The house or the world brought it about, not the agen
 _WAITING: Final = Charge(0, "Time or a person has to do something; asking meanwhile is no wrong.")
 _CONSEQUENCE: Final = Charge(0, "It follows from low trust or a deviation: charging it would feed on itself.")
 _VICTIM: Final = Charge(0, "Somebody else wrote the text: whoever poisons a text must not choose who is charged.")
-_SLIP: Final = Charge(100, "An honest agent gets a number wrong now and then: ten slips are one wrong.")
-_PHYSICS: Final = Charge(200, "An honest planner can be surprised by the world, but not five times as often as not.")
+_SLIP: Final = Charge(50, "An honest agent gets a number wrong now and then: twenty slips are one wrong.")
+_PHYSICS: Final = Charge(200, "The world surprised its planner, or it tried: five times is one wrong.")
 _WRONG: Final = Charge(1_000, "An agent knows what it was lent; it asked for something else.")
 _PERSON: Final = Charge(1_000, "A person looked at what it wanted and said no.")
 _AGAIN: Final = Charge(1_000, "The proof is the agent's own, used twice; only that it sent it itself is not proven.")
 _BEYOND: Final = Charge(5_000, "It tried to get, or to pass on, more authority than it has.")
-_UNLISTED: Final = Charge(100, "A refusal of which nothing is known counts as a slip.")
+_UNLISTED: Final = Charge(50, "A refusal of which nothing is known counts as a slip.")
 
 CHARGES: Final[Mapping[str, Charge]] = MappingProxyType(
     {

@@ -46,6 +46,8 @@ SHOWN: Final = {
 }
 """Agents whose detectors are drawn, and for how many acts after the change."""
 DOTS: Final = 80
+DRAWN: Final = 20
+"""Runs of each change whose delays are drawn."""
 
 
 def plot(directory: Path, *, seed: int) -> tuple[Path, ...]:
@@ -93,10 +95,10 @@ def _trust(pyplot: Any) -> Any:
     ]
     lying.plot(range(21), praise, "k:", label="for what another saw do wrong")
     lying.set(title="false words, all at one instant", xlabel="words of each reporter", ylim=(0, 850))
-    for axes in (fading, playing, lying):
+    for axes, place in ((fading, "lower right"), (playing, "upper right"), (lying, (0.38, 0.5))):
         axes.axhline(PRIOR, color="grey", linewidth=0.6)
         axes.axhline(THETA, color="grey", linewidth=0.6, linestyle="--")
-        axes.legend(fontsize=7, loc="lower right")
+        axes.legend(fontsize=7, loc=place)
     return figure
 
 
@@ -147,10 +149,10 @@ def _share(career: Career, watch: Watch, before: Career) -> float:
 def _delays(pyplot: Any, seed: int) -> Any:
     figure, axes = pyplot.subplots(figsize=(8, 4), layout="constrained")
     names = [change.name for change in CHANGES]
-    found = [[run.acts for n in range(20) if (run := _one(change, seed + n)) is not None] for change in CHANGES]
+    found = [[run.acts for n in range(DRAWN) if (run := _one(change, seed + n)) is not None] for change in CHANGES]
     axes.boxplot(found, orientation="horizontal", whis=(0, 100), tick_labels=names)
     axes.plot([change.bar for change in CHANGES], range(1, len(CHANGES) + 1), "r|", markersize=12, label="bar")
-    axes.set(xlabel="acts until the first deviation (box: middle half; whiskers: all of 20)", xscale="log")
+    axes.set(xlabel=f"acts until the first deviation (box: middle half; whiskers: all of {DRAWN})", xscale="log")
     axes.invert_yaxis()
     axes.legend()
     return figure

@@ -271,7 +271,7 @@ def test_nobody_is_charged_for_strangers_the_house_or_the_consequences(reason):
         ("DEFER", "none", "TIER_NEEDS_APPROVAL", 0, 0),
         ("DEFER", "none", "NOT_GRANTED", 0, 0),
         ("DENY", "none", "NOT_GRANTED", 0, 1_000),
-        ("DENY", "none", "SOMETHING_NEW", 0, 100),
+        ("DENY", "none", "SOMETHING_NEW", 0, 50),
     ],
 )
 def test_what_each_end_of_a_request_counts(effect, outcome, reason, good, bad):
