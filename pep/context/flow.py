@@ -71,7 +71,7 @@ class Full:
 
 @dataclass(slots=True)
 class _Memory:
-    """What is remembered of one agent: a label and its time for each context, and of all that are told apart no more.
+    """What is remembered of one agent: a label and its time for each context, the one that changed last at the end.
 
     `begun` keeps readers that are open, also those that have read nothing: a reader of which nothing is known is
     closed.
@@ -79,7 +79,6 @@ class _Memory:
 
     contexts: OrderedDict[str, tuple[Label, int]] = field(default_factory=OrderedDict)
     begun: dict[str, tuple[Label, int] | None] = field(default_factory=dict)
-    earlier: tuple[Label, int] | None = None
     touched_ms: int = 0
 
 
@@ -133,9 +132,9 @@ class Flow:
                 return None
             before = memory.contexts.pop(into.holder.hop_id, None) or _all(memory, now_ms)
             memory.contexts[into.holder.hop_id] = _more(before, label, now_ms)
-            while len(memory.contexts) > HOPS:
-                _, (oldest, since_ms) = memory.contexts.popitem(last=False)
-                memory.earlier = _more(memory.earlier, aged(oldest, now_ms - since_ms), now_ms)
+            if len(memory.contexts) > HOPS:
+                # nothing is lost by this: the context that has just begun, began with it
+                memory.contexts.popitem(last=False)
             return None
 
     def label(self, of: Context) -> Label:
@@ -203,9 +202,7 @@ def _more(held: tuple[Label, int] | None, label: Label, now_ms: int) -> tuple[La
 
 def _all(memory: _Memory, now_ms: int) -> tuple[Label, int] | None:
     """Everything that entered any context of the agent but its readers'; None when nothing did."""
-    held = list(memory.contexts.values())
-    if memory.earlier is not None:
-        held.append(memory.earlier)
+    held = memory.contexts.values()
     return (_bounded(joined(_at(one, now_ms) for one in held)), now_ms) if held else None
 
 

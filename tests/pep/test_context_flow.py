@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pep.context import flow as flow_module
 from pep.context.flow import HOPS, KEPT_MS, OTHERS, READERS, SIGNERS, Context, Flow, Full, Holder, own
 from policies.labels import NOBODY, Integrity, Label, Source, joined
 from tests.capabilities.world import NOW
@@ -123,6 +125,20 @@ def test_what_is_told_apart_no_more_is_not_forgotten():
         here.enter(Context(Holder(f"{n:032x}", "robotic")), SENSED)
     assert here.label(HERE).tainted
     assert here.label(Context(Holder("ff" * 16, "robotic"))).tainted
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), labels), max_size=20))
+def test_with_little_memory_nothing_is_lost(entered):
+    """Two contexts of an agent are told apart, six are used: a new one begins with all that ever entered any."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(flow_module, "HOPS", 2)
+        here, _ = flow()
+        for n, label in entered:
+            here.enter(Context(Holder(f"{n:032x}", "robotic")), label)
+            assert no_better(here.label(Context(Holder(f"{n:032x}", "robotic"))), label)
+        new = here.label(Context(Holder("ff" * 16, "robotic")))
+        assert new == joined((own(HOLDER), *(label for _, label in entered)))
+        assert all(len(memory.contexts) <= 2 for memory in here._memory.values())
 
 
 def test_who_is_too_many_enters_nothing():
