@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 from capabilities import bounds
 from capabilities.bounds import bound_to_json, limits_to_json, nearest, permits, size, within
 from capabilities.errors import FaultCode, ScopeError
+from capabilities.hashed import Hashed
 from capabilities.scope import Grant, Limit, Restriction, Scope, Widening
-from capabilities.well_formed import TIME_LIMIT, well_formed, well_formed_restriction
+from capabilities.well_formed import TIME_LIMIT, well_formed, well_formed_grants, well_formed_restriction
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,13 +34,13 @@ __all__ = [
     "size",
     "stated",
     "well_formed",
+    "well_formed_grants",
     "well_formed_restriction",
     "within",
 ]
 
 Grants: TypeAlias = tuple[Grant, ...]
-LayOver: TypeAlias = "Callable[[Grants, Grants], Grants]"
-CompareGrants: TypeAlias = "Callable[[Grants, Grants], Narrowing]"
+LayOver: TypeAlias = "Callable[[Grants, Grants], tuple[Grants, Narrowing]]"
 COUNTED: Final = ("grants", "limits", "ceiling", "audiences", "delegates")
 """The dimensions in which a hop must take something away. Depth and window shrink at every hop anyway."""
 
@@ -57,15 +58,17 @@ class Narrowing:
     strict: frozenset[str]
 
 
+_SAME: Final = Narrowing((), frozenset())
+
 # --- the order -------------------------------------------------------------------------------------------------------
 
 
 def narrows(child: Scope, parent: Scope) -> Narrowing:
     """Every place where `child` has more than `parent`, and the dimensions in which it has strictly less."""
-    return _compare(child, parent, parent.depth)
+    return _compare(child, parent, parent.depth, _compare_grants(child.grants, parent.grants))
 
 
-def compare_grants(child: Grants, parent: Grants) -> Narrowing:
+def _compare_grants(child: Grants, parent: Grants) -> Narrowing:
     """`narrows` of scopes that have these grants and are equal otherwise."""
     widenings: list[Widening] = []
     strict: set[str] = set()
@@ -82,11 +85,10 @@ def compare_grants(child: Grants, parent: Grants) -> Narrowing:
     return Narrowing(tuple(widenings), frozenset(strict))
 
 
-def _compare(child: Scope, parent: Scope, depth: int, compare: CompareGrants = compare_grants) -> Narrowing:
-    """As `narrows`, with `depth` as the parent's."""
-    of_grants = compare(child.grants, parent.grants)
-    widenings = list(of_grants.widenings)
-    strict = set(of_grants.strict)
+def _compare(child: Scope, parent: Scope, depth: int, of_grants: Narrowing) -> Narrowing:
+    """As `narrows`, with `depth` as the parent's and the grants compared already."""
+    widenings: list[Widening] = []
+    strict: set[str] = set()
     if child.ceiling > parent.ceiling:
         widenings.append(Widening("ceiling", "ceiling", parent.ceiling, child.ceiling, parent.ceiling))
     elif child.ceiling < parent.ceiling:
@@ -99,7 +101,9 @@ def _compare(child: Scope, parent: Scope, depth: int, compare: CompareGrants = c
         widenings.append(Widening("depth", "depth", depth, child.depth, depth))
     if child.not_before < parent.not_before or child.not_after > parent.not_after:
         widenings.append(_window(child, parent))
-    return Narrowing(tuple(widenings), frozenset(strict))
+    if not widenings and not strict:
+        return of_grants
+    return Narrowing((*of_grants.widenings, *widenings), of_grants.strict | strict)
 
 
 def _compare_limits(child: Grant, parent: Grant, widenings: list[Widening], strict: set[str]) -> None:
@@ -223,19 +227,32 @@ def _meet_grants(a: Grant, b: Grant) -> Grant | None:
 # --- one hop ---------------------------------------------------------------------------------------------------------
 
 
-def lay_over(parent: Grants, restriction: Grants) -> Grants:
-    """The grants that a restriction keeps, with what it leaves out of them as the parent has it."""
+def lay_over(parent: Grants, restriction: Grants) -> tuple[Grants, Narrowing]:
+    """The grants that a restriction keeps, with what it leaves out of them as the parent has it; and how they compare.
+
+    Costly beside the rest of `hop`, and the same for every token that lends the same.
+    """
     known = {(grant.object, grant.operation): grant for grant in parent}
-    return tuple([_lay_over(known.get((grant.object, grant.operation)), grant) for grant in restriction])
+    child = Hashed([_lay_over(known.get((grant.object, grant.operation)), grant) for grant in restriction])
+    return child, _compare_grants(child, parent)
 
 
-def stated(parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over) -> Scope:
+def stated(parent: Scope, restriction: Restriction) -> Scope:
     """The child as the restriction states it, wider places included.
 
     What the restriction leaves out is the parent's very object, with one hop less of depth.
     """
-    return Scope(
-        grants=parent.grants if restriction.grants is None else lay(parent.grants, restriction.grants),
+    child, _ = _stated(parent, restriction, lay_over)
+    return child
+
+
+def _stated(parent: Scope, restriction: Restriction, lay: LayOver) -> tuple[Scope, Narrowing]:
+    """The child as it is stated, and how its grants compare with the parent's."""
+    grants, of_grants = parent.grants, _SAME
+    if restriction.grants is not None:
+        grants, of_grants = lay(parent.grants, restriction.grants)
+    child = Scope(
+        grants=grants,
         ceiling=parent.ceiling if restriction.ceiling is None else restriction.ceiling,
         audiences=parent.audiences if restriction.audiences is None else restriction.audiences,
         delegates=parent.delegates if restriction.delegates is None else restriction.delegates,
@@ -243,6 +260,7 @@ def stated(parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over) 
         not_before=parent.not_before if restriction.not_before is None else restriction.not_before,
         not_after=parent.not_after if restriction.not_after is None else restriction.not_after,
     )
+    return child, of_grants
 
 
 def _lay_over(parent: Grant | None, child: Grant) -> Grant:
@@ -263,9 +281,7 @@ def _lay_over(parent: Grant | None, child: Grant) -> Grant:
     return Grant(parent.object, parent.operation, (*limits, *tightened.values()))
 
 
-def hop(
-    parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over, compare: CompareGrants = compare_grants
-) -> Scope | Narrowing:
+def hop(parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over) -> Scope | Narrowing:
     """The child scope of a hop that may be made, or how it fails (docs/spec.md 1.2, [TOK-6]).
 
     It may be made when the stated child is nowhere wider than the parent with one hop less of depth, has strictly less
@@ -277,10 +293,9 @@ def hop(
         parent: of the hop.
         restriction: what the hop takes away.
         lay: `lay_over`, or one that remembers.
-        compare: `compare_grants`, or one that remembers.
     """
-    child = stated(parent, restriction, lay=lay)
-    found = _compare(child, parent, parent.depth - 1, compare)
+    child, of_grants = _stated(parent, restriction, lay)
+    found = _compare(child, parent, parent.depth - 1, of_grants)
     if parent.depth < 1:
         return replace(found, widenings=(*found.widenings, Widening("depth", "depth", 0, 1)))
     if child.not_before >= child.not_after and not any(place.dimension == "window" for place in found.widenings):

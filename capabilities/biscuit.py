@@ -7,11 +7,11 @@ into errors here.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+import functools
 from dataclasses import dataclass
 from datetime import timedelta
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Final, assert_never
+from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar, assert_never
 
 import biscuit_auth
 
@@ -20,7 +20,7 @@ from capabilities.errors import FaultCode, TokenError
 from capabilities.scope import OneOf, Range
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -34,6 +34,32 @@ _library: Any = biscuit_auth
 _PANIC: Final = "PanicException"
 _LIMITS_WORD: Final = "execution limits"
 """Part of the library's text when a Datalog limit was reached; it has no code for that. A test watches the wording."""
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def _contained(code: FaultCode) -> Callable[[Callable[_P, _T]], Callable[_P, _T]]:
+    """Turn every exception and panic of the library into a `TokenError`; let interrupts and our own errors through."""
+
+    def contain(function: Callable[_P, _T]) -> Callable[_P, _T]:
+        @functools.wraps(function)
+        def contained(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+            try:
+                return function(*args, **kwargs)
+            except TokenError:
+                raise
+            except Exception as error:  # noqa: BLE001 - whatever the library raises is a refusal
+                reached = _LIMITS_WORD in str(error)
+                raise TokenError(FaultCode.LIMIT_EXCEEDED if reached else code, type(error).__name__) from None
+            except BaseException as error:
+                if type(error).__name__ != _PANIC:
+                    raise
+                raise TokenError(code, _PANIC) from None
+
+        return contained
+
+    return contain
 
 
 class Answer(Enum):
@@ -65,17 +91,18 @@ class OpenedToken:
     def __repr__(self) -> str:
         return "OpenedToken(...)"
 
+    @_contained(FaultCode.TOKEN_MALFORMED)
     def encode(self) -> bytes:
         """The token written again, in the library's one encoding."""
-        with _contained(FaultCode.TOKEN_MALFORMED):
-            return bytes(self._biscuit.to_bytes())
+        return bytes(self._biscuit.to_bytes())
 
+    @_contained(FaultCode.TOKEN_MALFORMED)
     def external_keys(self) -> tuple[bytes | None, ...]:
         """The raw key that signed each block from outside, in order; None for none."""
-        with _contained(FaultCode.TOKEN_MALFORMED):
-            found = [self._biscuit.block_external_key(i) for i in range(self._biscuit.block_count())]
-            return tuple(None if key is None else bytes(key.to_bytes()) for key in found)
+        found = [self._biscuit.block_external_key(i) for i in range(self._biscuit.block_count())]
+        return tuple(None if key is None else bytes(key.to_bytes()) for key in found)
 
+    @_contained(FaultCode.ENGINES_DISAGREE)
     def decide(self, probe: Probe, caps: Caps) -> Answer:
         """What Biscuit's authorizer answers to one request, with nothing but that request as its own facts.
 
@@ -83,66 +110,61 @@ class OpenedToken:
             TokenError: `LIMIT_EXCEEDED` for a Datalog limit, `ENGINES_DISAGREE` for an answer that is neither yes nor
                 no.
         """
-        with _contained(FaultCode.ENGINES_DISAGREE):
-            builder = _library.AuthorizerBuilder("allow if true;")
-            builder.set_limits(_limits(builder, caps))
-            bound = {
-                "object": probe.object,
-                "operation": probe.operation,
-                **{f"v{i}": v for i, v in enumerate(probe.values)},
-            }
-            request = ", ".join(f"{{{parameter}}}" for parameter in bound)
-            builder.add_fact(_library.Fact(f"{REQUEST}({request})", bound))
-            builder.add_fact(_library.Fact(f"{CONTEXT}({{t}}, {{k}})", {"t": probe.time, "k": probe.base_tier}))
-            authorizer = builder.build(self._biscuit)
-            try:
-                authorizer.authorize()
-            except _library.AuthorizationError as refusal:
-                if str(refusal).startswith("authorization failed"):
-                    return Answer.REFUSED
-                raise
-            return Answer.ALLOWED
+        builder = _library.AuthorizerBuilder("allow if true;")
+        builder.set_limits(_limits(builder, caps))
+        bound = {
+            "object": probe.object,
+            "operation": probe.operation,
+            **{f"v{i}": v for i, v in enumerate(probe.values)},
+        }
+        request = ", ".join(f"{{{parameter}}}" for parameter in bound)
+        builder.add_fact(_library.Fact(f"{REQUEST}({request})", bound))
+        builder.add_fact(_library.Fact(f"{CONTEXT}({{t}}, {{k}})", {"t": probe.time, "k": probe.base_tier}))
+        authorizer = builder.build(self._biscuit)
+        try:
+            authorizer.authorize()
+        except _library.AuthorizationError as refusal:
+            if str(refusal).startswith("authorization failed"):
+                return Answer.REFUSED
+            raise
+        return Answer.ALLOWED
 
 
+@_contained(FaultCode.SIGNATURE_INVALID)
 def open_token(token: bytes, root: bytes) -> OpenedToken:
     """The token, with every signature checked: the root's, each block's on the next, each external one.
 
     Raises:
         TokenError: `SIGNATURE_INVALID`.
     """
-    with _contained(FaultCode.SIGNATURE_INVALID):
-        return OpenedToken(
-            _library.Biscuit.from_bytes(token, _library.PublicKey.from_bytes(root, _library.Algorithm.Ed25519))
-        )
+    return OpenedToken(_library.Biscuit.from_bytes(token, _public(root)))
 
 
+@_contained(FaultCode.TOKEN_MALFORMED)
 def seal_authority(fact: Fact, checks: Checks, *, root: Ed25519PrivateKey, root_key_id: int) -> bytes:
     """A new token of one block, signed by the root key.
 
     Raises:
         TokenError: `TOKEN_MALFORMED` when a value cannot be bound.
     """
-    with _contained(FaultCode.TOKEN_MALFORMED):
-        source = _source(fact, checks)
-        builder = _library.BiscuitBuilder(source.text, source.bound)
-        builder.set_root_key_id(root_key_id)
-        return bytes(builder.build(_private(root)).to_bytes())
+    source = _source(fact, checks)
+    builder = _library.BiscuitBuilder(source.text, source.bound)
+    builder.set_root_key_id(root_key_id)
+    return bytes(builder.build(_private(root)).to_bytes())
 
 
+@_contained(FaultCode.TOKEN_MALFORMED)
 def append_hop(token: OpenedToken, fact: Fact, checks: Checks, *, attester: Ed25519PrivateKey) -> bytes:
     """The token with one more block, signed by the attester for this place in this token alone.
 
     Raises:
         TokenError: `TOKEN_MALFORMED` when a value cannot be bound.
     """
-    with _contained(FaultCode.TOKEN_MALFORMED):
-        source = _source(fact, checks)
-        biscuit = token._biscuit  # noqa: SLF001 - this module is the class's only friend
-        private = _private(attester)
-        block = biscuit.third_party_request().create_block(private, _library.BlockBuilder(source.text, source.bound))
-        return bytes(
-            biscuit.append_third_party(_library.KeyPair.from_private_key(private).public_key, block).to_bytes()
-        )
+    source = _source(fact, checks)
+    biscuit = token._biscuit  # noqa: SLF001 - this module is the class's only friend
+    private = _private(attester)
+    block = biscuit.third_party_request().create_block(private, _library.BlockBuilder(source.text, source.bound))
+    return bytes(biscuit.append_third_party(_library.KeyPair.from_private_key(private).public_key, block).to_bytes())
 
 
 # --- Datalog ---------------------------------------------------------------------------------------------------------
@@ -219,21 +241,10 @@ def _limits(builder: Any, caps: Caps) -> Any:
     return limits
 
 
+@functools.lru_cache(maxsize=64)  # roots are few
+def _public(raw: bytes) -> Any:
+    return _library.PublicKey.from_bytes(raw, _library.Algorithm.Ed25519)
+
+
 def _private(key: Ed25519PrivateKey) -> Any:
     return _library.PrivateKey.from_bytes(key.private_bytes_raw(), _library.Algorithm.Ed25519)
-
-
-@contextmanager
-def _contained(code: FaultCode) -> Iterator[None]:
-    """Turn every exception and panic of the library into a `TokenError`; let interrupts and our own errors through."""
-    try:
-        yield
-    except TokenError:
-        raise
-    except Exception as error:  # noqa: BLE001 - whatever the library raises is a refusal
-        reached = _LIMITS_WORD in str(error)
-        raise TokenError(FaultCode.LIMIT_EXCEEDED if reached else code, type(error).__name__) from None
-    except BaseException as error:
-        if type(error).__name__ != _PANIC:
-            raise
-        raise TokenError(code, _PANIC) from None

@@ -8,15 +8,18 @@ is stated twice.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, replace
+import re
 from typing import TYPE_CHECKING, Final, TypeVar, assert_never
+
+import msgspec
 
 from capabilities import algebra, keys, text
 from capabilities import fact as facts
-from capabilities.chain import Attestation, EvidenceKind, HopGrant, Sponsor
+from capabilities.chain import Attestation, HopGrant, Sponsor
 from capabilities.checks import REMEMBERED, Alternative, Checks
 from capabilities.errors import CapabilityError, FaultCode, TokenError
 from capabilities.fact import PROFILE, AuthorityStatement, HopStatement, SponsorStatement
+from capabilities.hashed import Hashed
 from capabilities.scope import Grant, Limit, Restriction, Scope, Tier
 from capabilities.units import Parameter, Unit
 
@@ -29,10 +32,11 @@ _T = TypeVar("_T")
 
 _DIGEST_BYTES: Final = 32
 _ID_BYTES: Final = 16
+_TOKEN_ID: Final = re.compile(r"[A-Za-z0-9_-]{21}[AQgw]", re.ASCII)
+"""16 bytes in the one spelling of base64url: of the last character two bits count, the spare ones are zero."""
 
 
-@dataclass(frozen=True, slots=True)
-class AuthorityBlock:
+class AuthorityBlock(msgspec.Struct, frozen=True):
     """The first block: who stands behind the token, its first holder and the whole scope.
 
     The holder's delegator is the sponsor's subject.
@@ -45,8 +49,7 @@ class AuthorityBlock:
     scope: Scope
 
 
-@dataclass(frozen=True, slots=True)
-class HopBlock:
+class HopBlock(msgspec.Struct, frozen=True):
     """A further block: a new holder and what is taken away. The holder's delegator is the agent of the hop before."""
 
     index: int
@@ -87,7 +90,7 @@ def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStat
                 audiences=tuple(sorted(scope.audiences)),
                 delegates=tuple(sorted(scope.delegates)),
                 depth=scope.depth,
-                evidence=str(hop.attestation.kind),
+                evidence=hop.attestation.kind,
                 parameters=tuple(
                     tuple(f"{limit.parameter.name}:{limit.parameter.unit}" for limit in grant.limits)
                     for grant in scope.grants
@@ -110,7 +113,7 @@ def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStat
                 audiences=None if restriction.audiences is None else tuple(sorted(restriction.audiences)),
                 delegates=None if restriction.delegates is None else tuple(sorted(restriction.delegates)),
                 depth=restriction.depth,
-                evidence=str(hop.attestation.kind),
+                evidence=hop.attestation.kind,
                 purpose=hop.purpose,
                 role=hop.role,
             )
@@ -206,19 +209,25 @@ def hop_of(
             not_before=demanded.not_before,
             not_after=demanded.not_after,
         )
+        algebra.well_formed_restriction(rest, caps)
         if said.index != index:
             raise TokenError(FaultCode.CHAIN_BROKEN, f"not the index of block {index}")
-        algebra.well_formed_restriction(rest, caps)
     except (ValueError, CapabilityError) as error:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {type(error).__name__}") from None
     if demanded.alternatives is None:
         return HopBlock(index, hop, rest)
     kept = _kept_grants(demanded.alternatives, parent.grants)
     try:
-        algebra.well_formed_restriction(Restriction(grants=kept), caps)
+        algebra.well_formed_grants(kept, caps)
     except CapabilityError as error:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {type(error).__name__}") from None
-    return HopBlock(index, hop, replace(rest, grants=kept))
+    return HopBlock(index, hop, _with_grants(rest, kept))
+
+
+def _with_grants(rest: Restriction, grants: tuple[Grant, ...]) -> Restriction:
+    return Restriction(
+        grants, rest.ceiling, rest.audiences, rest.delegates, rest.depth, rest.not_before, rest.not_after
+    )
 
 
 def _hop(said: Said[AuthorityStatement] | Said[HopStatement], delegator: str) -> HopGrant:
@@ -231,16 +240,17 @@ def _hop(said: Said[AuthorityStatement] | Said[HopStatement], delegator: str) ->
         delegator=delegator,
         purpose=stated.purpose,
         request_digest=request_digest,
-        attestation=Attestation(EvidenceKind(stated.evidence), measurement, stated.at),
+        attestation=Attestation(stated.evidence, measurement, stated.at),
         role=stated.role,
     )
 
 
 def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
     """The members of a list of texts in ascending order, each once."""
-    if list(texts) != sorted(set(texts)):
+    members = frozenset(texts)
+    if list(texts) != sorted(members):
         raise ValueError("a list out of order, or with a member twice")
-    return frozenset(texts)
+    return members
 
 
 # What is made of the checks is remembered: a renewed token has the same ones, and so has the next agent's.
@@ -249,7 +259,7 @@ def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
 @functools.lru_cache(maxsize=REMEMBERED)
 def _whole_grants(alternatives: tuple[Alternative, ...], parameters: tuple[tuple[str, ...], ...]) -> tuple[Grant, ...]:
     """The grants of a first block: what its check keeps, under the names and units that it states beside."""
-    return tuple(
+    return Hashed(
         Grant(
             kept.object,
             kept.operation,
@@ -282,7 +292,7 @@ def _kept_grants(alternatives: tuple[Alternative, ...], parent: tuple[Grant, ...
                 tuple(Limit(limit.parameter, bound) for limit, bound in stated if bound is not None),
             )
         )
-    return tuple(found)
+    return Hashed(found)
 
 
 # --- the rules of the values -----------------------------------------------------------------------------------------
@@ -296,7 +306,7 @@ def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
     """
     match block:
         case AuthorityBlock():
-            if len(keys.unb64u(block.token_id)) != _ID_BYTES:
+            if _TOKEN_ID.fullmatch(block.token_id) is None:
                 raise TokenError(FaultCode.TOKEN_MALFORMED, "a token id is 16 bytes in base64url")
             text.url(block.sponsor.issuer, most_bytes=caps.text_bytes)
             text.name(block.sponsor.subject, most_bytes=caps.text_bytes)
@@ -307,14 +317,15 @@ def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
             algebra.well_formed_restriction(block.restriction, caps)
         case _:
             assert_never(block)
+    if len(bytes.fromhex(block.hop.hop_id)) != _ID_BYTES or block.hop.hop_id != block.hop.hop_id.lower():
+        raise TokenError(FaultCode.TOKEN_MALFORMED, "a hop id is 32 hex digits")
+    text.name(block.hop.delegator, most_bytes=caps.text_bytes)
     _well_formed_hop(block.hop, caps)
 
 
 def _well_formed_hop(hop: HopGrant, caps: Caps) -> None:
-    if len(bytes.fromhex(hop.hop_id)) != _ID_BYTES or hop.hop_id != hop.hop_id.lower():
-        raise TokenError(FaultCode.TOKEN_MALFORMED, "a hop id is 32 hex digits")
+    """Of a hop that was read: its id was written from bytes here, and its delegator is the agent of the hop before."""
     text.agent_id(hop.agent, most_bytes=caps.text_bytes)
-    text.name(hop.delegator, most_bytes=caps.text_bytes)
     if hop.role:
         text.name(hop.role, most_bytes=caps.text_bytes - len(text.ROLE_PREFIX))
     text.prose(hop.purpose, most_bytes=caps.purpose_bytes)

@@ -8,12 +8,15 @@ specification, with nothing more in it.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from google.protobuf.message import DecodeError
+
 from capabilities.errors import FaultCode, TokenError
+from capabilities.hashed import Hashed
 from capabilities.scope import Bound, OneOf, Range
-from capabilities.wire import exactly
+from capabilities.wire import MESSAGES, exactly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -43,17 +46,6 @@ class Alternative:
     object: str
     operation: str
     bounds: tuple[Bound | None, ...]
-    _hash: int = field(default=0, init=False, repr=False, compare=False)
-
-    def __hash__(self) -> int:
-        # Computed once: what is remembered about checks is looked up by them.
-        if not self._hash:
-            object.__setattr__(self, "_hash", hash((self.object, self.operation, self.bounds)) or 1)
-        return self._hash
-
-    def __reduce__(self) -> tuple[type[Alternative], tuple[str, str, tuple[Bound | None, ...]]]:
-        # Without the hash, which another process computes differently.
-        return Alternative, (self.object, self.operation, self.bounds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,19 +84,20 @@ def read(symbols: tuple[str, ...], encoded: Sequence[bytes]) -> Checks:
         TokenError: `CHAIN_BROKEN` when they are not, in order, at most one over the request and at most one over its
             context, in the forms of the specification.
     """
+    _check_texts(symbols)
+    alternatives = _request(symbols, encoded[0]) if encoded else None
+    rest = encoded if alternatives is None else encoded[1:]
+    if len(rest) > 1:
+        raise _odd("a check too many")
+    if not rest:
+        return Checks(alternatives, None, None, None)
+    return Checks(alternatives, *_context(symbols, rest[0]))
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _check_texts(symbols: tuple[str, ...]) -> None:
     if len(set(symbols)) != len(symbols) or not set(symbols).isdisjoint(_KNOWN):
         raise _odd("a text twice")
-    alternatives = None
-    not_before = not_after = ceiling = None
-    rest = list(encoded)
-    if rest and (found := _request(symbols, rest[0])) is not None:
-        alternatives = found
-        rest.pop(0)
-    if rest:
-        not_before, not_after, ceiling = _context(symbols, rest.pop(0))
-    if rest:
-        raise _odd("a check too many")
-    return Checks(alternatives, not_before, not_after, ceiling)
 
 
 # --- over the request ------------------------------------------------------------------------------------------------
@@ -120,7 +113,7 @@ def _request(symbols: tuple[str, ...], encoded: bytes) -> tuple[Alternative, ...
     texts = _Texts(symbols)
     if any(len(query.body) != 1 or texts[query.body[0].name] != REQUEST for query in check.queries):
         return None
-    return tuple(_alternative(query, texts) for query in check.queries)
+    return Hashed(_alternative(query, texts) for query in check.queries)
 
 
 def _alternative(query: Any, texts: _Texts) -> Alternative:
@@ -170,6 +163,38 @@ def _set(term: Any) -> OneOf:
 
 def _context(symbols: tuple[str, ...], encoded: bytes) -> tuple[int | None, int | None, int | None]:
     """Lower and upper end of the window, and the ceiling, as far as they are stated; at least one is."""
+    try:
+        check = MESSAGES["Check"].FromString(encoded)
+    except DecodeError:
+        raise _odd("not a message") from None
+    if check.SerializeToString() != encoded:
+        raise _odd("another encoding")
+    numbers = [_taken_out(expression) for query in check.queries for expression in query.expressions]
+    found: list[int | None] = [None, None, None]
+    for place, number in zip(_stated(symbols, check.SerializeToString()), numbers, strict=True):
+        found[place] = number
+    not_before, not_after, ceiling = found
+    return not_before, not_after, ceiling
+
+
+def _taken_out(expression: Any) -> int:
+    """The integer on the right of a comparison, which has a zero there from now on."""
+    try:
+        constant = expression.ops[1].value
+    except IndexError:
+        raise _odd("not one operation on two terms") from None
+    if not constant.HasField("integer"):
+        raise _odd("not an integer")
+    number, constant.integer = int(constant.integer), 0
+    return number
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _stated(symbols: tuple[str, ...], encoded: bytes) -> tuple[int, ...]:
+    """Which of the three demands a check over the context makes, in order.
+
+    Remembered for a check whose numbers are taken out: another window comes with every token.
+    """
     queries = _message(encoded).queries
     if len(queries) != 1:
         raise _odd("a check over no request and no context")
@@ -177,19 +202,17 @@ def _context(symbols: tuple[str, ...], encoded: bytes) -> tuple[int | None, int 
     terms = _body(query)
     if texts[query.body[0].name] != CONTEXT or [_variable(term, texts) for term in terms] != [TIME, TIER]:
         raise _odd("not the context of a request")
-    found: list[int | None] = [None, None, None]
-    after = -1
+    places: list[int] = []
     for expression in query.expressions:
         first, second, kind = _binary(expression)
         demand = _variable(first, texts), kind
-        at = _IN_ORDER.index(demand) if demand in _IN_ORDER else after
-        if at <= after:
+        _integer(second)
+        if demand not in _IN_ORDER or (places and _IN_ORDER.index(demand) <= places[-1]):
             raise _odd("a demand of the context that is none of the three, twice, or out of order")
-        found[at], after = _integer(second), at
-    if after < 0:
+        places.append(_IN_ORDER.index(demand))
+    if not places:
         raise _odd("a check that demands nothing")
-    not_before, not_after, ceiling = found
-    return not_before, not_after, ceiling
+    return tuple(places)
 
 
 # --- pieces ----------------------------------------------------------------------------------------------------------
@@ -204,11 +227,7 @@ class _Texts:
         self._own = own
 
     def __getitem__(self, number: int) -> str:
-        if number < len(_KNOWN):
-            return _KNOWN[number]
-        if _OWN <= number < _OWN + len(self._own):
-            return self._own[number - _OWN]
-        raise _odd("a text that the block does not have")
+        return text_of(self._own, number)
 
 
 def text_of(symbols: tuple[str, ...], number: int) -> str:
@@ -217,7 +236,11 @@ def text_of(symbols: tuple[str, ...], number: int) -> str:
     Raises:
         TokenError: `CHAIN_BROKEN` when it has none.
     """
-    return _Texts(symbols)[number]
+    if number < len(_KNOWN):
+        return _KNOWN[number]
+    if _OWN <= number < _OWN + len(symbols):
+        return symbols[number - _OWN]
+    raise _odd("a text that the block does not have")
 
 
 def _message(encoded: bytes) -> Any:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 import msgspec
 
 from capabilities import checks
+from capabilities.chain import EvidenceKind  # noqa: TC001 - a decoder resolves it
 from capabilities.errors import FaultCode, TokenError
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class HopStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     audiences: tuple[str, ...] | None = None
     delegates: tuple[str, ...] | None = None
     depth: int | None = None
-    evidence: str
+    evidence: EvidenceKind
     purpose: str
     role: str = ""
 
@@ -55,7 +55,7 @@ class AuthorityStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     audiences: tuple[str, ...]
     delegates: tuple[str, ...]
     depth: int
-    evidence: str
+    evidence: EvidenceKind
     parameters: tuple[tuple[str, ...], ...]
     profile: str
     purpose: str
@@ -79,8 +79,7 @@ _AUTHORITY: Final = msgspec.json.Decoder(AuthorityStatement)
 _S = TypeVar("_S", AuthorityStatement, HopStatement)
 
 
-@dataclass(frozen=True, slots=True)
-class Said(Generic[_S]):
+class Said(msgspec.Struct, Generic[_S], frozen=True):
     """What the fact of a block says: its index, its byte strings in order, its JSON object."""
 
     index: int
@@ -100,14 +99,24 @@ def authority_said(contents: Contents) -> Said[AuthorityStatement]:
         TokenError: `WRONG_PROFILE` when the block is of another profile, `CHAIN_BROKEN` when its
             fact is not that of the profile.
     """
-    spelled = _spelled(contents)
+    _check_form(contents)
+    try:
+        said = _said(contents, _AUTHORITY)
+    except TokenError:
+        _check_profile(contents.raw[-1])  # a block of another profile has other members
+        raise
+    if said.statement.profile != PROFILE:
+        raise TokenError(FaultCode.WRONG_PROFILE, f"not {PROFILE}")
+    return said
+
+
+def _check_profile(spelled: bytes) -> None:
     try:
         profile = _PROFILE.decode(spelled).profile
-    except ValueError:
+    except (ValueError, RecursionError):
         raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object") from None
     if profile != PROFILE:
         raise TokenError(FaultCode.WRONG_PROFILE, f"not {PROFILE}")
-    return _said(contents, _AUTHORITY)
 
 
 def hop_said(contents: Contents) -> Said[HopStatement]:
@@ -116,15 +125,14 @@ def hop_said(contents: Contents) -> Said[HopStatement]:
     Raises:
         TokenError: as `authority_said`.
     """
-    _spelled(contents)
+    _check_form(contents)
     return _said(contents, _HOP)
 
 
-def _spelled(contents: Contents) -> bytes:
-    """The JSON of a fact that has the form of the profile."""
+def _check_form(contents: Contents) -> None:
+    """Pass when a fact has the form of the profile."""
     if checks.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.raw) != BYTE_STRINGS:
         raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
-    return contents.raw[-1]
 
 
 def _said(contents: Contents, decoder: msgspec.json.Decoder[_S]) -> Said[_S]:

@@ -46,6 +46,10 @@ _SMALL_ORDER_Y: Final = frozenset(
         _P - _ORDER_EIGHT_Y,
     }
 )
+_SPELLINGS_REFUSED: Final = frozenset(
+    (y | sign << 255).to_bytes(KEY_BYTES, "little") for y in (*_SMALL_ORDER_Y, *range(_P, 2**255)) for sign in (0, 1)
+)
+"""Of a point of small order, or of a y that is not below the field: there are so few of them that they are listed."""
 
 
 class Algorithm(StrEnum):
@@ -113,8 +117,7 @@ def check_raw(raw: object) -> bytes:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not bytes")
     match algorithm_of(raw):
         case Algorithm.ED25519:
-            y = int.from_bytes(raw, "little") & ((1 << 255) - 1)
-            if y >= _P or y in _SMALL_ORDER_Y:
+            if raw in _SPELLINGS_REFUSED:
                 raise BadKeyError(FaultCode.KEY_MALFORMED, "not a canonical point of large order")
         case Algorithm.P256:
             p256_point(raw)

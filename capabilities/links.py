@@ -52,8 +52,8 @@ def next_hop(parents: tuple[Hop, ...], block: HopBlock, *, reserved: frozenset[b
     _check_holder(added, block.index, parents, reserved)
     if parent.scope.depth < 1:
         raise TokenError(FaultCode.TOO_MANY_HOPS, "no depth is left")
-    names = {added.agent, ROLE_PREFIX + added.role} if added.role else {added.agent}
-    if not names & parent.scope.delegates:
+    delegates = parent.scope.delegates
+    if added.agent not in delegates and not (added.role and ROLE_PREFIX + added.role in delegates):
         raise TokenError(FaultCode.DELEGATE_NOT_ALLOWED, f"hop {parent.index} does not name this delegate")
     hop = _hop(block.index, added, _narrower(parent.scope, block))
     _check_ceiling(hop, caps)
@@ -90,11 +90,10 @@ def highest(kind: EvidenceKind, caps: Caps) -> Tier:
 
 # A renewed token has the same grants at each hop, and so has the next agent's: what is made of them is remembered.
 _lay_over: Final = functools.lru_cache(maxsize=REMEMBERED)(algebra.lay_over)
-_compare_grants: Final = functools.lru_cache(maxsize=REMEMBERED)(algebra.compare_grants)
 
 
 def _narrower(parent: Scope, block: HopBlock) -> Scope:
-    child = algebra.hop(parent, block.restriction, lay=_lay_over, compare=_compare_grants)
+    child = algebra.hop(parent, block.restriction, lay=_lay_over)
     if isinstance(child, algebra.Narrowing):
         raise TokenError(FaultCode.NOT_NARROWER, "wider, or nowhere strictly narrower", child.widenings)
     return child

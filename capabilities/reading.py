@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import msgspec
 
 from capabilities import biscuit, block, checks, fact, keys, links, wire
 from capabilities.caps import DEFAULT
@@ -15,14 +15,12 @@ from capabilities.scope_json import scope_to_json
 from capabilities.statements.revocation import named
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from capabilities.caps import Caps
+    from capabilities.statements.revocation import RevocationView
     from capabilities.trust import TrustBundle
 
 
-@dataclass(frozen=True, slots=True)
-class Read:
+class Read(msgspec.Struct, frozen=True, kw_only=True):
     """What steps 1 to 6 found.
 
     Attributes:
@@ -45,80 +43,80 @@ class Read:
     trusted: tuple[int, int]
     names: frozenset[tuple[str, str]]
 
+    def under(self, view: RevocationView) -> Chain:
+        """The chain as it is checked against this view."""
+        chain = self.chain
+        return Chain(
+            token_id=chain.token_id,
+            digest=chain.digest,
+            sponsor=chain.sponsor,
+            root_key_id=chain.root_key_id,
+            hops=chain.hops,
+            epoch=view.epoch,
+            view_age_ms=view.age_ms,
+        )
 
-class _Broken(Exception):  # noqa: N818 - not an error of the caller: it carries the fault out of the recipe
-    def __init__(self, fault: Fault) -> None:
-        super().__init__(fault.code)
-        self.fault = fault
 
+def read(token: bytes, trust: TrustBundle, caps: Caps, *, digest: bytes) -> Read | Fault:
+    """What steps 1 to 6 find in a token, or the first fault.
 
-def read(token: bytes, trust: TrustBundle, caps: Caps) -> Read | Fault:
-    """What steps 1 to 6 find in a token, or the first fault."""
+    Args:
+        token: its bytes.
+        trust: the keys that it is read under.
+        caps: the bounds.
+        digest: SHA-256 of the bytes.
+    """
+    clause = "TOK-1"
     try:
-        return _steps(token, trust, caps)
-    except _Broken as broken:
-        return broken.fault
-
-
-def _steps(token: bytes, trust: TrustBundle, caps: Caps) -> Read:
-    # [TOK-1] the size cap, before anything is parsed
-    with _clause("TOK-1"):
+        # [TOK-1] the size cap, before anything is parsed
         _check_size(token, caps)
 
-    # [TOK-2] the number of blocks, before any signature is checked
-    with _clause("TOK-2"):
+        # [TOK-2] the number of blocks, before any signature is checked
+        clause = "TOK-2"
         shape = wire.read(token)
         _check_length(shape, caps)
 
-    # [TOK-3] every signature
-    with _clause("TOK-3"):
+        # [TOK-3] every signature
+        clause = "TOK-3"
         root_key_id, root = _root_key(shape, trust)
         opened = biscuit.open_token(token, root)
 
-    # [TOK-4] every hop signed by a trusted attester, before anything that it says is read
-    with _clause("TOK-4"):
+        # [TOK-4] every hop signed by a trusted attester, before anything that it says is read
+        clause = "TOK-4"
         signers = opened.external_keys()
         _check_attested(shape, signers, trust)
 
-    # [TOK-5] canonical bytes
-    with _clause("TOK-5"):
+        # [TOK-5] canonical bytes
+        clause = "TOK-5"
         _check_canonical(opened, token)
 
-    # [TOK-6] profile, hop sequence, holder continuity, narrowing
-    with _clause("TOK-6"):
-        versions = fact.AUTHORITY_VERSION, *(fact.HOP_VERSION,) * (len(shape.blocks) - 1)
-        contents = [wire.contents(each.payload, version=v) for each, v in zip(shape.blocks, versions, strict=True)]
-        authority, hops, form = _chain(contents, trust, caps)
+        # [TOK-6] profile, hop sequence, holder continuity, narrowing
+        clause = "TOK-6"
+        authority, hops, form = _chain(_contents(shape), trust, caps)
+    except TokenError as error:
+        return Fault(error.code, clause, error.detail)
 
     chain = Chain(
         token_id=authority.token_id,
-        digest=hashlib.sha256(token).digest(),
+        digest=digest,
         sponsor=authority.sponsor,
         root_key_id=root_key_id,
         hops=hops,
         epoch=0,
         view_age_ms=0,
     )
-    attesters = tuple((signer, hop.attestation.at) for signer, hop in zip(signers, hops, strict=True) if signer)
+    attested = [hop.attestation.at for hop in hops]
+    attesters = tuple([(signer, at) for signer, at in zip(signers, attested, strict=True) if signer])
     return Read(
         chain=chain,
         opened=opened,
         form=form,
         lifetimes=_lifetimes(hops, caps),
-        attested_at=max(authority.sponsor.authenticated_at, *(hop.attestation.at for hop in hops)),
+        attested_at=max(chain.sponsor.authenticated_at, *attested),
         attesters=attesters,
-        trusted=trust.span(root_key_id, hops[0].attestation.at, attesters),
+        trusted=trust.span(root_key_id, attested[0], attesters),
         names=named(chain),
     )
-
-
-@contextmanager
-def _clause(clause: str) -> Iterator[None]:
-    """Name the clause of whatever goes wrong inside."""
-    try:
-        yield
-    except TokenError as error:
-        raise _Broken(Fault(error.code, clause, error.detail)) from None
 
 
 def _check_size(token: bytes, caps: Caps) -> None:
@@ -154,9 +152,18 @@ def _check_attested(shape: wire.Structure, signers: tuple[bytes | None, ...], tr
         raise TokenError(FaultCode.TOKEN_MALFORMED, "two readers count different blocks")
     if signers[0] is not None:
         raise TokenError(FaultCode.HOP_NOT_ATTESTED, "an authority block with a second signer")
-    for index, (signer, signed) in enumerate(zip(signers, shape.blocks, strict=True)):
-        if index and not (signed.third_party and signer in trust.attesters):
+    for index in range(1, len(signers)):
+        if not (shape.blocks[index].third_party and signers[index] in trust.attesters):
             raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"hop {index} is signed by no trusted attester")
+
+
+def _contents(shape: wire.Structure) -> list[wire.Contents]:
+    """[TOK-6]: the messages of all blocks."""
+    first, *further = shape.blocks
+    return [
+        wire.contents(first.payload, version=fact.AUTHORITY_VERSION),
+        *[wire.contents(each.payload, version=fact.HOP_VERSION) for each in further],
+    ]
 
 
 def _chain(
@@ -175,7 +182,7 @@ def _chain(
             more, demanded[-1], index=len(hops), delegator=parent.agent, parent=parent.scope, caps=caps
         )
         hops.append(links.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
-    return authority, tuple(hops), "\n".join(map(_form, demanded))
+    return authority, tuple(hops), "\n".join([_form(each) for each in demanded])
 
 
 def _form(demanded: checks.Checks) -> str:
@@ -202,7 +209,7 @@ def inspect_token(token: bytes, trust: TrustBundle, caps: Caps = DEFAULT) -> dic
     Raises:
         TokenError: with the code of the fault.
     """
-    found = read(token, trust, caps)
+    found = read(token, trust, caps, digest=hashlib.sha256(token).digest())
     if isinstance(found, Fault):
         raise TokenError(found.code, f"{found.clause} {found.detail}".strip())
     chain = found.chain

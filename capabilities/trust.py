@@ -172,14 +172,16 @@ class TrustBundle:
             root_signed_at: when hop 0 was attested, by the authority block.
             hops: for each further hop, the attester's raw key and the time of the attestation.
         """
-        root = self.roots.get(root_key_id)
         start, end = 0, self.valid_until
-        for role, raw, signed_at in (
-            (self.roots.values(), root, root_signed_at),
-            *((self.attesters, *hop) for hop in hops),
-        ):
-            window = None if raw is None or raw not in role else self.windows.get(raw)
-            if window is None or (window.tainted_at is not None and not signed_at < window.tainted_at):
+        root = self.roots.get(root_key_id)
+        if root is None:
+            return 0, 0
+        signed = [(root, root_signed_at), *hops]
+        if not self.attesters.issuperset([attester for attester, _ in signed[1:]]):
+            return 0, 0
+        for raw, signed_at in signed:
+            window = self.windows[raw]
+            if window.tainted_at is not None and not signed_at < window.tainted_at:
                 return 0, 0
             start, end = max(start, window.not_before), min(end, window.not_after)
         return start, end

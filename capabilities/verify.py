@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import threading
 from collections import OrderedDict
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 from capabilities import reading, request
@@ -48,9 +47,10 @@ class _Remembered(Generic[_K, _V]):
 
     def get(self, key: _K) -> _V | None:
         with self._lock:
-            if key in self._kept:
+            found = self._kept.get(key)
+            if found is not None:
                 self._kept.move_to_end(key)
-            return self._kept.get(key)
+            return found
 
     def put(self, key: _K, value: _V) -> None:
         with self._lock:
@@ -110,7 +110,7 @@ class Verifier:
 
     def _now(self, read: Read, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
         """Steps 7 to 9."""
-        chain = replace(read.chain, epoch=view.epoch, view_age_ms=view.age_ms)
+        chain = read.under(view)
         return (
             _check_times(read, at, self._caps)  # [TOK-7]
             or self._check_signers(read, at)  # [TRB-2] and [TRB-3]
@@ -137,10 +137,11 @@ class Verifier:
 
     def _known(self, token: bytes, view: RevocationView) -> Read | Fault:
         """What steps 1 to 6 say of a token, remembered when they pass."""
-        key = (hashlib.sha256(token).digest(), view.epoch, self._trust.version)
+        digest = hashlib.sha256(token).digest()
+        key = digest, view.epoch, self._trust.version
         read = self._read.get(key)
         if read is None:
-            found = reading.read(token, self._trust, self._caps)
+            found = reading.read(token, self._trust, self._caps, digest=digest)
             if isinstance(found, Fault):
                 return found
             read = found

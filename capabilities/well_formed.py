@@ -14,12 +14,13 @@ from capabilities.units import INT_LIMIT
 if TYPE_CHECKING:
     from capabilities.caps import Caps
 
-__all__ = ["TIME_LIMIT", "well_formed", "well_formed_restriction"]
+__all__ = ["TIME_LIMIT", "well_formed", "well_formed_grants", "well_formed_restriction"]
 
 REMEMBERED: Final = 512
 """Grants of which is remembered that they are well formed."""
 TIME_LIMIT: Final = 253_402_300_800
 """First second of the year 10000: no time in a token reaches it."""
+_HIGHEST: Final = max(Tier)
 
 
 def well_formed(scope: Scope, caps: Caps) -> Scope:
@@ -33,8 +34,8 @@ def well_formed(scope: Scope, caps: Caps) -> Scope:
     _check_grants(scope.grants, caps.grants, caps.parameters, caps.one_of, caps.text_bytes)
     if not scope.audiences:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without audience")
-    _check_names(scope.audiences, scope.delegates, caps)
-    _integer(scope.ceiling, 0, max(Tier), "ceiling")
+    _check_names(scope.audiences, scope.delegates, caps.one_of, caps.text_bytes)
+    _integer(scope.ceiling, 0, _HIGHEST, "ceiling")
     _integer(scope.depth, 0, caps.hops, "depth")
     _integer(scope.not_before, 0, TIME_LIMIT - 1, "not_before")
     _integer(scope.not_after, scope.not_before + 1, TIME_LIMIT - 1, "not_after")
@@ -48,21 +49,32 @@ def well_formed_restriction(restriction: Restriction, caps: Caps) -> Restriction
         ScopeError: as `well_formed`.
     """
     if restriction.grants is not None:
-        if not restriction.grants:
-            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no grant at all")
-        _check_grants(restriction.grants, caps.grants, caps.parameters, caps.one_of, caps.text_bytes)
-    if restriction.audiences is not None and not restriction.audiences:
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no audience at all")
-    _check_names(restriction.audiences or frozenset(), restriction.delegates or frozenset(), caps)
-    for value, most, what in (
-        (restriction.ceiling, int(max(Tier)), "ceiling"),
-        (restriction.depth, caps.hops, "depth"),
-        (restriction.not_before, TIME_LIMIT - 1, "not_before"),
-        (restriction.not_after, TIME_LIMIT - 1, "not_after"),
-    ):
-        if value is not None:
-            _integer(value, 0, most, what)
+        well_formed_grants(restriction.grants, caps)
+    if restriction.audiences is not None or restriction.delegates is not None:
+        if restriction.audiences is not None and not restriction.audiences:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no audience at all")
+        audiences, delegates = restriction.audiences or frozenset(), restriction.delegates or frozenset()
+        _check_names(audiences, delegates, caps.one_of, caps.text_bytes)
+    if restriction.ceiling is not None:
+        _integer(restriction.ceiling, 0, _HIGHEST, "ceiling")
+    if restriction.depth is not None:
+        _integer(restriction.depth, 0, caps.hops, "depth")
+    if restriction.not_before is not None:
+        _integer(restriction.not_before, 0, TIME_LIMIT - 1, "not_before")
+    if restriction.not_after is not None:
+        _integer(restriction.not_after, 0, TIME_LIMIT - 1, "not_after")
     return restriction
+
+
+def well_formed_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
+    """Pass when the grants that a restriction states keep the rules of the profile.
+
+    Raises:
+        ScopeError: as `well_formed`.
+    """
+    if not grants:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no grant at all")
+    _check_grants(grants, caps.grants, caps.parameters, caps.one_of, caps.text_bytes)
 
 
 def _integer(value: object, low: int, high: int, what: str) -> None:
@@ -106,10 +118,11 @@ def _check_bound(bound: Bound, one_of: int) -> None:
             assert_never(bound)
 
 
-def _check_names(audiences: frozenset[str], delegates: frozenset[str], caps: Caps) -> None:
-    if max(len(audiences), len(delegates)) > caps.one_of:
-        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {caps.one_of} audiences or delegates")
+@functools.lru_cache(maxsize=REMEMBERED)  # likewise
+def _check_names(audiences: frozenset[str], delegates: frozenset[str], most: int, text_bytes: int) -> None:
+    if max(len(audiences), len(delegates)) > most:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {most} audiences or delegates")
     for audience in audiences:
-        text.url(audience, most_bytes=caps.text_bytes)
+        text.url(audience, most_bytes=text_bytes)
     for delegate in delegates:
-        text.delegate(delegate, most_bytes=caps.text_bytes)
+        text.delegate(delegate, most_bytes=text_bytes)

@@ -115,7 +115,13 @@ class RevocationView:
         return next((name for name in candidates if name in self.revoked), None)
 
 
+# As the pairs spell them: a member of an enumeration makes a new text each time that it is asked for one.
 _AUDIENCE: Final = str(Revoked.AUDIENCE)
+_SPONSOR: Final = str(Revoked.SPONSOR)
+_TOKEN: Final = str(Revoked.TOKEN)
+_HOP: Final = str(Revoked.HOP)
+_AGENT: Final = str(Revoked.AGENT)
+_KEY: Final = str(Revoked.KEY)
 
 
 def named(chain: Chain) -> frozenset[tuple[str, str]]:
@@ -125,12 +131,12 @@ def named(chain: Chain) -> frozenset[tuple[str, str]]:
 
 def _names(chain: Chain) -> Iterator[tuple[str, str]]:
     """Sponsor, token, and of each hop its id, agent and key."""
-    yield str(Revoked.SPONSOR), chain.sponsor.subject
-    yield str(Revoked.TOKEN), chain.token_id
+    yield _SPONSOR, chain.sponsor.subject
+    yield _TOKEN, chain.token_id
     for hop in chain.hops:
-        yield str(Revoked.HOP), hop.hop_id
-        yield str(Revoked.AGENT), hop.agent
-        yield str(Revoked.KEY), keys.thumbprint(hop.key)
+        yield _HOP, hop.hop_id
+        yield _AGENT, hop.agent
+        yield _KEY, keys.thumbprint(hop.key)
 
 
 def sign(index: RevocationIndex, key: PrivateKey) -> str:

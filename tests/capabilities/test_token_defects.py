@@ -280,6 +280,10 @@ BROKEN_AUTHORITY = {
     "a method that is no name": with_sponsor(method=""),
     "authenticated at no time": with_sponsor(authenticated_at="now"),
     "no token id": without("token"),
+    "a member nested too deep": lambda fact: (
+        fact[0],
+        (*fact[1][:-1], b'{"profile":"ztpm/1","x":' + b"[" * 3_000 + b"]" * 3_000 + b"}"),
+    ),
     "a short token id": stating(token="x"),
     "a token id in another spelling": stating(token="AAAAAAAAAAAAAAAAAAAAAB"),
     "no audiences": without("audiences"),

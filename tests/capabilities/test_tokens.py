@@ -456,7 +456,7 @@ def test_depth_runs_out():
         ({"hop": grant_to("orchestrator", "bob")}, FaultCode.CHAIN_BROKEN),
         ({"hop": grant_to("role:boss", "alice")}, FaultCode.STATEMENT_MALFORMED),
         ({"hop": grant_to("orchestrator", "alice", purpose="x" * 513)}, FaultCode.STATEMENT_MALFORMED),
-        ({"token_id": "short"}, FaultCode.KEY_MALFORMED),
+        ({"token_id": "short"}, FaultCode.TOKEN_MALFORMED),
         ({"token_id": keys.b64u(b"x" * 15)}, FaultCode.TOKEN_MALFORMED),
         ({"caps": replace(DEFAULT, token_bytes=500)}, FaultCode.TOKEN_TOO_LARGE),
     ],

@@ -1,0 +1,22 @@
+"""A tuple that is hashed once. The memories of this package look up what a token says with every token."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+_T = TypeVar("_T")
+
+
+class Hashed(tuple[_T, ...]):  # noqa: SLOT001 - its hash has to stand somewhere
+    """Equal to the plain tuple of the same members, and found where that is."""
+
+    _hash: int | None = None
+
+    def __hash__(self) -> int:
+        if self._hash is None:
+            self._hash = super().__hash__()
+        return self._hash
+
+    def __reduce__(self) -> tuple[type[tuple[_T, ...]], tuple[list[_T]]]:
+        # Without the hash, which another process computes differently.
+        return tuple, (list(self),)
