@@ -125,6 +125,10 @@ def test_a_denial_is_explained_down_to_the_primitive(run, file):
     impact = next(p for p in body["policies"] if p["id"] == "impact")
     trust = next(part for part in impact["predicate"]["parts"] if part["what"] == "CATP-3")
     assert (trust["verdict"], trust["findings"][0]["reason"]) == ("defers", "TRUST_TOO_LOW")
+    change = body["changes"][0]
+    assert (change["means"], change["lifts"], change["effect"]) == ("approval", ["TRUST_TOO_LOW"], "PERMIT")
+    shown = run("policy", "explain", "paper-default", "--request", path)
+    assert "what would change the answer" in shown.out
 
 
 @pytest.mark.parametrize(

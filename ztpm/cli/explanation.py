@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from rich.text import Text
 from rich.tree import Tree
 
-from policies import canonical
 from ztpm.cli.output import USAGE, console, fail, plain, say_json
 from ztpm.cli.policy_set import open_set
 
@@ -100,14 +98,21 @@ def _past(path: Path, record: str, *, as_json: bool) -> tuple[Past, Recorded]:
         fail("UNREADABLE", f"{path}: {error}", as_json=as_json)
 
 
-def _counsel(recorded: Recorded, found: Explanation, policies: PolicySet) -> list[object]:
-    """What would change the answer, as plain JSON."""
-    try:
-        counsel = importlib.import_module("policies.counsel")
-    except ModuleNotFoundError:
-        return []
-    changes = counsel.remedies(recorded.request, recorded.evidence, policies, found.decision)
-    return [canonical.plain(change) for change in changes]
+def _counsel(recorded: Recorded, found: Explanation, policies: PolicySet) -> list[dict[str, object]]:
+    """What would change the answer, the nearest to hand first; each that can be supposed was decided again."""
+    from pep.records import jsonable
+    from policies.counsel import remedies
+
+    return [
+        {
+            "means": str(remedy.means),
+            "lifts": [str(reason) for reason in remedy.lifts],
+            "detail": jsonable(remedy.detail),
+            "effect": None if remedy.effect is None else str(remedy.effect),
+            "remains": [str(reason) for reason in remedy.remains],
+        }
+        for remedy in remedies(recorded.request, recorded.evidence, policies, found.decision)
+    ]
 
 
 def _then(past: Past | None) -> dict[str, object] | None:
@@ -198,7 +203,7 @@ def _finding(finding: Finding) -> dict[str, object]:
 # --- for people ------------------------------------------------------------------------------------------------------
 
 
-def _tree(found: Explanation, counsel: list[object]) -> Tree:
+def _tree(found: Explanation, counsel: list[dict[str, object]]) -> Tree:
     decision, request = found.decision, found.request
     head = _styled(str(decision.effect))
     head.append(f" {decision.reason}", style="bold")
@@ -223,8 +228,8 @@ def _tree(found: Explanation, counsel: list[object]) -> Tree:
     tree.add(Text(f"obligations: {owed}"))
     if counsel:
         changes = tree.add("what would change the answer")
-        for each in counsel:
-            changes.add(Text(plain(each if isinstance(each, str) else json.dumps(each, ensure_ascii=False))))
+        for remedy in counsel:
+            _add_remedy(changes, remedy)
     return tree
 
 
@@ -276,6 +281,16 @@ def _add_finding(tree: Tree, finding: Finding, before: str = "") -> None:
     detail = jsonable({key: value for key, value in finding.detail.items() if key != "remedy"})
     said = json.dumps(detail, ensure_ascii=False) if detail else ""
     tree.add(Text(plain(f"{before} {finding.primitive} {finding.reason} {said}".strip())))
+
+
+def _add_remedy(tree: Tree, remedy: dict[str, Any]) -> None:
+    """One suggestion: the means, in numbers and names, and what came of it when it was supposed."""
+    detail = ", ".join(f"{key} {json.dumps(value, ensure_ascii=False)}" for key, value in remedy["detail"].items())
+    label = Text(plain(f"{remedy['means']} ({', '.join(remedy['lifts'])}){': ' if detail else ''}{detail} -> "))
+    label.append_text(
+        Text("not known before it is asked", "dim") if remedy["effect"] is None else _styled(remedy["effect"])
+    )
+    tree.add(label.append(f" {' '.join(remedy['remains'])}" if remedy["remains"] else ""))
 
 
 def _styled(word: str) -> Text:
