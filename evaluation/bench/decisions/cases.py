@@ -13,7 +13,7 @@ from policies.combine import checks
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from evaluation.bench.decisions.facts import Fact
+    from evaluation.bench.decisions.readings import Fact
 
 POINTS: Final = frozenset({Point.TOOL, Point.ACTUATION})
 """One gate run stands for both."""

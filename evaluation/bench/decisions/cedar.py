@@ -19,7 +19,8 @@ from policies import Effect
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from evaluation.bench.decisions.facts import Fact, Situation
+    from evaluation.bench.decisions.facts import Situation
+    from evaluation.bench.decisions.readings import Fact
 
 NAME = "cedarpy"
 GROUPED = "cedarpy, two rules"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final
 
-from evaluation.bench.decisions.facts import VERIFIED
+from evaluation.bench.decisions.readings import VERIFIED
 from policies import Effect, Point, PolicySet
 from policies.combine import AllOf, Check, conjuncts
 from policies.primitives import cognition, governance, identity, propagation, sequence, tools

@@ -16,8 +16,8 @@ from evaluation.bench.decisions.casbin_abac import NAME as CASBIN
 from evaluation.bench.decisions.casbin_abac import Casbin
 from evaluation.bench.decisions.cedar import GROUPED, Cedar, GroupedCedar
 from evaluation.bench.decisions.cedar import NAME as CEDAR
-from evaluation.bench.decisions.facts import VERIFIED
 from evaluation.bench.decisions.ours import Ours, Recorded
+from evaluation.bench.decisions.readings import VERIFIED
 from evaluation.bench.decisions.rego import NAME as REGO
 from evaluation.bench.decisions.rego import Rego
 from evaluation.bench.decisions.report import Result, Row
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
     from evaluation.bench.decisions.cases import Case
     from evaluation.bench.decisions.engine import Engine, Said
-    from evaluation.bench.decisions.facts import Fact, Situation
+    from evaluation.bench.decisions.facts import Situation
+    from evaluation.bench.decisions.readings import Fact
     from evaluation.bench.decisions.rules import Rule
     from evaluation.bench.timing import Series
     from policies import PolicySet
