@@ -2,7 +2,8 @@
 
 An argument of a call has the label of a receipt only where it *is* the admitted value, or a part of it at a stated
 place. Every other argument is the holder's own choice, and derives from all that is known of the holder's context and
-from every receipt that was presented with it. So a receipt that is left out gains nothing, and one that is added costs.
+from every receipt that was presented with it. So a receipt that is left out gains no integrity, and one that is added
+costs. The taint that a holder hides by leaving one out is known only where its context is (`pep.context.flow`).
 
 A receipt vouches for a number in its unit, never for what the holder uses it for: scope, limits and physics judge that.
 """
