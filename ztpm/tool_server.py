@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Final
 import httpx2
 import uvicorn
 
+from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.freshness import Memory, earliest_iat_s, retention_ms
 from capabilities.verify import Verifier
@@ -35,6 +36,7 @@ from pep.approvals import Asks
 from pep.asking import Asking
 from pep.authority import Authority
 from pep.clock import HeldClock, SystemClock, TimeMark
+from pep.context.flow import Flow
 from pep.context.frames import Frames
 from pep.errors import PepError, PepFault
 from pep.feed import Follower, MarkFile
@@ -44,6 +46,7 @@ from pep.mcp.arm import arm_server
 from pep.mcp.deadline import DeadlineProtocol
 from pep.mcp.guard import guard
 from pep.mcp.mapping import ARM_TOOLS
+from pep.mcp.vouching import Vouching
 from pep.observation import Marked, Unwatched
 from pep.perception import Receiver
 from pep.pit import Robot, surveyed
@@ -261,6 +264,14 @@ class ToolServer:
             audience=config.audience,
             issuer=config.issuer,
             clock=self.clock,
+            vouching=Vouching(
+                key=key,
+                audience=config.audience,
+                # Its own receipts alone: of other admission points the registry does not tell.
+                admitters={config.audience: keys.public_raw(key)}.copy,
+                flow=Flow(self.clock),
+                caps=CAPS,
+            ),
         )
         self._told: dict[str, int] = {}
 
