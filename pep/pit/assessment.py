@@ -117,7 +117,7 @@ class Assessment:
         return ImpactReading(
             tier=self.tier,
             index_milli=milli(self.index),
-            violations=self.violations,
+            violations=tuple(str(word) for word in self.violations),
             contributions=self.contributions,
             lower_tier_speed=None if lower is None else math.floor(lower * Unit.MICRORADIAN_PER_SECOND.per_si),
             tcp_speed_um_s=math.ceil(self.tcp_speed_m_s * MICRO),
