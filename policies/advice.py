@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 from policies.catalog import CATALOG
 from policies.combine import Always, checks
 from policies.model import Effect
+from policies.primitives.propagation import DynamicTrust
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -38,6 +39,8 @@ class AdviceCode(StrEnum):
     """The set names an operation that the cell does not have."""
     OBJECT_UNKNOWN = "OBJECT_UNKNOWN"
     """The set names an object that the cell does not have."""
+    TRUST_OUT_OF_REACH = "TRUST_OUT_OF_REACH"
+    """The set wants more trust than it ever gives, so a person is asked about every act from tier 2 on."""
     PARAMETER_UNUSED = "PARAMETER_UNUSED"
     """The set states a parameter, and no primitive of the set takes its value."""
     PRIMITIVE_NOT_ASKED = "PRIMITIVE_NOT_ASKED"
@@ -92,6 +95,7 @@ def advise(policies: PolicySet, *, stated: Collection[str], known: Collection[Kn
         *_of_policies(policies),
         *_names(policies, known),
         *_operations(policies, known),
+        *_trust(policies),
         *_parameters(policies, stated),
         *_primitives(policies),
     )
@@ -177,6 +181,16 @@ def _meant(policy: Policy, known: Known) -> bool:
         and (thing.operations is None or known.operation in thing.operations)
         and known.operation not in thing.without
     )
+
+
+def _trust(policies: PolicySet) -> Iterator[Advice]:
+    """Policies whose least trust is above the most that anybody is given."""
+    prior = policies.parameters.trust_prior_permille
+    for policy in policies.policies:
+        for primitive, _ in checks(policy.predicate):
+            if isinstance(primitive, DynamicTrust) and primitive.trust_theta_permille > prior:
+                told = f"it wants {primitive.trust_theta_permille} permille, and nobody is given more than {prior}"
+                yield Advice(AdviceCode.TRUST_OUT_OF_REACH, policy.id, told)
 
 
 def _parameters(policies: PolicySet, stated: Collection[str]) -> Iterator[Advice]:

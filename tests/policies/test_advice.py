@@ -40,6 +40,9 @@ CASES = {
     ),
     "a name with a slip": (GATED.replace(ONE, 'object = { ids = "any", operations = "any", without = ["stpo"] }'), A.OPERATION_UNKNOWN, "one"),
     "an object that the cell does not have": (GATED.replace(ONE, 'object = { ids = ["ur5e"], operations = "any" }'), A.OBJECT_UNKNOWN, "one"),
+    "trust that nobody is given": (
+        GATED.replace('"TEA-4"', '"TEA-4", "CATP-3"') + "[parameters]\ntrust_theta_permille = 801\n", A.TRUST_OUT_OF_REACH, "one",
+    ),
     "a parameter for nobody": (GATED + "[parameters]\ntrust_theta_permille = 700\n", A.PARAMETER_UNUSED, "parameters.trust_theta_permille"),
     "a parameter that every policy states again": (
         GATED.replace('"AID-1"', '{ primitive = "AID-1", skew_s = 1 }') + "[parameters]\nskew_s = 4\n", A.PARAMETER_UNUSED, "parameters.skew_s",
@@ -73,6 +76,10 @@ def test_every_warning_has_a_case():
         (GATED, A.NEVER_PERMITTED),
         (GATED, A.CONCERNS_NOTHING),
         (GATED + "[parameters]\nskew_s = 4\n", A.PARAMETER_UNUSED),
+        (
+            GATED.replace('"TEA-4"', '"TEA-4", "CATP-3"') + "[parameters]\ntrust_theta_permille = 800\n",
+            A.TRUST_OUT_OF_REACH,
+        ),
         (GATED + "[parameters]\nlease_motion_ms = 1000\n", A.PARAMETER_UNUSED),  # the gate reads it
         (GATED + "[parameters]\nverdict_lifetime_ms = 40\n", A.PARAMETER_UNUSED),
         # a prohibition that leaves something over
