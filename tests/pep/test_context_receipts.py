@@ -197,6 +197,8 @@ EQUAL = [
     ({"part_kg": 0.25}, "/part_kg", Quantity("payload", Unit.GRAM, 250), True),
     ({"pin": 3}, "/pin", Quantity("pin", Unit.COUNT, 3), True),
     ({"pin": True}, "/pin", Quantity("pin", Unit.COUNT, 1), False),
+    ({"pin_count": True}, "/pin_count", Quantity("pin", Unit.COUNT, 1), False),
+    ({"pin_count": 1}, "/pin_count", Quantity("pin", Unit.COUNT, 1), True),
     ({"hold_s": 3}, "/hold_s", Quantity("pin", Unit.COUNT, 3), False),
     ({"a/b": {"~": {"x_m": 0.001}}}, "/a~1b/~0/x_m", Quantity("x", Unit.MICROMETRE, 1_000), True),
 ]  # fmt: skip
