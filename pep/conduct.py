@@ -187,6 +187,6 @@ def _near(value: int, bound: Bound) -> int | None:
         case Range(low, high):
             end = high if value > 0 else low
             # A bound at zero, or on the other side of it, is none that a value grows towards.
-            return min(1_000, 1_000 * abs(value) // abs(end)) if value and (end > 0) == (value > 0) else 0
+            return min(1_000, 1_000 * abs(value) // abs(end)) if value * end > 0 else 0
         case OneOf():
             return None

@@ -13,6 +13,7 @@ from alembic.migration import MigrationContext
 from capabilities import keys
 from capabilities.proof import prove
 from tests.idp.asks import Cell
+from tests.idp.journals import Journal
 from tests.idp.world import AUDIENCE, ISSUER, SLOWER, World, new_jti
 from ztpm_idp import ledger_file
 from ztpm_idp.bootstrap import FirstPerson, initialise
@@ -122,7 +123,10 @@ def everything(world):
     with sqlite3.connect(world.folder / "idp.sqlite") as base:
         return {
             t: base.execute(f"SELECT * FROM {t}").fetchall()
-            for t in ("parties", "agents", "hops", "revocations", "ledger", "tools", "asks", "votes", "openings")
+            for t in (
+                "parties", "agents", "hops", "revocations", "ledger", "tools", "asks", "votes", "openings",
+                "peps", "records", "permits", "conduct", "edges",
+            )
         }
 
 
@@ -140,9 +144,17 @@ def test_each_statement_of_each_change_fails_in_turn(world):
     cell = Cell(world, furnished=True)
     world.pep()
     ask_id, _ = cell.taken(agent="mover")
+    journal = Journal(world, registered=True)
+    own = alice.issue(mover, world.scope(), purpose="p").token
+    for _ in range(60):
+        journal.refused(own)
+    journal.acted(own, None)
+    journal.acted(own)
     changes |= {
         "ask": lambda: world.peps["cell-1"]._post("/approvals", {"ask": cell.text(agent="mover")}),
         "vote": lambda: alice.approve(ask_id),
+        "ship": journal.ship,
+        "restore": lambda: alice.restore_agent("mover", "r"),
         "open": lambda: alice.open_tier_4(audience=AUDIENCE, agent="mover", object="ur3e", operation="move_joint"),
     }
     engine = world.provider.store._engine.sync_engine

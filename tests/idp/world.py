@@ -79,6 +79,7 @@ class World:
     settings_changes: dict = field(default_factory=dict)
     platform_key: object = field(default_factory=keys.generate)
     platform: workload.Platform | None = None
+    policies: object | None = None
     people: dict[str, Operator] = field(default_factory=dict)
     agents: dict[str, Agent] = field(default_factory=dict)
     peps: dict[str, Operator] = field(default_factory=dict)
@@ -109,7 +110,9 @@ class World:
         self.loop.close()
 
     def start(self):
-        self.app = create_app(self.settings, self.idp_keys, platform=self.platform, now=self.clock)
+        self.app = create_app(
+            self.settings, self.idp_keys, platform=self.platform, policies=self.policies, now=self.clock
+        )
         self.life = self.app.router.lifespan_context(self.app)
         self.on_loop(self.life.__aenter__())
         self.transport = Bridge(self.app, self.loop)
