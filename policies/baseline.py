@@ -1,4 +1,4 @@
-"""What an agent's acts look like: eleven yes-or-no questions to each, and the reference that they are asked against.
+"""What an agent's acts look like: twelve yes-or-no questions to each, and the reference that they are asked against.
 
 A question is asked of one act at a time and its share of yes is known from the baseline, so that one kind of detector
 (policies.cusum) with one stated false-alarm rate serves all of them. The reference is fixed once and never follows the
@@ -13,7 +13,7 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from policies.charges import charge
+from policies.charges import UNIT, charge
 from policies.conduct import Feature
 from policies.report import EXACT, ReportError, is_count, is_text, is_whole, keyed, listed
 
@@ -54,9 +54,11 @@ class Watch(IntEnum):
     """Did the last four acts take less time than nine in ten of such blocks?"""
     REFUSED = 8
     """Was it refused for something that is charged to its agent (policies.charges)?"""
-    NEAR = 9
+    PROBED = 9
+    """Was that a whole wrong or more: did it ask for what it was not lent?"""
+    NEAR = 10
     """Was it close to a limit?"""
-    HIGH = 10
+    HIGH = 11
     """Is its tier, and within the tier its closeness to a limit, above that of three in four acts?"""
 
 
@@ -73,6 +75,7 @@ FEATURES: Final[Mapping[Watch, Feature]] = MappingProxyType(
         Watch.TAIL: Feature.PARAMETERS,
         Watch.QUICK: Feature.RATE,
         Watch.REFUSED: Feature.REFUSALS,
+        Watch.PROBED: Feature.REFUSALS,
         Watch.NEAR: Feature.NEAR_BOUNDARY,
         Watch.HIGH: Feature.ESCALATION,
     }
@@ -87,7 +90,7 @@ class Act:
     Attributes:
         operation, values: as reported.
         level: 1000 * tier + near_permille; None when neither is known.
-        near, refused: answers that need no reference; None when they are not to be asked.
+        near, refused, probed: answers that need no reference; None when they are not to be asked.
         span_s: how long the last `BLOCK` acts took, on the act that ends a block; else None.
     """
 
@@ -96,12 +99,13 @@ class Act:
     level: int | None
     near: bool | None
     refused: bool | None
+    probed: bool | None
     span_s: int | None
 
     def to_json(self) -> list[Any]:
         """As plain JSON."""
         values = [list(entry) for entry in self.values]
-        return [self.operation, values, self.level, self.near, self.refused, self.span_s]
+        return [self.operation, values, self.level, self.near, self.refused, self.probed, self.span_s]
 
     @classmethod
     def from_json(cls, body: object) -> Act:
@@ -111,28 +115,30 @@ class Act:
             ReportError: it is not that.
         """
         row = listed(body, "act")
-        if len(row) != 6 or not is_text(row[0]):
+        if len(row) != 7 or not is_text(row[0]):
             raise ReportError("act")
-        operation, values, level, near, refused, span_s = row
+        operation, values, level, near, refused, probed, span_s = row
         pairs = [listed(value, "act") for value in listed(values, "act")]
         if not all(len(pair) == 2 and is_text(pair[0]) and is_whole(pair[1]) for pair in pairs):
             raise ReportError("act")
         numbers = all(number is None or is_count(number, EXACT) for number in (level, span_s))
-        if not numbers or not {type(near), type(refused)} <= {bool, type(None)}:
+        if not numbers or not {type(near), type(refused), type(probed)} <= {bool, type(None)}:
             raise ReportError("act")
-        return cls(operation, tuple((name, number) for name, number in pairs), level, near, refused, span_s)
+        return cls(operation, tuple((name, number) for name, number in pairs), level, near, refused, probed, span_s)
 
 
 def act_of(report: Report, parameters: Parameters, *, span_s: int | None) -> Act:
     """What the questions are about, of one report."""
     tier, near = report.tier, report.near_permille
+    charged = charge(report).milli
     permitted = False if report.effect == "PERMIT" else None  # what nobody is charged for says nothing of the agent
     return Act(
         operation=report.operation,
         values=report.values[:NAMES_MAX],
         level=None if tier is None and near is None else 1000 * (tier or 0) + (near or 0),
         near=None if near is None else near >= parameters.behaviour_near_permille,
-        refused=True if charge(report).milli else permitted,
+        refused=True if charged else permitted,
+        probed=charged >= UNIT if charged else permitted,
         span_s=span_s,
     )
 
@@ -233,7 +239,7 @@ class Reference:
 
 def bare_answers(act: Act) -> dict[Watch, bool]:
     """The answers that need no reference."""
-    bare = {Watch.REFUSED: act.refused, Watch.NEAR: act.near}
+    bare = {Watch.REFUSED: act.refused, Watch.PROBED: act.probed, Watch.NEAR: act.near}
     return {watch: answer for watch, answer in bare.items() if answer is not None}
 
 

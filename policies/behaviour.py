@@ -5,7 +5,7 @@ Pure reducers over the reports of enforcement points; `reading` is what the prim
 **Learning.** The first half of an agent's first acts fixes what its acts are compared with (policies.baseline), the
 second half how often each question is answered yes; reckoned with is the upper 97.5 % bound of that share, so that a
 short look errs towards silence. Until then the agent is compared with what its role does, once an agent of the role has
-learned, and its refusals and near misses with the most that any baseline may hold usual: nobody can learn to be bad.
+learned, and with the most that any baseline may hold usual: nobody can learn to ask for what was not lent.
 After that the baseline stands still until a person lets it be learned anew.
 
 **What an alarm does.** It is a deviation, until a person restores the agent. Probing (refusals) and work at the limits

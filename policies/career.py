@@ -18,8 +18,14 @@ CLEAR: Final = 3
 """In halves: how far above what was seen in learning a limit stays, where hits follow each other."""
 _NONE: Final = (0,) * len(Watch)
 _UNASKED: Final = ("",) * len(Watch)
-_CEILED: Final = {Watch.REFUSED: "behaviour_refused_max_permille", Watch.NEAR: "behaviour_near_max_permille"}
+_CEILED: Final = {
+    Watch.REFUSED: "behaviour_refused_max_permille",
+    Watch.PROBED: "behaviour_probed_max_permille",
+    Watch.NEAR: "behaviour_near_max_permille",
+}
 """Whose share has a ceiling, and whose limit nothing that was learned moves."""
+_FROM_BIRTH: Final = frozenset({Watch.PROBED, Watch.NEAR})
+"""Whose ceiling stands in while nothing is learned. An honest beginner gets numbers wrong: slips say little."""
 _PARTS: Final = {watch: sum(FEATURES[other] is FEATURES[watch] for other in Watch) for watch in Watch}
 """How many questions share the false alarms of a feature."""
 _EACH: Final = {watch: BLOCK if watch is Watch.QUICK else 1 for watch in Watch}
@@ -246,10 +252,13 @@ class Career:
 def _reckoned(watch: Watch, share: int | None, parameters: Parameters) -> int:
     """The share of hits that a detector reckons with, or 0 when it does not run.
 
-    Refusals and near misses have a ceiling, which also stands in while nothing is learned.
+    Args:
+        watch: the question.
+        share: of the baseline: 0 when nothing can be told of it; None without a baseline.
+        parameters: of the policy set.
     """
     ceiling = rounded_up(getattr(parameters, _CEILED[watch])) if watch in _CEILED else None
-    if ceiling is None:
+    if ceiling is None or (share is None and watch not in _FROM_BIRTH):
         return share or 0
     return min(share, ceiling) if share else ceiling
 

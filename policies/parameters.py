@@ -323,12 +323,20 @@ class Parameters:
         source="ours: who is refused more often than one time in ten is no example for itself",
     )
     behaviour_near_max_permille: int = _named(
-        250,
+        1_000,
+        unit="permille",
+        low=1,
+        high=1_000,
+        meaning="highest share of acts close to a limit that a baseline may hold to be usual; above 800 any",
+        source="ours: what was lent up to a limit may be used up to it; a change towards it is what is looked for",
+    )
+    behaviour_probed_max_permille: int = _named(
+        50,
         unit="permille",
         low=1,
         high=500,
-        meaning="highest share of acts close to a limit that a baseline may hold to be usual",
-        source="ours: work inside its bounds is not at them one time in four",
+        meaning="highest share of acts that ask for what was not lent, from the first act on",
+        source="ours: an agent knows what it was lent; six such acts in a row are noticed",
     )
     behaviour_repeat_count: int = _named(
         500,

@@ -54,7 +54,6 @@ CHANGES: Final = (
     Change("prober", "one act in three asks for what was not lent", agents.prober, 60),
     Change("newborn prober", "the same from its first act", agents.prober, 120, 0),
     Change("edge", "half of its moves in the last tenth", agents.at_the_edge, 40),
-    Change("newborn edge", "the same from its first act", agents.at_the_edge, 160, 0),
     Change("flood", "ten acts a second", agents.flooder, 100),
     Change("hasty", "three times as fast", agents.hasty, 400),
     Change("sleeper", "edge, probe and new tools after 2,000 honest acts", agents.turncoat, 30, 2_000),

@@ -182,14 +182,28 @@ def test_a_drift_is_contained_before_a_limit_is_crossed():
     assert sum(run.crossed for run in runs) <= 1
 
 
-@pytest.mark.parametrize("script", [agents.prober, agents.at_the_edge])
-def test_nobody_learns_to_be_bad(script):
-    found = caught(script, P, seed=5, change_at=0, patience=255)  # before the baseline is complete
-    assert found is not None
+@pytest.mark.parametrize(
+    ("script", "parameters"),
+    [(agents.prober, P), (agents.at_the_edge, replace(P, behaviour_near_max_permille=250))],
+    ids=["probing", "edge"],
+)
+def test_nobody_learns_to_be_bad(script, parameters):
+    assert caught(script, parameters, seed=5, change_at=0, patience=255) is not None  # before it has a baseline
+
+
+def test_whoever_always_uses_all_that_was_lent_is_left_alone():
+    state = after(replace(one, near_permille=1_000) for one in islice(worker(), 600))
+    assert word(state, "worker").deviations == ()
+
+
+@pytest.mark.parametrize(("reason", "noticed"), [("PARAMETERS_WRONG", False), ("NOT_GRANTED", True)])
+def test_a_beginner_may_get_numbers_wrong_but_not_ask_for_what_was_not_lent(reason, noticed):
+    assert word(after([report(n, reason=reason) for n in range(12)])).contracted is noticed
+    assert not word(after([report(n, reason=reason) for n in range(5)])).contracted
 
 
 def test_a_bad_youth_does_not_loosen_the_ceilings():
-    bad = [report(n, reason="NOT_GRANTED" if n % 3 == 0 else "PERMITTED", near_permille=None) for n in range(300)]
+    bad = [report(n, reason="PARAMETERS_WRONG" if n % 3 == 0 else "PERMITTED", near_permille=None) for n in range(300)]
     loose = replace(P, behaviour_refused_max_permille=500)
     assert not word(after(bad, parameters=loose)).deviations  # one in three would be learned
     assert Feature.REFUSALS in features(after(bad), "arm")
@@ -369,12 +383,12 @@ def test_what_is_no_state_is_refused(acts):
     [
         None,
         ["move"],
-        ["", [], None, None, None, None],
-        ["move", [["a"]], None, None, None, None],
-        ["move", [["a", 1.0]], None, None, None, None],
-        ["move", [], -1, None, None, None],
-        ["move", [], None, 1, None, None],
-        ["move", [], None, None, None, 1.5],
+        ["", [], None, None, None, None, None],
+        ["move", [["a"]], None, None, None, None, None],
+        ["move", [["a", 1.0]], None, None, None, None, None],
+        ["move", [], -1, None, None, None, None],
+        ["move", [], None, 1, None, None, None],
+        ["move", [], None, None, None, None, 1.5],
     ],
 )
 def test_what_is_no_act_is_refused(act):
@@ -383,13 +397,15 @@ def test_what_is_no_act_is_refused(act):
 
 
 def test_the_widest_of_two_references_holds_what_is_usual_for_either():
-    one = reference([Act("move", (("a", n),), n, None, None, 9) for n in range(100)])
-    other = reference([Act("grip", (("b", n),), 10 * n, None, None, 3) for n in range(100)])
+    one = reference([Act("move", (("a", n),), n, None, None, None, 9) for n in range(100)])
+    other = reference([Act("grip", (("b", n),), 10 * n, None, None, None, 3) for n in range(100)])
     both = widest(one, other)
     assert both == widest(other, one)
     assert (both.known, both.quick_s, both.high, set(both.ranges)) == ({"move", "grip"}, 3, 750, {"move", "grip"})
-    joined = Baseline(one, (30,) * 11, (1,) * 11).joined(Baseline(other, (0,) * 5 + (50,) * 6, (2,) * 11))
-    assert joined == Baseline(both, (0,) * 5 + (50,) * 6, (2,) * 11)
+    every = len(Watch)
+    shares = (0,) * 5 + (50,) * (every - 5)
+    joined = Baseline(one, (30,) * every, (1,) * every).joined(Baseline(other, shares, (2,) * every))
+    assert joined == Baseline(both, shares, (2,) * every)
 
 
 def test_every_feature_has_its_questions():
