@@ -279,6 +279,7 @@ class ToolServer:
         """What an earlier process left unfinished has an end on record, and what it accepted is not accepted again."""
         permits = records.unfinished(self.journal.records())
         self.asks.recover(self.journal.records())
+        self.gate.conduct.recall(self.journal.records())
         earliest_ms = (self.clock.wall_s() * 1000) - retention_ms(CAPS)
         expires_ms = self.clock.monotonic_ms() + retention_ms(CAPS)
         for record in self.journal.records():

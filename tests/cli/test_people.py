@@ -30,6 +30,7 @@ COMMANDS = {
     "revoke": (["revoke", "agent", "mover", "--reason", "gone"], "revoke", 7),
     "suspend": (["agent", "suspend", "mover", "--reason", "gone"], "suspend_agent", 7),
     "list": (["agent", "list"], "agents", [ROW]),
+    "restore": (["agent", "restore", "mover", "--reason", "looked into"], "restore_agent", None),
 }
 
 
@@ -135,3 +136,35 @@ def test_pin_registers_what_changed_and_only_after_a_yes(run, cell, double, chan
     told = run("mcp", "pin", *who, "--yes", "--json")
     assert (told.status, sorted(told.json["pinned"])) == (0, sorted(changed))
     assert sorted(options["name"] for _, _, options in double.asked) == sorted(changed)
+
+
+def test_restoring_says_whether_to_learn_anew(run, who, double):
+    double.answers = {"restore_agent": None}
+    assert run("agent", "restore", "mover", "--reason", "why", *who, "--json").json["status"] == "restored"
+    assert run("agent", "restore", "mover", "--reason", "why", "--relearn", *who).status == 0
+    assert run("agent", "restore", "mover", *who).status == 2  # no reason
+    assert double.asked == [
+        ("restore_agent", ("mover", "why"), {"relearn": False}),
+        ("restore_agent", ("mover", "why"), {"relearn": True}),
+    ]
+
+
+CONDUCT = {"deviations": [], "deviated_at": None, "contracted": False, "samples": 12, "restored_at": None}
+ODD = [{"feature": "refusals", "since": 1, "score_milli": 1_200}]
+
+
+@pytest.mark.parametrize(
+    ("known", "shown"),
+    [
+        ({}, ("90.0 %", "nothing reported")),
+        ({"trust_by": {"planner": 640}, "conduct": CONDUCT}, ("64.0 % by planner", "12 acts")),
+        ({"trust_by": {}, "conduct": CONDUCT | {"deviations": ODD}}, ("deviates", "refusals")),
+        ({"trust_by": {}, "conduct": CONDUCT | {"deviations": ODD, "contracted": True}}, ("contracted", "refusals")),
+        ({"trust_by": 7, "conduct": "\x1b[31m"}, ("90.0 %", "nothing reported")),
+    ],
+)
+def test_the_list_shows_trust_and_behaviour(run, who, double, known, shown):
+    double.answers = {"agents": [ROW | known]}
+    assert run("agent", "list", *who, "--json").json["agents"] == [ROW | known]
+    out = " ".join(run("agent", "list", *who).out.split())
+    assert all(word in out for word in shown), out

@@ -93,7 +93,7 @@ def attest(agent: AgentName, *, software: Software, data: Data = None, as_json: 
 
 @app.command("list")
 def list_(*, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False) -> None:
-    """List every agent: whose it is, whether it is active, how far it is trusted."""
+    """List every agent: whose it is, whether it is active, how far it is trusted, how it behaves."""
     person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json), person:
         rows = person.agents()
@@ -104,10 +104,11 @@ def list_(*, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = No
         typer.echo("None is registered.")
         return
     table = Table(box=None, pad_edge=False)
-    for heading in ("agent", "status", "sponsor", "role", "trust", "key"):
+    for heading in ("agent", "status", "sponsor", "role", "trust", "behaviour", "key"):
         table.add_column(heading)
     for row in rows:
-        cells = (*(row.get(member) for member in ("id", "status", "sponsor", "role")), _trust(row), row.get("key"))
+        known = (row.get(member) for member in ("id", "status", "sponsor", "role"))
+        cells = (*known, _trust(row), _behaviour(row), row.get("key"))
         table.add_row(*(Text(plain(str(cell))) for cell in cells))
     console.print(table)
 
@@ -134,6 +135,31 @@ def suspend(
         typer.echo(f"Suspended, epoch {epoch}.")
 
 
+@app.command("restore")
+def restore(
+    agent: AgentName,
+    *,
+    reason: Reason,
+    relearn: Annotated[
+        bool, typer.Option("--relearn", help="Its work has changed: learn anew what is usual for it.")
+    ] = False,
+    name: As,
+    data: Data = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Restore an agent whose behaviour deviated: it may act again as before."""
+    known_name(agent, as_json=as_json)
+    person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json), person:
+        person.restore_agent(agent, reason, relearn=relearn)
+    if as_json:
+        say_json({"ok": True, "id": agent, "status": "restored"})
+    else:
+        typer.echo("Restored.")
+
+
 def agent_of(agent: str, software: Path, *, data: Path | None, as_json: bool) -> Agent:
     """The agent with the key in the cell's directory and the measurement of what it runs, or the command ends."""
     from ztpm_idp.client import Agent
@@ -157,5 +183,18 @@ def _measured(software: Path, *, as_json: bool) -> bytes:
 
 
 def _trust(row: dict[str, Any]) -> str:
-    permille = row.get("trust_permille")
-    return f"{permille / 10:.1f} %" if isinstance(permille, int) else "not stated"
+    """What is stated, and what each delegator is left with of it by what was reported."""
+    permille, by = row.get("trust_permille"), row.get("trust_by")
+    stated = f"{permille / 10:.1f} %" if isinstance(permille, int) else "not stated"
+    told = by.items() if isinstance(by, dict) else ()
+    return ", ".join((stated, *(f"{score / 10:.1f} % by {who}" for who, score in told if isinstance(score, int))))
+
+
+def _behaviour(row: dict[str, Any]) -> str:
+    match row.get("conduct"):
+        case {"deviations": list(deviations), "contracted": bool(contracted), "samples": int(samples)}:
+            odd = ", ".join(str(one["feature"]) for one in deviations if isinstance(one, dict) and "feature" in one)
+            held = "contracted" if contracted else "deviates" if odd else f"as usual, {samples} acts known"
+            return f"{held}: {odd}" if odd else held
+        case _:
+            return "nothing reported"
