@@ -32,7 +32,7 @@ from pep.mcp import defer
 from pep.mcp.dpop import CREDENTIALS, DPoPLayer
 from pep.mcp.mapping import Misfit, ToolBinding, to_request
 from pep.mcp.pins import definition_digest
-from pep.mcp.vouching import Unreadable, shown, wanted
+from pep.mcp.vouching import Unreadable, shown, unvouched, wanted
 from pep.observation import OBSERVED
 from pep.operations import Kind
 from pep.permit import Permit, PermitScope
@@ -70,7 +70,7 @@ class Guard(Extension):
         asks: what has become of deferrals, for a retry that waits.
         audience: canonical URL of the server.
         clock: both clocks.
-        vouching: where values come from; None where nothing is known of it, and what asks for it is denied.
+        vouching: where values come from; None where nothing is known of it: no receipt is believed, and none given.
     """
 
     identifier = EXTENSION
@@ -126,8 +126,9 @@ class Guard(Extension):
             return await self._refuse(Reason.BODY_MALFORMED, "CII-5", credentials, unread)
         tool = await self._tool(binding)
         context: ContextReading | NotCollected = NOT_COLLECTED
-        if self._vouching is not None and isinstance(credentials.chain, Chain):
-            weighed = partial(self._vouching.context, request, presented, leaf=credentials.chain.leaf, at=at)
+        if isinstance(credentials.chain, Chain):
+            weigh = unvouched if self._vouching is None else self._vouching.context
+            weighed = partial(weigh, request, presented, leaf=credentials.chain.leaf, at=at)
             # A receipt costs half a millisecond, and a call may show sixteen: others have their turn meanwhile.
             context = await asyncio.to_thread(weighed) if presented else weighed()
 
@@ -250,7 +251,7 @@ def guard(
         audience: canonical URL of the server; its path is where the app answers.
         issuer: of the tokens.
         clock: both clocks.
-        vouching: where values come from; None where nothing is known of it, and what asks for it is denied.
+        vouching: where values come from; None where nothing is known of it: no receipt is believed, and none given.
 
     Raises:
         RuntimeError: when this SDK does not let the guard stand before the tools.

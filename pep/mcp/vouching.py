@@ -11,11 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities.caps import DEFAULT as CAPS
 from capabilities.statements.response import Call as Called
 from pep.context import receipts, responses
 from pep.context import value as values
 from pep.context.arguments import PRESENTED, Known, Presented, arguments
-from pep.context.flow import Holder
+from pep.context.flow import Holder, own
 from pep.context.value import POINTER_BYTES, Plain
 from policies.said import ContextReading
 
@@ -82,6 +83,12 @@ def _is_pointer(pointer: object) -> bool:
 def wanted(meta: object) -> bool:
     """Whether the caller asks for a receipt of the result."""
     return isinstance(meta, dict) and meta.get(RECEIPT) is True
+
+
+def unvouched(request: Request, presented: tuple[Presented, ...], *, leaf: Hop, at: float) -> ContextReading:
+    """What each parameter derives from where no admission point is known: its holder chose it, no receipt counts."""
+    holder = Holder.of(leaf)
+    return ContextReading((), arguments(request, presented, Known(holder, own(holder), {}, at, CAPS)))
 
 
 class Vouching:

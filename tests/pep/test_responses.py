@@ -433,8 +433,15 @@ def test_a_refusal_has_no_receipt(cell):
     assert RECEIPT not in result.meta
 
 
-def test_without_knowledge_of_receipts_what_asks_for_it_is_denied(cell):
+def test_without_knowledge_of_admission_points_no_receipt_is_believed_and_none_given(cell):
     cell.start(without=True)
-    moved, looked = cell.run((cell.agent(), (), {}), (cell.agent(), ("read_state", {}), {RECEIPT: True}))
-    assert decision(moved)[:2] == ("DENY", "EVIDENCE_MISSING")
+    holder = cell.agent()
+    moved, showed, looked = cell.run(
+        (holder, (), {}),
+        (holder, (), {RECEIPTS: [shown_for(cell, holder, MOVE)]}),
+        (holder, ("read_state", {}), {RECEIPT: True}),
+    )
+    assert decision(moved)[:2] == ("PERMIT", "PERMITTED")
+    assert decision(showed)[:2] == ("DENY", "ARGUMENT_NOT_VOUCHED")
+    assert decision(showed)[3] == "STATEMENT_UNTRUSTED"
     assert RECEIPT not in looked.meta
