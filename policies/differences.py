@@ -186,12 +186,13 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """All cases that went from one verdict to another; `examples` are the first of them, by name."""
+    """All cases that went from one verdict to another; `examples` are the first of them by name, `first` the first."""
 
     was: Verdict
     now: Verdict
     count: int
     examples: tuple[str, ...]
+    first: Recorded
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +236,7 @@ def of_decisions(cases: Iterable[Case], old: PolicySet | None, new: PolicySet) -
         new: decides.
     """
     kept: dict[Verdict, int] = {}
-    moved: dict[tuple[Verdict, Verdict], list[str]] = {}
+    moved: dict[tuple[Verdict, Verdict], list[Case]] = {}
     counts: dict[tuple[Verdict, Verdict], int] = {}
     total = 0
     for case in cases:
@@ -248,10 +249,13 @@ def of_decisions(cases: Iterable[Case], old: PolicySet | None, new: PolicySet) -
             kept[was] = kept.get(was, 0) + 1
             continue
         counts[was, now] = counts.get((was, now), 0) + 1
-        names = moved.setdefault((was, now), [])
-        if len(names) < EXAMPLES:
-            names.append(case.name)
-    classes = (Moved(was, now, counts[was, now], tuple(names)) for (was, now), names in moved.items())
+        examples = moved.setdefault((was, now), [])
+        if len(examples) < EXAMPLES:
+            examples.append(case)
+    classes = (
+        Moved(was, now, counts[was, now], tuple(case.name for case in examples), examples[0].recorded)
+        for (was, now), examples in moved.items()
+    )
     ordered = sorted(classes, key=lambda m: (-m.count, canonical.text((m.was, m.now))))
     held = sorted(kept.items(), key=lambda row: (-row[1], canonical.text(row[0])))
     return Comparison(total, tuple(held), tuple(ordered))

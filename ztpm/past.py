@@ -221,7 +221,8 @@ def written_cases(path: Path) -> Iterator[Case]:
         try:
             for number, line in enumerate(file, start=1):
                 document = read(line, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH)
-                yield Case(f"line {number}", replay.read(document))
+                recorded = replay.read(document)
+                yield Case(f"line {number}: {recorded.request.object}/{recorded.request.operation}", recorded)
         except JsonError as error:
             raise PastError("LINE_MALFORMED", str(error)) from error
         except PolicyError as error:

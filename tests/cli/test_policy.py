@@ -6,11 +6,50 @@ import json
 import pytest
 import rfc8785
 
-from policies import load_shipped
+from policies import load, load_shipped
 from policies.load import TEXT_LIMIT
 from tests.pep.kit import MOVE, Rig, full_scope, reading
 from tests.policies.test_advice import GATED
 from tests.policies.test_load import BAD, GOOD
+
+
+MINE = """
+name = "mine"
+version = 1
+
+[parameters]
+trust_theta_permille = 700
+attestation_age_s = 3_600
+
+[[policy]]
+id = "authority"
+subject = { agents = "any", sponsors = "any" }
+object = { ids = "any", operations = "any", without = ["stop"] }
+predicate = { all = ["AID-1", "AID-3", "TEA-1", "TEA-2"] }
+ep = ["e4", "e5"]
+effect = "PERMIT"
+obligation = ["record"]
+pit_bound = "none"
+
+[[policy]]
+id = "impact"
+subject = { agents = "any", sponsors = "any" }
+object = { ids = "any", operations = "any", without = ["read_state", "stop"] }
+predicate = { all = ["TEA-4", "CATP-3"] }
+ep = ["e4", "e5"]
+effect = "PERMIT"
+obligation = ["record"]
+pit_bound = 3
+"""
+"""A set of this file's own: what is shipped may change."""
+
+
+def mine(*changes):
+    text = MINE
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    return text
 
 
 @pytest.fixture
@@ -162,6 +201,9 @@ def test_what_to_explain_is_said_once(run, file, journal):
 def journal(tmp_path_factory):
     """The journal of a gate that permitted, deferred, denied and was busy."""
     rig = Rig(tmp_path_factory.mktemp("journal"))
+    rig.gate.close()
+    rig.policies = load(MINE)
+    rig.build()
     holder = rig.agent(scope=full_scope(rig.clock.wall_s(), speed_high=600_000))
 
     def go(**options):
@@ -205,60 +247,51 @@ def ledger(journal, tmp_path):
     return path
 
 
-def test_a_recorded_decision_is_explained_by_its_request_or_hash(run, journal, ledger):
+def test_a_recorded_decision_is_explained_by_its_request_or_hash(run, journal, ledger, file):
+    own = file(MINE)
     record = decided(journal)[1]
-    by_request = told(
-        run, "explain", "paper-default", "--record", record["body"]["request"]["id"], "--journal", journal
-    )
+    by_request = told(run, "explain", own, "--record", record["body"]["request"]["id"], "--journal", journal)
     assert by_request["decision"]["reason"] == record["body"]["decision"]["reason"] == "LIMIT_EXCEEDED_BY_REQUEST"
     assert by_request["recorded"]["decision"]["reason"] == "LIMIT_EXCEEDED_BY_REQUEST"
     assert by_request["recorded"]["decision"]["policy_digest"] == by_request["set"]["digest"]
-    by_hash = told(run, "explain", "paper-default", "--record", by_request["recorded"]["record"], "--journal", ledger)
+    by_hash = told(run, "explain", own, "--record", by_request["recorded"]["record"], "--journal", ledger)
     assert by_hash["decision"] == by_request["decision"]
-    shown = run("policy", "explain", "paper-default", "--record", record["body"]["request"]["id"], "--journal", journal)
+    shown = run("policy", "explain", own, "--record", record["body"]["request"]["id"], "--journal", journal)
     assert "recorded as DENY LIMIT_EXCEEDED_BY_REQUEST" in shown.out
-    assert refused(run, "explain", "paper-default", "--record", "none", "--journal", journal) == "NO_DECISION"
+    assert refused(run, "explain", own, "--record", "none", "--journal", journal) == "NO_DECISION"
 
 
-def test_the_same_set_decides_a_journal_the_same(run, journal, ledger):
+def test_the_same_set_decides_a_journal_the_same(run, journal, ledger, file):
+    own = file(MINE)
     for path in (journal, ledger):
-        body = told(run, "simulate", "paper-default", "--journal", path)
+        body = told(run, "simulate", own, "--journal", path)
         assert (body["direction"], body["cases"], body["changed"]) == ("same", 4, 0)
         assert body["of_the_gate"] == {"BUSY": 1}
         assert body["not_replayable"] == {}
 
 
-def shipped(*changes):
-    from importlib import resources
-
-    text = resources.files("policies").joinpath("sets/paper-default.toml").read_text("utf-8")
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new)
-    return text
-
-
 def test_a_changed_set_says_what_would_have_been_decided_otherwise(run, journal, file):
-    milder = file(shipped(("trust_theta_permille = 700", "trust_theta_permille = 600")), "milder.toml")
+    milder = file(mine(("trust_theta_permille = 700", "trust_theta_permille = 600")), "milder.toml")
     body = told(run, "simulate", milder, "--journal", journal)
     assert (body["direction"], body["changed"]) == ("milder", 1)
     (moved,) = body["moved"]
     assert (moved["was"]["reason"], moved["now"]["reason"], moved["count"]) == ("TRUST_TOO_LOW", "PERMITTED", 1)
     assert decided(journal)[3]["body"]["request"]["id"] in moved["examples"][0]
-    stricter = file(shipped(("attestation_age_s = 3_600", "attestation_age_s = 1")), "stricter.toml")
+    stricter = file(mine(("attestation_age_s = 3_600", "attestation_age_s = 1")), "stricter.toml")
     assert told(run, "simulate", stricter, "--journal", journal)["direction"] == "stricter"
     shown = run("policy", "simulate", milder, "--journal", journal)
     assert (shown.status, "TRUST_TOO_LOW" in shown.out, "BUSY" in shown.out) == (0, True, True)
 
 
-def test_only_what_was_decided_since_then_is_decided_again(run, journal):
+def test_only_what_was_decided_since_then_is_decided_again(run, journal, file):
+    own = file(MINE)
     import datetime as dt
 
     at = dt.datetime.fromtimestamp(decided(journal)[1]["at_ms"] / 1000, dt.UTC)
     for since in (at.isoformat(), at.replace(tzinfo=None).isoformat()):
-        assert told(run, "simulate", "paper-default", "--journal", journal, "--since", since)["cases"] == 3
-    assert refused(run, "simulate", "paper-default", "--journal", journal, "--since", "yesterday", status=2) == "USAGE"
-    assert refused(run, "simulate", "paper-default", status=2) == "USAGE"
+        assert told(run, "simulate", own, "--journal", journal, "--since", since)["cases"] == 3
+    assert refused(run, "simulate", own, "--journal", journal, "--since", "yesterday", status=2) == "USAGE"
+    assert refused(run, "simulate", own, status=2) == "USAGE"
 
 
 def spoilt(journal, change):
@@ -282,48 +315,60 @@ def strange(body):
 @pytest.mark.parametrize(
     ("change", "code"), [(older, "NO_REPLAY"), (forged, "EVIDENCE_DIFFERS"), (strange, "UNKNOWN_KEY")]
 )
-def test_a_record_that_cannot_be_decided_again_is_counted_and_not_guessed(run, journal, tmp_path, change, code):
+def test_a_record_that_cannot_be_decided_again_is_counted_and_not_guessed(run, journal, tmp_path, file, change, code):
+    own = file(MINE)
     path = tmp_path / "journal.ndjson"
     path.write_bytes(spoilt(journal, change))
-    body = told(run, "simulate", "paper-default", "--journal", path)
+    body = told(run, "simulate", own, "--journal", path)
     assert (body["cases"], body["not_replayable"]) == (3, {code: 1})
     record = decided(journal)[0]["body"]["request"]["id"]
-    assert refused(run, "explain", "paper-default", "--record", record, "--journal", path) == code
+    assert refused(run, "explain", own, "--record", record, "--journal", path) == code
 
 
-def test_a_file_that_is_no_journal_is_refused_and_a_torn_line_is_none(run, journal, tmp_path):
+def test_a_file_that_is_no_journal_is_refused_and_a_torn_line_is_none(run, journal, tmp_path, file):
+    own = file(MINE)
     path = tmp_path / "journal.ndjson"
     for content in (b"hello\n", b"[]\n", b'{"kind": "decision"}\n{"kind": 1, "pep": 1}\n', b"3\n", b"x" * 1_048_580):
         path.write_bytes(content)
-        status = run("policy", "simulate", "paper-default", "--journal", path, "--json")
+        status = run("policy", "simulate", own, "--journal", path, "--json")
         assert (status.status, status.json["code"]) == (1, "LINE_MALFORMED"), content[:20]
     path.write_bytes(journal.read_bytes()[:-20])
-    assert told(run, "simulate", "paper-default", "--journal", path)["cases"] == 4
+    assert told(run, "simulate", own, "--journal", path)["cases"] == 4
 
 
 # --- diff
 
 
 def test_two_sets_are_compared_as_texts_and_over_a_journal(run, journal, file):
-    changed = shipped(("trust_theta_permille = 700", "trust_theta_permille = 600"), ('id = "tool"', 'id = "tools"'))
-    body = told(run, "diff", "paper-default", file(changed), "--journal", journal)
+    own = file(MINE, "own.toml")
+    changed = mine(("trust_theta_permille = 700", "trust_theta_permille = 600"), ('"authority"', '"who"'))
+    body = told(run, "diff", own, file(changed), "--journal", journal)
     assert body["parameters"] == [{"name": "trust_theta_permille", "was": "700 permille", "now": "600 permille"}]
-    changes = {p["id"]: p["change"] for p in body["policies"]}
-    assert changes == {"impact": "changed", "tool": "removed", "tools": "added"} | {
-        name: "changed" for name in changes if name not in {"impact", "tool", "tools"}
+    assert {p["id"]: p["change"] for p in body["policies"]} == {
+        "impact": "changed",
+        "authority": "removed",
+        "who": "added",
     }
     assert (body["direction"], body["changed"]) == ("milder", 1)
-    shown = run("policy", "diff", "paper-default", file(changed), "--journal", journal)
+    shown = run("policy", "diff", own, file(changed), "--journal", journal)
     assert (shown.status, "milder" in shown.out) == (0, True)
 
 
 def test_two_sets_are_compared_over_written_cases(run, file):
     example = json.dumps(json.loads(run("policy", "schema", "--example").out))
     corpus = file(f"{example}\n{example}\n", "cases.ndjson")
-    nobody = file(shipped(('operations = "any", without = ["stop"]', 'operations = ["stop"]')), "nobody.toml")
-    body = told(run, "diff", "paper-default", nobody, "--corpus", corpus)
-    assert (body["cases"], body["changed"]) == (2, 0 if not body["moved"] else 2)
-    assert told(run, "diff", "paper-default", "paper-default", "--corpus", corpus)["direction"] == "same"
-    assert refused(run, "diff", "paper-default", nobody, "--corpus", file("{}\n", "bad.ndjson")) == "MISSING_KEY"
-    assert refused(run, "diff", "paper-default", nobody, "--corpus", file("x\n", "bad.xz")) == "LINE_MALFORMED"
+    own = file(MINE, "own.toml")
+    nobody = file(
+        mine(('without = ["stop"]', 'without = ["stop", "move_joint"]'), ('"read_state", "stop"', '"move_joint"')),
+        "nobody.toml",
+    )
+    body = told(run, "diff", own, nobody, "--corpus", corpus)
+    (moved,) = body["moved"]
+    assert (body["cases"], body["changed"], moved["examples"][0]) == (2, 2, "line 1: ur3e/move_joint")
+    # the first case of a class is there whole, to be explained
+    path = file(json.dumps(moved["first"]), "first.json")
+    assert told(run, "explain", nobody, "--request", path)["decision"]["reason"] == moved["now"]["reason"]
+    assert told(run, "diff", own, own, "--corpus", corpus)["direction"] == "same"
+    assert refused(run, "diff", own, nobody, "--corpus", file("{}\n", "bad.ndjson")) == "MISSING_KEY"
+    assert refused(run, "diff", own, nobody, "--corpus", file("x\n", "bad.xz")) == "LINE_MALFORMED"
     assert refused(run, "diff", "none", nobody) == "UNKNOWN_SET"

@@ -64,3 +64,9 @@ def test_an_answer_is_of_everything_but_the_words_for_people(replayed):
         {"tier": None if now.tier is not None else 1},
     ):
         assert corpus.answer(replace(now, **change)) != recorded, change
+
+
+def test_the_example_is_the_ordinary_case():
+    from tests.vectors.decisions.generate import EXAMPLE, example
+
+    assert json.loads(EXAMPLE.read_text("ascii")) == example()

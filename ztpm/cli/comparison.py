@@ -143,6 +143,9 @@ def _change(change: SetChange) -> dict[str, object]:
 
 
 def _comparison(found: Comparison) -> dict[str, object]:
+    """Each class with its first case whole, as `explain --request` takes it."""
+    from policies.replay import to_plain
+
     return {
         "direction": str(found.direction),
         "cases": found.cases,
@@ -151,7 +154,7 @@ def _comparison(found: Comparison) -> dict[str, object]:
             {
                 "was": {"effect": str(m.was.effect), "reason": m.was.reason},
                 "now": {"effect": str(m.now.effect), "reason": m.now.reason},
-                "count": m.count, "examples": list(m.examples),
+                "count": m.count, "examples": list(m.examples), "first": to_plain(m.first.request, m.first.evidence),
             }
             for m in found.moved
         ],

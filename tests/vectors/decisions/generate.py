@@ -11,11 +11,14 @@ import json
 import random
 import sys
 from dataclasses import fields, replace
+from pathlib import Path
 
+import policies
 from policies import SHIPPED, PolicySet, decide, load, load_shipped, replay
 from policies.combine import AllOf, Always, AnyOf, Check, Not
 from policies.reasons import Reason
 from tests.model import triples
+from tests.policies import world
 from tests.vectors.decisions.corpus import ANSWERS, CASES, SETS, answer, differences, loaded_sets, write_lines
 
 SEED = 20_261_121
@@ -25,14 +28,16 @@ OTHER_SETS = 7
 """Each case is decided under the set that it was made for, the shipped sets, and this many others."""
 SILENT = 0.3
 """A random set that has nothing to say to more than this share of cases is not recorded."""
+EXAMPLE = Path(policies.__file__).parent / "cases" / "ordinary.json"
+"""What `ztpm policy schema --example` prints."""
 SHOWN = 5
 """Differences that are shown whole."""
 
 
-def as_toml(policies):
+def as_toml(made):
     """The text of a set, as `policies.load` reads it."""
-    parts = [f"name = {json.dumps(policies.name)}", f"version = {policies.version}"]
-    for policy in policies.policies:
+    parts = [f"name = {json.dumps(made.name)}", f"version = {made.version}"]
+    for policy in made.policies:
         names = {
             "agents": policy.subject.agents, "sponsors": policy.subject.sponsors,
             "ids": policy.object.ids, "operations": policy.object.operations,
@@ -95,25 +100,35 @@ def case(seed, home):
 
 def generate():
     rows = sets()
-    policies = loaded_sets(rows)
-    rows = [{**row, "digest": loaded.digest} for row, loaded in zip(rows, policies, strict=True)]
+    loaded = loaded_sets(rows)
+    rows = [{**row, "digest": each.digest} for row, each in zip(rows, loaded, strict=True)]
     documents, answers = [], []
     for i in range(CASE_COUNT):
         # every other case is of a set that is shipped
-        home = i // 2 % len(SHIPPED) if i % 2 else i // 2 % len(policies)
-        request, evidence = case(SEED + i, policies[home])
+        home = i // 2 % len(SHIPPED) if i % 2 else i // 2 % len(loaded)
+        request, evidence = case(SEED + i, loaded[home])
         documents.append(replay.to_plain(request, evidence))
         which = {home, *range(len(SHIPPED))}
         step = 0
         while len(which) < 1 + OTHER_SETS:
             step += 1
-            which.add((home + i + 5 * step) % len(policies))
-        said = [(w, answer(decide(request, evidence, policies[w]))) for w in sorted(which)]
+            which.add((home + i + 5 * step) % len(loaded))
+        said = [(w, answer(decide(request, evidence, loaded[w]))) for w in sorted(which)]
         answers.append([[w, a.effect, a.reason, a.tier, a.digest] for w, a in said])
     SETS.write_text(json.dumps(rows, indent=1) + "\n", "ascii")
     write_lines(CASES, documents)
     write_lines(ANSWERS, answers)
+    EXAMPLE.write_text(json.dumps(example(), indent=2) + "\n", "ascii")
     return answers
+
+
+def example():
+    """The ordinary case of the primitives' vectors, as a person would write it down."""
+    document = replay.to_plain(*world.asked())
+    del document["request"]["digest"]
+    for part in document["request"], document["evidence"]:
+        part["at"] = float.fromhex(part["at"]["float"])
+    return document
 
 
 def tell(answers):
