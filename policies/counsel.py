@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import FaultCode
 from capabilities.scope import Tier
-from policies import supposition
+from policies import canonical, supposition
 from policies.approval import APPROVERS_OF_TIER
 from policies.evidence import NOT_COLLECTED, ImpactReading
 from policies.model import Effect
@@ -102,24 +102,27 @@ def remedies(request: Request, evidence: Evidence, policies: PolicySet, decision
     reasons = dict.fromkeys(finding.reason for finding in decision.findings)
     if len(reasons) > 1:
         reasons.pop(Reason.EVIDENCE_MISSING, None)  # it was not collected because of the others
-    told: list[Remedy] = []
-    first: list[tuple[Reason, _Change]] = []
+    suggested: dict[str, tuple[_Change, list[Reason]]] = {}  # one suggestion may be for several reasons
+    first: dict[str, _Change] = {}
     for reason in reasons:
         finding = next(finding for finding in decision.findings if finding.reason is reason)
         # what was not even of the right shape cannot be supposed to be otherwise
         changes = [] if decision.evidence is None else list(_changes(finding, request, evidence, policies))
-        if not changes:
-            told.append(
-                Remedy(Means.NOTHING, (reason,), {"instead": REASONS[reason].remedy}, decision.effect, (reason,))
-            )
-            continue
-        first.append((reason, changes[0]))
-        told += [_tried(change, (reason,), request, evidence, policies) for change in changes]
+        for change in changes or [_Change(Means.NOTHING, {"instead": REASONS[reason].remedy}, _as_it_is)]:
+            key = canonical.text((change.means, change.detail))
+            suggested.setdefault(key, (change, []))[1].append(reason)
+        if changes:
+            key = canonical.text((changes[0].means, changes[0].detail))
+            first.setdefault(key, changes[0])
+    told = [_tried(change, tuple(lifts), request, evidence, policies) for change, lifts in suggested.values()]
     if len(first) > 1:
-        told.append(
-            _tried(_together([change for _, change in first]), tuple(r for r, _ in first), request, evidence, policies)
-        )
+        lifted = tuple(dict.fromkeys(reason for key in first for reason in suggested[key][1]))
+        told.append(_tried(_together(list(first.values())), lifted, request, evidence, policies))
     return tuple(told)
+
+
+def _as_it_is(request: Request, evidence: Evidence) -> Supposed:
+    return request, evidence
 
 
 def _tried(
@@ -173,6 +176,8 @@ _SLOWER: Final = frozenset(
         Reason.ABOVE_CEILING,
         Reason.TRUST_TOO_LOW,
         Reason.APPROVED_TOO_FAST,
+        Reason.SEQUENCE_NEEDS_APPROVAL,
+        Reason.SEQUENCE_TOO_HIGH,
     }
 )
 _LENT_ANEW: Final = frozenset(

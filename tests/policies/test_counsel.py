@@ -2,16 +2,42 @@
 
 import dataclasses
 import random
+from importlib import resources
 
 import pytest
 
-from policies import Effect, Means, Reason, canonical, decide, load_shipped, remedies
+from policies import Effect, Means, Reason, canonical, decide, load, load_shipped, remedies
 from policies.counsel import _changes
 from policies.reasons import REASONS
 from tests.model import triples
 from tests.policies import world
 
-SET = load_shipped("paper-default")
+TEXT = resources.files("policies").joinpath("sets", "paper-default.toml").read_text("utf-8")
+HEAD = TEXT[: TEXT.index("[parameters]")]
+SET = load(
+    HEAD
+    + "".join(
+        f'''
+[[policy]]
+id = "{name}"
+subject = {{ agents = "any", sponsors = "any" }}
+object = {{ ids = "any", operations = "any" }}
+predicate = {{ all = {primitives} }}
+ep = ["{point}"]
+effect = "PERMIT"
+obligation = ["record"]
+pit_bound = {bound}
+'''
+        for name, point, bound, primitives in (
+            ("authority", "e4", '"none"', '["AID-1", "AID-2", "AID-3", "AID-4", "AID-5", "CATP-2", "CATP-4"]'),
+            ("scope", "e4", '"none"', '["TEA-1", "TEA-2", "TEA-3"]'),
+            ("robot", "e5", '"none"', '["TEA-5", "CII-4"]'),
+            ("impact", "e4", "3", '["TEA-4", "CATP-3"]'),
+        )
+    )
+)
+"""Those primitives whose reasons are told here, and no others that would have something to say besides."""
+WHOLE = load_shipped("paper-default")
 LIMIT = {
     "refusal": "LIMIT_EXCEEDED_BY_REQUEST", "parameter": "speed", "unit": "urad_s", "value": 2_000_000,
     "bound": {"low": 0, "high": 1_000_000}, "nearest": 1_000_000, "hop": 1,
@@ -42,6 +68,14 @@ def test_the_speed_at_which_nobody_need_be_asked_and_the_people_who_could_be():
     assert slower.detail == {"parameter": "speed", "unit": "urad_s", "at_most": 312_000, "tier": 2}
     assert (people.means, people.effect) == (Means.APPROVAL, Effect.PERMIT)
     assert people.detail == {"people": 1, "prior_leave": False}
+
+
+def test_one_suggestion_for_two_reasons_is_told_once():
+    found = told({**TIER_3, "evidence.impact.lower_tier_speed": 312_000}, WHOLE)
+    assert [(r.means, r.lifts) for r in found] == [
+        (means, (Reason.TIER_NEEDS_APPROVAL, Reason.SEQUENCE_NEEDS_APPROVAL)) for means in (Means.PARAMETER, Means.APPROVAL)
+    ]  # fmt: skip
+    assert [r.effect for r in found] == [Effect.PERMIT, Effect.PERMIT]
 
 
 def test_a_lower_speed_that_does_not_suffice_says_what_remains():
