@@ -427,6 +427,22 @@ def test_of_many_at_once_one_is_admitted():
     assert sum(isinstance(one, Admitted) for one in found) == 1 and len(found) == 8
 
 
+def test_a_turn_that_was_free_when_it_was_read_is_taken_once():
+    """Both were read before either was admitted: what decides is who takes the turn."""
+    point = Point(CHAIN)
+    point.conversations.heard = lambda _: 0
+    assert isinstance(heard(point), Admitted)
+    assert refused_for(heard(point)) is Reason.MESSAGE_OUT_OF_SEQUENCE
+    assert len(point.journal.bodies("outcome")) == 1
+
+
+def test_where_no_more_conversations_fit_nothing_is_heard():
+    point = Point(CHAIN)
+    full = ConversationBook(point.clock, of_a_hop=0)
+    point.admission._reader._conversations = full
+    assert refused_for(heard(point)) is Reason.MESSAGE_OUT_OF_SEQUENCE
+
+
 # --- a reader, and what its value is worth -----------------------------------------------------------------------------
 
 
