@@ -41,7 +41,9 @@ from pep.replay import ReplayCache
 from pep.rtde.limits import Ur3eLimits
 from pep.sequence import Sequence
 from policies.evidence import ImpactReading, PerceptionReading, RobotReading, SensorReading, ToolReading
+from policies.labels import Integrity, Label, Source
 from policies.load import load_shipped
+from policies.said import ArgumentReading, ContextReading
 from ztpm.survey import embedded
 
 HOST = f"127.{64 + os.getpid() % 63}.{os.getpid() // 63 % 250}.9"
@@ -340,6 +342,19 @@ def Claimed(text):
     return json.loads(keys.unb64u(text.split(".")[1]))
 
 
+class Still(Sequence):
+    """The sequence of an arm that stands where the test puts it, whatever was sent to it."""
+
+    def ended(self, request, *, arrived):
+        super().ended(request, arrived=False)
+
+
+def own_choice(request):
+    """Where the parameters of a call without receipts come from: its holder chose them."""
+    label = Label(frozenset({Source.AGENT}), frozenset(), Integrity.AGENT, 0)
+    return ContextReading((), tuple(ArgumentReading(value.name, label) for value in request.values))
+
+
 @dataclass
 class Rig:
     """A gate with everything injected."""
@@ -402,7 +417,7 @@ class Rig:
             limits=Ur3eLimits(),
             slot=self.slot,
             readiness=self.readiness,
-            sequence=Sequence(self.clock),
+            sequence=Still(self.clock),
             physics=self.physics,
             policies=self.policies,
             journal=journal,
@@ -454,6 +469,7 @@ class Rig:
             ),
             credentials=credentials or self.credentials(holder),
             arrived_ms=self.clock.monotonic_ms(),
+            context=own_choice(request),
         )
 
     async def effect(self, permit):

@@ -13,6 +13,7 @@ from capabilities.scope import Tier
 from pep.approvals import CAPACITY
 from pep.deferral import AskState
 from pep.errors import ActuationRefusedError, JournalError, PepError
+from pep.sequence import Sequence
 from policies.evidence import Contribution
 from policies.model import Effect
 from policies.parameters import Parameters
@@ -138,7 +139,11 @@ def test_what_is_asked_is_what_was_decided_on(rig):
     assert [[v.name, str(v.unit), v.value] for v in asked.values] == decision["request"]["values"]
     assert (asked.agent, asked.agent_key) == ("robotic", keys.thumbprint(keys.public_raw(rig.holder.key)))
     assert (asked.sponsor, asked.audience, asked.approvers, asked.opening_id) == ("alice", AUDIENCE, 1, "")
-    assert (asked.tier, asked.index_milli, asked.reasons) == (Tier(3), 2_500, ("TIER_NEEDS_APPROVAL",))
+    assert (asked.tier, asked.index_milli, asked.reasons) == (
+        Tier(3),
+        2_500,
+        ("TIER_NEEDS_APPROVAL", "SEQUENCE_NEEDS_APPROVAL"),
+    )
     assert [(c.kind, c.object) for c in asked.contributors] == [("person", "dave"), ("rigid", "box")]
     assert (asked.start_urad, asked.model_digest, asked.policy_digest) == (
         NEAR.start_urad,
@@ -297,9 +302,11 @@ def test_an_approval_that_no_longer_fits_counts_again_when_what_was_shown_is_so_
 # -- a use is given once
 
 
-def known(rig):
+def known(rig, call):
     """What the gate would have collected beside the cheap part."""
-    return {"impact": rig.physics.answer, "perception": rig.physics.perception, "robot": rig.readiness.answer}
+    impact, robot = rig.physics.answer, rig.readiness.answer
+    sequence = Sequence(rig.clock).reading(call.request, agent="robotic", impact=impact, robot=robot, unfinished=False)
+    return {"impact": impact, "perception": rig.physics.perception, "robot": robot, "sequence": sequence}
 
 
 def test_two_simultaneous_requests_cannot_both_use_the_last_use(rig):
@@ -312,7 +319,7 @@ def test_two_simultaneous_requests_cannot_both_use_the_last_use(rig):
     def grab(call):
         start.wait()
         seen = rig.gate._cheap(call)
-        seen = replace(seen, **known(rig))
+        seen = replace(seen, **known(rig, call))
         decision = decide(call.request, rig.asks.witness(call.request, seen), rig.policies)
         if decision.effect is Effect.PERMIT and rig.asks.consume(decision):
             won.append(decision.approval)
@@ -333,7 +340,7 @@ def test_a_reserved_use_lapses_and_cannot_be_consumed_late(rig):
 
     def reserved():
         call = rig.call(rig.holder)
-        seen = replace(rig.gate._cheap(call), **known(rig))
+        seen = replace(rig.gate._cheap(call), **known(rig, call))
         return decide(call.request, rig.asks.witness(call.request, seen), rig.policies)
 
     first, second = reserved(), reserved()
