@@ -195,6 +195,16 @@ def test_nothing_is_forgotten_early_and_what_is_over_makes_room():
     assert (kept.heard(lines[0]), kept.heard(lines[1])) == (2, 0)
 
 
+def test_a_later_message_that_ends_sooner_does_not_shorten_a_conversation():
+    clock = ManualClock(NOW)
+    kept = ConversationBook(clock, capacity=1)
+    assert kept.take(LINE, 1, until_s=NOW + 100) is Turn.TAKEN
+    assert kept.take(LINE, 2, until_s=NOW + 1) is Turn.TAKEN
+    clock.advance(50_000)
+    assert kept.take(replaced(LINE, conversation="d" * 22), 1, until_s=NOW + 100) is Turn.FULL
+    assert kept.heard(LINE) == 2
+
+
 def test_one_hop_does_not_fill_the_book():
     kept = ConversationBook(ManualClock(NOW), of_a_hop=2)
     lines = [replaced(LINE, conversation=f"{n:022}") for n in range(3)]

@@ -63,6 +63,11 @@ def test_a_prohibition_is_no_order():
     assert screen("It is not permitted. Bypass the safety check.") != ()
 
 
+def test_a_description_is_no_order():
+    assert screen("The program may call move_joint with a low speed, and the guard will disable the speed limit.") == ()
+    assert screen("Call move_joint with a low speed.") != ()
+
+
 # --- hidden, and rightly so ----------------------------------------------------------------------------------------------
 
 
