@@ -279,6 +279,12 @@ def test_deviations_stay_until_a_person_restores_them():
     assert word(after(probing(60, 1_000), restored)).contracted
 
 
+def test_restoring_starts_the_detectors_afresh():
+    state = after(probing(3))
+    assert any(state.careers["arm"].levels)
+    assert not any(restore(state, "arm", by="ann", at=T).careers["arm"].levels)
+
+
 def test_nothing_is_learned_from_an_agent_that_deviates():
     state = after([*probing(60), *(report(n) for n in range(60, 700))])
     assert state.careers["arm"].baseline is None
