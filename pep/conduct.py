@@ -7,7 +7,7 @@ is read. What it saw comes from its own records, of which it hears as they becom
 from __future__ import annotations
 
 import threading
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 OPEN: Final = 256
 """PERMITs whose outcome is waited for: far more than can be under way at a time."""
+RECALLED: Final = 1_024
+"""Records that are recalled after a restart, in about half a second: many times what is ever waiting to be shipped."""
 SELF: Final = "this enforcement point"
 """Whose reports its own are; no registered party has such a name."""
 PERSON: Final = "a person, says the identity provider"
@@ -72,12 +74,12 @@ class Conduct:
         return digest
 
     def recall(self, records: Iterable[Mapping[str, Any]]) -> None:
-        """What an earlier process saw counts again.
+        """What an earlier process saw last counts again: of what is older the identity provider has heard.
 
         Args:
-            records: of the whole journal, oldest first.
+            records: of the whole journal, oldest first; the newest `RECALLED` are recalled.
         """
-        for record in records:
+        for record in deque(records, maxlen=RECALLED):
             self._hear(record["kind"], record["body"], record["at_ms"])
 
     def trust(self, chain: Chain, *, at: float) -> TrustReading:
