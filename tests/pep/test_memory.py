@@ -282,6 +282,19 @@ def test_a_row_of_ours_in_the_place_of_another(desk):
     assert faults(desk) == {"a": "ROLLED_BACK", "b": "ROLLED_BACK", "c": "ROLLED_BACK"}
 
 
+def test_an_older_row_in_the_place_of_its_newer_one(desk):
+    for name, value in (("a", "old"), ("a", "new"), ("c", "c")):
+        desk.write(name, value=value)
+    desk.sql(
+        ("DELETE FROM memory WHERE sequence = 2",),
+        ("INSERT INTO memory SELECT 2, text, value FROM memory WHERE sequence = 1",),
+    )
+    assert desk.fault("a") == "ROW_FORGED"
+    desk.reopen()
+    assert (desk.fault("a"), desk.fault("c")) == ("ROLLED_BACK", "")
+    assert desk.incidents() == [("ROW_FORGED", "2"), ("ROW_MISSING", "2")]
+
+
 def test_a_deleted_row(desk):
     three(desk)
     desk.sql(("DELETE FROM memory WHERE sequence = 2",))
@@ -474,6 +487,26 @@ def test_what_cannot_be_made_durable_is_not_remembered_and_nothing_is_after_it(d
     desk.reopen()
     assert desk.read("a").value.value == "new"
     assert desk.write("a").sequence == 3
+
+
+def test_a_disk_that_failed_once_is_written_to_again_only_after_opening_anew(desk):
+    desk.write("a", value="old")
+    inner, failures = desk.memory._rows, [sqlite3.OperationalError("disk I/O error")]
+
+    class Failing(Replaying):
+        def append(self, row):
+            if failures:
+                raise failures.pop()
+            inner.append(row)
+
+    desk.memory._rows = Failing([])
+    for _ in range(2):
+        with pytest.raises(PepError) as caught:
+            desk.write("a", value="new")
+        assert caught.value.code is PepFault.STATE_UNREADABLE
+    desk.reopen()
+    assert desk.read("a").value.value == "old"
+    assert desk.write("a").sequence == 2
 
 
 @pytest.mark.parametrize("content", [b"", b"[]", b'{"memory":3}', b'{"memory":["x",1]}', b"\xff", b"[" * 100_000])
