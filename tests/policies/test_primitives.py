@@ -36,7 +36,7 @@ KINDS = {
     "permit", "deny", "inside", "outside", "missing", "stale", "future", "non-finite", "unit", "type", "empty", "oversized",
     "confusable",
 }  # fmt: skip
-KEYS = {"says", "kind", "given", "raw", "parameters", "verdict", "reason", "by", "detail", "place"}
+KEYS = {"says", "kind", "given", "raw", "parameters", "verdict", "reason", "by", "detail", "also", "place"}
 
 
 def primitive(name, overrides):
@@ -85,6 +85,12 @@ def test_case(name, spec):
     assert first.detail["remedy"] == REASONS[first.reason].remedy
     for key, value in spec.get("detail", {}).items():
         assert first.detail[key] == value, key
+    for finding, also in zip(verdict.findings[1:], spec.get("also", []), strict=True):
+        assert (finding.reason, finding.primitive) == (Reason(also["reason"]), name)
+        assert {"remedy": REASONS[finding.reason].remedy, **also}.items() <= {
+            **finding.detail,
+            "reason": finding.reason,
+        }.items()
 
 
 @pytest.mark.parametrize(("name", "spec"), CASES)
@@ -137,3 +143,24 @@ def test_every_reason_of_a_primitive_leads_in_a_case_or_belongs_to_verification(
         led = {Reason(case["reason"]) for case in cases if "reason" in case and case.get("by", path.stem) == path.stem}
         own = set(ROWS[path.stem].reasons) & made - {Reason.BUSY, Reason.PERCEPTION_MISSING}
         assert own <= led, path
+
+
+def plain(value):
+    """Whether TOML can say it: it has no null."""
+    members = value.values() if isinstance(value, dict) else [value]
+    return all(member is not None for member in members)
+
+
+def test_whatever_a_primitive_says_of_a_reason_is_compared_in_a_case():
+    """A word that the holder may rely on stands in a case, and what is missing is named in each of its cases."""
+    for path in FILES:
+        document = tomllib.loads(path.read_text("utf-8"))
+        name, told, compared = document["primitive"], set(), set()
+        for spec in (case for case in document["case"] if case["verdict"] in {"fails", "defers"}):
+            first = primitive(name, spec.get("parameters", {})).judge(world.case(spec.get("given"))).findings[0]
+            if first.primitive == name:
+                words = {word for word, value in first.detail.items() if plain(value)} - {"remedy", "clause"}
+                told |= {(first.reason, word) for word in words}
+                compared |= {(first.reason, word) for word in spec.get("detail", {})}
+                assert "evidence" not in words or "evidence" in spec.get("detail", {}), (name, spec["says"])
+        assert told <= compared, path

@@ -260,7 +260,7 @@ def worse(evidence):
                 {"approvers": ()},
                 {"uses_left": 0},
                 {"not_after": 0},
-                {"age_ms": approval.age_ms + 2_001},
+                {"age_ms": max(approval.age_ms, 0) + 2_001},  # a negative age is worse than any
                 {"sees_clear": False},
                 {"policy_digest": "other"},
                 {"sponsor": "somebody"},
