@@ -151,9 +151,9 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Conduct:  # noqa: A0
         edges=unique(claims.each("edges", _edge, most=ENTRIES), lambda e: (e.delegator, e.delegate), "an edge"),
         agents=unique(claims.each("agents", _agent, most=ENTRIES), lambda a: a.agent, "an agent"),
     )
-    if not word.since <= word.through <= word.version or not all(
-        word.since < entry.version <= word.through for entry in (*word.edges, *word.agents)
-    ):
+    versions = [*(entry.version for entry in word.edges), *(entry.version for entry in word.agents)]
+    inside = all(word.since < version <= word.through for version in versions)
+    if not inside or not word.since <= word.through <= word.version:
         raise malformed("entries outside of what was asked, or of what is told")
     return word
 

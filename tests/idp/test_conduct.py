@@ -164,6 +164,30 @@ def test_only_authority_that_was_lent_here_and_only_to_audiences_that_are_served
     assert [row["agent"] for row in stored(lent, "conduct")] == ["planner"]
 
 
+def test_a_state_that_cannot_be_read_is_not_forgiven(lent):
+    lent.journal.refused(lent.second)
+    lent.journal.ship()
+    before = stored(lent, "ledger")
+    with closing(sqlite3.connect(lent.folder / "idp.sqlite")) as base, base:
+        base.execute("UPDATE conduct SET behaviour = '{}' WHERE agent = 'mover'")
+    lent.journal.refused(lent.second)
+    with pytest.raises(ClientError) as caught:
+        lent.journal.ship()
+    assert (caught.value.code, caught.value.status) == ("STORE_UNAVAILABLE", 503)
+    assert stored(lent, "ledger") == before
+    with closing(sqlite3.connect(lent.folder / "idp.sqlite")) as base, base:
+        base.execute("DELETE FROM conduct WHERE agent = 'mover'")
+    lent.journal.ship()
+
+
+def test_an_id_that_no_database_can_look_for(lent):
+    lent.journal.refused(lent.second, request_id="a\x00b")
+    lent.journal.acted(lent.second, request_id="a\x00c")
+    lent.journal.acted(lent.second, "failed", why="NOT_WHAT_WAS_DECIDED", request_id="\u202ex")
+    assert lent.journal.ship() == 5
+    assert scores(lent) == {}
+
+
 BODIES = [
     {},
     {"decision": None},

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from policies import behaviour, concluded, trust
 from policies.behaviour import NOTHING_KNOWN, BehaviourState
 from policies.model import Effect
-from policies.report import Edge, Report, ReportError
+from policies.report import TEXT_MAX, Edge, Report, ReportError
 from policies.trust import NOTHING_REPORTED, TrustState
 from ztpm_idp.domain.events import ConductObserved, PermitConcluded, PermitOpened
 from ztpm_idp.domain.parties import Agent
@@ -94,11 +94,11 @@ def concerned(records: Iterable[Mapping[str, object]]) -> Concerned:
     requests, hops = set[str](), set[str]()
     for record in records:
         match record:
-            case {"kind": "outcome", "body": {"request_id": str(request_id)}}:
+            case {"kind": "outcome", "body": {"request_id": str(request_id)}} if _plain(request_id):
                 requests.add(request_id)
             case {"kind": "decision", "pep": str(pep), "at_ms": int(at_ms), "body": dict(body)}:
                 found = concluded.decided(body, reporter=pep, at_ms=at_ms)
-                if found is not None:
+                if found is not None and _plain(found.hop_id):
                     hops.add(found.hop_id)
             case _:
                 pass
@@ -136,8 +136,15 @@ def reported(rules: Rules, state: State, pep: Pep, taken: Iterable[RecordTaken],
     return (*events, *observed(rules, state, reports, at_ms))
 
 
+def _plain(name: str) -> bool:
+    """Whether every database can look for it."""
+    return len(name) <= TEXT_MAX and name.isprintable()
+
+
 def _ours(state: State, pep: Pep, found: concluded.Decided) -> bool:
     """Whether it is of an audience of the enforcement point's, and of a hop that was made for just this edge."""
+    if not _plain(found.report.request_id):
+        return False
     return found.audience in pep.audiences and state.held.made.get(found.hop_id) == found.report.edge
 
 

@@ -16,6 +16,7 @@ from ztpm_idp.domain.conduct import OPEN_RECORDS, AgentConduct, Held
 from ztpm_idp.domain.events import AgentRestored, ConductObserved, PermitConcluded, PermitOpened
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.errors import StoreUnavailableError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -117,11 +118,12 @@ class Conduct:
             for agent, trust, behaviour, restored_at in await self._connection.execute(
                 sa.select(c.agent, c.trust, c.behaviour, c.restored_at).where(c.agent.in_(ids))
             ):
-                found[agent] = AgentConduct(
-                    TrustState.from_json(json.loads(trust)),
-                    BehaviourState.from_json(json.loads(behaviour)),
-                    restored_at,
-                )
+                try:
+                    states = TrustState.from_json(json.loads(trust)), BehaviourState.from_json(json.loads(behaviour))
+                except ValueError as error:
+                    # Not what was stored, or of another version: to begin anew would be to forgive everything.
+                    raise StoreUnavailableError from error
+                found[agent] = AgentConduct(*states, restored_at)
         return found
 
     # --- writing -----------------------------------------------------------------------------------------------------
