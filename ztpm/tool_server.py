@@ -332,10 +332,11 @@ class ToolServer:
             await self._close(tasks)
 
     async def _first_view(self) -> None:
-        """The first verified view is there and proofs made now are accepted, or it has been waited for long enough."""
+        """The first verified views are there and proofs made now are accepted, or it has been waited for long enough."""
         deadline_ms = self.clock.monotonic_ms() + int(FIRST_VIEW_S * 1000)
         while not self.ended.is_set() and self.clock.monotonic_ms() < deadline_ms:
-            if self.follower.view().age_ms < FIRST_VIEW_S * 1000 and self.clock.wall_s() >= self.started_s:
+            ages_ms = self.follower.view().age_ms, self.follower.conduct().age_ms
+            if max(ages_ms) < FIRST_VIEW_S * 1000 and self.clock.wall_s() >= self.started_s:
                 return
             await asyncio.sleep(0.02)
 
