@@ -25,6 +25,7 @@ from pep.observation import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.operations import Kind, touchable
 from pep.permit import Permit, unfulfilled
 from pep.ports import Assessed
+from pep.sequence import ARRIVED
 from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading, NotCollected, ToolReading
 from policies.model import Decision, Effect, Finding, Request
 from policies.pdp import decide
@@ -324,7 +325,7 @@ class Gate:
             return Answer(_denial(call.request, decision, Reason.EFFECT_FAILED, ""), recorded=recorded)
         if call.operation.kind is Kind.READ:
             self._sequence.looked()
-        self._sequence.ended(call.request, arrived=not result.failed)
+        self._sequence.ended(call.request, arrived=not result.failed and result.value.get("outcome") == ARRIVED)
         what = "failed" if result.failed else "done"
         body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
         return Answer(decision, result=result, recorded=await self._concluded(permit, body))

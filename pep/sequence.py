@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 WINDOW_MS: Final = 10_000
 """How long an act counts. Ours: pick and place takes some seconds each way, and shaking takes less."""
+ARRIVED: Final = "reached"
+"""The outcome of a motion that ended at its target, as its tool says it."""
 ACTS_KEPT: Final = 256
 """Acts that are remembered at most; more than a robot does within the window."""
 SAME_PERMILLE: Final = 50

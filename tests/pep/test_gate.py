@@ -11,6 +11,7 @@ from capabilities.units import Quantity, Unit
 from pep import gate as gate_module
 from pep.errors import ActuationRefusedError, JournalError, PepFault
 from pep.gate import ATTEMPTS, Result
+from pep.sequence import Sequence
 from policies.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
 from policies.model import Effect, Obligation, ObligationKind
 from policies.reasons import Reason
@@ -627,3 +628,38 @@ def test_a_caller_who_goes_while_the_outcome_is_recorded_leaves_one_outcome(rig)
     rig.gate.close()
     outcomes = [record["body"]["outcome"] for record in rig.records("outcome")]
     assert outcomes == ["done"]
+
+
+@pytest.mark.parametrize(
+    ("outcome", "failed", "effect", "reason"),
+    [
+        ("reached", False, Effect.DENY, Reason.SEQUENCE_DRIFT),
+        ("authority_lost", False, Effect.PERMIT, Reason.PERMITTED),
+        ("reached", True, Effect.PERMIT, Reason.PERMITTED),
+    ],
+)
+def test_only_an_arm_that_arrived_is_known_to_stand_at_its_target(rig, outcome, failed, effect, reason):
+    """The arm of the rig does not move: after a motion that arrived it is not where it should be."""
+    rig.gate._sequence = Sequence(rig.clock)
+
+    async def ends(permit):
+        return Result({"outcome": outcome}, failed=failed)
+
+    run(rig, rig.call(rig.agent()), ends)
+    rig.clock.advance(60_000)
+    rig.feed.age_ms = 0
+    decision = run(rig, rig.call(rig.agent())).decision
+    assert (decision.effect, decision.reason) == (effect, reason)
+
+
+def test_who_reads_the_state_asks_from_there(rig):
+    rig.gate._sequence = Sequence(rig.clock)
+
+    async def arrives(permit):
+        return Result({"outcome": "reached"})
+
+    agent = rig.agent()
+    run(rig, rig.call(agent), arrives)
+    assert run(rig, rig.call(agent)).decision.reason is Reason.SEQUENCE_DRIFT
+    assert run(rig, rig.call(agent, "read_state")).decision.effect is Effect.PERMIT
+    assert run(rig, rig.call(agent)).decision.effect is Effect.PERMIT

@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 LENDING: Final = Story()
 DELEGATED: Final = ("delegate",)
+THETA: Final = 700
+"""Least trust, in permille, at which the shipped policies let a tier 2 act pass without a person."""
 HEX_DIGEST: Final = re.compile(rb'"[0-9a-f]{64}"')
 
 
@@ -61,12 +63,14 @@ def _register(stage: Stage) -> Seen:
         ("robotic", "actuator"),
         ("vision", "observer"),
         ("config", "planner"),
+        ("stray", "actuator"),
+        ("greedy", "planner"),
     ):
         stage.new_agent(name, sponsor="alice", role=role)
     latency = (time.perf_counter() - started) * 1e3
     known = {row["id"]: row["status"] for row in stage.person("alice").agents()}
     told = f"alice registered {', '.join(sorted(known))}; none may act before it is attested"
-    return Seen(told, "DONE", "REGISTERED", None, latency, ok=set(known.values()) == {"registered"} and len(known) == 4)
+    return Seen(told, "DONE", "REGISTERED", None, latency, ok=set(known.values()) == {"registered"} and len(known) == 6)
 
 
 @LENDING.step("attest", Expect("DONE", recorded=False, ledger="agent-attested"), needs=("register",))
@@ -82,7 +86,7 @@ def _attest(stage: Stage) -> Seen:
 
 @LENDING.step("issue", Expect("DONE", recorded=False, ledger="token-issued"), needs=("attest",))
 def _issue(stage: Stage) -> Seen:
-    scope = lent(stage, "robotic", "vision", "config")
+    scope = lent(stage, "robotic", "vision", "config", "stray")
     started = time.perf_counter()
     issued = stage.person("alice").issue(
         stage.agents["orchestrator"], scope, purpose="sweep the table and hand over parts"
@@ -98,6 +102,7 @@ def _delegate(stage: Stage) -> Seen:
     started = time.perf_counter()
     hand_down(stage, "robotic", arm_only(speed_high=SLOWER))
     latency = (time.perf_counter() - started) * 1e3
+    hand_down(stage, "stray", arm_only(speed_high=SLOWER))
     told = "the orchestrator lent the robotic agent the arm alone, at most 0.6 rad/s, after it was attested anew"
     return Seen(told, "DONE", "DELEGATED", None, latency)
 
@@ -122,13 +127,17 @@ def asked_of_idp(action: Callable[[], object]) -> tuple[str, str, int, float]:
     "widen-refused", Expect("DENY", "NOT_NARROWER", recorded=False, ledger="delegation-refused"), needs=DELEGATED
 )
 def _widen(stage: Stage) -> Seen:
+    greedy = stage.agents["greedy"]
+    stage.tokens["greedy"] = stage.person("alice").issue(greedy, lent(stage, "vision"), purpose="plan a sweep").token
     decision, code, status, latency = asked_of_idp(
-        lambda: hand_down(stage, "vision", arm_only(speed_high=2_000_000), keep_as="wider")
+        lambda: greedy.delegate(
+            stage.tokens["greedy"], stage.agents["vision"], arm_only(speed_high=2_000_000), purpose="faster"
+        )
     )
     told = (
-        f"the orchestrator asked for a delegate at 2 rad/s, above its own 1.05: the identity provider answered {status}"
+        f"the greedy agent asked for a delegate at 2 rad/s, above its own 1.05: the identity provider answered {status}"
     )
-    return Seen(told, decision, code, None, latency, ok=status == 403 and "wider" not in stage.tokens)
+    return Seen(told, decision, code, None, latency, ok=status == 403)
 
 
 @LENDING.step("unattested-refused", Expect("DENY", "HOP_NOT_ATTESTED"), needs=DELEGATED)
@@ -158,14 +167,14 @@ def _move_empty(stage: Stage) -> Seen:
 
 @LENDING.step("scope-refused", Expect("DENY", "NOT_GRANTED"), needs=DELEGATED)
 def _scope(stage: Stage) -> Seen:
-    answer = stage.ask("robotic", "gripper_move", {"width_m": 0.04, "speed_m_s": 0.05, "force_n": 40})
-    told = f"the robotic agent called the gripper, which its hop dropped: {answer.content.get('primitive')}"
+    answer = stage.ask("stray", "gripper_move", {"width_m": 0.04, "speed_m_s": 0.05, "force_n": 40})
+    told = f"the stray agent called the gripper, which its hop dropped: {answer.content.get('primitive')}"
     return Seen.answer(told, answer, ok=answer.content.get("primitive") == "TEA-1")
 
 
 @LENDING.step("limit-refused", Expect("DENY", "LIMIT_EXCEEDED_BY_REQUEST"), needs=DELEGATED)
 def _limit(stage: Stage) -> Seen:
-    answer = stage.move("robotic", speed=0.8)
+    answer = stage.move("stray", speed=0.8)
     said = answer.content
     by, limit = said.get("set_by") or {}, said.get("limit") or {}
     told = (
@@ -177,14 +186,14 @@ def _limit(stage: Stage) -> Seen:
         (said.get("parameter"), said.get("value"), said.get("unit"), said.get("nearest_permitted"))
         == ("speed", 800_000, "urad_s", SLOWER)
         and said.get("limit") == {"low": 0, "high": SLOWER}
-        and (by.get("hop"), by.get("agent"), by.get("sponsor")) == (1, "robotic", "alice")
+        and (by.get("hop"), by.get("agent"), by.get("sponsor")) == (1, "stray", "alice")
     )
     return Seen.answer(told, answer, ok=ok)
 
 
 @LENDING.step("replay-refused", Expect("DENY", "REPLAYED"), needs=DELEGATED)
 def _replay(stage: Stage) -> Seen:
-    honest = stage.ask("robotic", "read_state", {})
+    honest = stage.ask("stray", "read_state", {})
     assert honest.exchange is not None
     answer = resend(honest.exchange)
     told = f"the same bytes once more: first {honest.status}, then {answer.status}"
@@ -224,22 +233,29 @@ def _fragile_trusted(stage: Stage) -> Seen:
 @LENDING.step("fragile-untrusted", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=DELEGATED)
 def _fragile_untrusted(stage: Stage) -> Seen:
     stage.scene(objects=[under_the_path()])
-    trust(stage, 500)
+    stage.person("alice").set_trust("robotic", 500)
+    until(lambda: trust(stage, "robotic") <= 500, "the lower trust in the PEP's evidence")
     answer = stage.move("robotic")
-    trust(stage, 800)
+    stage.person("alice").set_trust("robotic", 800)
+    until(lambda: trust(stage, "robotic") > THETA, "the trust of before in the PEP's evidence")
     return Seen.answer("the same with trust 0.5, which alice signed: deferred, and the arm stood still", answer)
 
 
-def trust(stage: Stage, permille: int) -> None:
-    """Alice states the robotic agent's trust, and the PEP has read it."""
-    stage.person("alice").set_trust("robotic", permille)
+@LENDING.step("trust-fell", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=("widen-refused",))
+def _trust_fell(stage: Stage) -> Seen:
+    stage.scene(objects=[under_the_path()])
+    until(lambda: trust(stage, "greedy") < THETA, "what the attempt cost in the PEP's evidence")
+    answer = stage.move("greedy")
+    known = trust(stage, "greedy")
+    told = f"the same by the greedy agent, whose attempt to lend more than it holds left it a trust of {known / 1000}"
+    return Seen.answer(told, answer, ok=answer.content.get("trust_permille") == known)
 
-    def arrived() -> bool:
-        stage.ask("robotic", "read_state", {})
-        known = [row["body"]["evidence"]["trust"] for row in stage.journal() if row["kind"] == "decision"]
-        return bool(known) and known[-1].get("score_permille") == permille
 
-    until(arrived, f"trust {permille} in the PEP's evidence")
+def trust(stage: Stage, agent: str) -> int:
+    """The agent's trust in permille as the PEP reads it now."""
+    stage.ask(agent, "read_state", {})
+    (*_, newest) = (row["body"]["evidence"]["trust"] for row in stage.journal() if row["kind"] == "decision")
+    return int(newest.get("score_permille", -1))
 
 
 @LENDING.step("human-deferred", Expect("DEFER", "TIER_NEEDS_APPROVAL", 3), needs=DELEGATED)
