@@ -218,12 +218,12 @@ class Parameters:
         source="ours: scope, physics and people bound it; a stricter set asks for provenance from tier 2 on",
     )
     recorded_max_tier: int = _named(
-        2,
+        4,
         unit="tier",
         low=0,
         high=4,
         meaning="highest tier of an act with an argument from a tool's response, memory or a curated document",
-        source="ours: what a person or a sensor has not said carries no high consequence",
+        source="ours: as an agent's own choice, which it could pass it off as; a stricter set believes it up to tier 2",
     )
     alternations_max_count: int = _named(
         6,

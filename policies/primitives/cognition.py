@@ -168,8 +168,8 @@ class ProvenanceOfContent:
     id: ClassVar[str] = "CII-5"
 
     def __post_init__(self) -> None:
-        if not self.unvouched_max_tier <= min(self.agent_max_tier, self.recorded_max_tier):
-            raise PolicyError(PolicyFault.NOT_MONOTONE, "primitive", "nobody's word would count for more than a record")
+        if not self.unvouched_max_tier <= self.agent_max_tier <= self.recorded_max_tier:
+            raise PolicyError(PolicyFault.NOT_MONOTONE, "primitive", "who vouches for less would be believed for more")
 
     def max_tier(self, argument: ArgumentReading) -> Tier:
         """The highest tier of an act with this argument."""

@@ -48,7 +48,7 @@ def test_the_random_triples_reach_every_effect_and_most_reasons():
     pick = random.Random(1).choice
     seen = {"effects": {}, "reasons": set()}
     by_people = 0
-    for _ in range(4_000):
+    for _ in range(6_000):
         decision = decide(*triples.triple(pick))
         seen["effects"][decision.effect] = seen["effects"].get(decision.effect, 0) + 1
         seen["reasons"].add(decision.reason)

@@ -332,7 +332,7 @@ def check(pick, points, *, gate):
     if row.id == "CII-2":
         values["suspicious_admitted_count"] = pick([0, 1])
     if row.id == "CII-5":
-        values["agent_max_tier"] = pick([0, 1, 4])
+        values["agent_max_tier"], values["recorded_max_tier"] = pick([(0, 2), (1, 2), (1, 4), (4, 4)])
     if row.id == "ABG-4":
         values["contracted_max_tier"] = pick([0, 1, 3])
     return Check(row.make(**values))

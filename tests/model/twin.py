@@ -326,7 +326,7 @@ def said(primitive, r, e, physical):
                 bad.add((me, "RESPONSE_MISMATCH"))
         tier = pit(e, physical)
         for a in x.arguments:
-            highest = [0, primitive.agent_max_tier, 2, 2, 4, 4][a.label.integrity]
+            highest = [0, primitive.agent_max_tier, *[primitive.recorded_max_tier] * 2, 4, 4][a.label.integrity]
             if a.fault or a.label.tainted:
                 highest = 0
             if tier is None and highest < 4:

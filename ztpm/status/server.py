@@ -129,6 +129,7 @@ class StatusServer:
             status_app(picture, host=host, port=port, owners=owners),
             log_level="error",
             access_log=False,
+            loop="asyncio",
             http="h11",
             ws="none",
             lifespan="off",
