@@ -446,3 +446,46 @@ def test_a_store_that_cannot_commit_says_nothing(lent, monkeypatch):
     monkeypatch.setattr(Store, "beat", broken)
     with lent.anonymous() as http:
         assert http.get(ISSUER + "/conduct", params={"since": "0", "nonce": "n" * 24}).status_code == 503
+
+
+# --- young agents ----------------------------------------------------------------------------------------------------
+
+
+def worked(world, token, times, **changes):
+    for number in range(times):
+        world.clock.at_s += 1
+        world.journal.acted(token, q0=200_000 + number % 7 * 10_000, **changes)
+        if number % 25 == 24:
+            world.journal.ship()
+    world.journal.ship()
+
+
+@pytest.mark.timeout(300)
+def test_a_young_agent_is_compared_with_its_peers_alone(world, monkeypatch):
+    """Others of its role and sponsor that have learned; not those of another sponsor, nor of another role."""
+    alice, bob = world.people["alice"], world.people["bob"]
+    world.journal = Journal(world)
+    found = {}
+
+    def looked_at(state, report, parameters, *, now, role):
+        found[report.agent] = sorted(agent for agent in state.careers if agent != report.agent)
+        return observe(state, report, parameters, now=now, role=role)
+
+    observe = behaviour.observe
+    old = world.agent("old")
+    world.agent("planner", role="planner"), world.agent("bobs", sponsor="bob")
+    worked(
+        world,
+        alice.issue(old, world.scope(not_after=int(world.clock()) + 3_000), purpose="p").token,
+        PARAMETERS.behaviour_learn_count,
+    )
+    assert held(world, "old")[1].careers["old"].baseline is not None
+    monkeypatch.setattr(behaviour, "observe", looked_at)
+    for agent, person in (("new", alice), ("planner", alice), ("bobs", bob), ("old", alice)):
+        holder = world.agents.get(agent) or world.agent(agent)
+        worked(world, person.issue(holder, world.scope(), purpose="p").token, 1)
+    assert found == {"new": ["old"], "planner": [], "bobs": [], "old": []}
+    assert set(held(world, "new")[1].careers) == {"new"}, "what is stored is its own"
+    alice.suspend_agent("old", "r")
+    worked(world, alice.issue(world.agents["new"], world.scope(), purpose="p").token, 1)
+    assert found["new"] == []

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from capabilities.chain import Chain
+    from policies.career import Career
     from policies.conduct import BehaviourReading
     from policies.parameters import Parameters
     from ztpm_idp.domain.codes import Code
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 
 DELEGATE: Final = "delegate"
 """The operation of lending on."""
+PEERS: Final = 8
+"""With how many others of its role a young agent is compared."""
 OPEN_RECORDS: Final = 4_096
 """How many records after a PERMIT its outcome is waited for: one that comes later makes no report."""
 
@@ -79,11 +82,14 @@ class Held:
         agents: by id; one that is not here is one of which nothing was reported.
         open: reports of PERMITs of the enforcement point, by request id: as if nothing had been sent.
         made: the edge of each concerned hop that was ever made.
+        peers: for agents that are too young for a baseline of their own, what others of their sponsor's with the same
+            role usually do, by agent; at most `PEERS` of each.
     """
 
     agents: Mapping[str, AgentConduct] = field(default_factory=lambda: MappingProxyType({}))
     open: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
     made: Mapping[str, Edge] = field(default_factory=lambda: MappingProxyType({}))
+    peers: Mapping[str, Mapping[str, Career]] = field(default_factory=lambda: MappingProxyType({}))
 
 
 # --- from records ----------------------------------------------------------------------------------------------------
@@ -158,12 +164,25 @@ def observed(rules: Rules, state: State, reports: Iterable[Report], at_ms: int) 
         known[report.agent] = replace(
             before,
             trust=trust.observe(before.trust, report, parameters, now=now),
-            behaviour=behaviour.observe(before.behaviour, report, parameters, now=now, role=role),
+            behaviour=_beside(state, before.behaviour, report, parameters, now=now, role=role),
         )
     return tuple(
         ConductObserved(agent, conduct, published(agent, conduct, at=now, parameters=parameters))
         for agent, conduct in sorted(known.items())
     )
+
+
+def _beside(
+    state: State, before: BehaviourState, report: Report, parameters: Parameters, *, now: int, role: str
+) -> BehaviourState:
+    """The agent's own state after the report, which was looked at beside its peers' where it is still young."""
+    own = before.careers.get(report.agent)
+    young = own is None or own.baseline is None
+    peers = state.held.peers.get(report.agent, {}) if young else {}
+    together = replace(before, careers=MappingProxyType({**peers, **before.careers}))
+    after = behaviour.observe(together, report, parameters, now=now, role=role)
+    careers = {agent: career for agent, career in after.careers.items() if agent == report.agent}
+    return replace(after, careers=MappingProxyType(careers))
 
 
 # --- from here -------------------------------------------------------------------------------------------------------

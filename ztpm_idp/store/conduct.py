@@ -12,7 +12,7 @@ from capabilities.statements.conduct import AgentEntry, DeviationEntry, EdgeEntr
 from policies.behaviour import BehaviourState
 from policies.report import Edge, Report
 from policies.trust import TrustState
-from ztpm_idp.domain.conduct import OPEN_RECORDS, AgentConduct, Held
+from ztpm_idp.domain.conduct import OPEN_RECORDS, PEERS, AgentConduct, Held
 from ztpm_idp.domain.events import AgentRestored, ConductObserved, PermitConcluded, PermitOpened
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import schema as t
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
+    from policies.career import Career
     from ztpm_idp.domain.conduct import Concerned, Published
 
 ConductEvent = PermitOpened | PermitConcluded | ConductObserved | AgentRestored
@@ -57,7 +58,9 @@ class Conduct:
             open_ = await self._open(pep, concerned.requests)
             made = await self._made(concerned.hops)
             agents = agents | {report.agent for report in open_.values()} | {edge.delegate for edge in made.values()}
-        return Held(agents=await self._agents(agents), open=open_, made=made)
+        found = await self._agents(agents)
+        peers = {agent: await self._peers(agent) for agent in sorted(agents) if _young(agent, found.get(agent))}
+        return Held(agents=found, open=open_, made=made, peers=peers)
 
     async def told(self, *, since: int, most: int) -> Told:
         """What was told after `since` of living parties: the oldest, at most `most` edges and as many agents."""
@@ -118,13 +121,24 @@ class Conduct:
             for agent, trust, behaviour, restored_at in await self._connection.execute(
                 sa.select(c.agent, c.trust, c.behaviour, c.restored_at).where(c.agent.in_(ids))
             ):
-                try:
-                    states = TrustState.from_json(json.loads(trust)), BehaviourState.from_json(json.loads(behaviour))
-                except ValueError as error:
-                    # Not what was stored, or of another version: to begin anew would be to forgive everything.
-                    raise StoreUnavailableError from error
-                found[agent] = AgentConduct(*states, restored_at)
+                found[agent] = AgentConduct(_trust(trust), _behaviour(behaviour), restored_at)
         return found
+
+    async def _peers(self, agent: str) -> dict[str, Career]:
+        """What others do that live, of the same sponsor and role: who answers for one answers for what it is like."""
+        other, own, c = t.agents.alias("other"), t.agents.alias("own"), t.conduct.c
+        rows = await self._connection.execute(
+            sa.select(c.agent, c.behaviour)
+            .select_from(
+                own.join(other, sa.and_(other.c.sponsor == own.c.sponsor, other.c.role == own.c.role))
+                .join(t.conduct, c.agent == other.c.id)
+                .join(t.parties, t.parties.c.id == other.c.id)
+            )
+            .where(own.c.id == agent, other.c.id != agent, t.parties.c.standing != Standing.REVOKED.value)
+            .order_by(c.agent)
+            .limit(PEERS)
+        )
+        return {peer: career for peer, text in rows if (career := _behaviour(text).careers.get(peer)) is not None}
 
     # --- writing -----------------------------------------------------------------------------------------------------
 
@@ -194,6 +208,27 @@ class Conduct:
         c = t.counters.c
         await self._connection.execute(sa.update(t.counters).values(conduct_version=c.conduct_version + 1))
         return int((await self._connection.execute(sa.select(c.conduct_version))).scalar_one())
+
+
+def _trust(text: str) -> TrustState:
+    try:
+        return TrustState.from_json(json.loads(text))
+    except ValueError as error:
+        # Not what was stored, or of another version: to begin anew would be to forgive everything.
+        raise StoreUnavailableError from error
+
+
+def _behaviour(text: str) -> BehaviourState:
+    try:
+        return BehaviourState.from_json(json.loads(text))
+    except ValueError as error:
+        raise StoreUnavailableError from error  # as above
+
+
+def _young(agent: str, known: AgentConduct | None) -> bool:
+    """Whether there is no baseline of its own yet."""
+    career = None if known is None else known.behaviour.careers.get(agent)
+    return career is None or career.baseline is None
 
 
 _NOTHING_TO_TELL: Final = ((), None, False, None)
