@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+import policies
 from capabilities import keys, workload
-from ztpm_idp.settings import IdpKeys, SettingsError, check_settings, load_keys, load_platform, load_settings
+from ztpm_idp.settings import (
+    IdpKeys,
+    SettingsError,
+    check_settings,
+    load_keys,
+    load_platform,
+    load_policies,
+    load_settings,
+)
 
 KEY_FILES = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
 GOOD = {
@@ -200,3 +211,19 @@ def test_files_that_are_no_configuration(tmp_path, content):
 
 def test_keys_are_not_shown(tmp_path):
     assert repr(load_keys(load_settings(write_config(tmp_path)), tmp_path, "secret")) == "IdpKeys(...)"
+
+
+def test_the_policies_that_delegations_are_decided_by(tmp_path):
+    named = lambda name: check_settings(GOOD | {"policy": name})
+    assert load_policies(check_settings(GOOD)).name == "paper-default"
+    assert load_policies(named("strict"), tmp_path).name == "strict"
+    shipped = Path(policies.__file__).with_name("sets") / "strict.toml"
+    (tmp_path / "own.toml").write_text(shipped.read_text().replace('name = "strict"', 'name = "own"'))
+    assert load_policies(named("own.toml"), tmp_path).name == "own"
+    (tmp_path / "bad.toml").write_text("name = 1")
+    for name, folder in (("bad.toml", tmp_path), ("absent.toml", tmp_path), ("own.toml", None), ("../x", None)):
+        with pytest.raises(SettingsError) as caught:
+            load_policies(named(name), folder)
+        assert caught.value.setting == "policy"
+    with pytest.raises(SettingsError):
+        named("")
