@@ -1,7 +1,7 @@
 # The whole developer story. Each target is short and says what it proves.
 RUN ?= uv run --extra all --group dev
 
-.PHONY: check format lint types imports test docs demo bench campaign constraints
+.PHONY: check format lint types imports test docs demo bench campaign mutants constraints
 
 check: lint types imports test  ## all of it; green before anything lands
 
@@ -34,6 +34,9 @@ bench:  ## capability tokens beside their peers, in one run; the ratios last
 campaign:  ## every claim about tokens and decisions, tried in full; the figures last
 	$(RUN) ztpm eval tokens
 	$(RUN) python -m tests.model.campaign
+
+mutants:  ## what the tests of the policies let live; the score last (half an hour)
+	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
 
 constraints:  ## pin the whole set with hashes, without naming an index
 	uv pip compile pyproject.toml --all-extras --group dev --generate-hashes --no-emit-index-url --no-header --universal --python-version 3.11 -o constraints.txt -q

@@ -1,0 +1,18 @@
+"""A pytest plugin: every test makes the same attempts for every mutant, and no answer outlives its test."""
+
+import pytest
+from hypothesis import settings
+
+
+def pytest_sessionstart(session):
+    """Fixed examples, none remembered from another mutant. After the suite's own profile, before any test is collected."""
+    settings.register_profile("mutants", settings(), derandomize=True, database=None, print_blob=False)
+    settings.load_profile("mutants")
+
+
+@pytest.fixture(autouse=True)
+def nothing_remembered():
+    """The shape of a class is worked out once in a process; here it belongs to the test that asks for it."""
+    from policies import shape
+
+    shape._checker.cache_clear()
