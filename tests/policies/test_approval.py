@@ -61,6 +61,7 @@ COUNTS = {
     ),
     "at its last second": ({"not_after": 1_000_000}, {}),
     "word of 2 s ago": ({"age_ms": 2_000}, {}),
+    "word of this very millisecond": ({"age_ms": 0}, {}),
     "at the approved speed": ({}, {"tcp_speed_um_s": 250_000, "contact_permille": 1_000}),
     "nobody need attest to a cell that is seen": ({"sees_clear": False}, {}),
     "the sponsor alone": ({"approvers": ("alice",)}, {}),
@@ -112,6 +113,30 @@ def test_what_does_not_count_is_asked_again_and_says_what_differs(name):
     assert name.split()[0] in [difference["what"] for difference in detail["differs"]]
     assert detail["ask_id"] == "a5" * 16
     assert CONSUME not in decision.obligations
+
+
+@pytest.mark.parametrize(
+    ("approval", "impact", "what", "shown", "now"),
+    [
+        ({"state": "withdrawn"}, {}, "state", "granted", "withdrawn"),
+        ({"sponsor": "bob"}, {}, "sponsor", "bob", "alice"),
+        ({"uses_left": 0}, {}, "uses_left", 1, 0),
+        ({"not_after": 999_999}, {}, "not_after", 999_999, 1_000_000.0),
+        ({"age_ms": 2_001}, {}, "age_ms", 2_000, 2_001),
+        ({"approvers": ()}, {}, "approvers", 1, 0),
+        ({"reasons": frozenset({"B", "A"})}, {}, "reasons", ["A", "B"], ["SEQUENCE_NEEDS_APPROVAL", "TIER_NEEDS_APPROVAL"]),
+        ({"tier": Tier(2)}, {}, "tier", 2, 3),
+        ({}, {"model_digest": "dd"}, "model_digest", "cc", "dd"),
+        ({}, {"index_milli": 2_551}, "index_milli", 2_500, 2_551),
+        ({}, {"start_urad": (2_001, 0, 0, 0, 0, 0)}, "start_urad", [0] * 6, [2_001, 0, 0, 0, 0, 0]),
+        ({"contributors": frozenset({("b", "y"), ("a", "x")})}, {}, "contributors", [["a", "x"], ["b", "y"]], [["parameter", "joint_speed"]]),
+    ],
+)  # fmt: skip
+def test_what_differs_is_told_as_it_was_shown_and_as_it_is(approval, impact, what, shown, now):
+    (told,) = (
+        each for each in answer(approval=approval, impact=impact).findings[0].detail["differs"] if each["what"] == what
+    )
+    assert told == {"what": what, "shown": shown, "now": now}
 
 
 FOUR = {
