@@ -148,3 +148,26 @@ def test_the_order_of_policies_does_not_matter():
     other = PolicySet(policies.name, policies.version, policies.policies[::-1], policies.parameters)
     for given in ({}, {"request.operation": "read_state"}):
         assert answer(given, policies).obligations == answer(given, other).obligations
+
+
+OWED = {
+    LOWER_TRUST: """
+        SIGNATURE_INVALID HOP_NOT_ATTESTED NOT_CANONICAL CHAIN_BROKEN
+        NOT_NARROWER PROOF_WRONG_KEY PROOF_NOT_FOR_THIS_REQUEST REPLAYED
+        DELEGATE_NOT_ALLOWED NOT_GRANTED ABOVE_CEILING INSTRUCTION_UNAUTHENTIC
+        INTENT_NOT_BOUND TEXT_WITHOUT_AUTHORITY MESSAGE_UNAUTHENTIC MESSAGE_OUT_OF_DELEGATION
+    """,
+    REATTEST: """
+        ATTESTATION_INVALID ATTESTATION_OLD REATTESTATION_NEEDED BEHAVIOUR_DEVIATES
+    """,
+    NOTIFY: """
+        POLICY_ERROR ENGINES_DISAGREE PHYSICS_FAULT PERCEPTION_INVALID
+        STATEMENT_UNTRUSTED TOOL_DEFINITION_CHANGED DOCUMENT_UNSIGNED TRUST_NOT_OF_EDGE
+        BEHAVIOUR_DRIFTS SCOPE_CONTRACTED
+    """,
+}
+
+
+@pytest.mark.parametrize("owed", OWED)
+def test_what_each_reason_obliges_to(owed):
+    assert {str(reason) for reason, what in AFTER.items() if what is owed} == set(OWED[owed].split())
