@@ -189,7 +189,7 @@ class Gate:
                     return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
                 undone = unfulfilled(decision, call.request)
                 if undone is not None:
-                    void = _denial(call.request, decision, Reason.POLICY_ERROR, "", obligation=str(undone.kind))
+                    void = _denial(call.request, decision, Reason.OBLIGATION_UNMET, "", obligation=str(undone.kind))
                     return await self._conclude(call, evidence, void)
                 if not self._asks.consume(decision):
                     # the use went to another request, or out of time, since the evidence was collected

@@ -86,13 +86,16 @@ def standing(case: Case, deferred: Iterable[Finding], policies: PolicySet) -> St
         case "used":
             return AskAgain(found("", Reason.APPROVAL_USED, ask_id=approval.ask_id))
         case "granted":
+            # first: a world that differs besides makes the refusal of what is too fast no question
+            fast = _too_fast(case, policies.parameters)
+            if fast is not None:
+                return Refused(fast)
             differs = list(_differences(case, approval, {str(f.reason) for f in deferred}, policies))
         case state:
             differs = [_difference("state", "granted", state)]
     if differs:
         return AskAgain(found("", Reason.APPROVAL_NOT_USABLE, ask_id=approval.ask_id, differs=differs))
-    fast = _too_fast(case, policies.parameters)
-    return Counts(approval.ask_id, approval.use) if fast is None else Refused(fast)
+    return Counts(approval.ask_id, approval.use)
 
 
 def _difference(what: str, shown: object, now: object) -> dict[str, object]:

@@ -154,6 +154,7 @@ CHARGES: Final[Mapping[str, Charge]] = MappingProxyType(
         Reason.VERDICT_EXPIRED: _HOUSE,
         Reason.NOT_WHAT_WAS_DECIDED: _WRONG,
         Reason.RECORD_FAILED: _HOUSE,
+        Reason.OBLIGATION_UNMET: _HOUSE,
         Reason.BODY_MALFORMED: _SLIP,
         Reason.BODY_TOO_LARGE: _SLIP,
         Reason.EVIDENCE_MALFORMED: _HOUSE,

@@ -293,6 +293,10 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.VERDICT_EXPIRED: ReasonRow("The decision was too old to act on.", "Send the request again."),
         Reason.NOT_WHAT_WAS_DECIDED: ReasonRow("What was about to be sent is not what was decided.", _REPORT),
         Reason.RECORD_FAILED: ReasonRow("The decision could not be recorded.", _REPORT),
+        Reason.OBLIGATION_UNMET: ReasonRow(
+            "A permit would oblige to something that is not done here.",
+            "Ask the operator for a policy that obliges to what this point does.",
+        ),
         Reason.BODY_MALFORMED: ReasonRow("The request cannot be read.", "Send well-formed JSON, each key once."),
         Reason.BODY_TOO_LARGE: ReasonRow("The request is too large.", "Send less."),
         Reason.EFFECT_FAILED: ReasonRow("The effect did not happen as decided.", _REPORT),

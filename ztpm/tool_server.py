@@ -332,7 +332,7 @@ class ToolServer:
             await self._close(tasks)
 
     async def _first_view(self) -> None:
-        """The first verified views are there and proofs made now are accepted, or it has been waited for long enough."""
+        """The first verified views are there and proofs made now are accepted, or it was waited long enough."""
         deadline_ms = self.clock.monotonic_ms() + int(FIRST_VIEW_S * 1000)
         while not self.ended.is_set() and self.clock.monotonic_ms() < deadline_ms:
             ages_ms = self.follower.view().age_ms, self.follower.conduct().age_ms

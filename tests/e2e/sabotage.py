@@ -103,6 +103,14 @@ def pep_ignores_trust():
 
 
 @defect
+def idp_charges_nobody():
+    """Whatever an agent tries, its trust is that of a stranger."""
+    from policies import trust
+
+    trust.observe = lambda state, report, parameters, *, now: state
+
+
+@defect
 def pep_is_blind_to_people():
     import dataclasses
 

@@ -31,6 +31,8 @@ CASES = [
     ("stolen-refused", PEP, "pep_takes_any_key", MOVED),
     ("tampered-refused", PEP, "pep_trusts_a_token_it_knows", MOVED),
     ("fragile-untrusted", PEP, "pep_ignores_trust", MOVED),
+    ("trust-fell", IDP, "idp_charges_nobody", FOREVER),
+    ("trust-fell", PEP, "pep_ignores_trust", MOVED),
     ("human-deferred", PEP, "pep_is_blind_to_people", MOVED),
     ("human-deferred", PEP, "pep_moves_without_asking", MOVED),
     ("deferral-expires", PEP, "pep_never_ends_an_ask", FOREVER),

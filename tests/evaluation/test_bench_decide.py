@@ -71,8 +71,6 @@ def asked(policies):
     yield from (cases.STOP.situation(policies, cases.BROKEN[what]) for what in cases.BROKEN_STOP)
 
 
-
-
 @pytest.mark.parametrize("shipped", SETS)
 def test_every_clause_of_every_rule_is_broken_by_some_case(shipped):
     policies = SETS[shipped]

@@ -147,7 +147,7 @@ def test_trust_below_what_a_set_wants_is_a_question_and_nobody_is_asked(tmp_path
 def test_a_policy_that_asks_for_what_is_not_done_here_permits_nothing(tmp_path):
     with world_with(tmp_path, policies(obligation='"record", "watch"')) as world:
         planner, mover, lent = party(world)
-        assert refused(world, planner, lent, mover) == "PERMITTED"
+        assert refused(world, planner, lent, mover) == "OBLIGATION_UNMET"
 
 
 def test_what_was_not_loaded_is_not_well(world, monkeypatch):

@@ -124,8 +124,20 @@ def everything(world):
         return {
             t: base.execute(f"SELECT * FROM {t}").fetchall()
             for t in (
-                "parties", "agents", "hops", "revocations", "ledger", "tools", "asks", "votes", "openings",
-                "peps", "records", "permits", "conduct", "edges",
+                "parties",
+                "agents",
+                "hops",
+                "revocations",
+                "ledger",
+                "tools",
+                "asks",
+                "votes",
+                "openings",
+                "peps",
+                "records",
+                "permits",
+                "conduct",
+                "edges",
             )
         }
 

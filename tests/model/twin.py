@@ -415,13 +415,18 @@ def answered(e, policies, physical, tier, asked):
         word = ("DENY", "APPROVAL_DENIED")
     elif a.state == "used":
         word = ("DEFER", "APPROVAL_USED")
-    elif not fits(e, policies, physical, tier, asked):
-        word = ("DEFER", "APPROVAL_NOT_USABLE")
-    elif physical and (
-        (i.tcp_speed_um_s > 250_000 and (tier == 3 or i.perception != "fresh"))
-        or (i.contact_permille > 1_000 and tier == 3)
+    elif (
+        a.state == "granted"
+        and physical
+        and isinstance(i, ImpactReading)
+        and (
+            (i.tcp_speed_um_s > 250_000 and (tier == 3 or i.perception != "fresh"))
+            or (i.contact_permille > 1_000 and tier == 3)
+        )
     ):
         word = ("DENY", "APPROVED_TOO_FAST")
+    elif not fits(e, policies, physical, tier, asked):
+        word = ("DEFER", "APPROVAL_NOT_USABLE")
     else:
         return "PERMIT", tier, set(), set()
     lead = {("", word[1])}

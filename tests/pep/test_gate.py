@@ -102,7 +102,7 @@ def test_a_permit_with_an_obligation_that_is_not_fulfilled_here_is_void(rig, mon
         gate_module, "decide", lambda *a: replace(d := honest(*a), obligations=(*d.obligations, obligation))
     )
     answer = run(rig, rig.call(rig.agent()))
-    assert (answer.decision.effect, answer.decision.reason) == (Effect.DENY, Reason.POLICY_ERROR)
+    assert (answer.decision.effect, answer.decision.reason) == (Effect.DENY, Reason.OBLIGATION_UNMET)
     assert answer.decision.findings[0].detail == {"obligation": str(obligation.kind)}
     assert rig.sent == []
     assert [r["body"]["decision"]["effect"] for r in rig.records("decision")] == ["DENY"]

@@ -184,26 +184,17 @@ def test_a_receipt_is_asked_for_with_true():
 
 # --- over the wire -------------------------------------------------------------------------------------------------
 
-BY_ARGUMENTS = """
-[[policy]]
-id = "arguments"
-subject = { agents = "any", sponsors = "any" }
-object = { ids = "any", operations = "any", without = ["read_state", "stop"] }
-predicate = "CII-5"
-ep = ["e4"]
-effect = "PERMIT"
-obligation = ["record"]
-pit_bound = "none"
-"""
-
 
 class Vouched(Cell):
     """A tool server that knows where values come from, and one admission point that it knows."""
 
     def build(self, journal=None):
         shipped = resources.files("policies").joinpath("sets", "paper-default.toml").read_text(encoding="utf-8")
-        # Whether the shipped set asks for it or not.
-        self.policies = load(shipped if 'id = "arguments"' in shipped else shipped + BY_ARGUMENTS)
+        # A tool's word, and an agent's own, is believed up to tier 2.
+        for name in ("agent_max_tier", "recorded_max_tier"):
+            assert f"{name} = 4" in shipped
+            shipped = shipped.replace(f"{name} = 4", f"{name} = 2")
+        self.policies = load(shipped)
         return super().build(journal)
 
     def start(self, *, without=False):

@@ -198,6 +198,11 @@ def test_too_fast_for_an_approved_act_is_denied_with_the_speed_that_needs_nobody
     assert decision.findings[0].detail["nearest_permitted"] == 120_000
 
 
+def test_a_world_that_differs_besides_does_not_make_a_question_of_what_is_too_fast():
+    assert answer(impact={"tcp_speed_um_s": 250_001}).effect is Effect.DENY
+    assert answer(impact={"tcp_speed_um_s": 250_001, "model_digest": "dd"}).effect is Effect.DENY
+
+
 def test_too_fast_in_an_unseen_cell_at_tier_4():
     reasons = frozenset({"TIER_SAFETY_CRITICAL", "SEQUENCE_NEEDS_APPROVAL", "PERCEPTION_MISSING"})
     impact = {"perception": "stale", "tcp_speed_um_s": 250_001}

@@ -45,7 +45,11 @@ def test_what_has_no_rfc_8785_form_has_no_digest(value):
         request(values=[Quantity("q0", Unit.MICRORADIAN, value)]).digest  # noqa: B018
 
 
-@given(st.dictionaries(st.text(max_size=4), st.integers(), max_size=6), st.sets(st.text(max_size=4), max_size=6), st.integers(0, 99))
+@given(
+    st.dictionaries(st.text(max_size=4), st.integers(), max_size=6),
+    st.sets(st.text(max_size=4), max_size=6),
+    st.integers(0, 99),
+)
 def test_the_order_in_which_a_map_or_a_set_was_filled_does_not_matter(map_, set_, seed):
     pairs, members = list(map_.items()), list(set_)
     random.Random(seed).shuffle(pairs)

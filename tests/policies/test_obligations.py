@@ -7,7 +7,18 @@ import pytest
 
 from capabilities.scope import Tier
 from capabilities.units import Quantity, Unit
-from policies import Effect, Obligation, ObligationKind, PolicyError, PolicyFault, PolicySet, Reason, decide, load, load_shipped
+from policies import (
+    Effect,
+    Obligation,
+    ObligationKind,
+    PolicyError,
+    PolicyFault,
+    PolicySet,
+    Reason,
+    decide,
+    load,
+    load_shipped,
+)
 from policies.obligations import AFTER, LOWER_TRUST, NOTIFY, REATTEST, RECORD
 from tests.policies import world
 
@@ -77,7 +88,9 @@ def test_what_cannot_be_decided_is_told_to_a_person():
 
 
 def test_no_reason_of_a_permit_or_of_people_obliges_to_more_than_the_record():
-    assert not {Reason.PERMITTED, Reason.APPROVAL_DENIED, Reason.TIER_NEEDS_APPROVAL, Reason.TRUST_TOO_LOW} & AFTER.keys()
+    assert (
+        not {Reason.PERMITTED, Reason.APPROVAL_DENIED, Reason.TIER_NEEDS_APPROVAL, Reason.TRUST_TOO_LOW} & AFTER.keys()
+    )
 
 
 def asking(text, *, of='id = "impact"'):
@@ -138,7 +151,9 @@ def test_a_question_that_was_overruled_by_a_denial_obliges_to_nothing():
 
 
 def test_a_prohibition_that_is_silent_while_another_policy_denies_obliges_to_nothing():
-    silent = FORBIDDING.format(word="notify", operation="move_joint", effect="DENY").replace('"always"', '{ not = "CATP-3" }')
+    silent = FORBIDDING.format(word="notify", operation="move_joint", effect="DENY").replace(
+        '"always"', '{ not = "CATP-3" }'
+    )
     assert list(answer({"evidence.chain": {"fault": "EXPIRED"}}, load(TEXT + silent)).obligations) == [RECORD]
     assert NOTIFY in answer({"evidence.trust": "not collected"}, load(TEXT + silent)).obligations
 

@@ -85,7 +85,11 @@ def modelled(request, evidence, policies, added=None):
     facts = observe(request, evidence, policies, names)
     assert all(laws(facts, names, PLAIN))
     said = outcome(policies, facts, names, PLAIN, added)
-    (effect,) = [effect for effect, is_it in zip(("PERMIT", "DEFER", "DENY"), (said.permit, said.defer, said.deny), strict=True) if is_it]
+    (effect,) = [
+        effect
+        for effect, is_it in zip(("PERMIT", "DEFER", "DENY"), (said.permit, said.defer, said.deny), strict=True)
+        if is_it
+    ]
     return effect, said.by_people, said.at.tier if said.at.tier_known and facts.well_formed else None
 
 
@@ -144,7 +148,9 @@ def test_one_more_denial_is_modelled_as_what_it_does():
         both = PolicySet(policies.name, policies.version, (*policies.policies, policy), policies.parameters)
         if evidence.approval not in (None, triples.NOT_COLLECTED):
             # an approval is bound to the set that decides, so each of the two has its own
-            evidence = dataclasses.replace(evidence, approval=dataclasses.replace(evidence.approval, policy_digest=both.digest))
+            evidence = dataclasses.replace(
+                evidence, approval=dataclasses.replace(evidence.approval, policy_digest=both.digest)
+            )
         names = names_of(both, proof.HARMLESS)
         facts = observe(request, evidence, both, names)
         physical = requirement(request, both).physical
@@ -180,7 +186,9 @@ def test_unknown_primitives_do_not_soften_with_the_tier():
 
 
 def permits_instead_of_asking(policy, verdict, case):
-    return combine.Answer(Effect.PERMIT, grants=True) if isinstance(verdict, Defers) else ORIGINAL(policy, verdict, case)
+    return (
+        combine.Answer(Effect.PERMIT, grants=True) if isinstance(verdict, Defers) else ORIGINAL(policy, verdict, case)
+    )
 
 
 ORIGINAL = pdp._permit
@@ -204,7 +212,6 @@ def test_code_that_is_sabotaged_no_longer_answers_as_the_formulas(monkeypatch, n
 
 
 @needs_z3
-@pytest.mark.clause("POL-4", "POL-5")
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_set_is_proven(name):
     results = proven(load_shipped(name))
@@ -229,7 +236,9 @@ def test_a_broken_set_is_caught(name):
     policies = broken(name)
     results = proven(policies)
     assert {id for id, result in results.items() if result.standing is proof.Standing.BROKEN} == PLANTED[name]
-    assert {id for id, result in results.items() if result.standing is proof.Standing.PROVEN} == CLAIMS.keys() - PLANTED[name]
+    assert {
+        id for id, result in results.items() if result.standing is proof.Standing.PROVEN
+    } == CLAIMS.keys() - PLANTED[name]
     for id in PLANTED[name]:
         (shown,) = results[id].counterexample
         # once more from what is written, without anything of the prover
@@ -238,7 +247,9 @@ def test_a_broken_set_is_caught(name):
         decision = decide(again.request, again.evidence, policies)
         assert decision == shown.told.decision
         assert decision.effect == "PERMIT"
-        assert CLAIMS[id].shown([dataclasses.replace(shown.told, request=again.request, evidence=again.evidence)], proof.HARMLESS)
+        assert CLAIMS[id].shown(
+            [dataclasses.replace(shown.told, request=again.request, evidence=again.evidence)], proof.HARMLESS
+        )
 
 
 @needs_z3
@@ -306,7 +317,11 @@ def test_primitives_without_a_formula_may_say_anything():
 
 @needs_z3
 def test_a_counterexample_that_decide_does_not_confirm_is_a_fault(monkeypatch):
-    monkeypatch.setattr(prover, "decide", lambda request, evidence, policies: decide(request, evidence, PolicySet("none", 1, (), Parameters())))
+    monkeypatch.setattr(
+        prover,
+        "decide",
+        lambda request, evidence, policies: decide(request, evidence, PolicySet("none", 1, (), Parameters())),
+    )
     results = proven(broken("no-human-root"))
     assert results["P1"].standing is proof.Standing.FAULT
     # nor is a proof believed when what should be permitted is not
@@ -342,7 +357,9 @@ def test_without_z3_nothing_is_proven(monkeypatch):
 
 
 def test_policies_and_their_proofs_import_without_z3():
-    code = "import sys; sys.modules['z3'] = None; import policies, policies.proof; policies.load_shipped('paper-default')"
+    code = (
+        "import sys; sys.modules['z3'] = None; import policies, policies.proof; policies.load_shipped('paper-default')"
+    )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
 
 
@@ -354,7 +371,6 @@ def app():
     from ztpm.cli.policy import app
 
     return app
-
 
 
 @needs_z3

@@ -14,7 +14,7 @@ from policies.behaviour import reading
 from policies.evidence import NOT_COLLECTED, Evidence, NotCollected, ToolReading, TrustReading
 from policies.model import Effect, ObligationKind, Point, Request
 from policies.pdp import decide
-from policies.reasons import REASONS
+from policies.reasons import REASONS, Reason
 from policies.trust import TrustState, chain_trust
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import Refusal
@@ -73,7 +73,7 @@ def judged(
             beyond = sorted(o.kind for o in decision.obligations if o.kind not in DONE_HERE)
             if not beyond:
                 return decision, None
-            return decision, Refusal(decision.reason, f"no delegation is bound to: {', '.join(beyond)}")
+            return decision, Refusal(Reason.OBLIGATION_UNMET, f"no delegation is bound to: {', '.join(beyond)}")
         case Effect.DENY:
             return decision, Refusal(decision.reason, f"{decision.primitive} {REASONS[decision.reason].remedy}".strip())
         case Effect.DEFER:
