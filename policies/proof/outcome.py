@@ -76,8 +76,8 @@ def outcome(policies: PolicySet, facts: Facts, names: Names, logic: Logic, added
     deferred = logic.every(logic.no(refused), logic.some(*(s.defers for s in said)))
     # people may be asked, and what they said may count
     hopeless = logic.every(_critical(at), logic.no(facts.opening_in_force))
-    answered = logic.every(deferred, logic.no(hopeless), facts.approval == GRANTED, approval_fits(at))
-    by_people = logic.every(answered, logic.no(_too_fast(at)))
+    answered = logic.every(deferred, logic.no(hopeless), facts.approval == GRANTED)
+    by_people = logic.every(answered, logic.no(_too_fast(at)), approval_fits(at))
     denied_by_people = logic.some(hopeless, facts.approval == DENIED, logic.every(answered, _too_fast(at)))
     deny = logic.some(refused, logic.every(deferred, denied_by_people))
     permit = logic.some(logic.every(logic.no(refused), logic.no(deferred)), by_people)
