@@ -1,5 +1,6 @@
 """The status page: nothing on it can become markup, and it is served to its owner alone."""
 
+import json
 import os
 import socket
 from dataclasses import replace
@@ -7,7 +8,7 @@ from dataclasses import replace
 import httpx2
 import pytest
 
-from ztpm.status.decisions import Decided, OpenAsk
+from ztpm.status.decisions import Decided, Decisions, OpenAsk
 from ztpm.status.markup import Markup, tag, text
 from ztpm.status.page import render
 from ztpm.status.peer import owner_of
@@ -28,7 +29,7 @@ PICTURE = Picture(
         "seen": [{"sensor": "camera-1", "age_ms": 30, "people": ["p1"], "objects": [{"id": "glass-1", "kind": "fragile"}]}],
     },
     view={"epoch": 3, "age_ms": 120},
-    decisions=(Decided(1_700_000_000_000, "r1", "mover", "move_joint", "DEFER", "TIER_NEEDS_APPROVAL", 3),),
+    decisions=(Decided(1_700_000_000_000, "r1", "mover", "move_joint", "DEFER", "TIER_NEEDS_APPROVAL", 3, "", ("notify", "re-attest")),),
     asks=(OpenAsk("ab" * 16, "mover", "move_joint", "TIER_NEEDS_APPROVAL", 3, 1_700_000_030_000),),
     agents=(Known("mover", 900),),
     incomplete=(),
@@ -50,7 +51,7 @@ def test_everything_is_on_the_page():
     page = render(PICTURE)
     for shown in (
         "tool server", "1 min 15 s", "does not run", "57.3°", "moving", "running", "normal", "fresh", "camera-2", "p1",
-        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", "denies in 30 s",
+        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", "denies in 30 s", "notify, re-attest",
         f"http://127.77.0.11:8700/ztpm/approvals/{'ab' * 16}/page", f"ztpm approvals approve {'ab' * 16} --data /cell --as NAME",
     ):  # fmt: skip
         assert shown in page
@@ -73,7 +74,7 @@ def test_nothing_becomes_markup():
         parts=(Part(EVIL, 1, answers=None, up_s=1, restarts=0),),
         robot={"fault": EVIL},
         perception={**PICTURE.perception, "fault": EVIL, "perception": EVIL, "sensors": [EVIL]},
-        decisions=(Decided(10**18, EVIL, EVIL, EVIL, EVIL, EVIL, None, EVIL),),
+        decisions=(Decided(10**18, EVIL, EVIL, EVIL, EVIL, EVIL, None, EVIL, (EVIL,)),),
         asks=(OpenAsk(EVIL, EVIL, EVIL, EVIL, None, 0),),
         agents=(Known(EVIL, 1),),
         incomplete=(EVIL,),
@@ -135,3 +136,13 @@ def test_the_kernel_says_whose_connection_it_is(tmp_path):
         assert owner_of(server.getsockname(), ("127.0.0.1", 1)) is None
     assert owner_of(("::1", 1), ("::1", 2)) is None
     assert owner_of((HOST, 1), (HOST, 2), table=tmp_path / "none") is None
+
+
+def test_what_a_decision_obliges_people_to_is_read_from_its_record(tmp_path):
+    journal = tmp_path / "journal"
+    decision = {"effect": "DENY", "reason": "TOOL_DEFINITION_CHANGED", "obligations": ["notify", "record", "watch"]}
+    body = {"decision": decision, "request": {"id": "r1", "operation": "move_joint"}}
+    journal.write_text(json.dumps({"kind": "decision", "at_ms": 1, "body": body}) + "\n", encoding="utf-8")
+    decisions = Decisions(journal)
+    decisions.follow()
+    assert [decided.owed for decided in decisions.newest()] == [("notify",)]

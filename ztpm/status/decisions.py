@@ -19,6 +19,9 @@ FIRST_BYTES: Final = 4_194_304
 READ_BYTES: Final = 4_194_304
 """How much is read at once afterwards."""
 
+OWED: Final = frozenset({"notify", "re-attest", "lower trust"})
+"""Obligations that are fulfilled elsewhere than at the enforcement point: this page is where people are notified."""
+
 
 @dataclass(frozen=True, slots=True)
 class Decided:
@@ -32,6 +35,7 @@ class Decided:
         effect, reason: PERMIT, DENY or DEFER, and why.
         tier: or None.
         outcome: what came of a PERMIT: "done", "failed", "refused", "cancelled", "unknown"; "" when nothing has yet.
+        owed: what people or the identity provider have to do because of it: "notify", "re-attest", "lower trust".
     """
 
     at_ms: int
@@ -42,6 +46,7 @@ class Decided:
     reason: str
     tier: int | None
     outcome: str = ""
+    owed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +145,7 @@ class Decisions:
             effect=str(decision["effect"]),
             reason=str(decision["reason"]),
             tier=decision.get("tier"),
+            owed=tuple(kind for kind in map(str, decision.get("obligations", ())) if kind in OWED),
         )
         self._newest.append(decided)
         ask = body.get("ask")

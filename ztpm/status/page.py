@@ -185,6 +185,8 @@ def _agents(picture: Picture) -> Markup:
     return _section("Agents", _table(("agent", "trust"), rows, numbers=(1,)))
 
 
+NOTIFY: Final = "notify"
+"""What a person has to see, and sees here."""
 EFFECTS: Final = {"PERMIT": "good", "DENY": "bad", "DEFER": "wait"}
 
 
@@ -200,10 +202,11 @@ def _decisions(picture: Picture) -> Markup:
             decided.agent or text(tag("span", "nobody known", class_="dim")),
             decided.operation,
             decided.outcome,
+            tag("span", ", ".join(decided.owed), class_="wait" if NOTIFY in decided.owed else ""),
         )
         for decided in picture.decisions
     ]
-    headings = ("time", "decision", "tier", "reason", "agent", "operation", "outcome")
+    headings = ("time", "decision", "tier", "reason", "agent", "operation", "outcome", "to be done")
     return _section("Last decisions", _table(headings, rows, numbers=(2,)), wide=True)
 
 
