@@ -17,6 +17,9 @@ from ztpm.cli.conduct import conduct
 from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from evaluation.bench.timing import Plan
     from evaluation.stops import Report
 
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
@@ -75,36 +78,14 @@ def bench_capabilities(
 ) -> None:
     """Capability tokens from the wire to a decision: ours, Tenuo, AIP, bare Biscuit, macaroons, PyJWT."""
     from evaluation.bench import plot as plots
-    from evaluation.bench.absent import AbsentError
     from evaluation.bench.report import ratios_line
     from evaluation.bench.run import run
     from evaluation.bench.table import tables
-    from evaluation.bench.timing import FULL, QUICK, WrongAnswerError
+    from evaluation.bench.timing import FULL, QUICK
 
-    plan = QUICK if quick else FULL
-    try:
-        if as_json:
-            result = run(plan, seed=seed, told=_nothing)
-        else:
-            with console.status("") as status:
-                result = run(plan, seed=seed, told=status.update)
-        if plot is not None:
-            plots.plot(result, plot)
-    except (WrongAnswerError, AbsentError) as error:
-        fail("NOT_MEASURED", str(error), as_json=as_json)
-    found = result.to_json()
-    if as_json:
-        say_json(found)
-        return
-    for table in tables(result):
-        console.print(table)
-        console.print()
-    for row in result.rows:
-        if row.scope is None:
-            console.print(f"{row.peer}: {row.why}")
-    console.print(", ".join(f"{name} {version}" for name, version in result.versions.items()))
-    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
-    console.print(ratios_line(found["ratios"]))
+    result = _measured(run, plots.plot, QUICK if quick else FULL, seed=seed, plot=plot, as_json=as_json)
+    absent = [f"{row.peer}: {row.why}" for row in result.rows if row.scope is None]
+    _tell(result, tables, ratios_line, remarks=absent, as_json=as_json)
 
 
 @bench.command("decide")
@@ -116,14 +97,31 @@ def bench_decide(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
 ) -> None:
     """One decision on facts that are there: ours, Cedar, casbin and Rego on equivalent rules."""
-    from evaluation.bench.absent import AbsentError
     from evaluation.bench.decisions import plot as plots
     from evaluation.bench.decisions.report import ratios_line, tables
-    from evaluation.bench.decisions.rules import NoPlainFormError
     from evaluation.bench.decisions.run import FULL, run
-    from evaluation.bench.timing import QUICK, WrongAnswerError
+    from evaluation.bench.timing import QUICK
 
-    plan = QUICK if quick else FULL
+    result = _measured(run, plots.plot, QUICK if quick else FULL, seed=seed, plot=plot, as_json=as_json)
+    remarks = [f"{row.peer}: {row.why}" for row in result.rows if row.case is None]
+    remarks.append(f"All engines agree in {result.agreed} cases, on {result.rules} rules.")
+    _tell(result, tables, ratios_line, remarks=remarks, as_json=as_json)
+
+
+def _measured(
+    run: Callable[..., Any],
+    draw: Callable[[Any, Path], None],
+    plan: Plan,
+    *,
+    seed: int,
+    plot: Path | None,
+    as_json: bool,
+) -> Any:
+    """What a benchmark found, its progress shown and its picture drawn; ends the command where it found nothing."""
+    from evaluation.bench.absent import AbsentError
+    from evaluation.bench.decisions.rules import NoPlainFormError
+    from evaluation.bench.timing import WrongAnswerError
+
     try:
         if as_json:
             result = run(plan, seed=seed, told=_nothing)
@@ -131,9 +129,21 @@ def bench_decide(
             with console.status("") as status:
                 result = run(plan, seed=seed, told=status.update)
         if plot is not None:
-            plots.plot(result, plot)
+            draw(result, plot)
     except (WrongAnswerError, NoPlainFormError, AbsentError) as error:
         fail("NOT_MEASURED", str(error), as_json=as_json)
+    return result
+
+
+def _tell(
+    result: Any,
+    tables: Callable[[Any], Iterable[Table]],
+    ratios_line: Callable[[dict[str, Any]], str],
+    *,
+    remarks: Iterable[str],
+    as_json: bool,
+) -> None:
+    """The tables of a benchmark, what is to be said beside them, and the ratios last."""
     found = result.to_json()
     if as_json:
         say_json(found)
@@ -141,11 +151,9 @@ def bench_decide(
     for table in tables(result):
         console.print(table)
         console.print()
-    for row in result.rows:
-        if row.case is None:
-            console.print(f"{row.peer}: {row.why}")
+    for remark in remarks:
+        console.print(remark)
     console.print(", ".join(f"{name} {version}" for name, version in result.versions.items()))
-    console.print(f"All engines agree in {result.agreed} cases, on {result.rules} rules.")
     console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
     console.print(ratios_line(found["ratios"]))
 
