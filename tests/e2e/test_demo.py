@@ -9,8 +9,8 @@ import pytest
 
 STEPS = [
     "init", "register", "attest", "issue", "delegate", "widen-refused", "unattested-refused", "move-empty", "scope-refused",
-    "limit-refused", "replay-refused", "stolen-refused", "tampered-refused", "fragile-trusted", "fragile-untrusted", "human-deferred",
-    "deferral-expires", "ceiling-refused", "through-person-denied", "not-finite-refused", "revoked-refused", "sponsor-disabled",
+    "limit-refused", "replay-refused", "stolen-refused", "tampered-refused", "fragile-trusted", "fragile-untrusted", "trust-fell",
+    "human-deferred", "deferral-expires", "ceiling-refused", "through-person-denied", "not-finite-refused", "revoked-refused", "sponsor-disabled",
     "stale-feed-refused", "audit-verifies", "approved-moves", "approval-used-up", "approval-changed-world",
     "agent-approval-refused", "zone-denied", "one-of-two-refused", "dual-authorised", "stale-world-deferred",
     "forged-frame-refused", "place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion", "restart-keeps",
