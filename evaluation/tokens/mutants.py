@@ -112,7 +112,7 @@ def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault],
     chance = random.Random(seed)  # noqa: S311 - draws, no secrets
     found = Tally()
     found.lost += _control(of, ask)
-    before_mib = _memory_mib("VmRSS")
+    before_mib, peak_mib = _memory_mib("VmRSS"), _memory_mib("VmHWM")
     for number in range(count):
         kind = KINDS[number % len(KINDS)]
         while (made := mutant(kind, of, chance)) in of.issued:
@@ -122,7 +122,9 @@ def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault],
         if number % _CONTROL == _CONTROL - 1:
             found.lost += _control(of, ask)
     found.lost += _control(of, ask)
-    found.growth_mib = _memory_mib("VmHWM") - before_mib
+    # A peak of before is none of ours; below it, what is there now tells whether something was kept.
+    highest_mib = _memory_mib("VmHWM")
+    found.growth_mib = (highest_mib if highest_mib > peak_mib else _memory_mib("VmRSS")) - before_mib
     return found
 
 

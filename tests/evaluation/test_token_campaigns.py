@@ -155,6 +155,12 @@ def test_memory_that_grows_is_seen(pool):
     assert mutants.Figures(40, found).missed
 
 
+def test_a_peak_of_before_is_no_growth(pool):
+    spike = bytearray(300_000_000)
+    del spike
+    assert mutants.hunt(pool, 1, 1, honest(pool.issued), mutants.Clocks()).growth_mib < mutants.GROWTH_MIB
+
+
 def test_a_failure_is_told_whole():
     """Mutants come of random draws: the seed does not bring one back, so the report has to have it."""
     tally = mutants.Tally(accepted=["ab" * 3_000, "cd"], stray=["Panic ef"])
