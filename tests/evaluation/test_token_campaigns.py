@@ -156,7 +156,7 @@ def test_memory_that_grows_is_seen(pool):
 
 
 def test_a_peak_of_before_is_no_growth(pool):
-    spike = bytearray(300_000_000)
+    spike = b"x" * 300_000_000
     del spike
     assert mutants.hunt(pool, 1, 1, honest(pool.issued), mutants.Clocks()).growth_mib < mutants.GROWTH_MIB
 
