@@ -32,6 +32,7 @@ from pep.leaves import Leaves
 from pep.question import compose, reasons_of
 from pep.reopening import reopen
 from pep.votes import Ballot, Leave, Rejected, read_opening, read_vote
+from policies.evidence import ApprovalReading
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from pep.ports import Approvers, Clock, Journal
     from pep.question import Asker
     from pep.votes import Tally
-    from policies.evidence import Evidence
+    from policies.evidence import Evidence, NotCollected
     from policies.model import Decision, Request
 
 CAPACITY: Final = answers_statement.ASKS
@@ -183,7 +184,7 @@ class Asks:
         with self._writing:
             if isinstance(evidence.chain, Chain):
                 key = (holder_of(evidence.chain, request), frozenset(reasons_of(decision)), decision.tier)
-                if (standing := self._standing(key)) is not None:
+                if (standing := self._standing(key, evidence.approval)) is not None:
                     return standing
             wall_s = self._wall_s()
             expires_at = wall_s + self._timeout_ms / 1000
@@ -215,9 +216,14 @@ class Asks:
             text=text,
         )
 
-    def _standing(self, key: Key) -> tuple[AskState, Ask | None] | None:
-        """What already stands for this question, or that there is no room for it; None when it is to be asked."""
+    def _standing(self, key: Key, seen: ApprovalReading | NotCollected | None) -> tuple[AskState, Ask | None] | None:
+        """What already stands for this question, or that there is no room for it; None when it is to be asked.
+
+        A question that was open when the evidence was collected, and was answered since, stands: people have just
+        spoken, and the next identical request hears them.
+        """
         now_ms = self._clock.monotonic_ms()
+        answered = seen.ask_id if isinstance(seen, ApprovalReading) and seen.state == "open" else ""
         with self._lock:
             same = [d for d in self._deferrals.values() if d.key == key]
             for deferral in same:
@@ -227,7 +233,8 @@ class Asks:
                 if deferral.state is AskState.REFUSED and now_ms < deferral.refused_until_ms:
                     return AskState.REFUSED, deferral.ask
             for deferral in same:
-                if deferral.state is AskState.OPEN or deferral.awaits_word:
+                just_answered = deferral.ask.ask_id == answered and deferral.state in ANSWERED.values()
+                if deferral.state is AskState.OPEN or deferral.awaits_word or just_answered:
                     return AskState.OPEN, deferral.ask
             if sum(d.state is AskState.OPEN for d in self._deferrals.values()) >= CAPACITY:
                 return AskState.REFUSED, None

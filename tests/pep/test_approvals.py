@@ -374,6 +374,30 @@ def test_a_use_that_another_request_takes_in_between_is_not_given_twice(rig):
     assert rig.sent == []
 
 
+@pytest.mark.parametrize(
+    ("answer", "then"),
+    [("approve", (Effect.PERMIT, Reason.PERMITTED)), ("deny", (Effect.DENY, Reason.APPROVAL_DENIED))],
+)
+def test_an_answer_that_comes_while_a_request_is_judged_is_no_reason_to_ask_again(rig, answer, then):
+    rig.ask()
+    witness = rig.asks.witness
+
+    def answered_right_after(request, evidence):
+        seen = witness(request, evidence)
+        person = threading.Thread(target=rig.cast, args=(rig.vote(answer=answer),))
+        person.start()
+        person.join()
+        return seen
+
+    rig.asks.witness = answered_right_after
+    late = rig.go()
+    assert (late.decision.effect, late.ask.ask_id) == (Effect.DEFER, rig.ask_id)
+    rig.asks.witness = witness
+    assert len(rig.issuer.asks) == 1
+    heard = rig.go()
+    assert (heard.decision.effect, heard.decision.reason) == then
+
+
 def test_a_late_verdict_returns_its_use_on_record_and_the_next_attempt_takes_it(rig):
     slow, late = rig.journal.append, [51]
 

@@ -45,6 +45,8 @@ BRING_RAD_S: Final = 1.0
 """Speed at which the arm is brought to where a step begins, by the orchestrator, who may move that fast."""
 BRING_TRIES: Final = 5
 """On a loaded machine the watch may end a move; what sets the stage is begun again."""
+SEND_TRIES: Final = 5
+"""On a loaded machine a verdict may be too old to act on; its reason says what to do: send the request again."""
 ACCELERATION_RAD_S2: Final = 1.4
 WAIT_S: Final = 15.0
 """Longest wait for something that must become visible."""
@@ -221,9 +223,13 @@ class Stage:
         return str(world.get("perception"))
 
     def ask(self, agent: str, tool: str, arguments: dict[str, object], *, token: str | None = None) -> Answer:
-        """The agent's call of a tool with its token."""
+        """The agent's call of a tool with its token, sent again when nothing was done because the verdict came late."""
         auth = self.agents[agent].auth(token or self.tokens[agent])
-        return call(self.cell.addresses.audience, auth, tool, arguments)
+        for _ in range(SEND_TRIES):
+            answer = call(self.cell.addresses.audience, auth, tool, arguments)
+            if answer.reason != "VERDICT_EXPIRED":
+                break
+        return answer
 
     def scene(
         self, *, people: list[dict[str, object]] | None = None, objects: list[dict[str, object]] | None = None
