@@ -1,9 +1,13 @@
-"""Writes docs/primitives.md from the catalog: `python -m docs.generate`, or `--check` to fail on a difference."""
+"""Writes docs/primitives.md from the catalog and docs/schemas from the forms of files: `python -m docs.generate`.
+
+With `--check` nothing is written, and a difference fails.
+"""
 
 from __future__ import annotations
 
 import argparse
 import difflib
+import json
 import sys
 import textwrap
 from pathlib import Path
@@ -20,6 +24,7 @@ if TYPE_CHECKING:
 
 WIDTH: Final = 120
 PAGE: Final = Path(__file__).with_name("primitives.md")
+SCHEMAS: Final = Path(__file__).with_name("schemas")
 
 OPENING: Final = """# The 25 primitives
 
@@ -188,20 +193,32 @@ def page() -> str:
     return "\n".join(wrapped for line in "\n".join(lines).split("\n") for wrapped in _wrapped(line))
 
 
+def generated() -> dict[Path, str]:
+    """Every generated file and its whole text."""
+    from pep.pit import schemas
+
+    files = {"scene": schemas.scene_schema(), "motion": schemas.motion_schema()}
+    return {PAGE: page()} | {
+        SCHEMAS / f"{name}.schema.json": json.dumps(schema, indent=2) + "\n" for name, schema in files.items()
+    }
+
+
 def main(arguments: list[str]) -> int:
-    """0 when the page is (or now is) what the catalog says, 1 when `--check` finds a difference."""
+    """0 when the files are (or now are) what the code says, 1 when `--check` finds a difference."""
     parser = argparse.ArgumentParser(prog="python -m docs.generate", description=__doc__)
     parser.add_argument("--check", action="store_true", help="write nothing; print the difference and fail on one")
     checking = parser.parse_args(arguments).check
-    wanted = page()
-    if not checking:
-        PAGE.write_text(wanted, encoding="utf-8")
-        return 0
-    found = PAGE.read_text("utf-8") if PAGE.exists() else ""
-    sys.stdout.writelines(
-        difflib.unified_diff(found.splitlines(keepends=True), wanted.splitlines(keepends=True), "found", "wanted")
-    )
-    return int(found != wanted)
+    different = False
+    for file, wanted in generated().items():
+        if not checking:
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(wanted, encoding="utf-8")
+            continue
+        found = file.read_text("utf-8") if file.exists() else ""
+        different |= found != wanted
+        lines = found.splitlines(keepends=True), wanted.splitlines(keepends=True)
+        sys.stdout.writelines(difflib.unified_diff(*lines, f"found/{file.name}", f"wanted/{file.name}"))
+    return int(different)
 
 
 if __name__ == "__main__":
