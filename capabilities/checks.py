@@ -11,12 +11,10 @@ import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from google.protobuf.message import DecodeError
-
 from capabilities.errors import FaultCode, TokenError
 from capabilities.hashed import Hashed
 from capabilities.scope import Bound, OneOf, Range
-from capabilities.wire import MESSAGES, exactly
+from capabilities.wire import exactly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -163,12 +161,7 @@ def _set(term: Any) -> OneOf:
 
 def _context(symbols: tuple[str, ...], encoded: bytes) -> tuple[int | None, int | None, int | None]:
     """Lower and upper end of the window, and the ceiling, as far as they are stated; at least one is."""
-    try:
-        check = MESSAGES["Check"].FromString(encoded)
-    except DecodeError:
-        raise _odd("not a message") from None
-    if check.SerializeToString() != encoded:
-        raise _odd("another encoding")
+    check = _message(encoded)
     numbers = [_taken_out(expression) for query in check.queries for expression in query.expressions]
     found: list[int | None] = [None, None, None]
     for place, number in zip(_stated(symbols, check.SerializeToString()), numbers, strict=True):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import sealed
 from capabilities.statements.ask import ID
-from capabilities.statements.claims import Claims, malformed, unique
+from capabilities.statements.claims import Claims, malformed, ordered
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -83,19 +83,38 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Receipt:  # noqa: A0
         agent=claims.name("agent"),
         hop_id=claims.token("hop_id", ID),
         value=claims.hex_digest("value"),
-        sources=_sorted(claims.each("sources", _source, most=len(SOURCES)), "a source"),
-        signers=_sorted(claims.each("signers", _signer, most=SIGNERS), "a signer"),
-        integrity=claims.one_of("integrity", frozenset(INTEGRITIES)),
+        sources=sources(claims),
+        signers=signers(claims),
+        integrity=integrity(claims),
         age_ms=claims.integer("age_ms"),
         tainted=claims.boolean("tainted"),
         at=claims.integer("at"),
         not_after=claims.integer("not_after"),
     )
-    if not receipt.sources:
-        raise malformed("no source")
     if not 0 < receipt.not_after - receipt.at <= LIFETIME_S:
         raise malformed(f"it counts for 1 to {LIFETIME_S} s")
     return receipt
+
+
+# The words of a label, wherever a statement has one.
+
+
+def sources(claims: Claims) -> tuple[str, ...]:
+    """The member of that name: at least one of `SOURCES`, each once, sorted."""
+    found = ordered(claims.each("sources", _source, most=len(SOURCES)), "a source")
+    if not found:
+        raise malformed("no source")
+    return found
+
+
+def signers(claims: Claims) -> tuple[str, ...]:
+    """The member of that name: at most `SIGNERS` ids or `OTHERS`, each once, sorted."""
+    return ordered(claims.each("signers", _signer, most=SIGNERS), "a signer")
+
+
+def integrity(claims: Claims) -> str:
+    """The member of that name: one of `INTEGRITIES`."""
+    return claims.one_of("integrity", frozenset(INTEGRITIES))
 
 
 def _source(value: object) -> str:
@@ -104,10 +123,3 @@ def _source(value: object) -> str:
 
 def _signer(value: object) -> str:
     return OTHERS if value == OTHERS else Claims({"signer": value}, "signer").name("signer")
-
-
-def _sorted(found: tuple[str, ...], what: str) -> tuple[str, ...]:
-    """The words, each once and in order: one set has one spelling."""
-    if unique(found, lambda word: word, what) != tuple(sorted(found)):
-        raise malformed(f"{what} out of order")
-    return found

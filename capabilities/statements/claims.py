@@ -106,6 +106,13 @@ def malformed(detail: str) -> StatementError:
     return StatementError(FaultCode.STATEMENT_MALFORMED, detail)
 
 
+def ordered(found: tuple[_T, ...], what: str) -> tuple[_T, ...]:
+    """The members, when each is there once and in order: one set has one spelling."""
+    if found != tuple(sorted(set(found))):  # type: ignore[type-var]  # texts, or tuples of texts
+        raise malformed(f"{what} twice, or out of order")
+    return found
+
+
 def unique(found: tuple[_T, ...], key: Callable[[_T], object], what: str) -> tuple[_T, ...]:
     """The members, when no two have the same key."""
     if len({key(member) for member in found}) != len(found):

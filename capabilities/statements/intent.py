@@ -11,10 +11,10 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import strict_json
 from capabilities.errors import Fault, FaultCode
 from capabilities.statements import sealed
 from capabilities.statements.attestation import NONCE
+from capabilities.statements.body import body_of, stated
 from capabilities.statements.claims import Claims, malformed
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from capabilities.keys import PrivateKey
 
 KIND: Final = "intent"
-BODY_BYTES: Final = 65_536
-"""Longest body in canonical JSON, as of a message."""
 LIFETIME_S: Final = 86_400
 """Longest life of an intent: that of the token that is issued for it (`Caps.lifetime_s`)."""
 _PURPOSE: Final = re.compile(r"intent:([0-9a-f]{64})(?: .*)?", re.DOTALL)
@@ -60,34 +58,26 @@ def sign(intent: Intent, key: PrivateKey) -> str:
     Raises:
         StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
     """
-    body = strict_json.parse_object(intent.body)
-    if strict_json.canonical(body) != intent.body:
-        raise malformed("a body that is not canonical")
     claims: dict[str, object] = {name: getattr(intent, name) for name in _NAMES}
-    return sealed.sign(KIND, {**claims, "body": body}, key)
+    return sealed.sign(KIND, {**claims, "body": stated(intent.body)}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Intent:  # noqa: A001 - read as intent.open
     """The intent, signed by one of these keys: those of people, and of nobody else.
 
     Raises:
-        StatementError: as `sealed.open`; also for a body over `BODY_BYTES`, and one that lives longer than `LIFETIME_S`
-            or not at all.
+        StatementError: as `sealed.open`; also for a body that is too long, and one that lives longer than
+            `LIFETIME_S` or not at all.
     """
     claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
-    body = claims.raw("body")
-    if not isinstance(body, dict):
-        raise malformed("body is no object")
     intent = Intent(
         subject=claims.name("subject"),
         schema=claims.name("schema"),
-        body=strict_json.canonical(body),
+        body=body_of(claims),
         nonce=claims.token("nonce", NONCE),
         at=claims.integer("at"),
         not_after=claims.integer("not_after"),
     )
-    if len(intent.body) > BODY_BYTES:
-        raise malformed(f"a body over {BODY_BYTES} bytes")
     if not 0 < intent.not_after - intent.at <= LIFETIME_S:
         raise malformed(f"it counts for 1 to {LIFETIME_S} s")
     return intent

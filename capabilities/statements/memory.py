@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import admission, sealed
 from capabilities.statements.ask import ID, TOKEN_ID
-from capabilities.statements.claims import Claims, malformed
+from capabilities.statements.claims import Claims, malformed, ordered
 from capabilities.statements.revocation import Revoked
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ KIND: Final = "memory"
 FIRST_PREVIOUS: Final = "0" * 64
 BEHIND: Final = 32
 """Most names behind a row: sponsor, token, and three for each of at most nine hops."""
-_T = TypeVar("_T")
 _REVOCABLE_ID: Final = re.compile(r"[A-Za-z0-9._:@/|+=~%-]{1,256}", re.ASCII)
 _REVOCABLE: Final = frozenset(map(str, Revoked)) - {str(Revoked.AUDIENCE)}
 _NAMES: Final = (
@@ -94,36 +93,19 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Remembered:  # noqa:
         writer=claims.name("writer"),
         hop_id=claims.token("hop_id", ID),
         token_id=claims.token("token_id", TOKEN_ID),
-        behind=_ordered(claims.each("behind", _behind, most=BEHIND)),
-        sources=_ordered(claims.each("sources", _source, most=len(admission.SOURCES))),
-        signers=_ordered(claims.each("signers", _signer, most=admission.SIGNERS)),
-        integrity=claims.one_of("integrity", frozenset(admission.INTEGRITIES)),
+        behind=ordered(claims.each("behind", _behind, most=BEHIND), "a name"),
+        sources=admission.sources(claims),
+        signers=admission.signers(claims),
+        integrity=admission.integrity(claims),
         age_ms=claims.integer("age_ms"),
         tainted=claims.boolean("tainted"),
         at=claims.integer("at"),
     )
-    if not row.sources:
-        raise malformed("no source")
     if (row.sequence == 1) is not (row.previous == FIRST_PREVIOUS):
         raise malformed("the first row follows none, and every other one some")
     return row
 
 
-def _ordered(found: tuple[_T, ...]) -> tuple[_T, ...]:
-    """The members, each once and in order: one set has one spelling."""
-    if found != tuple(sorted(set(found))):  # type: ignore[type-var]  # texts, or pairs of texts
-        raise malformed("members out of order")
-    return found
-
-
 def _behind(value: object) -> tuple[str, str]:
     claims = Claims(value, "kind", "id")
     return claims.one_of("kind", _REVOCABLE), claims.token("id", _REVOCABLE_ID)
-
-
-def _source(value: object) -> str:
-    return Claims({"source": value}, "source").one_of("source", frozenset(admission.SOURCES))
-
-
-def _signer(value: object) -> str:
-    return admission.OTHERS if value == admission.OTHERS else Claims({"signer": value}, "signer").name("signer")

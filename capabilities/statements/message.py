@@ -10,12 +10,12 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import strict_json
 from capabilities import text as grammar
 from capabilities.errors import Fault, FaultCode
 from capabilities.statements import sealed
 from capabilities.statements.ask import ID, TOKEN_ID
 from capabilities.statements.attestation import NONCE
+from capabilities.statements.body import body_of, stated
 from capabilities.statements.claims import Claims, malformed
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from capabilities.keys import PrivateKey
 
 KIND: Final = "message"
-BODY_BYTES: Final = 65_536
-"""Longest body in canonical JSON: in base64 and with the rest it stays below the size of a statement (256 KiB)."""
 LIFETIME_S: Final = 3_600
 """Longest life of a message: that of the hop of evidence kind `key` that it is said under."""
 _REPLY: Final = re.compile(r"|[0-9a-f]{64}", re.ASCII)
@@ -88,24 +86,18 @@ def sign(message: Message, key: PrivateKey) -> str:
     Raises:
         StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
     """
-    body = strict_json.parse_object(message.body)
-    if strict_json.canonical(body) != message.body:
-        raise malformed("a body that is not canonical")
     claims: dict[str, object] = {name: getattr(message, name) for name in _NAMES}
-    return sealed.sign(KIND, {**claims, "body": body}, key)
+    return sealed.sign(KIND, {**claims, "body": stated(message.body)}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A001 - read as message.open
     """The message, signed by one of these keys: those of the agent that it is expected from, and of nobody else.
 
     Raises:
-        StatementError: as `sealed.open`; also for a message to oneself, a body over `BODY_BYTES`, and one that lives
-            longer than `LIFETIME_S` or not at all.
+        StatementError: as `sealed.open`; also for a message to oneself, a body that is too long,
+            and one that lives longer than `LIFETIME_S` or not at all.
     """
     claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
-    body = claims.raw("body")
-    if not isinstance(body, dict):
-        raise malformed("body is no object")
     message = Message(
         sender=_agent(claims, "sender"),
         addressee=_agent(claims, "addressee"),
@@ -115,14 +107,12 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A0
         sequence=claims.integer("sequence", low=1),
         in_reply_to=claims.token("in_reply_to", _REPLY),
         schema=claims.name("schema"),
-        body=strict_json.canonical(body),
+        body=body_of(claims),
         at=claims.integer("at"),
         not_after=claims.integer("not_after"),
     )
     if message.sender == message.addressee:
         raise malformed("a message to oneself")
-    if len(message.body) > BODY_BYTES:
-        raise malformed(f"a body over {BODY_BYTES} bytes")
     if not 0 < message.not_after - message.at <= LIFETIME_S:
         raise malformed(f"it counts for 1 to {LIFETIME_S} s")
     return message

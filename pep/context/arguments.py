@@ -21,7 +21,7 @@ from pep.context import value as values
 from pep.context.flow import own
 from pep.context.receipts import ReceiptFault
 from pep.context.value import NOWHERE, Plain, ValueFault
-from policies.labels import Integrity, Label, Source, joined
+from policies.labels import NOBODY, Integrity, Label, joined, tainted
 from policies.said import ArgumentReading
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ _SI: Final[Mapping[Unit, str]] = MappingProxyType(
 )
 """The SI unit as names of tools' parameters end in it; "" for a ratio and a count."""
 _UNITS: Final = frozenset({*map(str, Unit), *_SI.values()} - {""})
-_DISTRUSTED: Final = Label(frozenset({Source.TEXT}), frozenset(), Integrity.NONE, 0, tainted=True)
+_DISTRUSTED: Final = tainted(NOBODY)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from pep.context.flow import Context, Holder
 from pep.context.messages import Line, Turn
 from pep.context.value import Plain, ValueFault
 from policies.evidence import Evidence
-from policies.labels import joined, tainted
+from policies.labels import NOBODY, tainted
 from policies.reasons import Reason
 from policies.said import ContextReading, ItemKind, ItemReading
 
@@ -181,10 +181,10 @@ class Reader:
         taken = self._conversations.take(heard.line, heard.message.sequence, until_s=heard.until_s)
         return None if taken is Turn.TAKEN else Reason.MESSAGE_OUT_OF_SEQUENCE
 
-    def _spoken(self, heard: Heard) -> Label | None:
+    def _spoken(self, heard: Heard) -> Label:
         """The label of what the sender says: it derives from everything that is known of the sender's context."""
         if heard.hop is None:
-            return None
+            return NOBODY
         said = self._flow.label(Context(Holder.of(heard.hop)))
         return replace(said, age_ms=max(said.age_ms, (heard.reading.age_s or 0) * 1_000))
 
@@ -208,12 +208,12 @@ def screened(item: ItemReading, value: Plain | ValueFault) -> ItemReading:
     return replace(item, signs=tuple(sorted(found)), label=replace(label, age_ms=min(label.age_ms, INT_LIMIT)))
 
 
-def _said(heard: Heard, value: Plain | ValueFault, label: Label | None) -> ItemReading:
+def _said(heard: Heard, value: Plain | ValueFault, label: Label) -> ItemReading:
     """A message as something that would enter a context: what its sender says, and no authority."""
     said = ItemReading(
         kind=ItemKind.MESSAGE,
         id="" if heard.message is None else heard.message.conversation,
-        label=joined(()) if label is None else label,
+        label=label,
         fault=heard.reading.fault,
     )
     return screened(said, value)

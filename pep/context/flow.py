@@ -20,6 +20,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
+from capabilities.statements.admission import OTHERS, SIGNERS
 from policies.labels import Integrity, Label, Source, aged, joined
 
 if TYPE_CHECKING:
@@ -32,10 +33,6 @@ HOPS: Final = 64
 """Most contexts of one agent that are told apart; the label of the oldest goes into what each new one begins with."""
 READERS: Final = 64
 """Most open readers of one agent."""
-SIGNERS: Final = 64
-"""Most signers that a label names; `OTHERS` stands for the rest."""
-OTHERS: Final = "*"
-"""A signer that is nobody's id: there were more than are named."""
 KEPT_MS: Final = 86_400_000
 """A context is remembered this long after something last entered it: the longest life of a token (`Caps.lifetime_s`).
 The host that keeps one alive for longer says so by `Flow.keep`."""
@@ -207,7 +204,7 @@ def _all(memory: _Memory, now_ms: int) -> tuple[Label, int] | None:
 
 
 def _bounded(label: Label) -> Label:
-    """The label with at most `SIGNERS` named: who is not named is `OTHERS`, which no policy knows."""
+    """The label with as many named as a statement can name: the rest is `OTHERS`, which no policy knows."""
     if len(label.signers) <= SIGNERS:
         return label
     named = sorted(label.signers - {OTHERS})[: SIGNERS - 1]

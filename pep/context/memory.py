@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities import text
 from capabilities.errors import CapabilityError
 from capabilities.scope import Tier
-from capabilities.statements import admission, memory
+from capabilities.statements import memory
 from capabilities.statements.claims import TEXT_BYTES
 from capabilities.statements.revocation import named
 from pep.context import value as values
@@ -25,6 +25,7 @@ from pep.context.collection import shown
 from pep.context.marks import Mark
 from pep.context.rows import ROWS, History, MemoryFault, Owner, Row, digest_of
 from pep.context.value import Plain
+from pep.context.worded import label_in, words_of
 from pep.errors import PepError, PepFault
 from policies.labels import NOBODY, Integrity, Label, Source, aged, joined
 from policies.said import ItemKind, ItemReading
@@ -206,11 +207,7 @@ class Memory:
             hop_id=chain.leaf.hop_id,
             token_id=chain.token_id,
             behind=tuple(sorted(named(chain))),
-            sources=tuple(sorted(map(str, label.sources))),
-            signers=tuple(sorted(label.signers)),
-            integrity=admission.INTEGRITIES[label.integrity],
-            age_ms=label.age_ms,
-            tainted=label.tainted,
+            **words_of(label),
             at=int(at),
         )
 
@@ -226,15 +223,8 @@ class Memory:
 
     def _label(self, found: Remembered) -> Label:
         """The label at writing, at most that of a record, as old as it is now."""
-        written = Label(
-            sources=frozenset(map(Source, found.sources)),
-            signers=frozenset(found.signers),
-            integrity=Integrity(admission.INTEGRITIES.index(found.integrity)),
-            age_ms=found.age_ms,
-            tainted=found.tainted,
-        )
         record = Label(frozenset({Source.MEMORY}), frozenset({found.writer}), Integrity.RECORDED, 0)
-        return aged(joined((written, record)), int(self._clock.wall_s() * 1_000) - found.at * 1_000)
+        return aged(joined((label_in(found), record)), int(self._clock.wall_s() * 1_000) - found.at * 1_000)
 
 
 def _lost(name: str, fault: MemoryFault) -> Recalled:

@@ -10,7 +10,8 @@ from capabilities.errors import CapabilityError
 from capabilities.statements import admission as statement
 from capabilities.statements import sealed
 from capabilities.statements.admission import Receipt
-from policies.labels import Integrity, Label, Source, aged
+from pep.context.worded import label_in, words_of
+from policies.labels import aged
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from capabilities.keys import PrivateKey
     from pep.context.flow import Holder
     from pep.context.value import Plain
+    from policies.labels import Label
 
 LIFETIME_S: Final = 600
 """How long a receipt counts: what was read for one task is used within it. Ours; a statement allows an hour."""
@@ -53,7 +55,6 @@ def issue(
     audience: str,
     key: PrivateKey,
     at: float,
-    lifetime_s: int = LIFETIME_S,
 ) -> str:
     """The receipt for a value that was admitted for a holder.
 
@@ -64,7 +65,6 @@ def issue(
         audience: canonical URL of the admission point whose `key` signs.
         key: of the PEP.
         at: now, seconds since the epoch.
-        lifetime_s: how long it counts, at most an hour.
     """
     return statement.sign(
         Receipt(
@@ -72,13 +72,9 @@ def issue(
             agent=holder.agent,
             hop_id=holder.hop_id,
             value=value.digest,
-            sources=tuple(sorted(map(str, label.sources))),
-            signers=tuple(sorted(label.signers)),
-            integrity=statement.INTEGRITIES[label.integrity],
-            age_ms=label.age_ms,
-            tainted=label.tainted,
+            **words_of(label),
             at=int(at),
-            not_after=int(at) + lifetime_s,
+            not_after=int(at) + LIFETIME_S,
         ),
         key,
     )
@@ -113,11 +109,4 @@ def refusal(receipt: Receipt, *, holder: Holder, at: float, caps: Caps) -> Recei
 
 def label_of(receipt: Receipt, *, at: float) -> Label:
     """The label that the receipt states, as old as the value is now."""
-    label = Label(
-        sources=frozenset(map(Source, receipt.sources)),
-        signers=frozenset(receipt.signers),
-        integrity=Integrity(statement.INTEGRITIES.index(receipt.integrity)),
-        age_ms=receipt.age_ms,
-        tainted=receipt.tainted,
-    )
-    return aged(label, int((at - receipt.at) * 1_000))
+    return aged(label_in(receipt), int((at - receipt.at) * 1_000))

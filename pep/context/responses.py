@@ -13,7 +13,7 @@ from capabilities.errors import CapabilityError, FaultCode
 from capabilities.statements import response
 from capabilities.statements.response import Response
 from pep.context.flow import Holder
-from pep.context.receipts import ReceiptFault, label_of, refusal, verify
+from pep.context.receipts import LIFETIME_S, ReceiptFault, label_of, refusal, verify
 from policies.labels import NOBODY, Integrity, Label, Source, aged, joined
 from policies.said import ItemKind, ItemReading
 
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from capabilities.statements.response import Call
     from pep.context.value import Plain
 
-LIFETIME_S: Final = 600
-"""How long a response counts, as long as a receipt."""
 RECEIPTS: Final = 16
 """Most receipts that are looked at for one result."""
 RESULT_CHANGED: Final = "RESULT_CHANGED"
@@ -36,7 +34,7 @@ _OTHER_CALL: Final = frozenset({FaultCode.WRONG_AUDIENCE, FaultCode.PROOF_NOT_FO
 
 
 def vouch(value: Plain, *, call: Call, definition: str, tainted: bool, key: PrivateKey, at: float) -> str:
-    """The enforcement point's word that this value is the tool's answer to this call.
+    """The enforcement point's word that this value is the tool's answer to this call; it counts as long as a receipt.
 
     Args:
         value: the result.

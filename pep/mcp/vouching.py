@@ -17,7 +17,7 @@ from pep.context import receipts, responses
 from pep.context import value as values
 from pep.context.arguments import PRESENTED, Known, Presented, arguments
 from pep.context.flow import Holder, own
-from pep.context.value import POINTER_BYTES, Plain
+from pep.context.value import Plain
 from policies.said import ContextReading
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _one(one: object) -> Presented | Unreadable:
 
 
 def _is_pointer(pointer: object) -> bool:
-    return isinstance(pointer, str) and len(pointer) <= POINTER_BYTES and values.tokens(pointer) is not None
+    return isinstance(pointer, str) and values.tokens(pointer) is not None
 
 
 def wanted(meta: object) -> bool:

@@ -33,6 +33,7 @@ from capabilities.statements import (
     trust,
     vote,
 )
+from capabilities.statements.body import BODY_BYTES
 from capabilities.units import INT_LIMIT, Quantity, Unit
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.world import CELL, ISSUER, NOW, TRUST, chain_of_four, chain_of, key_of, raw_of
@@ -568,7 +569,7 @@ WORDS_OF_A_MESSAGE = {
     "a hop that is none": {"hop_id": "0D" * 16},
     "a body that is a list": {"body": []},
     "a body that is a text": {"body": "{}"},
-    "too long a body": {"body": {"x": "y" * message.BODY_BYTES}},
+    "too long a body": {"body": {"x": "y" * BODY_BYTES}},
     "over before it was said": {"not_after": NOW},
     "too long a life": {"not_after": NOW + message.LIFETIME_S + 1},
     "no schema": {"schema": ""},
@@ -600,10 +601,10 @@ def test_the_largest_message_fits():
         sender="s" * 256,
         addressee="a" * 256,
         schema="x" * 256,
-        body=b'{"x":"' + b"y" * (message.BODY_BYTES - frame) + b'"}',
+        body=b'{"x":"' + b"y" * (BODY_BYTES - frame) + b'"}',
         not_after=NOW + message.LIFETIME_S,
     )
-    assert len(full.body) == message.BODY_BYTES
+    assert len(full.body) == BODY_BYTES
     assert message.open(message.sign(full, SIGNER), TRUSTED, DEFAULT) == full
 
 
@@ -760,7 +761,7 @@ NO_INTENTS = {
     "a person in another script": {"subject": "\u0430lice"},
     "a short nonce": {"nonce": "n" * 15},
     "a body that is a text": {"body": "sort the red parts"},
-    "a body that is too large": {"body": {"text": "x" * intent.BODY_BYTES}},
+    "a body that is too large": {"body": {"text": "x" * BODY_BYTES}},
     "over before it was signed": {"not_after": NOW},
     "too long a life": {"not_after": NOW + intent.LIFETIME_S + 1},
 }

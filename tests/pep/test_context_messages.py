@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capabilities.statements import message as statement
+from capabilities.statements.body import BODY_BYTES
 from pep.context import messages
 from pep.context.messages import ConversationBook, Line, Turn
 from policies.said import MessageReading
@@ -52,7 +53,7 @@ UNBELIEVED = {
     "by an agent of another chain": (lambda: said(CHAIN, key=key_of("gripper")), "STATEMENT_UNTRUSTED"),
     "a person's intent": (wanted, "STATEMENT_WRONG_KIND"),
     "an intent under a hop's key": (lambda: wanted(key=key_of("orchestrator")), "STATEMENT_WRONG_KIND"),
-    "over its size": (lambda: said(CHAIN, {"operation": "x" * statement.BODY_BYTES}), "STATEMENT_MALFORMED"),
+    "over its size": (lambda: said(CHAIN, {"operation": "x" * BODY_BYTES}), "STATEMENT_MALFORMED"),
     "over the size of a statement": (lambda: said(CHAIN) + "A" * CAPS.statement_bytes, "STATEMENT_MALFORMED"),
     "a member twice": (
         lambda: resigned(said(CHAIN), lambda c: b'{"at":1,"at":2}', key_of("orchestrator")), "STATEMENT_MALFORMED"),

@@ -72,7 +72,7 @@ DISBELIEVED = {
     "a receipt": ({"text": receipt()}, "STATEMENT_WRONG_KIND"),
     "nothing": ({"text": ""}, "STATEMENT_MALFORMED"),
     "another result": ({"value": plain({"q_rad": [0.1, -1.2], "people": 1})}, RESULT_CHANGED),
-    "over": ({"at": NOW + responses.LIFETIME_S}, "EXPIRED"),
+    "over": ({"at": NOW + receipts.LIFETIME_S}, "EXPIRED"),
     "of the future": ({"at": NOW - 6}, "NOT_YET_VALID"),
 }
 
