@@ -20,6 +20,7 @@ from pep import records
 from pep.authority import NO_TOKEN
 from pep.conduct import Conduct
 from pep.deferral import AskState
+from pep.denial import denial
 from pep.errors import ActuationRefusedError, JournalError
 from pep.observation import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.operations import Kind, touchable
@@ -189,7 +190,7 @@ class Gate:
                     return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
                 undone = unfulfilled(decision, call.request)
                 if undone is not None:
-                    void = _denial(call.request, decision, Reason.OBLIGATION_UNMET, "", obligation=str(undone.kind))
+                    void = denial(decision, Reason.OBLIGATION_UNMET, obligation=str(undone.kind))
                     return await self._conclude(call, evidence, void)
                 if not self._asks.consume(decision):
                     # the use went to another request, or out of time, since the evidence was collected
@@ -316,13 +317,13 @@ class Gate:
             result = await effect(permit)
         except ActuationRefusedError as refused:
             await self._refused(call, decision, permit, record, refused)
-            return Answer(_denial(call.request, decision, refused.reason, SEQUENCE))
+            return Answer(denial(decision, refused.reason, SEQUENCE))
         except Exception as error:  # noqa: BLE001 - what an effect raises is an outcome
             body = records.outcome(
                 call.request, record, "failed", reason=Reason.EFFECT_FAILED, detail=type(error).__name__
             )
             recorded = await self._concluded(permit, body)
-            return Answer(_denial(call.request, decision, Reason.EFFECT_FAILED, ""), recorded=recorded)
+            return Answer(denial(decision, Reason.EFFECT_FAILED), recorded=recorded)
         if call.operation.kind is Kind.READ:
             self._sequence.looked()
         self._sequence.ended(call.request, arrived=not result.failed and result.value.get("outcome") == ARRIVED)
@@ -381,16 +382,16 @@ class Gate:
                 self._slot.release(call.request.request_id)
                 state = await self._announcer.announce(ask)
             if state is AskState.EXPIRED:
-                decision = _denial(call.request, decision, Reason.APPROVAL_TIMEOUT, decision.primitive)
+                decision = denial(decision, Reason.APPROVAL_TIMEOUT, decision.primitive)
             elif state is AskState.REFUSED:
-                decision = _denial(call.request, decision, Reason.ASK_BUDGET_SPENT, decision.primitive)
+                decision = denial(decision, Reason.ASK_BUDGET_SPENT, decision.primitive)
         await self._record("decision", records.decision(call, evidence, decision, ask=ask))
         return Answer(decision, ask=ask)
 
     def _denied(self, call: Call, evidence: Evidence, reason: Reason, primitive: str) -> Decision:
         """A denial that is the gate's own, over the digests of what is known."""
         decided = decide(call.request, evidence, self._policies)
-        return replace(_denial(call.request, decided, reason, primitive), findings=(Finding(primitive, reason),))
+        return replace(denial(decided, reason, primitive), findings=(Finding(primitive, reason),))
 
     async def _broken(self, call: Call, error: Exception) -> Answer:
         """An exception on the way: DENY, recorded if that is still possible."""
@@ -456,18 +457,3 @@ def _fault(seen: Evidence) -> object:
     if tool is not NOT_COLLECTED and (tool.base_tier is None or tool.approved_digest != tool.actual_digest):
         return tool
     return None
-
-
-def _denial(request: Request, decided: Decision, reason: Reason, primitive: str, **detail: object) -> Decision:
-    """`decided` turned into a denial for `reason`; its own findings stay behind it."""
-    return replace(
-        decided,
-        request_id=request.request_id,
-        effect=Effect.DENY,
-        reason=reason,
-        primitive=primitive,
-        findings=(Finding(primitive, reason, detail), *decided.findings),
-        obligations=(),
-        lifetime_ms=0,
-        approval=None,
-    )

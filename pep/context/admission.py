@@ -10,7 +10,7 @@ fails on the way is DENY.
 from __future__ import annotations
 
 import secrets
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from pep import records
@@ -19,11 +19,12 @@ from pep.context import value as values
 from pep.context.cases import Reader
 from pep.context.flow import Full
 from pep.context.value import Plain, ValueFault
+from pep.denial import denial
 from pep.errors import JournalError
 from policies import replay as recorded
 from policies.evidence import Evidence
 from policies.labels import tainted
-from policies.model import Decision, Effect, Finding, ObligationKind, Point, Request
+from policies.model import Decision, Effect, ObligationKind, Point, Request
 from policies.pdp import decide
 from policies.reasons import Reason
 from policies.said import ItemKind, ItemReading
@@ -248,14 +249,14 @@ class Admission:
         if isinstance(case.value, ValueFault):
             large = case.value is ValueFault.TOO_LARGE
             return self._refused(
-                request, case, _denial(decision, Reason.BODY_TOO_LARGE if large else Reason.BODY_MALFORMED)
+                request, case, denial(decision, Reason.BODY_TOO_LARGE if large else Reason.BODY_MALFORMED)
             )
         if any(obligation.kind is not ObligationKind.RECORD for obligation in decision.obligations):
             # nothing here watches, lowers or tells: a PERMIT that asks for it does not count
-            return self._refused(request, case, _denial(decision, Reason.POLICY_ERROR))
+            return self._refused(request, case, denial(decision, Reason.POLICY_ERROR))
         taken = case.claim()
         if taken is not None:
-            return self._refused(request, case, _denial(decision, taken))
+            return self._refused(request, case, denial(decision, taken))
         label = case.item.label
         receipt = self._receipt(case.value, label, case.into.holder)
         record = self._journal.append("decision", self._body(request, case, decision))
@@ -264,7 +265,7 @@ class Admission:
         if late or isinstance(full, Full):
             reason = Reason.VERDICT_EXPIRED if late else Reason.EVIDENCE_MISSING
             self._journal.append("outcome", records.outcome(request, record, "refused", reason=reason))
-            return Refused(_denial(decision, reason), record)
+            return Refused(denial(decision, reason), record)
         self._journal.append("outcome", records.outcome(request, record, "done"))
         return Admitted(case.value.value, label, receipt, decision, record)
 
@@ -275,14 +276,14 @@ class Admission:
         """An exception on the way: DENY, recorded if that is still possible."""
         reason = Reason.RECORD_FAILED if isinstance(error, JournalError) else Reason.EVIDENCE_MISSING
         unknown = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms())
-        decision = _denial(decide(request, unknown, self._policies), reason, error=type(error).__name__)
+        decision = denial(decide(request, unknown, self._policies), reason, error=type(error).__name__)
         if reason is Reason.RECORD_FAILED:
             return Refused(decision, "")
         try:
             body = {**recorded.to_plain(request, unknown), "decision": records.decision_body(decision), "proof": ""}
             return Refused(decision, self._journal.append("decision", body))
         except Exception as failed:  # noqa: BLE001 - whatever a journal raises, there is no record
-            return Refused(_denial(decision, Reason.RECORD_FAILED, error=type(failed).__name__), "")
+            return Refused(denial(decision, Reason.RECORD_FAILED, error=type(failed).__name__), "")
 
     def _body(self, request: Request, case: Case, decision: Decision) -> dict[str, object]:
         """The record of a decision; what is admitted stands in it by its digest, and never itself."""
@@ -303,17 +304,3 @@ class Admission:
 
     def _receipt(self, value: Plain, label: Label, holder: Holder) -> str:
         return receipts.issue(value, label, holder, audience=self._audience, key=self._key, at=self._clock.wall_s())
-
-
-def _denial(decision: Decision, reason: Reason, **detail: object) -> Decision:
-    """The decision turned into a denial of the gate's own; its findings stay behind it."""
-    return replace(
-        decision,
-        effect=Effect.DENY,
-        reason=reason,
-        primitive="",
-        findings=(Finding("", reason, detail), *decision.findings),
-        obligations=(),
-        lifetime_ms=0,
-        approval=None,
-    )
