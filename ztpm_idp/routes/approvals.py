@@ -17,7 +17,7 @@ from ztpm_idp.domain.events import VoteCast
 from ztpm_idp.domain.parties import Pep, Person
 from ztpm_idp.feed import answers_for
 from ztpm_idp.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, body_of, provider_of, query_of
+from ztpm_idp.routes.caller import Call, authenticated, body_of, nonce_of, provider_of, query_of
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
@@ -39,11 +39,12 @@ async def take_ask(request: Request, call: Caller) -> JSONResponse:
 async def read_answers(request: Request, call: Caller) -> PlainTextResponse:
     """How the asks and openings of an audience stand, signed, echoing the nonce; for whoever serves the audience."""
     audience, nonce = query_of(request, "audience", "nonce")
-    if not answers.NONCE.fullmatch(nonce):
-        raise Problem(IdpCode.QUERY_MALFORMED, "nonce")
+    echoed = nonce_of(nonce)
     if not isinstance(call.party, Pep) or audience not in call.party.audiences:
         raise Problem(IdpCode.NOT_PERMITTED, "an enforcement point learns the answers to its own audiences")
-    return PlainTextResponse(await answers_for(provider_of(request), audience=audience, nonce=nonce), headers=_UNSTORED)
+    return PlainTextResponse(
+        await answers_for(provider_of(request), audience=audience, nonce=echoed), headers=_UNSTORED
+    )
 
 
 @router.get("/approvals")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -11,6 +12,8 @@ from capabilities.caps import DEFAULT
 from capabilities.carriage import token_from_text
 from capabilities.errors import Fault, FaultCode
 from capabilities.proof import check_proof
+from capabilities.statements.attestation import NONCE
+from capabilities.units import INT_LIMIT
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import SignedRequest
 from ztpm_idp.problems import Problem
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 
 B = TypeVar("B", bound=Body)
 _SCHEME = "DPoP "
+_SINCE = re.compile(r"0|[1-9][0-9]{0,15}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,3 +156,25 @@ def query_of(request: Request, *names: str) -> tuple[str, ...]:
     ):
         raise Problem(IdpCode.QUERY_MALFORMED, f"exactly {' and '.join(names)}")
     return tuple(request.query_params[name] for name in names)
+
+
+def since_of(text: str) -> int:
+    """The epoch or version that a question asks after.
+
+    Raises:
+        Problem: `QUERY_MALFORMED`.
+    """
+    if not _SINCE.fullmatch(text) or int(text) > INT_LIMIT:
+        raise Problem(IdpCode.QUERY_MALFORMED, "since")
+    return int(text)
+
+
+def nonce_of(text: str) -> str:
+    """The nonce of a question, which the answer echoes.
+
+    Raises:
+        Problem: `QUERY_MALFORMED`.
+    """
+    if not NONCE.fullmatch(text):
+        raise Problem(IdpCode.QUERY_MALFORMED, "nonce")
+    return text

@@ -2,35 +2,35 @@
 
 from __future__ import annotations
 
-import re
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import PlainTextResponse
 
-from capabilities.statements.attestation import NONCE
-from capabilities.units import INT_LIMIT
 from ztpm_idp import wire
 from ztpm_idp.domain import commands
-from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.feed import conduct_word
-from ztpm_idp.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, body_of, heartbeat_of, provider_of, query_of
+from ztpm_idp.routes.caller import (
+    Call,
+    authenticated,
+    body_of,
+    heartbeat_of,
+    nonce_of,
+    provider_of,
+    query_of,
+    since_of,
+)
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
-_VERSION = re.compile(r"0|[1-9][0-9]{0,15}")
 
 
 @router.get("/conduct", response_class=PlainTextResponse)
 async def conduct(request: Request) -> PlainTextResponse:
     """The signed word on conduct after a version, echoing the caller's nonce. Only a store that can commit answers."""
     since, nonce = query_of(request, "since", "nonce")
-    if not _VERSION.fullmatch(since) or int(since) > INT_LIMIT:
-        raise Problem(IdpCode.QUERY_MALFORMED, "since")
-    if not NONCE.fullmatch(nonce):
-        raise Problem(IdpCode.QUERY_MALFORMED, "nonce")
-    text = await conduct_word(provider_of(request), heartbeat_of(request), since=int(since), nonce=nonce)
+    known, echoed = since_of(since), nonce_of(nonce)
+    text = await conduct_word(provider_of(request), heartbeat_of(request), since=known, nonce=echoed)
     return PlainTextResponse(text, headers={"Cache-Control": "no-store"})
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 import secrets
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,22 +14,28 @@ from capabilities.errors import CapabilityError, FaultCode
 from capabilities.keys import b64u
 from capabilities.reading import inspect_token
 from capabilities.scope_json import restriction_from_json, scope_from_json
-from capabilities.units import INT_LIMIT
 from ztpm_idp import wire
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import TokenDelegated, TokenIssued
 from ztpm_idp.feed import revocation_index
 from ztpm_idp.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, body_of, heartbeat_of, provider_of, query_of
+from ztpm_idp.routes.caller import (
+    Call,
+    authenticated,
+    body_of,
+    heartbeat_of,
+    nonce_of,
+    provider_of,
+    query_of,
+    since_of,
+)
 
 if TYPE_CHECKING:
     from ztpm_idp.provider import Done, Provider
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
-_NONCE = re.compile(r"[A-Za-z0-9_-]{16,64}")
-_EPOCH = re.compile(r"0|[1-9][0-9]{0,15}")
 
 
 @router.post("/tokens", status_code=201, openapi_extra=body_of(wire.IssueBody))
@@ -104,10 +109,8 @@ async def revoke(request: Request, call: Caller) -> dict[str, int]:
 async def revocations(request: Request) -> PlainTextResponse:
     """The signed revocation index after an epoch, echoing the caller's nonce. Only a store that can commit answers."""
     since, nonce = query_of(request, "since", "nonce")
-    known = _since(since)
-    if not _NONCE.fullmatch(nonce):
-        raise Problem(IdpCode.QUERY_MALFORMED, "nonce")
-    text = await revocation_index(provider_of(request), heartbeat_of(request), since=known, nonce=nonce)
+    known, echoed = since_of(since), nonce_of(nonce)
+    text = await revocation_index(provider_of(request), heartbeat_of(request), since=known, nonce=echoed)
     return PlainTextResponse(text, headers={"Cache-Control": "no-store"})
 
 
@@ -120,13 +123,7 @@ async def wait_for_revocation(request: Request) -> dict[str, int]:
         while (await request.receive())["type"] != "http.disconnect":
             pass
 
-    return {"epoch": await provider_of(request).epochs.above(_since(since), gone=gone)}
-
-
-def _since(text: str) -> int:
-    if not _EPOCH.fullmatch(text) or int(text) > INT_LIMIT:
-        raise Problem(IdpCode.QUERY_MALFORMED, "since")
-    return int(text)
+    return {"epoch": await provider_of(request).epochs.above(since_of(since), gone=gone)}
 
 
 def _digest(body: wire.Body) -> bytes:
