@@ -23,7 +23,10 @@ SHARES: Final = (
     *(200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800),
 )
 """Shares of hits for which there are thresholds, permille: a baseline's share is rounded up to one of them."""
-RUNS: Final = (250, 500, 1_000, 2_500, 5_000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000, 1_000_000, 2_000_000)
+RUNS: Final = (
+    *(250, 500, 1_000, 2_500, 5_000, 10_000, 20_000, 50_000, 100_000, 200_000, 500_000),
+    *(1_000_000, 2_000_000, 5_000_000),
+)
 """Average run lengths, in trials: the wanted one is rounded up to one of them."""
 
 

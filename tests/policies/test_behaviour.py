@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from policies import cusum
-from policies.baseline import FEATURES, Act, Watch, reference, widest
+from policies.baseline import BLOCK, FEATURES, Act, Watch, reference, widest
 from policies.behaviour import AT_ONCE, NOTHING_KNOWN, BehaviourState, RestoreError, observe, reading, relearn, restore
 from policies.career import Baseline, Career
 from policies.conduct import DRIFT, Feature
-from policies.parameters import Parameters
+from policies.parameters import PARAMETERS, Parameters
 from policies.report import Report, ReportError
 
 from evaluation.conduct import agents, thresholds
@@ -75,10 +75,10 @@ def probing(count, first=0, *, agent="arm"):
 # --- the detector ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("share", [40, 200, 500, 800])
+@pytest.mark.parametrize("share", cusum.SHARES)
 def test_the_table_is_what_the_script_computes(share):
+    assert cusum.TABLE[share] == thresholds.row(share)
     up, down, limits = cusum.TABLE[share]
-    assert (up, down) == thresholds.slope(share)
     for run in (10_000, 50_000):
         limit = limits[cusum.RUNS.index(run)]
         shorter, enough = (
@@ -89,11 +89,21 @@ def test_the_table_is_what_the_script_computes(share):
 
 def test_the_table_covers_what_can_be_asked_for():
     assert (tuple(cusum.TABLE), cusum.RUNS) == (thresholds.SHARES, thresholds.RUNS)
-    parts = Counter(FEATURES.values())
-    assert max(parts.values()) * 1_000_000 > cusum.RUNS[-1]  # the last column stands in: see watched
-    for share in cusum.SHARES:
-        for run in (250, 10_000, 50_000, 2_000_000):
-            assert cusum.watched(share, run).limit > 0
+    row = PARAMETERS["behaviour_false_alarm_count"]
+    assert row.low // BLOCK >= cusum.RUNS[0]
+    assert row.high * max(Counter(FEATURES.values()).values()) <= cusum.RUNS[-1]
+
+
+@pytest.mark.parametrize("watch", Watch)
+@pytest.mark.parametrize("share", [cusum.SHARES[0], cusum.SHARES[-1]])
+def test_a_rarer_false_alarm_is_a_higher_limit_up_to_the_end_of_what_a_set_may_state(watch, share):
+    row, usual = PARAMETERS["behaviour_false_alarm_count"], (share,) * len(Watch)
+    of = Baseline(reference([]), usual, (0,) * len(Watch))
+    limits = [
+        Career(baseline=of).detector(watch, None, replace(P, behaviour_false_alarm_count=count)).limit
+        for count in (row.low, row.default, 400_000, row.high)
+    ]
+    assert limits == sorted(set(limits))
 
 
 @pytest.mark.parametrize("share", [100, 350])
