@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from policies.catalog import CATALOG
+from policies.catalog import CATALOG, ROWS
 from policies.combine import Always, checks
 from policies.model import Effect
+from policies.parameters import GATE_PARAMETERS
 from policies.primitives.propagation import DynamicTrust
 
 if TYPE_CHECKING:
@@ -77,10 +78,6 @@ class Known:
     operation: str
     points: frozenset[Point]
     moves: bool = False
-
-
-GATE_PARAMETERS: Final = frozenset({"lease_motion_ms", "lease_other_ms"})
-"""Parameters that a primitive takes and that an enforcement point uses besides, whoever is asked."""
 
 
 def advise(policies: PolicySet, *, stated: Collection[str], known: Collection[Known]) -> tuple[Advice, ...]:
@@ -200,9 +197,7 @@ def _parameters(policies: PolicySet, stated: Collection[str]) -> Iterator[Advice
         (parameter.name, getattr(primitive, parameter.name))
         for policy in policies.policies
         for primitive, _ in checks(policy.predicate)
-        for row in CATALOG
-        if row.id == primitive.id
-        for parameter in row.parameters
+        for parameter in ROWS[primitive.id].parameters
     }
     for name in sorted(set(stated) & of_primitives):
         if name not in {taker for taker, _ in taken}:

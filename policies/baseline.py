@@ -13,9 +13,10 @@ from enum import IntEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
+from policies.canonical import EXACT
 from policies.charges import UNIT, charge
 from policies.conduct import Feature
-from policies.report import EXACT, ReportError, is_count, is_text, is_whole, keyed, listed
+from policies.report import ReportError, is_count, is_text, is_whole, keyed, listed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -7,9 +7,10 @@ from itertools import accumulate
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from policies.baseline import BLOCK, FEATURES, Act, Reference, Watch, bare_answers, reference, widest
+from policies.canonical import EXACT
 from policies.conduct import Feature
 from policies.cusum import RUNS, SHARES, Watched, rounded_up, share_above, watched
-from policies.report import EXACT, ReportError, is_count, is_text, keyed, listed
+from policies.report import ReportError, is_count, is_text, keyed, listed
 
 if TYPE_CHECKING:
     from policies.parameters import Parameters

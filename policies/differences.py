@@ -14,21 +14,24 @@ from policies import canonical
 from policies.catalog import CATALOG
 from policies.combine import AllOf, Always, AnyOf, Check, Not, Predicate
 from policies.evidence import ApprovalReading
-from policies.model import Effect
-from policies.parameters import PARAMETERS
+from policies.model import SEVERITY, Effect
+from policies.parameters import GATE_PARAMETERS, PARAMETERS
 from policies.pdp import decide
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable
 
     from policies.model import Decision
     from policies.policy import Policy, PolicySet
     from policies.replay import Recorded
 
-SEVERITY: Final[Mapping[Effect, int]] = {Effect.PERMIT: 0, Effect.DEFER: 1, Effect.DENY: 2}
-JUDGING: Final = frozenset(
-    {p.name for row in CATALOG for p in row.parameters} | {name for name in PARAMETERS if name.startswith("approved_")}
-) - {"lease_motion_ms", "lease_other_ms"}
+JUDGING: Final = (
+    frozenset(
+        {p.name for row in CATALOG for p in row.parameters}
+        | {name for name in PARAMETERS if name.startswith("approved_")}
+    )
+    - GATE_PARAMETERS
+)
 """Parameters that matter when evidence is judged, and then alone. Any other one makes other evidence, or acts when a
 decision is enforced."""
 

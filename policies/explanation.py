@@ -119,14 +119,15 @@ def explain(request: Request, evidence: Evidence, policies: PolicySet) -> Explan
 
 def _said(policy: Policy, case: Case) -> Said:
     parts = _parts(policy, case)
-    meant = {part.meant for part in parts}
-    if Concern.NO in meant:
-        return Said(policy, Concern.NO, parts, None, None, ())
+    concern = policy.concerns(case.request)
+    if concern is Concern.YES:
+        concern = policy.subject.concern(case.evidence)
+    if concern is Concern.NO:
+        return Said(policy, concern, parts, None, None, ())
     answer = pdp._answer(policy, case)  # noqa: SLF001 - the very function that decides; a second one could differ
-    if Concern.UNKNOWN in meant and policy.effect is Effect.PERMIT:
-        return Said(policy, Concern.UNKNOWN, parts, None, answer.effect, answer.findings)
-    concern = Concern.UNKNOWN if Concern.UNKNOWN in meant else Concern.YES
-    return Said(policy, concern, parts, _asked(policy.predicate, case), answer.effect, answer.findings)
+    unspoken = concern is Concern.UNKNOWN and policy.effect is Effect.PERMIT
+    asked = None if unspoken else _asked(policy.predicate, case)
+    return Said(policy, concern, parts, asked, answer.effect, answer.findings)
 
 
 def _parts(policy: Policy, case: Case) -> tuple[Part, ...]:
@@ -183,12 +184,8 @@ def _judged(primitive: Primitive, case: Case) -> Asked:
     except Exception:  # noqa: BLE001 - a primitive that breaks makes its policy deny, and that is what is told
         return Asked(primitive.id, "raises", parameters=parameters)
     match verdict:
-        case Holds(because):
-            return Asked(primitive.id, "holds", because, parameters)
-        case Fails(findings):
-            return Asked(primitive.id, "fails", findings, parameters)
-        case Defers(findings):
-            return Asked(primitive.id, "defers", findings, parameters)
+        case Holds(findings) | Fails(findings) | Defers(findings):
+            return Asked(primitive.id, _word(verdict), findings, parameters)
         case _:
             assert_never(verdict)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field
 from enum import StrEnum
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
@@ -18,6 +19,8 @@ from policies.canonical import EXACT
 from policies.errors import PolicyError, PolicyFault
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from capabilities.scope import Tier
     from capabilities.units import Quantity
     from policies.evidence import Evidence
@@ -47,6 +50,10 @@ class Effect(StrEnum):
     PERMIT = "PERMIT"
     DENY = "DENY"
     DEFER = "DEFER"
+
+
+SEVERITY: Final[Mapping[Effect, int]] = MappingProxyType({Effect.PERMIT: 0, Effect.DEFER: 1, Effect.DENY: 2})
+"""How strict each effect is beside the others."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -372,3 +372,6 @@ def _rows() -> Mapping[str, ParameterRow]:
 
 PARAMETERS: Final = _rows()
 """Every parameter by name."""
+
+GATE_PARAMETERS: Final = frozenset({"lease_motion_ms", "lease_other_ms"})
+"""Parameters that a primitive takes and that an enforcement point uses besides, whoever is asked."""

@@ -14,6 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from policies.canonical import EXACT
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -26,8 +28,6 @@ PARTIES_MAX: Final = 10
 """Sponsor, first holder, and as many hops as capabilities.caps allows."""
 VALUES_MAX: Final = 64
 """Values of one request: an operation has at most 32 parameters (capabilities.caps), some of them given per axis."""
-EXACT: Final = 2**53 - 1
-"""Largest integer that every JSON reader keeps exactly (RFC 8259 section 6)."""
 
 
 class ReportError(ValueError):

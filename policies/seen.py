@@ -6,7 +6,8 @@ from bisect import insort
 from dataclasses import dataclass
 from typing import Any, Final
 
-from policies.report import EXACT, ReportError, is_count, is_text, listed
+from policies.canonical import EXACT
+from policies.report import ReportError, is_count, is_text, listed
 
 KEPT: Final = 512
 """Most request ids remembered of one reporter; then the older half is forgotten, and older reports are not counted."""

@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
+from policies.canonical import EXACT
 from policies.charges import charge, credit_milli
 from policies.decay import decayed, ticks_between
 from policies.evidence import EdgeReading, TrustReading
-from policies.report import EXACT, Edge, ReportError, is_count, is_text, keyed, listed
+from policies.report import Edge, ReportError, is_count, is_text, keyed, listed
 from policies.seen import Seen
 
 if TYPE_CHECKING:

@@ -16,6 +16,8 @@ from policies import replay
 from policies.differences import Case, Verdict
 from policies.errors import PolicyError
 from policies.model import Effect
+from policies.reasons import Reason
+from ztpm_idp.ledger_file import LINE_BYTES, LINE_DEPTH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,10 +25,7 @@ if TYPE_CHECKING:
 
     from policies.replay import Recorded
 
-LINE_BYTES: Final = 1_048_576
-"""Longest line: that of a ledger (ztpm_idp.ledger_file)."""
-LINE_DEPTH: Final = 40
-UNANSWERED: Final = frozenset({"APPROVAL_TIMEOUT", "ASK_BUDGET_SPENT"})
+UNANSWERED: Final = frozenset({Reason.APPROVAL_TIMEOUT, Reason.ASK_BUDGET_SPENT})
 """Denials of the gate that end a DEFER of the policies: nobody answered, or nobody could be asked."""
 
 
@@ -34,7 +33,7 @@ class PastError(Exception):
     """A file of the past that cannot be read.
 
     Attributes:
-        code: "LINE_MALFORMED", "NO_DECISION", "NO_REPLAY" or a `PolicyFault`.
+        code: "LINE_MALFORMED", "NO_DECISION", "NO_REPLAY", "EVIDENCE_DIFFERS" or a `PolicyFault`.
     """
 
     def __init__(self, code: str, detail: str) -> None:

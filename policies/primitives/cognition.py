@@ -53,6 +53,17 @@ class OperatorInput:
         return Holds()
 
 
+def entering(primitive: str, case: Case) -> tuple[ItemReading, ...] | Fails:
+    """What would enter a context, one item at least, or the refusal that stands for it."""
+    match case.evidence.context:
+        case NotCollected() | ContextReading(items=()):
+            return missing(primitive, "context")
+        case ContextReading(items=items):
+            return items
+        case _:
+            assert_never(case.evidence.context)
+
+
 @dataclass(frozen=True, slots=True)
 class InstructionIsolation:
     """CII-2: a text that is not from a principal carries no authority, and what was found in it taints it.
@@ -65,16 +76,11 @@ class InstructionIsolation:
 
     def judge(self, case: Case) -> Verdict:
         """Holds when no item without a principal's signature is offered as authority, and every sign is a taint."""
-        match case.evidence.context:
-            case NotCollected():
-                return missing(self.id, "context")
-            case ContextReading(items=()):
-                return missing(self.id, "context")
-            case ContextReading(items=items):
-                wrong = tuple(finding for item in items for finding in self._item(item))
-                return Fails(wrong) if wrong else Holds()
-            case _:
-                assert_never(case.evidence.context)
+        items = entering(self.id, case)
+        if isinstance(items, Fails):
+            return items
+        wrong = tuple(finding for item in items for finding in self._item(item))
+        return Fails(wrong) if wrong else Holds()
 
     def _item(self, item: ItemReading) -> list[Finding]:
         found_in_it = []
@@ -102,16 +108,11 @@ class RetrievalIntegrity:
 
         What is no document is CII-5's, and no reason against this one.
         """
-        match case.evidence.context:
-            case NotCollected():
-                return missing(self.id, "context")
-            case ContextReading(items=()):
-                return missing(self.id, "context")
-            case ContextReading(items=items):
-                wrong = tuple(finding for item in items if item.kind in LISTED for finding in self._item(item))
-                return Fails(wrong) if wrong else Holds()
-            case _:
-                assert_never(case.evidence.context)
+        items = entering(self.id, case)
+        if isinstance(items, Fails):
+            return items
+        wrong = tuple(finding for item in items if item.kind in LISTED for finding in self._item(item))
+        return Fails(wrong) if wrong else Holds()
 
     def _item(self, item: ItemReading) -> list[Finding]:
         if item.fault or item.label.integrity < Integrity.CURATED:

@@ -12,7 +12,7 @@ from capabilities.chain import Chain
 from capabilities.scope import Tier
 from policies.approval import prior_leave
 from policies.evidence import ApprovalReading, ImpactReading, PerceptionReading, RobotReading
-from policies.model import Effect, Obligation, ObligationKind, Point
+from policies.model import SEVERITY, Effect, Obligation, ObligationKind, Point
 from policies.policy import requirement
 from policies.primitives.base import Case, Holds
 from policies.primitives.cognition import BELIEVED
@@ -32,7 +32,6 @@ MOVING: Final = frozenset({Point.TOOL, Point.ACTUATION})
 PEOPLE_AT_TIER_4: Final = 2
 """Whatever the code that is judged may say (DESIGN section 6)."""
 CONSUME: Final = Obligation(ObligationKind.CONSUME)
-_SEVERITY: Final = {Effect.PERMIT: 0, Effect.DEFER: 1, Effect.DENY: 2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +128,7 @@ def milder_for_a_tier(all_told: Sequence[Told], harmless: frozenset[str]) -> boo
     if lower.decision.tier is None or higher.decision.tier is None or not lower.decision.tier <= higher.decision.tier:
         return False
     if not granted:
-        return _SEVERITY[higher.decision.effect] < _SEVERITY[lower.decision.effect]
+        return SEVERITY[higher.decision.effect] < SEVERITY[lower.decision.effect]
     for_this_tier = isinstance(approval, ApprovalReading) and approval.tier == higher.decision.tier
     by_people = higher.decision.approval is not None and for_this_tier
     return higher.permitted and not lower.permitted and not by_people

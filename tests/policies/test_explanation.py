@@ -34,6 +34,8 @@ def test_the_decision_is_the_one_of_decide_and_the_parts_give_it():
             assert effects <= {Effect.PERMIT, None}, seed
         for said in found.said:
             assert (said.effect is None) or (said.concern is not Concern.NO), seed
+            meant = {part.meant for part in said.parts}
+            assert said.concern is next(c for c in (Concern.NO, Concern.UNKNOWN, Concern.YES) if c in meant), seed
             if said.predicate is not None:
                 asked = [leaf.what for leaf in leaves(said.predicate) if leaf.what != "always"]
                 assert asked == [primitive.id for primitive, _ in checks(said.policy.predicate)], seed

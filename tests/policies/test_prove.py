@@ -166,7 +166,7 @@ def test_one_more_denial_is_modelled_as_what_it_does():
 def test_unknown_primitives_do_not_soften_with_the_tier():
     """[P5] What is taken for granted of primitives without a formula, tried on random cases."""
     pick = random.Random(5).choice
-    unknown = [row for row in ROWS.values() if row.decides is not None and row.decides not in (HOLDS | MAY_DEFER)]
+    unknown = [row for row in ROWS.values() if row.decides not in (HOLDS | MAY_DEFER)]
     primitives = [row.make(**{p.name: p.default for p in row.parameters}) for row in unknown]
     assert not any(is_known(primitive) for primitive in primitives)
     for _ in range(600):
@@ -299,7 +299,7 @@ def test_a_denial_that_fails_at_a_higher_tier_is_caught():
 @needs_z3
 def test_primitives_without_a_formula_may_say_anything():
     """With them a set is proven where it is proven whatever they say, and caught where their holding is real."""
-    unknown = [row.id for row in ROWS.values() if row.decides is not None and row.decides not in (HOLDS | MAY_DEFER)]
+    unknown = [row.id for row in ROWS.values() if row.decides not in (HOLDS | MAY_DEFER)]
     at_both = [id for id in unknown if {Point.TOOL, Point.ACTUATION} <= ROWS[id].points]
     if not at_both:
         pytest.skip("every primitive has a formula")

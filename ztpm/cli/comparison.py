@@ -13,12 +13,11 @@ from rich.text import Text
 
 from ztpm.cli.explanation import JournalFile
 from ztpm.cli.output import USAGE, console, fail, plain, say_json
-from ztpm.cli.policy_set import open_set
+from ztpm.cli.policy_set import about, open_set
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from policies import PolicySet
     from policies.differences import Case, Comparison, SetChange
     from ztpm.past import Replayed
 
@@ -57,7 +56,7 @@ def diff(
         cases = written_cases(over)
     found = _compared(lambda: of_decisions(cases, old, new), journal or over, as_json=as_json)
     if as_json:
-        told = {"old": _about(old), "new": _about(new), **_change(change), **_comparison(found), **_left_out(drawn)}
+        told = {"old": about(old), "new": about(new), **_change(change), **_comparison(found), **_left_out(drawn)}
         say_json({"ok": True, **told, "over": str(journal or over or "")})
         return
     _tell_change(change)
@@ -88,7 +87,7 @@ def simulate(
         lambda: of_decisions(drawn.cases(journal, since_ms=since_ms), None, policies), journal, as_json=as_json
     )
     if as_json:
-        say_json({"ok": True, "set": _about(policies), **_comparison(found), **_left_out(drawn)})
+        say_json({"ok": True, "set": about(policies), **_comparison(found), **_left_out(drawn)})
         return
     _tell(found, drawn)
 
@@ -120,10 +119,6 @@ def _since(text: str, *, as_json: bool) -> int:
 
 
 # --- as JSON ---------------------------------------------------------------------------------------------------------
-
-
-def _about(policies: PolicySet) -> dict[str, object]:
-    return {"name": policies.name, "version": policies.version, "digest": policies.digest}
 
 
 def _change(change: SetChange) -> dict[str, object]:

@@ -11,7 +11,7 @@ from rich.text import Text
 from rich.tree import Tree
 
 from ztpm.cli.output import USAGE, console, fail, plain, say_json
-from ztpm.cli.policy_set import open_set
+from ztpm.cli.policy_set import about, open_set
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from policies.replay import Recorded
     from ztpm.past import Past
 
-CASE_BYTES: Final = 1_048_576
-"""Largest case: as large as a line of a ledger."""
-CASE_DEPTH: Final = 40
 COLOURS: Final = {
     "PERMIT": "green", "holds": "green", "DENY": "bold red", "fails": "red", "raises": "red",
     "DEFER": "yellow", "defers": "yellow", "no opinion": "dim",
@@ -62,8 +59,7 @@ def explain(
     found = explained(recorded.request, recorded.evidence, policies)
     counsel = _counsel(recorded, found, policies)
     if as_json:
-        about = {"name": policies.name, "version": policies.version, "digest": policies.digest}
-        say_json({"ok": True, "set": about, **to_plain(found), "changes": counsel, "recorded": _then(past)})
+        say_json({"ok": True, "set": about(policies), **to_plain(found), "changes": counsel, "recorded": _then(past)})
         return
     console.print(_tree(found, counsel), soft_wrap=False)
     if past is not None:
@@ -73,11 +69,12 @@ def explain(
 def _case(path: Path, *, as_json: bool) -> Recorded:
     from capabilities.strict_json import JsonError, read
     from policies import PolicyError, replay
+    from ztpm_idp.ledger_file import LINE_BYTES, LINE_DEPTH
 
     try:
         with path.open("rb") as file:
-            raw = file.read(CASE_BYTES + 1)
-        return replay.read(read(raw, limit_bytes=CASE_BYTES, limit_depth=CASE_DEPTH))
+            raw = file.read(LINE_BYTES + 1)  # a case is at most as large as a line of a ledger
+        return replay.read(read(raw, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH))
     except JsonError as error:
         fail(str(error.defect), f"{path}: {error.detail}", as_json=as_json)
     except PolicyError as error:

@@ -11,7 +11,7 @@ from rich.text import Text
 from ztpm.cli.comparison import diff, simulate
 from ztpm.cli.explanation import explain
 from ztpm.cli.output import FAILURE, console, plain, say_json
-from ztpm.cli.policy_set import open_set
+from ztpm.cli.policy_set import about, open_set
 from ztpm.cli.proof import prove
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def check(
     if as_json:
         say_json(
             {
-                "ok": not failed, "name": loaded.name, "version": loaded.version, "digest": loaded.digest,
+                "ok": not failed, **about(loaded),
                 "policies": [policy.id for policy in loaded.policies], "parameters": parameters, "primitives": rows,
                 "warnings": [{"code": str(w.code), "where": w.where, "detail": w.sentence} for w in warnings],
             }

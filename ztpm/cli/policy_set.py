@@ -49,6 +49,11 @@ def open_set(source: str, *, as_json: bool) -> Opened:
     return Opened(policies, frozenset(tomllib.loads(text).get("parameters", {})))
 
 
+def about(policies: PolicySet) -> dict[str, object]:
+    """By what a set is told from another, for JSON."""
+    return {"name": policies.name, "version": policies.version, "digest": policies.digest}
+
+
 def _refuse(source: str, code: str, detail: str, where: str, as_json: bool) -> NoReturn:  # noqa: FBT001 - passed on
     place = f"{source}: {where}" if where else source
     fail(code, f"{place}: {detail}" if detail else place, as_json=as_json, more={"source": source, "where": where})

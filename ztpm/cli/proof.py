@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from ztpm.cli.output import FAILURE, USAGE, console, fail, plain, say_json
+from ztpm.cli.policy_set import about, open_set
 
 if TYPE_CHECKING:
     from policies.proof import Result
@@ -25,29 +26,19 @@ def prove(
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Prove seven claims about a policy set with z3, or show a request that breaks one; 0 when all are proven."""
-    import policies
     from policies import proof
-    from policies.errors import PolicyError
 
     if file is not None and shipped is not None:
         fail("USAGE", "a file or --set, not both", as_json=as_json, status=USAGE)
     names = frozenset(name.strip() for name in harmless.split(",")) - {""}
-    try:
-        loaded = (
-            policies.load_shipped(shipped or "paper-default")
-            if file is None
-            else policies.load(file.read_text("utf-8"))
-        )
-    except PolicyError as error:
-        fail(str(error.code), str(error), as_json=as_json)
-    except (OSError, UnicodeDecodeError) as error:
-        fail("UNREADABLE", f"{file}: {error}", as_json=as_json)
+    # with its directory a file is taken for one, whatever it is called
+    source = shipped or "paper-default" if file is None else str(file.absolute())
+    loaded = open_set(source, as_json=as_json).policies
     results = proof.prove(loaded, harmless=names, clock=time.perf_counter)
     proven = all(result.standing is proof.Standing.PROVEN for result in results)
     if as_json:
         said = [proof.result_to_plain(result) for result in results]
-        about = {"name": loaded.name, "version": loaded.version, "digest": loaded.digest, "harmless": sorted(names)}
-        say_json({"ok": proven, **about, "claims": said})
+        say_json({"ok": proven, **about(loaded), "harmless": sorted(names), "claims": said})
     else:
         _tell(results, f"{loaded.name} {loaded.version}, digest {loaded.digest}")
     raise typer.Exit(0 if proven else FAILURE)

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 from evaluation.bench.decisions.readings import VERIFIED
 from policies import Effect, Point, PolicySet
 from policies.combine import AllOf, Check, conjuncts
+from policies.conduct import DRIFT, Feature
+from policies.labels import Integrity
 from policies.primitives import cognition, governance, identity, propagation, sequence, tools
 
 if TYPE_CHECKING:
@@ -216,19 +218,20 @@ def _sequence(p: sequence.SequenceCoherence) -> Parts:
 
 
 def _readiness(_: tools.StatePreconditions) -> Parts:
-    modes: list[Clause] = [(Atom("safety_mode", Op.ONE_OF, (1, 2)),), _is("robot_mode", tools.RUNNING)]
+    unstopped = tuple(sorted(tools.UNSTOPPED))
+    modes: list[Clause] = [(Atom("safety_mode", Op.ONE_OF, unstopped),), _is("robot_mode", tools.RUNNING)]
     flags = [_is(name, value=True) for name in ("remote_control", "exclusive", "frames_match")]
     return [*modes, *flags, (Atom("payload_g", Op.EQUAL, Of("expected_payload_g")),)], []
 
 
 def _sensors(_: cognition.SensorProvenance) -> Parts:
-    believed: Clause = (Atom("sensors", Op.WITHIN, ("fresh", "missing", "stale")),)
+    believed: Clause = (Atom("sensors", Op.WITHIN, tuple(sorted(cognition.BELIEVED))),)
     rests = (Atom("perception", Op.UNEQUAL, "fresh"), Atom("sensors", Op.WITHIN, ("fresh",)))
     return [believed, rests], []
 
 
 def _content(p: cognition.ProvenanceOfContent) -> Parts:
-    every = ("AGENT", "CURATED", "NONE", "PRINCIPAL", "RECORDED", "SENSED")
+    every = sorted(integrity.name for integrity in Integrity)
     tiers = {"NONE": p.unvouched_max_tier, "AGENT": p.agent_max_tier}
     tiers |= {"RECORDED": p.recorded_max_tier, "CURATED": p.recorded_max_tier}
     clauses: list[Clause] = [_is("unnamed_arguments", 0)]
@@ -238,15 +241,15 @@ def _content(p: cognition.ProvenanceOfContent) -> Parts:
     return clauses, []
 
 
-_KNOWN: Final = (Atom("behaviour_of", Op.EQUAL, "agent-3"),)
+_KNOWN: Final = (Atom("behaviour_of", Op.EQUAL, Of("agent")),)
 
 
 def _known(age_ms: int) -> list[Clause]:
     return [_CHAIN, _KNOWN, *_between("behaviour_age_ms", 0, age_ms)]
 
 
-_DRIFT: Final = ("escalation", "near boundary")
-_USAGE: Final = ("parameters", "rate", "refusals", "tools")
+_DRIFT: Final = tuple(sorted(map(str, DRIFT)))
+_USAGE: Final = tuple(sorted(map(str, set(Feature) - DRIFT)))
 
 _PLAIN: Final[Mapping[type, Callable[[Any], Parts]]] = {
     identity.AgentAuthentication: _agent,
