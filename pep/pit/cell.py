@@ -154,7 +154,6 @@ class CellParameters:
     # what is held
     held_tolerance_m: float = 0.03  # PHY-14: seen this near to where it is held, it is what is held
     grip_reach_m: float = 0.01  # PHY-14: a gripped object is this near to the fingers' pads
-    pad_m: float = 0.035  # PHY-14: the pads reach this far back from the tool point (G3: upper fingers)
     unknown_part_m: float = 0.1  # PHY-14: radius, about the tool point, of a held part that nobody saw
 
     # limits that the robot's own safety configuration also holds

@@ -67,17 +67,19 @@ def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters
         return checked
     stop = stopping(cell, perception_age_s=view.stopping_age_s, joint_speed_rad_s=0.0)
     fingers = {c.name for c in tool.capsules}
-    travel = float(stop.travel_m(np.array(motion.speed_m_s)))
+    # Asked for less than its least, the gripper moves and presses with that.
+    speed_m_s, force_n = max(motion.speed_m_s, tool.finger_speed_min_m_s), max(motion.force_n, tool.force_min_n)
+    travel = float(stop.travel_m(np.array(speed_m_s)))
     ratio = 0.0
     for row in everything[np.isin([robot.bodies[b].name for b in pairs.body], list(fingers))].tolist():
         near = float(clearance[row] - pairs.uncertainty[row])
         kind, name = pairs.kind_of(row), pairs.names[row]
         if kind is Kind.PERSON and near < float(stop.approach_m(pairs.intrusion[row])) + travel:
-            share = motion.force_n / float(pairs.force_limit[row])
+            share = force_n / float(pairs.force_limit[row])
             index = HIGHEST if share > 1 and near <= travel else 2 + min(1.0, share)
             causes.append(GripCause(str(kind), index, name, float(clearance[row])))
-            ratio = max(ratio, motion.speed_m_s / float(pairs.limit_speed[row]))
+            ratio = max(ratio, speed_m_s / float(pairs.limit_speed[row]))
         elif kind is Kind.FRAGILE and near <= cell.rigid_band_m:
-            index = 1 + min(2.0, motion.force_n / cell.fragile_break_force_n)
+            index = 1 + min(2.0, force_n / cell.fragile_break_force_n)
             causes.append(GripCause(str(kind), index, name, float(clearance[row])))
     return Grip(tuple(sorted(causes, key=lambda c: (-c.index, c.kind, c.object))), ratio)

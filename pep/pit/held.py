@@ -100,7 +100,7 @@ def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParamet
     """
     rotation, origin = _flange(robot, q)
     x, y, z = robot.tool.tcp_m
-    pads = np.array([(x, y, z - cell.pad_m), (x, y, z)]) @ rotation.T + origin
+    pads = np.array([(x, y, z - robot.tool.pad_m), (x, y, z)]) @ rotation.T + origin
     near: list[Thing] = []
     for thing in objects:
         cores, radius = cores_of([thing.shape])

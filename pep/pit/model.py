@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
+import numpy as np
+
 from pep.pit.errors import ModelError
 from pep.pit.strict import STRICT
 
@@ -17,13 +19,22 @@ PAYLOAD: Final = "payload"  # the body that stands for what is held
 TOOL_PAIR: Final = "tool"  # in `self_pairs`: every capsule of the tool
 SIZE_LIMIT_M: Final = 10.0  # no part of a table-top arm is longer; a larger number is a wrong unit
 MASS_LIMIT_KG: Final = 1000.0  # likewise
+ROUNDING: Final = 1e-6  # a flat body's moments add up exactly; files round them
 
 Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """One revolute joint, turning about its own z axis, and the link that it carries."""
+    """One revolute joint, turning about its own z axis, and the link that it carries.
+
+    Attributes:
+        offset_m, rpy_rad: where the joint stands in the frame of the link before it.
+        position_limit_rad: highest angle.
+        inertia_kg_m2: xx, yy, zz about the centre of mass.
+        position_low_rad: lowest angle, at most 0; None is the highest, negated.
+        inertia_products_kg_m2: xy, xz, yz of the same tensor.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     name: str
@@ -35,6 +46,20 @@ class Joint:
     mass_kg: float
     com_m: Vector
     inertia_kg_m2: Vector
+    position_low_rad: float | None = None
+    inertia_products_kg_m2: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def range_rad(self) -> tuple[float, float]:
+        """Lowest and highest angle."""
+        low = -self.position_limit_rad if self.position_low_rad is None else self.position_low_rad
+        return low, self.position_limit_rad
+
+    @property
+    def inertia(self) -> tuple[Vector, Vector, Vector]:
+        """The whole tensor about the centre of mass, row by row."""
+        (xx, yy, zz), (xy, xz, yz) = self.inertia_kg_m2, self.inertia_products_kg_m2
+        return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +87,17 @@ class ToolCapsule:
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """What is screwed to the flange."""
+    """What is screwed to the flange.
+
+    Attributes:
+        tcp_m: the tip that counts as the tool point, in the frame of the flange.
+        shape: what it is to a body that it meets; only a blunt one is granted twice the limit speed.
+        width_limit_m: the fingers' stroke: they open from 0 to this.
+        force_min_n, force_limit_n: of a grip; asked for less than the least, the gripper still presses with that.
+        finger_speed_min_m_s, finger_speed_limit_m_s: of one finger; likewise.
+        pad_m: the pads reach this far back from the tool point.
+        capsules: contain every part of it at every opening.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     name: str
@@ -73,13 +108,29 @@ class Tool:
     width_limit_m: float
     force_min_n: float
     force_limit_n: float
+    finger_speed_min_m_s: float
     finger_speed_limit_m_s: float
+    pad_m: float
     capsules: tuple[ToolCapsule, ...]
 
 
 @dataclass(frozen=True, slots=True)
+class Source:
+    """A file beside the model's own from which some of its numbers were taken."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    kind: Literal["calibration", "urdf"]
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
 class Model:
-    """A robot file, read strictly."""
+    """A robot file, read strictly.
+
+    Attributes:
+        self_pairs: names of capsules that must stay apart: one nearer the base, and those farther out.
+        derived_from: files from which numbers were taken since; a model file itself states none.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     schema: int
@@ -90,6 +141,7 @@ class Model:
     capsules: tuple[LinkCapsule, ...]
     self_pairs: dict[str, tuple[str, ...]]
     tools: tuple[Tool, ...]
+    derived_from: tuple[Source, ...] = ()
 
 
 def validated(model: Model) -> Model:
@@ -104,11 +156,12 @@ def validated(model: Model) -> Model:
     need(0 < model.payload_limit_kg <= MASS_LIMIT_KG, "payload limit")
     need(model.acceleration_limit_rad_s2 > 0, "acceleration limit")
     for joint in model.joints:
-        need(joint.position_limit_rad > 0, f"{joint.name}: position limit")
+        low, high = joint.range_rad
+        need(low <= 0 <= high and low < high, f"{joint.name}: position limits")
         need(joint.speed_limit_rad_s > 0, f"{joint.name}: speed limit")
         need(joint.torque_limit_nm > 0, f"{joint.name}: torque limit")
         need(0 < joint.mass_kg <= MASS_LIMIT_KG, f"{joint.name}: mass")
-        need(min(joint.inertia_kg_m2) > 0, f"{joint.name}: inertia")
+        need(_possible(joint), f"{joint.name}: inertia")
         need(max(map(abs, (*joint.offset_m, *joint.com_m))) <= SIZE_LIMIT_M, f"{joint.name}: size")
     # A link without geometry would answer "all clear" to every question.
     need({c.link for c in model.capsules} == set(range(JOINTS + 1)), "every link needs a capsule")
@@ -121,12 +174,21 @@ def validated(model: Model) -> Model:
         need(max(map(abs, (*part.a_m, *part.b_m))) <= SIZE_LIMIT_M, f"{part.name}: size")
     for tool in model.tools:
         need(len(tool.capsules) > 0 and 0 < tool.mass_kg <= MASS_LIMIT_KG, f"{tool.name}: geometry or mass")
-        need(0 < tool.force_min_n <= tool.force_limit_n and tool.finger_speed_limit_m_s > 0, f"{tool.name}: limits")
+        need(max(map(abs, (*tool.com_m, *tool.tcp_m))) <= SIZE_LIMIT_M, f"{tool.name}: size")
+        need(0 < tool.width_limit_m <= SIZE_LIMIT_M and 0 < tool.pad_m <= SIZE_LIMIT_M, f"{tool.name}: fingers")
+        need(0 < tool.force_min_n <= tool.force_limit_n, f"{tool.name}: force")
+        need(0 < tool.finger_speed_min_m_s <= tool.finger_speed_limit_m_s, f"{tool.name}: finger speed")
     known = {*names, TOOL_PAIR}
     pairs = [(a, b) for a, others in model.self_pairs.items() for b in others]
     need(len(pairs) > 0, "self-collision pairs are needed")
     need(all(a in known and b in known for a, b in pairs), "a self-collision pair names an unknown capsule")
     return model
+
+
+def _possible(joint: Joint) -> bool:
+    """Whether some body has this tensor: its principal moments are positive, and none exceeds the other two."""
+    least, middle, most = np.linalg.eigvalsh(np.array(joint.inertia)).tolist()
+    return least > 0 and most <= (least + middle) * (1 + ROUNDING)
 
 
 def read_back(model: Model) -> dict[str, Any]:
@@ -138,7 +200,7 @@ def read_back(model: Model) -> dict[str, Any]:
                 return {k: plain(v) for k, v in value.items()}
             case tuple():
                 return [plain(v) for v in value]
-            case str() | int() | float():
+            case None | str() | int() | float():
                 return value
             case _:
                 return {f.name: plain(getattr(value, f.name)) for f in fields(value)}  # type: ignore[arg-type]

@@ -105,9 +105,21 @@ class Robot:
         return self if held == self.held else _holding(self, None if held is None else held.checked())
 
     @property
+    def content(self) -> str:
+        """The text whose SHA-256 is `model_digest`: everything that the robot is, every float exact."""
+        return _content(self.model, self.tool, self.held)
+
+    @property
+    def position_ranges_rad(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest angle of each joint, each of shape (6,)."""
+        low, high = np.array([j.range_rad for j in self.model.joints]).T
+        return low, high
+
+    @property
     def position_limits_rad(self) -> NDArray[np.float64]:
-        """Symmetric joint position limits."""
-        return np.array([j.position_limit_rad for j in self.model.joints])
+        """Per joint the largest angle that is inside its limits either way: where they differ, the smaller one."""
+        low, high = self.position_ranges_rad
+        return np.minimum(-low, high)
 
     @property
     def speed_limits_rad_s(self) -> NDArray[np.float64]:
@@ -175,7 +187,7 @@ def _assemble(model: Model, tool_name: str, held: Held | None = None) -> Robot:
     return Robot(
         model=model,
         tool=tool,
-        model_digest=_digest(model, tool, held),
+        model_digest=hashlib.sha256(_content(model, tool, held).encode()).hexdigest(),
         capsules=capsules,
         bodies=tuple(bodies),
         world_bodies=world_bodies,
@@ -234,13 +246,13 @@ def _reach(body: Body, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
     return reach
 
 
-def _digest(model: Model, tool: Tool, held: Held | None) -> str:
+def _content(model: Model, tool: Tool, held: Held | None) -> str:
     content = read_back(model) | {"mounted_tool": tool.name}
     if held is not None:
         ends = [[x.hex() for x in map(float, end)] for end in held.ends_m]
         mass = None if held.mass_kg is None else float(held.mass_kg).hex()
         content["held"] = [held.object, ends, float(held.shape.radius_m).hex(), mass, held.blunt]
-    return hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    return json.dumps(content, sort_keys=True, separators=(",", ":"))
 
 
 def _pinocchio(model: Model, tool: Tool, held: Held | None, rotations: NDArray[np.float64]) -> Any:
@@ -255,10 +267,9 @@ def _pinocchio(model: Model, tool: Tool, held: Held | None, rotations: NDArray[n
             joint.name,
             np.array([joint.torque_limit_nm]),
             np.array([joint.speed_limit_rad_s]),
-            np.array([-joint.position_limit_rad]),
-            np.array([joint.position_limit_rad]),
+            *(np.array([limit]) for limit in joint.range_rad),
         )
-        inertia = pinocchio.Inertia(joint.mass_kg, np.array(joint.com_m), np.diag(joint.inertia_kg_m2))
+        inertia = pinocchio.Inertia(joint.mass_kg, np.array(joint.com_m), np.array(joint.inertia))
         built.appendBodyToJoint(parent, inertia, pinocchio.SE3.Identity())
     # The tool's inertia about its own centre is published nowhere and small; as a point mass it loads the joints.
     point = pinocchio.Inertia(tool.mass_kg, np.array(tool.com_m), np.zeros((3, 3)))
