@@ -272,6 +272,8 @@ def near(rig, values, bounds, *, impact=None, ceiling=Tier.HIGH_CONSEQUENCE, gra
         ((30,), (Range(20, 100),), 300),
         ((-30,), (Range(-100, -20),), 300),
         ((-5,), (Range(0, 100),), 0),
+        ((-30,), (Range(20, 100),), 0),
+        ((30,), (Range(-100, -20),), 0),
         ((10, 80), (Range(0, 100), Range(0, 100)), 800),
         ((10, 5), (Range(0, 100), OneOf(frozenset({5}))), 100),
         ((5,), (OneOf(frozenset({5})),), None),

@@ -9,6 +9,7 @@ import httpx2
 import pytest
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
+from mcp_types import CallToolResult
 
 from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
@@ -413,6 +414,19 @@ def test_nothing_is_vouched_for_when_the_tool_changed_while_it_answered(cell):
     real, cell.arm.read_state = cell.arm.read_state, changing
     (result,) = cell.run((cell.agent(), ("read_state", {}), {RECEIPT: True}))
     assert not result.is_error
+    assert RECEIPT not in result.meta
+    assert RESPONSE not in result.meta
+
+
+def test_nothing_is_vouched_for_when_the_tool_failed(cell, monkeypatch):
+    """Whatever it says of its failure: a record of an answer is one of something that was done."""
+
+    async def failing(*_, **__):
+        return CallToolResult(content=[], structured_content={"q_rad": [0.0]}, is_error=True)
+
+    monkeypatch.setattr(type(cell.server._tool_manager._tools["read_state"]), "run", failing)
+    (result,) = cell.run((cell.agent(), ("read_state", {}), {RECEIPT: True}))
+    assert (result.is_error, result.structured_content) == (True, {"q_rad": [0.0]})
     assert RECEIPT not in result.meta
     assert RESPONSE not in result.meta
 
