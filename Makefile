@@ -31,9 +31,10 @@ demo:
 bench:  ## capability tokens beside their peers, in one run; the ratios last
 	uv run --extra all --extra bench --group dev ztpm eval bench capabilities
 
-campaign:  ## every claim about tokens and decisions, tried in full; the figures last
+campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in full; the figures last
 	$(RUN) ztpm eval tokens
 	$(RUN) python -m tests.model.campaign
+	$(RUN) ztpm eval conduct
 
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation

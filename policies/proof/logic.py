@@ -74,11 +74,6 @@ def highest(logic: Logic, first: Number, *others: Number) -> Number:
     return top
 
 
-def exactly(logic: Logic, one: Truth, other: Truth) -> Truth:
-    """True when both are or neither is."""
-    return logic.every(implies(logic, one, other), implies(logic, other, one))
-
-
 def fold(parts: tuple[Truth, ...], *, neutral: bool, joined: Callable[[list[Truth]], Truth]) -> Truth:
     """Terms joined, once Python's own truths among them are settled: a formula never holds a constant.
 

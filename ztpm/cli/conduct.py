@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import secrets
-import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
+from ztpm.cli import campaigns
+from ztpm.cli.output import FAILURE, console, fail, say_json
 
 
 def conduct(
@@ -24,29 +22,12 @@ def conduct(
     """False alarms, detection delays and trust under attack; the exit status is not 0 when a bar is missed."""
     from evaluation.conduct.plots import plot as draw
     from evaluation.conduct.registry import CAMPAIGNS
-    from evaluation.tokens.campaign import Settings
-    from evaluation.tokens.report import report, table
+    from evaluation.tokens.report import table
 
-    seed = secrets.randbits(32) if seed is None else seed
-    known = {campaign.id: campaign for campaign in CAMPAIGNS}
-    unknown = sorted(set(only or ()) - known.keys())
-    if unknown:
-        fail("UNKNOWN_CAMPAIGN", f"{', '.join(unknown)} is none of {', '.join(known)}", as_json=as_json, status=USAGE)
-    settings = Settings(quick=quick, seed=seed, vectors=None, clock_ns=time.perf_counter_ns, told=lambda _: None)
-    chosen = [campaign for campaign in CAMPAIGNS if not only or campaign.id in only]
-    if as_json:
-        found = [(campaign, campaign.run(settings)) for campaign in chosen]
-    else:
-        console.print(f"seed {seed}")
-        found = []
-        with console.status("") as status:
-            for campaign in chosen:
-                told = lambda what, of=campaign.id: status.update(f"{of}: {what}")  # noqa: E731
-                found.append((campaign, campaign.run(replace(settings, told=told))))
-    said = report(found, quick=quick, seed=seed)
+    found, said = campaigns.run(CAMPAIGNS, only, quick=quick, seed=seed, as_json=as_json)
     if plot is not None:
         try:
-            said["plots"] = [path.name for path in draw(plot, seed=seed)]
+            said["plots"] = [path.name for path in draw(plot, seed=said["seed"])]
         except ModuleNotFoundError as error:
             fail("NOT_PLOTTED", str(error), as_json=as_json)
     if as_json:

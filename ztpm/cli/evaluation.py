@@ -5,16 +5,15 @@ from __future__ import annotations
 import importlib
 import json
 import secrets
-import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
+from ztpm.cli import campaigns
 from ztpm.cli.conduct import conduct
-from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
+from ztpm.cli.output import FAILURE, console, fail, say_json
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -174,33 +173,11 @@ def campaigns_of_tokens(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
 ) -> None:
     """The claims about tokens, each tried so many times; the exit status is not 0 when one is missed."""
-    from evaluation.tokens.campaign import Settings
     from evaluation.tokens.registry import CAMPAIGNS
-    from evaluation.tokens.report import line, report, table
+    from evaluation.tokens.report import line, table
 
-    seed = secrets.randbits(32) if seed is None else seed
-    known = {campaign.id: campaign for campaign in CAMPAIGNS}
-    unknown = sorted(set(only or ()) - known.keys())
-    if unknown:
-        fail("UNKNOWN_CAMPAIGN", f"{', '.join(unknown)} is none of {', '.join(known)}", as_json=as_json, status=USAGE)
-    chosen = [campaign for campaign in CAMPAIGNS if not only or campaign.id in only]
-    settings = Settings(
-        quick=quick,
-        seed=seed,
-        vectors=vectors if vectors.is_dir() else None,
-        clock_ns=time.perf_counter_ns,
-        told=_nothing,
-    )
-    found = []
-    if as_json:
-        found = [(campaign, campaign.run(settings)) for campaign in chosen]
-    else:
-        console.print(f"seed {seed}")
-        with console.status("") as status:
-            for campaign in chosen:
-                told = lambda what, of=campaign.id: status.update(f"{of}: {what}")  # noqa: E731
-                found.append((campaign, campaign.run(replace(settings, told=told))))
-    said = report(found, quick=quick, seed=seed)
+    there = vectors if vectors.is_dir() else None
+    found, said = campaigns.run(CAMPAIGNS, only, quick=quick, seed=seed, vectors=there, as_json=as_json)
     if as_json:
         say_json(said)
     else:

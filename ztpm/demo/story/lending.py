@@ -12,6 +12,7 @@ import httpx2
 
 from capabilities.carriage import token_to_text
 from capabilities.scope import Tier
+from policies.load import load_shipped
 from ztpm.demo.calls import Answer, resend, send
 from ztpm.demo.props import (
     LIFETIME_S,
@@ -38,8 +39,8 @@ if TYPE_CHECKING:
 
 LENDING: Final = Story()
 DELEGATED: Final = ("delegate",)
-THETA: Final = 700
-"""Least trust, in permille, at which the shipped policies let a tier 2 act pass without a person."""
+THETA: Final = load_shipped("paper-default").parameters.trust_theta_permille
+"""Least trust, in permille, at which the cell's policies let a tier 2 act pass without a person."""
 HEX_DIGEST: Final = re.compile(rb'"[0-9a-f]{64}"')
 
 
