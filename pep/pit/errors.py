@@ -36,3 +36,7 @@ class MotionError(PitError):
 
 class WorkLimitError(PitError):
     """The answer did not come within its time."""
+
+
+class ProofError(PitError):
+    """An answer that no proof document can be written of."""

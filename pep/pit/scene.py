@@ -173,10 +173,14 @@ class Scene:
         return (*(o.shape for o in self.objects), *(z.shape for z in self.zones))
 
     @property
+    def content(self) -> str:
+        """The text whose SHA-256 is `digest`: everything in the scene, exact to the last bit of each number."""
+        return json.dumps(_plain(self), sort_keys=True, separators=(",", ":"))
+
+    @property
     def digest(self) -> str:
-        """SHA-256 (hex) of everything in the scene, exact to the last bit of each number."""
-        text = json.dumps(_plain(self), sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()
+        """SHA-256 (hex) of `content`."""
+        return hashlib.sha256(self.content.encode()).hexdigest()
 
     def defect(self) -> str | None:
         """What makes this scene unfit to be reasoned about, or None.
