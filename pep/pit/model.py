@@ -188,7 +188,7 @@ def validated(model: Model) -> Model:
 def _possible(joint: Joint) -> bool:
     """Whether some body has this tensor: its principal moments are positive, and none exceeds the other two."""
     least, middle, most = np.linalg.eigvalsh(np.array(joint.inertia)).tolist()
-    return least > 0 and most <= (least + middle) * (1 + ROUNDING)
+    return bool(least > 0 and most <= (least + middle) * (1 + ROUNDING))
 
 
 def read_back(model: Model) -> dict[str, Any]:

@@ -9,13 +9,14 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field
-from functools import cache, lru_cache
+from functools import lru_cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio
 
+from pep.pit.calibration import calibrated
 from pep.pit.errors import ModelError
 from pep.pit.model import JOINTS, PAYLOAD, TOOL_PAIR, LinkCapsule, Model, Tool, Vector, read_back, validated
 from pep.pit.strict import FormError, read_table, read_toml
@@ -23,6 +24,7 @@ from pep.pit.strict import FormError, read_table, read_toml
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from pep.pit.calibration import Calibration
     from pep.pit.held import Held
 
 
@@ -75,13 +77,13 @@ class Robot:
     held: Held | None = None
 
     @staticmethod
-    def load(name: str, *, tool: str = "robotiq_2f85") -> Robot:
-        """The robot shipped under `name` with one of its tools.
+    def load(name: str, *, tool: str = "robotiq_2f85", calibration: Calibration | None = None) -> Robot:
+        """The robot shipped under `name` with one of its tools, as nominal or as one arm is calibrated.
 
         Raises:
-            ModelError: no such model or tool, or a model that fails validation.
+            ModelError: no such model or tool, a model that fails validation, or a calibration too far from it.
         """
-        return _load(name, tool)
+        return _load(name, tool, calibration)
 
     @staticmethod
     def from_toml(text: str, *, tool: str) -> Robot:
@@ -94,7 +96,18 @@ class Robot:
             model = read_table(Model, read_toml(text))
         except FormError as error:
             raise ModelError("PHYSICS_FAULT", str(error)) from error
+        if model.derived_from:
+            raise ModelError("PHYSICS_FAULT", "a model file is derived from no other")
         return _assemble(validated(model), tool)
+
+    @staticmethod
+    def from_model(model: Model, *, tool: str) -> Robot:
+        """The robot of a model that was validated.
+
+        Raises:
+            ModelError: no such tool, or self-collision pairs the wrong way round.
+        """
+        return _assemble(model, tool)
 
     def holding(self, held: Held | None) -> Robot:
         """The same arm and tool with `held` in it, or with nothing.
@@ -148,8 +161,10 @@ class Robot:
         raise KeyError(name)
 
 
-@cache  # shipped models only: a handful
-def _load(name: str, tool: str) -> Robot:
+@lru_cache(maxsize=64)  # shipped models and the calibrations of one site
+def _load(name: str, tool: str, calibration: Calibration | None) -> Robot:
+    if calibration is not None:
+        return _assemble(calibrated(_load(name, tool, None).model, calibration), tool)
     if not name.isidentifier():
         raise ModelError("PHYSICS_FAULT", "a model's name is an identifier")
     source = resources.files("pep.pit") / "robots" / f"{name}.toml"
