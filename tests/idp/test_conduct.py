@@ -397,6 +397,14 @@ def test_the_dead_are_not_told_of(lent):
     assert told(lent).edges == ()
 
 
+def test_what_the_dead_lent_is_not_told_of(lent):
+    probed(lent)
+    assert told(lent).edges
+    lent.people["alice"].suspend_agent("planner", "r")
+    assert told(lent).edges == ()
+    assert [standing.agent for standing in told(lent).agents] == ["mover"]
+
+
 def test_a_word_that_cannot_hold_everything_is_cut_and_goes_on(lent, monkeypatch):
     world, alice = lent, lent.people["alice"]
     for number in range(5):

@@ -161,6 +161,8 @@ def test_what_was_not_loaded_is_not_well(world, monkeypatch):
     with pytest.raises(ClientError) as caught:
         mover.delegate(mid.token, helper, Restriction(ceiling=Tier(1)), purpose="p")
     assert caught.value.code == "EVIDENCE_MISSING"
+    found = delegations(world)[-1]["decision"]["findings"]
+    assert {"CATP-1", "ABG-3"} <= {one["primitive"] for one in found if one["reason"] == "EVIDENCE_MISSING"}
 
 
 # --- the provider is a reporter, too ---------------------------------------------------------------------------------

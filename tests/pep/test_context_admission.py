@@ -11,6 +11,7 @@ import pytest
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.errors import Fault, FaultCode
 from capabilities.statements import intent as intent_statement
+from capabilities.units import INT_LIMIT
 from pep.authority import NO_TOKEN, NOBODY, Credentials
 from pep.context import receipts
 from pep.context.admission import Admitted, Refused, Released
@@ -239,6 +240,11 @@ def test_what_nobody_vouches_for_is_refused(item, reason):
     point = Point(CHAIN)
     assert refused_for(admitted(point, item)) is reason
     assert point.flow.label(point.context(CHAIN)) == own(Holder.of(CHAIN.leaf))
+
+
+def test_an_age_beyond_the_integers_of_a_record_is_the_greatest_of_them():
+    found = admitted(Point(CHAIN), response(replaced(response().label, age_ms=2**60)))
+    assert isinstance(found, Admitted) and found.label.age_ms == INT_LIMIT
 
 
 def test_screening_taints_and_does_not_change_the_text():
