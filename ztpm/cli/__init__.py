@@ -19,6 +19,7 @@ from ztpm.cli import (
     keys,
     lending,
     mcp,
+    pit,
     policy,
     revoke,
     serve,
@@ -44,6 +45,7 @@ app.add_typer(approvals.app, name="approvals")
 app.add_typer(agent.app, name="agent")
 app.add_typer(keys.app, name="keys")
 app.add_typer(policy.app, name="policy")
+app.add_typer(pit.app, name="pit")
 app.add_typer(audit.app, name="audit")
 token.app.command("issue")(lending.issue)
 token.app.command("delegate")(lending.delegate)

@@ -1,0 +1,211 @@
+"""`ztpm pit`: what could this motion do in this scene, and who confirms it?"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, NoReturn
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from ztpm.cli.output import DEFER, DENY, USAGE, console, fail, plain, say_json
+
+if TYPE_CHECKING:
+    from pep.pit.assessment import Assessment
+    from pep.pit.errors import PitError
+    from ztpm.pit import Asked
+
+app = typer.Typer(help="Physical impact of one motion in one scene, out of files.", invoke_without_command=True)
+
+PICTURES: Final = (".png", ".html")
+COLOURS: Final = {0: "green", 1: "green", 2: "yellow", 3: "bold yellow", 4: "bold red"}
+
+SceneFile = Annotated[
+    Path | None, typer.Option("--scene", help="What stands and is seen (docs/schemas).", exists=True, dir_okay=False)
+]
+MotionFile = Annotated[
+    Path | None, typer.Option("--motion", help="What would be sent (docs/schemas).", exists=True, dir_okay=False)
+]
+RobotName = Annotated[str, typer.Option("--robot", help="A shipped model's name, or a model file.")]
+
+
+@app.callback()
+def pit(
+    context: typer.Context,
+    *,
+    scene: SceneFile = None,
+    motion: MotionFile = None,
+    robot: RobotName = "ur3e",
+    picture: Annotated[Path | None, typer.Option("--picture", help="A .png (three views) or .html (turn it).")] = None,
+    proof: Annotated[Path | None, typer.Option("--proof", help="Where to write the proof document.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Tier and index of a motion in a scene, what raises them, and what would lower them.
+
+    Exit 0 for a tier that needs no person, 4 for one that does, 3 for one that is refused, for a violation and for a
+    fault.
+    """
+    if context.invoked_subcommand is not None:
+        return
+    if scene is None or motion is None:
+        fail("USAGE", "--scene FILE and --motion FILE are needed", as_json=as_json, status=USAGE)
+    if picture is not None and picture.suffix not in PICTURES:
+        fail("USAGE", "--picture ends in .png or .html", as_json=as_json, status=USAGE)
+    from pep.pit.errors import PitError
+    from policies.evidence import ImpactFault
+    from ztpm.pit import to_plain
+
+    question = _asked(scene, motion, robot, as_json=as_json)
+    said = question.answer()
+    if isinstance(said, ImpactFault):
+        _fault(said.reason, said.detail, as_json=as_json)
+    try:
+        proven: bytes | PitError = question.proof(said)
+    except PitError as error:
+        proven = error
+    if proof is not None:
+        if isinstance(proven, PitError):
+            fail(proven.reason, f"no proof to write: {proven.detail}", as_json=as_json)
+        _write(proof, proven, as_json=as_json)
+    if picture is not None:
+        _draw(question, said, picture, as_json=as_json)
+    if as_json:
+        say_json(to_plain(question, said, proven))
+    else:
+        _tell(question, said, proven)
+    raise typer.Exit(_status(said))
+
+
+@app.command("verify")
+def verify(
+    proof: Annotated[Path, typer.Argument(help="A proof document.", exists=True, dir_okay=False)],
+    *,
+    scene: SceneFile = None,
+    motion: MotionFile = None,
+    robot: RobotName = "ur3e",
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+) -> None:
+    """Recompute every row of a proof, with the standard library alone. Exit 3 for one that does not hold.
+
+    With --scene and --motion the proof must also be of the question that these files ask.
+    """
+    from pep.pit.checker import Refused
+    from pep.pit.checker import verify as checked
+    from pep.pit.errors import PitError
+
+    if (scene is None) != (motion is None):
+        fail("USAGE", "--scene and --motion belong together", as_json=as_json, status=USAGE)
+    try:
+        verdict = checked(proof.read_bytes())
+    except OSError as error:
+        fail("UNREADABLE", f"{proof}: {type(error).__name__}", as_json=as_json, status=USAGE)
+    if isinstance(verdict, Refused):
+        fail(str(verdict.code), verdict.place, as_json=as_json, status=DENY)
+    if scene is not None and motion is not None:
+        question = _asked(scene, motion, robot, as_json=as_json)
+        try:
+            same = question.digest == verdict.question
+        except PitError as error:
+            _fault(error.reason, error.detail, as_json=as_json)
+        if not same:
+            fail("OTHER_QUESTION", "a proof of the answer to another question", as_json=as_json, status=DENY)
+    about = {"tier": verdict.tier, "index": verdict.index, "rows": verdict.rows}
+    digests = {"question": verdict.question, "model": verdict.model, "scene": verdict.scene}
+    if as_json:
+        say_json({"ok": True, **about, **digests})
+    else:
+        typer.echo(f"verified: tier {verdict.tier}, index {verdict.index:.3f}, {verdict.rows} rows recomputed")
+        for name, digest in digests.items():
+            typer.echo(f"{name:8} {digest}")
+
+
+def _asked(scene: Path, motion: Path, robot: str, *, as_json: bool) -> Asked:
+    from pep.pit.errors import PitError
+    from ztpm.pit import asked
+
+    try:
+        return asked(scene, motion, robot)
+    except PitError as error:
+        _fault(error.reason, error.detail, as_json=as_json)
+    except OSError as error:
+        fail("UNREADABLE", f"{error.filename}: {type(error).__name__}", as_json=as_json, status=USAGE)
+
+
+def _fault(reason: str, detail: str, *, as_json: bool) -> NoReturn:
+    """A fault is no tier, and no approval overrides it."""
+    if as_json:
+        say_json({"fault": {"reason": reason, "detail": detail}})
+    else:
+        typer.echo(plain(f"{reason}: {detail}"), err=True)
+    raise typer.Exit(DENY)
+
+
+def _status(said: Assessment) -> int:
+    from policies.tiers import TierRule
+    from ztpm.pit import effect
+
+    return {TierRule.AUDIT: 0, TierRule.TRUST: 0, TierRule.ASK: DEFER, TierRule.REFUSE: DENY}[effect(said)]
+
+
+def _draw(question: Asked, said: Assessment, file: Path, *, as_json: bool) -> None:
+    from ztpm.pit import advice
+    from ztpm.pit_picture import picture
+
+    shown = picture(question.robot, question.situation, question.motion, said)
+    if file.suffix == ".html":
+        from ztpm.pit_picture_html import page
+
+        _write(file, page(shown, subtitle=question.said, advice=advice(said)).encode(), as_json=as_json)
+        return
+    from ztpm.pit_picture_png import NoMatplotlibError, draw
+
+    try:
+        draw(shown, file, subtitle=f"{question.said}. {advice(said)}")
+    except NoMatplotlibError as error:
+        fail("NOT_INSTALLED", str(error), as_json=as_json)
+    except OSError as error:
+        fail("UNWRITABLE", f"{file}: {type(error).__name__}", as_json=as_json)
+
+
+def _write(file: Path, content: bytes, *, as_json: bool) -> None:
+    try:
+        file.write_bytes(content)
+    except OSError as error:
+        fail("UNWRITABLE", f"{file}: {type(error).__name__}", as_json=as_json)
+
+
+def _tell(question: Asked, said: Assessment, proven: bytes | PitError) -> None:
+    from ztpm.pit import advice, certificate_to_plain, effect
+
+    head = Text(f"Tier {int(said.tier)}", style=COLOURS[int(said.tier)])
+    head.append(f", index {said.index:.3f}: {effect(said)}", style="not bold default")
+    console.print(head)
+    console.print(Text(plain(question.said)))
+    if said.violations:
+        console.print(Text(f"violations: {', '.join(said.violations)}", style="bold red"))
+    table = Table(box=None, pad_edge=False)
+    for heading in ("kind", "link", "object"):
+        table.add_column(heading)
+    for heading in ("t, s", "clearance, mm", "speed, m/s", "index"):
+        table.add_column(heading, justify="right")
+    for each in said.contributions:
+        table.add_row(
+            each.kind,
+            plain(each.link),
+            Text(plain(each.object)),
+            f"{each.at_ms / 1_000:.2f}" if each.link else "",
+            f"{each.clearance_um / 1_000:.1f}" if each.link else "",
+            f"{each.speed_um_s / 1e6:.2f}" if each.speed_um_s else "",
+            f"{each.index_milli / 1_000:.3f}",
+        )
+    if said.contributions:
+        console.print(table)
+    console.print(Text(plain(advice(said))))
+    certificate = certificate_to_plain(said, proven)
+    checked = "every row recomputed by the checker" if certificate["verified"] else certificate["why"]
+    console.print(
+        Text(plain(f"proof: {json.dumps(certificate['rows'])} rows, {certificate['bytes']} bytes; {checked}"))
+    )
+    console.print(Text(f"model {said.model_digest[:16]}, scene {said.scene_digest[:16]}, engine {said.engine}", "dim"))

@@ -1,0 +1,216 @@
+"""A question to the physics room out of files, and its answer for people and machines."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, assert_never
+
+from capabilities.scope import Tier
+from pep.pit.assess import assess
+from pep.pit.checker import Refused, Verified, verify
+from pep.pit.errors import PitError
+from pep.pit.files import value_of
+from pep.pit.motion_file import KINDS, motion_of, seed_of
+from pep.pit.proof import document, question_digest
+from pep.pit.robot import Robot
+from pep.pit.scene_file import situation_of
+from policies.tiers import RULES, TierRule
+
+if TYPE_CHECKING:
+    from pep.pit.assessment import Assessment
+    from pep.pit.motion import Motion
+    from pep.pit.scene_file import Situation
+    from policies.evidence import Contribution, ImpactFault
+
+SHIPPED: Final = "ur3e"
+MICRO: Final = 1e6
+MILLI: Final = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """One question: this robot, with what it holds, in this situation, and what would be sent."""
+
+    robot: Robot
+    situation: Situation
+    motion: Motion
+
+    def answer(self) -> Assessment | ImpactFault:
+        """What the room says."""
+        return assess(
+            self.robot,
+            self.situation.scene,
+            self.motion,
+            self.situation.cell,
+            perception_age_s=self.situation.age_s,
+            touch=self.situation.touch,
+            seed=seed_of(self.motion),
+        )
+
+    def proof(self, said: Assessment) -> bytes:
+        """The proof document of the answer.
+
+        Raises:
+            PitError: there is no path to prove anything of, or it is of a form without a document.
+        """
+        return document(
+            said,
+            robot=self.robot,
+            scene=self.situation.scene,
+            motion=self.motion,
+            cell=self.situation.cell,
+            perception_age_s=self.situation.age_s,
+            touch=self.situation.touch,
+        )
+
+    @property
+    def digest(self) -> str:
+        """What a proof of an answer to this question calls it.
+
+        Raises:
+            PitError: a question that has no proof.
+        """
+        return question_digest(
+            robot=self.robot,
+            scene=self.situation.scene,
+            motion=self.motion,
+            cell=self.situation.cell,
+            perception_age_s=self.situation.age_s,
+            touch=self.situation.touch,
+        )
+
+    @property
+    def said(self) -> str:
+        """The question in one line."""
+        word = next(word for word, kind in KINDS.items() if isinstance(self.motion, kind))
+        view = self.situation.scene
+        if view is None or self.situation.age_s is None:
+            seen = "nobody looked"
+        else:
+            seen = (
+                f"{_number(len(view.people), 'person', 'people')} and {_number(len(view.objects), 'object', 'objects')}"
+            )
+            seen = f"{seen}, seen {self.situation.age_s:.2f} s before"
+        return f"{word} of a {self.robot.model.name} with {self.robot.tool.name}; {seen}"
+
+
+def asked(scene: Path, motion: Path, robot: str) -> Asked:
+    """The question that two files ask of a robot.
+
+    Args:
+        scene: a scene file.
+        motion: a motion file.
+        robot: a shipped model's name, or a model file.
+
+    Raises:
+        PitError: a file that is refused, with its reason and place.
+        OSError: a file that cannot be read.
+    """
+    situation = situation_of(value_of(scene.read_bytes(), scene))
+    what = motion_of(value_of(motion.read_bytes(), motion))
+    return Asked(robot_of(robot, situation.cell.tool).holding(situation.held), situation, what)
+
+
+def robot_of(stated: str, tool: str) -> Robot:
+    """The shipped model of that name, or the one that the file states, with this tool.
+
+    Raises:
+        PitError: no such model or tool.
+        OSError: a file that cannot be read.
+    """
+    file = Path(stated)
+    if not file.suffix:
+        return Robot.load(stated, tool=tool)
+    try:
+        return Robot.from_toml(file.read_bytes().decode("utf-8"), tool=tool)
+    except UnicodeDecodeError as error:
+        raise PitError("BODY_MALFORMED", f"{file.name}: not UTF-8") from error
+
+
+def effect(said: Assessment) -> TierRule:
+    """What the table of tiers asks for; a violation is refused whatever its tier."""
+    return TierRule.REFUSE if said.violations else RULES[said.tier]
+
+
+def advice(said: Assessment) -> str:
+    """What would lower the tier, in one sentence."""
+    if said.violations:
+        return f"Denied at any speed and by anyone: {', '.join(said.violations)}."
+    if said.lower_tier_speed is not None:
+        return f"At {said.lower_tier_speed:.3f} rad/s or less of the leading joint the tier is below {int(said.tier)}."
+    if said.tier <= Tier.REVERSIBLE:
+        return "There is no lower tier for a motion."
+    if said.perception != "fresh":
+        return f"A fresh and whole view of the cell may lower the tier; this one is {said.perception}."
+    first = said.contributions[0] if said.contributions else None
+    more = f"; it is decided by {_what(first)}" if first is not None else ""
+    return f"No lower speed was proven to lower the tier{more}."
+
+
+def _what(told: Contribution) -> str:
+    return " and ".join(name for name in (told.link, told.object) if name) or told.kind
+
+
+def _number(count: int, one: str, more: str) -> str:
+    return f"{count} {one if count == 1 else more}"
+
+
+def to_plain(question: Asked, said: Assessment, proof: bytes | PitError) -> dict[str, Any]:
+    """The answer as JSON.
+
+    Args:
+        question: what was asked.
+        said: the answer.
+        proof: its document, or why there is none.
+    """
+    lower = said.lower_tier_speed
+    return {
+        "tier": int(said.tier),
+        "index": said.index,
+        "clearance_mm": round(said.clearance_m * MILLI, 3) if math.isfinite(said.clearance_m) else None,
+        "contributions": [contribution_to_plain(each) for each in said.contributions],
+        "certificate": certificate_to_plain(said, proof),
+        "model": said.model_digest,
+        "violations": [str(word) for word in said.violations],
+        "lower_tier_speed": None if lower is None else {"value": lower, "unit": "rad/s", "below_tier": int(said.tier)},
+        "advice": advice(said),
+        "rule": str(effect(said)),
+        "speed_m_s": said.speed_m_s,
+        "tcp_speed_m_s": said.tcp_speed_m_s,
+        "contact_ratio": said.contact_ratio,
+        "perception": said.perception,
+        "perception_age_s": said.perception_age_s,
+        "engine": said.engine,
+        "scene": said.scene_digest,
+        "question": question.said,
+    }
+
+
+def contribution_to_plain(told: Contribution) -> dict[str, Any]:
+    """One contribution in the units of people."""
+    return {
+        "kind": told.kind,
+        "link": told.link,
+        "object": told.object,
+        "t_s": told.at_ms / MILLI,
+        "index": told.index_milli / MILLI,
+        "clearance_mm": told.clearance_um / MILLI,
+        "speed_m_s": told.speed_um_s / MICRO,
+    }
+
+
+def certificate_to_plain(said: Assessment, proof: bytes | PitError) -> dict[str, Any]:
+    """What proves the answer, and what the independent checker says of it."""
+    if isinstance(proof, PitError):
+        return {"rows": len(said.certificate.pair), "sha256": None, "bytes": 0, "verified": False, "why": proof.detail}
+    about = {"sha256": hashlib.sha256(proof).hexdigest(), "bytes": len(proof)}
+    match verify(proof):
+        case Verified() as verdict:
+            return {"rows": verdict.rows, **about, "verified": True}
+        case Refused(code, place):
+            return {"rows": len(said.certificate.pair), **about, "verified": False, "why": f"{code}: {place}"}
+        case other:
+            assert_never(other)

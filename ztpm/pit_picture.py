@@ -1,0 +1,242 @@
+"""What a picture of an assessment shows, as plain values in metres: the same for every way of drawing it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, assert_never
+
+from pep.pit.postures import duration_s, nearest, postures
+from pep.pit.scene import Box, Capsule, Scene, Sphere
+
+if TYPE_CHECKING:
+    from pep.pit.assessment import Assessment
+    from pep.pit.motion import Motion
+    from pep.pit.postures import Nearest, Part, Posture
+    from pep.pit.robot import Robot
+    from pep.pit.scene import Shape, Vector
+    from pep.pit.scene_file import Situation
+    from policies.evidence import Contribution
+
+STEPS: Final = 48
+"""Instants that are drawn, start and end included; those of the witnesses are added."""
+FACES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Corners of each face of a box, in order around it."""
+CELL_M: Final = 0.12
+"""Faces of boxes are cut into pieces of about this size, so that what stands on a table is drawn after it."""
+COLOURS: Final = {
+    "base": "#5b6770",
+    "arm": "#2f7fc1",
+    "tool": "#1d4e79",
+    "payload": "#8a5fbf",
+    "person": "#e08a3c",
+    "fragile": "#17a398",
+    "rigid": "#b5b9bd",
+    "zone": "#c0392b",
+    "workspace": "#6b7783",
+    "witness": "#d11149",
+}
+PAYLOAD: Final = "payload"
+MILLI: Final = 1_000
+MICRO_PER_MILLI: Final = 1_000
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """A thing that stands still: what it is, its name, its shape; `tier` is that of a zone that has one."""
+
+    kind: str
+    name: str
+    shape: Shape
+    tier: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """Where one contribution happens: the part and the thing at their nearest."""
+
+    contribution: Contribution
+    posture: int
+    near: Nearest
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """Everything that is drawn.
+
+    Attributes:
+        title: tier and index, and what decides.
+        postures: the arm over time; none where the motion does not concern it. The witnesses' instants are among them.
+        parts: kind of each of a posture's parts: "base", "arm", "tool" or "payload".
+        bodies: people's regions, objects and zones.
+        workspace: low and high corner, or None.
+        witnesses: of the contributions that happen somewhere, in their order.
+        assessment: all of it.
+    """
+
+    title: str
+    postures: tuple[Posture, ...]
+    parts: tuple[str, ...]
+    bodies: tuple[Body, ...]
+    workspace: tuple[Vector, Vector] | None
+    witnesses: tuple[Witness, ...]
+    assessment: Assessment
+
+
+def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Assessment) -> Picture:
+    """The picture of an answer.
+
+    Args:
+        robot: with what it holds.
+        situation: that was asked about.
+        motion: that was asked about.
+        assessment: the answer.
+    """
+    cell = situation.cell
+    scene = Scene.of_cell(cell) if situation.scene is None else situation.scene
+    whole = duration_s(motion, cell)
+    regular = [whole * k / (STEPS - 1) for k in range(STEPS)] if whole > 0 else [0.0]
+    at = {min(c.at_ms / MILLI, whole) for c in assessment.contributions}
+    shown = postures(robot, motion, cell, sorted({*regular, *at}))
+    bodies = (
+        *(Body("person", f"{p.id}/{region}", shape) for p in scene.people for region, shape in p.regions),
+        *(Body(o.kind, o.id, o.shape) for o in scene.objects),
+        *(Body("zone", z.id, z.shape, z.tier) for z in scene.zones),
+    )
+    found = (_witness(c, shown, bodies, scene, whole) for c in assessment.contributions)
+    area = scene.workspace
+    return Picture(
+        title=title(assessment),
+        postures=shown,
+        parts=tuple(_part(c.name, c.link, robot) for c in robot.capsules) if shown else (),
+        bodies=bodies,
+        workspace=None if area is None else (area.low_m, area.high_m),
+        witnesses=tuple(w for w in found if w is not None),
+        assessment=assessment,
+    )
+
+
+def title(assessment: Assessment) -> str:
+    """Tier and index, and what decides them."""
+    said = f"Tier {int(assessment.tier)}, index {assessment.index:.2f}"
+    if assessment.violations:
+        return f"{said}: violation ({', '.join(assessment.violations)})"
+    if not assessment.contributions:
+        return f"{said}: nothing raises it"
+    first = assessment.contributions[0]
+    between = " and ".join(name for name in (first.link, first.object) if name)
+    met = f" ({between})" if between else ""
+    near = f", {first.clearance_um / MICRO_PER_MILLI:.0f} mm at {first.at_ms / MILLI:.2f} s" if first.link else ""
+    return f"{said}: {first.kind}{met}{near}"
+
+
+def _part(name: str, link: int, robot: Robot) -> str:
+    if name == PAYLOAD:
+        return "payload"
+    if any(name == capsule.name for capsule in robot.tool.capsules):
+        return "tool"
+    return "base" if link == 0 else "arm"
+
+
+def _witness(
+    told: Contribution, shown: tuple[Posture, ...], bodies: tuple[Body, ...], scene: Scene, whole_s: float
+) -> Witness | None:
+    """Where it happens, or None for what happens nowhere (a limit, the age of the view)."""
+    t = min(told.at_ms / MILLI, whole_s)
+    row = next((k for k, posture in enumerate(shown) if posture.t_s == t), None)
+    if row is None:
+        return None
+    parts = {part.name: part for part in shown[row].parts}
+    part = parts.get(told.link)
+    if part is None:
+        return None
+    others: list[Shape] = [body.shape for body in bodies if body.name == told.object]
+    if told.kind == "self" and told.object in parts:
+        other = parts[told.object]
+        others = [Capsule(other.a_m, other.b_m, other.radius_m)]
+    if told.kind == "workspace" and scene.workspace is not None:
+        return Witness(told, row, _to_face(part, scene.workspace.low_m, scene.workspace.high_m))
+    near = [nearest(part, shape) for shape in others]
+    return Witness(told, row, min(near, key=lambda n: n.clearance_m)) if near else None
+
+
+def _to_face(part: Part, low: Vector, high: Vector) -> Nearest:
+    """The part's point that is nearest to a face of the workspace, or farthest beyond one."""
+    from pep.pit.postures import Nearest
+
+    ways: list[tuple[float, Nearest]] = []
+    for end in (part.a_m, part.b_m):
+        for axis in range(3):
+            for face, sign in ((low[axis], -1.0), (high[axis], 1.0)):
+                gap = sign * (face - end[axis]) - part.radius_m
+                here = [*end]
+                here[axis] += sign * part.radius_m
+                there = [*end]
+                there[axis] = face
+                near = Nearest((here[0], here[1], here[2]), (there[0], there[1], there[2]), gap)
+                ways.append((gap, near))
+    return min(ways, key=lambda way: way[0])[1]
+
+
+def corners(shape: Box) -> tuple[Vector, ...]:
+    """The eight corners of a box; corner k has bit 0 for +x, bit 1 for +y, bit 2 for +z of its own axes."""
+    from pep.pit.solids import rotation_of
+
+    axes = rotation_of(shape.quaternion)
+    found: list[Vector] = []
+    for k in range(8):
+        local = [shape.half_m[d] * (1 if k >> d & 1 else -1) for d in range(3)]
+        x, y, z = (shape.center_m[d] + sum(float(axes[d, e]) * local[e] for e in range(3)) for d in range(3))
+        found.append((x, y, z))
+    return tuple(found)
+
+
+def plain(shape: Shape) -> dict[str, Any]:
+    """A shape as JSON: a capsule's or ball's ends and radius, or a box's corners."""
+    match shape:
+        case Capsule(a, b, radius):
+            return {"a": _rounded(a), "b": _rounded(b), "r": round(radius, 5)}
+        case Sphere(center, radius):
+            return {"a": _rounded(center), "b": _rounded(center), "r": round(radius, 5)}
+        case Box():
+            return {"corners": [_rounded(corner) for corner in corners(shape)]}
+        case _:
+            assert_never(shape)
+
+
+def to_plain(shown: Picture) -> dict[str, Any]:
+    """The picture as JSON, to a hundredth of a millimetre."""
+    return {
+        "title": shown.title,
+        "tier": int(shown.assessment.tier),
+        "parts": [
+            {"kind": kind, "name": part.name, "r": part.radius_m}
+            for kind, part in zip(shown.parts, shown.postures[0].parts if shown.postures else (), strict=True)
+        ],
+        "postures": [
+            {
+                "t": round(p.t_s, 4),
+                "ends": [[_rounded(x.a_m), _rounded(x.b_m)] for x in p.parts],
+                "tcp": _rounded(p.tcp_m),
+            }
+            for p in shown.postures
+        ],
+        "bodies": [{"kind": b.kind, "name": b.name, "tier": b.tier, **plain(b.shape)} for b in shown.bodies],
+        "workspace": None if shown.workspace is None else [_rounded(corner) for corner in shown.workspace],
+        "witnesses": [
+            {
+                "row": shown.assessment.contributions.index(w.contribution),
+                "posture": w.posture,
+                "a": _rounded(w.near.on_part_m),
+                "b": _rounded(w.near.on_thing_m),
+                "clearance_mm": round(w.contribution.clearance_um / MICRO_PER_MILLI, 1),
+                "kind": w.contribution.kind,
+                "link": w.contribution.link,
+                "object": w.contribution.object,
+            }
+            for w in shown.witnesses
+        ],
+    }
+
+
+def _rounded(point: Vector) -> list[float]:
+    return [round(x, 5) for x in point]

@@ -1,0 +1,174 @@
+"""A picture of an assessment as one HTML file that fetches nothing.
+
+Its policy names the one script by hash; a table says the same as the picture.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import math
+from html import escape
+from importlib import resources
+from typing import TYPE_CHECKING, Final
+
+from ztpm.pit_picture import CELL_M, COLOURS, FACES, MICRO_PER_MILLI, MILLI, to_plain
+
+if TYPE_CHECKING:
+    from policies.evidence import Contribution
+    from ztpm.pit_picture import Picture
+
+STYLE: Final = """
+:root { color-scheme: light; font: 15px/1.45 system-ui, sans-serif; color: #1c2733; }
+body { margin: 0; padding: 1.2rem 1.6rem; background: #f5f7f9; }
+h1 { font-size: 1.45rem; margin: 0; }
+p { margin: .25rem 0 1rem; color: #4a5763; }
+main { display: grid; grid-template-columns: minmax(0, 1.5fr) minmax(22rem, 1fr); gap: 1.2rem; align-items: start; }
+section { background: #fff; border: 1px solid #d8dfe5; border-radius: .6rem; padding: .9rem; }
+canvas { display: block; width: 100%; height: min(70vh, 46rem); cursor: grab; touch-action: none; }
+canvas:focus-visible, button:focus-visible, input:focus-visible { outline: 3px solid #2f7fc1; outline-offset: 2px; }
+.controls { display: flex; flex-wrap: wrap; gap: .5rem .8rem; align-items: center; margin-top: .7rem; }
+.controls input[type=range] { flex: 1 1 14rem; }
+output { flex: 1 1 100%; font-variant-numeric: tabular-nums; color: #4a5763; }
+button { font: inherit; padding: .25rem .7rem; border: 1px solid #b8c2cb; border-radius: .4rem; background: #fff; }
+button:disabled { border-color: transparent; color: inherit; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
+caption { text-align: left; font-weight: 600; padding-bottom: .5rem; }
+th, td { text-align: left; padding: .3rem .45rem; border-top: 1px solid #e4e9ee; overflow-wrap: break-word; }
+td.n, th.n { text-align: right; white-space: nowrap; overflow-wrap: normal; }
+ul.key { display: flex; flex-wrap: wrap; gap: .3rem 1rem; list-style: none; padding: 0; margin: .8rem 0 0; }
+ul.key svg { width: .9rem; height: .9rem; vertical-align: -.1rem; margin-right: .35rem; }
+@media (max-width: 60rem) { main { grid-template-columns: 1fr; } }
+"""
+WORDS: Final = {"payload": "held object", "witness": "nearest points where it decides"}
+BEHIND_RAD: Final = math.pi / 3
+"""How far to the side of the line to what decides the first view stands."""
+
+
+def page(shown: Picture, *, subtitle: str, advice: str) -> str:
+    """The whole file.
+
+    Args:
+        shown: everything that is drawn.
+        subtitle: what was asked, one line.
+        advice: what would lower the tier, one sentence.
+    """
+    script = (resources.files("ztpm") / "pit_picture.js").read_text("utf-8")
+    content = "; ".join(
+        (
+            "default-src 'none'",
+            f"script-src '{_hash(script)}'",
+            f"style-src '{_hash(STYLE)}'",
+            "base-uri 'none'",
+            "form-action 'none'",
+        )
+    )
+    told = shown.assessment.contributions
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{escape(content)}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(shown.title)}</title>
+<style>{STYLE}</style>
+</head>
+<body>
+<h1>{escape(shown.title)}</h1>
+<p>{escape(subtitle)}<br>{escape(advice)}</p>
+<main>
+<section aria-label="Picture">
+<canvas id="canvas" tabindex="0" role="img" aria-label="{escape(_spoken(shown), quote=True)}"></canvas>
+<div class="controls">
+<button type="button" id="play">Play</button>
+<label for="time">Time</label><input type="range" id="time" min="0" max="0" step="1" value="0">
+<label><input type="checkbox" id="swept" checked> swept path</label>
+<button type="button" data-view="corner">Corner</button>
+<button type="button" data-view="above">Above</button>
+<button type="button" data-view="side">Side</button>
+<output id="told" for="time"></output>
+</div>
+<ul class="key">{_key(shown)}</ul>
+<noscript>The picture needs a script; the table says the same.</noscript>
+</section>
+<section aria-label="Contributions">
+<table>
+<caption>What raises the index, highest first</caption>
+<thead><tr><th scope="col">#</th><th scope="col">kind</th><th scope="col">link</th><th scope="col">object</th>\
+<th scope="col" class="n">s</th><th scope="col" class="n">mm</th><th scope="col" class="n">m/s</th>\
+<th scope="col" class="n">index</th></tr></thead>
+<tbody>
+{"".join(_row(number, each) for number, each in enumerate(told)) or _nothing()}
+</tbody>
+</table>
+</section>
+</main>
+<script type="application/json" id="picture">{_json(shown)}</script>
+<script>{script}</script>
+</body>
+</html>
+"""
+
+
+def _hash(text: str) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def _json(shown: Picture) -> str:
+    """The picture's values; nothing in them can end the element that they stand in."""
+    value = {
+        **to_plain(shown),
+        "colours": COLOURS,
+        "faces": FACES,
+        "cell_m": CELL_M,
+        "azimuth": _azimuth(shown),
+    }
+    text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _azimuth(shown: Picture) -> float:
+    """From the arm's side of the line between the nearest points, a little aside, so that both are seen."""
+    for witness in shown.witnesses:
+        a, b = witness.near.on_part_m, witness.near.on_thing_m
+        if math.hypot(b[0] - a[0], b[1] - a[1]) > CELL_M / 4:
+            return math.atan2(a[1] - b[1], a[0] - b[0]) - BEHIND_RAD
+    return -BEHIND_RAD
+
+
+def _row(number: int, told: Contribution) -> str:
+    near = told.clearance_um / MICRO_PER_MILLI
+    where = (f"{told.at_ms / MILLI:.2f}", f"{near:.0f}") if told.link else ("", "")
+    numbers = (*where, f"{told.speed_um_s / 1e6:.2f}" if told.speed_um_s else "", f"{told.index_milli / MILLI:.2f}")
+    words = "".join(f"<td>{_breakable(word)}</td>" for word in (told.kind, told.link, told.object))
+    cells = "".join(f'<td class="n">{each}</td>' for each in numbers)
+    label = escape(f"Show contribution {number + 1}", quote=True)
+    button = f'<button type="button" data-row="{number}" aria-label="{label}">{number + 1}</button>'
+    return f'<tr><th scope="row">{button}</th>{words}{cells}</tr>\n'
+
+
+def _breakable(name: str) -> str:
+    """The name escaped; a line may end behind each of its words."""
+    return escape(name).replace("_", "_<wbr>").replace("/", "/<wbr>")
+
+
+def _nothing() -> str:
+    return '<tr><td colspan="8">nothing</td></tr>\n'
+
+
+def _key(shown: Picture) -> str:
+    kinds = [*dict.fromkeys(shown.parts), *dict.fromkeys(body.kind for body in shown.bodies)]
+    kinds += ["witness"] * bool(shown.witnesses) + ["workspace"] * (shown.workspace is not None)
+    return "".join(
+        f'<li><svg viewBox="0 0 1 1" aria-hidden="true"><rect width="1" height="1" fill="{COLOURS[kind]}"/></svg>'
+        f"{escape(WORDS.get(kind, kind))}</li>"
+        for kind in kinds
+    )
+
+
+def _spoken(shown: Picture) -> str:
+    """The picture in words."""
+    things = dict.fromkeys(f"{body.kind} {body.name.split('/')[0]}" for body in shown.bodies)
+    around = ", ".join(things) or "nothing"
+    return f"{shown.title}. The arm over its path; around it: {around}. Arrow keys turn it, plus and minus zoom."
