@@ -1,6 +1,6 @@
 """An assessment's whole proof as one canonical text, which a checker that trusts nothing of us recomputes.
 
-The form is docs/physics.md, "The certificate" (PHY-17 to PHY-20): the question with everything that the answer depends
+The form is docs/physics.md, "The certificate" (PHY-30 to PHY-33): the question with everything that the answer depends
 on, the answer, and the rows. The rows are the coarsest that prove the answer: a pair that stays far off needs one for
 the whole path, so the text is small and quickly checked.
 """
@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 import numpy as np
 import rfc8785
 
-from pep.pit.certify import DEPTH, FIRST_CUT_MOST, VIOLATION_RESOLUTION_M, cut
+from pep.pit.certify import DEPTH, FIRST_CUT_MOST, ROWS_MOST, VIOLATION_RESOLUTION_M, cut
 from pep.pit.departure import joint_limits
 from pep.pit.errors import ProofError
-from pep.pit.motion import GripperMove, MoveJ, OutputSet, SpeedJ, profile_of
+from pep.pit.motion import MoveJ, SpeedJ, profile_of
 from pep.pit.pairs import VIOLABLE, Kind, pairs_of
 from pep.pit.parameters import FINER, Demands
 from pep.pit.path import GRID, Path
@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from pep.pit.view import View
 
 VERSION: Final = "ztpm-pit-proof/1"
-DIGITS: Final = "0123456789abcdefghijklmn"  # PHY-19: of an interval's depth
+NO_FORM: Final = "only straight joint motions have a certificate that can be written down"
+DIGITS: Final = "0123456789abcdefghijklmn"  # PHY-32: of an interval's depth
 DEEPEST: Final = DEPTH + FIRST_CUT_MOST.bit_length() - 1  # halvings of the whole path that the search can have made
 CELL_NUMBERS: Final = (
     "stop_deceleration_rad_s2",
@@ -101,12 +102,12 @@ def document(
         touch: likewise.
 
     Raises:
-        ProofError: a motion without a path, which has nothing to prove; an answer to another question; a row that
-            cannot be proven to the answer's index.
+        ProofError: a motion that is no straight joint motion; an answer to another question; a row that cannot be
+            proven to the answer's index.
         PitError: a question that no answer could have been given to.
     """
-    if isinstance(motion, GripperMove | OutputSet):
-        raise ProofError("PARAMETERS_WRONG", "a motion without a path has no certificate")
+    if not isinstance(motion, MoveJ | SpeedJ):
+        raise ProofError("PARAMETERS_WRONG", NO_FORM)
     view = view_around(robot, scene, perception_age_s, motion.start, cell)
     same = (answer.model_digest, answer.scene_digest, answer.start, answer.perception_age_s, answer.perception)
     if same != (robot.model_digest, view.scene.digest, motion.start, view.age_s, view.perception):
@@ -145,11 +146,11 @@ def question_digest(
     """SHA-256 (hex) of the question in its canonical form: `Verified.question` of a proof about it.
 
     Raises:
-        ProofError: a motion without a path.
+        ProofError: a motion that is no straight joint motion.
         PitError: a scene that must not be reasoned about.
     """
-    if isinstance(motion, GripperMove | OutputSet):
-        raise ProofError("PARAMETERS_WRONG", "a motion without a path has no certificate")
+    if not isinstance(motion, MoveJ | SpeedJ):
+        raise ProofError("PARAMETERS_WRONG", NO_FORM)
     view = view_around(robot, scene, perception_age_s, motion.start, cell)
     return hashlib.sha256(rfc8785.dumps(_question(robot, view, motion, cell, touch))).hexdigest()
 
@@ -206,7 +207,7 @@ def _motion(motion: MoveJ | SpeedJ) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """The pairs in the order of the certificate (PHY-19): which of ours stands at each place, and the other way."""
+    """The pairs in the order of the certificate (PHY-31): which of ours stands at each place, and the other way."""
 
     ours: list[int]
     place: dict[int, int]
@@ -260,7 +261,11 @@ class _Rows:
         found: dict[int, list[tuple[int, str]]] = {pair: [] for pair in rows.tolist()}
         zero = np.zeros(len(rows), dtype=np.int64)
         leaves = self.path.examine(self.pairs, zero, zero + GRID, rows)
+        examined = 0
         for depth in range(DEEPEST + 1):
+            examined += len(leaves)
+            if examined > ROWS_MOST or self._attained(leaves) > answer.index + TIE:
+                break
             enough = self._suffices(leaves, answer)
             done = leaves.take(enough)
             for low, pair in zip(done.low.tolist(), done.pair.tolist(), strict=True):
@@ -269,6 +274,11 @@ class _Rows:
                 return {pair: "".join(digit for _, digit in sorted(each)) for pair, each in found.items()}
             leaves = self.path.halve(self.pairs, leaves.take(~enough))
         raise ProofError("PHYSICS_FAULT", "a row that does not prove the answer's index")
+
+    def _attained(self, leaves: Leaves) -> float:
+        """The highest index that the middles of these rows attain: no claim below it can be proven."""
+        speed: Floats = leaves.rush_mid * self.profile.rate(leaves.mid / GRID)
+        return float(self.pairs.index(leaves.pair, leaves.clear_mid_m, speed, self.stop).max(initial=0.0))
 
     def _suffices(self, leaves: Leaves, answer: Assessment) -> NDArray[np.bool_]:
         """Rows that prove the index, exclude a violation that was not met, and prove a meant contact gentle."""

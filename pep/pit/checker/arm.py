@@ -27,12 +27,12 @@ class Sweep:
     def __init__(self, robot: Robot, run: Run) -> None:
         """Nothing is computed yet."""
         self._robot, self._run, self._ways = robot, run, run.ways
+        # Bodies are named by their identity: all of them are the robot's, which is kept.
         self._frames: dict[int, Frames] = {}
         self._poses: dict[tuple[int, int], Pose] = {}
         self._twists: dict[tuple[int, int, int], tuple[Vec, Vec]] = {}
         self._bends: dict[int, tuple[float, float, float]] = {}
         self._rush: dict[tuple[int, int, int], float] = {}
-        self._kept: list[Body] = []  # their identities are keys above, so they must outlive them
 
     def sag(self, body: Body, low: int, high: int) -> float:
         """How far an end of the body can be from the chords between the interval's ends and middle, metre."""
@@ -77,7 +77,6 @@ class Sweep:
     def _bend(self, body: Body) -> tuple[float, float, float]:
         found = self._bends.get(id(body))
         if found is None:
-            self._kept.append(body)
             found = self._bends[id(body)] = bends(body, self._ways)
         return found
 

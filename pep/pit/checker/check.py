@@ -24,6 +24,7 @@ INDEX_SLACK: Final = 1e-6  # two roundings (1e-15 m) of a bound, divided by the 
 VIOLATION_SLACK_M: Final = 1e-4  # PHY-9: a path that grazes to within this without touching is no violation
 CUT_MOST: Final = 128  # equal intervals on which speeds are bounded; more gain nothing
 RETREAT_CUT: Final = 128  # PHY-6: equal intervals on which a retreat is shown never to come nearer
+NO_PROOF: Final[dict[str, Any]] = {"cover": [], "cut": 1, "retreating": [], "meant": [], "met": []}
 TORQUE_MOST: Final = 1e6  # a ratio larger than this is none
 
 
@@ -131,8 +132,8 @@ def _proven(asked: _Question, answer: _Answer, proof: dict[str, Any]) -> int:
     still = not max(abs(way) for way in run.ways) > STILL_RAD
     if still or broken:
         fixed = (0.0, []) if still else (HIGHEST, ["joint_limit"])
-        need((answer.index, answer.violations) == fixed, Code.ANSWER_WRONG, "answer")
-        need(all(proof[name] == [] for name in ("cover", "retreating", "meant", "met")), Code.ANSWER_WRONG, "proof")
+        need((answer.index, answer.violations, answer.torque) == (*fixed, 0.0), Code.ANSWER_WRONG, "answer")
+        need(proof == NO_PROOF and type(proof["cut"]) is int, Code.ANSWER_WRONG, "proof")
         return 0
     # 2. What holds anyway: any motion, the view, a retreat, and what the arm itself is asked.
     timing, sweep = Timing(run), Sweep(robot, run)
@@ -175,7 +176,7 @@ def _proven(asked: _Question, answer: _Answer, proof: dict[str, Any]) -> int:
             near = clearance(sweep, pair, low, high)
             speed = sweep.rush(pair.body, low, high) * timing.highest(low / GRID, high / GRID)
             index = laws.index(pair.obstacle, near, speed, meant=is_meant)
-            if not index <= answer.index + INDEX_SLACK:
+            if not (math.isfinite(near) and math.isfinite(speed) and index <= answer.index + INDEX_SLACK):
                 raise Refusal(Code.ROW_EXCEEDS, f"pair {number}, from {low}")
             if excluded is not None and not near >= excluded:
                 raise Refusal(Code.VIOLATION_HIDDEN, f"pair {number}, from {low}")
