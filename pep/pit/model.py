@@ -17,6 +17,8 @@ JOINTS: Final = 6  # a UR arm: six revolute joints in a row
 SCHEMA: Final = 1
 PAYLOAD: Final = "payload"  # the body that stands for what is held
 TOOL_PAIR: Final = "tool"  # in `self_pairs`: every capsule of the tool
+RESERVED: Final = (PAYLOAD, TOOL_PAIR, "tcp", "elbow_point")  # the two last ones are points that a robot tracks
+MASS_POINT: Final = "com_"  # and the names of its centres of mass begin with this
 SIZE_LIMIT_M: Final = 10.0  # no part of a table-top arm is longer; a larger number is a wrong unit
 MASS_LIMIT_KG: Final = 1000.0  # likewise
 ROUNDING: Final = 1e-6  # a flat body's moments add up exactly; files round them
@@ -166,7 +168,10 @@ def validated(model: Model) -> Model:
     # A link without geometry would answer "all clear" to every question.
     need({c.link for c in model.capsules} == set(range(JOINTS + 1)), "every link needs a capsule")
     names = [c.name for c in model.capsules] + [c.name for t in model.tools for c in t.capsules]
-    need(len(set(names)) == len(names) and not {TOOL_PAIR, PAYLOAD} & {*names}, "capsule names repeat")
+    need(len(set(names)) == len(names), "capsule names repeat")
+    taken = [name for name in names if name in RESERVED or name.startswith(MASS_POINT)]
+    need(not taken, f"a capsule has a name that means something else: {taken[:1]}")
+    need(len({j.name for j in model.joints}) == JOINTS, "joint names repeat")
     need(len({t.name for t in model.tools}) == len(model.tools) > 0, "tool names repeat or none is given")
     parts: list[LinkCapsule | ToolCapsule] = [*model.capsules, *(c for t in model.tools for c in t.capsules)]
     for part in parts:
@@ -187,6 +192,8 @@ def validated(model: Model) -> Model:
 
 def _possible(joint: Joint) -> bool:
     """Whether some body has this tensor: its principal moments are positive, and none exceeds the other two."""
+    if not max(map(abs, (*joint.inertia_kg_m2, *joint.inertia_products_kg_m2))) <= MASS_LIMIT_KG * SIZE_LIMIT_M**2:
+        return False
     least, middle, most = np.linalg.eigvalsh(np.array(joint.inertia)).tolist()
     return bool(least > 0 and most <= (least + middle) * (1 + ROUNDING))
 
