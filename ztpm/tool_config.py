@@ -17,6 +17,7 @@ from capabilities.trust import TrustBundle
 from pep import key_file
 from pep.errors import ConfigError, PepFault
 from pep.pit import CellError, CellParameters, ModelError, Robot, SurveyError, numbers_only, surveyed
+from pep.rtde.gripper import DRIVEN
 from pep.rtde.guard import JOINT_DECELERATION_LIMIT_RAD_S2
 from policies.errors import PolicyError
 from policies.load import SHIPPED, load, load_shipped
@@ -214,6 +215,8 @@ def read_cell(config: CellConfig, *, at: float) -> cell.Cell:
         raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {error}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {type(error).__name__}") from error
+    if stated.tool != DRIVEN:
+        raise ConfigError(PepFault.CONFIG_INVALID, "cell_file: TOOL_NOT_DRIVEN")
     if stated.audience != config.audience:
         raise ConfigError(PepFault.CONFIG_INVALID, "cell_file: WRONG_AUDIENCE")
     if not stated.not_before <= at < stated.not_after:

@@ -46,7 +46,7 @@ def robot_of(urdf: str, outfit: Outfit, *, tool: str) -> Robot:
         tool: name of one of the outfit's tools.
 
     Raises:
-        ModelError: anything that PHY-30 refuses; the detail names it.
+        ModelError: anything that PHY-42 or PHY-43 refuses; the detail names it.
     """
     return checked(Robot.from_model(model_of(described(urdf), outfit), tool=tool), outfit)
 

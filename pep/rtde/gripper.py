@@ -14,6 +14,7 @@ from pep.watch import End
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+DRIVEN: Final = "robotiq_2f85"  # of the model's tools: another one has another stroke and other forces per register
 PORT: Final = 63352  # Robotiq URCap's socket
 REGISTER: Final = 255  # G1: one byte each for speed and force, linear
 CLOSED: Final = 228  # G1: position register at which the fingers touch; 255 is never reached

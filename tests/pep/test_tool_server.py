@@ -294,6 +294,7 @@ REFUSED = {
     "binary": ({"text": bytes(range(256))}, "cell_file: UnicodeDecodeError"),
     "enormous": ({"text": "a" * 300_000}, "cell_file: STATEMENT_MALFORMED"),
     "an unknown tool": ({"tool": "chainsaw"}, "cell_file: PHYSICS_FAULT"),
+    "a tool that the model knows and the driver does not": ({"tool": "robotiq_hande"}, "cell_file: TOOL_NOT_DRIVEN"),
     "a table 11 m away": ({"objects": (cell.Surveyed("t", "rigid", box((11_000_000, 0, 0), (1, 1, 1))),), "contacts": ()}, "cell_file: OUT_OF_REACH"),
     "a zone 11 m wide": ({"zones": (cell.Zone("z", None, box((0, 0, 0), (1, 11_000_000, 1))),)}, "cell_file: OUT_OF_REACH"),
     "a capsule that ends 11 m away": (
