@@ -28,6 +28,7 @@ from pep.pit import (
     Person,
     PitError,
     Region,
+    Robot,
     Sphere,
     SpeedJ,
     Thing,
@@ -48,6 +49,10 @@ from pep.pit.question import as_run, view_around
 from pep.pit.solids import cores_of
 from pep.pit.separation import stopping
 from tests.pit import twin
+from tests.pit.test_calibration import ARMS, spelled
+from tests.pit.test_calibration import robot_of as robot_of_rows
+from tests.pit.test_urdf import arm_of
+from tests.pit.urdfs import random_arm
 from tests.pit.corruption import KINDS, corrupted, seal
 from tests.pit.scenes import (
     CELL,
@@ -166,6 +171,23 @@ def test_300_random_motions_and_scenes_verify(seed):
     assert met["met"] > 0
     assert met["tier 3"] > 0
     assert met["tier 4"] > 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_other_arms_verify(seed):
+    """Another tool, an arm's own calibration, and any arm of a URDF whose joints turn farther one way than the other."""
+    rng = np.random.default_rng([9100, seed])
+    hand = Robot.load("ur3e", tool="robotiq_hande")
+    own = robot_of_rows(spelled(ARMS[sorted(ARMS)[seed % len(ARMS)]]))
+    for arm_ in (hand, own):
+        question_ = random_question(rng)
+        cell = replace(question_["cell"], tool=arm_.tool.name)
+        verified(question_ | {"robot": arm_, "cell": cell})
+    strange = arm_of(random_arm(rng))
+    low, high = strange.position_ranges_rad
+    for share in (0.2, 0.9, 1.1):
+        move = MoveJ(tuple((share * low).tolist()), tuple((share * high).tolist()), 0.5, 1.0)
+        verified(asked(random_scene(rng), move, robot=strange, cell=replace(CELL, tool="stick")))
 
 
 def test_a_retreat_is_verified_and_only_when_it_is_one():
