@@ -10,6 +10,8 @@ import pytest
 
 from pep.pit import ModelError, Robot, assess
 from pep.pit.calibration import OFFSET_LIMIT_M, TIP_LIMIT_M, TURN_LIMIT_RAD, Calibration, calibrated
+from pep.pit.checker import Verified, verify
+from pep.pit.proof import document
 from pep.pit.kinematics import layout, link_frames
 from tests.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
 
@@ -144,6 +146,9 @@ def test_a_calibrated_arm_is_assessed():
     )
     assert (found.tier, found.violations) == (nominal.tier, ())
     assert found.model_digest == own.model_digest != nominal.model_digest
+    asked = {"perception_age_s": 0.1, "touch": NOTHING}
+    proof = document(found, robot=own, scene=with_person(), motion=sweep(), cell=CELL, **asked)
+    assert isinstance(verify(proof), Verified)
     assert 0 < abs(found.clearance_m - nominal.clearance_m) <= TIP_LIMIT_M
 
 

@@ -297,6 +297,7 @@ def test_the_digest_names_the_content():
         ('name = "shoulder"', 'name = "base"'),
         ('"wrist_1", "wrist_2", "wrist_3", "tool"]   #', '"wrist_9"]   #'),
         ("schema = 1", "schema = 2"),
+        ("schema = 1", f'schema = 1\nderived_from = [{{ kind = "urdf", sha256 = "{64 * "0"}" }}]'),
         ("schema = 1", "schema = "),
         ('shape = "blunt"', 'shape = "soft"'),
         ("position_limit_rad = 3.141592653589793 ", "position_low_rad = 0.1\nposition_limit_rad = 3.0 "),

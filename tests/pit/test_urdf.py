@@ -12,6 +12,8 @@ import pytest
 from pep.pit import Assessment, ModelError, MoveJ, assess
 from pep.pit.apart import proposed
 from pep.pit.clearance import segment_segment
+from pep.pit.checker import Verified, verify
+from pep.pit.proof import document
 from pep.pit.chain import model_of, robot_of
 from pep.pit.enclosing import capsule_around
 from pep.pit.frames import angles_of
@@ -118,6 +120,28 @@ def test_a_random_arm_is_assessed_and_the_engines_agree(seed):
     cell = replace(CELL, tool="stick")
     found = assess(arm, empty(), move, cell, perception_age_s=0.1, touch=NOTHING, seed=SEED)
     assert isinstance(found, Assessment), found
+
+
+def test_its_certificate_is_verified():
+    """The independent checker rebuilds the foreign arm from the document, with limits that differ either way."""
+    text = UR3E.replace('lower="-6.283185307179586"', 'lower="-2.5"', 1)
+    outfit = replace(LIKE_UR3E, apart=proposed(robot_of(text, LIKE_UR3E, tool="robotiq_2f85")))
+    arm = robot_of(text, outfit, tool="robotiq_2f85")
+    asked = {"perception_age_s": 0.1, "touch": NOTHING}
+    answer = assess(arm, with_glass(), sweep(), CELL, seed=SEED, **asked)
+    found = verify(document(answer, robot=arm, scene=with_glass(), motion=sweep(), cell=CELL, **asked))
+    assert isinstance(found, Verified), found
+    assert found.tier == answer.tier
+
+
+def test_the_narrower_limit_counts_both_ways():
+    """Of a joint from -2.5 to 6.28 rad: beyond 2.5 either way is beyond a limit, until the room knows both sides."""
+    text = UR3E.replace('lower="-6.283185307179586"', 'lower="-2.5"', 1)
+    arm = arm_of(text, LIKE_UR3E)
+    for end, violations in ((-2.4, ()), (-2.6, ("joint_limit",)), (2.6, ("joint_limit",))):
+        move = MoveJ(HOME, (end, *HOME[1:]), 0.5, 1.0)
+        found = assess(arm, empty(), move, CELL, perception_age_s=0.1, touch=NOTHING, seed=SEED)
+        assert found.violations == violations
 
 
 def test_the_controllers_base_may_be_another_fixed_link():
@@ -415,9 +439,17 @@ GUARDS = {
     "a fork": simple(j6=joint("j6", "l4", "l6", origin((0, 0, 0.2)))),
     "a link that is not there": swapped('<child link="l3"/>', '<child link="l9"/>'),
     "a link on two joints": simple(more=joint("again", "l1", "l5", kind="fixed")),
+    "a link on two joints beside one on itself": simple(
+        more='<link name="x"/><link name="y"/>'
+        + joint("xx", "x", "x", kind="fixed")
+        + joint("y1", "l1", "y", kind="fixed")
+        + joint("y2", "l2", "y", kind="fixed")
+    ),
     "a link on nothing": simple(more='<link name="alone"/>'),
     "a ring": simple(more='<link name="a"/><link name="b"/>' + joint("ab", "a", "b", kind="fixed") + joint("ba", "b", "a", kind="fixed")),
     "a link twice": simple(more='<link name="l3"/>'),
+    "the same link twice": simple(more=f'<link name="l3">{LINK3}</link>'),
+    "the same joint twice": simple(more=joint("j3", "l2", "l3", origin((0.02, 0, 0.2)))),
     "a joint twice": simple(more='<link name="x"/>' + joint("j3", "l0", "x", kind="fixed")),
     "a capsule that is taken for the tool point": plain().replace('"l3"', '"tcp"'),
     "a capsule that is taken for a mass": plain().replace('"l3"', '"com_j3"'),
