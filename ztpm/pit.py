@@ -10,10 +10,14 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.scope import Tier
 from pep.pit.assess import assess
+from pep.pit.calibration import Calibration, calibrated
+from pep.pit.chain import robot_of
 from pep.pit.checker import Refused, Verified, verify
 from pep.pit.errors import PitError
-from pep.pit.files import value_of
+from pep.pit.files import FILE_LIMIT_BYTES, value_of
+from pep.pit.motion import GripperMove, MoveJ, OutputSet, SpeedJ
 from pep.pit.motion_file import KINDS, motion_of, seed_of
+from pep.pit.outfit import Outfit
 from pep.pit.proof import document, question_digest
 from pep.pit.robot import Robot
 from pep.pit.scene_file import situation_of
@@ -25,7 +29,7 @@ if TYPE_CHECKING:
     from pep.pit.scene_file import Situation
     from policies.evidence import Contribution, ImpactFault
 
-SHIPPED: Final = "ur3e"
+URDF: Final = ".urdf"
 MICRO: Final = 1e6
 MILLI: Final = 1e3
 
@@ -97,37 +101,68 @@ class Asked:
         return f"{word} of a {self.robot.model.name} with {self.robot.tool.name}; {seen}"
 
 
-def asked(scene: Path, motion: Path, robot: str) -> Asked:
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """Which robot is meant.
+
+    Attributes:
+        stated: a shipped model's name, a model file (`.toml`) or a URDF (`.urdf`).
+        outfit: with a URDF: what it leaves open.
+        calibration: the arm's own kinematics, as its maker's tool wrote them.
+    """
+
+    stated: str
+    outfit: Path | None = None
+    calibration: Path | None = None
+
+    def robot(self, tool: str) -> Robot:
+        """The robot with this tool.
+
+        Raises:
+            PitError: no such model or tool, or a file that is refused.
+            OSError: a file that cannot be read.
+        """
+        found = self._nominal(tool)
+        if self.calibration is None:
+            return found
+        own = Calibration.from_yaml(_text(self.calibration))
+        return Robot.from_model(calibrated(found.model, own), tool=tool)
+
+    def _nominal(self, tool: str) -> Robot:
+        file = Path(self.stated)
+        if (file.suffix == URDF) != (self.outfit is not None):
+            raise PitError("PARAMETERS_WRONG", "a URDF and an outfit belong together")
+        if self.outfit is not None:
+            return robot_of(_text(file), Outfit.from_toml(_text(self.outfit)), tool=tool)
+        return Robot.from_toml(_text(file), tool=tool) if file.suffix else Robot.load(self.stated, tool=tool)
+
+
+def _text(file: Path) -> str:
+    with file.open("rb") as opened:
+        raw = opened.read(FILE_LIMIT_BYTES + 1)
+    if len(raw) > FILE_LIMIT_BYTES:
+        raise PitError("BODY_TOO_LARGE", f"{file.name}: at most {FILE_LIMIT_BYTES} bytes")
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise PitError("BODY_MALFORMED", f"{file.name}: not UTF-8") from error
+
+
+def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
     """The question that two files ask of a robot.
 
     Args:
         scene: a scene file.
         motion: a motion file.
-        robot: a shipped model's name, or a model file.
+        arm: the robot; its tool is the one that the scene's cell names.
 
     Raises:
         PitError: a file that is refused, with its reason and place.
         OSError: a file that cannot be read.
     """
-    situation = situation_of(value_of(scene.read_bytes(), scene))
-    what = motion_of(value_of(motion.read_bytes(), motion))
-    return Asked(robot_of(robot, situation.cell.tool).holding(situation.held), situation, what)
-
-
-def robot_of(stated: str, tool: str) -> Robot:
-    """The shipped model of that name, or the one that the file states, with this tool.
-
-    Raises:
-        PitError: no such model or tool.
-        OSError: a file that cannot be read.
-    """
-    file = Path(stated)
-    if not file.suffix:
-        return Robot.load(stated, tool=tool)
-    try:
-        return Robot.from_toml(file.read_bytes().decode("utf-8"), tool=tool)
-    except UnicodeDecodeError as error:
-        raise PitError("BODY_MALFORMED", f"{file.name}: not UTF-8") from error
+    situation = situation_of(value_of(_text(scene).encode(), scene))
+    what = motion_of(value_of(_text(motion).encode(), motion))
+    return Asked(arm.robot(situation.cell.tool).holding(situation.held), situation, what)
 
 
 def effect(said: Assessment) -> TierRule:
@@ -135,12 +170,13 @@ def effect(said: Assessment) -> TierRule:
     return TierRule.REFUSE if said.violations else RULES[said.tier]
 
 
-def advice(said: Assessment) -> str:
+def advice(said: Assessment, motion: Motion) -> str:
     """What would lower the tier, in one sentence."""
     if said.violations:
         return f"Denied at any speed and by anyone: {', '.join(said.violations)}."
     if said.lower_tier_speed is not None:
-        return f"At {said.lower_tier_speed:.3f} rad/s or less of the leading joint the tier is below {int(said.tier)}."
+        unit = unit_of(motion)
+        return f"At {said.lower_tier_speed:.3f} {unit.word} or less of {unit.of} the tier is below {int(said.tier)}."
     if said.tier <= Tier.REVERSIBLE:
         return "There is no lower tier for a motion."
     if said.perception != "fresh":
@@ -148,6 +184,27 @@ def advice(said: Assessment) -> str:
     first = said.contributions[0] if said.contributions else None
     more = f"; it is decided by {_what(first)}" if first is not None else ""
     return f"No lower speed was proven to lower the tier{more}."
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedUnit:
+    """The unit of a motion's speed, and what goes at it."""
+
+    word: str
+    of: str
+
+
+def unit_of(motion: Motion) -> SpeedUnit:
+    """In what the speed of a motion is told."""
+    match motion:
+        case MoveJ() | SpeedJ():
+            return SpeedUnit("rad/s", "the leading joint")
+        case GripperMove():
+            return SpeedUnit("m/s", "the fingers")
+        case OutputSet():
+            return SpeedUnit("", "nothing")
+        case _:
+            assert_never(motion)
 
 
 def _what(told: Contribution) -> str:
@@ -175,8 +232,10 @@ def to_plain(question: Asked, said: Assessment, proof: bytes | PitError) -> dict
         "certificate": certificate_to_plain(said, proof),
         "model": said.model_digest,
         "violations": [str(word) for word in said.violations],
-        "lower_tier_speed": None if lower is None else {"value": lower, "unit": "rad/s", "below_tier": int(said.tier)},
-        "advice": advice(said),
+        "lower_tier_speed": None
+        if lower is None
+        else {"value": lower, "unit": unit_of(question.motion).word, "below_tier": int(said.tier)},
+        "advice": advice(said, question.motion),
         "rule": str(effect(said)),
         "speed_m_s": said.speed_m_s,
         "tcp_speed_m_s": said.tcp_speed_m_s,

@@ -62,11 +62,9 @@ def _as_json(raw: bytes) -> bytes:
     except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         raise JsonError(JsonDefect.MALFORMED, "not TOML") from error
     try:
-        return json.dumps(table, allow_nan=False).encode()
-    except TypeError as error:
-        raise JsonError(JsonDefect.MALFORMED, "a date or time") from error
-    except (ValueError, RecursionError) as error:
-        raise JsonError(JsonDefect.NOT_FINITE, "NaN and infinities are no numbers here") from error
+        return json.dumps(table).encode()  # NaN and infinities are refused as JSON's are
+    except (TypeError, RecursionError) as error:
+        raise JsonError(JsonDefect.MALFORMED, "a date or time, or nested too deeply") from error
 
 
 def formed(form: TypeAdapter[T], value: object, *, place: str) -> T:

@@ -11,6 +11,7 @@ import pytest
 from docs import generate
 from pep.pit import Robot
 from pep.pit.checker import Verified, verify
+from tests.pit import urdfs
 
 EXAMPLES = Path(generate.__file__).parent / "examples"
 FIRST = ["tier", "index", "clearance_mm", "contributions", "certificate", "model"]
@@ -189,6 +190,40 @@ def test_another_robot_by_name_or_file(pit, tmp_path):
         pit("c0-empty.scene.json", "sweep.motion.json", "--robot", file, "--json").json["fault"]["reason"]
         == "BODY_MALFORMED"
     )
+
+
+def test_an_arm_by_its_urdf_or_its_own_calibration(pit, tmp_path):
+    urdf, outfit, own = (tmp_path / name for name in ("arm.urdf", "outfit.toml", "calibration.yaml"))
+    shipped = (importlib.resources.files("pep.pit") / "robots" / "ur3e.toml").read_text()
+    urdf.write_text(urdfs.ur3e())
+    outfit.write_text(
+        "schema = 1\nflange = 'wrist_3_link'\npayload_limit_kg = 3.0\nacceleration_limit_rad_s2 = 40.0\n"
+        + shipped[shipped.index("[[tools]]") :]
+    )
+    files = ("c1-glass.scene.json", "sweep.motion.json", "--json")
+    said = pit(*files, "--robot", urdf, "--outfit", outfit).json
+    nominal = pit(*files).json
+    assert said["model"] != nominal["model"]
+    # All pairs of its parts are watched, where the shipped model knows which cannot meet; the glass is as near.
+    glass = next(each for each in said["contributions"] if each["object"] == "glass")
+    assert glass["index"] == pytest.approx(nominal["index"], abs=0.02)
+    assert {each["kind"] for each in said["contributions"]} <= {"fragile", "self"}
+    assert said["certificate"]["verified"] is True
+    for more in (("--robot", urdf), ("--outfit", outfit)):
+        assert pit(*files, *more).json["fault"]["reason"] == "PARAMETERS_WRONG"
+    joints = Robot.load("ur3e").model.joints
+    keys = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+    rows = "".join(
+        f"  {key}:\n    x: {j.offset_m[0] + 0.0002!r}\n    y: {j.offset_m[1]!r}\n    z: {j.offset_m[2]!r}\n"
+        f"    roll: {j.rpy_rad[0]!r}\n    pitch: {j.rpy_rad[1]!r}\n    yaw: {j.rpy_rad[2]!r}\n"
+        for key, j in zip(keys, joints, strict=True)
+    )
+    own.write_text(f"kinematics:\n{rows}  hash: calib_12788084448423163542\n")
+    said = pit(*files, "--calibration", own).json
+    assert said["model"] not in (nominal["model"], None)
+    assert said["index"] == pytest.approx(nominal["index"], abs=0.05)
+    own.write_text("kinematics: [1]\n")
+    assert pit(*files, "--calibration", own).status == 3
 
 
 # ---- the proof

@@ -20,7 +20,7 @@ from docs import generate
 from pep.pit import Box, Capsule, GripperMove, MoveJ, OutputSet, SpeedJ, Sphere
 from pep.pit.postures import Part, duration_s, nearest, postures
 from tests.pit.scenes import CELL, HOME, ROBOT, sweep
-from ztpm.pit import asked
+from ztpm.pit import Arm, asked
 from ztpm.pit_picture import COLOURS, FACES, corners, picture, to_plain
 from ztpm.pit_picture_html import page
 from ztpm.pit_picture_views import ABOVE, Camera, frame, level, patches_of
@@ -38,7 +38,7 @@ def shown(scene="c2-person", motion="sweep", edit=None, tmp=None):
         edit(value)
         file = tmp / "scene.json"
         file.write_text(json.dumps(value))
-    question = asked(file, EXAMPLES / f"{motion}.motion.json", "ur3e")
+    question = asked(file, EXAMPLES / f"{motion}.motion.json", Arm("ur3e"))
     return picture(question.robot, question.situation, question.motion, question.answer())
 
 
@@ -260,7 +260,7 @@ class Read(HTMLParser):
         self.text[self.within] = self.text.get(self.within, "") + text
 
 
-EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>&lt;\"'"
+EVIL = "</script <!--<script></script><script>alert(1)</script><img src=x onerror=alert(2)>&lt;\"'"
 
 
 def evil(value):
@@ -280,6 +280,7 @@ def test_the_page_is_one_file_that_fetches_nothing(tmp_path):
     names = {name for _, name, _ in read.attributes}
     assert not {name for name in names if name.startswith("on") or name in ("src", "href", "style", "srcset", "action")}
     assert not re.search(r"https?:|url\(|@import|fetch\(|XMLHttp|WebSocket|eval\(|innerHTML", text)
+    assert not set(re.search(r'id="picture">(.*)</script>\n<script>', text, re.DOTALL)[1]) & set("<>&")
     assert EVIL in read.text["title", None]
     assert json.loads(read.text["script", "application/json"])["witnesses"][0]["object"] == EVIL
     assert any(name == "aria-label" and EVIL in value for _, name, value in read.attributes)

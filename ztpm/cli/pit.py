@@ -15,7 +15,7 @@ from ztpm.cli.output import DEFER, DENY, USAGE, console, fail, plain, say_json
 if TYPE_CHECKING:
     from pep.pit.assessment import Assessment
     from pep.pit.errors import PitError
-    from ztpm.pit import Asked
+    from ztpm.pit import Arm, Asked
 
 app = typer.Typer(help="Physical impact of one motion in one scene, out of files.", invoke_without_command=True)
 
@@ -28,7 +28,13 @@ SceneFile = Annotated[
 MotionFile = Annotated[
     Path | None, typer.Option("--motion", help="What would be sent (docs/schemas).", exists=True, dir_okay=False)
 ]
-RobotName = Annotated[str, typer.Option("--robot", help="A shipped model's name, or a model file.")]
+RobotName = Annotated[str, typer.Option("--robot", help="A shipped model's name, a model file, or a .urdf.")]
+OutfitFile = Annotated[
+    Path | None, typer.Option("--outfit", help="With a .urdf: what it leaves open.", exists=True, dir_okay=False)
+]
+CalibrationFile = Annotated[
+    Path | None, typer.Option("--calibration", help="The arm's own kinematics, YAML.", exists=True, dir_okay=False)
+]
 
 
 @app.callback()
@@ -38,6 +44,8 @@ def pit(
     scene: SceneFile = None,
     motion: MotionFile = None,
     robot: RobotName = "ur3e",
+    outfit: OutfitFile = None,
+    calibration: CalibrationFile = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="A .png (three views) or .html (turn it).")] = None,
     proof: Annotated[Path | None, typer.Option("--proof", help="Where to write the proof document.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
@@ -55,9 +63,9 @@ def pit(
         fail("USAGE", "--picture ends in .png or .html", as_json=as_json, status=USAGE)
     from pep.pit.errors import PitError
     from policies.evidence import ImpactFault
-    from ztpm.pit import to_plain
+    from ztpm.pit import Arm, to_plain
 
-    question = _asked(scene, motion, robot, as_json=as_json)
+    question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)
     said = question.answer()
     if isinstance(said, ImpactFault):
         _fault(said.reason, said.detail, as_json=as_json)
@@ -85,6 +93,8 @@ def verify(
     scene: SceneFile = None,
     motion: MotionFile = None,
     robot: RobotName = "ur3e",
+    outfit: OutfitFile = None,
+    calibration: CalibrationFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
     """Recompute every row of a proof, with the standard library alone. Exit 3 for one that does not hold.
@@ -94,6 +104,7 @@ def verify(
     from pep.pit.checker import Refused
     from pep.pit.checker import verify as checked
     from pep.pit.errors import PitError
+    from ztpm.pit import Arm
 
     if (scene is None) != (motion is None):
         fail("USAGE", "--scene and --motion belong together", as_json=as_json, status=USAGE)
@@ -104,7 +115,7 @@ def verify(
     if isinstance(verdict, Refused):
         fail(str(verdict.code), verdict.place, as_json=as_json, status=DENY)
     if scene is not None and motion is not None:
-        question = _asked(scene, motion, robot, as_json=as_json)
+        question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)
         try:
             same = question.digest == verdict.question
         except PitError as error:
@@ -121,12 +132,12 @@ def verify(
             typer.echo(f"{name:8} {digest}")
 
 
-def _asked(scene: Path, motion: Path, robot: str, *, as_json: bool) -> Asked:
+def _asked(scene: Path, motion: Path, arm: Arm, *, as_json: bool) -> Asked:
     from pep.pit.errors import PitError
     from ztpm.pit import asked
 
     try:
-        return asked(scene, motion, robot)
+        return asked(scene, motion, arm)
     except PitError as error:
         _fault(error.reason, error.detail, as_json=as_json)
     except OSError as error:
@@ -150,19 +161,25 @@ def _status(said: Assessment) -> int:
 
 
 def _draw(question: Asked, said: Assessment, file: Path, *, as_json: bool) -> None:
+    from pep.pit.errors import PitError
     from ztpm.pit import advice
     from ztpm.pit_picture import picture
 
-    shown = picture(question.robot, question.situation, question.motion, said)
+    try:
+        shown = picture(question.robot, question.situation, question.motion, said)
+    except PitError as error:
+        fail(error.reason, f"nothing to draw: {error.detail}", as_json=as_json)
     if file.suffix == ".html":
         from ztpm.pit_picture_html import page
 
-        _write(file, page(shown, subtitle=question.said, advice=advice(said)).encode(), as_json=as_json)
+        _write(
+            file, page(shown, subtitle=question.said, advice=advice(said, question.motion)).encode(), as_json=as_json
+        )
         return
     from ztpm.pit_picture_png import NoMatplotlibError, draw
 
     try:
-        draw(shown, file, subtitle=f"{question.said}. {advice(said)}")
+        draw(shown, file, subtitle=f"{question.said}. {advice(said, question.motion)}")
     except NoMatplotlibError as error:
         fail("NOT_INSTALLED", str(error), as_json=as_json)
     except OSError as error:
@@ -202,7 +219,7 @@ def _tell(question: Asked, said: Assessment, proven: bytes | PitError) -> None:
         )
     if said.contributions:
         console.print(table)
-    console.print(Text(plain(advice(said))))
+    console.print(Text(plain(advice(said, question.motion))))
     certificate = certificate_to_plain(said, proven)
     checked = "every row recomputed by the checker" if certificate["verified"] else certificate["why"]
     console.print(
