@@ -21,7 +21,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-READY_S: Final = 60.0
+READY_S: Final = 180.0
 """Longest wait for a ready line: imports of the MCP SDK and pinocchio take seconds on a loaded machine."""
 STOP_S: Final = 10.0
 """Longest wait for a clean end before the process is killed."""

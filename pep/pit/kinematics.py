@@ -9,6 +9,7 @@ speed.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -55,6 +56,7 @@ class Layout:
     seen_from_arm: NDArray[np.intp]
 
 
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
 def layout(robot: Robot) -> Layout:
     """The robot's bodies as arrays."""
     link = np.array([b.link for b in robot.bodies])

@@ -152,7 +152,7 @@ class Profile:
         return self.way_rad / peak + 0.5 * peak / self.acceleration_rad_s2 + 0.5 * peak / self.braking_rad_s2
 
     @property
-    def _top(self) -> float:
+    def top(self) -> float:
         """Path parameter at which the peak is reached first."""
         return min(0.5 * self.peak_rad_s**2 / self.acceleration_rad_s2 / self.way_rad, 1.0)
 
@@ -164,7 +164,7 @@ class Profile:
 
     def highest_rate(self, low: Floats, high: Floats) -> Floats:
         """Supremum of ds/dt on [low, high]: the rate rises until the peak and never rises again."""
-        top = self._top
+        top = self.top
         spanned = (low <= top) & (top <= high)
         return np.asarray(np.where(spanned, self.peak_rad_s / self.way_rad, self.rate(np.clip(top, low, high))))
 

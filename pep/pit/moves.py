@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from capabilities.units import Unit
-from pep.pit.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, Assessment, Certificate, micro, milli, seen
-from pep.pit.blow import blow_ratio
-from pep.pit.certify import certify, fits
+from pep.pit.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, Certificate, micro, milli, seen
 from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
+from pep.pit.engine import chosen
 from pep.pit.errors import WorkLimitError
 from pep.pit.motion import profile_of
 from pep.pit.oracle import Disagreement, cross_check
 from pep.pit.pairs import pairs_of
 from pep.pit.parameters import Demands
-from pep.pit.path import Path
 from pep.pit.separation import stopping
 from pep.pit.tier import HIGHEST, MOVING, TIE, tier_of
 from pep.pit.touching import gentle_rows
@@ -30,9 +28,10 @@ if TYPE_CHECKING:
     from capabilities.scope import Tier
     from pep.pit.cell import CellParameters
     from pep.pit.certify import Certified, Witness
+    from pep.pit.engine import Engine
     from pep.pit.motion import Profile, Run
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Leaves
+    from pep.pit.path import Path
     from pep.pit.robot import Robot
     from pep.pit.separation import Stopping
     from pep.pit.view import View
@@ -54,8 +53,10 @@ class MoveQuestion:
         touch: frozenset[str],
         seed: bytes,
         check_time: Callable[[], None],
+        engine: Engine | None = None,
     ) -> None:
-        """Nothing is computed yet."""
+        """Nothing is computed yet. Without an `engine` the one of this installation answers."""
+        self.engine = chosen() if engine is None else engine
         self.robot, self.view, self.move, self.cell, self.seed = robot, view, move, cell, seed
         self.touch, self.check_time = touch, check_time
 
@@ -71,7 +72,7 @@ class MoveQuestion:
             told = Contribution("joint_limit", milli(HIGHEST), limits.joint, self.robot.model.name, 0, 0, 0)
             return self._assessment(HIGHEST, (told,), ("joint_limit",))
         # 3. What the move asks of the arm.
-        path = Path(self.robot, self.move)
+        path = self.engine.path(self.robot, self.move)
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
         pairs = self._with_meant(path, bare, profile)
         demands = Demands(path, self.cell)
@@ -86,7 +87,9 @@ class MoveQuestion:
         violations = {"joint_limit"} if limits.retreating and not slow else set()
         # 5. The proven index of all the rest.
         floor = max(MOVING, self.view.floor, RETREAT if retreats else 0.0, *(r.index for r in ratios))
-        certified = certify(path, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time)
+        certified = self.engine.certify(
+            path, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time
+        )
         violations |= set(certified.violated)
         # 6. The second engine has to agree.
         self.check_time()
@@ -106,9 +109,7 @@ class MoveQuestion:
                 for p in start.retreating
             ),
         ]
-        lower = (
-            None if violations or retreats else self._lower_speed(path, bare, demands, certified.leaves, tier_of(index))
-        )
+        lower = None if violations or retreats else self._lower_speed(path, bare, demands, certified, tier_of(index))
         decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
         return self._assessment(
             index,
@@ -118,7 +119,7 @@ class MoveQuestion:
             speed_m_s=speed,
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
-            contact_ratio=blow_ratio(path, pairs, profile, stop, check_time=self.check_time),
+            contact_ratio=self.engine.blow_ratio(path, pairs, profile, stop, check_time=self.check_time),
             certificate=Certificate(
                 certified.leaves.pair, certified.leaves.low, certified.leaves.high, certified.leaf_index
             ),
@@ -150,7 +151,9 @@ class MoveQuestion:
             by_obstacle[group] = replace(deepest, index=index)
         return [self._told(pairs, profile, w) for w in by_obstacle.values()]
 
-    def _lower_speed(self, path: Path, pairs: Pairs, demands: Demands, leaves: Leaves, tier: Tier) -> float | None:
+    def _lower_speed(
+        self, path: Path, pairs: Pairs, demands: Demands, certified: Certified, tier: Tier
+    ) -> float | None:
         """The highest speed, to a step of the bisection, at which the index is proven to be in a lower tier.
 
         This is advice: when time runs out, the best speed proven so far is named, and the answer itself stands.
@@ -158,6 +161,8 @@ class MoveQuestion:
         target = float(tier - 1)
         if target < MOVING or self.view.floor > target:
             return None
+        # What counts no more at this speed counts no more at a lower one (faster never lowers).
+        leaves = certified.leaves.take(certified.leaf_index > target)
 
         def falls(speed: float) -> bool:
             nonlocal leaves
@@ -165,7 +170,9 @@ class MoveQuestion:
             if profile is None or max(r.index for r in demands.ratios(profile)) > target:
                 return False
             meant = self._with_meant(path, pairs, profile)
-            fit = fits(path, meant, profile, self._stop(profile), leaves, index=target, check_time=self.check_time)
+            fit = self.engine.fits(
+                path, meant, profile, self._stop(profile), leaves, index=target, check_time=self.check_time
+            )
             leaves = fit.leaves
             return fit.proven
 
@@ -213,7 +220,7 @@ class MoveQuestion:
             certificate=certificate,
             perception=self.view.perception,
             perception_age_s=self.view.age_s,
-            engine=ENGINE,
+            engine=self.engine.name,
             model_digest=self.robot.model_digest,
             scene_digest=self.view.scene.digest,
         )

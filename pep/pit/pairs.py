@@ -41,8 +41,8 @@ class Kind(StrEnum):
 VIOLABLE: Final = (Kind.PERSON, Kind.SELF, Kind.WORKSPACE, Kind.HARD_ZONE)
 """Kinds whose attained negative clearance is denied whatever is authorised."""
 
-_KINDS: Final = tuple(Kind)
-_CODE: Final = {kind: code for code, kind in enumerate(_KINDS)}
+KINDS_IN_ORDER: Final = tuple(Kind)
+_CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
 NO_HARM: Final = np.inf  # of what is no person: no speed or force harms it in that sense
 
 
@@ -110,7 +110,7 @@ class Pairs:
 
     def kind_of(self, row: int) -> Kind:
         """The kind of one pair."""
-        return _KINDS[int(self.kind[row])]
+        return KINDS_IN_ORDER[int(self.kind[row])]
 
     @staticmethod
     def code_of(kind: Kind) -> int:

@@ -19,6 +19,7 @@ from pep.pit.assessment import milli
 from pep.pit.certify import DEPTH, ROWS_MOST, VIOLATION_RESOLUTION_M, first_cut
 from pep.pit.clearance import ROUNDING_M
 from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
+from pep.pit.engine import chosen
 from pep.pit.errors import MotionError, PitError, WorkLimitError
 from pep.pit.grip import gripping
 from pep.pit.motion import STILL_RAD, GripperMove, MoveJ, OutputSet, SpeedJ, profile_of
@@ -26,7 +27,7 @@ from pep.pit.oracle import Disagreement
 from pep.pit.outputs import output_cause
 from pep.pit.pairs import VIOLABLE, pairs_of
 from pep.pit.parameters import Demands
-from pep.pit.path import GRID, Path
+from pep.pit.path import GRID
 from pep.pit.question import as_run, deadline, refuse_nonsense, six_finite, view_around
 from pep.pit.separation import stopping
 from pep.pit.tier import HIGHEST, MOVING, TIE
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
     from pep.pit.motion import Floats, Joints, Motion, Profile, Run
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Leaves
+    from pep.pit.path import Leaves, Path
     from pep.pit.robot import Robot
     from pep.pit.scene import Scene
     from pep.pit.separation import Stopping
@@ -98,6 +99,7 @@ def remaining(
         clock: monotonic seconds; the answer comes within `cell.watch_time_limit_s` or is a fault.
     """
     try:
+        chosen()  # compiled, where it is the first call of all, before the time is counted
         check_time = deadline(clock, cell.watch_time_limit_s)
         answer = _remaining(
             robot,
@@ -194,7 +196,7 @@ class _Rest:
     def answer(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining:
         """The steps, in order."""
         run, cell = self.run, self.cell
-        path = Path(self.robot, run)
+        path = chosen().path(self.robot, run)
         # 1. Where on the path the arm is. What lies behind it is done.
         at = np.array(self.at_rad)
         length2 = float(path.delta @ path.delta)

@@ -435,6 +435,48 @@ def break_search(monkeypatch):
     monkeypatch.setattr(certify, "cut", half)
 
 
+def break_compiled_kinematics(monkeypatch):
+    from pep.pit.kernel import engine
+
+    true = engine._arm_of
+    monkeypatch.setattr(engine, "_arm_of", lambda robot: true(robot)._replace(offsets=true(robot).offsets + 0.001))
+
+
+def break_compiled_boxes(monkeypatch):
+    from pep.pit.kernel import columns, engine
+
+    true = engine.packed
+
+    def smaller(pairs):
+        field = true(pairs)
+        field.numbers[:, columns.HALF : columns.OFFSET] -= 0.005
+        return field
+
+    monkeypatch.setattr(engine, "packed", smaller)
+
+
+def break_compiled_speed(monkeypatch):
+    from pep.pit.kernel import columns, engine
+
+    true = engine._timing
+
+    def slower(profile):
+        timing = true(profile)
+        timing[columns.PEAK] *= 0.5
+        return timing
+
+    monkeypatch.setattr(engine, "_timing", slower)
+
+
+def break_compiled_search(monkeypatch):
+    """A search that forgets the pairs of the last obstacle that was asked about, and of the arm with itself."""
+    from pep.pit.kernel import engine
+
+    true = engine.certify
+    kept = ROBOT.world_bodies * len(empty().objects)
+    monkeypatch.setattr(engine, "certify", lambda way, field, pairs, *more: true(way, field, pairs[:kept], *more))
+
+
 def late_glass():
     x, y, _ = tcp((0.45, *HOME[1:]))
     glass = Thing("glass", "fragile", Capsule((x, y, 0.03), (x, y, 0.13), 0.035), 0.01)
@@ -442,17 +484,27 @@ def late_glass():
 
 
 @pytest.mark.parametrize(
-    ("sabotage", "scene"),
+    ("engine", "sabotage", "scene"),
     [
-        (break_kinematics, with_glass()),
-        (break_boxes, empty()),
-        (break_radii, with_person(0.9)),
-        (break_speed, with_person(0.9)),
-        (break_search, late_glass()),
+        ("numpy-1", break_kinematics, with_glass()),
+        ("numpy-1", break_boxes, empty()),
+        ("numpy-1", break_radii, with_person(0.9)),
+        ("numpy-1", break_speed, with_person(0.9)),
+        ("numpy-1", break_search, late_glass()),
+        ("numba-1", break_compiled_kinematics, with_glass()),
+        ("numba-1", break_compiled_boxes, empty()),
+        ("numba-1", break_radii, with_person(0.9)),
+        ("numba-1", break_compiled_speed, with_person(0.9)),
+        ("numba-1", break_compiled_search, late_glass()),
     ],
 )
-def test_a_broken_kernel_is_found_out(monkeypatch, sabotage, scene):
+def test_a_broken_engine_is_found_out(monkeypatch, engine, sabotage, scene):
+    from pep.pit.engine import NUMPY
+
+    if engine == NUMPY.name:
+        monkeypatch.setattr("pep.pit.moves.chosen", lambda: NUMPY)
     move = sweep(2.0, 3.0)
+    assert ask(scene, move).engine == engine
     assert isinstance(ask(scene, move), Assessment)
     sabotage(monkeypatch)
     answers = [assess(ROBOT, scene, move, CELL, perception_age_s=0.1, touch=NOTHING, seed=bytes([k])) for k in range(8)]
@@ -460,9 +512,7 @@ def test_a_broken_kernel_is_found_out(monkeypatch, sabotage, scene):
 
 
 def test_whatever_breaks_inside_is_a_fault(monkeypatch):
-    import sys
-
-    monkeypatch.setattr(sys.modules["pep.pit.moves"], "certify", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr("pep.pit.moves.pairs_of", lambda *a, **k: 1 / 0)
     answer = ask()
     assert isinstance(answer, ImpactFault)
     assert answer.reason == "PHYSICS_FAULT"

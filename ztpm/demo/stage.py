@@ -225,10 +225,11 @@ class Stage:
     def ask(self, agent: str, tool: str, arguments: dict[str, object], *, token: str | None = None) -> Answer:
         """The agent's call of a tool with its token, sent again when nothing was done because the verdict came late."""
         auth = self.agents[agent].auth(token or self.tokens[agent])
-        for _ in range(SEND_TRIES):
-            answer = call(self.cell.addresses.audience, auth, tool, arguments)
+        answer = call(self.cell.addresses.audience, auth, tool, arguments)
+        for _ in range(SEND_TRIES - 1):
             if answer.reason != "VERDICT_EXPIRED":
                 break
+            answer = call(self.cell.addresses.audience, auth, tool, arguments)
         return answer
 
     def scene(

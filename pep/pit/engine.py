@@ -1,0 +1,50 @@
+"""Which engine decides: the compiled one where numba is installed, else the numpy engine that it is held against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Final
+
+from pep.pit.blow import blow_ratio
+from pep.pit.certify import certify, fits
+from pep.pit.path import Path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.pit.certify import Certified, Fit
+    from pep.pit.motion import Straight
+    from pep.pit.robot import Robot
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """The dear questions of a straight joint motion, answered in one way.
+
+    Attributes:
+        name: in every assessment and record.
+        path: a path of one robot.
+        certify, fits, blow_ratio: as the functions of these names in `pep.pit.certify` and `pep.pit.blow`.
+    """
+
+    name: str
+    path: Callable[[Robot, Straight], Path]
+    certify: Callable[..., Certified]
+    fits: Callable[..., Fit]
+    blow_ratio: Callable[..., float]
+
+
+NUMPY: Final = Engine("numpy-1", Path, certify, fits, blow_ratio)
+
+
+@cache
+def chosen() -> Engine:
+    """The engine of this installation. The first call compiles it, or reads what was compiled before."""
+    if find_spec("numba") is None:
+        return NUMPY
+    from pep.pit.kernel.engine import CompiledPath, compile_all
+
+    compile_all()
+    return Engine("numba-1", CompiledPath, CompiledPath.certify, CompiledPath.fits, CompiledPath.blow_ratio)

@@ -1,0 +1,211 @@
+"""Where the links and bodies are and how fast they go, one configuration at a time."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from pep.pit.kernel.compiled import compiled, entry
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Whole = NDArray[np.int64]
+
+LINKS: Final = 7  # of a six-joint arm, the base included
+
+
+class Arm(NamedTuple):
+    """A robot's bodies and joints.
+
+    Attributes:
+        link, reference: shape (bodies,): which link carries the body, and from which it is seen.
+        ends: shape (bodies, 2, 3), metre, in the frame of the link.
+        radius: shape (bodies,), metre.
+        half: shape (bodies,), half the axis' length, metre.
+        reach: shape (bodies, 6), metre: distance of the ends from each joint's axis at most.
+        rotations, offsets: shape (6, 3, 3) and (6, 3): joint frames at angle 0.
+    """
+
+    link: Whole
+    reference: Whole
+    ends: Floats
+    radius: Floats
+    half: Floats
+    reach: Floats
+    rotations: Floats
+    offsets: Floats
+
+
+class Bends(NamedTuple):
+    """Per body, over the whole path: bounds on its ends' first, second and third derivative, and on its spin's."""
+
+    first: Floats
+    second: Floats
+    third: Floats
+    spin: Floats
+    spin_second: Floats
+
+
+class Nodes(NamedTuple):
+    """Configurations of one path, and the bodies that were placed there so far.
+
+    Attributes:
+        frames: shape (n, 7, 3, 4): rotation and origin of every link.
+        turning: shape (n, 7, 2, 3): sums over the joints up to the link of w_k, and of w_k x o_k.
+        ends: shape (n, bodies, 2, 3); speed, spin: shape (n, bodies), per unit of s.
+        known: shape (n, bodies), whether the body was placed.
+    """
+
+    frames: Floats
+    turning: Floats
+    ends: Floats
+    speed: Floats
+    spin: Floats
+    known: Any
+
+
+@compiled
+def no_nodes(count: int, bodies: int) -> Nodes:
+    """Room for so many configurations."""
+    return Nodes(
+        np.empty((count, LINKS, 3, 4)),
+        np.empty((count, LINKS, 2, 3)),
+        np.empty((count, bodies, 2, 3)),
+        np.empty((count, bodies)),
+        np.empty((count, bodies)),
+        np.zeros((count, bodies), np.bool_),
+    )
+
+
+@compiled
+def more_nodes(nodes: Nodes) -> Nodes:
+    """The same configurations with twice the room."""
+    count, bodies = nodes.speed.shape
+    wide = no_nodes(2 * count, bodies)
+    wide.frames[:count] = nodes.frames
+    wide.turning[:count] = nodes.turning
+    wide.ends[:count] = nodes.ends
+    wide.speed[:count] = nodes.speed
+    wide.spin[:count] = nodes.spin
+    wide.known[:count] = nodes.known
+    return wide
+
+
+@entry
+def bends_of(arm: Arm, delta: Floats) -> Bends:
+    """How strongly each body can move and leave a chord of the path (derivation: `pep.pit.kinematics`)."""
+    bodies = arm.link.shape[0]
+    bends = Bends(np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies))
+    for body in range(bodies):
+        inner = 0.0
+        for joint in range(arm.reference[body], arm.link[body]):
+            share = abs(delta[joint])
+            outer = inner + share
+            reach = arm.reach[body, joint]
+            bends.first[body] += reach * share
+            bends.second[body] += reach * (outer**2 - inner**2)
+            bends.third[body] += reach * (outer**3 - inner**3)  # third power: third derivative
+            bends.spin[body] += share
+            bends.spin_second[body] += share * inner**2
+            inner = outer
+    return bends
+
+
+@compiled
+def pose(nodes: Nodes, at: int, arm: Arm, q: Floats, delta: Floats) -> None:
+    """The link frames at `q` stand in row `at`; no body is placed there yet."""
+    frame, turning = nodes.frames[at], nodes.turning[at]
+    nodes.known[at] = False
+    for i in range(3):
+        for j in range(4):
+            frame[0, i, j] = 1.0 if i == j else 0.0
+        turning[0, 0, i] = 0.0
+        turning[0, 1, i] = 0.0
+    turned = np.empty((3, 3))
+    for k in range(LINKS - 1):
+        before, after = frame[k], frame[k + 1]
+        for i in range(3):
+            x, y, z = before[i, 0], before[i, 1], before[i, 2]
+            after[i, 3] = before[i, 3] + x * arm.offsets[k, 0] + y * arm.offsets[k, 1] + z * arm.offsets[k, 2]
+            for j in range(3):
+                turned[i, j] = x * arm.rotations[k, 0, j] + y * arm.rotations[k, 1, j] + z * arm.rotations[k, 2, j]
+        c, s = math.cos(q[k]), math.sin(q[k])
+        for i in range(3):
+            after[i, 0] = turned[i, 0] * c + turned[i, 1] * s
+            after[i, 1] = turned[i, 1] * c - turned[i, 0] * s
+            after[i, 2] = turned[i, 2]
+        wx, wy, wz = after[0, 2] * delta[k], after[1, 2] * delta[k], after[2, 2] * delta[k]
+        ox, oy, oz = after[0, 3], after[1, 3], after[2, 3]
+        sums, known = turning[k + 1], turning[k]
+        sums[0, 0], sums[0, 1], sums[0, 2] = known[0, 0] + wx, known[0, 1] + wy, known[0, 2] + wz
+        sums[1, 0] = known[1, 0] + wy * oz - wz * oy
+        sums[1, 1] = known[1, 1] + wz * ox - wx * oz
+        sums[1, 2] = known[1, 2] + wx * oy - wy * ox
+
+
+@compiled
+def place(nodes: Nodes, at: int, arm: Arm, body: int) -> None:
+    """The body stands in row `at`, in its reference link's frame, with its speed and spin."""
+    if not nodes.known[at, body]:
+        _put(
+            nodes.frames, nodes.turning, nodes.ends, nodes.speed, nodes.spin, nodes.known,
+            arm.link, arm.reference, arm.ends, at, body,
+        )  # fmt: skip
+
+
+@compiled
+def place_all(nodes: Nodes, at: int, arm: Arm, bodies: Whole) -> None:
+    """All these bodies stand there."""
+    frames, turning, ends, speed = nodes.frames, nodes.turning, nodes.ends, nodes.speed
+    spin, known, link, reference, own = nodes.spin, nodes.known, arm.link, arm.reference, arm.ends
+    for each in range(bodies.shape[0]):
+        if not known[at, bodies[each]]:
+            _put(frames, turning, ends, speed, spin, known, link, reference, own, at, bodies[each])
+
+
+@compiled
+def _put(
+    frames: Floats,
+    turning: Floats,
+    ends: Floats,
+    speed: Floats,
+    spin: Floats,
+    known: Any,
+    link: Whole,
+    reference: Whole,
+    own: Floats,
+    at: int,
+    body: int,
+) -> None:
+    known[at, body] = True
+    k, r = link[body], reference[body]
+    sx, sy, sz = (
+        turning[at, k, 0, 0] - turning[at, r, 0, 0],
+        turning[at, k, 0, 1] - turning[at, r, 0, 1],
+        turning[at, k, 0, 2] - turning[at, r, 0, 2],
+    )
+    cx, cy, cz = (
+        turning[at, k, 1, 0] - turning[at, r, 1, 0],
+        turning[at, k, 1, 1] - turning[at, r, 1, 1],
+        turning[at, k, 1, 2] - turning[at, r, 1, 2],
+    )
+    fastest = 0.0
+    for end in range(2):
+        ax, ay, az = own[body, end, 0], own[body, end, 1], own[body, end, 2]
+        x = frames[at, k, 0, 3] + frames[at, k, 0, 0] * ax + frames[at, k, 0, 1] * ay + frames[at, k, 0, 2] * az
+        y = frames[at, k, 1, 3] + frames[at, k, 1, 0] * ax + frames[at, k, 1, 1] * ay + frames[at, k, 1, 2] * az
+        z = frames[at, k, 2, 3] + frames[at, k, 2, 0] * ax + frames[at, k, 2, 1] * ay + frames[at, k, 2, 2] * az
+        vx, vy, vz = sy * z - sz * y - cx, sz * x - sx * z - cy, sx * y - sy * x - cz
+        fastest = max(fastest, vx * vx + vy * vy + vz * vz)
+        if r > 0:
+            ux, uy, uz = x - frames[at, r, 0, 3], y - frames[at, r, 1, 3], z - frames[at, r, 2, 3]
+            x = frames[at, r, 0, 0] * ux + frames[at, r, 1, 0] * uy + frames[at, r, 2, 0] * uz
+            y = frames[at, r, 0, 1] * ux + frames[at, r, 1, 1] * uy + frames[at, r, 2, 1] * uz
+            z = frames[at, r, 0, 2] * ux + frames[at, r, 1, 2] * uy + frames[at, r, 2, 2] * uz
+        ends[at, body, end, 0], ends[at, body, end, 1], ends[at, body, end, 2] = x, y, z
+    speed[at, body] = math.sqrt(fastest)
+    spin[at, body] = math.sqrt(sx * sx + sy * sy + sz * sz)

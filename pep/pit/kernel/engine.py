@@ -1,0 +1,276 @@
+"""The compiled engine as the rest of the room calls it: a path, and the searches on it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.blow import DEPTH, RESOLUTION
+from pep.pit.cell import CellParameters
+from pep.pit.certify import FIRST_CUT_LEAST, Certified, Fit, Witness
+from pep.pit.errors import WorkLimitError
+from pep.pit.kernel import columns
+from pep.pit.kernel.arm import Arm, bends_of
+from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, rushes
+from pep.pit.kernel.rows import Field, Rows, Way
+from pep.pit.kernel.search import KINDS, TOO_MANY, certify
+from pep.pit.kinematics import layout
+from pep.pit.motion import MoveJ, profile_of
+from pep.pit.pairs import KINDS_IN_ORDER, Kind, pairs_of
+from pep.pit.path import GRID, Leaves, Path
+from pep.pit.robot import Robot
+from pep.pit.scene import Scene
+from pep.pit.separation import stopping
+from pep.pit.tier import MOVING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from pep.pit.kernel.search import Found
+    from pep.pit.motion import Floats, Profile, Straight
+    from pep.pit.pairs import Pairs
+    from pep.pit.path import Keys
+    from pep.pit.separation import Stopping
+
+_CODED: Final = {columns.PERSON: Kind.PERSON, columns.ZONE: Kind.ZONE, columns.MEANT: Kind.MEANT}
+if any(KINDS_IN_ORDER[code] is not kind for code, kind in _CODED.items()) or len(KINDS_IN_ORDER) != KINDS:
+    raise ImportError("the kernel's codes of kinds are not those of the pairs")
+
+
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+def _arm_of(robot: Robot) -> Arm:
+    plan = layout(robot)
+    ends = np.ascontiguousarray(plan.ends)
+    half = 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return Arm(
+        plan.link.astype(np.int64),
+        plan.reference.astype(np.int64),
+        ends,
+        plan.radius,
+        half,
+        np.array(robot.reach),
+        np.array(robot.rotations),
+        np.array(robot.offsets),
+    )
+
+
+class CompiledPath(Path):
+    """A path whose questions the kernel answers. Same promises as `Path`; not shared between threads."""
+
+    def __init__(self, robot: Robot, move: Straight) -> None:
+        """A path that holds no configuration yet."""
+        super().__init__(robot, move)
+        arm = _arm_of(robot)
+        self._way = Way(arm, self.start, self.delta, bends_of(arm, self.delta))
+        self._held = nothing_known(len(robot.bodies))
+        self._packed: tuple[Pairs, Field] | None = None
+
+    def packed(self, pairs: Pairs) -> Field:
+        """The pairs as the kernel's arrays."""
+        if self._packed is None or self._packed[0] is not pairs:
+            self._packed = pairs, packed(pairs)
+        return self._packed[1]
+
+    def rush(self, low: Keys, high: Keys) -> Floats:
+        """As `Path.rush`."""
+        self._held, found = rushes(self._held, self._way, low, high)
+        return np.asarray(found)
+
+    def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
+        """As `Path.examine`."""
+        self._held, rows = examined(self._held, self._way, self.packed(pairs), low, high, pair)
+        return _leaves(rows)
+
+    def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
+        """As `Path.rush_at`."""
+        return self._at(pairs, key, pair)[1]
+
+    def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
+        """As `Path.clearance_at`."""
+        return self._at(pairs, key, pair)[0]
+
+    def _at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        self._held, clearance, rush = met_at(self._held, self._way, self.packed(pairs), key, pair)
+        return np.asarray(clearance), np.asarray(rush)
+
+    def certify(
+        self,
+        pairs: Pairs,
+        profile: Profile,
+        stop: Stopping,
+        *,
+        rows: NDArray[np.intp],
+        floor: float,
+        check_time: Callable[[], None],
+    ) -> Certified:
+        """As `pep.pit.certify.certify`."""
+        groups = int(pairs.group.max(initial=-1)) + 1
+        found = certify(
+            self._way,
+            self.packed(pairs),
+            rows,
+            groups,
+            _timing(profile),
+            _law(pairs, stop),
+            floor,
+            FIRST_CUT_LEAST,
+        )
+        check_time()
+        if found.status == TOO_MANY:
+            raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
+        return Certified(
+            upper=found.upper,
+            attained=found.attained,
+            witnesses=tuple(sorted(_witnesses(found.witnesses), key=lambda w: (-w.index, w.clearance_m, w.key))),
+            violated={pairs.kind_of(w.pair): w for w in _witnesses(found.violated)},
+            leaves=_leaves(found.leaves),
+            leaf_index=found.leaves.bound,
+        )
+
+    def fits(
+        self,
+        pairs: Pairs,
+        profile: Profile,
+        stop: Stopping,
+        leaves: Leaves,
+        *,
+        index: float,
+        check_time: Callable[[], None],
+    ) -> Fit:
+        """As `pep.pit.certify.fits`."""
+        check_time()
+        self._held, proven, rows = fits(
+            self._held,
+            self._way,
+            self.packed(pairs),
+            _rows(leaves),
+            _timing(profile),
+            _law(pairs, stop),
+            index,
+        )
+        return Fit(_leaves(rows), proven)
+
+    def blow_ratio(
+        self,
+        pairs: Pairs,
+        profile: Profile,
+        stop: Stopping,
+        *,
+        check_time: Callable[[], None],
+    ) -> float:
+        """As `pep.pit.blow.blow_ratio`."""
+        check_time()
+        people = np.flatnonzero(pairs.kind == columns.PERSON)
+        if not people.size:
+            return 0.0
+        self._held, proven = blow(
+            self._held,
+            self._way,
+            self.packed(pairs),
+            people,
+            _timing(profile),
+            _law(pairs, stop),
+            FIRST_CUT_LEAST,
+            DEPTH,
+            RESOLUTION,
+        )
+        return float(proven)
+
+
+def compile_all() -> None:
+    """Every entry into the kernel is compiled, or read from where it was kept: half a minute the very first time."""
+    robot, cell = Robot.load("ur3e"), CellParameters()
+    move = MoveJ((0.0, -1.5, 1.5, -1.5, -1.5, 0.0), (0.4, -1.5, 1.5, -1.5, -1.5, 0.0), 0.5, 1.4)
+    profile = profile_of(move)
+    if profile is None:
+        raise AssertionError("the move goes somewhere")
+    stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=profile.peak_rad_s)
+    pairs = pairs_of(robot, Scene.of_cell(cell), cell, grown_m=0.0)
+    path, rows = CompiledPath(robot, move), np.arange(len(pairs))
+    found = path.certify(pairs, profile, stop, rows=rows, floor=MOVING, check_time=_no_limit)
+    path.fits(pairs, profile, stop, found.leaves, index=MOVING, check_time=_no_limit)
+    path.blow_ratio(replace(pairs, kind=np.zeros_like(pairs.kind)), profile, stop, check_time=_no_limit)
+    path.examine(pairs, np.zeros(1, np.int64), np.full(1, GRID), rows[:1])
+    path.rush(np.zeros(1, np.int64), np.full(1, GRID))
+    path.clearance_at(pairs, 0, rows[:1])
+
+
+def _no_limit() -> None:
+    """The time is not counted."""
+
+
+def packed(pairs: Pairs) -> Field:
+    """The pairs as the kernel's arrays."""
+    cores, count = pairs.cores, len(pairs)
+    numbers = np.empty((count, columns.NUMBERS))
+    numbers[:, columns.A : columns.B] = cores.a
+    numbers[:, columns.B : columns.AXES] = cores.b
+    numbers[:, columns.AXES : columns.HALF] = cores.axes.reshape(count, -1)
+    numbers[:, columns.HALF : columns.OFFSET] = cores.half
+    numbers[:, columns.OFFSET] = cores.offset
+    numbers[:, columns.CENTER : columns.AROUND] = 0.5 * (cores.a + cores.b)
+    away = np.where(cores.is_box[:, None], cores.half, 0.5 * (cores.b - cores.a))
+    numbers[:, columns.AROUND] = np.sqrt(np.einsum("ni,ni->n", away, away))
+    numbers[:, columns.RADII] = pairs.radii
+    numbers[:, columns.UNCERTAINTY] = pairs.uncertainty
+    numbers[:, columns.HARM_SPEED] = pairs.harm_speed
+    numbers[:, columns.LIMIT_SPEED] = pairs.limit_speed
+    numbers[:, columns.INTRUSION] = pairs.intrusion
+    numbers[:, columns.BAND] = pairs.band
+    numbers[:, columns.DECLARED] = pairs.declared
+    numbers[:, columns.VIOLATED_BELOW] = pairs.violated_below
+    whole = np.empty((count, columns.WHOLE), dtype=np.int64)
+    whole[:, columns.BODY] = pairs.body
+    whole[:, columns.SHAPE] = np.where(
+        cores.is_segment, columns.SEGMENT, np.where(cores.is_box, columns.BOX, columns.PLANE)
+    )
+    whole[:, columns.KIND] = pairs.kind
+    whole[:, columns.GROUP] = pairs.group
+    return Field(numbers, whole)
+
+
+def _timing(profile: Profile) -> Floats:
+    return np.array(
+        [profile.way_rad, profile.peak_rad_s, profile.acceleration_rad_s2, profile.braking_rad_s2, profile.top]
+    )
+
+
+def _law(pairs: Pairs, stop: Stopping) -> Floats:
+    return np.array(
+        [
+            stop.reaction_s,
+            stop.brake_s,
+            stop.travel_s,
+            stop.person_speed_m_s,
+            pairs.warn_band,
+            pairs.penetration_band,
+            pairs.contact_speed,
+        ]
+    )
+
+
+def _leaves(rows: Rows) -> Leaves:
+    return Leaves(rows.low, rows.high, rows.pair, rows.clear, rows.rush, rows.clear_mid, rows.rush_mid)
+
+
+def _rows(leaves: Leaves) -> Rows:
+    return Rows(
+        leaves.low,
+        leaves.high,
+        leaves.pair,
+        leaves.clear_m,
+        leaves.rush,
+        leaves.clear_mid_m,
+        leaves.rush_mid,
+        np.zeros(len(leaves)),
+    )
+
+
+def _witnesses(found: Found) -> list[Witness]:
+    met = zip(*(column.tolist() for column in found), strict=True)
+    return [Witness(key, pair, index, gap, speed) for index, gap, speed, key, pair in met if pair >= 0]

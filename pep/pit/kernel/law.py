@@ -1,0 +1,113 @@
+"""The index of one pair and the profile's rate, one number at a time (laws: `pep.pit.tier`, `pep.pit.motion`)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from pep.pit.kernel.columns import (
+    ACCELERATION,
+    BAND,
+    BRAKE,
+    BRAKING,
+    CONTACT_SPEED,
+    DECLARED,
+    HARM_SPEED,
+    INTRUSION,
+    LIMIT_SPEED,
+    MEANT,
+    PEAK,
+    PENETRATION_BAND,
+    PERSON,
+    PERSON_SPEED,
+    REACTION,
+    TOP,
+    TRAVEL,
+    UNCERTAINTY,
+    WARN_BAND,
+    WAY,
+    ZONE,
+)
+from pep.pit.kernel.compiled import compiled
+from pep.pit.tier import LEAST_TRAVEL_M
+from pep.pit.tier import MEANT as MEANT_INDEX
+
+if TYPE_CHECKING:
+    from pep.pit.motion import Floats
+
+
+@compiled
+def _share(x: float) -> float:
+    return 0.0 if x < 0.0 else (min(x, 1.0))
+
+
+@compiled
+def pair_index(kind: int, numbers: Floats, pair: int, clearance: float, speed: float, law: Floats) -> float:
+    """Index of a pair at this clearance (m) and surface speed (m/s).
+
+    Args:
+        kind: code of the pair's kind.
+        numbers, pair: its row.
+        clearance: signed, uncertainty not taken off.
+        speed: of the body.
+        law: how the motion ends, and the common bands.
+    """
+    if not speed > 0.0:
+        return 0.0
+    near = clearance - numbers[pair, UNCERTAINTY]
+    if kind == PERSON:
+        travel = speed * (law[REACTION] + law[TRAVEL])
+        approach = law[PERSON_SPEED] * (law[REACTION] + law[BRAKE]) + numbers[pair, INTRUSION]
+        if near <= travel:
+            depth = _share((travel - near) / max(travel, LEAST_TRAVEL_M))
+            blow = depth * max(speed / numbers[pair, HARM_SPEED] - 1.0, 0.0)
+            through = max(-clearance, 0.0) / law[PENETRATION_BAND]
+            return 3.0 + min(1.0, max(blow, through))
+        protective = approach + travel
+        if near < protective:
+            return 2.0 + _share((protective - near) / approach)
+        return 1.0 + _share((protective + law[WARN_BAND] - near) / law[WARN_BAND])
+    travel = speed * law[TRAVEL]
+    share = _share((travel + numbers[pair, BAND] - near) / numbers[pair, BAND])
+    if kind == ZONE:
+        return 1.0 + (numbers[pair, DECLARED] - 1.0) * share
+    index = 1.0 + share
+    if near <= travel:
+        index = 2.0 + _share((travel - near) / max(travel, LEAST_TRAVEL_M))
+    if kind == MEANT and speed <= law[CONTACT_SPEED]:
+        return min(index, MEANT_INDEX)
+    return index
+
+
+@compiled
+def calm_beyond(kind: int, numbers: Floats, pair: int, speed: float, law: Floats) -> float:
+    """Clearance (m) from which on the pair's index is no more than that of any motion, at up to this speed."""
+    if kind == PERSON:
+        approach = law[PERSON_SPEED] * (law[REACTION] + law[BRAKE]) + numbers[pair, INTRUSION]
+        return numbers[pair, UNCERTAINTY] + approach + speed * (law[REACTION] + law[TRAVEL]) + law[WARN_BAND]
+    return numbers[pair, UNCERTAINTY] + speed * law[TRAVEL] + numbers[pair, BAND]
+
+
+@compiled
+def blow_of(numbers: Floats, pair: int, clearance: float, speed: float, law: Floats) -> float:
+    """Speed by the region's limit speed where the region could be met, else 0."""
+    approach = law[PERSON_SPEED] * (law[REACTION] + law[BRAKE]) + numbers[pair, INTRUSION]
+    protective = approach + speed * (law[REACTION] + law[TRAVEL])
+    return speed / numbers[pair, LIMIT_SPEED] if clearance - numbers[pair, UNCERTAINTY] < protective else 0.0
+
+
+@compiled
+def rate_at(s: float, profile: Floats) -> float:
+    """ds/dt at path parameter `s`, 1/s."""
+    up = math.sqrt(2.0 * profile[ACCELERATION] * profile[WAY] * max(s, 0.0))
+    down = math.sqrt(2.0 * profile[BRAKING] * profile[WAY] * max(1.0 - s, 0.0))
+    return min(profile[PEAK], up, down) / profile[WAY]
+
+
+@compiled
+def highest_rate(low: float, high: float, profile: Floats) -> float:
+    """Supremum of ds/dt on [low, high]."""
+    top = profile[TOP]
+    if low <= top <= high:
+        return profile[PEAK] / profile[WAY]
+    return rate_at(high if top > high else low, profile)
