@@ -46,8 +46,8 @@ def micro(metres: float) -> int:
 class Certificate:
     """The proof, for the record: per row a pair, an interval of the path in 1 / GRID, and the index proven there.
 
-    For every pair the intervals cover the whole path, so a checker that recomputes each row confirms the index without
-    any search.
+    For every pair that is no retreat the intervals cover the whole path, so a checker that recomputes each row confirms
+    the index without any search. `pep.pit.proof` writes the whole proof down, and `pep.pit.checker` checks it.
     """
 
     pair: NDArray[np.intp]
