@@ -14,7 +14,22 @@ from capabilities.units import si
 from pep.context.frames import Distrusted, Seen, Unseen
 from pep.errors import RobotError
 from pep.operations import GRIPPER_ACTIVATE, GRIPPER_MOVE, MOVE_JOINT, SET_DIGITAL_OUTPUT, SPEED_JOINT
-from pep.pit import Assessment, GripperMove, MoveJ, OutputSet, Scene, SceneError, SpeedJ, assess, remaining
+from pep.pit import (
+    Assessment,
+    GripperMove,
+    JointPath,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    Scene,
+    SceneError,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+    assess,
+    remaining,
+)
 from pep.pit.kinematics import link_frames
 from pep.pit.stream import moves_with, stream_envelope
 from pep.ports import Assessed, Rest
@@ -164,7 +179,7 @@ class CellPhysics:
         match motion:
             case None | OutputSet():
                 return None
-            case MoveJ() | SpeedJ():
+            case MoveJ() | SpeedJ() | MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath():
                 return motion.start
             case GripperMove():
                 return motion.q

@@ -11,7 +11,20 @@ from pep.pit.assessment import Assessment, Certificate
 from pep.pit.cell import CellParameters, Contact, Output, Part, StaticObject, StaticZone
 from pep.pit.errors import CellError, ModelError, PitError, SceneError
 from pep.pit.held import Held, gripped, unknown_part
-from pep.pit.motion import GripperMove, Motion, MoveJ, OutputSet, SpeedJ
+from pep.pit.motion import (
+    GripperMove,
+    JointLeg,
+    JointPath,
+    LineLeg,
+    LinePath,
+    Motion,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+)
 from pep.pit.remaining import Remaining, remaining
 from pep.pit.robot import Robot
 from pep.pit.scene import Box, Capsule, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
@@ -28,9 +41,14 @@ __all__ = [
     "Contact",
     "GripperMove",
     "Held",
+    "JointLeg",
+    "JointPath",
+    "LineLeg",
+    "LinePath",
     "ModelError",
     "Motion",
     "MoveJ",
+    "MoveL",
     "Output",
     "OutputSet",
     "Part",
@@ -41,7 +59,9 @@ __all__ = [
     "Robot",
     "Scene",
     "SceneError",
+    "ServoJ",
     "SpeedJ",
+    "SpeedL",
     "Sphere",
     "StaticObject",
     "StaticZone",

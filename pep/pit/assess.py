@@ -12,10 +12,12 @@ import traceback
 from typing import TYPE_CHECKING, assert_never
 
 from pep.pit.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, MILLI, Assessment, micro, milli, seen
+from pep.pit.driven import DriveQuestion
+from pep.pit.driving import PathQuestion, drive_of
 from pep.pit.engine import chosen
 from pep.pit.errors import PitError
 from pep.pit.grip import gripping
-from pep.pit.motion import GripperMove, MoveJ, OutputSet, SpeedJ
+from pep.pit.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
 from pep.pit.moves import MoveQuestion
 from pep.pit.oracle import Disagreement
 from pep.pit.outputs import output_cause
@@ -85,6 +87,15 @@ def _assess(
             view = view_around(robot, scene, age_s, motion.start, cell)
             run = as_run(motion, cell)
             return MoveQuestion(robot, view, run, cell, touch=touch, seed=seed, check_time=check_time).answer()
+        case MoveL() | SpeedL() | ServoJ():
+            view = view_around(robot, scene, age_s, motion.start, cell)
+            drive = drive_of(robot, motion, cell, perception_age_s=view.stopping_age_s, check_time=check_time)
+            return DriveQuestion(
+                robot, view, motion.start, drive, cell, touch=touch, seed=seed, check_time=check_time
+            ).answer()
+        case JointPath() | LinePath():
+            view = view_around(robot, scene, age_s, motion.start, cell)
+            return PathQuestion(robot, view, cell, touch=touch, seed=seed, check_time=check_time).answer(motion)
         case GripperMove():
             # What the fingers close on or let go is what is held: it stays in the view.
             return _grip_answer(robot, view_of(scene, age_s, cell), motion, cell)

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
+Pose: TypeAlias = tuple[float, float, float, float, float, float]
+"""Of the tool in the base frame: position, m, then rotation vector, rad."""
 Floats: TypeAlias = NDArray[np.float64]
 
 STILL_RAD: Final = 1e-9  # below the controller's resolution: such a move is none
@@ -71,6 +73,107 @@ class SpeedJ:
 
 
 @dataclass(frozen=True, slots=True)
+class MoveL:
+    """A straight line of the tool, which turns evenly about one axis meanwhile; from rest to rest.
+
+    Attributes:
+        start: joint angles, rad.
+        target: pose of the tool at the end.
+        speed_m_s: greatest speed of the tool point.
+        acceleration_m_s2: of the tool point, also for braking at the end.
+        stated_start: pose that the robot says its tool has at `start`, or None when it says nothing.
+    """
+
+    start: Joints
+    target: Pose
+    speed_m_s: float
+    acceleration_m_s2: float
+    stated_start: Pose | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JointLeg:
+    """One leg of a joint path: its end (rad), speed and acceleration of the leading axis, and blend at the end."""
+
+    target: Joints
+    speed_rad_s: float
+    acceleration_rad_s2: float
+    blend_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LineLeg:
+    """One leg of a linear path: its end, speed and acceleration of the tool point, and blend at the end."""
+
+    target: Pose
+    speed_m_s: float
+    acceleration_m_s2: float
+    blend_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class JointPath:
+    """Joint moves one after the other, each from rest to rest.
+
+    Attributes:
+        start: joint angles, rad.
+        legs: in order, at least one.
+    """
+
+    start: Joints
+    legs: tuple[JointLeg, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LinePath:
+    """Lines of the tool one after the other, each from rest to rest.
+
+    Attributes:
+        start: joint angles, rad.
+        legs: in order, at least one.
+    """
+
+    start: Joints
+    legs: tuple[LineLeg, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedL:
+    """A tool velocity held for a while: a ramp up, the hold, and the cell's own stop at the end.
+
+    Attributes:
+        start: joint angles, rad.
+        twist: velocity of the tool point, m/s, then of its turning, rad/s, in the base frame.
+        acceleration_m_s2: of the largest of the six, up to its speed.
+        duration_s: from the first movement until the stop is sent, ramp included.
+    """
+
+    start: Joints
+    twist: Pose
+    acceleration_m_s2: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServoJ:
+    """One target of a stream of joint angles, sent while the arm may be moving.
+
+    Attributes:
+        start: measured joint angles, rad.
+        qd_rad_s: measured joint speeds.
+        target: joint angles to follow, rad.
+        period_s: until the next target is due.
+        lookahead_s: within which the controller makes for the target.
+    """
+
+    start: Joints
+    qd_rad_s: Joints
+    target: Joints
+    period_s: float
+    lookahead_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class OutputSet:
     """Switching a digital output: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool."""
 
@@ -95,7 +198,11 @@ class Run:
     braking_rad_s2: float
 
 
-Motion: TypeAlias = MoveJ | SpeedJ | GripperMove | OutputSet
+Driven: TypeAlias = MoveL | SpeedL | ServoJ
+"""Motions of the whole arm that are no straight run."""
+Paths: TypeAlias = JointPath | LinePath
+"""Motions of several legs, each from rest to rest."""
+Motion: TypeAlias = MoveJ | SpeedJ | Driven | Paths | GripperMove | OutputSet
 Straight: TypeAlias = MoveJ | Run
 
 
@@ -120,7 +227,9 @@ def run_of(motion: MoveJ | SpeedJ, *, stop_delay_s: float, stop_deceleration_rad
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """The trapezoid of a straight joint motion, in closed form.
+    """The trapezoid of a motion, in closed form: of the leading axis of a straight joint motion, in radians.
+
+    Of a line of the tool it is the trapezoid of the tool point, and its lengths are metres.
 
     Attributes:
         way_rad: way of the leading axis, more than 0.

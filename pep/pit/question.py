@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 from pep.pit.errors import MotionError, PitError, WorkLimitError
 from pep.pit.held import without_held
-from pep.pit.motion import GripperMove, MoveJ, OutputSet, SpeedJ, run_of
+from pep.pit.motion import (
+    GripperMove,
+    JointPath,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+    run_of,
+)
 from pep.pit.view import view_of
 
 if TYPE_CHECKING:
@@ -19,6 +30,9 @@ if TYPE_CHECKING:
     from pep.pit.scene import Scene
     from pep.pit.view import View
 
+LEGS_MOST: Final = 256  # of one path; more is a program, and none is a path
+LARGEST: Final = 200.0  # m, m/s, m/s2, rad/s, s: about a tool; above every cap of the client (U12: 150 m/s2)
+LONGEST_TURN_RAD: Final = 2 * math.pi  # of a rotation vector; a longer one is another pose than it says
 LEAST_RATE: Final = 1e-6  # one unit of the wire (urad/s); less would underflow to "does not move"
 JOINTS: Final = 6  # of a UR arm
 
@@ -58,6 +72,8 @@ def refuse_unreal(motion: Motion) -> None:
         MotionError: otherwise.
     """
     joints: tuple[tuple[float, ...], ...]
+    rates: tuple[float, ...]
+    poses: tuple[tuple[float, ...], ...] | None = None  # of a tool, when the motion speaks of one
     match motion:
         case MoveJ():
             joints = (motion.start, motion.target)
@@ -65,6 +81,26 @@ def refuse_unreal(motion: Motion) -> None:
         case SpeedJ():
             joints = (motion.start, motion.qd_rad_s)
             rates = (motion.acceleration_rad_s2, motion.duration_s)
+        case MoveL():
+            joints = (motion.start,)
+            rates = (motion.speed_m_s, motion.acceleration_m_s2)
+            poses = (motion.target,) if motion.stated_start is None else (motion.target, motion.stated_start)
+        case SpeedL():
+            joints = (motion.start, motion.twist)
+            rates = (motion.acceleration_m_s2, motion.duration_s)
+            poses = ()
+        case ServoJ():
+            joints = (motion.start, motion.qd_rad_s, motion.target)
+            rates = (motion.period_s, motion.lookahead_s)
+        case JointPath():
+            _refuse_legs(tuple(leg.blend_m for leg in motion.legs))
+            joints = (motion.start, *(leg.target for leg in motion.legs))
+            rates = tuple(rate for leg in motion.legs for rate in (leg.speed_rad_s, leg.acceleration_rad_s2))
+        case LinePath():
+            _refuse_legs(tuple(leg.blend_m for leg in motion.legs))
+            joints = (motion.start,)
+            rates = tuple(rate for leg in motion.legs for rate in (leg.speed_m_s, leg.acceleration_m_s2))
+            poses = tuple(leg.target for leg in motion.legs)
         case GripperMove():
             joints = (motion.q,)
             rates = (motion.speed_m_s, motion.force_n)
@@ -77,16 +113,46 @@ def refuse_unreal(motion: Motion) -> None:
             return
         case _:
             assert_never(motion)
-    for row in joints:
+    for row in (*joints, *(poses or ())):
         six_finite(row)
     if not all(math.isfinite(rate) for rate in rates):
         raise MotionError("NOT_FINITE", "a speed, acceleration, time or force")
     if not all(rate >= LEAST_RATE for rate in rates):
         raise MotionError("OUT_OF_RANGE", "a speed, acceleration, time or force below the least that can be spelt")
-    if isinstance(motion, SpeedJ):
-        leading = max(abs(speed) for speed in motion.qd_rad_s)
-        if 0 < leading < LEAST_RATE:
-            raise MotionError("OUT_OF_RANGE", "joint speeds below the least that can be spelt")
+    if isinstance(motion, SpeedJ | SpeedL):
+        held = motion.qd_rad_s if isinstance(motion, SpeedJ) else motion.twist
+        if 0 < max(map(abs, held)) < LEAST_RATE:
+            raise MotionError("OUT_OF_RANGE", "speeds below the least that can be spelt")
+    if poses is not None:
+        twist = motion.twist if isinstance(motion, SpeedL) else ()
+        _refuse_vast((*rates, *twist, *(part for pose in poses for part in pose[:3])), poses)
+
+
+def _refuse_vast(sizes: tuple[float, ...], poses: tuple[tuple[float, ...], ...]) -> None:
+    """Nothing about a tool is beyond all measure.
+
+    Raises:
+        MotionError: otherwise.
+    """
+    if not max(map(abs, sizes)) <= LARGEST:
+        raise MotionError("OUT_OF_RANGE", "a place, speed, acceleration or time that no tool has")
+    if not all(math.hypot(*pose[3:]) <= LONGEST_TURN_RAD for pose in poses):
+        raise MotionError("OUT_OF_RANGE", "a turn of more than once round")
+
+
+def _refuse_legs(blends: tuple[float, ...]) -> None:
+    """Some legs, not too many, none of which is blended into the next.
+
+    Raises:
+        MotionError: otherwise.
+    """
+    if not 0 < len(blends) <= LEGS_MOST:
+        raise MotionError("PARAMETERS_WRONG", "a path without legs, or with too many")
+    if not all(math.isfinite(blend) for blend in blends):
+        raise MotionError("NOT_FINITE", "a blend")
+    # With a blend the arm cuts the corner, and nobody but the controller knows how.
+    if any(blends):
+        raise MotionError("OUT_OF_RANGE", "blends are not assessed")
 
 
 def six_finite(row: tuple[float, ...]) -> None:

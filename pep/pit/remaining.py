@@ -22,7 +22,19 @@ from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
 from pep.pit.engine import chosen
 from pep.pit.errors import MotionError, PitError, WorkLimitError
 from pep.pit.grip import gripping
-from pep.pit.motion import STILL_RAD, GripperMove, MoveJ, OutputSet, SpeedJ, profile_of
+from pep.pit.motion import (
+    STILL_RAD,
+    GripperMove,
+    JointPath,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+    profile_of,
+)
 from pep.pit.oracle import Disagreement
 from pep.pit.outputs import output_cause
 from pep.pit.pairs import VIOLABLE, pairs_of
@@ -142,6 +154,19 @@ def _remaining(
             run = as_run(move, cell)
             rest = _Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
             return rest.answer(scene, age_s, touch)
+        case MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath():
+            from pep.pit.drive_rest import rests_of  # noqa: PLC0415 - it builds on this module
+
+            rests = rests_of(
+                robot,
+                move,
+                cell,
+                at_rad=at_rad,
+                authorised_milli=authorised_milli,
+                age_s=age_s or 0.0,
+                check_time=check_time,
+            )
+            return rests.answer(scene, age_s, touch)
         case GripperMove():
             if not _strays_m(robot, np.array(at_rad) - np.array(move.q)) <= cell.tracking_tolerance_m:
                 return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)

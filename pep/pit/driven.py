@@ -1,0 +1,204 @@
+"""The answer for a motion that is no straight run: the steps of a straight one, on its course."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, cast
+
+from pep.pit.assessment import Assessment, Certificate, micro, milli, seen
+from pep.pit.blow import blow_ratio
+from pep.pit.certify import certify, fits
+from pep.pit.departure import RETREAT, departure
+from pep.pit.drive import Doubt, Nowhere
+from pep.pit.effort import Effort
+from pep.pit.errors import WorkLimitError
+from pep.pit.motion import Run
+from pep.pit.moves import SPEED_STEPS, MoveQuestion
+from pep.pit.oracle import Disagreement
+from pep.pit.pairs import pairs_of
+from pep.pit.second import drive_check
+from pep.pit.separation import stopping
+from pep.pit.tier import HIGHEST, MOVING, tier_of
+from pep.pit.touching import gentle_rows
+from policies.evidence import Contribution, ImpactFault
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pep.pit.cell import CellParameters
+    from pep.pit.certify import Certified
+    from pep.pit.drive import Drive
+    from pep.pit.motion import Floats, Joints, Profile
+    from pep.pit.pairs import Pairs
+    from pep.pit.path import Keys, Leaves, Path
+    from pep.pit.robot import Robot
+    from pep.pit.separation import Stopping
+    from pep.pit.view import View
+
+NUMPY: Final = "numpy-1"
+"""The engine that answers for courses; the compiled one knows straight paths alone."""
+DOUBTFUL: Final = 3.0  # PHY-18: index of what is not proven to its end
+SLOWEST_SHARE: Final = 0.02  # of the commanded speed; slower than this is of no use, so no lower tier is named
+UNREACHABLE: Final = "unreachable"
+JOINT_LIMIT: Final = "joint_limit"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CourseCertificate(Certificate):
+    """The proof of a course, with its nodes: whoever checks it needs no inverse kinematics.
+
+    Attributes:
+        key: places of the nodes, in 1 / GRID, (n,).
+        q: the joint angles there, (n, 6), rad.
+    """
+
+    key: Keys
+    q: Floats
+
+
+class DriveQuestion(MoveQuestion):
+    """One drive in one view of the world, and the steps to its answer."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        view: View,
+        start: Joints,
+        drive: Drive | Nowhere,
+        cell: CellParameters,
+        *,
+        touch: frozenset[str],
+        seed: bytes,
+        check_time: Callable[[], None],
+    ) -> None:
+        """Nothing is computed yet."""
+        still = Run(start, start, 0.0, math.inf, math.inf)
+        super().__init__(robot, view, still, cell, touch=touch, seed=seed, check_time=check_time)
+        self.drive = drive
+
+    def answer(self) -> Assessment | ImpactFault:
+        """The steps, in order."""
+        drive = self.drive
+        # 1. What goes nowhere is none; what meets a joint limit, or cannot be traced at all, needs no search.
+        if isinstance(drive, Nowhere) and drive.doubt is None:
+            return replace(self._assessment(0.0, (), ()), engine=NUMPY)
+        if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
+            return replace(self._doubted(drive.doubt or JOINT_LIMIT), engine=NUMPY)
+        # 2. What the motion asks of the arm. The search asks a course only for what a straight path has too.
+        path, profile = cast("Path", drive.course), drive.profile
+        effort = Effort(self.robot, drive, self.cell)
+        ratios, speeds = effort.ratios(profile), effort.surface_speed_m_s(profile)
+        speed = float(speeds[: self.robot.world_bodies].max())
+        stop = self._stop(profile)
+        bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
+        pairs = bare.meant(gentle_rows(path, bare, profile, self.cell, check_time=self.check_time))
+        # 3. What is violated where the arm stands, and whether this is a retreat from it.
+        start = departure(path, pairs, self.cell, slow=self._slow(profile, speed))
+        retreats = start.retreating.size > 0
+        # 4. The proven index of all the rest.
+        doubt = 0.0 if drive.doubt is None else DOUBTFUL
+        floor = max(MOVING, self.view.floor, doubt, RETREAT if retreats else 0.0, *(r.index for r in ratios))
+        certified = certify(path, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time)
+        violations = {str(kind) for kind in certified.violated} | ({UNREACHABLE} & {drive.doubt})
+        # 5. The second engine has to agree.
+        self.check_time()
+        checked = drive_check(drive, pairs, self.view.scene, stop, certified=certified, rows=start.rows, seed=self.seed)
+        if isinstance(checked, Disagreement):
+            return ImpactFault("ENGINES_DISAGREE", checked.what)
+        # 6. The answer, and the speed at which it would be a tier lower.
+        index = min(certified.upper, HIGHEST)
+        causes = [
+            *seen(self.view),
+            *(() if drive.doubt is None else (self._cause(drive.doubt, DOUBTFUL),)),
+            *(Contribution(r.name, milli(r.index), "", "", 0, 0, micro(speed)) for r in ratios if r.index > MOVING),
+            *self._witnessed(pairs, profile, certified),
+            *(
+                Contribution("retreat", milli(RETREAT), "", pairs.names[p], 0, 0, micro(speed))
+                for p in start.retreating
+            ),
+        ]
+        proven = violations or retreats or drive.doubt or not drive.slower
+        lower = None if proven else self._slower(effort, bare, certified.leaves, float(tier_of(index) - 1))
+        decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
+        answer = self._assessment(
+            index,
+            tuple(sorted(causes, key=lambda c: -c.index_milli)),
+            tuple(sorted(violations)),
+            clearance_m=math.inf if decided is None else decided.clearance_m,
+            speed_m_s=speed,
+            tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
+            lower=lower,
+            contact_ratio=blow_ratio(path, pairs, profile, stop, check_time=self.check_time),
+            certificate=_certificate(drive, certified),
+        )
+        return replace(answer, engine=NUMPY)
+
+    def _doubted(self, doubt: Doubt) -> Assessment:
+        """The answer when nothing of the motion can be proven."""
+        index = HIGHEST if doubt == JOINT_LIMIT else max(DOUBTFUL, self.view.floor)
+        told = (self._cause(doubt, index), *seen(self.view))
+        return self._assessment(index, told, tuple({doubt} & {JOINT_LIMIT, UNREACHABLE}))
+
+    def _cause(self, doubt: Doubt, index: float) -> Contribution:
+        return Contribution(doubt, milli(index), "", self.robot.model.name, 0, 0, 0)
+
+    def _joint_speed(self, profile: Profile) -> float:
+        assert not isinstance(self.drive, Nowhere)
+        return float(self.drive.joint_speeds_rad_s(profile).max())
+
+    def _stop(self, profile: Profile) -> Stopping:
+        joint = self._joint_speed(profile)
+        return stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
+
+    def _slow(self, profile: Profile, speed_m_s: float) -> bool:
+        """Whether this may be a retreat."""
+        joint = self._joint_speed(profile)
+        return joint <= self.cell.retreat_joint_speed_rad_s and speed_m_s <= self.cell.retreat_speed_m_s
+
+    def _slower(self, effort: Effort, bare: Pairs, leaves: Leaves, target: float) -> float | None:
+        """The highest commanded speed, to a step of the bisection, at which the index is proven to be at most `target`.
+
+        This is advice: when time runs out, the best speed proven so far is named, and the answer itself stands.
+        """
+        drive = self.drive
+        assert not isinstance(drive, Nowhere)
+        if target < MOVING or self.view.floor > target:
+            return None
+        path = cast("Path", drive.course)
+
+        def falls(speed: float) -> bool:
+            nonlocal leaves
+            profile = drive.at_speed(speed)
+            if max(r.index for r in effort.ratios(profile)) > target:
+                return False
+            meant = bare.meant(gentle_rows(path, bare, profile, self.cell, check_time=self.check_time))
+            stop = self._stop(profile)
+            fit = fits(path, meant, profile, stop, leaves, index=target, check_time=self.check_time)
+            leaves = fit.leaves
+            return fit.proven
+
+        proven: float | None = None
+        high = drive.profile.speed_rad_s
+        try:
+            if falls(SLOWEST_SHARE * high):
+                proven = SLOWEST_SHARE * high
+                for _ in range(SPEED_STEPS):
+                    middle = 0.5 * (proven + high)
+                    if falls(middle):
+                        proven = middle
+                    else:
+                        high = middle
+        except WorkLimitError:
+            return proven
+        return proven
+
+
+def _certificate(drive: Drive, certified: Certified) -> CourseCertificate:
+    leaves: Leaves = certified.leaves
+    key, q = drive.course.known
+    pair: NDArray[np.intp] = leaves.pair
+    return CourseCertificate(pair, leaves.low, leaves.high, certified.leaf_index, key, q)
