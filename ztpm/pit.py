@@ -15,8 +15,9 @@ from pep.pit.chain import robot_of
 from pep.pit.checker import Refused, Verified, verify
 from pep.pit.errors import PitError
 from pep.pit.files import FILE_LIMIT_BYTES, value_of
-from pep.pit.motion import GripperMove, MoveJ, OutputSet, SpeedJ
-from pep.pit.motion_file import KINDS, motion_of, seed_of
+from pep.pit.legs import LegsCertificate
+from pep.pit.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
+from pep.pit.motion_file import motion_of, seed_of, word_of
 from pep.pit.outfit import Outfit
 from pep.pit.proof import document, question_digest
 from pep.pit.robot import Robot
@@ -89,7 +90,6 @@ class Asked:
     @property
     def said(self) -> str:
         """The question in one line."""
-        word = next(word for word, kind in KINDS.items() if isinstance(self.motion, kind))
         view = self.situation.scene
         if view is None or self.situation.age_s is None:
             seen = "nobody looked"
@@ -98,7 +98,7 @@ class Asked:
                 f"{_number(len(view.people), 'person', 'people')} and {_number(len(view.objects), 'object', 'objects')}"
             )
             seen = f"{seen}, seen {self.situation.age_s:.2f} s before"
-        return f"{word} of a {self.robot.model.name} with {self.robot.tool.name}; {seen}"
+        return f"{word_of(self.motion)} of a {self.robot.model.name} with {self.robot.tool.name}; {seen}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,8 +197,10 @@ class SpeedUnit:
 def unit_of(motion: Motion) -> SpeedUnit:
     """In what the speed of a motion is told."""
     match motion:
-        case MoveJ() | SpeedJ():
+        case MoveJ() | SpeedJ() | ServoJ() | JointPath():
             return SpeedUnit("rad/s", "the leading joint")
+        case MoveL() | SpeedL() | LinePath():
+            return SpeedUnit("m/s", "the tool point")
         case GripperMove():
             return SpeedUnit("m/s", "the fingers")
         case OutputSet():
@@ -263,13 +265,15 @@ def contribution_to_plain(told: Contribution) -> dict[str, Any]:
 
 def certificate_to_plain(said: Assessment, proof: bytes | PitError) -> dict[str, Any]:
     """What proves the answer, and what the independent checker says of it."""
+    parts = said.certificate.legs if isinstance(said.certificate, LegsCertificate) else (said.certificate,)
+    rows = sum(len(part.pair) for part in parts)
     if isinstance(proof, PitError):
-        return {"rows": len(said.certificate.pair), "sha256": None, "bytes": 0, "verified": False, "why": proof.detail}
+        return {"rows": rows, "sha256": None, "bytes": 0, "verified": False, "why": proof.detail}
     about = {"sha256": hashlib.sha256(proof).hexdigest(), "bytes": len(proof)}
     match verify(proof):
         case Verified() as verdict:
             return {"rows": verdict.rows, **about, "verified": True}
         case Refused(code, place):
-            return {"rows": len(said.certificate.pair), **about, "verified": False, "why": f"{code}: {place}"}
+            return {"rows": rows, **about, "verified": False, "why": f"{code}: {place}"}
         case other:
             assert_never(other)

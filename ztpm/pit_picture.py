@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
-from pep.pit.postures import duration_s, nearest, postures
+from pep.pit.postures import nearest, route_of
 from pep.pit.scene import Box, Capsule, Scene, Sphere
+from pep.pit.view import view_of
 
 if TYPE_CHECKING:
     from pep.pit.assessment import Assessment
@@ -93,10 +94,12 @@ def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Asse
     """
     cell = situation.cell
     scene = Scene.of_cell(cell) if situation.scene is None else situation.scene
-    whole = duration_s(motion, cell)
+    age_s = view_of(situation.scene, situation.age_s, cell).stopping_age_s
+    route = route_of(robot, motion, cell, perception_age_s=age_s)
+    whole = route.duration_s
     regular = [whole * k / (STEPS - 1) for k in range(STEPS)] if whole > 0 else [0.0]
     at = {min(c.at_ms / MILLI, whole) for c in assessment.contributions}
-    shown = postures(robot, motion, cell, sorted({*regular, *at}))
+    shown = route.postures(sorted({*regular, *at}))
     bodies = (
         *(Body("person", f"{p.id}/{region}", shape) for p in scene.people for region, shape in p.regions),
         *(Body(o.kind, o.id, o.shape) for o in scene.objects),

@@ -11,17 +11,31 @@ from typing import TYPE_CHECKING, Final, assert_never
 import numpy as np
 
 from pep.pit.clearance import segment_box, segment_segment
+from pep.pit.drive import Nowhere
+from pep.pit.driving import drive_of, joint_moves, line_drives
 from pep.pit.kinematics import link_frames
-from pep.pit.motion import GripperMove, MoveJ, OutputSet, SpeedJ, profile_of
+from pep.pit.motion import (
+    GripperMove,
+    JointPath,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+    profile_of,
+)
 from pep.pit.question import as_run
 from pep.pit.scene import Box, Capsule, Sphere
 from pep.pit.solids import rotation_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from pep.pit.cell import CellParameters
-    from pep.pit.motion import Floats, Motion
+    from pep.pit.drive import Drive
+    from pep.pit.motion import Floats, Joints, Motion, Run
     from pep.pit.robot import Robot
     from pep.pit.scene import Shape, Vector
 
@@ -58,57 +72,108 @@ class Nearest:
     clearance_m: float
 
 
-def duration_s(motion: Motion, cell: CellParameters) -> float:
-    """Time from the first movement to rest, the cell's own stop included; 0 for what does not move the arm."""
-    match motion:
-        case MoveJ() | SpeedJ():
-            profile = profile_of(as_run(motion, cell))
-            return 0.0 if profile is None else profile.duration_s
-        case GripperMove() | OutputSet():
-            return 0.0
-        case _:
-            assert_never(motion)
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A part of a motion: how long it takes, and the joint angles (6,), rad, at a time of it."""
+
+    duration_s: float
+    q: Callable[[float], Floats]
 
 
-def postures(robot: Robot, motion: Motion, cell: CellParameters, times_s: Iterable[float]) -> tuple[Posture, ...]:
-    """The arm at these times; none for a motion that has nothing to do with the arm.
+@dataclass(frozen=True, slots=True)
+class Route:
+    """A motion as its stretches, one after the other; none for what has nothing to do with the arm."""
+
+    robot: Robot
+    stretches: tuple[Stretch, ...]
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first movement to rest."""
+        return sum(stretch.duration_s for stretch in self.stretches)
+
+    def postures(self, times_s: Iterable[float]) -> tuple[Posture, ...]:
+        """The arm at these times after the start, s; beyond the end it stands at the end."""
+        times = list(times_s)
+        if not (self.stretches and times):
+            return ()
+        q = np.array([self._q(t) for t in times])
+        rotation, origin = link_frames(self.robot, q)
+        return tuple(
+            self._at(t, angles, turned, moved)
+            for t, angles, turned, moved in zip(times, q, rotation, origin, strict=True)
+        )
+
+    def _q(self, t_s: float) -> Floats:
+        left = t_s
+        for stretch in self.stretches[:-1]:
+            if left <= stretch.duration_s:
+                return stretch.q(left)
+            left -= stretch.duration_s
+        return self.stretches[-1].q(min(left, self.stretches[-1].duration_s))
+
+    def _at(self, t_s: float, q: Floats, rotation: Floats, origin: Floats) -> Posture:
+        def placed(link: int, point: Vector) -> Vector:
+            return _vector(rotation[link] @ np.array(point) + origin[link])
+
+        parts = tuple(
+            Part(c.name, c.link, placed(c.link, c.a_m), placed(c.link, c.b_m), c.radius_m) for c in self.robot.capsules
+        )
+        return Posture(t_s, tuple(q.tolist()), parts, placed(len(self.robot.model.joints), self.robot.tool.tcp_m))
+
+
+def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_age_s: float) -> Route:
+    """The way of the arm.
 
     Args:
         robot: the arm, its tool and what that holds.
-        motion: as it was asked about.
-        cell: how the arm stops.
-        times_s: seconds after the start; beyond the end the arm stands at the end.
+        motion: that was assessed.
+        cell: how the arm stops: a held speed goes on until it has.
+        perception_age_s: of the view; until it has stopped, a stream goes on, too.
+
+    Raises:
+        PitError: a motion that could not be assessed either.
     """
-    times = list(times_s)
     match motion:
         case MoveJ() | SpeedJ():
-            run = as_run(motion, cell)
-            profile = profile_of(run)
-            start, way = np.array(run.start), np.array(run.target) - np.array(run.start)
-            q = np.array([start + (0.0 if profile is None else profile.at(t)[0]) * way for t in times])
+            stretches = [_straight(as_run(motion, cell))]
+        case JointPath():
+            stretches = [_straight(as_run(move, cell)) for move in joint_moves(motion)]
+        case MoveL() | SpeedL() | ServoJ():
+            drive = drive_of(robot, motion, cell, perception_age_s=perception_age_s, check_time=_unhurried)
+            stretches = [_driven(motion.start, drive)]
+        case LinePath():
+            stretches = [_driven(start, drive) for start, drive in line_drives(robot, motion, check_time=_unhurried)]
         case GripperMove():
-            q = np.array([motion.q for _ in times])
+            stretches = [_still(motion.q)]
         case OutputSet():
-            return ()
+            stretches = []
         case _:
             assert_never(motion)
-    return _at(robot, q, times) if times else ()
+    return Route(robot, tuple(stretches))
 
 
-def _at(robot: Robot, q: Floats, times: list[float]) -> tuple[Posture, ...]:
-    rotation, origin = link_frames(robot, q)
-    found = []
-    for k, t in enumerate(times):
+def _unhurried() -> None:
+    """The same was computed in time before."""
 
-        def placed(link: int, point: Vector, k: int = k) -> Vector:
-            x, y, z = (rotation[k, link] @ np.array(point) + origin[k, link]).tolist()
-            return (x, y, z)
 
-        parts = tuple(
-            Part(c.name, c.link, placed(c.link, c.a_m), placed(c.link, c.b_m), c.radius_m) for c in robot.capsules
-        )
-        found.append(Posture(t, tuple(q[k].tolist()), parts, placed(len(robot.model.joints), robot.tool.tcp_m)))
-    return tuple(found)
+def _straight(run: Run) -> Stretch:
+    profile = profile_of(run)
+    if profile is None:
+        return _still(run.start)
+    start, way = np.array(run.start), np.array(run.target) - np.array(run.start)
+    return Stretch(profile.duration_s, lambda t: np.asarray(start + profile.at(t)[0] * way))
+
+
+def _driven(start: Joints, drive: Drive | Nowhere) -> Stretch:
+    if isinstance(drive, Nowhere):
+        return _still(start)
+    course, profile = drive.course, drive.profile
+    return Stretch(profile.duration_s, lambda t: course.q(min(profile.at(t)[0], 1.0)))
+
+
+def _still(q: Joints) -> Stretch:
+    return Stretch(0.0, lambda _: np.array(q))
 
 
 def nearest(part: Part, shape: Shape) -> Nearest:

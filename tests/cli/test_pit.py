@@ -226,6 +226,34 @@ def test_an_arm_by_its_urdf_or_its_own_calibration(pit, tmp_path):
     assert pit(*files, "--calibration", own).status == 3
 
 
+def test_a_line_of_the_tool(pit, changed):
+    """Over the glass in a straight line: its speed is told in the unit of a line."""
+    ran = pit("c1-glass.scene.json", "line.motion.json", "--json")
+    assert (ran.status, ran.json["tier"]) == (0, 2)
+    fast = changed("line.motion.json", lambda v: v.update(speed_m_s=1.2, acceleration_m_s2=3))
+    said = pit("c1-glass.scene.json", fast, "--json").json
+    assert said["tier"] == 3
+    assert said["lower_tier_speed"]["unit"] == "m/s"
+    slower = changed(
+        "line.motion.json", lambda v: v.update(speed_m_s=said["lower_tier_speed"]["value"], acceleration_m_s2=3)
+    )
+    assert pit("c1-glass.scene.json", slower, "--json").json["tier"] == 2
+
+
+def test_a_path_counts_the_rows_of_all_its_legs(pit, tmp_path):
+    move = json.loads(example("sweep.motion.json").read_text())
+    leg = {name: move[name] for name in ("target_rad", "speed_rad_s", "acceleration_rad_s2")}
+    there = {name: move[name] for name in ("form", "frame", "start_rad")} | {"kind": "joint_path", "legs": [leg]}
+    back = there | {"legs": [leg, leg | {"target_rad": move["start_rad"]}]}
+    said = []
+    for number, path in enumerate((there, back)):
+        file = tmp_path / f"{number}.motion.json"
+        file.write_text(json.dumps(path))
+        said.append(pit("c1-glass.scene.json", file, "--json").json)
+    assert 0 < said[0]["certificate"]["rows"] < said[1]["certificate"]["rows"]
+    assert [each["tier"] for each in said] == [2, 2]
+
+
 # ---- the proof
 
 

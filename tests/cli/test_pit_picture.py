@@ -17,9 +17,24 @@ import pytest
 
 import ztpm
 from docs import generate
-from pep.pit import Box, Capsule, GripperMove, MoveJ, OutputSet, SpeedJ, Sphere
-from pep.pit.postures import Part, duration_s, nearest, postures
-from tests.pit.scenes import CELL, HOME, ROBOT, sweep
+from pep.pit import (
+    Box,
+    Capsule,
+    GripperMove,
+    JointLeg,
+    JointPath,
+    LineLeg,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+    Sphere,
+)
+from pep.pit.postures import Part, nearest, route_of
+from tests.pit.scenes import CELL, HOME, ROBOT, sweep, tcp
 from ztpm.pit import Arm, asked
 from ztpm.pit_picture import COLOURS, FACES, corners, picture, to_plain
 from ztpm.pit_picture_html import page
@@ -45,25 +60,58 @@ def shown(scene="c2-person", motion="sweep", edit=None, tmp=None):
 # ---- where the arm is
 
 
+def route(motion):
+    return route_of(ROBOT, motion, CELL, perception_age_s=0.1)
+
+
 def test_postures_are_those_of_an_independent_library():
     data = ROBOT.pinocchio.createData()
     for motion in (sweep(), SpeedJ(HOME, (0.3, -0.2, 0.1, 0.4, 0.5, -0.6), 1.0, 0.5), GripperMove(HOME, 0.05, 0.1, 20)):
-        whole = duration_s(motion, CELL)
-        for posture in postures(ROBOT, motion, CELL, [0, 0.3 * whole, whole, 2 * whole + 1]):
+        way = route(motion)
+        for posture in way.postures([0, 0.3 * way.duration_s, way.duration_s, 2 * way.duration_s + 1]):
             pinocchio.forwardKinematics(ROBOT.pinocchio, data, np.array(posture.q_rad))
             for part, capsule in zip(posture.parts, ROBOT.capsules, strict=True):
                 for ours, local in ((part.a_m, capsule.a_m), (part.b_m, capsule.b_m)):
                     assert ours == pytest.approx(data.oMi[capsule.link].act(np.array(local)), abs=1e-9)
             assert posture.tcp_m == pytest.approx(data.oMi[6].act(np.array(ROBOT.tool.tcp_m)), abs=1e-9)
-    assert postures(ROBOT, OutputSet(3, True), CELL, [0]) == ()
+    assert route(OutputSet(3, True)).postures([0]) == ()
+
+
+def test_lines_and_paths_are_gone_as_they_are_told():
+    pose = (-0.2, -0.25, 0.25, 2.2206, 2.2206, 0.0)
+    middle, end = (0.2, *HOME[1:]), (0.2, -1.4, *HOME[2:])
+    line = route(MoveL(HOME, pose, 0.25, 1.2))
+    for t in np.linspace(0, line.duration_s, 7):
+        tip = np.array(line.postures([float(t)])[0].tcp_m)
+        first, last = np.array(tcp()), np.array(pose[:3])
+        along = (tip - first) @ (last - first) / ((last - first) @ (last - first))
+        assert np.linalg.norm(tip - first - along * (last - first)) < 1e-6
+    assert line.postures([line.duration_s])[0].tcp_m == pytest.approx(pose[:3], abs=1e-6)
+    two = route(JointPath(HOME, (JointLeg(middle, 1.0, 2.0), JointLeg(end, 1.0, 2.0))))
+    first = route(MoveJ(HOME, middle, 1.0, 2.0))
+    assert two.postures([first.duration_s])[0].q_rad == pytest.approx(middle)
+    assert two.postures([two.duration_s])[0].q_rad == pytest.approx(end)
+    assert two.postures([0.5 * first.duration_s])[0] == first.postures([0.5 * first.duration_s])[0]
+    second = route(MoveJ(middle, end, 1.0, 2.0))
+    later = two.postures([first.duration_s + 0.3 * second.duration_s])[0]
+    assert later.q_rad == pytest.approx(second.postures([0.3 * second.duration_s])[0].q_rad)
+    legs = route(LinePath(HOME, (LineLeg(pose, 0.25, 1.2), LineLeg((*tcp().tolist(), *pose[3:]), 0.25, 1.2))))
+    assert legs.postures([line.duration_s])[0].tcp_m == pytest.approx(pose[:3], abs=1e-6)
+    assert legs.postures([legs.duration_s])[0].tcp_m == pytest.approx(tcp(), abs=1e-6)
+    servo = route(ServoJ(HOME, (0.1, 0, 0, 0, 0, 0), (0.01, *HOME[1:]), 0.008, 0.1))
+    assert servo.postures([0])[0].q_rad[1:] == pytest.approx(HOME[1:], abs=0.01)
+    speed = route(SpeedL(HOME, (0.0, 0.0, 0.05, 0.0, 0.0, 0.0), 0.5, 0.4))
+    up = np.array(speed.postures([speed.duration_s])[0].tcp_m) - tcp()
+    assert up[2] > 0.01
+    assert np.hypot(up[0], up[1]) < 0.002
 
 
 def test_a_motion_begins_at_its_start_and_ends_at_its_target():
-    first, last = postures(ROBOT, sweep(), CELL, [0, duration_s(sweep(), CELL)])
+    first, last = route(sweep()).postures([0, route(sweep()).duration_s])
     assert (first.q_rad, last.q_rad) == (sweep().start, pytest.approx(sweep().target))
     still = MoveJ(HOME, HOME, 1, 1)
-    assert duration_s(still, CELL) == 0
-    assert postures(ROBOT, still, CELL, [0])[0].q_rad == HOME
+    assert route(still).duration_s == 0
+    assert route(still).postures([0])[0].q_rad == HOME
 
 
 @pytest.mark.parametrize(
@@ -87,7 +135,7 @@ def test_nearest_points(shape, on_part, on_thing, clearance):
 
 @pytest.mark.parametrize(
     ("scene", "motion"),
-    [("c1-glass", "sweep"), ("c2-person", "sweep"), ("support", "place"), ("c0-empty", "unfold"), ("tracked-person", "slow-sweep")],
+    [("c1-glass", "sweep"), ("c2-person", "sweep"), ("support", "place"), ("c0-empty", "unfold"), ("tracked-person", "slow-sweep"), ("c1-glass", "line")],
 )  # fmt: skip
 def test_a_witness_is_where_the_answer_says(scene, motion):
     """What is drawn as nearest is as near as the answer told, at the instant that it told."""
@@ -335,9 +383,9 @@ def test_names_of_others_do_not_break_the_png(tmp_path):
     from ztpm.pit_picture_png import draw
 
     def edit(value):
-        value["view"]["objects"][0]["id"] = "$\\frac{\x00 名前\n" + "x" * 100
+        value["view"]["objects"][0]["id"] = "$\\frac{$\x00 名前\n" + "x" * 100
 
-    draw(shown("c1-glass", edit=edit, tmp=tmp_path), tmp_path / "a.png", subtitle="$\\bad{")
+    draw(shown("c1-glass", edit=edit, tmp=tmp_path), tmp_path / "a.png", subtitle="$\\bad{$")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 

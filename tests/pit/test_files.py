@@ -14,7 +14,20 @@ from docs import generate
 from pep.pit import Region, Robot, adult_at_distance, assess, standing_adult
 from pep.pit.errors import PitError
 from pep.pit.files import FILE_LIMIT_BYTES, FileError, value_of
-from pep.pit.motion import GripperMove, Motion, MoveJ, OutputSet, SpeedJ
+from pep.pit.motion import (
+    GripperMove,
+    JointLeg,
+    JointPath,
+    LineLeg,
+    LinePath,
+    Motion,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+)
 from pep.pit.motion_file import KINDS, motion_of, seed_of
 from pep.pit.scene_file import situation_of
 from pep.pit.schemas import motion_schema, scene_schema
@@ -90,7 +103,7 @@ def test_golden_cells_through_the_files(scene, move, tier, index):
 
 
 def test_every_motion_has_a_form():
-    assert set(KINDS.values()) == set(get_args(Motion))
+    assert {kind.made for kind in KINDS.values()} == set(get_args(Motion))
 
 
 @pytest.mark.parametrize(
@@ -107,6 +120,31 @@ def test_every_motion_has_a_form():
         ),
         ({"kind": "output", "pin": 3, "value": True}, OutputSet(3, True)),
         (
+            {"kind": "move_l", "start_rad": [0.1] * 6, "target_m_rad": [0.2, 0.1, 0.3, 0, 3, 0]}
+            | {"speed_m_s": 0.25, "acceleration_m_s2": 1.2},
+            MoveL((0.1,) * 6, (0.2, 0.1, 0.3, 0, 3, 0), 0.25, 1.2),
+        ),
+        (
+            {"kind": "speed_l", "start_rad": [0] * 6, "twist_m_s_rad_s": [0.1, 0, 0, 0, 0, 0]}
+            | {"acceleration_m_s2": 0.5, "duration_s": 0.4},
+            SpeedL((0,) * 6, (0.1, 0, 0, 0, 0, 0), 0.5, 0.4),
+        ),
+        (
+            {"kind": "servo_j", "start_rad": [0] * 6, "qd_rad_s": [0] * 6, "target_rad": [0.01] * 6}
+            | {"period_s": 0.002, "lookahead_s": 0.1},
+            ServoJ((0,) * 6, (0,) * 6, (0.01,) * 6, 0.002, 0.1),
+        ),
+        (
+            {"kind": "joint_path", "start_rad": [0] * 6}
+            | {"legs": [{"target_rad": [a] * 6, "speed_rad_s": 1, "acceleration_rad_s2": 2} for a in (0.1, 0.2)]},
+            JointPath((0,) * 6, (JointLeg((0.1,) * 6, 1, 2), JointLeg((0.2,) * 6, 1, 2))),
+        ),
+        (
+            {"kind": "line_path", "start_rad": [0] * 6}
+            | {"legs": [{"target_m_rad": [0.2] * 6, "speed_m_s": 1, "acceleration_m_s2": 2, "blend_m": 0.0}]},
+            LinePath((0,) * 6, (LineLeg((0.2,) * 6, 1, 2),)),
+        ),
+        (
             {"kind": "move_j", "start_rad": [0] * 6, "target_rad": [1, 0, 0, 0, 0, 0]}
             | {"speed_rad_s": 0.5, "acceleration_rad_s2": 1},
             MoveJ((0,) * 6, (1, 0, 0, 0, 0, 0), 0.5, 1),
@@ -122,6 +160,16 @@ def test_each_motion(members, made):
         with pytest.raises(FileError) as error:
             motion_of(without)
         assert error.value.reason == "PARAMETERS_WRONG"
+
+
+UNITS = ("_m", "_rad", "_s", "_s2", "_n")
+WITHOUT_A_UNIT = {"form", "frame", "kind", "legs", "pin", "value"}
+
+
+def test_every_number_of_a_motion_names_its_unit():
+    for form in motion_schema()["$defs"].values():
+        for name in form["properties"].keys() - WITHOUT_A_UNIT:
+            assert name.endswith(UNITS), name
 
 
 def test_the_seed_tells_motions_apart_to_the_last_bit():
