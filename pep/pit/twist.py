@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pep.pit.motion import Floats, Joints, Pose
     from pep.pit.robot import Robot
 
-TURN_LEVER_M: Final = 0.1  # PHY-18: the vendor's forum says 0.25 (4 rad/s per m/s); shorter is never slower
+TURN_LEVER_M: Final = 0.1  # PHY-18: U13 says 0.25 (4 rad/s per m/s); a shorter one is never slower
 HALF_TURN_RAD: Final = math.pi - 0.01  # ours: nearer to half a turn it is not known which way round the tool turns
 SMALL: Final = 1e-12  # a sine below which a turn is none, or half of one
 
