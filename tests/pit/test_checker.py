@@ -38,16 +38,19 @@ from pep.pit import (
 )
 from pep.pit.certify import TIE
 from pep.pit.checker import Code, Refused, Verified, verify
-from pep.pit.checker import arm, check, laws, motion, question, robot, rows, space
+from pep.pit.checker import arm, check, laws, motion, question, robot, rows, space, verdict
 from pep.pit.clearance import core_distance
+from pep.pit.contact import harm_speed_m_s
 from pep.pit.kinematics import bending
 from pep.pit.motion import profile_of
 from pep.pit.pairs import Kind, pairs_of
+from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path as JointPath
 from pep.pit.proof import document, question_digest
 from pep.pit.question import as_run, view_around
 from pep.pit.solids import cores_of
 from pep.pit.separation import stopping
+from pep.pit.view import view_of
 from tests.pit import twin
 from tests.pit.test_calibration import ARMS, spelled
 from tests.pit.test_calibration import robot_of as robot_of_rows
@@ -211,6 +214,9 @@ def test_a_retreat_is_verified_and_only_when_it_is_one():
     covered = json.loads(json.dumps(top))
     covered["proof"]["cover"][top["proof"]["retreating"][0]] = "0"
     assert refused(covered) is Code.COVER_WRONG
+    both = json.loads(json.dumps(top))
+    both["answer"]["violations"], both["proof"]["met"] = ["person"], [[top["proof"]["retreating"][0], 0]]
+    assert refused(both) is Code.VIOLATION_UNFOUNDED
 
 
 def test_a_way_back_from_beyond_a_joint_limit():
@@ -239,8 +245,10 @@ def test_a_way_that_is_none_and_a_way_through_a_limit_have_one_answer(start, tar
     answer, top, _ = verified(asked(with_person(), MoveJ(start, target, 1.0, 1.0)))
     assert (answer.index, top["proof"]["cover"]) == (index, [])
     for other in (2.0, 4.0 - index):
-        top["answer"] |= {"index": other.hex(), "tier": int(other)}
-        assert refused(top) is Code.ANSWER_WRONG
+        wrong = top | {"answer": top["answer"] | {"index": other.hex(), "tier": int(other)}}
+        assert refused(wrong) is Code.ANSWER_WRONG
+    for name, value in (("cover", ["0"]), ("met", [[0, 0]]), ("retreating", [0]), ("cut", 8), ("cut", True)):
+        assert refused(top | {"proof": top["proof"] | {name: value}}) is Code.ANSWER_WRONG
 
 
 def test_a_meant_contact_is_verified_and_only_where_it_is_gentle():
@@ -424,6 +432,22 @@ def test_a_failure_of_the_checker_itself_is_refused(monkeypatch, genuine):
     assert verify(genuine[0]) == Refused(Code.CHECKER_FAILED, "ZeroDivisionError")
 
 
+def test_work_is_bounded(monkeypatch, genuine):
+    """Rows, pairs and a retreat's intervals: more than any question has is refused before it is computed."""
+    x, y, z = tcp()
+    scene = replace(empty(), people=(Person("p", ((Region.HAND, Sphere((x, y, z - 0.05), 0.06)),)),))
+    _, top, retreat = proven(asked(scene, MoveJ(HOME, (0.0, HOME[1] - 0.1, *HOME[2:]), 0.2, 1.0)))
+    assert top["proof"]["retreating"]
+    monkeypatch.setattr(check, "ROWS_MOST", 127)
+    assert verify(retreat) == Refused(Code.TOO_LARGE, "proof.retreating")
+    monkeypatch.setattr(check, "ROWS_MOST", 20)
+    assert verify(genuine[0]) == Refused(Code.TOO_LARGE, "proof.cover")
+    monkeypatch.setattr(rows, "PAIRS_MOST", 5)
+    assert verify(genuine[0]) == Refused(Code.TOO_LARGE, "scene")
+    monkeypatch.setattr(check, "BYTES_MOST", 100)
+    assert verify(genuine[0]) == Refused(Code.TOO_LARGE, "document")
+
+
 def test_another_spelling_of_the_same_document_is_refused(genuine):
     top = json.loads(genuine[0])
     for text in (json.dumps(top).encode(), json.dumps(top, sort_keys=True, indent=1).encode(), genuine[0] + b"\n"):
@@ -590,6 +614,95 @@ def test_laws_are_those_of_the_tables():
         assert index("self", 0.02) == pytest.approx(twin.thing(d - z, v, 0.02, omega=omega), abs=1e-9)
         tier = int(rng.integers(1, 5))
         assert index("tiered_zone", float(tier)) == pytest.approx(twin.zone(d - z, v, tier, omega=omega), abs=1e-9)
+
+
+@pytest.mark.parametrize("held", [None, STICK, replace(STICK, mass_kg=None)])
+@pytest.mark.parametrize("payload", [0.0, 1.2, None])
+def test_ratios_are_those_of_the_room(held, payload):
+    """Every quantity but torque: speeds of joints, tool and elbow, acceleration, momentum with all that is carried, payload."""
+    rng = np.random.default_rng(84)
+    arm_, cell = ROBOT.holding(held), replace(CELL, payload_kg=payload)
+    for _ in range(4):
+        move = random_move(rng)
+        _, top, _ = proven(asked(empty(), move, robot=arm_, cell=cell))
+        question_ = check._question(top["question"])
+        timing, sweep_ = motion.Timing(question_.run), arm.Sweep(question_.robot, question_.run)
+        found = check._ratios(question_, timing, check._Speeds(sweep_, timing, top["proof"]["cut"]))
+        path = JointPath(arm_, as_run(move, cell))
+        known = {each.name: each.ratio for each in Demands(path, cell).ratios(profile_of(as_run(move, cell)))}
+        torque = known.pop("torque")
+        assert found == pytest.approx(known, rel=1e-9)
+        assert top["answer"]["torque"] == torque.hex()
+
+
+@pytest.mark.parametrize("age", [None, 0.0, 0.1, 0.5, 0.51, 3.0])
+@pytest.mark.parametrize("complete", [True, False])
+def test_views_are_those_of_the_room(age, complete):
+    _, top, _ = proven(asked(empty(), sweep()))
+    scene = replace(with_person(), complete=complete)
+    known = view_of(None if age is None else scene, age, CELL)
+    found = question.view_of(
+        None if age is None else age.hex(), question.cell_of(top["question"]["cell"]), complete=complete
+    )
+    assert (found.stopping_age_s, found.grown_m, found.floor) == (known.stopping_age_s, known.grown_m, known.floor)
+
+
+@pytest.mark.parametrize("tool", [tool.name for tool in ROBOT.model.tools])
+@pytest.mark.parametrize("held", [None, STICK, replace(STICK, blunt=False), replace(STICK, mass_kg=None)])
+@pytest.mark.parametrize("payload", [0.0, 1.2, None])
+def test_harm_speeds_are_those_of_the_room(tool, held, payload):
+    arm_, cell = Robot.load("ur3e", tool=tool).holding(held), replace(CELL, tool=tool, payload_kg=payload)
+    _, top, _ = proven(asked(empty(), sweep(0.3, 0.5), robot=arm_, cell=cell))
+    question_ = check._question(top["question"])
+    known = {str(region): harm_speed_m_s(region, arm_, cell) for region in Region}
+    assert laws.harm_speeds(question_.robot, question_.cell) == pytest.approx(known, rel=1e-12)
+
+
+def test_cores_that_meet_are_as_near_as_their_radii_say():
+    """There is no direction between them, so nothing better is proven."""
+    _, top, _ = proven(asked(empty(), sweep()))
+    question_ = check._question(top["question"])
+    sweep_ = arm.Sweep(question_.robot, question_.run)
+    body = question_.robot.moving[-1]
+    a, b, *_ = sweep_.pose(body, GRID // 2)
+    middle = tuple((p + q) / 2 for p, q in zip(a, b, strict=True))
+    above, below = ((*middle[:2], middle[2] + d) for d in (0.1, -0.1))
+    crossing = question.Obstacle("rigid", "", space.Segment(above, below), 0.02, 0.0, 0.02)
+    pair = rows.Pair(body, crossing, None, touchable=False)
+    assert rows.clearance(sweep_, pair, 0, GRID) == -(body.radius + 0.02)
+
+
+def test_a_link_without_a_body_is_refused():
+    """Whatever else of the model is made to fit: a link without geometry would be clear of everything."""
+    _, top, _ = proven(asked(empty(), sweep()))
+    for link in range(7):
+        model = json.loads(top["question"]["model"])
+        gone = {capsule["name"] for capsule in model["capsules"] if capsule["link"] == link}
+        model["capsules"] = [capsule for capsule in model["capsules"] if capsule["link"] != link]
+        pairs = {a: [b for b in others if b not in gone] for a, others in model["self_pairs"].items() if a not in gone}
+        with pytest.raises(verdict.Refusal) as error:
+            robot.robot_of(json.dumps(model | {"self_pairs": pairs}))
+        assert error.value.verdict == Refused(Code.MEMBER_WRONG, "model.capsules: a link has none")
+
+
+def test_a_cover_has_one_spelling():
+    """Intervals begin at multiples of their length: the same points covered in another way are not a cover."""
+    _, top, _ = proven(asked(empty(), sweep()))
+    at = top["proof"]["cover"].index("0")
+    for cover, holds in {
+        "11": True,
+        "122": True,
+        "2222": True,
+        "212": False,
+        "01": False,
+        "1": False,
+        "n": False,
+    }.items():
+        top["proof"]["cover"][at] = cover
+        if holds:
+            assert isinstance(verify(seal(top)), Verified), cover
+        else:
+            assert refused(top) is Code.COVER_WRONG, cover
 
 
 def test_bends_are_those_of_the_room():

@@ -150,6 +150,7 @@ def _proven(asked: _Question, answer: _Answer, proof: dict[str, Any]) -> int:
         slow = timing.peak <= cell.retreat_joint_speed_rad_s * (1 + SAME)
         slow = slow and max(map(speeds.of, robot.moving)) <= cell.retreat_speed_m_s * (1 + SAME)
     need(slow or not retreating, Code.RETREAT_UNPROVEN, "proof.retreating")
+    need(len(retreating) * RETREAT_CUT <= ROWS_MOST, Code.TOO_LARGE, "proof.retreating")
     for number in retreating:
         need(_leads_away(sweep, pairs[number], cell), Code.RETREAT_UNPROVEN, f"pair {number}")
     # 4. Violations: each claimed one is met where the proof says.
