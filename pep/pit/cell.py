@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 from pep.pit.errors import CellError
@@ -202,47 +203,52 @@ class CellParameters:
 
     def defect(self) -> str | None:
         """What makes these parameters unfit, or None: each number is finite, at least 0, above 0 where it divides."""
-        dividing = {
-            "stop_deceleration_rad_s2",
-            "person_speed_m_s",
-            "warn_band_m",
-            "penetration_band_m",
-            "harm_ratio_body",
-            "harm_ratio_head",
-            "contact_area_m2",
-            "fragile_band_m",
-            "rigid_band_m",
-            "fragile_break_force_n",
-            "tcp_speed_limit_m_s",
-            "elbow_speed_limit_m_s",
-            "momentum_limit_kg_m_s",
-            "time_limit_s",
-            "watch_time_limit_s",
-            "contact_speed_m_s",
-            "unknown_part_m",
-        }
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if not isinstance(value, (int, float)):
-                continue
-            if not (math.isfinite(value) and value >= 0 and (value > 0 or field.name not in dividing)):
-                return f"{field.name} is out of range"
-        names = [o.name for o in self.objects] + [z.name for z in self.zones]
-        once = (names, self.contacts, [p.object for p in self.parts], [o.pin for o in self.outputs])
-        if any(len(set(each)) != len(each) for each in (*once, [o.name for o in self.outputs])):
-            return "names, contacts, parts or outputs repeat"
-        if not all(contact.object and contact.by in ("tool", "payload") for contact in self.contacts):
-            return "a contact without an object, or by neither tool nor payload"
-        if not all(math.isfinite(part.mass_kg) and part.mass_kg > 0 for part in self.parts):
-            return "a part without mass"
-        if not all(0 <= o.pin <= HIGHEST_PIN and o.tier in (0, 1, 2, 3, 4) for o in self.outputs):
-            return "an output with a pin or tier that does not exist"
-        if self.tracking_tolerance_m > self.robot_uncertainty_m:
-            return "tracking_tolerance_m is more than the robot's whole uncertainty"
-        try:
-            return Scene.of_cell(self).defect()
-        except CellError as error:
-            return error.detail
+        return _defect(self)
+
+
+@lru_cache(maxsize=64)  # asked with every question, and a cell has one
+def _defect(cell: CellParameters) -> str | None:
+    dividing = {
+        "stop_deceleration_rad_s2",
+        "person_speed_m_s",
+        "warn_band_m",
+        "penetration_band_m",
+        "harm_ratio_body",
+        "harm_ratio_head",
+        "contact_area_m2",
+        "fragile_band_m",
+        "rigid_band_m",
+        "fragile_break_force_n",
+        "tcp_speed_limit_m_s",
+        "elbow_speed_limit_m_s",
+        "momentum_limit_kg_m_s",
+        "time_limit_s",
+        "watch_time_limit_s",
+        "contact_speed_m_s",
+        "unknown_part_m",
+    }
+    for field in fields(cell):
+        value = getattr(cell, field.name)
+        if not isinstance(value, (int, float)):
+            continue
+        if not (math.isfinite(value) and value >= 0 and (value > 0 or field.name not in dividing)):
+            return f"{field.name} is out of range"
+    names = [o.name for o in cell.objects] + [z.name for z in cell.zones]
+    once = (names, cell.contacts, [p.object for p in cell.parts], [o.pin for o in cell.outputs])
+    if any(len(set(each)) != len(each) for each in (*once, [o.name for o in cell.outputs])):
+        return "names, contacts, parts or outputs repeat"
+    if not all(contact.object and contact.by in ("tool", "payload") for contact in cell.contacts):
+        return "a contact without an object, or by neither tool nor payload"
+    if not all(math.isfinite(part.mass_kg) and part.mass_kg > 0 for part in cell.parts):
+        return "a part without mass"
+    if not all(0 <= o.pin <= HIGHEST_PIN and o.tier in (0, 1, 2, 3, 4) for o in cell.outputs):
+        return "an output with a pin or tier that does not exist"
+    if cell.tracking_tolerance_m > cell.robot_uncertainty_m:
+        return "tracking_tolerance_m is more than the robot's whole uncertainty"
+    try:
+        return Scene.of_cell(cell).defect()
+    except CellError as error:
+        return error.detail
 
 
 __all__ = ["TABLE", "CellError", "CellParameters", "Contact", "Output", "Part", "StaticObject", "StaticZone", "Vector"]

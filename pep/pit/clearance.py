@@ -46,6 +46,18 @@ class Cores:
     half: Floats
     offset: Floats
 
+    def and_then(self, more: Cores) -> Cores:
+        """These rows, then those."""
+        return Cores(
+            np.concatenate([self.is_segment, more.is_segment]),
+            np.concatenate([self.is_box, more.is_box]),
+            np.concatenate([self.a, more.a]),
+            np.concatenate([self.b, more.b]),
+            np.concatenate([self.axes, more.axes]),
+            np.concatenate([self.half, more.half]),
+            np.concatenate([self.offset, more.offset]),
+        )
+
     def take(self, rows: NDArray[np.intp]) -> Cores:
         """These rows."""
         return Cores(

@@ -23,6 +23,7 @@ DEPTH: Final = 16  # ours: robot, link, collision, geometry, shape are five
 ELEMENTS: Final = 20_000  # ours
 LARGEST: Final = 1e6  # ours: no length, angle, mass, torque or inertia of an arm is larger, in SI units
 NUMBER: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+SHOWN: Final = 64  # characters of what is refused that a message repeats
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,63}")  # ours: names go into records and tables
 
 
@@ -96,10 +97,10 @@ def members(
     stated = set(element.attributes)
     if not set(attributes) <= stated <= {*attributes, *optional}:
         wrong = sorted((stated - {*attributes, *optional}) | (set(attributes) - stated))
-        refuse(f"<{element.tag}>: attribute {wrong[0][:64]}")
+        refuse(f"<{element.tag}>: attribute {wrong[0][:SHOWN]}")
     for child in element.children:
         if child.tag not in children:
-            refuse(f"<{element.tag}>: <{child.tag[:64]}> is not read here")
+            refuse(f"<{element.tag}>: <{child.tag[:SHOWN]}> is not read here")
     if element.text:
         refuse(f"<{element.tag}>: text")
 

@@ -12,6 +12,7 @@ the cause).
 from __future__ import annotations
 
 import hashlib
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, assert_never
@@ -25,6 +26,8 @@ from pep.pit.scene import Box, Capsule, Sphere
 from pep.pit.solids import rotation_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from pep.pit.certify import Certified, Witness
@@ -88,29 +91,25 @@ def cross_check(
         seed: digest of the command.
     """
     world = _World(path.robot, scene, pairs)
-    watched: list[Witness] = list(certified.witnesses[:1])
-    watched += certified.violated.values()
+    watched: list[Witness] = [*certified.witnesses[:1], *certified.violated.values()]
+    times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in _fractions(seed)]
+    clearance, speed = world.ask_all(path, [profile.at(time_s) for time_s in times])
     every = np.arange(len(pairs))
-    for witness in watched:
-        clearance, speed = world.ask(path, *profile.at(profile.time_of(witness.s)))
+    for witness, measured, moving in zip(watched, clearance, speed, strict=False):
         kernel = path.clearance_at(pairs, witness.key, every)
         kernel[witness.pair] = witness.clearance_m
-        if not (np.abs(clearance - kernel) <= DISTANCE_TOLERANCE_M).all():
+        if not (np.abs(measured - kernel) <= DISTANCE_TOLERANCE_M).all():
             return Disagreement("clearance at the witness")
-        if witness.index > 0 and not abs(speed[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
+        if witness.index > 0 and not abs(moving[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
             return Disagreement("speed at the witness")
-    times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in _fractions(seed)]
-    highest = 0.0
-    for time_s in times:
-        clearance, speed = world.ask(path, *profile.at(time_s))
-        index = pairs.index(rows, clearance[rows] + DISTANCE_TOLERANCE_M, speed[rows], stop)
-        highest = max(highest, float(index.max(initial=0)))
-        if not highest <= certified.upper + INDEX_TOLERANCE:
-            return Disagreement("index above the certified one")
-        deepest = clearance[rows] + DISTANCE_TOLERANCE_M + VIOLATION_RESOLUTION_M
-        below = deepest < pairs.violated_below[rows]
-        if any(pairs.kind_of(int(row)) not in certified.violated for row in rows[below]):
-            return Disagreement("a violation that was not found")
+    asked = np.tile(rows, len(times))
+    near = clearance[:, rows].ravel() + DISTANCE_TOLERANCE_M
+    highest = float(pairs.index(asked, near, speed[:, rows].ravel(), stop).max(initial=0))
+    if not highest <= certified.upper + INDEX_TOLERANCE:
+        return Disagreement("index above the certified one")
+    below = near + VIOLATION_RESOLUTION_M < pairs.violated_below[asked]
+    if any(pairs.kind_of(int(row)) not in certified.violated for row in asked[below]):
+        return Disagreement("a violation that was not found")
     return Agreement(len(times), highest)
 
 
@@ -140,20 +139,119 @@ def _placement(a: Vector, b: Vector) -> tuple[Any, float]:
     return pinocchio.SE3(turn.toRotationMatrix(), (start + end) / 2), length
 
 
+@dataclass(frozen=True, slots=True)
+class _Core:
+    """A shape of radius 0 for coal: its kind and size, its pose, and the radius that is left out."""
+
+    kind: str
+    size: tuple[float, ...]
+    pose: Any
+    radius: float
+
+    def built(self) -> Any:
+        """A shape of coal's of this kind and size."""
+        match self.kind:
+            case "capsule":
+                return coal.Capsule(0.0, 2 * self.size[0])
+            case "point":
+                return coal.Sphere(0.0)
+            case _:
+                return coal.Box(*(2 * half for half in self.size))
+
+    def put_into(self, body: Any) -> None:
+        """The body of the same kind has this size and pose from now on."""
+        body.placement = self.pose
+        match self.kind:
+            case "capsule":
+                body.geometry.halfLength = self.size[0]
+            case "box":
+                body.geometry.halfSide = np.array(self.size)
+            case _:
+                pass
+
+
 @lru_cache(maxsize=1024)  # a robot and its cell many times over; people move and drop out
-def _core(shape: Shape) -> tuple[Any, Any, float]:
-    """Coal's shape of radius 0, its pose, and the radius that is left out."""
+def _core(shape: Shape) -> _Core:
     match shape:
         case Capsule(a, b, radius):
             pose, length = _placement(a, b)
-            return (coal.Capsule(0.0, length) if length > 0 else coal.Sphere(0.0)), pose, radius
+            return _Core("capsule" if length > 0 else "point", (0.5 * length,), pose, radius)
         case Sphere(center, radius):
-            return coal.Sphere(0.0), pinocchio.SE3(np.eye(3), np.array(center)), radius
+            return _Core("point", (), pinocchio.SE3(np.eye(3), np.array(center)), radius)
         case Box(center, half, quaternion):
-            pose = pinocchio.SE3(rotation_of(quaternion), np.array(center))
-            return coal.Box(*(2 * h for h in half)), pose, 0.0
+            return _Core("box", half, pinocchio.SE3(rotation_of(quaternion), np.array(center)), 0.0)
         case _:
             assert_never(shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stage:
+    """Coal's bodies and pairs for one robot and so many things of these kinds; where the things are changes.
+
+    Attributes:
+        geometry, found: pinocchio's geometry model and its data.
+        data: pinocchio's kinematic data.
+        things: index of each thing's body.
+        own_radius: radii of the arm's own pairs, which stand last.
+        link, reference, ends, radius: of the robot's bodies.
+    """
+
+    geometry: Any
+    found: Any
+    data: Any
+    things: tuple[int, ...]
+    own_radius: Floats
+    link: NDArray[np.intp]
+    reference: NDArray[np.intp]
+    ends: Floats
+    radius: Floats
+
+
+def _built(robot: Robot, kinds: tuple[str, ...]) -> _Stage:
+    geometry = pinocchio.GeometryModel()
+
+    def added(name: str, link: int, core: _Core) -> int:
+        return int(geometry.addGeometryObject(pinocchio.GeometryObject(name, link, core.pose, core.built())))
+
+    on_robot = {
+        capsule.name: added(capsule.name, capsule.link, _core(Capsule(capsule.a_m, capsule.b_m, capsule.radius_m)))
+        for capsule in robot.capsules
+    }
+    moving = [on_robot[b.name] for b in robot.bodies[: robot.world_bodies]]
+    unplaced = {"capsule": (1.0,), "point": (), "box": (1.0, 1.0, 1.0)}
+    things = tuple(
+        added(f"thing{k}", 0, _Core(kind, unplaced[kind], pinocchio.SE3.Identity(), 0.0))
+        for k, kind in enumerate(kinds)
+    )
+    for thing in things:
+        for mover in moving:
+            geometry.addCollisionPair(pinocchio.CollisionPair(mover, thing))
+    own: list[float] = []
+    for body_index, capsule in robot.self_pairs:
+        body = robot.bodies[body_index]
+        geometry.addCollisionPair(pinocchio.CollisionPair(on_robot[capsule.name], on_robot[body.name]))
+        own.append(capsule.radius_m + body.radius_m)
+    return _Stage(
+        geometry=geometry,
+        found=geometry.createData(),
+        data=robot.pinocchio.createData(),
+        things=things,
+        own_radius=np.array(own),
+        link=np.array([b.link for b in robot.bodies]),
+        reference=np.array([b.reference for b in robot.bodies]),
+        ends=np.array([(b.a_m, b.b_m) for b in robot.bodies]),
+        radius=np.array([b.radius_m for b in robot.bodies]),
+    )
+
+
+class _Stages(threading.local):
+    """One set of stages per thread: a stage is changed by each question."""
+
+    def __init__(self) -> None:
+        self.of = lru_cache(maxsize=16)(_built)  # people come and go: a handful of kinds in a cell
+
+
+_STAGES: Final = _Stages()
 
 
 class _World:
@@ -161,65 +259,61 @@ class _World:
 
     def __init__(self, robot: Robot, scene: Scene, pairs: Pairs) -> None:
         self.robot, self.scene, self.pairs = robot, scene, pairs
-        model = robot.pinocchio
-        geometry = pinocchio.GeometryModel()
-        on_robot: dict[str, int] = {}
-        for capsule in robot.capsules:
-            shape, pose, _ = _core(Capsule(capsule.a_m, capsule.b_m, capsule.radius_m))
-            on_robot[capsule.name] = geometry.addGeometryObject(
-                pinocchio.GeometryObject(capsule.name, capsule.link, pose, shape)
-            )
-        moving = [on_robot[b.name] for b in robot.bodies[: robot.world_bodies]]
-        shapes: list[Shape] = [s for person in scene.people for _, s in person.regions]
-        shapes += scene.solid_shapes
-        radius: list[float] = []
-        for number, each in enumerate(shapes):
-            shape, pose, left_out = _core(each)
-            at = geometry.addGeometryObject(pinocchio.GeometryObject(f"scene{number}", 0, pose, shape))
-            for mover in moving:
-                geometry.addCollisionPair(pinocchio.CollisionPair(mover, at))
-            radius += [left_out + b.radius_m for b in robot.bodies[: robot.world_bodies]]
-        for body_index, capsule in robot.self_pairs:
-            body = robot.bodies[body_index]
-            geometry.addCollisionPair(pinocchio.CollisionPair(on_robot[capsule.name], on_robot[body.name]))
-            radius.append(capsule.radius_m + body.radius_m)
-        self.radius = np.array(radius)
-        self.geometry, self.geometry_data = geometry, geometry.createData()
-        self.model, self.data = model, model.createData()
-        self.ends = np.array([(b.a_m, b.b_m) for b in robot.bodies])
-        self.link = [b.link for b in robot.bodies]
-        self.reference = [b.reference for b in robot.bodies]
-        self.body_radius = np.array([b.radius_m for b in robot.bodies])
+        cores = [_core(shape) for person in scene.people for _, shape in person.regions]
+        cores += [_core(shape) for shape in scene.solid_shapes]
+        self.stage = _STAGES.of(robot, tuple(core.kind for core in cores))
+        for core, body in zip(cores, self.stage.things, strict=True):
+            core.put_into(self.stage.geometry.geometryObjects[body])
+        moving = self.stage.radius[: robot.world_bodies]
+        left_out = np.array([core.radius for core in cores])
+        self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
 
     def ask(self, path: Path, s: float, rate: float) -> tuple[Floats, Floats]:
         """Signed clearance and surface speed of every pair at path parameter `s` when it grows at `rate`."""
-        q = path.q(s)
-        pinocchio.forwardKinematics(self.model, self.data, q, path.delta * rate)
-        pinocchio.computeDistances(self.model, self.data, self.geometry, self.geometry_data, q)
-        core = np.array([r.min_distance for r in self.geometry_data.distanceResults])
-        clearance = np.maximum(core, 0) - self.radius
-        ends, speed = self._motion()
+        clearance, speed = self.ask_all(path, [(s, rate)])
+        return clearance[0], speed[0]
+
+    def ask_all(self, path: Path, places: Sequence[tuple[float, float]]) -> tuple[Floats, Floats]:
+        """The same at several places (s, ds/dt): clearance and speed, each of shape (places, pairs)."""
+        model, stage = self.robot.pinocchio, self.stage
+        core, poses, velocities = [], [], []
+        for s, rate in places:
+            q = path.q(s)
+            pinocchio.forwardKinematics(model, stage.data, q, path.delta * rate)
+            pinocchio.computeDistances(model, stage.data, stage.geometry, stage.found, q)
+            core.append([result.min_distance for result in stage.found.distanceResults])
+            poses.append(np.array([frame.homogeneous for frame in stage.data.oMi]))
+            # copied at once: they are views of what the next place overwrites
+            velocities.append(np.array([velocity.vector for velocity in stage.data.v]))
+        ends, speed = self._motion(np.array(poses), np.array(velocities))
+        clearance = np.maximum(np.array(core), 0) - self.radius
         workspace = self.scene.workspace
         if workspace is not None:
             bodies = slice(0, self.robot.world_bodies)
-            room = [np.array(workspace.high_m) - ends[bodies].max(axis=1), ends[bodies].min(axis=1) - workspace.low_m]
-            faces = [room[side][:, axis] - self.body_radius[bodies] for axis in range(3) for side in (0, 1)]
-            clearance = np.concatenate([clearance, *faces])
-        return clearance, speed[self.pairs.body]
+            high = np.array(workspace.high_m) - ends[:, bodies].max(axis=2)
+            low = ends[:, bodies].min(axis=2) - np.array(workspace.low_m)
+            radius = self.stage.radius[bodies]
+            faces = [room[:, :, axis] - radius for axis in range(3) for room in (high, low)]
+            clearance = np.concatenate([clearance, *faces], axis=1)
+        return clearance, speed[:, self.pairs.body]
 
-    def _motion(self) -> tuple[Floats, Floats]:
-        """World positions of all bodies' ends and surface speeds relative to their reference links, by pinocchio."""
-        rotation = np.array([m.rotation for m in self.data.oMi])
-        origin = np.array([m.translation for m in self.data.oMi])
-        linear = np.einsum("kij,kj->ki", rotation, np.array([v.linear for v in self.data.v]))
-        angular = np.einsum("kij,kj->ki", rotation, np.array([v.angular for v in self.data.v]))
-        link, reference = self.link, self.reference
-        ends = np.einsum("bij,bej->bei", rotation[link], self.ends) + origin[link][:, None]
+    def _motion(self, poses: Floats, velocities: Floats) -> tuple[Floats, Floats]:
+        """World positions of all bodies' ends and surface speeds relative to their reference links, by pinocchio.
 
-        def velocity(of: list[int]) -> Floats:
-            arm = ends - origin[of][:, None]
-            return np.asarray(linear[of][:, None] + np.cross(angular[of][:, None], arm))
+        Args:
+            poses: shape (places, links, 4, 4).
+            velocities: shape (places, links, 6), linear then angular, in the links' own frames.
+        """
+        rotation, origin = poses[..., :3, :3], poses[..., :3, 3]
+        linear = np.einsum("pkij,pkj->pki", rotation, velocities[..., :3])
+        angular = np.einsum("pkij,pkj->pki", rotation, velocities[..., 3:])
+        link, reference = self.stage.link, self.stage.reference
+        ends = np.einsum("pbij,bej->pbei", rotation[:, link], self.stage.ends) + origin[:, link, None]
+
+        def velocity(of: NDArray[np.intp]) -> Floats:
+            arm = ends - origin[:, of, None]
+            return np.asarray(linear[:, of, None] + np.cross(angular[:, of, None], arm))
 
         relative = velocity(link) - velocity(reference)
-        spin = np.linalg.norm(angular[link] - angular[reference], axis=1)
-        return ends, np.linalg.norm(relative, axis=2).max(axis=1) + self.body_radius * spin
+        spin = np.linalg.norm(angular[:, link] - angular[:, reference], axis=2)
+        return ends, np.linalg.norm(relative, axis=3).max(axis=2) + self.stage.radius * spin

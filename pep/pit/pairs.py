@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from pep.pit.contact import LIMITS, harm_speed_m_s, limit_speed_m_s
+from pep.pit.kinematics import layout
 from pep.pit.model import PAYLOAD
 from pep.pit.scene import Capsule, Sphere
 from pep.pit.solids import cores_of, planes_of, with_planes
 from pep.pit.tier import meant_index, person_index, thing_index, zone_index
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from pep.pit.cell import CellParameters
@@ -43,6 +47,8 @@ VIOLABLE: Final = (Kind.PERSON, Kind.SELF, Kind.WORKSPACE, Kind.HARD_ZONE)
 
 KINDS_IN_ORDER: Final = tuple(Kind)
 _CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
+_VIOLABLE: Final = np.array([kind in VIOLABLE for kind in KINDS_IN_ORDER])
+_ANYWHERE: Final = Sphere((0.0, 0.0, 0.0), 1.0)  # of what carries its own geometry
 NO_HARM: Final = np.inf  # of what is no person: no speed or force harms it in that sense
 
 
@@ -167,53 +173,79 @@ def pairs_of(
         grown_m: how much farther than seen people may be, because the view is old.
         touch: names of objects that the token grants to touch; none makes every contact an accident.
     """
-    columns = _columns(robot, scene, cell, grown_m, touch)
-    moving = np.arange(robot.world_bodies)
-    body = [np.tile(moving, len(columns))]
-    rows: list[_Column] = [column for column in columns for _ in moving]
+    things = _columns(robot, scene, cell, grown_m, touch)
+    inner = _own(robot)
     planes = planes_of(scene)
-    own = [
-        _Column(
-            Kind.SELF, capsule.name, Capsule(capsule.a_m, capsule.b_m, capsule.radius_m), 0.0, band=cell.rigid_band_m
-        )
-        for _, capsule in robot.self_pairs
-    ]
-    rows += own
-    body.append(np.array([index for index, _ in robot.self_pairs], dtype=np.intp))
-    cores, radius = cores_of([row.shape for row in rows])
+    # One row per thing and moving body, then the arm's own pairs, then one per face of the room and moving body.
+    moving, own = np.arange(robot.world_bodies), len(inner.names)
+    face = _Column(Kind.WORKSPACE, "workspace", _ANYWHERE, cell.robot_uncertainty_m, band=cell.rigid_band_m)
+    columns = [*things, *(_Column(Kind.SELF, name, _ANYWHERE, 0.0, band=cell.rigid_band_m) for name in inner.names)]
+    columns += [face] * len(planes)
+    times = np.array([len(moving)] * len(things) + [1] * own + [len(moving)] * len(planes), dtype=np.intp)
+    column = np.repeat(np.arange(len(columns)), times)
+    bodies = np.concatenate([np.tile(moving, len(things)), inner.body, np.tile(moving, len(planes))])
+    cores, radius = cores_of([each.shape for each in things])
+    cores, radius = cores.take(column[: len(moving) * len(things)]), np.repeat(radius, len(moving))
+    cores, radius = cores.and_then(inner.cores), np.concatenate([radius, inner.radius])
     if planes:
-        body.append(np.tile(moving, len(planes)))
         cores, radius = with_planes(cores, radius, planes, len(moving))
-        anywhere = Sphere((0, 0, 0), 1)  # the faces carry their own geometry
-        face = _Column(Kind.WORKSPACE, "workspace", anywhere, cell.robot_uncertainty_m, band=cell.rigid_band_m)
-        rows += [face] * (len(planes) * len(moving))
-    bodies = np.concatenate(body)
-    part = [_part(robot, b.name) for b in robot.bodies]
-    body_radius = np.array([b.radius_m for b in robot.bodies])
-    kind = np.array([_CODE[row.kind] for row in rows], dtype=np.intp)
-    below = np.where(np.isin(kind, [_CODE[k] for k in VIOLABLE]), 0.0, -np.inf)
+
+    def spread(values: list[float]) -> Floats:
+        return np.array(values, dtype=float)[column]
+
+    names = [each.name for each in columns]
+    kinds = np.array([_CODE[each.kind] for each in columns], dtype=np.intp)
+    kind = kinds[column]
+    below = np.where(_VIOLABLE[kind], 0.0, -np.inf)
     below = np.where(kind == _CODE[Kind.SELF], -cell.self_overlap_m, below)
     return Pairs(
         body=bodies,
         cores=cores,
         radius=radius,
-        radii=radius + body_radius[bodies],
+        radii=radius + layout(robot).radius[bodies],
         kind=kind,
-        uncertainty=np.array([row.uncertainty_m for row in rows]),
-        harm_speed=np.array([row.harm_speed for row in rows]),
-        limit_speed=np.array([row.limit_speed for row in rows]),
-        force_limit=np.array([row.force_limit for row in rows]),
-        intrusion=np.array([row.intrusion for row in rows]),
-        band=np.array([row.band for row in rows]),
-        declared=np.array([row.declared for row in rows]),
+        uncertainty=spread([each.uncertainty_m for each in columns]),
+        harm_speed=spread([each.harm_speed for each in columns]),
+        limit_speed=spread([each.limit_speed for each in columns]),
+        force_limit=spread([each.force_limit for each in columns]),
+        intrusion=spread([each.intrusion for each in columns]),
+        band=spread([each.band for each in columns]),
+        declared=spread([each.declared for each in columns]),
         violated_below=below,
-        names=tuple(row.name for row in rows),
-        group=_groups(kind, tuple(row.name for row in rows)),
-        touchable=np.array([part[b] in row.touched_by for b, row in zip(bodies.tolist(), rows, strict=True)]),
+        names=tuple(names[each] for each in column.tolist()),
+        group=_groups(kinds, names)[column],
+        touchable=_touchable(robot, things, len(column)),
         contact_speed=cell.contact_speed_m_s,
         warn_band=cell.warn_band_m,
         penetration_band=cell.penetration_band_m,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Own:
+    """The arm's own pairs: the moving bodies, and what they must stay apart from, at rest in their reference frames."""
+
+    body: NDArray[np.intp]
+    cores: Cores
+    radius: Floats
+    names: tuple[str, ...]
+
+
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+def _own(robot: Robot) -> _Own:
+    shapes = [Capsule(capsule.a_m, capsule.b_m, capsule.radius_m) for _, capsule in robot.self_pairs]
+    body = np.array([index for index, _ in robot.self_pairs], dtype=np.intp)
+    return _Own(body, *cores_of(shapes), tuple(capsule.name for _, capsule in robot.self_pairs))
+
+
+def _touchable(robot: Robot, things: list[_Column], count: int) -> NDArray[np.bool_]:
+    """Which pairs the cell declares and the token grants to touch: rows of things, body by body, stand first."""
+    touchable = np.zeros(count, dtype=bool)
+    if any(thing.touched_by for thing in things):
+        parts = [_part(robot, body.name) for body in robot.bodies[: robot.world_bodies]]
+        rows = [part in thing.touched_by for thing in things for part in parts]
+        touchable[: len(rows)] = rows
+    return touchable
 
 
 def _part(robot: Robot, body: str) -> str:
@@ -249,7 +281,7 @@ def _columns(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, t
     return columns
 
 
-def _groups(kind: NDArray[np.intp], names: tuple[str, ...]) -> NDArray[np.intp]:
+def _groups(kind: NDArray[np.intp], names: Sequence[str]) -> NDArray[np.intp]:
     numbers: dict[tuple[int, str], int] = {}
     keys = zip(kind.tolist(), names, strict=True)
     return np.array([numbers.setdefault(key, len(numbers)) for key in keys], dtype=np.intp)

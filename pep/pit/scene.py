@@ -175,7 +175,7 @@ class Scene:
     @property
     def content(self) -> str:
         """The text whose SHA-256 is `digest`: everything in the scene, exact to the last bit of each number."""
-        return json.dumps(_plain(self), sort_keys=True, separators=(",", ":"))
+        return _text(self)
 
     @property
     def digest(self) -> str:
@@ -227,17 +227,25 @@ def _within(numbers: Iterable[float]) -> bool:
     return all(-EXTENT_LIMIT_M <= n <= EXTENT_LIMIT_M for n in numbers)
 
 
-def _plain(value: object) -> Any:
-    match value:
-        case None | bool() | int() | str():
-            return value
-        case float():
-            return value.hex()
-        case tuple() | list():
-            return [_plain(v) for v in value]
-        case _:
-            parts = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}  # type: ignore[arg-type]
-            return {"type": type(value).__name__, **parts}
+def _text(value: object) -> str:
+    """The value as canonical JSON: members in order, floats as hexadecimal text, each record with its type."""
+    if isinstance(value, float):
+        return f'"{value.hex()}"'
+    if isinstance(value, tuple):
+        return f"[{','.join(map(_text, value))}]"
+    if value is None or isinstance(value, (bool, int, str)):
+        return json.dumps(value)
+    members = (
+        f'"{name}":' + (f'"{type(value).__name__}"' if name == "type" else _text(getattr(value, name)))
+        for name in _MEMBERS[type(value)]
+    )
+    return f"{{{','.join(members)}}}"
+
+
+_MEMBERS: Final[dict[type, tuple[str, ...]]] = {
+    kind: tuple(sorted(["type", *(field.name for field in fields(kind))]))
+    for kind in (Box, Capsule, Person, Scene, Sphere, Thing, Workspace, Zone)
+}
 
 
 def _metres(point_um: tuple[int, int, int]) -> Vector:

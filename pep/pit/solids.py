@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, assert_never
+from typing import TYPE_CHECKING, assert_never
 
 import numpy as np
 
@@ -77,16 +77,13 @@ def with_planes(cores: Cores, radius: Floats, planes: list[Plane], each: int) ->
     normal = np.repeat(np.array([p[0] for p in planes]), each, axis=0)
     offset = np.repeat(np.array([p[1] for p in planes]), each)
 
-    def more(first: Any, second: Any) -> Any:
-        return np.concatenate([first, second])
-
-    joined = Cores(
-        more(cores.is_segment, np.zeros(n, dtype=bool)),
-        more(cores.is_box, np.zeros(n, dtype=bool)),
-        more(cores.a, normal),
-        more(cores.b, normal),
-        more(cores.axes, np.tile(np.eye(3), (n, 1, 1))),
-        more(cores.half, np.zeros((n, 3))),
-        more(cores.offset, offset),
+    faces = Cores(
+        np.zeros(n, dtype=bool),
+        np.zeros(n, dtype=bool),
+        normal,
+        normal,
+        np.zeros((n, 3, 3)),
+        np.zeros((n, 3)),
+        offset,
     )
-    return joined, more(radius, np.zeros(n))
+    return cores.and_then(faces), np.concatenate([radius, np.zeros(n)])

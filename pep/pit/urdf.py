@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from pep.pit.errors import ModelError
-from pep.pit.markup import Element, members, name_of, needed, number, only, positive, refuse, tree, vector
+from pep.pit.markup import SHOWN, Element, members, name_of, needed, number, only, positive, refuse, tree, vector
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -240,5 +240,5 @@ def _axis(element: Element) -> Vector:
     x, y, z = vector(axis, "xyz")
     length = math.hypot(x, y, z)
     if not AXIS_LENGTHS[0] <= length <= AXIS_LENGTHS[1]:
-        refuse(f"{element.attributes['name'][:64]}: an axis without direction")
+        refuse(f"{element.attributes['name'][:SHOWN]}: an axis without direction")
     return x / length, y / length, z / length

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from pep.pit.certify import LOWER_DEPTH
-from pep.pit.kernel.arm import no_nodes, place
+from pep.pit.kernel.arm import no_nodes, place, place_all
 from pep.pit.kernel.columns import BODY, KIND, PEAK, WAY
 from pep.pit.kernel.compiled import compiled, entry
 from pep.pit.kernel.law import blow_of, highest_rate, pair_index, rate_at
@@ -21,10 +21,9 @@ from pep.pit.kernel.rows import (
     meets,
     no_rows,
     rush_at_most,
-    rush_between,
     strays_at_most,
 )
-from pep.pit.path import GRID
+from pep.pit.path import CHORD, GRID
 from pep.pit.tier import TIE
 
 if TYPE_CHECKING:
@@ -238,19 +237,23 @@ def blow(
 @entry
 def rushes(known: Known, way: Way, low: Whole, high: Whole) -> tuple[Known, Floats]:
     """Bound on the surface speed per unit of ds/dt of every body on each interval, shape (intervals, bodies)."""
-    bodies = way.arm.link.shape[0]
-    found = np.empty((low.shape[0], bodies))
+    bodies = np.arange(way.arm.link.shape[0])
+    found = np.empty((low.shape[0], bodies.shape[0]))
+    radius, third, spin_second = way.arm.radius, way.bends.third, way.bends.spin_second
     for k in range(low.shape[0]):
         mid = (low[k] + high[k]) // 2
         known = with_key(with_key(with_key(known, low[k], way), mid, way), high[k], way)
         at_low = known.row[_place_of(known.key, low[k])]
         at_mid = known.row[_place_of(known.key, mid)]
         at_high = known.row[_place_of(known.key, high[k])]
-        for body in range(bodies):
-            for at in (at_low, at_mid, at_high):
-                place(known.nodes, at, way.arm, body)
-            width = (high[k] - low[k]) / GRID
-            found[k, body] = rush_between(known.nodes, at_low, at_mid, at_high, way, body, width)
+        for at in (at_low, at_mid, at_high):
+            place_all(known.nodes, at, way.arm, bodies)
+        bend = ((high[k] - low[k]) / GRID) ** 2 / CHORD
+        speeds, spins = known.nodes.speed, known.nodes.spin
+        for body in range(bodies.shape[0]):
+            speed = max(speeds[at_low, body], speeds[at_mid, body], speeds[at_high, body]) + third[body] * bend
+            spin = max(spins[at_low, body], spins[at_mid, body], spins[at_high, body]) + spin_second[body] * bend
+            found[k, body] = speed + radius[body] * spin
     return known, found
 
 
