@@ -20,7 +20,7 @@ imports:  ## who may import whom (one direction)
 	$(RUN) lint-imports
 
 test:
-	$(RUN) pytest -q -n 2 --dist worksteal
+	$(RUN) pytest -q -n 2 --dist loadgroup
 
 docs:  ## regenerate the generated pages; a test fails while they differ
 	$(RUN) python -m docs.generate

@@ -1,6 +1,8 @@
 """One profile for all property tests, since machines are shared and noisy; and who computes makes room for who must not wait."""
 
 import os
+import subprocess
+import sys
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -9,6 +11,21 @@ settings.register_profile(
     "shared-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
 )
 settings.load_profile("shared-machine")
+
+
+def pytest_configure(config):
+    """The kernel is compiled once, before several workers would each compile it beside tests in which time passes."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        compile_it = "from pep.pit.engine import chosen; chosen()"
+        subprocess.run([sys.executable, "-c", compile_it], cwd=config.rootpath, check=True, timeout=600)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Tests in which real time passes run one after the other, on one worker, with `--dist loadgroup`."""
+    for item in items:
+        if item.get_closest_marker("e2e") is not None:
+            item.add_marker(pytest.mark.xdist_group("e2e"))
 
 
 @pytest.fixture(autouse=True)

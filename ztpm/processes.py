@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 READY_S: Final = 180.0
-"""Longest wait for a ready line: imports of the MCP SDK and pinocchio take seconds on a loaded machine."""
+"""Longest wait for a ready line: the very first start compiles the kernel, which takes minutes on a loaded machine."""
 STOP_S: Final = 10.0
 """Longest wait for a clean end before the process is killed."""
 KEPT_LINES: Final = 200

@@ -50,6 +50,7 @@ from pep.mcp.vouching import Vouching
 from pep.observation import Marked, Unwatched
 from pep.perception import Receiver
 from pep.pit import Robot, surveyed
+from pep.pit.engine import chosen
 from pep.question import Asker
 from pep.record import FileJournal
 from pep.replay import ReplayCache
@@ -158,6 +159,7 @@ class ToolServer:
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
+        chosen()  # compiled before anybody may ask: half a minute the very first time, a second from then on
         robot = Robot.load(ROBOT_MODEL, tool=survey.tool)
         holding = Holding(robot, self.cell)
         self.physics = CellPhysics(
