@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from pep.pit.drive import Drive, Nowhere, line_drive, servo_drive, speed_drive
+from pep.pit.drive import Drive, Nowhere, line_drive
 from pep.pit.driven import DriveQuestion
+from pep.pit.hold import servo_drive, speed_drive
 from pep.pit.legs import Leg, as_one
 from pep.pit.motion import JointPath, LinePath, MoveJ, MoveL, ServoJ, SpeedL, profile_of
 from pep.pit.moves import MoveQuestion

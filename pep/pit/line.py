@@ -51,11 +51,13 @@ class Trace:
     Attributes:
         cells: the pieces that are proven, from the start on.
         reached: where they end, in 1 / GRID.
+        end: the arm there.
         stuck: why no further, or None when all that was asked for is proven.
     """
 
     cells: list[Cells]
     reached: int
+    end: Stance
     stuck: Stuck | None
 
 
@@ -113,17 +115,18 @@ def trace(
         # Far longer than the one before it has proven nothing yet: do not even try.
         wide = bool(done) and high - low > 2 * int(done[-1].high[0] - done[-1].low[0])
         found = "singular" if wide else _piece(robot, twist, here, low, high)
-        if isinstance(found, tuple) and (np.abs(found[0].dq[0]) > fastest).any():
-            return Trace(done, low, "singular")
         if isinstance(found, tuple):
-            cell, here = found
+            cell, ahead = found
+            if (np.abs(cell.dq[0]) > fastest).any():
+                return Trace(done, low, here, "singular")
+            here = ahead
             done.append(cell)
         elif high - low <= FINEST or len(done) >= PIECES_MOST:
-            return Trace(done, low, found)
+            return Trace(done, low, here, found)
         else:
             mid = (low + high) // 2
             todo += [(mid, high), (low, mid)]
-    return Trace(done, until, None)
+    return Trace(done, until, here, None)
 
 
 def _piece(robot: Robot, twist: Twist, here: Stance, low: int, high: int) -> tuple[Cells, Stance] | Stuck:

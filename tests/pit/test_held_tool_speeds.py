@@ -9,13 +9,15 @@ import pinocchio
 import pytest
 
 from pep.pit import ServoJ, SpeedL, Sphere, Thing, assess, remaining
-from pep.pit.drive import Drive, Nowhere, servo_drive, speed_drive
+from pep.pit.drive import Drive, Nowhere
+from pep.pit.driving import drive_of
+from pep.pit.hold import servo_drive, speed_drive
 from pep.pit.path import GRID
 from pep.pit.pairs import pairs_of
 from pep.pit.separation import stopping
 from policies.evidence import ImpactFault
 from policies.reasons import Reason
-from tests.pit.lines import MODEL, Sampled, followed, placed, random_hold, random_servo, tool_jacobian
+from tests.pit.lines import MODEL, Sampled, followed, placed, random_hold, random_line, random_servo, tool_jacobian
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, with_person
 
 NAN, INF = math.nan, math.inf
@@ -150,6 +152,34 @@ def test_a_held_tool_speed_into_a_singular_place_or_a_joint_limit():
     assert {c.kind for c in outward.contributions} & {"singular", "unreachable"}
     beyond = ask(SpeedL((6.4, *HOME[1:]), (0.0, 0.1, 0.0, 0, 0, 0), 1.0, 0.1))
     assert (beyond.tier, beyond.violations) == (4, ("joint_limit",))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_proven_on_a_wide_interval_holds_everywhere_in_it(seed):
+    """Lines, holds and servo targets on eighths and on intervals across the place where the hold ends: 33 places each."""
+    rng = np.random.default_rng(62000 + seed)
+    scene = random_scene(rng, things=4, regions=3)
+    pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
+    every = np.arange(len(pairs))
+    motions, judged = [random_line(rng), random_hold(rng), random_hold(rng), random_servo(rng)], 0
+    for motion in motions:
+        drive = drive_of(ROBOT, motion, CELL, perception_age_s=0.1, check_time=unhurried)
+        if isinstance(drive, Nowhere):
+            continue
+        course = drive.course
+        spans = [(k * GRID // 8, (k + 1) * GRID // 8) for k in range(8)] + [(0, GRID)]
+        if drive.line_until < 1:
+            end = int(drive.line_until * GRID)
+            wide = min(end, GRID - end) // 32 * 32
+            spans += [(end - wide, end + wide), (end - wide // 32 * 16, end + wide // 32 * 16)]
+        for low, high in spans:
+            found = course.examine(pairs, np.full(len(every), low), np.full(len(every), high), every)
+            for key in np.linspace(low, high, 33).astype(int):
+                clearance = course.clearance_at(pairs, int(key), every)
+                assert (clearance >= found.clear_m - 1e-12).all()
+                assert (course.rush_at(pairs, int(key), every) <= found.rush + 1e-12).all()
+        judged += 1
+    assert judged >= 3
 
 
 # ---- servo targets
