@@ -125,6 +125,17 @@ def test_an_earlier_stop_stays_beside_the_course_by_no_more_than_it_says():
     assert np.abs(there - earliest).max(axis=1).min() > 4e-4  # without what it says, it would not
 
 
+def test_an_earlier_stop_has_joint_speeds_that_differ_by_no_more_than_it_says():
+    motion = SpeedL(HOME, (0.0, -0.2, 0.0, 0, 0, 0), 2.0, 0.3)
+    drive = speed_drive(ROBOT, motion, CELL, check_time=unhurried)
+    s_end = drive.line_until
+    window = DELAY / drive.profile.way_rad
+    last, hurry = drive.course.at(s_end)[1], drive.course.cells.hurry[-1]
+    differ = [np.abs(drive.course.at(s)[1] - last) for s in np.linspace(s_end - window, s_end, 20)]
+    assert (np.max(differ, axis=0) <= hurry).all()
+    assert np.max(differ) > 0.02  # without what it says, it would not hold
+
+
 def test_a_thing_beyond_the_hold_is_met_by_the_delay_and_the_stop_alone():
     motion = SpeedL(HOME, (0.0, -0.3, 0.0, 0, 0, 0), 10.0, 0.3)
     beyond = driven_tool(motion, motion.duration_s + DELAY)[-1][0]

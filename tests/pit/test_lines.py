@@ -424,3 +424,16 @@ def test_no_piece_is_shorter_than_the_finest():
     assert found.stuck == "singular"
     assert 0 < found.reached < GRID
     assert min(int(c.high[0] - c.low[0]) for c in found.cells) >= FINEST
+
+
+def test_only_in_a_small_box_is_a_configuration_the_only_one():
+    """Newton's map contracts near a good configuration, not on a wide box, and not at a singular one."""
+    from pep.pit.line import _Lever, _on_path
+
+    lever = _Lever(ROBOT.reach[ROBOT.body_index("tcp")])
+    good, flat = stance(ROBOT, np.array(HOME)), stance(ROBOT, np.array((*HOME[:4], 1e-4, HOME[5])))
+    near = np.full(6, 1e-4)
+    assert _on_path(lever, good, good.q, near)
+    assert not _on_path(lever, good, good.q, np.full(6, 0.3))
+    assert not _on_path(lever, good, good.q + 2e-4, near)
+    assert not _on_path(lever, flat, flat.q, near)
