@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import gc
 import json
 import logging
 import os
@@ -324,6 +325,8 @@ class ToolServer:
             while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn offers no event for it
                 await asyncio.sleep(0.01)
             if server.started:
+                gc.collect()
+                gc.freeze()  # else each full collection looks at all that was built at start, while an arm moves
                 sys.stdout.write(json.dumps({"ready": True, "audience": self.config.audience}) + "\n")
                 sys.stdout.flush()
             await asyncio.wait({serving, asyncio.create_task(self.ended.wait())}, return_when=asyncio.FIRST_COMPLETED)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from pep.pit.engine import Engine
     from pep.pit.motion import Profile, Run
     from pep.pit.pairs import Pairs
+    from pep.pit.parameters import Ratio
     from pep.pit.path import Path
     from pep.pit.robot import Robot
     from pep.pit.separation import Stopping
@@ -109,7 +110,9 @@ class MoveQuestion:
                 for p in start.retreating
             ),
         ]
-        lower = None if violations or retreats else self._lower_speed(path, bare, demands, certified, tier_of(index))
+        lower = None
+        if not (violations or retreats):
+            lower = self._lower_speed(path, bare, demands, certified, tier_of(index), ratios=ratios)
         decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
         return self._assessment(
             index,
@@ -152,7 +155,7 @@ class MoveQuestion:
         return [self._told(pairs, profile, w) for w in by_obstacle.values()]
 
     def _lower_speed(
-        self, path: Path, pairs: Pairs, demands: Demands, certified: Certified, tier: Tier
+        self, path: Path, pairs: Pairs, demands: Demands, certified: Certified, tier: Tier, *, ratios: tuple[Ratio, ...]
     ) -> float | None:
         """The highest speed, to a step of the bisection, at which the index is proven to be in a lower tier.
 
@@ -162,12 +165,13 @@ class MoveQuestion:
         if target < MOVING or self.view.floor > target:
             return None
         # What counts no more at this speed counts no more at a lower one (faster never lowers).
+        asks = max(ratio.index for ratio in ratios) > target
         leaves = certified.leaves.take(certified.leaf_index > target)
 
         def falls(speed: float) -> bool:
             nonlocal leaves
             profile = profile_of(self.move, speed)
-            if profile is None or max(r.index for r in demands.ratios(profile)) > target:
+            if profile is None or (asks and max(r.index for r in demands.ratios(profile)) > target):
                 return False
             meant = self._with_meant(path, pairs, profile)
             fit = self.engine.fits(

@@ -232,6 +232,8 @@ def _text(value: object) -> str:
     if isinstance(value, float):
         return f'"{value.hex()}"'
     if isinstance(value, tuple):
+        if set(map(type, value)) == {float}:  # most of a scene; the loop is the interpreter's own
+            return '["' + '","'.join(map(float.hex, value)) + '"]'
         return f"[{','.join(map(_text, value))}]"
     if value is None or isinstance(value, (bool, int, str)):
         return json.dumps(value)

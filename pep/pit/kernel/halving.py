@@ -90,6 +90,9 @@ def examined(known: Known, way: Way, field: Field, low: Whole, high: Whole, pair
     count = low.shape[0]
     at_low, at_mid, at_high = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
     for row in range(count):
+        if row > 0 and low[row] == low[row - 1] and high[row] == high[row - 1]:
+            at_low[row], at_mid[row], at_high[row] = at_low[row - 1], at_mid[row - 1], at_high[row - 1]
+            continue
         mid = (low[row] + high[row]) // 2
         known = with_key(with_key(with_key(known, low[row], way), mid, way), high[row], way)
         at_low[row] = known.row[_place_of(known.key, low[row])]
@@ -114,11 +117,11 @@ def _chosen(rows: Rows, which: Whole, count: int) -> Rows:
 def _halves(rows: Rows, which: Whole, count: int) -> tuple[Whole, Whole, Whole]:
     """Both halves of those rows' intervals, and their pairs."""
     low, high, pair = np.empty(2 * count, np.int64), np.empty(2 * count, np.int64), np.empty(2 * count, np.int64)
-    for to in range(count):
-        row = which[to]
+    for to in range(count):  # rows of one interval stay together: its configurations are looked up once
+        row, other = which[to], count + to
         mid = (rows.low[row] + rows.high[row]) // 2
-        low[2 * to], high[2 * to], pair[2 * to] = rows.low[row], mid, rows.pair[row]
-        low[2 * to + 1], high[2 * to + 1], pair[2 * to + 1] = mid, rows.high[row], rows.pair[row]
+        low[to], high[to], pair[to] = rows.low[row], mid, rows.pair[row]
+        low[other], high[other], pair[other] = mid, rows.high[row], rows.pair[row]
     return low, high, pair
 
 
@@ -202,7 +205,8 @@ def blow(
         for each in range(people.shape[0]):
             row = people[each]
             body = field.whole[row, BODY]
-            place(known.nodes, middle, way.arm, body)
+            if not known.nodes.known[middle, body]:
+                place(known.nodes, middle, way.arm, body)
             gap = ball_gap(known.nodes.ends, middle, body, way.arm.half, field.numbers, row)
             gap -= strays_at_most(way, body, width)
             if blow_of(field.numbers, row, gap, rush_at_most(way, body, width) * top_rate, law) > 0.0:
@@ -236,9 +240,13 @@ def blow(
 
 @entry
 def rushes(known: Known, way: Way, low: Whole, high: Whole) -> tuple[Known, Floats]:
-    """Bound on the surface speed per unit of ds/dt of every body on each interval, shape (intervals, bodies)."""
-    bodies = np.arange(way.arm.link.shape[0])
-    found = np.empty((low.shape[0], bodies.shape[0]))
+    """Bound on the surface speed per unit of ds/dt of every body on each interval, shape (intervals, bodies).
+
+    Of bodies that are seen from the arm itself it is the rough one: nobody asks how fast the arm passes itself.
+    """
+    count = way.arm.link.shape[0]
+    bodies = np.flatnonzero(way.arm.reference == 0)
+    found = np.empty((low.shape[0], count))
     radius, third, spin_second = way.arm.radius, way.bends.third, way.bends.spin_second
     for k in range(low.shape[0]):
         mid = (low[k] + high[k]) // 2
@@ -250,7 +258,10 @@ def rushes(known: Known, way: Way, low: Whole, high: Whole) -> tuple[Known, Floa
             place_all(known.nodes, at, way.arm, bodies)
         bend = ((high[k] - low[k]) / GRID) ** 2 / CHORD
         speeds, spins = known.nodes.speed, known.nodes.spin
-        for body in range(bodies.shape[0]):
+        for body in range(count):
+            if way.arm.reference[body] > 0:
+                found[k, body] = rush_at_most(way, body, (high[k] - low[k]) / GRID)
+                continue
             speed = max(speeds[at_low, body], speeds[at_mid, body], speeds[at_high, body]) + third[body] * bend
             spin = max(spins[at_low, body], spins[at_mid, body], spins[at_high, body]) + spin_second[body] * bend
             found[k, body] = speed + radius[body] * spin

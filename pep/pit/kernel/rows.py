@@ -169,23 +169,27 @@ def examine(
     """
     count = pair.shape[0]
     rows, knots = no_rows(count), np.empty(KNOTS)
+    ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
+    numbers, whole, radius = field.numbers, field.whole, way.arm.radius
+    second, third, spin_second = way.bends.second, way.bends.third, way.bends.spin_second
+    clear, rush, clear_mid, rush_mid = rows.clear, rows.rush, rows.clear_mid, rows.rush_mid
+    rows.low[:], rows.high[:], rows.pair[:], rows.bound[:] = low, high, pair, 0.0
     for row in range(count):
         k = pair[row]
-        body = field.whole[k, BODY]
+        body, shape = whole[k, BODY], whole[k, SHAPE]
         first, middle, last = at_low[row], at_mid[row], at_high[row]
-        place(nodes, first, way.arm, body)
-        place(nodes, middle, way.arm, body)
-        place(nodes, last, way.arm, body)
+        for at in (first, middle, last):
+            if not placed[at, body]:
+                place(nodes, at, way.arm, body)
         width = (high[row] - low[row]) / GRID
-        gap = core_gap(nodes.ends, middle, body, field.numbers, k, field.whole[k, SHAPE], knots)
-        sag = way.bends.second[body] * width * width / CHORD
-        rows.low[row], rows.high[row], rows.pair[row], rows.bound[row] = low[row], high[row], k, 0.0
-        rows.clear[row] = interval_gap(
-            nodes.ends, first, middle, last, body, field.numbers, k, field.whole[k, SHAPE], gap, sag
-        )
-        rows.rush[row] = rush_between(nodes, first, middle, last, way, body, width)
-        rows.clear_mid[row] = gap[0] - field.numbers[k, RADII]
-        rows.rush_mid[row] = nodes.speed[middle, body] + way.arm.radius[body] * nodes.spin[middle, body]
+        bend = width * width / CHORD
+        gap = core_gap(ends, middle, body, numbers, k, shape, knots)
+        clear[row] = interval_gap(ends, first, middle, last, body, numbers, k, shape, gap, second[body] * bend)
+        speed = max(speeds[first, body], speeds[middle, body], speeds[last, body]) + third[body] * bend
+        spin = max(spins[first, body], spins[middle, body], spins[last, body]) + spin_second[body] * bend
+        rush[row] = speed + radius[body] * spin
+        clear_mid[row] = gap[0] - numbers[k, RADII]
+        rush_mid[row] = speeds[middle, body] + radius[body] * spins[middle, body]
     return rows
 
 
@@ -194,11 +198,13 @@ def meets(nodes: Nodes, at: int, way: Way, field: Field, pair: Whole) -> tuple[F
     """Signed clearance and surface speed per unit of ds/dt of each of these pairs at one configuration."""
     count = pair.shape[0]
     clearance, rush, knots = np.empty(count), np.empty(count), np.empty(KNOTS)
+    ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
+    numbers, whole, radius = field.numbers, field.whole, way.arm.radius
     for row in range(count):
         k = pair[row]
-        body = field.whole[k, BODY]
-        place(nodes, at, way.arm, body)
-        gap = core_gap(nodes.ends, at, body, field.numbers, k, field.whole[k, SHAPE], knots)
-        clearance[row] = gap[0] - field.numbers[k, RADII]
-        rush[row] = nodes.speed[at, body] + way.arm.radius[body] * nodes.spin[at, body]
+        body = whole[k, BODY]
+        if not placed[at, body]:
+            place(nodes, at, way.arm, body)
+        clearance[row] = core_gap(ends, at, body, numbers, k, whole[k, SHAPE], knots)[0] - numbers[k, RADII]
+        rush[row] = speeds[at, body] + radius[body] * spins[at, body]
     return clearance, rush
