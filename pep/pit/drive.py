@@ -5,7 +5,6 @@ What cannot be traced to its end is a drive as far as it was traced, with the wo
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -17,13 +16,12 @@ from pep.pit.inverse import solved
 from pep.pit.line import FINEST, Trace, pose_exists, trace
 from pep.pit.motion import STILL_RAD, Profile
 from pep.pit.path import GRID
-from pep.pit.twist import HALF_TURN_RAD, Twist, tool_pose, turn_of, turned_by
+from pep.pit.twist import HALF_TURN_RAD, Twist, turn_of, turned_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.pit.cell import CellParameters
-    from pep.pit.motion import Floats, Joints, Pose, ServoJ, SpeedL
+    from pep.pit.motion import Floats, Joints, Pose
     from pep.pit.robot import Robot
 
     Check = Callable[[], None]

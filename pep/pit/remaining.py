@@ -155,7 +155,7 @@ def _remaining(
             rest = _Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
             return rest.answer(scene, age_s, touch)
         case MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath():
-            from pep.pit.drive_rest import rests_of  # noqa: PLC0415 - it builds on this module
+            from pep.pit.drive_rest import rests_of  # here, since it builds on this module
 
             rests = rests_of(
                 robot,
