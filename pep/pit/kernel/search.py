@@ -12,40 +12,21 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from pep.pit.certify import DEPTH, RESOLUTION, ROWS_MOST, VIOLATION_RESOLUTION_M
-from pep.pit.kernel.arm import no_nodes, place, place_all
-from pep.pit.kernel.columns import (
-    AROUND,
-    BODY,
-    CENTER,
-    GROUP,
-    KIND,
-    PEAK,
-    PLANE,
-    RADII,
-    SHAPE,
-    VIOLATED_BELOW,
-    WAY,
-)
+from pep.pit.kernel.arm import no_nodes, place
+from pep.pit.kernel.columns import BODY, GROUP, KIND, PEAK, PLANE, RADII, SHAPE, VIOLATED_BELOW, WAY
 from pep.pit.kernel.compiled import compiled, entry
 from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
-from pep.pit.kernel.law import calm_beyond, highest_rate, pair_index, rate_at
-from pep.pit.kernel.rows import (
-    ball_gap,
-    configuration,
-    more_rows,
-    no_rows,
-    rush_at_most,
-    rush_between,
-    strays_at_most,
-    taken,
-)
+from pep.pit.kernel.law import highest_rate, pair_index, rate_at
+from pep.pit.kernel.levels import calm_from, first_level, halved, rough_on
+from pep.pit.kernel.rows import ball_gap, configuration, more_rows, no_rows, rush_between, taken
 from pep.pit.path import CHORD, GRID
-from pep.pit.tier import MOVING, TIE
+from pep.pit.tier import TIE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.kernel.arm import Nodes
+    from pep.pit.kernel.levels import Level, Rough
     from pep.pit.kernel.rows import Field, Rows, Way
     from pep.pit.motion import Floats
 
@@ -83,25 +64,6 @@ class Answer(NamedTuple):
     leaves: Rows
 
 
-class Level(NamedTuple):
-    """Intervals of one width: their ends, their configurations, and each one's pairs as a stretch of `pairs`."""
-
-    low: Whole
-    high: Whole
-    at_low: Whole
-    at_mid: Whole
-    at_high: Whole
-    begin: Whole
-    pairs: Whole
-
-
-class Rough(NamedTuple):
-    """Per body, what holds on any interval of one width: how far it strays from the middle, and how fast it goes."""
-
-    strays: Floats
-    rush: Floats
-
-
 class Seen(NamedTuple):
     """Rows of which the middle was measured: their stretch per interval, their pairs and gaps."""
 
@@ -129,16 +91,6 @@ def _note(found: Found, at: int, index: float, clearance: float, speed: float, k
 
 
 @compiled
-def _rough(way: Way, width: float) -> Rough:
-    bodies = way.arm.link.shape[0]
-    rough = Rough(np.empty(bodies), np.empty(bodies))
-    for body in range(bodies):
-        rough.strays[body] = strays_at_most(way, body, width)
-        rough.rush[body] = rush_at_most(way, body, width)
-    return rough
-
-
-@compiled
 def _at_rest(nodes: Nodes, first: int, way: Way, field: Field, pairs: Whole, violated: Found, knots: Floats) -> None:
     """Violations at both ends of the path, where the arm stands and no middle ever lies; nodes 0 and `first`."""
     ends, known, half, numbers, whole = nodes.ends, nodes.known, way.arm.half, field.numbers, field.whole
@@ -156,86 +108,6 @@ def _at_rest(nodes: Nodes, first: int, way: Way, field: Field, pairs: Whole, vio
             clearance = core_gap(ends, at, body, numbers, pair, shape, knots)[0] - numbers[pair, RADII]
             if clearance < below:
                 _note(violated, whole[pair, KIND], 0.0, clearance, 0.0, end * GRID, pair)
-
-
-@compiled
-def _calm(way: Way, field: Field, pairs: Whole, rough: Rough, rate: float, law: Floats) -> tuple[Floats, Floats]:
-    """Per pair, when it counts no more than any motion and is no violation.
-
-    Returns:
-        The clearance from which on that is so, metre, and the squared distance of the balls' centres in the middle of
-        an interval that proves this clearance on the whole of it, m^2.
-    """
-    numbers, whole, half, strays, rush = field.numbers, field.whole, way.arm.half, rough.strays, rough.rush
-    calm, beyond = np.empty(numbers.shape[0]), np.empty(numbers.shape[0])
-    for each in range(pairs.shape[0]):
-        pair = pairs[each]
-        body = whole[pair, BODY]
-        clear = calm_beyond(whole[pair, KIND], numbers, pair, rush[body] * rate, law)
-        calm[pair] = max(clear, numbers[pair, VIOLATED_BELOW])
-        far = calm[pair] + half[body] + numbers[pair, AROUND] + numbers[pair, RADII] + strays[body]
-        beyond[pair] = math.inf if whole[pair, SHAPE] == PLANE else max(far, 0.0) ** 2
-    return calm, beyond
-
-
-@compiled
-def _first_level(
-    nodes: Nodes,
-    first: int,
-    way: Way,
-    field: Field,
-    pairs: Whole,
-    rough: Rough,
-    calm: Floats,
-    beyond: Floats,
-    leaves: Rows,
-) -> tuple[Level, int]:
-    """The first cut without the pairs that are far apart, which are leaves; nodes 0 to 2 `first` are every half of it.
-
-    The tight loop of the whole engine: plain numbers, no views.
-    """
-    count, step = pairs.shape[0], GRID // first
-    numbers, whole, ends, rush = field.numbers, field.whole, nodes.ends, rough.rush
-    level = Level(
-        np.arange(first) * step,
-        np.arange(1, first + 1) * step,
-        np.arange(first),
-        first + 1 + np.arange(first),
-        np.arange(1, first + 1),
-        np.zeros(first + 1, np.int64),
-        np.empty(count * first, np.int64),
-    )
-    bodies = way.arm.link.shape[0]
-    moved, centers = np.zeros(bodies, np.bool_), np.empty((bodies, 3))
-    for each in range(count):
-        moved[whole[pairs[each], BODY]] = True
-    moving = np.flatnonzero(moved)
-    low, high, of, clear, fast, bound = leaves.low, leaves.high, leaves.pair, leaves.clear, leaves.rush, leaves.bound
-    clear_mid, fast_mid, asked = leaves.clear_mid, leaves.rush_mid, level.pairs
-    done = near = 0
-    for k in range(first):
-        at = first + 1 + k
-        place_all(nodes, at, way.arm, moving)
-        for each in range(moving.shape[0]):
-            body = moving[each]
-            for i in range(3):
-                centers[body, i] = 0.5 * (ends[at, body, 0, i] + ends[at, body, 1, i])
-        for each in range(count):
-            pair = pairs[each]
-            body = whole[pair, BODY]
-            x = centers[body, 0] - numbers[pair, CENTER]
-            y = centers[body, 1] - numbers[pair, CENTER + 1]
-            z = centers[body, 2] - numbers[pair, CENTER + 2]
-            if x * x + y * y + z * z >= beyond[pair]:
-                low[done], high[done], of[done] = k * step, (k + 1) * step, pair
-                clear[done], fast[done], bound[done] = calm[pair], rush[body], MOVING
-                clear_mid[done], fast_mid[done] = math.inf, 0.0
-                done += 1
-            else:
-                asked[near] = pair
-                near += 1
-        level.begin[k + 1] = near
-    return level, done
 
 
 @compiled
@@ -408,38 +280,6 @@ def _proofs(
     return kept, begin, upper, done
 
 
-@compiled
-def _halved(level: Level, kept: Whole, begin: Whole, used: int) -> Level:
-    """Both halves of each interval with open pairs; their middles will be the nodes from `used` on."""
-    count = 0
-    for k in range(level.low.shape[0]):
-        count += 2 if begin[k + 1] > begin[k] else 0
-    half = Level(
-        np.empty(count, np.int64),
-        np.empty(count, np.int64),
-        np.empty(count, np.int64),
-        used + np.arange(count),
-        np.empty(count, np.int64),
-        np.zeros(count + 1, np.int64),
-        np.empty(2 * kept.shape[0], np.int64),
-    )
-    at = rows = 0
-    for k in range(level.low.shape[0]):
-        if begin[k + 1] == begin[k]:
-            continue
-        mid = (level.low[k] + level.high[k]) // 2
-        for side in range(2):
-            half.low[at], half.high[at] = (level.low[k], mid) if side == 0 else (mid, level.high[k])
-            half.at_low[at] = level.at_low[k] if side == 0 else level.at_mid[k]
-            half.at_high[at] = level.at_mid[k] if side == 0 else level.at_high[k]
-            for each in range(begin[k], begin[k + 1]):
-                half.pairs[rows] = kept[each]
-                rows += 1
-            at += 1
-            half.begin[at] = rows
-    return half
-
-
 @entry
 def certify(
     way: Way, field: Field, pairs: Whole, groups: int, profile: Floats, law: Floats, floor: float, first: int
@@ -467,9 +307,9 @@ def certify(
         nodes = configuration(nodes, used, way, k * (GRID // first) + GRID // first // 2)
         used += 1
     _at_rest(nodes, first, way, field, pairs, violated, knots)
-    rough = _rough(way, 1.0 / first)
-    calm, beyond = _calm(way, field, pairs, rough, profile[PEAK] / profile[WAY], law)
-    level, done = _first_level(nodes, first, way, field, pairs, rough, calm, beyond, leaves)
+    rough = rough_on(way, 1.0 / first)
+    calm, beyond = calm_from(way, field, pairs, rough, profile[PEAK] / profile[WAY], law)
+    level, done = first_level(nodes, first, way, field, pairs, rough, calm, beyond, leaves)
     best = max(floor, _probe(nodes, level, way, field, profile, law, witnesses, knots))
     upper, examined = floor, done
     for depth in range(DEPTH + 1):
@@ -488,8 +328,8 @@ def certify(
         upper = max(upper, proven)
         if begin[-1] == 0:
             break
-        level = _halved(level, kept, begin, used)
-        rough = _rough(way, (level.high[0] - level.low[0]) / GRID)
+        level = halved(level, kept, begin, used)
+        rough = rough_on(way, (level.high[0] - level.low[0]) / GRID)
         for k in range(level.low.shape[0]):
             nodes = configuration(nodes, used, way, (level.low[k] + level.high[k]) // 2)
             used += 1
