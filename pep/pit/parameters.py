@@ -1,8 +1,8 @@
-"""What a joint move asks of the arm itself, as ratios to configured limits: speeds, momentum, torque, payload.
+"""What a motion asks of the arm itself, as ratios to configured limits: speeds, momentum, torque, payload.
 
-Speeds and momentum are proven bounds over the path. Torque is sampled at the path's nodes from the robot's rigid-body
+Speeds and momentum are proven bounds over the path. Torque is sampled at some of its places from the robot's rigid-body
 model, for every acceleration that the profile may have there; it has no proof, and the robot's own torque monitoring
-stays in force.
+stays in force. `Demands` asks it of a straight joint path, `pep.pit.effort` of a course.
 """
 
 from __future__ import annotations
@@ -50,6 +50,72 @@ def _carried_kg(robot: Robot, cell: CellParameters) -> float:
     return robot.model.payload_limit_kg if cell.payload_kg is None else cell.payload_kg
 
 
+class Torques:
+    """The torques of every joint at some places of a path, with what is carried, for any timing of it."""
+
+    def __init__(self, robot: Robot, cell: CellParameters, q: Floats, dq: Floats, ddq: Floats) -> None:
+        """At configurations `q` (n, 6), rad, with their derivatives by the path parameter `dq` and `ddq` (n, 6)."""
+        model = robot.pinocchio
+        carried = _carried_kg(robot, cell)
+        if carried > 0:
+            model = pinocchio.Model(model)
+            part = pinocchio.Inertia(carried, np.array(robot.tool.tcp_m), np.zeros((3, 3)))
+            model.inertias[len(robot.model.joints)] += part
+        scratch = model.createData()
+        still = np.zeros(len(robot.model.joints))
+        rows = list(zip(q, dq, ddq, strict=True))
+        hold = np.array([pinocchio.rnea(model, scratch, here, still, still) for here, _, _ in rows])
+        push = np.array([pinocchio.rnea(model, scratch, here, still, first) for here, first, _ in rows])
+        swing = np.array([pinocchio.rnea(model, scratch, here, first, second) for here, first, second in rows])
+        # To hold, per unit of s'', and per s' squared.
+        self._hold, self._push, self._swing = hold, push - hold, swing - hold
+        self._limits_nm = robot.torque_limits_nm
+
+    def ratio(self, rate: Floats, *, forward: float, backward: float) -> float:
+        """Worst torque by limit over the places: braking, coasting or accelerating, at rest or at the full rate.
+
+        Args:
+            rate: s' at each place, (n,), 1/s.
+            forward: greatest s'' that speeds up, 1/s^2.
+            backward: greatest that slows down.
+        """
+        rate2 = (rate**2)[:, None]
+        worst = 0.0
+        for swing in (0.0 * self._swing, self._swing * rate2):
+            for change in (-backward, 0.0, forward):
+                torque = np.abs(self._hold + swing + self._push * change)
+                worst = max(worst, float((torque / self._limits_nm).max()))
+        return worst
+
+
+def body_ratios(
+    robot: Robot, cell: CellParameters, speeds_m_s: Floats, *, tool_speed_m_s: float, torque: float
+) -> tuple[Ratio, ...]:
+    """What any motion asks of the arm's bodies, whatever its path.
+
+    Args:
+        robot: the arm.
+        cell: its limits.
+        speeds_m_s: proven bound on the surface speed of every body, (bodies,).
+        tool_speed_m_s: of the tool point, held against its limit.
+        torque: the worst by limit.
+    """
+    masses = {f"com_{j.name}": j.mass_kg for j in robot.model.joints} | {"com_tool": robot.tool.mass_kg}
+    if robot.held is not None:
+        masses["com_payload"] = robot.model.payload_limit_kg if robot.held.mass_kg is None else robot.held.mass_kg
+    moving = zip(robot.bodies, speeds_m_s, strict=True)
+    momentum = sum(masses[b.name] * float(v) for b, v in moving if b.name in masses)
+    momentum += _carried_kg(robot, cell) * float(speeds_m_s[robot.body_index("tcp")])
+    elbow = float(speeds_m_s[robot.body_index("elbow_point")])
+    return (
+        Ratio("tcp_speed", tool_speed_m_s / cell.tcp_speed_limit_m_s),
+        Ratio("elbow_speed", elbow / cell.elbow_speed_limit_m_s),
+        Ratio("momentum", momentum / cell.momentum_limit_kg_m_s),
+        Ratio("torque", torque),
+        Ratio("payload", (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg),
+    )
+
+
 class Demands:
     """What a move demands: the parts that do not depend on its timing, computed once, then ratios for any profile."""
 
@@ -62,25 +128,9 @@ class Demands:
         self._high = self._low + step
         self._rush = path.rush(self._low, self._high)
         self._delta = path.delta
-        nodes = np.append(self._low, GRID)
-        self._node_s = nodes / GRID
-        self._hold, self._push, self._swing = self._torque_terms(path.start + self._node_s[:, None] * path.delta)
-
-    def _torque_terms(self, q: Floats) -> tuple[Floats, Floats, Floats]:
-        """At each configuration the torque to hold, per unit of s'' and per s' squared, each of shape (n, 6)."""
-        robot = self._robot
-        model = robot.pinocchio
-        carried = _carried_kg(robot, self._cell)
-        if carried > 0:
-            model = pinocchio.Model(model)
-            part = pinocchio.Inertia(carried, np.array(robot.tool.tcp_m), np.zeros((3, 3)))
-            model.inertias[len(robot.model.joints)] += part
-        data = model.createData()
-        still = np.zeros(len(self._delta))
-        hold = np.array([pinocchio.rnea(model, data, row, still, still) for row in q])
-        push = np.array([pinocchio.rnea(model, data, row, still, self._delta) for row in q])
-        swing = np.array([pinocchio.rnea(model, data, row, self._delta, still) for row in q])
-        return hold, push - hold, swing - hold
+        self._node_s = np.append(self._low, GRID) / GRID
+        q = path.start + self._node_s[:, None] * path.delta
+        self._torques = Torques(path.robot, cell, q, np.tile(path.delta, (len(q), 1)), np.zeros_like(q))
 
     def surface_speed_m_s(self, profile: Profile) -> Floats:
         """Proven bound on the surface speed of every body of the robot over the whole path, shape (bodies,)."""
@@ -89,34 +139,20 @@ class Demands:
 
     def ratios(self, profile: Profile) -> tuple[Ratio, ...]:
         """Every quantity of this move under this profile against its limit."""
-        robot, cell = self._robot, self._cell
+        robot = self._robot
         share = np.abs(self._delta) / profile.way_rad
         joint = float((share * profile.peak_rad_s / robot.speed_limits_rad_s).max())
         asked = float((share * profile.speed_rad_s / robot.speed_limits_rad_s).max())
         speeds = self.surface_speed_m_s(profile)
-        bodies = robot.bodies
-        # A short move never reaches a forbidden speed, but asking for one is asking to break the limit.
-        found = [Ratio("joint_speed", asked if asked > 1 else joint)]
-        found.append(Ratio("acceleration", profile.acceleration_rad_s2 / robot.model.acceleration_limit_rad_s2))
-        found.append(Ratio("tcp_speed", float(speeds[robot.body_index("tcp")]) / cell.tcp_speed_limit_m_s))
-        found.append(Ratio("elbow_speed", float(speeds[robot.body_index("elbow_point")]) / cell.elbow_speed_limit_m_s))
-        masses = {f"com_{j.name}": j.mass_kg for j in robot.model.joints} | {"com_tool": robot.tool.mass_kg}
-        if robot.held is not None:
-            masses["com_payload"] = robot.model.payload_limit_kg if robot.held.mass_kg is None else robot.held.mass_kg
-        momentum = sum(masses[b.name] * float(v) for b, v in zip(bodies, speeds, strict=True) if b.name in masses)
-        momentum += _carried_kg(robot, cell) * float(speeds[robot.body_index("tcp")])
-        found.append(Ratio("momentum", momentum / cell.momentum_limit_kg_m_s))
-        found.append(Ratio("torque", self._torque_ratio(profile)))
-        carried = robot.tool.mass_kg + payload_kg(robot, cell)
-        found.append(Ratio("payload", carried / robot.model.payload_limit_kg))
-        return tuple(found)
-
-    def _torque_ratio(self, profile: Profile) -> float:
-        """Worst torque by limit over the nodes: braking, coasting or accelerating, at rest or at the full rate."""
-        rate2 = (profile.rate(self._node_s) ** 2)[:, None]
-        worst = 0.0
-        for swing in (0.0 * self._swing, self._swing * rate2):
-            for change in (-profile.braking_rad_s2, 0.0, profile.acceleration_rad_s2):
-                torque = np.abs(self._hold + swing + self._push * (change / profile.way_rad))
-                worst = max(worst, float((torque / self._robot.torque_limits_nm).max()))
-        return worst
+        torque = self._torques.ratio(
+            profile.rate(self._node_s),
+            forward=profile.acceleration_rad_s2 / profile.way_rad,
+            backward=profile.braking_rad_s2 / profile.way_rad,
+        )
+        tool = float(speeds[robot.body_index("tcp")])
+        return (
+            # A short move never reaches a forbidden speed, but asking for one is asking to break the limit.
+            Ratio("joint_speed", asked if asked > 1 else joint),
+            Ratio("acceleration", profile.acceleration_rad_s2 / robot.model.acceleration_limit_rad_s2),
+            *body_ratios(robot, self._cell, speeds, tool_speed_m_s=tool, torque=torque),
+        )
