@@ -1,7 +1,7 @@
 # The whole developer story. Each target is short and says what it proves.
 RUN ?= uv run --extra all --group dev
 
-.PHONY: check format lint types imports test docs demo bench campaign mutants constraints
+.PHONY: check format lint types imports test docs demo bench campaign soundness mutants constraints
 
 check: lint types imports test  ## all of it; green before anything lands
 
@@ -35,6 +35,9 @@ campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in
 	$(RUN) ztpm eval tokens
 	$(RUN) python -m tests.model.campaign
 	$(RUN) ztpm eval conduct
+
+soundness:  ## 100,000 motions and scenes against MuJoCo, their certificates and corrupted ones; goes on where it was ended
+	uv run --extra all --extra bench --group dev python -m tests.pit.campaign --ledger .soundness
 
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation

@@ -1,0 +1,1 @@
+"""Certified physics beside sampled distances, in one run."""

@@ -1,0 +1,99 @@
+"""The least clearance on a whole path, asked of the search for the index: proven from below, attained from above.
+
+The search answers with an index. Of things at rest, asked for at a creeping speed, the index is a ruler: over a band of
+20 mm it rises by one, and the search resolves a hundredth of that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.motion import profile_of
+from pep.pit.pairs import Kind
+from pep.pit.separation import stopping
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pep.pit.cell import CellParameters
+    from pep.pit.certify import Certified
+    from pep.pit.engine import Engine
+    from pep.pit.motion import Straight
+    from pep.pit.pairs import Pairs
+    from pep.pit.path import Path
+    from pep.pit.robot import Robot
+
+COARSE_M: Final = 1.0
+FINE_M: Final = 0.02
+DEEPEST_M: Final = 0.3
+"""No clearance is below minus this: the radii of two bodies together."""
+REACH_M: Final = COARSE_M - DEEPEST_M
+"""What is farther than this has no clearance that is asked for."""
+BEYOND: Final = 1.0
+"""Index of a thing beyond its band."""
+AT_ZERO: Final = 2.0
+"""Index of a thing where its band begins."""
+CREEPING_RAD_S: Final = 1e-6
+MIDDLE: Final = 0.55
+"""Share of the fine band at which the attained clearance is laid: a proven one a coarse step below is on it too."""
+
+
+@dataclass(frozen=True, slots=True)
+class Least:
+    """The least clearance of some pairs on a path, metre.
+
+    Attributes:
+        proven: no clearance is below it.
+        attained: one that is met; infinite when all are beyond what the ruler reaches.
+    """
+
+    proven: float
+    attained: float
+
+
+class Ruler:
+    """Pairs made into things at rest, whose index is their clearance."""
+
+    def __init__(
+        self, engine: Engine, robot: Robot, cell: CellParameters, pairs: Pairs, rows: NDArray[np.intp]
+    ) -> None:
+        """Nothing is asked yet; `rows` are the pairs that will be."""
+        self._engine, self._robot, self._cell, self._rows = engine, robot, cell, rows
+        count = len(pairs)
+        self._pairs = replace(
+            pairs,
+            kind=np.full(count, pairs.code_of(Kind.RIGID)),
+            group=np.zeros(count, dtype=np.intp),
+            violated_below=np.full(count, -math.inf),
+        )
+
+    def least(self, move: Straight) -> Least:
+        """The least clearance on the way of a move that goes somewhere; its speed plays no part."""
+        path = self._engine.path(self._robot, move)
+        found = self._laid(path, move, zero=-DEEPEST_M, band=COARSE_M)
+        if found.upper <= BEYOND:
+            return Least(REACH_M, math.inf)
+        # One coarse step below what is met the least may lie, so it is on the fine band; what rounds is laid again.
+        while True:
+            zero = found.witnesses[0].clearance_m - MIDDLE * FINE_M
+            found = self._laid(path, move, zero=zero, band=FINE_M)
+            if found.upper < AT_ZERO:
+                return Least(zero + FINE_M * (AT_ZERO - found.upper), found.witnesses[0].clearance_m)
+
+    def _laid(self, path: Path, move: Straight, *, zero: float, band: float) -> Certified:
+        """The search over these pairs when the index is 2 at a clearance of `zero` and 1 at `band` beyond it."""
+        count = len(self._pairs)
+        pairs = replace(self._pairs, uncertainty=np.full(count, zero), band=np.full(count, band))
+        profile = profile_of(move, CREEPING_RAD_S)
+        if profile is None:
+            raise ValueError("a move that goes nowhere")
+        stop = stopping(self._cell, perception_age_s=0.0, joint_speed_rad_s=0.0)
+        return self._engine.certify(path, pairs, profile, stop, rows=self._rows, floor=1.0, check_time=_no_limit)
+
+
+def _no_limit() -> None:
+    """The time is not counted."""
