@@ -90,10 +90,11 @@ def cross_check(
         rows: the pairs that `certified` speaks of.
         seed: digest of the command.
     """
-    world = _World(path.robot, scene, pairs)
+    world = World(path.robot, scene, pairs)
     watched: list[Witness] = [*certified.witnesses[:1], *certified.violated.values()]
-    times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in _fractions(seed)]
-    clearance, speed = world.ask_all(path, [profile.at(time_s) for time_s in times])
+    times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in fractions(seed)]
+    places = [profile.at(time_s) for time_s in times]
+    clearance, speed = world.ask_all([(path.q(s), path.delta * rate) for s, rate in places])
     every = np.arange(len(pairs))
     for witness, measured, moving in zip(watched, clearance, speed, strict=False):
         kernel = path.clearance_at(pairs, witness.key, every)
@@ -102,26 +103,33 @@ def cross_check(
             return Disagreement("clearance at the witness")
         if witness.index > 0 and not abs(moving[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
             return Disagreement("speed at the witness")
-    asked = np.tile(rows, len(times))
-    near = clearance[:, rows].ravel() + DISTANCE_TOLERANCE_M
-    highest = float(pairs.index(asked, near, speed[:, rows].ravel(), stop).max(initial=0))
+    return judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
+
+
+def judged(
+    pairs: Pairs, stop: Stopping, certified: Certified, rows: NDArray[np.intp], *, clearance: Floats, speed: Floats
+) -> Agreement | Disagreement:
+    """Whether the certified answer holds for what was measured of `rows`, both of shape (places, rows)."""
+    asked = np.tile(rows, len(clearance))
+    near = clearance.ravel() + DISTANCE_TOLERANCE_M
+    highest = float(pairs.index(asked, near, speed.ravel(), stop).max(initial=0))
     if not highest <= certified.upper + INDEX_TOLERANCE:
         return Disagreement("index above the certified one")
     below = near + VIOLATION_RESOLUTION_M < pairs.violated_below[asked]
     if any(pairs.kind_of(int(row)) not in certified.violated for row in asked[below]):
         return Disagreement("a violation that was not found")
-    return Agreement(len(times), highest)
+    return Agreement(len(clearance), highest)
 
 
 def cross_check_rest(path: Path, pairs: Pairs, scene: Scene, clearance: Floats) -> Agreement | Disagreement:
     """Ask coal about every pair at the start of the path, where the kernel found `clearance`."""
-    found, _ = _World(path.robot, scene, pairs).ask(path, 0.0, 0.0)
+    found, _ = World(path.robot, scene, pairs).ask(path.q(0.0), np.zeros_like(path.delta))
     if not (np.abs(found - clearance) <= DISTANCE_TOLERANCE_M).all():
         return Disagreement("clearance at rest")
     return Agreement(1, 0.0)
 
 
-def _fractions(seed: bytes) -> list[float]:
+def fractions(seed: bytes) -> list[float]:
     """Times as fractions of the motion, from the seed."""
     stream = hashlib.sha256(b"interior" + seed).digest()
     words = [stream[k * SEED_BYTES : (k + 1) * SEED_BYTES] for k in range(INTERIOR)]
@@ -254,7 +262,7 @@ class _Stages(threading.local):
 _STAGES: Final = _Stages()
 
 
-class _World:
+class World:
     """Robot and scene for pinocchio and coal; its pairs stand in the order of `Pairs`."""
 
     def __init__(self, robot: Robot, scene: Scene, pairs: Pairs) -> None:
@@ -268,18 +276,17 @@ class _World:
         left_out = np.array([core.radius for core in cores])
         self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
 
-    def ask(self, path: Path, s: float, rate: float) -> tuple[Floats, Floats]:
-        """Signed clearance and surface speed of every pair at path parameter `s` when it grows at `rate`."""
-        clearance, speed = self.ask_all(path, [(s, rate)])
+    def ask(self, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
+        """Signed clearance and surface speed of every pair at joint angles `q` (6,), rad, and speeds `qd`, rad/s."""
+        clearance, speed = self.ask_all([(q, qd)])
         return clearance[0], speed[0]
 
-    def ask_all(self, path: Path, places: Sequence[tuple[float, float]]) -> tuple[Floats, Floats]:
-        """The same at several places (s, ds/dt): clearance and speed, each of shape (places, pairs)."""
+    def ask_all(self, places: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
+        """The same at several joint angles and speeds: clearance and speed, each of shape (places, pairs)."""
         model, stage = self.robot.pinocchio, self.stage
         core, poses, velocities = [], [], []
-        for s, rate in places:
-            q = path.q(s)
-            pinocchio.forwardKinematics(model, stage.data, q, path.delta * rate)
+        for q, qd in places:
+            pinocchio.forwardKinematics(model, stage.data, q, qd)
             pinocchio.computeDistances(model, stage.data, stage.geometry, stage.found, q)
             core.append([result.min_distance for result in stage.found.distanceResults])
             poses.append(np.array([frame.homogeneous for frame in stage.data.oMi]))

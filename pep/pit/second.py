@@ -6,21 +6,19 @@ found: so the inverse is confirmed without being computed twice.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pinocchio
 
-from pep.pit.certify import VIOLATION_RESOLUTION_M
 from pep.pit.oracle import (
     DISTANCE_TOLERANCE_M,
-    INDEX_TOLERANCE,
     SPEED_TOLERANCE_M_S,
     Agreement,
     Disagreement,
-    _fractions,
-    _World,
+    World,
+    fractions,
+    judged,
 )
 
 if TYPE_CHECKING:
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
     from pep.pit.drive import Drive
     from pep.pit.motion import Floats
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Path
     from pep.pit.robot import Robot
     from pep.pit.scene import Scene
     from pep.pit.separation import Stopping
@@ -38,19 +35,6 @@ if TYPE_CHECKING:
 
 POSE_TOLERANCE: Final = 1e-8  # m and rad; Newton ends at 1e-11
 RATE_TOLERANCE: Final = 1e-6  # m and rad per unit of s, relative: two ways to the same velocity
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Instant:
-    """One place of a course, as `_World` asks for it."""
-
-    here: Floats
-    delta: Floats
-
-    def q(self, s: float) -> Floats:
-        """Joint angles; `s` is this place's."""
-        del s
-        return self.here
 
 
 def drive_check(
@@ -65,17 +49,17 @@ def drive_check(
 ) -> Agreement | Disagreement:
     """Ask pinocchio and coal about every pair at the witnesses and at the seeded places, as `cross_check` does."""
     course, profile = drive.course, drive.profile
-    world = _World(course.robot, scene, pairs)
+    world = World(course.robot, scene, pairs)
     every = np.arange(len(pairs))
     watched = [*certified.witnesses[:1], *certified.violated.values()]
-    times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in _fractions(seed)]
+    times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in fractions(seed)]
     highest = 0.0
 
     def ask(s: float, rate: float) -> tuple[Floats, Floats] | Disagreement:
         q, dq = course.at(s)
         if drive.twist is not None and s <= drive.line_until and not _on_line(course.robot, drive.twist, s, q, dq):
             return Disagreement("joint angles on the line")
-        return world.ask(cast("Path", _Instant(q, dq)), s, rate)
+        return world.ask(q, dq * rate)
 
     for witness in watched:
         rate = float(profile.rate(np.array(witness.s)))
@@ -92,14 +76,10 @@ def drive_check(
         if isinstance(told, Disagreement):
             return told
         clearance, speed = told
-        index = pairs.index(rows, clearance[rows] + DISTANCE_TOLERANCE_M, speed[rows], stop)
-        highest = max(highest, float(index.max(initial=0)))
-        if not highest <= certified.upper + INDEX_TOLERANCE:
-            return Disagreement("index above the certified one")
-        deepest = clearance[rows] + DISTANCE_TOLERANCE_M + VIOLATION_RESOLUTION_M
-        below = deepest < pairs.violated_below[rows]
-        if any(pairs.kind_of(int(row)) not in certified.violated for row in rows[below]):
-            return Disagreement("a violation that was not found")
+        found = judged(pairs, stop, certified, rows, clearance=clearance[None, rows], speed=speed[None, rows])
+        if isinstance(found, Disagreement):
+            return found
+        highest = max(highest, found.highest)
     return Agreement(len(times), highest)
 
 

@@ -7,9 +7,8 @@ import pinocchio
 
 from pep.pit import MoveL, ServoJ, SpeedL
 from pep.pit.contact import payload_kg
-from pep.pit.oracle import _World
+from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
-from pep.pit.second import _Instant
 from tests.pit import twin
 from tests.pit.scenes import CELL, HOME, ROBOT
 
@@ -111,7 +110,7 @@ class Sampled:
 
     def __init__(self, scene):
         self.pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-        self.world = _World(ROBOT, scene, self.pairs)
+        self.world = World(ROBOT, scene, self.pairs)
         self.mass = ROBOT.moving_mass_kg / 2 + ROBOT.tool.mass_kg + payload_kg(ROBOT, CELL)
         columns = [("person", str(r), 0.055, p) for p in scene.people for r, _ in p.regions]
         columns += [(o.kind, None, o.uncertainty_m + 0.005, None) for o in scene.objects]
@@ -122,7 +121,7 @@ class Sampled:
 
     def look(self, q, qd, *, omega):
         """One instant: joint angles, joint speeds, and the leading joint speed of the whole motion."""
-        clearance, speed = self.world.ask(_Instant(np.array(q), np.array(qd)), 0.0, 1.0)
+        clearance, speed = self.world.ask(np.array(q), np.array(qd))
         self.fastest = max(self.fastest, float(speed[self.pairs.body < ROBOT.world_bodies].max()))
         for row in np.flatnonzero(clearance < 2.5):
             kind, detail, z, who = self.laws[row]

@@ -58,6 +58,12 @@ def with_person(distance=0.5, bearing=FRONT):
     return replace(empty(), people=(adult_at_distance(distance, bearing_rad=bearing),))
 
 
+def at_time(path, profile, time_s):
+    """Joint angles and joint speeds of a straight path at a time."""
+    s, rate = profile.at(time_s)
+    return path.q(s), path.delta * rate
+
+
 def random_move(rng, amplitude=2.0):
     while True:
         start = np.array(

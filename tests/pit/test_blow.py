@@ -8,7 +8,7 @@ import pytest
 from pep.pit import GripperMove, Person, Region, Sphere, assess
 from pep.pit.contact import contact_speed_m_s, effective_mass_kg
 from pep.pit.motion import profile_of
-from pep.pit.oracle import _World
+from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
 from pep.pit.path import Path
 from pep.pit.separation import stopping
@@ -18,6 +18,7 @@ from tests.pit.scenes import (
     NOTHING,
     ROBOT,
     SEED,
+    at_time,
     empty,
     random_move,
     random_scene,
@@ -38,12 +39,12 @@ def sampled(scene, move, samples=300):
     path, profile = Path(ROBOT, move), profile_of(move)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
     stop = stopping(CELL, perception_age_s=AGE, joint_speed_rad_s=profile.peak_rad_s)
-    world = _World(ROBOT, scene, pairs)
+    world = World(ROBOT, scene, pairs)
     regions = [(region, person) for person in scene.people for region, _ in person.regions]
     mass = effective_mass_kg(ROBOT, CELL)
     worst, tip, last = 0.0, 0.0, None
     for t in np.linspace(0, profile.duration_s, samples):
-        clearance, speed = world.ask(path, *profile.at(t))
+        clearance, speed = world.ask(*at_time(path, profile, t))
         for k, (region, person) in enumerate(regions):
             rows = slice(k * ROBOT.world_bodies, (k + 1) * ROBOT.world_bodies)
             v = speed[rows]

@@ -125,14 +125,14 @@ def test_coal_keeps_the_nearest_of_one_result():
 def test_one_pass_over_all_pairs_is_right_where_the_manager_is_not():
     """`computeDistances` keeps one result per pair: the smallest equals coal asked pair by pair."""
     rng = np.random.default_rng(13)
-    from pep.pit.oracle import _World
+    from pep.pit.oracle import World
 
     for _ in range(10):
         scene = random_scene(rng)
         pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
         move = random_move(rng)
         path = Path(ROBOT, move)
-        clearance, _ = _World(ROBOT, scene, pairs).ask(path, 0.5, 0.0)
+        clearance, _ = World(ROBOT, scene, pairs).ask(path.q(0.5), np.zeros(6))
         kernel = path.clearance_at(pairs, GRID // 2, np.arange(len(pairs)))
         assert np.abs(clearance - kernel).max() <= 2e-6
 

@@ -28,7 +28,7 @@ from pep.pit.contact import effective_mass_kg, harm_speed_m_s
 from pep.pit.held import _capsule_around, without_held
 from pep.pit.kinematics import link_frames
 from pep.pit.motion import profile_of
-from pep.pit.oracle import _World
+from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
 from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path
@@ -41,6 +41,7 @@ from tests.pit.scenes import (
     NOTHING,
     ROBOT,
     SEED,
+    at_time,
     empty,
     random_move,
     random_scene,
@@ -137,10 +138,10 @@ def test_bounds_hold_for_the_payload_in_every_sample():
         rows = np.flatnonzero([WITH_STICK.bodies[b].name == "payload" for b in pairs.body])
         assert {pairs.kind_of(int(row)).value for row in rows} == {"person", "rigid", "self"}
         low = np.arange(8, dtype=np.int64) * (GRID // 8)
-        world = _World(WITH_STICK, scene, pairs)
+        world = World(WITH_STICK, scene, pairs)
         times = np.linspace(0, profile.duration_s, 200)
         keys = np.array([profile.at(t)[0] for t in times])
-        found = [world.ask(path, *profile.at(t)) for t in times]
+        found = [world.ask(*at_time(path, profile, t)) for t in times]
         for k in range(8):
             leaves = path.examine(pairs, np.full(len(rows), low[k]), np.full(len(rows), low[k] + GRID // 8), rows)
             bound = leaves.rush * profile.highest_rate(leaves.low / GRID, leaves.high / GRID)

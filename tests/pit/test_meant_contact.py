@@ -19,11 +19,11 @@ from pep.pit import (
     remaining,
 )
 from pep.pit.motion import profile_of
-from pep.pit.oracle import _World
+from pep.pit.oracle import World
 from pep.pit.pairs import Kind, pairs_of
 from pep.pit.path import Path
 from pep.pit.touching import gentle_rows
-from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, tcp
+from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, at_time, empty, random_scene, tcp
 
 ABOVE = (0.0, -1.6595, 1.8752, -1.7865, -1.57, 0.0)  # fingers 88 mm above the table, pointing down
 DOWN = (0.0, -1.486, 2.164, -2.2488, -1.57, 0.0)  # fingers on the table, within what the arm errs by
@@ -177,10 +177,10 @@ def test_gentle_is_what_samples_say():
         path, profile = Path(ROBOT, move), profile_of(move)
         pairs = pairs_of(ROBOT, empty(), DECLARED, grown_m=0.0, touch=GRANTED)
         gentle = gentle_rows(path, pairs, profile, DECLARED, check_time=lambda: None)
-        world = _World(ROBOT, empty(), pairs)
+        world = World(ROBOT, empty(), pairs)
         rough = np.zeros(len(pairs), dtype=bool)
         for t in np.linspace(0, profile.duration_s, 300):
-            clearance, speed = world.ask(path, *profile.at(t))
+            clearance, speed = world.ask(*at_time(path, profile, t))
             rough |= ((clearance < 0.03) & (speed > 0.05)) | (clearance < -0.02)
         assert not rough[gentle].any()
         asked = np.flatnonzero(pairs.touchable)

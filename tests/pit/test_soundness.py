@@ -8,13 +8,24 @@ import pytest
 from pep.pit import Box, Capsule, CellParameters, MoveJ, Person, Robot, Scene, Sphere, Workspace, assess
 from pep.pit.certify import RESOLUTION
 from pep.pit.motion import profile_of
-from pep.pit.oracle import _World
+from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
 from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path
 from pep.pit.model import Model
 from tests.pit import twin
-from tests.pit.scenes import NOTHING, CELL, ROBOT, SEED, random_move, random_scene, sweep, with_glass, with_person
+from tests.pit.scenes import (
+    NOTHING,
+    CELL,
+    ROBOT,
+    SEED,
+    at_time,
+    random_move,
+    random_scene,
+    sweep,
+    with_glass,
+    with_person,
+)
 
 AGE = 0.1
 
@@ -27,7 +38,7 @@ def dense_index(scene, move, samples=500, since=0.0):
     """Highest index over times from path parameter `since` on, from the other engine and the slow twin; violations met."""
     path, profile = Path(ROBOT, move), profile_of(move)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-    world = _World(ROBOT, scene, pairs)
+    world = World(ROBOT, scene, pairs)
     omega = profile.peak_rad_s
     mass = ROBOT.moving_mass_kg / 2 + ROBOT.tool.mass_kg
     worst, violated = 0.0, set()
@@ -39,7 +50,7 @@ def dense_index(scene, move, samples=500, since=0.0):
         laws += [column] * ROBOT.world_bodies
     laws += [("self", None, 0.0, None)] * len(ROBOT.self_pairs)
     for t in np.linspace(profile.time_of(since), profile.duration_s, samples):
-        clearance, speed = world.ask(path, *profile.at(t))
+        clearance, speed = world.ask(*at_time(path, profile, t))
         near = np.flatnonzero(clearance < 2.5)
         for row in near:
             kind, detail, z, who = laws[row]
@@ -209,9 +220,12 @@ def test_surface_speed_is_above_every_sample():
         path, profile = Path(ROBOT, move), profile_of(move)
         bound = Demands(path, CELL).surface_speed_m_s(profile)[: ROBOT.world_bodies]
         scene = Scene(objects=with_glass().objects)
-        world = _World(ROBOT, scene, pairs_of(ROBOT, scene, CELL, grown_m=0.0))
+        world = World(ROBOT, scene, pairs_of(ROBOT, scene, CELL, grown_m=0.0))
         seen = np.max(
-            [world.ask(path, *profile.at(t))[1][: ROBOT.world_bodies] for t in np.linspace(0, profile.duration_s, 300)],
+            [
+                world.ask(*at_time(path, profile, t))[1][: ROBOT.world_bodies]
+                for t in np.linspace(0, profile.duration_s, 300)
+            ],
             axis=0,
         )
         assert (bound >= seen - 1e-12).all()

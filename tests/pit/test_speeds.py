@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from pep.pit import CellError, CellParameters, MoveJ, Output, OutputSet, SpeedJ, Sphere, Thing, assess
 from pep.pit.motion import Profile, profile_of
-from pep.pit.oracle import _World
 from pep.pit.pairs import pairs_of
 from pep.pit.path import Path
 from pep.pit.question import as_run
