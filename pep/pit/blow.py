@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
     from pep.pit.motion import Floats, Profile
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Path
+    from pep.pit.route import Route
     from pep.pit.separation import Stopping
 
 DEPTH: Final = 7  # halvings; what is still open then counts with its bound
 RESOLUTION: Final = 0.01  # PHY-4: ratio within which bound and attained value may differ
 
 
-def blow_ratio(path: Path, pairs: Pairs, profile: Profile, stop: Stopping, *, check_time: Callable[[], None]) -> float:
+def blow_ratio(path: Route, pairs: Pairs, profile: Profile, stop: Stopping, *, check_time: Callable[[], None]) -> float:
     """Proven: no body region that the arm could meet on this path is met at more than this share of its limit speed."""
     rows = np.flatnonzero(pairs.kind == pairs.code_of(Kind.PERSON))
     if not rows.size:

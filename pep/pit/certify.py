@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from pep.pit.motion import Floats, Profile
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Path
+    from pep.pit.route import Route
     from pep.pit.separation import Stopping
 
 FIRST_CUT_LEAST: Final = 8  # intervals of the first cut; fewer only add a level
@@ -74,7 +74,7 @@ class Certified:
     leaf_index: Floats
 
 
-def first_cut(path: Path, pairs: Pairs, rows: NDArray[np.intp], *, since: int = 0) -> Leaves:
+def first_cut(path: Route, pairs: Pairs, rows: NDArray[np.intp], *, since: int = 0) -> Leaves:
     """Every pair of `rows` on every interval of the first cut that reaches beyond `since`, examined."""
     low, high = cut(path)
     low, high = low[high > since], high[high > since]
@@ -82,7 +82,7 @@ def first_cut(path: Path, pairs: Pairs, rows: NDArray[np.intp], *, since: int = 
     return path.examine(pairs, np.repeat(low, len(rows)), np.repeat(high, len(rows)), np.tile(rows, count))
 
 
-def cut(path: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def cut(path: Route) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Equal intervals, a power of two of them, more for a longer way."""
     wanted = float(np.abs(path.delta).sum()) / RADIANS_PER_CUT
     count = FIRST_CUT_LEAST
@@ -97,7 +97,7 @@ def _tiers(index: Floats) -> Floats:
 
 
 def certify(
-    path: Path,
+    path: Route,
     pairs: Pairs,
     profile: Profile,
     stop: Stopping,
@@ -170,7 +170,7 @@ class _Found:
         self.violated: dict[Kind, Witness] = {}
         self._by_obstacle: dict[int, Witness] = {}
 
-    def at_rest(self, path: Path, rows: NDArray[np.intp]) -> None:
+    def at_rest(self, path: Route, rows: NDArray[np.intp]) -> None:
         """Note violations at both ends of the path, where the arm stands and no middle ever lies."""
         may = rows[np.isfinite(self.pairs.violated_below[rows])]
         if may.size:
@@ -235,7 +235,7 @@ class Fit:
 
 
 def fits(
-    path: Path,
+    path: Route,
     pairs: Pairs,
     profile: Profile,
     stop: Stopping,

@@ -122,7 +122,7 @@ def course_bends(robot: Robot, plan: Layout, cells: Cells) -> CourseBends:
 class Course:
     """A curved path for one robot. Holds every configuration it was asked for; not shared between threads.
 
-    It answers what `Path` answers. It has no `start` and is no `Path`: whoever reckons with straightness must not.
+    A `Route` as `Path` is one. It has no `start` and is no `Path`: whoever reckons with straightness must not.
     """
 
     def __init__(self, robot: Robot, cells: Cells, solve: Solve) -> None:

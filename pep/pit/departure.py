@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
     from pep.pit.motion import Floats, Profile
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Path
     from pep.pit.robot import Robot
+    from pep.pit.route import Route
 
 RETREAT: Final = 3.0  # PHY-6: index of a stuck arm's retreat
 RETREAT_CUT: Final = 128  # equal intervals in the proof that nothing comes nearer
@@ -64,7 +64,7 @@ class Departure:
     retreating: NDArray[np.intp]
 
 
-def departure(path: Path, pairs: Pairs, cell: CellParameters, *, slow: bool, since: int = 0) -> Departure:
+def departure(path: Route, pairs: Pairs, cell: CellParameters, *, slow: bool, since: int = 0) -> Departure:
     """What is violated at `since` (in 1 / GRID), and what of it a slow motion from there leads away from."""
     rows = np.arange(len(pairs))
     may = rows[np.isfinite(pairs.violated_below)]
@@ -77,7 +77,7 @@ def departure(path: Path, pairs: Pairs, cell: CellParameters, *, slow: bool, sin
 
 
 def _approaching(
-    path: Path, pairs: Pairs, rows: NDArray[np.intp], *, tolerance_m: float, since: int
+    path: Route, pairs: Pairs, rows: NDArray[np.intp], *, tolerance_m: float, since: int
 ) -> NDArray[np.intp]:
     """Of these violated pairs, those whose clearance is not proven never to shrink.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, assert_never, cast
+from typing import TYPE_CHECKING, Final, assert_never
 
 import numpy as np
 
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from pep.pit.course import Course
     from pep.pit.motion import Driven, Floats, Joints, Paths
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Path
     from pep.pit.robot import Robot
+    from pep.pit.route import Route
     from pep.pit.scene import Scene
     from pep.pit.separation import Stopping
 
@@ -85,13 +85,12 @@ class DriveRest(_Rest):
         lag_m = float(speeds.max()) * (age_s or 0.0)
         view = view_around(self.robot, scene, age_s, self.at_rad, cell, lag_m=lag_m)
         floors.append((view.floor, PERCEPTION))
-        path = cast("Path", course)  # the search asks a course only for what a straight path has too
         bare = pairs_of(self.robot, view.scene, cell, grown_m=view.grown_m, touch=touch)
-        pairs = bare.meant(gentle_rows(path, bare, profile, cell, since=since, check_time=self.check_time))
+        pairs = bare.meant(gentle_rows(course, bare, profile, cell, since=since, check_time=self.check_time))
         # 4. What is violated where the arm is, and whether the rest only leads away from it.
         surface = float(speeds[: self.robot.world_bodies].max())
         slow = joint <= cell.retreat_joint_speed_rad_s and surface <= cell.retreat_speed_m_s
-        here = departure(path, pairs, cell, slow=slow, since=since)
+        here = departure(course, pairs, cell, slow=slow, since=since)
         if here.retreating.size:
             floors.append((RETREAT, RETREATS))
         floor, cause = max(floors)
@@ -99,14 +98,15 @@ class DriveRest(_Rest):
             return Remaining(holds=False, index_milli=milli(floor), cause=cause)
         # 5. The proof that no pair exceeds what is authorised.
         stop = stopping(cell, perception_age_s=view.stopping_age_s, joint_speed_rad_s=joint)
-        return self._proof(path, pairs, profile, stop, rows=here.rows, speeds=speeds, since=since, floor=floor)
+        return self._proof(course, pairs, profile, stop, rows=here.rows, speeds=speeds, since=since, floor=floor)
 
     def _far_enough(
-        self, path: Path, pairs: Pairs, stop: Stopping, *, rows: NDArray[np.intp], speeds: Floats, since: int
+        self, path: Route, pairs: Pairs, stop: Stopping, *, rows: NDArray[np.intp], speeds: Floats, since: int
     ) -> tuple[NDArray[np.intp], float]:
         """As on a straight path, with the joints' ways before and behind the middle as the course bounds them."""
         middle = (since + GRID) // 2
-        cells = cast("Course", path).cells
+        assert not isinstance(self.drive, Nowhere)
+        cells = self.drive.course.cells
         met = np.clip(np.minimum(cells.high, GRID) - np.maximum(cells.low, since), 0, None) / GRID
         way = (cells.first * met[:, None]).sum(axis=0) + cells.stray.max(axis=0)
         strays = path.robot.reach @ way

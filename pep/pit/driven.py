@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
 from pep.pit.assessment import Assessment, Certificate, micro, milli, seen
 from pep.pit.blow import blow_ratio
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pep.pit.drive import Drive
     from pep.pit.motion import Floats, Joints, Profile
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Keys, Leaves, Path
+    from pep.pit.path import Keys, Leaves
     from pep.pit.robot import Robot
     from pep.pit.separation import Stopping
     from pep.pit.view import View
@@ -88,21 +88,21 @@ class DriveQuestion(MoveQuestion):
             return replace(self._assessment(0.0, (), ()), engine=NUMPY)
         if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
             return replace(self._doubted(drive.doubt or JOINT_LIMIT), engine=NUMPY)
-        # 2. What the motion asks of the arm. The search asks a course only for what a straight path has too.
-        path, profile = cast("Path", drive.course), drive.profile
+        # 2. What the motion asks of the arm.
+        course, profile = drive.course, drive.profile
         effort = Effort(self.robot, drive, self.cell)
         ratios, speeds = effort.ratios(profile), effort.surface_speed_m_s(profile)
         speed = float(speeds[: self.robot.world_bodies].max())
         stop = self._stop(profile)
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
-        pairs = bare.meant(gentle_rows(path, bare, profile, self.cell, check_time=self.check_time))
+        pairs = bare.meant(gentle_rows(course, bare, profile, self.cell, check_time=self.check_time))
         # 3. What is violated where the arm stands, and whether this is a retreat from it.
-        start = departure(path, pairs, self.cell, slow=self._slow(profile, speed))
+        start = departure(course, pairs, self.cell, slow=self._slow(profile, speed))
         retreats = start.retreating.size > 0
         # 4. The proven index of all the rest.
         doubt = 0.0 if drive.doubt is None else DOUBTFUL
         floor = max(MOVING, self.view.floor, doubt, RETREAT if retreats else 0.0, *(r.index for r in ratios))
-        certified = certify(path, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time)
+        certified = certify(course, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time)
         violations = {str(kind) for kind in certified.violated} | ({UNREACHABLE} & {drive.doubt})
         # 5. The second engine has to agree.
         self.check_time()
@@ -132,7 +132,7 @@ class DriveQuestion(MoveQuestion):
             speed_m_s=speed,
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
-            contact_ratio=blow_ratio(path, pairs, profile, stop, check_time=self.check_time),
+            contact_ratio=blow_ratio(course, pairs, profile, stop, check_time=self.check_time),
             certificate=_certificate(drive, certified),
         )
         return replace(answer, engine=NUMPY)
@@ -168,16 +168,16 @@ class DriveQuestion(MoveQuestion):
         assert not isinstance(drive, Nowhere)
         if target < MOVING or self.view.floor > target:
             return None
-        path = cast("Path", drive.course)
+        course = drive.course
 
         def falls(speed: float) -> bool:
             nonlocal leaves
             profile = drive.at_speed(speed)
             if max(r.index for r in effort.ratios(profile)) > target:
                 return False
-            meant = bare.meant(gentle_rows(path, bare, profile, self.cell, check_time=self.check_time))
+            meant = bare.meant(gentle_rows(course, bare, profile, self.cell, check_time=self.check_time))
             stop = self._stop(profile)
-            fit = fits(path, meant, profile, stop, leaves, index=target, check_time=self.check_time)
+            fit = fits(course, meant, profile, stop, leaves, index=target, check_time=self.check_time)
             leaves = fit.leaves
             return fit.proven
 

@@ -55,8 +55,9 @@ if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
     from pep.pit.motion import Floats, Joints, Motion, Profile, Run
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Leaves, Path
+    from pep.pit.path import Leaves
     from pep.pit.robot import Robot
+    from pep.pit.route import Route
     from pep.pit.scene import Scene
     from pep.pit.separation import Stopping
     from pep.pit.view import View
@@ -261,7 +262,7 @@ class _Rest:
 
     def _proof(
         self,
-        path: Path,
+        path: Route,
         pairs: Pairs,
         profile: Profile,
         stop: Stopping,
@@ -311,7 +312,7 @@ class _Rest:
         raise AssertionError("the last depth returns")
 
     def _far_enough(
-        self, path: Path, pairs: Pairs, stop: Stopping, *, rows: NDArray[np.intp], speeds: Floats, since: int
+        self, path: Route, pairs: Pairs, stop: Stopping, *, rows: NDArray[np.intp], speeds: Floats, since: int
     ) -> tuple[NDArray[np.intp], float]:
         """The pairs that one look at the middle of the rest does not settle, and the index proven of the others.
 

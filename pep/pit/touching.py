@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
     from pep.pit.motion import Floats, Profile
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Path
+    from pep.pit.route import Route
 
 
 def gentle_rows(
-    path: Path,
+    path: Route,
     pairs: Pairs,
     profile: Profile,
     cell: CellParameters,
