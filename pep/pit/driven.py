@@ -12,15 +12,13 @@ from pep.pit.certify import certify, fits
 from pep.pit.departure import RETREAT, departure
 from pep.pit.drive import Doubt, Nowhere
 from pep.pit.effort import Effort
-from pep.pit.errors import WorkLimitError
 from pep.pit.motion import Run
-from pep.pit.moves import SPEED_STEPS, MoveQuestion
+from pep.pit.moves import MoveQuestion, highest_speed
 from pep.pit.oracle import Disagreement
 from pep.pit.pairs import pairs_of
 from pep.pit.second import drive_check
 from pep.pit.separation import stopping
 from pep.pit.tier import HIGHEST, MOVING, tier_of
-from pep.pit.touching import gentle_rows
 from policies.evidence import Contribution, ImpactFault
 
 if TYPE_CHECKING:
@@ -95,7 +93,7 @@ class DriveQuestion(MoveQuestion):
         speed = float(speeds[: self.robot.world_bodies].max())
         stop = self._stop(profile)
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
-        pairs = bare.meant(gentle_rows(course, bare, profile, self.cell, check_time=self.check_time))
+        pairs = self._with_meant(course, bare, profile)
         # 3. What is violated where the arm stands, and whether this is a retreat from it.
         start = departure(course, pairs, self.cell, slow=self._slow(profile, speed))
         retreats = start.retreating.size > 0
@@ -160,10 +158,7 @@ class DriveQuestion(MoveQuestion):
         return joint <= self.cell.retreat_joint_speed_rad_s and speed_m_s <= self.cell.retreat_speed_m_s
 
     def _slower(self, effort: Effort, bare: Pairs, leaves: Leaves, target: float) -> float | None:
-        """The highest commanded speed, to a step of the bisection, at which the index is proven to be at most `target`.
-
-        This is advice: when time runs out, the best speed proven so far is named, and the answer itself stands.
-        """
+        """The highest commanded speed, to a step of the bisection, whose index is proven to be at most `target`."""
         drive = self.drive
         assert not isinstance(drive, Nowhere)
         if target < MOVING or self.view.floor > target:
@@ -175,26 +170,14 @@ class DriveQuestion(MoveQuestion):
             profile = drive.at_speed(speed)
             if max(r.index for r in effort.ratios(profile)) > target:
                 return False
-            meant = bare.meant(gentle_rows(course, bare, profile, self.cell, check_time=self.check_time))
+            meant = self._with_meant(course, bare, profile)
             stop = self._stop(profile)
             fit = fits(course, meant, profile, stop, leaves, index=target, check_time=self.check_time)
             leaves = fit.leaves
             return fit.proven
 
-        proven: float | None = None
-        high = drive.profile.speed_rad_s
-        try:
-            if falls(SLOWEST_SHARE * high):
-                proven = SLOWEST_SHARE * high
-                for _ in range(SPEED_STEPS):
-                    middle = 0.5 * (proven + high)
-                    if falls(middle):
-                        proven = middle
-                    else:
-                        high = middle
-        except WorkLimitError:
-            return proven
-        return proven
+        fastest = drive.profile.speed_rad_s
+        return highest_speed(falls, slowest=SLOWEST_SHARE * fastest, fastest=fastest)
 
 
 def _certificate(drive: Drive, certified: Certified) -> CourseCertificate:

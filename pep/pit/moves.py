@@ -34,11 +34,39 @@ if TYPE_CHECKING:
     from pep.pit.parameters import Ratio
     from pep.pit.path import Path
     from pep.pit.robot import Robot
+    from pep.pit.route import Route
     from pep.pit.separation import Stopping
     from pep.pit.view import View
 
 SLOWEST_RAD_S: Final = 0.01  # slower than this is of no use, so no lower tier is named
 SPEED_STEPS: Final = 9  # bisections of the speed: 1 / 500 of it, finer than anyone drives
+
+
+def highest_speed(falls: Callable[[float], bool], *, slowest: float, fastest: float) -> float | None:
+    """The highest speed, to a step of the bisection, that `falls` proves to do, or None when not even the slowest does.
+
+    This is advice: when time runs out, the best speed proven so far is named, and the answer itself stands.
+
+    Args:
+        falls: whether it is proven of this speed; what does not do, does not at any higher one.
+        slowest: a slower one is of no use.
+        fastest: the commanded speed, which does not do.
+    """
+    if not fastest > slowest:
+        return None
+    proven: float | None = None
+    try:
+        if falls(slowest):
+            proven = slowest
+            for _ in range(SPEED_STEPS):
+                middle = 0.5 * (proven + fastest)
+                if falls(middle):
+                    proven = middle
+                else:
+                    fastest = middle
+    except WorkLimitError:
+        return proven
+    return proven
 
 
 class MoveQuestion:
@@ -131,8 +159,8 @@ class MoveQuestion:
     def _stop(self, profile: Profile) -> Stopping:
         return stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
 
-    def _with_meant(self, path: Path, pairs: Pairs, profile: Profile) -> Pairs:
-        return pairs.meant(gentle_rows(path, pairs, profile, self.cell, check_time=self.check_time))
+    def _with_meant(self, route: Route, pairs: Pairs, profile: Profile) -> Pairs:
+        return pairs.meant(gentle_rows(route, pairs, profile, self.cell, check_time=self.check_time))
 
     def _told(self, pairs: Pairs, profile: Profile, witness: Witness) -> Contribution:
         return Contribution(
@@ -157,10 +185,7 @@ class MoveQuestion:
     def _lower_speed(
         self, path: Path, pairs: Pairs, demands: Demands, certified: Certified, tier: Tier, *, ratios: tuple[Ratio, ...]
     ) -> float | None:
-        """The highest speed, to a step of the bisection, at which the index is proven to be in a lower tier.
-
-        This is advice: when time runs out, the best speed proven so far is named, and the answer itself stands.
-        """
+        """The highest speed, to a step of the bisection, at which the index is proven to be in a lower tier."""
         target = float(tier - 1)
         if target < MOVING or self.view.floor > target:
             return None
@@ -180,20 +205,7 @@ class MoveQuestion:
             leaves = fit.leaves
             return fit.proven
 
-        proven: float | None = None
-        high = self.move.speed_rad_s
-        try:
-            if high > SLOWEST_RAD_S and falls(SLOWEST_RAD_S):
-                proven = SLOWEST_RAD_S
-                for _ in range(SPEED_STEPS):
-                    middle = 0.5 * (proven + high)
-                    if falls(middle):
-                        proven = middle
-                    else:
-                        high = middle
-        except WorkLimitError:
-            return proven
-        return proven
+        return highest_speed(falls, slowest=SLOWEST_RAD_S, fastest=self.move.speed_rad_s)
 
     def _assessment(
         self,
