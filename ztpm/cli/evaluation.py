@@ -107,6 +107,29 @@ def bench_decide(
     _tell(result, tables, ratios_line, remarks=remarks, as_json=as_json)
 
 
+@bench.command("pit")
+def bench_pit(
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")] = False,
+    seed: Annotated[int, typer.Option(help="Of the questions, and of the order in which engines take turns.")] = 1,
+    plot: Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+) -> None:
+    """The physics of one command: ours, its parts, and distances sampled by pinocchio and MuJoCo."""
+    from functools import partial
+
+    from evaluation.bench.pit import plot as plots
+    from evaluation.bench.pit.report import ratios_line, tables
+    from evaluation.bench.pit.run import FULL, run
+    from evaluation.bench.timing import Plan
+
+    few = partial(run, sizes=(5,), questions=2)
+    plan = Plan(repeats=1, rounds=3, warm_up=1) if quick else FULL
+    result = _measured(few if quick else run, plots.plot, plan, seed=seed, plot=plot, as_json=as_json)
+    remarks = [f"{row.peer}: {row.why}" for row in result.rows if row.load is None]
+    _tell(result, tables, ratios_line, remarks=remarks, as_json=as_json)
+
+
 def _measured(
     run: Callable[..., Any],
     draw: Callable[[Any, Path], None],

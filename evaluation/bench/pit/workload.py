@@ -1,0 +1,204 @@
+"""What is asked: moves of every joint among things of three shapes, lines, sequences and steps of streams."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Final, cast
+
+import numpy as np
+
+from evaluation.bench.pit.ruler import Ruler
+from pep.pit import (
+    Box,
+    Capsule,
+    CellParameters,
+    JointLeg,
+    JointPath,
+    MoveJ,
+    MoveL,
+    Robot,
+    Scene,
+    ServoJ,
+    SpeedJ,
+    Sphere,
+    Thing,
+    adult_at_distance,
+)
+from pep.pit.engine import chosen
+from pep.pit.pairs import pairs_of
+from pep.pit.stream import stream_envelope
+
+if TYPE_CHECKING:
+    from numpy.random import Generator
+
+    from pep.pit import Motion
+    from pep.pit.motion import Joints, Pose
+    from pep.pit.scene import Shape, Vector
+
+AGE_S: Final = 0.1
+"""Of the view, in every question."""
+TIME_LIMIT_S: Final = 60.0
+"""A slow engine is slow here, and no fault."""
+WAY_RAD, SPEED_RAD_S, ACCELERATION_RAD_S2 = 2.0, 1.05, 1.4
+"""Of every joint; speed and acceleration are the controller's defaults."""
+NEAR_M, FAR_M, MIDDLE_M = 0.25, 0.75, 0.15
+"""Things stand so far about the point so high over the base."""
+ROOM_M: Final = 0.005
+"""Nothing is nearer to the way than this: a sampled distance says nothing of bodies that overlap."""
+LEGS: Final = 20
+HOME: Final = (0.0, -1.62, 1.25, -1.20, -1.57, 0.0)
+PEOPLE_M: Final = (0.9, 1.2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """One motion in one scene.
+
+    Attributes:
+        robot: the arm.
+        scene: what is around it.
+        motion: what is asked.
+        cell: parameters.
+    """
+
+    robot: Robot
+    scene: Scene
+    motion: Motion
+    cell: CellParameters
+
+
+@cache
+def robot() -> Robot:
+    """The arm of every question."""
+    return Robot.load("ur3e")
+
+
+@cache
+def cell() -> CellParameters:
+    """The parameters of every question; all that stands in the cell is in the scene."""
+    return CellParameters(objects=(), time_limit_s=TIME_LIMIT_S)
+
+
+def moves(rng: Generator, count: int) -> list[MoveJ]:
+    """Moves of 2 rad on all six joints on which the arm keeps clear of itself."""
+    found: list[MoveJ] = []
+    while len(found) < count:
+        start = np.array(HOME) + rng.uniform(-1.2, 1.2, 6)
+        target = start + WAY_RAD * rng.choice([-1, 1], 6)
+        if np.abs([start, target])[:, 2].max() > math.pi:
+            continue
+        move = MoveJ(_joints(start), _joints(target), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        pairs = pairs_of(robot(), Scene(), cell(), grown_m=0.0)
+        if Ruler(chosen(), robot(), cell(), pairs, np.arange(len(pairs))).least(move).proven > ROOM_M:
+            found.append(move)
+    return found
+
+
+def around(rng: Generator, move: MoveJ, count: int) -> Scene:
+    """Balls, capsules and boxes in equal parts about the arm, none of them on the way of the move."""
+    things: list[Thing] = []
+    rows = np.arange(robot().world_bodies)
+    while len(things) < count:
+        thing = Thing(f"thing{len(things)}", "rigid", _shape(rng, len(things) % 3), cell().object_uncertainty_m)
+        pairs = pairs_of(robot(), Scene(objects=(thing,)), cell(), grown_m=0.0)
+        if Ruler(chosen(), robot(), cell(), pairs, rows).least(move).proven > ROOM_M:
+            things.append(thing)
+    return Scene(objects=tuple(things))
+
+
+def with_people(scene: Scene) -> Scene:
+    """The scene and two standing adults."""
+    people = tuple(adult_at_distance(far, bearing_rad=2.5 * k, name=f"person{k}") for k, far in enumerate(PEOPLE_M))
+    return replace(scene, people=people)
+
+
+def bare(rng: Generator, things: int, count: int) -> list[Question]:
+    """Moves among things alone: what a sampled distance can be asked of as well."""
+    return [Question(robot(), around(rng, move, things), move, cell()) for move in moves(rng, count)]
+
+
+def peopled(rng: Generator, things: int, count: int) -> list[Question]:
+    """The same with two people."""
+    return [replace(each, scene=with_people(each.scene)) for each in bare(rng, things, count)]
+
+
+def lines(rng: Generator, things: int, count: int) -> list[Question]:
+    """Lines of the tool of 0.15 m to 0.3 m from about the home position, among things and two people."""
+    found: list[Question] = []
+    while len(found) < count:
+        start = np.array(HOME) + rng.uniform(-0.3, 0.3, 6)
+        x, y, z, *turn = _pose(_joints(start))
+        way = rng.standard_normal(3)
+        way *= rng.uniform(0.15, 0.3) / np.linalg.norm(way)
+        if math.hypot(x + way[0], y + way[1], z + way[2]) > _REACH_M or z + way[2] < _LOW_M:
+            continue
+        target = cast("Pose", (x + way[0], y + way[1], z + way[2], *turn))
+        move = MoveL(_joints(start), target, 0.25, 1.2)
+        still = MoveJ(move.start, _joints(start + 1e-3), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        found.append(Question(robot(), with_people(around(rng, still, things)), move, cell()))
+    return found
+
+
+def sequences(rng: Generator, things: int, count: int) -> list[Question]:
+    """Twenty joint moves in one path, among things and two people."""
+    found: list[Question] = []
+    for _ in range(count):
+        at = np.array(HOME)
+        ends = [at + rng.uniform(-0.4, 0.4, 6) for _ in range(LEGS)]
+        legs = tuple(JointLeg(_joints(end), SPEED_RAD_S, ACCELERATION_RAD_S2) for end in ends)
+        whole = MoveJ(HOME, _joints(ends[0]), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        found.append(Question(robot(), with_people(around(rng, whole, things)), JointPath(HOME, legs), cell()))
+    return found
+
+
+def steps(rng: Generator, things: int, count: int, *, servo: bool) -> list[Question]:
+    """Steps of a stream under way: all that one target, or a set of joint speeds, lets follow until the arm stands."""
+    found: list[Question] = []
+    for _ in range(count):
+        start, qd = np.array(HOME) + rng.uniform(-0.3, 0.3, 6), rng.uniform(-0.3, 0.3, 6)
+        motion: Motion
+        if servo:
+            motion = ServoJ(_joints(start), _joints(qd), _joints(start + 0.1 * qd), 0.002, 0.1)
+        else:
+            stream = SpeedJ(_joints(start), _joints(qd), 2.0, 0.1)
+            motion = stream_envelope(stream, cell(), under_way=True)
+        still = MoveJ(_joints(start), _joints(start + 1e-3), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        found.append(Question(robot(), with_people(around(rng, still, things)), motion, cell()))
+    return found
+
+
+_REACH_M: Final = 0.48
+_LOW_M: Final = 0.1
+
+
+def _joints(angles: object) -> Joints:
+    a, b, c, d, e, f = np.asarray(angles, dtype=float).tolist()
+    return a, b, c, d, e, f
+
+
+def _pose(q: Joints) -> Pose:
+    """Pose of the tool there."""
+    from evaluation.bench.pit.sampled import pose_of
+
+    return pose_of(robot(), q)
+
+
+def _shape(rng: Generator, kind: int) -> Shape:
+    direction = rng.standard_normal(3)
+    center = direction / np.linalg.norm(direction) * rng.uniform(NEAR_M, FAR_M) + np.array([0.0, 0.0, MIDDLE_M])
+    if kind == 0:
+        return Sphere(_point(center), float(rng.uniform(0.02, 0.06)))
+    if kind == 1:
+        half = rng.standard_normal(3)
+        half *= rng.uniform(0.03, 0.12) / np.linalg.norm(half)
+        return Capsule(_point(center - half), _point(center + half), float(rng.uniform(0.015, 0.05)))
+    turn = rng.standard_normal(4)
+    w, x, y, z = (turn / np.linalg.norm(turn)).tolist()
+    return Box(_point(center), _point(rng.uniform(0.02, 0.07, 3)), (w, x, y, z))
+
+
+def _point(place: object) -> Vector:
+    x, y, z = np.asarray(place, dtype=float).tolist()
+    return x, y, z
