@@ -1,5 +1,6 @@
 # The whole developer story. Each target is short and says what it proves.
 RUN ?= uv run --extra all --group dev
+TESTS ?=
 
 .PHONY: check format lint types imports test docs demo bench campaign soundness mutants constraints
 
@@ -20,7 +21,7 @@ imports:  ## who may import whom (one direction)
 	$(RUN) lint-imports
 
 test:
-	$(RUN) pytest -q -n 2 --dist loadgroup
+	$(RUN) pytest -q -n 2 --dist loadgroup $(TESTS)
 
 docs:  ## regenerate the generated pages; a test fails while they differ
 	$(RUN) python -m docs.generate
