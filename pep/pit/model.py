@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
@@ -19,6 +20,8 @@ PAYLOAD: Final = "payload"  # the body that stands for what is held
 TOOL_PAIR: Final = "tool"  # in `self_pairs`: every capsule of the tool
 RESERVED: Final = (PAYLOAD, TOOL_PAIR, "tcp", "elbow_point")  # the two last ones are points that a robot tracks
 MASS_POINT: Final = "com_"  # and the names of its centres of mass begin with this
+TURN_LIMIT_RAD: Final = 2 * math.pi  # once round; a larger number is no angle in radians
+THINNEST_M: Final = 1e-4  # a tenth of a millimetre; a thinner body is a number gone wrong
 SIZE_LIMIT_M: Final = 10.0  # no part of a table-top arm is longer; a larger number is a wrong unit
 MASS_LIMIT_KG: Final = 1000.0  # likewise
 ROUNDING: Final = 1e-6  # a flat body's moments add up exactly; files round them
@@ -165,6 +168,7 @@ def validated(model: Model) -> Model:
         need(0 < joint.mass_kg <= MASS_LIMIT_KG, f"{joint.name}: mass")
         need(_possible(joint), f"{joint.name}: inertia")
         need(max(map(abs, (*joint.offset_m, *joint.com_m))) <= SIZE_LIMIT_M, f"{joint.name}: size")
+        need(max(map(abs, joint.rpy_rad)) <= TURN_LIMIT_RAD, f"{joint.name}: orientation")
     # A link without geometry would answer "all clear" to every question.
     need({c.link for c in model.capsules} == set(range(JOINTS + 1)), "every link needs a capsule")
     names = [c.name for c in model.capsules] + [c.name for t in model.tools for c in t.capsules]
@@ -175,7 +179,7 @@ def validated(model: Model) -> Model:
     need(len({t.name for t in model.tools}) == len(model.tools) > 0, "tool names repeat or none is given")
     parts: list[LinkCapsule | ToolCapsule] = [*model.capsules, *(c for t in model.tools for c in t.capsules)]
     for part in parts:
-        need(0 < part.radius_m <= SIZE_LIMIT_M, f"{part.name}: radius")
+        need(THINNEST_M <= part.radius_m <= SIZE_LIMIT_M, f"{part.name}: radius")
         need(max(map(abs, (*part.a_m, *part.b_m))) <= SIZE_LIMIT_M, f"{part.name}: size")
     for tool in model.tools:
         need(len(tool.capsules) > 0 and 0 < tool.mass_kg <= MASS_LIMIT_KG, f"{tool.name}: geometry or mass")
