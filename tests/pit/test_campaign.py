@@ -21,7 +21,7 @@ from tests.pit.scenes import CELL, NOTHING, ROBOT, SEED, random_move, random_sce
 SLICE = 40
 
 
-def test_a_slice_of_the_campaign_meets_every_claim():
+def test_p9_a_slice_of_the_campaign_meets_every_claim():
     found = campaign.piece(7, 0, SLICE)
     assert found.failed == []
     assert found.counts["trials"] == found.counts["certificates"] == SLICE

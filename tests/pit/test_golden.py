@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pep.pit import adult_at_distance, assess, standing_adult
+from pep.pit import Capsule, Person, Region, adult_at_distance, assess, standing_adult
+from pep.pit.separation import stopping
 from tests.pit.scenes import NOTHING, CELL, FRONT, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
 FRESH = 0.10  # age of the view, s
@@ -28,6 +29,59 @@ def test_cells_keep_their_tiers(cell, speed, acceleration, tier, index):
     )
     assert (answer.tier, answer.violations, answer.perception) == (tier, (), "fresh")
     assert answer.index == pytest.approx(index, abs=0.02)
+
+
+# Index by the distance (m) of a body's axis, of radius 0.19 m, in front; at 0.1, 0.5, 1.05, 2 and 3 rad/s.
+DISTANCES = {
+    0.60: (3.00, 3.00, 3.00, 3.00, 3.00),
+    0.69: (2.88, 2.97, 3.00, 3.00, 3.00),
+    0.80: (2.68, 2.79, 2.93, 3.00, 3.00),
+    1.00: (2.32, 2.48, 2.66, 2.87, 2.99),
+    1.10: (2.14, 2.32, 2.52, 2.76, 2.89),
+    1.20: (1.92, 2.16, 2.39, 2.65, 2.80),
+    1.30: (1.59, 2.00, 2.25, 2.54, 2.70),
+    1.40: (1.25, 1.67, 2.12, 2.43, 2.60),
+    1.50: (1.00, 1.34, 1.95, 2.32, 2.50),
+    1.60: (1.00, 1.01, 1.62, 2.21, 2.40),
+    1.80: (1.00, 1.00, 1.00, 1.97, 2.21),
+    2.00: (1.00, 1.00, 1.00, 1.31, 2.11),
+}
+RAMPS = {0.1: 0.8, 0.5: 1.0, 1.05: 1.4, 2.0: 3.0, 3.0: 5.0}  # rad/s2 at these speeds
+
+
+def with_axis(distance):
+    """A trunk whose axis stands so far in front, and a hand in it: of a tracked person."""
+    x, y = distance * np.cos(FRONT), distance * np.sin(FRONT)
+    body = (
+        (Region.TORSO, Capsule((x, y, 0.0), (x, y, 0.9), 0.19)),
+        (Region.HAND, Capsule((x, y, 0.3), (x, y, 0.4), 0.05)),
+    )
+    return replace(empty(), people=(Person("p", body),))
+
+
+@pytest.mark.parametrize("distance", DISTANCES)
+def test_index_by_distance_and_speed(distance):
+    row = [
+        assess(ROBOT, with_axis(distance), sweep(v, a), CELL, perception_age_s=FRESH, touch=NOTHING, seed=SEED).index
+        for v, a in RAMPS.items()
+    ]
+    assert row == pytest.approx(DISTANCES[distance], abs=0.02)
+
+
+def test_index_by_age_of_the_view():
+    """At 1.3 m, default speed: nothing younger than the watch's 0.15 s counts as younger."""
+    for age, index in {0.02: 2.25, 0.1: 2.25, 0.15: 2.25, 0.3: 2.49, 0.5: 2.68, 1.0: 3.00}.items():
+        answer = assess(ROBOT, with_axis(1.3), sweep(), CELL, perception_age_s=age, touch=NOTHING, seed=SEED)
+        assert answer.index == pytest.approx(index, abs=0.02)
+
+
+def test_protective_distance_by_speed():
+    """S_p of a tracked person by hand: 1.6 (T_r + T_s) + v (T_r + 0.06 + w / 16) + 0.1, with v = 0.7 w and T_r = 0.21 s."""
+    for omega, distance in {0.1: 0.571, 0.5: 0.737, 1.05: 0.989, 2.0: 1.485, 3.0: 2.093}.items():
+        stop = stopping(CELL, perception_age_s=FRESH, joint_speed_rad_s=omega)
+        assert stop.approach_m(0.1) + stop.travel_m(0.7 * omega) == pytest.approx(distance, abs=1e-3)
+        by_hand = 1.6 * (0.21 + 0.06 + omega / 8) + 0.7 * omega * (0.21 + 0.06 + omega / 16) + 0.1
+        assert by_hand == pytest.approx(distance, abs=1e-3)
 
 
 def test_what_would_be_allowed_is_named_and_true():

@@ -94,7 +94,7 @@ def test_the_kernel_is_what_decides_here():
     assert (KERNEL.name, NUMPY.name) == ("numba-1", "numpy-1")
 
 
-def test_rows_are_the_same_to_rounding():
+def test_p12_rows_are_the_same_to_rounding():
     rng = np.random.default_rng(31)
     for each in asked(30, 25):
         count = 400
@@ -119,7 +119,7 @@ def test_rows_are_the_same_to_rounding():
         )
 
 
-def test_answers_are_the_same_inside_the_resolution():
+def test_p12_answers_are_the_same_inside_the_resolution():
     for each in asked(32, 60):
         ours, theirs = each.certified(KERNEL), each.certified(NUMPY)
         assert tier(ours.upper) == tier(theirs.upper), (ours.upper, theirs.upper)
