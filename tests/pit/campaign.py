@@ -47,6 +47,7 @@ CLEARANCE_M = 2e-4
 ROUNDING_M = 1e-6
 RATIOS = {"joint_speed", "acceleration", "tcp_speed", "elbow_speed", "momentum", "torque", "payload"}
 PATIENCE_S = 60.0
+OWN = ("campaign", "corruption", "dense", "scenes", "test_checker", "twin")
 
 
 @dataclass
@@ -261,11 +262,8 @@ def piece(seed, first, count):
 def sources():
     """SHA-256 (hex) of all that an answer or a trial depends on: what was tried with other sources was not tried."""
     top = Path(__file__).parents[2]
-    parts = (
-        *(top / "pep" / "pit").rglob("*"),
-        *Path(__file__).parent.glob("*.py"),
-        *top.glob("evaluation/bench/pit/*.py"),
-    )
+    own = [Path(__file__).with_name(f"{name}.py") for name in OWN]
+    parts = (*(top / "pep" / "pit").rglob("*"), *own, top / "evaluation" / "bench" / "pit" / "ruler.py")
     texts = [part.read_bytes() for part in sorted(parts) if part.suffix in (".py", ".toml")]
     return hashlib.sha256(b"".join(hashlib.sha256(text).digest() for text in texts)).hexdigest()
 
