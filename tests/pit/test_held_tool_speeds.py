@@ -268,17 +268,27 @@ def test_a_jump_that_no_arm_can_follow_is_refused_and_rest_is_no_motion():
     assert (over.tier, over.violations) == (4, ("joint_limit",))
 
 
-@pytest.mark.parametrize("motion", [
-    SpeedL(HOME, (0.0, -0.15, 0.0, 0, 0, 0), 1.0, 0.4),
-    ServoJ(HOME, (0.3, 0, 0, 0, 0, 0), (HOME[0] + 0.03, *HOME[1:]), 0.002, 0.1),
-])
+@pytest.mark.parametrize(
+    "motion",
+    [
+        SpeedL(HOME, (0.0, -0.15, 0.0, 0, 0, 0), 1.0, 0.4),
+        ServoJ(HOME, (0.3, 0, 0, 0, 0, 0), (HOME[0] + 0.03, *HOME[1:]), 0.002, 0.1),
+    ],
+)
 def test_what_is_left_of_a_stream_holds_in_the_same_view_and_not_off_it(motion):
     scene = with_person(0.8)
     authorised = ask(motion, scene).reading().index_milli
 
     def left(at, milli):
         return remaining(
-            ROBOT, scene, motion, PATIENT, at_rad=tuple(map(float, at)), authorised_milli=milli, perception_age_s=0.1, touch=NOTHING,
+            ROBOT,
+            scene,
+            motion,
+            PATIENT,
+            at_rad=tuple(map(float, at)),
+            authorised_milli=milli,
+            perception_age_s=0.1,
+            touch=NOTHING,
         )
 
     assert left(HOME, authorised).holds
@@ -290,13 +300,34 @@ def test_what_is_left_of_a_stream_holds_in_the_same_view_and_not_off_it(motion):
 TOOL = SpeedL(HOME, (0.05, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 0.2)
 SERVO = ServoJ(HOME, (0.0,) * 6, (HOME[0] + 0.01, *HOME[1:]), 0.002, 0.1)
 BAD = [
-    *((replace(TOOL, twist=(bad, 0, 0, 0, 0, 0)), r) for bad, r in ((NAN, "NOT_FINITE"), (INF, "NOT_FINITE"), (1e-9, "OUT_OF_RANGE"), (1e9, "OUT_OF_RANGE"))),
-    *((replace(TOOL, **{f: bad}), r) for f in ("acceleration_m_s2", "duration_s") for bad, r in ((NAN, "NOT_FINITE"), (INF, "NOT_FINITE"), (0.0, "OUT_OF_RANGE"), (-1.0, "OUT_OF_RANGE"), (1e9, "OUT_OF_RANGE"))),
+    *(
+        (replace(TOOL, twist=(bad, 0, 0, 0, 0, 0)), r)
+        for bad, r in ((NAN, "NOT_FINITE"), (INF, "NOT_FINITE"), (1e-9, "OUT_OF_RANGE"), (1e9, "OUT_OF_RANGE"))
+    ),
+    *(
+        (replace(TOOL, **{f: bad}), r)
+        for f in ("acceleration_m_s2", "duration_s")
+        for bad, r in (
+            (NAN, "NOT_FINITE"),
+            (INF, "NOT_FINITE"),
+            (0.0, "OUT_OF_RANGE"),
+            (-1.0, "OUT_OF_RANGE"),
+            (1e9, "OUT_OF_RANGE"),
+        )
+    ),
     (replace(TOOL, twist=(0.1, 0, 0)), "PARAMETERS_WRONG"),
     (replace(TOOL, start=HOME[:5]), "PARAMETERS_WRONG"),
     (replace(TOOL, twist=None), "PHYSICS_FAULT"),
-    *((replace(SERVO, **{f: (bad, *HOME[1:])}), "NOT_FINITE") for f in ("start", "qd_rad_s", "target") for bad in (NAN, INF)),
-    *((replace(SERVO, **{f: bad}), r) for f in ("period_s", "lookahead_s") for bad, r in ((NAN, "NOT_FINITE"), (0.0, "OUT_OF_RANGE"))),
+    *(
+        (replace(SERVO, **{f: (bad, *HOME[1:])}), "NOT_FINITE")
+        for f in ("start", "qd_rad_s", "target")
+        for bad in (NAN, INF)
+    ),
+    *(
+        (replace(SERVO, **{f: bad}), r)
+        for f in ("period_s", "lookahead_s")
+        for bad, r in ((NAN, "NOT_FINITE"), (0.0, "OUT_OF_RANGE"))
+    ),
     (replace(SERVO, target=HOME[:5]), "PARAMETERS_WRONG"),
     (replace(SERVO, target=None), "PHYSICS_FAULT"),
 ]

@@ -350,10 +350,26 @@ TANGENT = np.array([-_P[1], _P[0], 0.0]) / math.hypot(_P[0], _P[1])
 
 GOOD = shifted((0.05, 0.0, 0.0))
 BAD = [
-    *((replace(GOOD, target=(*GOOD.target[:k], bad, *GOOD.target[k + 1 :])), "NOT_FINITE") for k in (0, 2, 3, 5) for bad in (NAN, INF, -INF)),
-    *((replace(GOOD, start=(*GOOD.start[:k], bad, *GOOD.start[k + 1 :])), "NOT_FINITE") for k in (0, 5) for bad in (NAN, INF)),
-    *((replace(GOOD, **{f: bad}), "NOT_FINITE") for f in ("speed_m_s", "acceleration_m_s2") for bad in (NAN, INF, -INF)),
-    *((replace(GOOD, **{f: bad}), "OUT_OF_RANGE") for f in ("speed_m_s", "acceleration_m_s2") for bad in (0.0, -1.0, 1e-9, 1e6)),
+    *(
+        (replace(GOOD, target=(*GOOD.target[:k], bad, *GOOD.target[k + 1 :])), "NOT_FINITE")
+        for k in (0, 2, 3, 5)
+        for bad in (NAN, INF, -INF)
+    ),
+    *(
+        (replace(GOOD, start=(*GOOD.start[:k], bad, *GOOD.start[k + 1 :])), "NOT_FINITE")
+        for k in (0, 5)
+        for bad in (NAN, INF)
+    ),
+    *(
+        (replace(GOOD, **{f: bad}), "NOT_FINITE")
+        for f in ("speed_m_s", "acceleration_m_s2")
+        for bad in (NAN, INF, -INF)
+    ),
+    *(
+        (replace(GOOD, **{f: bad}), "OUT_OF_RANGE")
+        for f in ("speed_m_s", "acceleration_m_s2")
+        for bad in (0.0, -1.0, 1e-9, 1e6)
+    ),
     (replace(GOOD, target=(1e300, *GOOD.target[1:])), "OUT_OF_RANGE"),
     (replace(GOOD, target=(*GOOD.target[:3], 7.0, 0.0, 0.0)), "OUT_OF_RANGE"),
     (replace(GOOD, target=GOOD.target[:5]), "PARAMETERS_WRONG"),

@@ -47,7 +47,10 @@ def test_a_path_of_one_leg_is_that_move():
     move = sweep(0.5, 2.0)
     one, alone = ask(joint_path(move.start, move.target), scene), ask(move, scene)
     assert (one.tier, one.index, one.violations, one.clearance_m) == (
-        alone.tier, alone.index, alone.violations, alone.clearance_m,
+        alone.tier,
+        alone.index,
+        alone.violations,
+        alone.clearance_m,
     )
     target = moved(pose_of(HOME), 0.05, -0.1, 0.02)
     line, single = ask(line_path(HOME, target), scene), ask(MoveL(HOME, target, 0.25, 1.2), scene)
@@ -92,7 +95,9 @@ def test_p8_splitting_at_waypoints_never_lowers_the_clearance_part():
     target = moved(pose_of(HOME), 0.0, -0.2, 0.0)
     line = ask(line_path(HOME, target, speed=0.1, acceleration=50.0), scene)
     cut = ask(
-        line_path(HOME, *(moved(pose_of(HOME), 0.0, -0.05 * k, 0.0) for k in (1, 2, 3, 4)), speed=0.1, acceleration=50.0),
+        line_path(
+            HOME, *(moved(pose_of(HOME), 0.0, -0.05 * k, 0.0) for k in (1, 2, 3, 4)), speed=0.1, acceleration=50.0
+        ),
         scene,
     )
     assert cut.index >= line.index - 2 * RESOLUTION
@@ -140,10 +145,21 @@ BAD = [
     (JointPath(HOME, ()), "PARAMETERS_WRONG"),
     (LinePath(HOME, ()), "PARAMETERS_WRONG"),
     (JointPath(HOME, (LEG,) * 300), "PARAMETERS_WRONG"),
-    *((JointPath(HOME, (LEG, replace(LEG, blend_m=b))), r) for b, r in ((0.01, "OUT_OF_RANGE"), (-0.01, "OUT_OF_RANGE"), (NAN, "NOT_FINITE"), (INF, "NOT_FINITE"))),
+    *(
+        (JointPath(HOME, (LEG, replace(LEG, blend_m=b))), r)
+        for b, r in ((0.01, "OUT_OF_RANGE"), (-0.01, "OUT_OF_RANGE"), (NAN, "NOT_FINITE"), (INF, "NOT_FINITE"))
+    ),
     *((LinePath(HOME, (LINE, replace(LINE, blend_m=b))), r) for b, r in ((0.01, "OUT_OF_RANGE"), (NAN, "NOT_FINITE"))),
-    *((JointPath(HOME, (LEG, replace(LEG, **{f: b}))), r) for f in ("speed_rad_s", "acceleration_rad_s2") for b, r in ((NAN, "NOT_FINITE"), (0.0, "OUT_OF_RANGE"))),
-    *((LinePath(HOME, (LINE, replace(LINE, **{f: b}))), r) for f in ("speed_m_s", "acceleration_m_s2") for b, r in ((NAN, "NOT_FINITE"), (0.0, "OUT_OF_RANGE"), (1e9, "OUT_OF_RANGE"))),
+    *(
+        (JointPath(HOME, (LEG, replace(LEG, **{f: b}))), r)
+        for f in ("speed_rad_s", "acceleration_rad_s2")
+        for b, r in ((NAN, "NOT_FINITE"), (0.0, "OUT_OF_RANGE"))
+    ),
+    *(
+        (LinePath(HOME, (LINE, replace(LINE, **{f: b}))), r)
+        for f in ("speed_m_s", "acceleration_m_s2")
+        for b, r in ((NAN, "NOT_FINITE"), (0.0, "OUT_OF_RANGE"), (1e9, "OUT_OF_RANGE"))
+    ),
     (JointPath(HOME, (LEG, replace(LEG, target=HOME[:5]))), "PARAMETERS_WRONG"),
     (JointPath(HOME, (LEG, replace(LEG, target=(NAN, *HOME[1:])))), "NOT_FINITE"),
     (LinePath(HOME, (LINE, replace(LINE, target=(NAN, 0, 0, 0, 0, 0)))), "NOT_FINITE"),
@@ -183,9 +199,7 @@ def test_what_the_verdict_proved_holds_for_every_rest_of_a_line_in_that_view():
     move = MoveL(HOME, moved(pose_of(HOME), 0.05, -0.2, 0.02), 0.25, 1.2)
     answer = ask(move, scene)
     authorised = answer.reading().index_milli
-    course = line_drive(
-        ROBOT, HOME, move.target, speed_m_s=0.25, acceleration_m_s2=1.2, check_time=lambda: None
-    ).course
+    course = line_drive(ROBOT, HOME, move.target, speed_m_s=0.25, acceleration_m_s2=1.2, check_time=lambda: None).course
     for s in (0.0, 0.1, 0.5, 0.83, 1.0):
         rest = left(move, course.q(s), authorised, scene)
         assert rest.holds, (s, rest)
@@ -196,9 +210,7 @@ def test_what_the_verdict_proved_holds_for_every_rest_of_a_line_in_that_view():
 
 def test_an_arm_beside_its_line_is_off_the_path():
     move = MoveL(HOME, moved(pose_of(HOME), 0.05, -0.2, 0.02), 0.25, 1.2)
-    course = line_drive(
-        ROBOT, HOME, move.target, speed_m_s=0.25, acceleration_m_s2=1.2, check_time=lambda: None
-    ).course
+    course = line_drive(ROBOT, HOME, move.target, speed_m_s=0.25, acceleration_m_s2=1.2, check_time=lambda: None).course
     q = course.q(0.4)
     assert left(move, q + np.array([0.0005, 0, 0, 0, 0, 0]), 3000).holds
     off = left(move, q + np.array([0.02, 0, 0, 0, 0, 0]), 4000)
