@@ -16,6 +16,7 @@ import numpy as np
 from pep.pit.clearance import core_distance, interval_clearance
 from pep.pit.kinematics import Poses, layout, poses
 from pep.pit.path import CHORD, GRID, Leaves
+from pep.pit.route import Route
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -119,10 +120,10 @@ def course_bends(robot: Robot, plan: Layout, cells: Cells) -> CourseBends:
     return CourseBends(second, third, spin_first, spin_second, stray, hurry, spin_hurry)
 
 
-class Course:
+class Course(Route):
     """A curved path for one robot. Holds every configuration it was asked for; not shared between threads.
 
-    A `Route` as `Path` is one. It has no `start` and is no `Path`: whoever reckons with straightness must not.
+    It has no `start` and is no `Path`: whoever reckons with straightness must not.
     """
 
     def __init__(self, robot: Robot, cells: Cells, solve: Solve) -> None:
@@ -214,25 +215,6 @@ class Course:
         solid = cores.is_segment | cores.is_box
         near = np.where(solid, np.maximum(distance - stray, 0), distance - stray)
         return Leaves(low, high, pair, clear, rush, near - radii, rush_mid)
-
-    def halve(self, pairs: Pairs, leaves: Leaves, *, since: int = 0) -> Leaves:
-        """Both halves of every row, examined; without those that end before `since`."""
-        mid = leaves.mid
-        low, high = np.concatenate([leaves.low, mid]), np.concatenate([mid, leaves.high])
-        ahead = high > since
-        return self.examine(pairs, low[ahead], high[ahead], np.concatenate([leaves.pair, leaves.pair])[ahead])
-
-    def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
-        """Surface speed per unit of ds/dt of the body of each of these pairs at one configuration, metre."""
-        at, known = self.nodes(np.array([key]))
-        body = pairs.body[pair]
-        return np.asarray(known.speed[at[0], body] + self.layout.radius[body] * known.spin[at[0], body])
-
-    def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
-        """Signed clearance of these pairs at one configuration."""
-        at, known = self.nodes(np.array([key]))
-        distance, _ = core_distance(known.ends[at[0], pairs.body[pair]], pairs.cores.take(pair))
-        return np.asarray(distance - pairs.radii[pair])
 
 
 def straight_cells(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.cell import CellParameters
-    from pep.pit.motion import Floats, Profile
+    from pep.pit.motion import Floats
     from pep.pit.pairs import Pairs
     from pep.pit.robot import Robot
     from pep.pit.route import Route
@@ -46,9 +46,9 @@ def joint_limits(robot: Robot, start: Floats, target: Floats) -> JointLimits:
     return JointLimits(broken=bool(worse.any()), retreating=bool((before > 0).any()), joint=joint)
 
 
-def slow_enough(profile: Profile, cell: CellParameters, *, speed_m_s: float) -> bool:
-    """Whether a motion with this profile and surface speed may be a retreat."""
-    return profile.peak_rad_s <= cell.retreat_joint_speed_rad_s and speed_m_s <= cell.retreat_speed_m_s
+def slow_enough(cell: CellParameters, *, joint_speed_rad_s: float, speed_m_s: float) -> bool:
+    """Whether a motion with these highest joint and surface speeds may be a retreat."""
+    return joint_speed_rad_s <= cell.retreat_joint_speed_rad_s and speed_m_s <= cell.retreat_speed_m_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from pep.pit.assessment import milli
 from pep.pit.clearance import ROUNDING_M
-from pep.pit.departure import RETREAT, departure
+from pep.pit.departure import RETREAT, departure, slow_enough
 from pep.pit.drive import Drive, Nowhere
 from pep.pit.driven import DOUBTFUL, JOINT_LIMIT
 from pep.pit.driving import drive_of, joint_moves, line_drives
@@ -18,7 +18,7 @@ from pep.pit.motion import STILL_RAD, JointPath, LinePath, MoveL, Run, ServoJ, S
 from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID
 from pep.pit.question import as_run, view_around
-from pep.pit.remaining import MOVES, OFF_PATH, PERCEPTION, RETREATS, Remaining, _against, _Rest, _strays_m
+from pep.pit.remaining import MOVES, OFF_PATH, PERCEPTION, RETREATS, Remaining, Rest, against, strays_m
 from pep.pit.separation import stopping
 from pep.pit.tier import HIGHEST, MOVING
 from pep.pit.touching import gentle_rows
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 PLACE_STEPS: Final = 8  # of a projection onto a course: it closes in quadratically
 
 
-class DriveRest(_Rest):
+class DriveRest(Rest):
     """What is left of a drive, from where the arm is."""
 
     def __init__(
@@ -63,15 +63,15 @@ class DriveRest(_Rest):
         drive, cell, at = self.drive, self.cell, np.array(self.at_rad)
         if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
             off = at - np.array(self.run.start)
-            if drive.doubt is None and not _strays_m(self.robot, off) <= cell.tracking_tolerance_m:
+            if drive.doubt is None and not strays_m(self.robot, off) <= cell.tracking_tolerance_m:
                 return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
             worst = {None: 0.0, JOINT_LIMIT: HIGHEST}.get(drive.doubt, DOUBTFUL)
-            return _against(self.authorised_milli, milli(worst), drive.doubt or "")
+            return against(self.authorised_milli, milli(worst), drive.doubt or "")
         # 1. Where on the course the arm is, or beside it by no more than the course says.
         course, profile = drive.course, drive.profile
         s = _place(course, at)
         beside = np.maximum(np.abs(at - course.q(s)) - course.cells.stray[course.cells.holding(s * GRID)], 0)
-        if not _strays_m(self.robot, beside) <= cell.tracking_tolerance_m:
+        if not strays_m(self.robot, beside) <= cell.tracking_tolerance_m:
             return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
         since = int(s * GRID)
         # 2. What the motion asks of the arm does not depend on the view.
@@ -89,7 +89,7 @@ class DriveRest(_Rest):
         pairs = bare.meant(gentle_rows(course, bare, profile, cell, since=since, check_time=self.check_time))
         # 4. What is violated where the arm is, and whether the rest only leads away from it.
         surface = float(speeds[: self.robot.world_bodies].max())
-        slow = joint <= cell.retreat_joint_speed_rad_s and surface <= cell.retreat_speed_m_s
+        slow = slow_enough(cell, joint_speed_rad_s=joint, speed_m_s=surface)
         here = departure(course, pairs, cell, slow=slow, since=since)
         if here.retreating.size:
             floors.append((RETREAT, RETREATS))
@@ -134,7 +134,7 @@ def _place(course: Course, at: Floats) -> float:
 class LegsRest:
     """What is left of a path: of the first leg that the arm can be on, and all of every later one."""
 
-    def __init__(self, legs: Iterable[_Rest]) -> None:
+    def __init__(self, legs: Iterable[Rest]) -> None:
         """The legs in order; each is looked at only when it has to be."""
         self._legs = legs
 
@@ -172,8 +172,8 @@ def rests_of(
             robot, start, drive, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time
         )
 
-    def of_run(run: Run) -> _Rest:
-        return _Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
+    def of_run(run: Run) -> Rest:
+        return Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
 
     match motion:
         case MoveL() | SpeedL() | ServoJ():

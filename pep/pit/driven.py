@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from pep.pit.assessment import Assessment, Certificate, micro, milli, seen
 from pep.pit.blow import blow_ratio
 from pep.pit.certify import certify, fits
-from pep.pit.departure import RETREAT, departure
+from pep.pit.departure import RETREAT, departure, slow_enough
 from pep.pit.drive import Doubt, Nowhere
 from pep.pit.effort import Effort
 from pep.pit.motion import Run
@@ -95,7 +95,8 @@ class DriveQuestion(MoveQuestion):
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
         pairs = self._with_meant(course, bare, profile)
         # 3. What is violated where the arm stands, and whether this is a retreat from it.
-        start = departure(course, pairs, self.cell, slow=self._slow(profile, speed))
+        slow = slow_enough(self.cell, joint_speed_rad_s=self._joint_speed(profile), speed_m_s=speed)
+        start = departure(course, pairs, self.cell, slow=slow)
         retreats = start.retreating.size > 0
         # 4. The proven index of all the rest.
         doubt = 0.0 if drive.doubt is None else DOUBTFUL
@@ -151,11 +152,6 @@ class DriveQuestion(MoveQuestion):
     def _stop(self, profile: Profile) -> Stopping:
         joint = self._joint_speed(profile)
         return stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
-
-    def _slow(self, profile: Profile, speed_m_s: float) -> bool:
-        """Whether this may be a retreat."""
-        joint = self._joint_speed(profile)
-        return joint <= self.cell.retreat_joint_speed_rad_s and speed_m_s <= self.cell.retreat_speed_m_s
 
     def _slower(self, effort: Effort, bare: Pairs, leaves: Leaves, target: float) -> float | None:
         """The highest commanded speed, to a step of the bisection, whose index is proven to be at most `target`."""

@@ -110,7 +110,7 @@ class MoveQuestion:
         speed = float(speeds[: self.robot.world_bodies].max())
         stop = self._stop(profile)
         # 4. What is violated where the arm stands, and whether this is a retreat from it.
-        slow = slow_enough(profile, self.cell, speed_m_s=speed)
+        slow = slow_enough(self.cell, joint_speed_rad_s=profile.peak_rad_s, speed_m_s=speed)
         start = departure(path, pairs, self.cell, slow=slow)
         retreats = limits.retreating or start.retreating.size > 0
         violations = {"joint_limit"} if limits.retreating and not slow else set()

@@ -13,6 +13,7 @@ import numpy as np
 
 from pep.pit.clearance import core_distance, interval_clearance
 from pep.pit.kinematics import Poses, bending, layout, poses
+from pep.pit.route import Route
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -66,7 +67,7 @@ class Leaves:
         return Leaves(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Leaves)))
 
 
-class Path:
+class Path(Route):
     """A joint move's path for one robot. Holds every configuration it was asked for; not shared between threads."""
 
     def __init__(self, robot: Robot, move: Straight) -> None:
@@ -131,22 +132,3 @@ class Path:
         rush = self.rush(cut_low, cut_high)[row, body]
         rush_mid = known.speed[at_mid[row], body] + self.layout.radius[body] * known.spin[at_mid[row], body]
         return Leaves(low, high, pair, clear, rush, distance - radii, rush_mid)
-
-    def halve(self, pairs: Pairs, leaves: Leaves, *, since: int = 0) -> Leaves:
-        """Both halves of every row, examined; without those that end before `since`."""
-        mid = leaves.mid
-        low, high = np.concatenate([leaves.low, mid]), np.concatenate([mid, leaves.high])
-        ahead = high > since
-        return self.examine(pairs, low[ahead], high[ahead], np.concatenate([leaves.pair, leaves.pair])[ahead])
-
-    def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
-        """Surface speed per unit of ds/dt of the body of each of these pairs at one configuration, metre."""
-        at, known = self.nodes(np.array([key]))
-        body = pairs.body[pair]
-        return np.asarray(known.speed[at[0], body] + self.layout.radius[body] * known.spin[at[0], body])
-
-    def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
-        """Signed clearance of these pairs at one configuration."""
-        at, known = self.nodes(np.array([key]))
-        distance, _ = core_distance(known.ends[at[0], pairs.body[pair]], pairs.cores.take(pair))
-        return np.asarray(distance - pairs.radii[pair])

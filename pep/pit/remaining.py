@@ -153,7 +153,7 @@ def _remaining(
     match move:
         case MoveJ() | SpeedJ():
             run = as_run(move, cell)
-            rest = _Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
+            rest = Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
             return rest.answer(scene, age_s, touch)
         case MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath():
             from pep.pit.drive_rest import rests_of  # here, since it builds on this module
@@ -169,22 +169,23 @@ def _remaining(
             )
             return rests.answer(scene, age_s, touch)
         case GripperMove():
-            if not _strays_m(robot, np.array(at_rad) - np.array(move.q)) <= cell.tracking_tolerance_m:
+            if not strays_m(robot, np.array(at_rad) - np.array(move.q)) <= cell.tracking_tolerance_m:
                 return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
             return _grip(robot, view_of(scene, age_s, cell), move, cell, authorised_milli)
         case OutputSet():
             told = output_cause(move, cell)
-            return _against(authorised_milli, told.index_milli, told.kind)
+            return against(authorised_milli, told.index_milli, told.kind)
         case _:
             assert_never(move)
 
 
-def _against(authorised_milli: int, index_milli: int, cause: str) -> Remaining:
+def against(authorised_milli: int, index_milli: int, cause: str) -> Remaining:
+    """Whether that index is inside what was authorised, and what speaks against it otherwise."""
     holds = index_milli <= authorised_milli
     return Remaining(holds, index_milli, "" if holds else cause)
 
 
-def _strays_m(robot: Robot, error_rad: Floats) -> float:
+def strays_m(robot: Robot, error_rad: Floats) -> float:
     """Bound on how far joint angles that are off by this much carry any part of the robot."""
     return float((robot.reach @ np.abs(error_rad)).max())
 
@@ -198,11 +199,11 @@ def _grip(
         return ImpactFault("ENGINES_DISAGREE", grip.what)
     worst = grip.causes[0]
     if view.floor > worst.index:
-        return _against(authorised_milli, milli(view.floor), PERCEPTION)
-    return _against(authorised_milli, milli(worst.index), worst.kind)
+        return against(authorised_milli, milli(view.floor), PERCEPTION)
+    return against(authorised_milli, milli(worst.index), worst.kind)
 
 
-class _Rest:
+class Rest:
     """What is left of one run, from where the arm is."""
 
     def __init__(
@@ -227,7 +228,7 @@ class _Rest:
         at = np.array(self.at_rad)
         length2 = float(path.delta @ path.delta)
         s = float(np.clip((at - path.start) @ path.delta / length2, 0, 1)) if length2 > STILL_RAD**2 else 0.0
-        if not _strays_m(self.robot, at - path.q(s)) <= cell.tracking_tolerance_m:
+        if not strays_m(self.robot, at - path.q(s)) <= cell.tracking_tolerance_m:
             return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
         profile = profile_of(run)
         if profile is None:
@@ -247,7 +248,8 @@ class _Rest:
         bare = pairs_of(self.robot, view.scene, cell, grown_m=view.grown_m, touch=touch)
         pairs = bare.meant(gentle_rows(path, bare, profile, cell, since=since, check_time=self.check_time))
         # 4. What is violated where the arm is, and whether the rest only leads away from it.
-        slow = slow_enough(profile, cell, speed_m_s=float(speeds[: self.robot.world_bodies].max()))
+        surface = float(speeds[: self.robot.world_bodies].max())
+        slow = slow_enough(cell, joint_speed_rad_s=profile.peak_rad_s, speed_m_s=surface)
         here = departure(path, pairs, cell, slow=slow, since=since)
         if limits.retreating and not slow:
             return Remaining(holds=False, index_milli=milli(HIGHEST), cause=JOINT_LIMIT)

@@ -33,7 +33,7 @@ SEGMENT: Final = 0
 BOX: Final = 1
 PLANE: Final = 2
 
-# Codes of `Kind`, in its order; `pep.pit.kernel.arrays` refuses to load when they are not.
+# Codes of `Kind`, in its order; `pep.pit.kernel.engine` refuses to load when they are not.
 PERSON: Final = 0
 ZONE: Final = 6
 MEANT: Final = 7
@@ -44,7 +44,6 @@ PEAK: Final = 1
 ACCELERATION: Final = 2
 BRAKING: Final = 3
 TOP: Final = 4
-PROFILE: Final = 5
 
 # Columns of a law: how the motion ends, and the bands that are one for all pairs.
 REACTION: Final = 0
@@ -54,4 +53,3 @@ PERSON_SPEED: Final = 3
 WARN_BAND: Final = 4
 PENETRATION_BAND: Final = 5
 CONTACT_SPEED: Final = 6
-LAW: Final = 7
