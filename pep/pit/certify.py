@@ -8,7 +8,7 @@ are kept as leaves; the others are halved. The leaves of every pair cover the wh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -37,13 +37,12 @@ ROWS_MOST: Final = 200_000  # rows examined in one question: bounds memory and t
 LOWER_DEPTH: Final = 6  # halvings in the search for a lower tier: enough for 1 % of the speed
 
 
-@dataclass(frozen=True, slots=True)
-class Witness:
+class Witness(NamedTuple):
     """A point of the path where a pair attains an index."""
 
     key: int
     pair: int
-    index: float
+    index: float  # type: ignore[assignment]  # not a tuple's: nobody looks for a number's place in a witness
     clearance_m: float
     speed_m_s: float
 

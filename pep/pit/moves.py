@@ -179,7 +179,7 @@ class MoveQuestion:
         for deepest in certified.violated.values():
             group = pairs.group[deepest.pair]
             index = by_obstacle[group].index if group in by_obstacle else MOVING
-            by_obstacle[group] = replace(deepest, index=index)
+            by_obstacle[group] = deepest._replace(index=index)
         return [self._told(pairs, profile, w) for w in by_obstacle.values()]
 
     def _lower_speed(

@@ -114,6 +114,11 @@ class Pairs:
         """How many pairs."""
         return len(self.body)
 
+    @property
+    def groups(self) -> int:
+        """How many groups."""
+        return int(self.group.max(initial=-1)) + 1
+
     def kind_of(self, row: int) -> Kind:
         """The kind of one pair."""
         return KINDS_IN_ORDER[int(self.kind[row])]

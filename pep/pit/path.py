@@ -7,6 +7,7 @@ name.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -18,6 +19,7 @@ from pep.pit.route import Route
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from pep.pit.kinematics import Bending
     from pep.pit.motion import Floats, Straight
     from pep.pit.pairs import Pairs
     from pep.pit.robot import Robot
@@ -76,9 +78,13 @@ class Path(Route):
         self.start = np.array(move.start)
         self.delta = np.array(move.target) - self.start
         self.layout = layout(robot)
-        self.bending = bending(robot, self.layout, self.delta)
         self._known: dict[int, int] = {}
         self._poses: Poses | None = None
+
+    @cached_property
+    def bending(self) -> Bending:
+        """How strongly each body can leave a chord of the path."""
+        return bending(self.robot, self.layout, self.delta)
 
     def q(self, s: float) -> Floats:
         """Joint angles at path parameter `s`."""

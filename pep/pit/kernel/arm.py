@@ -41,12 +41,13 @@ class Arm(NamedTuple):
 
 
 class Bends(NamedTuple):
-    """Per body, over the whole path: bounds on its ends' first, second and third derivative, and on its spin's."""
+    """Per body, over the whole path: bounds on its ends' first, second and third derivative, on its spin and that's."""
 
     first: Floats
     second: Floats
     third: Floats
     spin: Floats
+    spin_first: Floats
     spin_second: Floats
 
 
@@ -99,7 +100,9 @@ def more_nodes(nodes: Nodes) -> Nodes:
 def bends_of(arm: Arm, delta: Floats) -> Bends:
     """How strongly each body can move and leave a chord of the path (derivation: `pep.pit.kinematics`)."""
     bodies = arm.link.shape[0]
-    bends = Bends(np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies))
+    bends = Bends(
+        np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies)
+    )
     for body in range(bodies):
         inner = 0.0
         for joint in range(arm.reference[body], arm.link[body]):
@@ -110,6 +113,7 @@ def bends_of(arm: Arm, delta: Floats) -> Bends:
             bends.second[body] += reach * (outer**2 - inner**2)
             bends.third[body] += reach * (outer**3 - inner**3)  # third power: third derivative
             bends.spin[body] += share
+            bends.spin_first[body] += share * inner
             bends.spin_second[body] += share * inner**2
             inner = outer
     return bends
@@ -118,40 +122,40 @@ def bends_of(arm: Arm, delta: Floats) -> Bends:
 @compiled
 def pose(nodes: Nodes, at: int, arm: Arm, q: Floats, delta: Floats) -> None:
     """The link frames at `q` stand in row `at`; no body is placed there yet."""
-    frame, turning = nodes.frames[at], nodes.turning[at]
-    nodes.known[at] = False
+    frames, turning, known = nodes.frames, nodes.turning, nodes.known
+    rotations, offsets = arm.rotations, arm.offsets
+    for body in range(known.shape[1]):
+        known[at, body] = False
     for i in range(3):
         for j in range(4):
-            frame[0, i, j] = 1.0 if i == j else 0.0
-        turning[0, 0, i] = 0.0
-        turning[0, 1, i] = 0.0
-    turned = np.empty((3, 3))
+            frames[at, 0, i, j] = 1.0 if i == j else 0.0
+        turning[at, 0, 0, i] = 0.0
+        turning[at, 0, 1, i] = 0.0
     for k in range(LINKS - 1):
-        before, after = frame[k], frame[k + 1]
+        c, sine, rate = math.cos(q[k]), math.sin(q[k]), delta[k]
         for i in range(3):
-            x, y, z = before[i, 0], before[i, 1], before[i, 2]
-            after[i, 3] = before[i, 3] + x * arm.offsets[k, 0] + y * arm.offsets[k, 1] + z * arm.offsets[k, 2]
-            for j in range(3):
-                turned[i, j] = x * arm.rotations[k, 0, j] + y * arm.rotations[k, 1, j] + z * arm.rotations[k, 2, j]
-        c, s = math.cos(q[k]), math.sin(q[k])
-        for i in range(3):
-            after[i, 0] = turned[i, 0] * c + turned[i, 1] * s
-            after[i, 1] = turned[i, 1] * c - turned[i, 0] * s
-            after[i, 2] = turned[i, 2]
-        wx, wy, wz = after[0, 2] * delta[k], after[1, 2] * delta[k], after[2, 2] * delta[k]
-        ox, oy, oz = after[0, 3], after[1, 3], after[2, 3]
-        sums, known = turning[k + 1], turning[k]
-        sums[0, 0], sums[0, 1], sums[0, 2] = known[0, 0] + wx, known[0, 1] + wy, known[0, 2] + wz
-        sums[1, 0] = known[1, 0] + wy * oz - wz * oy
-        sums[1, 1] = known[1, 1] + wz * ox - wx * oz
-        sums[1, 2] = known[1, 2] + wx * oy - wy * ox
+            x, y, z = frames[at, k, i, 0], frames[at, k, i, 1], frames[at, k, i, 2]
+            first = x * rotations[k, 0, 0] + y * rotations[k, 1, 0] + z * rotations[k, 2, 0]
+            second = x * rotations[k, 0, 1] + y * rotations[k, 1, 1] + z * rotations[k, 2, 1]
+            frames[at, k + 1, i, 0] = first * c + second * sine
+            frames[at, k + 1, i, 1] = second * c - first * sine
+            frames[at, k + 1, i, 2] = x * rotations[k, 0, 2] + y * rotations[k, 1, 2] + z * rotations[k, 2, 2]
+            frames[at, k + 1, i, 3] = frames[at, k, i, 3] + x * offsets[k, 0] + y * offsets[k, 1] + z * offsets[k, 2]
+        wx, wy, wz = frames[at, k + 1, 0, 2] * rate, frames[at, k + 1, 1, 2] * rate, frames[at, k + 1, 2, 2] * rate
+        ox, oy, oz = frames[at, k + 1, 0, 3], frames[at, k + 1, 1, 3], frames[at, k + 1, 2, 3]
+        turning[at, k + 1, 0, 0] = turning[at, k, 0, 0] + wx
+        turning[at, k + 1, 0, 1] = turning[at, k, 0, 1] + wy
+        turning[at, k + 1, 0, 2] = turning[at, k, 0, 2] + wz
+        turning[at, k + 1, 1, 0] = turning[at, k, 1, 0] + wy * oz - wz * oy
+        turning[at, k + 1, 1, 1] = turning[at, k, 1, 1] + wz * ox - wx * oz
+        turning[at, k + 1, 1, 2] = turning[at, k, 1, 2] + wx * oy - wy * ox
 
 
 @compiled
 def place(nodes: Nodes, at: int, arm: Arm, body: int) -> None:
     """The body stands in row `at`, in its reference link's frame, with its speed and spin."""
     if not nodes.known[at, body]:
-        _put(
+        put(
             nodes.frames, nodes.turning, nodes.ends, nodes.speed, nodes.spin, nodes.known,
             arm.link, arm.reference, arm.ends, at, body,
         )  # fmt: skip
@@ -164,11 +168,11 @@ def place_all(nodes: Nodes, at: int, arm: Arm, bodies: Whole) -> None:
     spin, known, link, reference, own = nodes.spin, nodes.known, arm.link, arm.reference, arm.ends
     for each in range(bodies.shape[0]):
         if not known[at, bodies[each]]:
-            _put(frames, turning, ends, speed, spin, known, link, reference, own, at, bodies[each])
+            put(frames, turning, ends, speed, spin, known, link, reference, own, at, bodies[each])
 
 
 @compiled
-def _put(
+def put(
     frames: Floats,
     turning: Floats,
     ends: Floats,
@@ -181,6 +185,7 @@ def _put(
     at: int,
     body: int,
 ) -> None:
+    """The same for who has the arrays at hand; the body is not there yet."""
     known[at, body] = True
     k, r = link[body], reference[body]
     sx, sy, sz = (

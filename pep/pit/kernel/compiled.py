@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
-from functools import partial
-from typing import Any, TypeVar, cast
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, Final, TypeVar, cast
 
 # Read by numba when it is imported: a higher level took half as long again to compile and made nothing faster.
 os.environ.setdefault("NUMBA_OPT", "1")
@@ -14,25 +16,38 @@ from numba import njit
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+_made: Final = partial(njit, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
-def _kept(function: F, **how: bool) -> F:
-    compile_it = partial(njit, nogil=True, error_model="numpy", no_cfunc_wrapper=True, **how)
-    try:
-        return cast("F", compile_it(cache=True)(function))
-    except RuntimeError:  # nowhere to keep it: compiled anew at each start
-        return cast("F", compile_it()(function))
+
+@cache
+def _sources() -> str:
+    """SHA-256 (hex) of all that machine code of the kernel is made from."""
+    room = Path(__file__).parents[1]
+    texts = [part.read_bytes() for part in sorted(room.rglob("*.py"))]
+    return hashlib.sha256(b"".join(hashlib.sha256(text).digest() for text in texts)).hexdigest()
 
 
 def compiled(function: F) -> F:
-    """The function as machine code for other compiled functions, kept on disk where there is a place for it.
+    """The function as machine code for other compiled functions, and made anew with whatever calls it.
+
+    What was kept on disk could not be merged into its callers, who would pay more for the call than for what it does.
 
     Loops that are hot take the arrays out of their named tuples first: each access to one counts references, which
     costs more than what is done with a number of it. Division by zero gives what IEEE 754 says, as in numpy. No
     fast-math: the bounds rest on the order of operations.
     """
-    return _kept(function, no_cpython_wrapper=True)
+    return cast("F", _made(no_cpython_wrapper=True)(function))
 
 
 def entry(function: F) -> F:
-    """The same for what Python calls. It runs without the interpreter's lock."""
-    return _kept(function)
+    """The same for what Python calls, kept on disk where there is a place for it.
+
+    It runs without the interpreter's lock. What is kept is of these sources of the whole room: numba itself would look
+    at the file of this one function, and run machine code of laws that have changed since.
+    """
+    try:
+        kept: Any = _made(cache=True)(function)
+    except RuntimeError:  # nowhere to keep it: compiled anew at each start
+        return cast("F", _made()(function))
+    kept._cache._cache_file._source_stamp = _sources()  # noqa: SLF001 - numba has no other way to say it
+    return cast("F", kept)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import threading
+from collections import deque
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from pep.pit.blow import DEPTH, RESOLUTION
 from pep.pit.cell import CellParameters
-from pep.pit.certify import FIRST_CUT_LEAST, Certified, Fit, Witness
+from pep.pit.certify import FIRST_CUT_LEAST, ROWS_MOST, Certified, Fit, Witness
 from pep.pit.errors import WorkLimitError
 from pep.pit.kernel import columns
 from pep.pit.kernel.arm import Arm, bends_of
 from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, rushes
 from pep.pit.kernel.rows import Field, Rows, Way
-from pep.pit.kernel.search import KINDS, TOO_MANY, certify
+from pep.pit.kernel.search import KINDS, LEAF_NUMBERS, LOOKS, SPARE, TOO_MANY, certify, room_for
 from pep.pit.kinematics import layout
 from pep.pit.motion import MoveJ, profile_of
 from pep.pit.pairs import KINDS_IN_ORDER, Kind, pairs_of
@@ -31,11 +33,14 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from pep.pit.kernel.search import Found
+    from pep.pit.kernel.halving import Known
+    from pep.pit.kernel.search import Room
     from pep.pit.motion import Floats, Profile, Straight
     from pep.pit.pairs import Pairs
     from pep.pit.path import Keys
     from pep.pit.separation import Stopping
+
+PACKS_KEPT: Final = 4  # a scene's pairs, and those of a slower speed
 
 _CODED: Final = {columns.PERSON: Kind.PERSON, columns.ZONE: Kind.ZONE, columns.MEANT: Kind.MEANT}
 if any(KINDS_IN_ORDER[code] is not kind for code, kind in _CODED.items()) or len(KINDS_IN_ORDER) != KINDS:
@@ -59,22 +64,63 @@ def _arm_of(robot: Robot) -> Arm:
     )
 
 
+class _Rooms(threading.local):
+    """What searches of one thread work in."""
+
+    def __init__(self) -> None:
+        self._by_bodies: dict[int, tuple[int, Room]] = {}
+
+    def of(self, arm: Arm, pairs: int) -> Room:
+        """Room for the first cut of so many pairs, and some more."""
+        bodies, needed = len(arm.link), pairs * FIRST_CUT_LEAST + SPARE
+        known = self._by_bodies.get(bodies)
+        if known is None or known[0] < needed:
+            known = 2 * needed, room_for(bodies, len(arm.offsets), 2 * needed)
+            self._by_bodies = {bodies: known}
+        return known[1]
+
+
+_ROOMS: Final = _Rooms()
+
+
+class _Packs(threading.local):
+    """The pairs of one thread's last few questions, as the kernel's arrays."""
+
+    def __init__(self) -> None:
+        self._last: deque[tuple[Pairs, Field]] = deque(maxlen=PACKS_KEPT)
+
+    def of(self, pairs: Pairs) -> Field:
+        """The pairs as the kernel's arrays."""
+        for known, field in self._last:
+            if known is pairs:
+                return field
+        field = packed(pairs)
+        self._last.appendleft((pairs, field))
+        return field
+
+
+_PACKS: Final = _Packs()
+
+
 class CompiledPath(Path):
     """A path whose questions the kernel answers. Same promises as `Path`; not shared between threads."""
 
     def __init__(self, robot: Robot, move: Straight) -> None:
         """A path that holds no configuration yet."""
         super().__init__(robot, move)
-        arm = _arm_of(robot)
-        self._way = Way(arm, self.start, self.delta, bends_of(arm, self.delta))
-        self._held = nothing_known(len(robot.bodies))
-        self._packed: tuple[Pairs, Field] | None = None
+        self._arm = _arm_of(robot)
+
+    @cached_property
+    def _way(self) -> Way:
+        return Way(self._arm, self.start, self.delta, bends_of(self._arm, self.delta))
+
+    @cached_property
+    def _held(self) -> Known:
+        return nothing_known(len(self.robot.bodies))
 
     def packed(self, pairs: Pairs) -> Field:
         """The pairs as the kernel's arrays."""
-        if self._packed is None or self._packed[0] is not pairs:
-            self._packed = pairs, packed(pairs)
-        return self._packed[1]
+        return _PACKS.of(pairs)
 
     def rush(self, low: Keys, high: Keys) -> Floats:
         """As `Path.rush`."""
@@ -107,29 +153,35 @@ class CompiledPath(Path):
         rows: NDArray[np.intp],
         floor: float,
         check_time: Callable[[], None],
+        told: bool = True,
     ) -> Certified:
-        """As `pep.pit.certify.certify`."""
-        groups = int(pairs.group.max(initial=-1)) + 1
-        found = certify(
-            self._way,
+        """As `pep.pit.certify.certify`; `told`: with a witness for each obstacle that may raise the index."""
+        if len(rows) * FIRST_CUT_LEAST > ROWS_MOST:
+            raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
+        status, upper, attained, witnesses, violated, leaves = certify(
+            _ROOMS.of(self._arm, len(rows)),
+            self._arm,
+            self.start,
+            self.delta,
             self.packed(pairs),
             rows,
-            groups,
+            pairs.groups,
             _timing(profile),
             _law(pairs, stop),
             floor,
             FIRST_CUT_LEAST,
+            LOOKS if told else 0,
         )
         check_time()
-        if found.status == TOO_MANY:
+        if status == TOO_MANY:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
         return Certified(
-            upper=found.upper,
-            attained=found.attained,
-            witnesses=tuple(sorted(_witnesses(found.witnesses), key=lambda w: (-w.index, w.clearance_m, w.key))),
-            violated={pairs.kind_of(w.pair): w for w in _witnesses(found.violated)},
-            leaves=_leaves(found.leaves),
-            leaf_index=found.leaves.bound,
+            upper=upper,
+            attained=attained,
+            witnesses=_witnesses(witnesses),
+            violated={pairs.kind_of(w.pair): w for w in _witnesses(violated)},
+            leaves=Leaves(*leaves[:LEAF_NUMBERS].astype(np.int64), *leaves[LEAF_NUMBERS:-1]),
+            leaf_index=leaves[-1],
         )
 
     def fits(
@@ -271,6 +323,5 @@ def _rows(leaves: Leaves) -> Rows:
     )
 
 
-def _witnesses(found: Found) -> list[Witness]:
-    met = zip(*(column.tolist() for column in found), strict=True)
-    return [Witness(key, pair, index, gap, speed) for index, gap, speed, key, pair in met if pair >= 0]
+def _witnesses(met: Floats) -> tuple[Witness, ...]:
+    return tuple([Witness(int(key), int(pair), index, gap, speed) for index, gap, speed, key, pair in met.tolist()])

@@ -102,10 +102,9 @@ def configuration(nodes: Nodes, used: int, way: Way, key: int) -> Nodes:
     """The nodes with the configuration at `key` in row `used`."""
     if used >= nodes.speed.shape[0]:
         nodes = more_nodes(nodes)
-    s = key / GRID
-    q = np.empty(6)
-    for joint in range(6):
-        q[joint] = way.start[joint] + s * way.delta[joint]
+    q = np.empty(way.start.shape[0])
+    for joint in range(q.shape[0]):
+        q[joint] = way.start[joint] + key / GRID * way.delta[joint]
     pose(nodes, used, way.arm, q, way.delta)
     return nodes
 

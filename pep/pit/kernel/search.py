@@ -1,7 +1,9 @@
-"""Branch and bound on the index of a whole path: the same search as `pep.pit.certify`, compiled.
+"""Branch and bound on the index of a whole path, compiled: what `pep.pit.certify` proves, the most doubtful row first.
 
-Level by level, as there. What is new is that most rows never see a distance: where the balls around both cores, moved
-as far as levers allow, already prove that a pair cannot raise the answer, that is its proof.
+A row is a pair on a span of the path. At first all that is known of it is how far apart the balls around both cores
+are; most rows are settled by that. What may still raise the answer is looked at closer, the highest bound first: the
+distance in the middle, then what the nodes at both ends prove, then both halves. Once the highest bound is settled, all
+are.
 """
 
 from __future__ import annotations
@@ -12,22 +14,41 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from pep.pit.certify import DEPTH, RESOLUTION, ROWS_MOST, VIOLATION_RESOLUTION_M
-from pep.pit.kernel.arm import no_nodes, place
-from pep.pit.kernel.columns import BODY, GROUP, KIND, PEAK, PLANE, RADII, SHAPE, VIOLATED_BELOW, WAY
+from pep.pit.clearance import ROUNDING_M
+from pep.pit.kernel import heap as heaps
+from pep.pit.kernel import tree as trees
+from pep.pit.kernel.arm import bends_of, place, place_all, put
+from pep.pit.kernel.columns import AROUND, BODY, CENTER, GROUP, KIND, PLANE, RADII, SHAPE, VIOLATED_BELOW
 from pep.pit.kernel.compiled import compiled, entry
 from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
-from pep.pit.kernel.law import highest_rate, pair_index, rate_at
-from pep.pit.kernel.levels import calm_from, first_level, halved, rough_on
-from pep.pit.kernel.rows import ball_gap, configuration, more_rows, no_rows, rush_between, taken
+from pep.pit.kernel.heap import heaped, no_heap, pop, push
+from pep.pit.kernel.law import calm_beyond, highest_rate, pair_index, rate_at
+from pep.pit.kernel.rows import Way, ball_gap
+from pep.pit.kernel.tree import (
+    AT_HIGH,
+    AT_LOW,
+    AT_MID,
+    HIGH,
+    LEFT,
+    LEVEL,
+    LOW,
+    SPANS,
+    WHOLE_LEAF,
+    halve,
+    is_full,
+    no_tree,
+    plant,
+)
 from pep.pit.path import CHORD, GRID
-from pep.pit.tier import TIE
+from pep.pit.tier import HIGHEST, MOVING, TIE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pep.pit.kernel.arm import Nodes
-    from pep.pit.kernel.levels import Level, Rough
-    from pep.pit.kernel.rows import Field, Rows, Way
+    from pep.pit.kernel.arm import Arm, Bends
+    from pep.pit.kernel.heap import Heap
+    from pep.pit.kernel.rows import Field
+    from pep.pit.kernel.tree import Tree
     from pep.pit.motion import Floats
 
     Whole = NDArray[np.int64]
@@ -35,302 +56,550 @@ if TYPE_CHECKING:
 KINDS: Final = 8  # how many kinds of pairs there are
 ANSWERED: Final = 0
 TOO_MANY: Final = 1
-NODES_FIRST: Final = 96  # room for configurations at first; most questions need fewer
-SPARE: Final = 256  # leaves beyond the first cut for which there is room at first
+LOOKS: Final = 3  # at each group that did not have to be looked at
+SPARE: Final = 512  # rows beyond the first ones for which there is room at first
+
+# What holds of a body on the whole path: its radius, half its axis' length, and how strongly it bends (`arm.Bends`).
+RADIUS: Final = 0
+HALF: Final = 1
+FIRST: Final = 2
+SECOND: Final = 3
+THIRD: Final = 4
+SPIN: Final = 5
+SPIN_FIRST: Final = 6
+SPIN_SECOND: Final = 7
+TABLE: Final = 8
+
+# Whole numbers of a row: its span, its pair, and what is known of it.
+SPAN_OF: Final = 0
+PAIR: Final = 1
+STAGE: Final = 2
+ROW_WHOLE: Final = 3
+
+# Stages: the balls, the distance in the middle, what all three nodes prove; settled for good; or halved, and no row.
+BALLS: Final = 0
+MIDDLE: Final = 1
+NODES: Final = 2
+FINAL: Final = 3
+HALVED: Final = 4
+
+# Numbers of a row: proven clearance and speed, those in the middle, the index, the gap in
+# the middle, and how far the body strays from there.
+CLEAR: Final = 0
+RUSH: Final = 1
+CLEAR_MID: Final = 2
+RUSH_MID: Final = 3
+BOUND: Final = 4
+GAP: Final = 5
+STRAYS: Final = 9
+ROW_NUMBERS: Final = 10
+
+# Rows of the table of leaves.
+LEAF_LOW: Final = 0
+LEAF_HIGH: Final = 1
+LEAF_PAIR: Final = 2
+LEAF_NUMBERS: Final = 3  # the first five of a row's numbers
+LEAF: Final = 8
+
+# Columns of a place that was met, and what stands where none was.
+MET_INDEX: Final = 0
+MET_CLEARANCE: Final = 1
+MET_SPEED: Final = 2
+MET_KEY: Final = 3
+MET_PAIR: Final = 4
+MET: Final = 5
+NOBODY: Final = -1.0
 
 
-class Found(NamedTuple):
-    """Places that were met, one per group of pairs or per kind; `pair` is -1 where none was.
+class Rows(NamedTuple):
+    """Rows, of which the first `used[0]` are in use; those in doubt about a violation, of which `used[1]` are."""
 
-    Attributes:
-        impact: the index there; clearance, speed: of the place; key: its path parameter in 1 / GRID; pair: which pair.
-    """
-
-    impact: Floats
-    clearance: Floats
-    speed: Floats
-    key: Whole
-    pair: Whole
-
-
-class Answer(NamedTuple):
-    """The outcome: `ANSWERED` or `TOO_MANY`, the proven and the attained index, witnesses, violations, leaves."""
-
-    status: int
-    upper: float
-    attained: float
-    witnesses: Found
-    violated: Found
-    leaves: Rows
-
-
-class Seen(NamedTuple):
-    """Rows of which the middle was measured: their stretch per interval, their pairs and gaps."""
-
-    begin: Whole
-    pair: Whole
-    gap: Floats
+    whole: Whole
+    numbers: Floats
+    doubts: Whole
+    used: Whole
 
 
 @compiled
-def _none_found(count: int) -> Found:
-    return Found(
-        np.zeros(count), np.full(count, math.inf), np.zeros(count), np.zeros(count, np.int64), np.full(count, -1)
+def no_rows(room: int) -> Rows:
+    """Room for so many rows."""
+    return Rows(
+        np.empty((room, ROW_WHOLE), np.int64),
+        np.empty((room, ROW_NUMBERS)),
+        np.empty(3 * room, np.int64),  # a row is in doubt at most once a stage
+        np.zeros(2, np.int64),
     )
 
 
 @compiled
-def _note(found: Found, at: int, index: float, clearance: float, speed: float, key: int, pair: int) -> None:
+def with_room(rows: Rows, room: int) -> Rows:
+    """The same rows with room for so many at least."""
+    if rows.whole.shape[0] >= room:
+        return rows
+    wide, count, doubts = no_rows(2 * room), rows.used[0], rows.used[1]
+    wide.whole[:count], wide.numbers[:count] = rows.whole[:count], rows.numbers[:count]
+    wide.doubts[:doubts] = rows.doubts[:doubts]
+    return Rows(wide.whole, wide.numbers, wide.doubts, rows.used)
+
+
+class Met(NamedTuple):
+    """Places that were met, by group and by kind; per group the row to look at next; room for `KNOTS` numbers."""
+
+    witnesses: Floats
+    violated: Floats
+    top: Whole
+    knots: Floats
+
+
+@compiled
+def none_met(count: int) -> Floats:
+    """Room for so many places, none of which was met."""
+    met = np.zeros((count, MET))
+    met[:, MET_PAIR] = NOBODY
+    return met
+
+
+@compiled
+def note(met: Floats, at: int, index: float, clearance: float, speed: float, key: int, pair: int) -> None:
     """The place stands there when it is higher than what stands, or as high and nearer."""
-    if found.pair[at] >= 0:
-        known = found.impact[at]
-        if index < known or (index == known and clearance >= found.clearance[at]):
+    if met[at, MET_PAIR] != NOBODY:
+        known = met[at, MET_INDEX]
+        if index < known or (index == known and clearance >= met[at, MET_CLEARANCE]):
             return
-    found.impact[at], found.clearance[at], found.speed[at] = index, clearance, speed
-    found.key[at], found.pair[at] = key, pair
+    met[at, MET_INDEX], met[at, MET_CLEARANCE], met[at, MET_SPEED] = index, clearance, speed
+    met[at, MET_KEY], met[at, MET_PAIR] = key, pair
 
 
 @compiled
-def _at_rest(nodes: Nodes, first: int, way: Way, field: Field, pairs: Whole, violated: Found, knots: Floats) -> None:
-    """Violations at both ends of the path, where the arm stands and no middle ever lies; nodes 0 and `first`."""
-    ends, known, half, numbers, whole = nodes.ends, nodes.known, way.arm.half, field.numbers, field.whole
-    for each in range(pairs.shape[0]):
-        pair = pairs[each]
-        below, body, shape = numbers[pair, VIOLATED_BELOW], whole[pair, BODY], whole[pair, SHAPE]
-        if below == -math.inf:
-            continue
-        for end in range(2):
-            at = end * first
-            if not known[at, body]:
-                place(nodes, at, way.arm, body)
-            if shape != PLANE and ball_gap(ends, at, body, half, numbers, pair) >= below:
-                continue
-            clearance = core_gap(ends, at, body, numbers, pair, shape, knots)[0] - numbers[pair, RADII]
-            if clearance < below:
-                _note(violated, whole[pair, KIND], 0.0, clearance, 0.0, end * GRID, pair)
+def settled(bound: float, best: float) -> bool:
+    """Whether a bound cannot raise the answer by more than the resolution, nor its tier."""
+    return bound <= best or (bound <= best + RESOLUTION and math.ceil(bound - TIE) <= math.ceil(best - TIE))
 
 
 @compiled
-def _probe(
-    nodes: Nodes, level: Level, way: Way, field: Field, profile: Floats, law: Floats, witnesses: Found, knots: Floats
-) -> float:
-    """The highest index that is met where, on each interval, something of each obstacle comes nearest by its balls.
-
-    A good guess of the answer before anything is proven: the better it is, the less is left to prove.
-    """
-    ends, half, numbers, whole, radius = nodes.ends, way.arm.half, field.numbers, field.whole, way.arm.radius
-    groups, pairs, begin = witnesses.pair.shape[0], level.pairs, level.begin
-    nearest, by = np.empty(groups, np.int64), np.empty(groups)
-    best = 0.0
-    for k in range(level.low.shape[0]):
-        at, key = level.at_mid[k], (level.low[k] + level.high[k]) // 2
-        rate = rate_at(key / GRID, profile)
-        for group in range(groups):
-            nearest[group], by[group] = -1, math.inf
-        for each in range(begin[k], begin[k + 1]):
-            pair = pairs[each]
-            group = whole[pair, GROUP]
-            plane = whole[pair, SHAPE] == PLANE
-            apart = 0.0 if plane else ball_gap(ends, at, whole[pair, BODY], half, numbers, pair)
-            if apart < by[group]:
-                nearest[group], by[group] = pair, apart
-        for group in range(groups):
-            pair = nearest[group]
-            if pair >= 0:
-                body = whole[pair, BODY]
-                gap = core_gap(ends, at, body, numbers, pair, whole[pair, SHAPE], knots)
-                clearance = gap[0] - numbers[pair, RADII]
-                speed = (nodes.speed[at, body] + radius[body] * nodes.spin[at, body]) * rate
-                index = pair_index(whole[pair, KIND], numbers, pair, clearance, speed, law)
-                _note(witnesses, group, index, clearance, speed, key, pair)
-                best = max(best, index)
-    return best
+def table_of(arm: Arm, bends: Bends) -> Floats:
+    """What holds of each body on the whole path, side by side: shape (bodies, TABLE)."""
+    table = np.empty((arm.link.shape[0], TABLE))
+    for body in range(table.shape[0]):
+        table[body, RADIUS], table[body, HALF] = arm.radius[body], arm.half[body]
+        table[body, FIRST], table[body, SECOND] = bends.first[body], bends.second[body]
+        table[body, THIRD], table[body, SPIN] = bends.third[body], bends.spin[body]
+        table[body, SPIN_FIRST], table[body, SPIN_SECOND] = bends.spin_first[body], bends.spin_second[body]
+    return table
 
 
 @compiled
-def _middles(
-    nodes: Nodes,
-    level: Level,
-    way: Way,
-    field: Field,
-    profile: Floats,
-    law: Floats,
-    rough: Rough,
-    best: float,
-    witnesses: Found,
-    violated: Found,
-    leaves: Rows,
-    done: int,
-    knots: Floats,
-) -> tuple[Seen, float, int]:
-    """What the middles attain. A row that its balls prove to be no higher than `best` is a leaf at once."""
-    rows = level.begin[-1]
-    seen = Seen(np.empty_like(level.begin), np.empty(rows, np.int64), np.empty((rows, 4)))
-    ends, known, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
-    numbers, whole, half, radius = field.numbers, field.whole, way.arm.half, way.arm.radius
-    strays, rush, pairs, begin, seen_pair, seen_gap = (
-        rough.strays,
-        rough.rush,
-        level.pairs,
-        level.begin,
-        seen.pair,
-        seen.gap,
-    )
-    leaf_low, leaf_high, leaf_pair, leaf_bound = leaves.low, leaves.high, leaves.pair, leaves.bound
-    leaf_clear, leaf_rush, leaf_clear_mid, leaf_rush_mid = leaves.clear, leaves.rush, leaves.clear_mid, leaves.rush_mid
-    count = 0
-    for k in range(level.low.shape[0]):
-        low, high, at = level.low[k], level.high[k], level.at_mid[k]
-        key = (low + high) // 2
-        rate, rate_most = rate_at(key / GRID, profile), highest_rate(low / GRID, high / GRID, profile)
-        seen.begin[k] = count
-        for each in range(begin[k], begin[k + 1]):
-            pair = pairs[each]
-            body, shape, kind, below = (
-                whole[pair, BODY],
-                whole[pair, SHAPE],
-                whole[pair, KIND],
-                numbers[pair, VIOLATED_BELOW],
-            )
-            if not known[at, body]:
-                place(nodes, at, way.arm, body)
-            if shape != PLANE:
-                apart = ball_gap(ends, at, body, half, numbers, pair) - strays[body]
-                bound = pair_index(kind, numbers, pair, apart, rush[body] * rate_most, law)
-                if apart >= below and bound <= best:
-                    leaf_low[done], leaf_high[done], leaf_pair[done], leaf_bound[done] = low, high, pair, bound
-                    leaf_clear[done], leaf_rush[done], leaf_clear_mid[done] = apart, rush[body], math.inf
-                    leaf_rush_mid[done] = 0.0
-                    done += 1
-                    continue
-            gap = core_gap(ends, at, body, numbers, pair, shape, knots)
-            seen_pair[count] = pair
-            seen_gap[count, 0], seen_gap[count, 1], seen_gap[count, 2], seen_gap[count, 3] = gap
-            count += 1
-            clearance, speed = gap[0] - numbers[pair, RADII], (speeds[at, body] + radius[body] * spins[at, body]) * rate
-            index = pair_index(kind, numbers, pair, clearance, speed, law)
-            best = max(best, index)
-            _note(witnesses, whole[pair, GROUP], index, clearance, speed, key, pair)
-            if clearance < below:
-                _note(violated, kind, 0.0, clearance, speed, key, pair)
-    seen.begin[level.low.shape[0]] = count
-    return seen, best, done
-
-
-@compiled
-def _proofs(
-    nodes: Nodes,
-    level: Level,
-    seen: Seen,
-    way: Way,
-    field: Field,
-    profile: Floats,
-    law: Floats,
-    rough: Rough,
-    best: float,
-    violated: Found,
-    leaves: Rows,
-    done: int,
-    last: bool,
-) -> tuple[Whole, Whole, float, int]:
-    """What is proven of the rows that were seen: leaves, their highest index, and the rows to be looked at closer.
+def rough(speed: float, spin: float, table: Floats, body: int, width: float) -> tuple[float, float]:
+    """What a span of that width proves by its middle alone, where the body has this speed and spin.
 
     Returns:
-        The pairs that stay open, their stretch per interval, the highest index proven here, how many leaves there are.
+        How far any part of the body's axis is at most from where it is in the middle, metre. The sag is added, so that
+        no clearance found from this is above what `interval_gap` proves.
+        Its surface speed per unit of ds/dt at most, metre; no less than what all three nodes prove.
     """
-    width = (level.high[0] - level.low[0]) / GRID
-    kept, begin = np.empty_like(seen.pair), np.empty_like(seen.begin)
-    ends, known, numbers, whole, second = nodes.ends, nodes.known, field.numbers, field.whole, way.bends.second
-    leaf_low, leaf_high, leaf_pair, leaf_bound = leaves.low, leaves.high, leaves.pair, leaves.bound
-    leaf_clear, leaf_rush, leaf_clear_mid, leaf_rush_mid = leaves.clear, leaves.rush, leaves.clear_mid, leaves.rush_mid
-    count, upper = 0, 0.0
-    for k in range(level.low.shape[0]):
-        low, high = level.low[k], level.high[k]
-        at_low, at_mid, at_high = level.at_low[k], level.at_mid[k], level.at_high[k]
+    reach, bend, first, second = 0.5 * width, width * width / CHORD, table[body, FIRST], table[body, SECOND]
+    strays = min(first, speed + 0.5 * second * reach) * reach
+    fastest = min(first, speed + second * reach) + table[body, THIRD] * bend
+    turns = min(table[body, SPIN], spin + table[body, SPIN_FIRST] * reach) + table[body, SPIN_SECOND] * bend
+    return strays + second * bend + 2.0 * ROUNDING_M, fastest + table[body, RADIUS] * turns
+
+
+@compiled
+def _first_rows(
+    tree: Tree,
+    way: Way,
+    table: Floats,
+    field: Field,
+    pairs: Whole,
+    profile: Floats,
+    law: Floats,
+    rows: Rows,
+    heap: Heap,
+    leaves: Floats,
+    knots: Floats,
+) -> int:
+    """The first spans' rows; those far apart are leaves, as many as is returned.
+
+    The tight loop of the whole engine: plain numbers, no views.
+    """
+    count, numbers, whole = pairs.shape[0], field.numbers, field.whole
+    spans, ends, speeds, spins = tree.spans, tree.nodes.ends, tree.nodes.speed, tree.nodes.spin
+    bodies = table.shape[0]
+    # Per pair, side by side: the obstacle's centre, what the balls' radii sum up to, the clearance from which on it
+    # counts no more than any motion, at no speed and per m/s, and below which it is a violation.
+    rows_of, moved = np.empty((count, 7)), np.zeros(bodies, np.bool_)
+    body_of, plane = np.empty(count, np.int64), np.empty(count, np.bool_)
+    for each in range(count):
+        pair = pairs[each]
+        body, kind = whole[pair, BODY], whole[pair, KIND]
+        moved[body] = True
+        body_of[each], plane[each] = body, whole[pair, SHAPE] == PLANE
+        for i in range(3):
+            rows_of[each, i] = numbers[pair, CENTER + i]
+        rows_of[each, 3] = table[body, HALF] + numbers[pair, AROUND] + numbers[pair, RADII]
+        rows_of[each, 4] = calm_beyond(kind, numbers, pair, 0.0, law)
+        rows_of[each, 5] = calm_beyond(kind, numbers, pair, 1.0, law) - rows_of[each, 4]
+        rows_of[each, 6] = numbers[pair, VIOLATED_BELOW]
+    moving, centers = np.flatnonzero(moved), np.empty((bodies, 3))
+    strays, rush = np.empty(bodies), np.empty(bodies)
+    row_whole, row_numbers, doubts = rows.whole, rows.numbers, rows.doubts
+    done = used = doubtful = 0
+    for k in range(tree.counts[SPANS]):
+        at, low, high = spans[k, AT_MID], spans[k, LOW], spans[k, HIGH]
+        width, rate = (high - low) / GRID, highest_rate(low / GRID, high / GRID, profile)
+        place_all(tree.nodes, at, way.arm, moving)
+        for each in range(moving.shape[0]):
+            body = moving[each]
+            for i in range(3):
+                centers[body, i] = 0.5 * (ends[at, body, 0, i] + ends[at, body, 1, i])
+            strays[body], rush[body] = rough(speeds[at, body], spins[at, body], table, body, width)
+        for each in range(count):
+            body, pair = body_of[each], pairs[each]
+            speed, below = rush[body] * rate, rows_of[each, 6]
+            enough = max(rows_of[each, 4] + rows_of[each, 5] * speed, below)
+            if not plane[each]:
+                x, y = centers[body, 0] - rows_of[each, 0], centers[body, 1] - rows_of[each, 1]
+                z, around = centers[body, 2] - rows_of[each, 2], rows_of[each, 3] + strays[body]
+                square, far = x * x + y * y + z * z, enough + around
+                near = not (far >= 0.0 and square >= far * far)
+                clear = math.sqrt(square) - around if near else enough
+            else:
+                clear = core_gap(ends, at, body, numbers, pair, PLANE, knots)[0] - numbers[pair, RADII] - strays[body]
+                near = not clear >= enough
+            if not near:
+                leaves[LEAF_LOW, done], leaves[LEAF_HIGH, done], leaves[LEAF_PAIR, done] = low, high, pair
+                leaves[LEAF_NUMBERS, done], leaves[LEAF_NUMBERS + 1, done] = clear, rush[body]
+                leaves[LEAF_NUMBERS + 2, done], leaves[LEAF_NUMBERS + 3, done] = math.inf, 0.0
+                leaves[LEAF_NUMBERS + 4, done] = MOVING
+                done += 1
+                continue
+            row_whole[used, SPAN_OF], row_whole[used, PAIR], row_whole[used, STAGE] = k, pair, BALLS
+            row_numbers[used, CLEAR], row_numbers[used, RUSH] = clear, rush[body]
+            row_numbers[used, CLEAR_MID], row_numbers[used, RUSH_MID] = math.inf, 0.0
+            row_numbers[used, STRAYS] = strays[body]
+            row_numbers[used, BOUND] = pair_index(whole[pair, KIND], numbers, pair, clear, speed, law)
+            if clear < below:
+                doubts[doubtful] = used
+                doubtful += 1
+            used += 1
+    rows.used[0], rows.used[1] = used, doubtful
+    heaped(heap.key, heap.row, heap.used, row_numbers[:used, BOUND])
+    return done
+
+
+@compiled
+def _explored(
+    tree: Tree,
+    way: Way,
+    table: Floats,
+    field: Field,
+    rows: Rows,
+    heap: Heap,
+    profile: Floats,
+    law: Floats,
+    met: Met,
+    best: float,
+    deepest: int,
+    looks: int,
+) -> tuple[bool, float]:
+    """Whether all rows are settled, or more room is needed; and the highest index that was met.
+
+    One function, however long: whatever is called with arrays counts a reference to each, and these calls would cost
+    more than all the rest.
+
+    Args:
+        looks: how often each group that does not decide the answer is looked at where it would raise it most.
+    """
+    whole, numbers, doubts, used = rows.whole, rows.numbers, rows.doubts, rows.used
+    keys, key_rows, key_count = heap.key, heap.row, heap.used
+    nodes, arm, spans = tree.nodes, way.arm, tree.spans
+    frames, turning, ends, speeds = nodes.frames, nodes.turning, nodes.ends, nodes.speed
+    spins, known, link, reference, own, half = nodes.spin, nodes.known, arm.link, arm.reference, arm.ends, arm.half
+    laws, kinds = field.numbers, field.whole
+    witnesses, violated, top, knots = met.witnesses, met.violated, met.top, met.knots
+    row, looked, group = -1, 0, 0
+    while True:
+        # 1. Which row: the one with the highest bound, or one that may hide a violation, or one that tells of a group.
+        if used[0] + 2 > whole.shape[0] or key_count[0] + 4 > keys.shape[0]:
+            return False, best
+        for_sight = False
+        if key_count[0] > 0 and not settled(keys[0], best):
+            row = key_rows[0]
+            pop(keys, key_rows, key_count)
+            if whole[row, STAGE] >= FINAL or settled(numbers[row, BOUND], best):  # looked at since, in doubt
+                continue
+        elif used[1] > 0:
+            used[1] -= 1
+            row = doubts[used[1]]
+            if whole[row, STAGE] >= FINAL or not _hides(row, whole, numbers, laws, kinds, violated):
+                continue
+        elif looked < looks:
+            if group == 0:
+                _tops(whole, numbers, kinds, witnesses, top, used[0])
+            row, for_sight = top[group], True
+            group += 1
+            if group == top.shape[0]:
+                looked, group = looked + 1, 0
+            if row < 0 or whole[row, STAGE] != BALLS:
+                continue
+        else:
+            return True, best
+        span, pair, stage = whole[row, SPAN_OF], whole[row, PAIR], whole[row, STAGE]
+        low, high, middle = spans[span, LOW], spans[span, HIGH], spans[span, AT_MID]
+        body, shape, kind, below = kinds[pair, BODY], kinds[pair, SHAPE], kinds[pair, KIND], laws[pair, VIOLATED_BELOW]
+        if stage == BALLS:
+            # 2. The distance in the middle. Less what levers allow, it often settles the row.
+            gap = core_gap(ends, middle, body, laws, pair, shape, knots)
+            numbers[row, GAP], numbers[row, GAP + 1], numbers[row, GAP + 2], numbers[row, GAP + 3] = gap
+            clear, rush = gap[0] - laws[pair, RADII], speeds[middle, body] + table[body, RADIUS] * spins[middle, body]
+            numbers[row, CLEAR_MID], numbers[row, RUSH_MID] = clear, rush
+            key = (low + high) // 2
+            speed = rush * rate_at(key / GRID, profile)
+            index = pair_index(kind, laws, pair, clear, speed, law)
+            best = max(best, index)
+            note(witnesses, kinds[pair, GROUP], index, clear, speed, key, pair)
+            if clear < below:
+                note(violated, kind, 0.0, clear, speed, key, pair)
+            numbers[row, CLEAR] = clear - numbers[row, STRAYS]
+            whole[row, STAGE] = MIDDLE
+        elif stage == MIDDLE:
+            # 3. What the nodes at both ends prove.
+            first, last = spans[span, AT_LOW], spans[span, AT_HIGH]
+            if not known[first, body]:
+                put(frames, turning, ends, speeds, spins, known, link, reference, own, first, body)
+            if not known[last, body]:
+                put(frames, turning, ends, speeds, spins, known, link, reference, own, last, body)
+            width = (high - low) / GRID
+            bend = width * width / CHORD
+            gap = (numbers[row, GAP], numbers[row, GAP + 1], numbers[row, GAP + 2], numbers[row, GAP + 3])
+            sag = table[body, SECOND] * bend
+            numbers[row, CLEAR] = interval_gap(ends, first, middle, last, body, laws, pair, shape, gap, sag)
+            speed = max(speeds[first, body], speeds[middle, body], speeds[last, body]) + table[body, THIRD] * bend
+            spin = max(spins[first, body], spins[middle, body], spins[last, body]) + table[body, SPIN_SECOND] * bend
+            numbers[row, RUSH] = speed + table[body, RADIUS] * spin
+            whole[row, STAGE] = NODES
+        elif spans[span, LEVEL] >= deepest:
+            whole[row, STAGE] = FINAL
+            continue
+        else:
+            # 4. Both halves, each known by its balls.
+            if spans[span, LEFT] == WHOLE_LEAF and is_full(tree):
+                push(keys, key_rows, key_count, HIGHEST, row)
+                return False, best
+            left, width = halve(tree, way, span), 0.5 * (high - low) / GRID
+            for side in range(2):
+                span, new = left + side, used[0]
+                used[0] = new + 1
+                middle = spans[span, AT_MID]
+                if not known[middle, body]:
+                    put(frames, turning, ends, speeds, spins, known, link, reference, own, middle, body)
+                if shape == PLANE:
+                    clear = core_gap(ends, middle, body, laws, pair, PLANE, knots)[0] - laws[pair, RADII]
+                else:
+                    clear = ball_gap(ends, middle, body, half, laws, pair)
+                strays, rush = rough(speeds[middle, body], spins[middle, body], table, body, width)
+                rate = highest_rate(spans[span, LOW] / GRID, spans[span, HIGH] / GRID, profile)
+                bound = pair_index(kind, laws, pair, clear - strays, rush * rate, law)
+                whole[new, SPAN_OF], whole[new, PAIR], whole[new, STAGE] = span, pair, BALLS
+                numbers[new, CLEAR], numbers[new, RUSH], numbers[new, STRAYS] = clear - strays, rush, strays
+                numbers[new, CLEAR_MID], numbers[new, RUSH_MID], numbers[new, BOUND] = math.inf, 0.0, bound
+                push(keys, key_rows, key_count, bound, new)
+                if clear - strays < below and violated[kind, MET_PAIR] == NOBODY:
+                    doubts[used[1]] = new
+                    used[1] += 1
+            whole[row, STAGE] = HALVED
+            continue
         rate = highest_rate(low / GRID, high / GRID, profile)
-        begin[k] = count
-        for row in range(seen.begin[k], seen.begin[k + 1]):
-            pair = seen.pair[row]
-            gap = (seen.gap[row, 0], seen.gap[row, 1], seen.gap[row, 2], seen.gap[row, 3])
-            body, shape, kind, radii = whole[pair, BODY], whole[pair, SHAPE], whole[pair, KIND], numbers[pair, RADII]
-            # Nearer than this it may hide a violation of a kind that was not met yet.
-            hides = numbers[pair, VIOLATED_BELOW] if violated.pair[kind] < 0 else -math.inf
-            # The middle's distance less what levers allow often settles it without a look at the ends.
-            clear, rush = gap[0] - radii - rough.strays[body], rough.rush[body]
-            bound = pair_index(kind, numbers, pair, clear, rush * rate, law)
-            if not (bound <= best and clear >= hides):
-                for at in (at_low, at_high):
-                    if not known[at, body]:
-                        place(nodes, at, way.arm, body)
-                sag = second[body] * width * width / CHORD
-                clear = interval_gap(ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
-                rush = rush_between(nodes, at_low, at_mid, at_high, way, body, width)
-                bound = pair_index(kind, numbers, pair, clear, rush * rate, law)
-                same = bound <= best + RESOLUTION and math.ceil(bound - TIE) <= math.ceil(best - TIE)
-                if not ((bound <= best or same) and clear >= hides - VIOLATION_RESOLUTION_M) and not last:
-                    kept[count] = pair
-                    count += 1
+        numbers[row, BOUND] = pair_index(kind, laws, pair, numbers[row, CLEAR], numbers[row, RUSH] * rate, law)
+        if for_sight:  # it is in the heap as it was, and settled
+            continue
+        push(keys, key_rows, key_count, numbers[row, BOUND], row)
+        if numbers[row, CLEAR] < below and violated[kind, MET_PAIR] == NOBODY:
+            doubts[used[1]] = row
+            used[1] += 1
+
+
+@compiled
+def _hides(row: int, whole: Whole, numbers: Floats, laws: Floats, kinds: Whole, violated: Floats) -> bool:
+    """Whether the row may hide a violation of a kind that was not met yet."""
+    pair = whole[row, PAIR]
+    short = VIOLATION_RESOLUTION_M if whole[row, STAGE] >= NODES else 0.0
+    if numbers[row, CLEAR] >= laws[pair, VIOLATED_BELOW] - short:
+        return False
+    return violated[kinds[pair, KIND], MET_PAIR] == NOBODY
+
+
+@compiled
+def _tops(whole: Whole, numbers: Floats, kinds: Whole, witnesses: Floats, top: Whole, count: int) -> None:
+    """Per group the row that may raise what it was met at most, of those of which no distance is known; -1 for none."""
+    top[:] = -1
+    for row in range(count):
+        if whole[row, STAGE] == BALLS:
+            group, bound = kinds[whole[row, PAIR], GROUP], numbers[row, BOUND]
+            if bound <= max(MOVING, witnesses[group, MET_INDEX]):
+                continue
+            other = top[group]
+            if other >= 0:
+                theirs = numbers[other, BOUND]
+                if bound < theirs or (bound == theirs and numbers[row, CLEAR] >= numbers[other, CLEAR]):
                     continue
-            leaf_low[done], leaf_high[done], leaf_pair[done], leaf_bound[done] = low, high, pair, bound
-            leaf_clear[done], leaf_rush[done], leaf_clear_mid[done] = clear, rush, gap[0] - radii
-            leaf_rush_mid[done] = nodes.speed[at_mid, body] + way.arm.radius[body] * nodes.spin[at_mid, body]
+            top[group] = row
+
+
+@compiled
+def _at_rest(tree: Tree, way: Way, field: Field, rows: Rows, violated: Floats, knots: Floats) -> None:
+    """Violations at both ends of the path, where the arm stands and no middle ever lies."""
+    whole, spans, nodes = rows.whole, tree.spans, tree.nodes
+    for row in range(rows.used[0]):
+        pair = whole[row, PAIR]
+        below = field.numbers[pair, VIOLATED_BELOW]
+        if whole[row, STAGE] == HALVED or rows.numbers[row, CLEAR] >= below:
+            continue
+        span, body = whole[row, SPAN_OF], field.whole[pair, BODY]
+        for side in range(2):
+            key = spans[span, LOW] if side == 0 else spans[span, HIGH]
+            if key not in (0, GRID):
+                continue
+            at = spans[span, AT_LOW] if side == 0 else spans[span, AT_HIGH]
+            place(nodes, at, way.arm, body)
+            gap = core_gap(nodes.ends, at, body, field.numbers, pair, field.whole[pair, SHAPE], knots)[0]
+            if gap - field.numbers[pair, RADII] < below:
+                note(violated, field.whole[pair, KIND], 0.0, gap - field.numbers[pair, RADII], 0.0, key, pair)
+
+
+@compiled
+def _ranked(met: Floats) -> Floats:
+    """The places that were met, highest first; among equals the nearest, then the earliest."""
+    some = np.flatnonzero(met[:, MET_PAIR] != NOBODY)
+    for last in range(1, some.shape[0]):  # few, and nearly in order
+        one, at = some[last], last
+        while at > 0 and _before(met, one, some[at - 1]):
+            some[at] = some[at - 1]
+            at -= 1
+        some[at] = one
+    return met[some]
+
+
+@compiled
+def _before(met: Floats, one: int, other: int) -> bool:
+    for column in range(3):
+        which = (MET_INDEX, MET_CLEARANCE, MET_KEY)[column]
+        mine, theirs = met[one, which], met[other, which]
+        if mine != theirs:
+            return mine > theirs if column == 0 else mine < theirs
+    return False
+
+
+@compiled
+def all_leaves(tree: Tree, rows: Rows, far: Floats, done: int) -> tuple[Floats, float]:
+    """The first `done` leaves and the rows that were not halved, and the highest index of those."""
+    whole, numbers, spans = rows.whole, rows.numbers, tree.spans
+    count = done
+    for row in range(rows.used[0]):
+        count += whole[row, STAGE] != HALVED
+    leaves = np.empty((LEAF, count))
+    for column in range(LEAF):
+        leaves[column, :done] = far[column, :done]
+    upper = 0.0
+    for row in range(rows.used[0]):
+        if whole[row, STAGE] != HALVED:
+            span = whole[row, SPAN_OF]
+            leaves[LEAF_LOW, done], leaves[LEAF_HIGH, done] = spans[span, LOW], spans[span, HIGH]
+            leaves[LEAF_PAIR, done] = whole[row, PAIR]
+            for column in range(LEAF - LEAF_NUMBERS):
+                leaves[LEAF_NUMBERS + column, done] = numbers[row, column]
+            upper = max(upper, numbers[row, BOUND])
             done += 1
-            upper = max(upper, bound)
-    begin[level.low.shape[0]] = count
-    return kept, begin, upper, done
+    return leaves, upper
+
+
+class Room(NamedTuple):
+    """What a search works in: kept from one to the next, since fresh memory costs more than the search."""
+
+    tree: Tree
+    rows: Rows
+    heap: Heap
+    leaves: Floats
+
+
+@entry
+def room_for(bodies: int, joints: int, rows: int) -> Room:
+    """Room for so many rows of an arm with so many bodies and joints."""
+    return Room(no_tree(bodies, joints), no_rows(rows), no_heap(rows), np.empty((LEAF, rows)))
+
+
+@compiled
+def searched(
+    room: Room,
+    way: Way,
+    table: Floats,
+    field: Field,
+    pairs: Whole,
+    profile: Floats,
+    law: Floats,
+    floor: float,
+    first: int,
+    looks: int,
+    met: Met,
+) -> tuple[Room, int, int, float]:
+    """The rows of these pairs on this path, settled; there is room for those of the first cut.
+
+    Returns:
+        The room that was needed, the status, how many of its leaves are in use, and the highest index that was met.
+    """
+    level = 0
+    while 1 << level < first:
+        level += 1
+    tree, rows, heap, leaves = room.tree, room.rows, room.heap, room.leaves
+    plant(tree, way, first, level)
+    done = _first_rows(tree, way, table, field, pairs, profile, law, rows, heap, leaves, met.knots)
+    best = floor
+    while True:
+        finished, best = _explored(tree, way, table, field, rows, heap, profile, law, met, best, level + DEPTH, looks)
+        if finished:
+            break
+        if rows.used[0] > ROWS_MOST:
+            return Room(tree, rows, heap, leaves), TOO_MANY, done, best
+        tree, rows = trees.with_room(tree), with_room(rows, rows.used[0] + 2)
+        heap = heaps.with_room(heap, heap.used[0] + 4)
+    _at_rest(tree, way, field, rows, met.violated, met.knots)
+    return Room(tree, rows, heap, leaves), ANSWERED, done, best
 
 
 @entry
 def certify(
-    way: Way, field: Field, pairs: Whole, groups: int, profile: Floats, law: Floats, floor: float, first: int
-) -> Answer:
+    room: Room,
+    arm: Arm,
+    start: Floats,
+    delta: Floats,
+    field: Field,
+    pairs: Whole,
+    groups: int,
+    profile: Floats,
+    law: Floats,
+    floor: float,
+    first: int,
+    looks: int,
+) -> tuple[int, float, float, Floats, Floats, Floats]:
     """The proven index of these pairs on this path (see `pep.pit.certify.certify`).
 
     Args:
-        way, field: the path, and all pairs.
+        room: for the rows of the first cut at least.
+        arm, start, delta, field: the path, and all pairs.
         pairs: which to ask about.
         groups: how many groups of pairs there are.
         profile, law: timing and stop.
         floor: an index that holds anyway, at least `MOVING`.
         first: intervals of the first cut, a power of two.
+        looks: at each group that does not decide, so that it can be told of.
+
+    Returns:
+        `ANSWERED` or `TOO_MANY`, the proven and the attained index, then rows of `MET` columns: the witnesses, highest
+        first, and the violations; then `LEAF` rows, a column for each leaf: the certificate.
     """
-    witnesses, violated, knots = _none_found(groups), _none_found(KINDS), np.empty(KNOTS)
-    leaves = no_rows(pairs.shape[0] * first + SPARE)
-    if pairs.shape[0] * first > ROWS_MOST:
-        return Answer(TOO_MANY, floor, floor, witnesses, violated, taken(leaves, 0))
-    nodes = no_nodes(NODES_FIRST, way.arm.link.shape[0])
-    used = 0
-    for k in range(first + 1):
-        nodes = configuration(nodes, used, way, k * (GRID // first))
-        used += 1
-    for k in range(first):
-        nodes = configuration(nodes, used, way, k * (GRID // first) + GRID // first // 2)
-        used += 1
-    _at_rest(nodes, first, way, field, pairs, violated, knots)
-    rough = rough_on(way, 1.0 / first)
-    calm, beyond = calm_from(way, field, pairs, rough, profile[PEAK] / profile[WAY], law)
-    level, done = first_level(nodes, first, way, field, pairs, rough, calm, beyond, leaves)
-    best = max(floor, _probe(nodes, level, way, field, profile, law, witnesses, knots))
-    upper, examined = floor, done
-    for depth in range(DEPTH + 1):
-        rows = level.begin[-1]
-        examined += rows
-        if examined > ROWS_MOST:
-            return Answer(TOO_MANY, upper, best, witnesses, violated, taken(leaves, done))
-        if done + rows > leaves.low.shape[0]:
-            leaves = more_rows(leaves, done, rows)
-        seen, best, done = _middles(
-            nodes, level, way, field, profile, law, rough, best, witnesses, violated, leaves, done, knots
-        )
-        kept, begin, proven, done = _proofs(
-            nodes, level, seen, way, field, profile, law, rough, best, violated, leaves, done, depth == DEPTH
-        )
-        upper = max(upper, proven)
-        if begin[-1] == 0:
-            break
-        level = halved(level, kept, begin, used)
-        rough = rough_on(way, (level.high[0] - level.low[0]) / GRID)
-        for k in range(level.low.shape[0]):
-            nodes = configuration(nodes, used, way, (level.low[k] + level.high[k]) // 2)
-            used += 1
-    return Answer(ANSWERED, max(upper, best), best, witnesses, violated, taken(leaves, done))
+    way = Way(arm, start, delta, bends_of(arm, delta))
+    table = table_of(arm, way.bends)
+    met = Met(none_met(groups), none_met(KINDS), np.empty(groups, np.int64), np.empty(KNOTS))
+    room, status, done, best = searched(room, way, table, field, pairs, profile, law, floor, first, looks, met)
+    leaves, upper = all_leaves(room.tree, room.rows, room.leaves, done)
+    return status, max(floor, best, upper), best, _ranked(met.witnesses), _ranked(met.violated), leaves
