@@ -25,7 +25,7 @@ from pep.pit.motion import (
     SpeedJ,
     SpeedL,
 )
-from pep.pit.remaining import Remaining, remaining
+from pep.pit.remaining import Pace, Remaining, remaining
 from pep.pit.robot import Robot
 from pep.pit.scene import Box, Capsule, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
 from pep.pit.surveyed import SurveyError, SurveyFault, numbers_only, surveyed
@@ -51,6 +51,7 @@ __all__ = [
     "MoveL",
     "Output",
     "OutputSet",
+    "Pace",
     "Part",
     "Person",
     "PitError",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from pydantic import ConfigDict
 
 HIGHEST_PIN: Final = 17  # U12: 8 standard, 8 configurable and 2 tool outputs
+FINEST_STEP: Final = 0.01  # of a robot's own slider: whole percents
 _ONE_OF: Final = "exactly one of box, capsule, sphere"
 
 
@@ -127,6 +128,15 @@ class CellParameters:
     watch_time_limit_s: float = 0.15  # PHY-13: an answer about a moving arm that is older than the watch allows is none
     tracking_tolerance_m: float = 0.003  # PHY-13: tracking's share of `robot_uncertainty_m`; farther is off the path
 
+    # slowing by the speed slider instead of stopping (PHY-50)
+    slider_delay_s: float = 0.1  # ours: judging, sending, and the first package that shows it; later is a stop
+    slider_change_per_s: float = 4.0  # measured on the simulated controller: from full speed to none in 0.25 s
+    slider_step: float = 0.05  # ours: settings of the slider in steps of 5 %; a robot's own has 1 %
+    slowest_fraction: float = 0.1  # ours: slower is no motion worth waiting for, and a stop tells people so
+    pacing_time_limit_s: float = 0.03  # PHY-2: computing's half of `reaction_s`; a stop waits no longer for a slower speed
+    restore_dwell_s: float = 0.5  # ours: a way that was clear for so long is; longer than a step to the side takes
+    restore_gain: float = 0.1  # ours: two steps; less is not worth a change of speed
+
     # people
     person_speed_m_s: float = 1.6  # ISO 13855 walking speed, as N1 restates it
     intrusion_tracked_m: float = 0.10  # PHY-3: reach of a tracked limb before it is seen
@@ -201,6 +211,10 @@ class CellParameters:
             raise CellError("PARAMETERS_WRONG", wrong)
         return cell
 
+    def slowing_s(self, running: float) -> float:
+        """Longest time from measuring an arm that runs at this fraction of its speed until it has slowed down."""
+        return self.slider_delay_s + running / self.slider_change_per_s
+
     def defect(self) -> str | None:
         """What makes these parameters unfit, or None: each number is finite, at least 0, above 0 where it divides."""
         return _defect(self)
@@ -226,6 +240,10 @@ def _defect(cell: CellParameters) -> str | None:
         "watch_time_limit_s",
         "contact_speed_m_s",
         "unknown_part_m",
+        "slider_change_per_s",
+        "slider_step",
+        "slowest_fraction",
+        "restore_gain",
     }
     for field in fields(cell):
         value = getattr(cell, field.name)
@@ -233,6 +251,10 @@ def _defect(cell: CellParameters) -> str | None:
             continue
         if not (math.isfinite(value) and value >= 0 and (value > 0 or field.name not in dividing)):
             return f"{field.name} is out of range"
+    if not max(cell.slider_step, cell.slowest_fraction, cell.restore_gain) <= 1:
+        return "a fraction of the speed above 1"
+    if not cell.slider_step >= FINEST_STEP:
+        return "slider_step is finer than a slider"
     names = [o.name for o in cell.objects] + [z.name for z in cell.zones]
     once = (names, cell.contacts, [p.object for p in cell.parts], [o.pin for o in cell.outputs])
     if any(len(set(each)) != len(each) for each in (*once, [o.name for o in cell.outputs])):

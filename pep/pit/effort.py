@@ -35,20 +35,25 @@ class Effort:
         rate = profile.highest_rate(cells.low / GRID, cells.high / GRID)
         return np.asarray((self._rush * rate[:, None]).max(axis=0))
 
-    def joint_acceleration_rad_s2(self, profile: Profile) -> Floats:
+    def joint_acceleration_rad_s2(self, profile: Profile, *, stretched: float = 1.0) -> Floats:
         """Highest acceleration of each joint in the middle of any cell, with what the profile may have there, (6,)."""
         cells = self._drive.course.cells
         rate = profile.highest_rate(cells.low / GRID, cells.high / GRID)[:, None]
-        met = np.abs(cells.dq) * max(self._drive.push) + np.abs(cells.ddq) * rate**2
+        met = np.abs(cells.dq) * (max(self._drive.push) * stretched**2) + np.abs(cells.ddq) * rate**2
         return np.asarray(met.max(axis=0))
 
-    def ratios(self, profile: Profile) -> tuple[Ratio, ...]:
-        """Every quantity of this drive under this profile against its limit."""
+    def ratios(self, profile: Profile, *, stretched: float = 1.0) -> tuple[Ratio, ...]:
+        """Every quantity of this drive under this profile against its limit.
+
+        Args:
+            profile: the drive's own, or the same at another speed.
+            stretched: every rate is this fraction of the drive's own, so that accelerations are its square.
+        """
         robot, cell, drive = self._robot, self._cell, self._drive
         joint = drive.joint_speeds_rad_s(profile).max(axis=0) / robot.speed_limits_rad_s
-        hardest = self.joint_acceleration_rad_s2(profile) / robot.model.acceleration_limit_rad_s2
+        hardest = self.joint_acceleration_rad_s2(profile, stretched=stretched) / robot.model.acceleration_limit_rad_s2
         speeds = self.surface_speed_m_s(profile)
-        forward, backward = drive.push
+        forward, backward = (each * stretched**2 for each in drive.push)
         rate = profile.rate(drive.course.cells.mid / GRID)
         torque = self._torques.ratio(rate, forward=forward, backward=backward)
         tool = float(speeds[robot.body_index("tcp")])
