@@ -14,6 +14,7 @@ from pep.watch import Watch
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from pep.governor import Speeds
     from pep.ports import Journal
     from pep.watch import Alarm
 
@@ -50,6 +51,6 @@ class Marked:
 class Unwatched(Watch):
     """The watch of an observed motion: it sees nothing that would end it."""
 
-    def look(self, q_rad: Sequence[float]) -> Alarm | None:  # noqa: ARG002 - as the watch's
+    def look(self, q_rad: Sequence[float], speeds: Speeds | None = None) -> Alarm | None:  # noqa: ARG002 - as the watch's
         """Nothing."""
         return None

@@ -158,6 +158,8 @@ class Rest:
         fault: why it could not be judged, a `policies.reasons.Reason` code; "" when it was.
         age_ms: age of the view it was judged on, transit included, or None when there was no view.
         shown: what that view shows, whatever its age (`pep.context.frames.Seen.content`); None when there was no view.
+        pace: the highest fraction of the commanded speed at which it is proven, counting the time to slow down to it;
+            None when there is none, and when it was not asked for.
     """
 
     holds: bool
@@ -166,13 +168,20 @@ class Rest:
     fault: str
     age_ms: int | None
     shown: object = None
+    pace: float | None = None
 
 
 class Remaining(Protocol):
     """The physical impact of what is left of a motion that is under way."""
 
     def left(
-        self, request: Request, state_q_rad: Sequence[float], *, authorised_milli: int, touch: frozenset[str]
+        self,
+        request: Request,
+        state_q_rad: Sequence[float],
+        *,
+        authorised_milli: int,
+        touch: frozenset[str],
+        running: float | None,
     ) -> Rest:
         """One look at the frames, one judgement. Never raises.
 
@@ -181,6 +190,8 @@ class Remaining(Protocol):
             state_q_rad: measured joint angles, six.
             authorised_milli: index of the verdict, in thousandths.
             touch: objects that the token grants to be touched.
+            running: highest fraction of the commanded speed that the arm can have now; None when nothing can slow it
+                down, which is full speed.
         """
         ...
 

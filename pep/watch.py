@@ -2,8 +2,8 @@
 
 One look is cheap and waits for nothing: the clock, the authority when it is due, the newest frames, and the newest word
 of a physics worker, who is asked again whenever the frames show something else. The first thing that is not as it was
-authorised is an alarm, and whoever looks stops the arm. What the watch cannot see counts as lost: no frame, no word, or
-no look in time.
+authorised is an alarm, and whoever looks stops the arm; unless going slower suffices, which is the governor's. What the
+watch cannot see counts as lost: no frame, no word, or no look in time.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Final, Protocol, assert_never
 
 from pep.context.frames import Distrusted, Seen, Unseen
+from pep.governor import Offer
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from pep.context.frames import View
+    from pep.governor import Governor, Speeds
     from pep.permit import Permit
     from pep.pit import CellParameters
     from pep.ports import Clock, Remaining, Rest
@@ -114,6 +116,7 @@ class Watch:
         limits: of ages.
         clock: the monotonic one counts.
         submit: has the judgement made on a worker; a slow one delays no look.
+        governor: of the motion's speed; None when it cannot go slower.
     """
 
     def __init__(
@@ -125,6 +128,7 @@ class Watch:
         limits: Limits,
         clock: Clock,
         submit: Callable[[Callable[[], Rest]], Future[Rest]],
+        governor: Governor | None = None,
     ) -> None:
         self._permit = permit
         self._remaining = remaining
@@ -132,6 +136,8 @@ class Watch:
         self._limits = limits
         self._clock = clock
         self._submit = submit
+        self._governor = governor
+        self._asked: tuple[float, int] | None = None  # the speed that the judgement is about, and when it was heard
         now = clock.monotonic_ms()
         self._looked_ms = now
         self._authority_ms = now
@@ -140,15 +146,25 @@ class Watch:
         self._judging: Future[Rest] | None = None
         self._held: object = None
 
-    def look(self, q_rad: Sequence[float]) -> Alarm | None:
+    def look(self, q_rad: Sequence[float], speeds: Speeds | None = None) -> Alarm | None:
         """The first thing that is not as it was authorised, or None.
 
         Args:
             q_rad: measured joint angles now, six.
+            speeds: what the robot said of its speed with them; needed where there is a governor.
         """
         now = self._clock.monotonic_ms()
         since_ms, self._looked_ms = now - self._looked_ms, now
-        return self._authority(now) or self._lateness(now, since_ms) or self._world(now, q_rad)
+        return (
+            self._authority(now) or self._lateness(now, since_ms) or self._speed(now, speeds) or self._world(now, q_rad)
+        )
+
+    def _speed(self, now: int, speeds: Speeds | None) -> Alarm | None:
+        """Whether the arm is as slow as it has to be."""
+        if self._governor is None or speeds is None:
+            return None
+        lost = self._governor.hear(speeds, now_ms=now)
+        return self._changed(Reason.IMPACT_ROSE, now, lost) if lost else None
 
     def _authority(self, now: int) -> Alarm | None:
         if now - self._authority_ms < AUTHORITY_PERIOD_MS:
@@ -201,13 +217,21 @@ class Watch:
         rest = judging.result()
         if rest.fault:
             return self._changed(Reason(rest.fault), now, rest.cause)
-        if not rest.holds:
+        if not self._goes_on(rest, now):
             return self._changed(Reason.IMPACT_ROSE, now, rest.cause, rest.index_milli)
         self._held = rest.shown
         if rest.age_ms is not None:
             # The view was taken after it was asked for, so this is no later than its capture.
             self._judged_ms = self._asked_ms - rest.age_ms
         return None
+
+    def _goes_on(self, rest: Rest, now: int) -> bool:
+        """Whether what was judged may go on, at whatever speed."""
+        if self._governor is None or self._asked is None:
+            return rest.holds
+        running, heard_ms = self._asked
+        offer = Offer(rest.holds, rest.pace, rest.index_milli, rest.cause)
+        return self._governor.take(offer, running=running, heard_ms=heard_ms, now_ms=now)
 
     def _ask(self, now: int, period_ms: int, q_rad: Sequence[float]) -> None:
         """A new judgement, when the last one is there and it is time."""
@@ -216,8 +240,12 @@ class Watch:
             return
         self._asked_ms = now
         here = tuple(q_rad)
+        self._asked = None if self._governor is None else (self._governor.running, self._governor.heard_ms)
+        running = None if self._asked is None else self._asked[0]
         self._judging = self._submit(
-            lambda: self._remaining.left(request, here, authorised_milli=permit.index_milli, touch=permit.touch)
+            lambda: self._remaining.left(
+                request, here, authorised_milli=permit.index_milli, touch=permit.touch, running=running
+            )
         )
 
     def _slowness(self, now: int) -> Alarm | None:

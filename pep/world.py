@@ -187,7 +187,13 @@ class CellPhysics:
                 assert_never(motion)
 
     def left(
-        self, request: Request, state_q_rad: Sequence[float], *, authorised_milli: int, touch: frozenset[str]
+        self,
+        request: Request,
+        state_q_rad: Sequence[float],
+        *,
+        authorised_milli: int,
+        touch: frozenset[str],
+        running: float | None,
     ) -> Rest:
         """Whether what is left of a motion from these joint angles is proven to be inside what was authorised.
 
@@ -212,6 +218,7 @@ class CellPhysics:
                 authorised_milli=authorised_milli,
                 perception_age_s=sight.age_s,
                 touch=touch,
+                running=running,
             )
         except SceneError as error:
             return Rest(
@@ -224,7 +231,8 @@ class CellPhysics:
             return Rest(holds=False, index_milli=None, cause=rest.detail, fault=rest.reason, age_ms=age_ms)
         view = look.view()
         shown = view.content if isinstance(view, Seen) else None
-        return Rest(rest.holds, rest.index_milli, rest.cause, fault="", age_ms=age_ms, shown=shown)
+        pace = None if rest.pace is None else rest.pace.fraction
+        return Rest(rest.holds, rest.index_milli, rest.cause, fault="", age_ms=age_ms, shown=shown, pace=pace)
 
     def grip_ended(self, *, on_something: bool) -> None:
         """A grip has ended: what the arm holds is committed, by the gripper's word and by what the sensors show.

@@ -42,6 +42,7 @@ from pep.context.frames import Frames
 from pep.errors import PepError, PepFault
 from pep.feed import Follower, MarkFile
 from pep.gate import Gate
+from pep.governor import Pacing
 from pep.holding import Holding
 from pep.mcp.arm import arm_server
 from pep.mcp.deadline import DeadlineProtocol
@@ -58,11 +59,13 @@ from pep.replay import ReplayCache
 from pep.rtde.dashboard import RemoteControl, stop_program
 from pep.rtde.devices import Devices
 from pep.rtde.drive import Drive
+from pep.rtde.governed import SpeedControl
 from pep.rtde.gripper import RobotiqGripper
 from pep.rtde.jog import Jog
 from pep.rtde.limits import Ur3eLimits
 from pep.rtde.outputs import DigitalOutputs
 from pep.rtde.program import ProgramWatch
+from pep.rtde.slider import SpeedSlider
 from pep.rtde.state import ReceivedState
 from pep.rtde.telemetry import Telemetry
 from pep.sequence import Sequence
@@ -185,6 +188,8 @@ class ToolServer:
         # An observed motion begins wherever the arm is: what was denied may never have been assessed.
         start_of = self.physics.start_of if unsafe_observe is None else lambda _: self.state.read().q_rad
         journal = self.journal if unsafe_observe is None else Marked(self.journal)
+        io = connect_outputs(config.robot_host)
+        self.slider = SpeedSlider(io)
         self.drive = Drive(
             control=control,
             state=self.state,
@@ -202,12 +207,13 @@ class ToolServer:
             hurry=self.follower.hurry,
             audience=config.audience,
             clock=self.clock,
+            speed=SpeedControl(self.slider, Pacing.of(self.cell)),
         )
         self.devices = Devices(
             self.drive,
             Jog(self.drive, control, start_of=start_of, clock=self.clock),
             DigitalOutputs(
-                connect_outputs(config.robot_host),
+                io,
                 telemetry,
                 audience=config.audience,
                 stopped_ms=lambda: control.stopped_ms,
@@ -347,6 +353,7 @@ class ToolServer:
 
     async def _close(self, tasks: list[asyncio.Task[None]]) -> None:
         await self.devices.close()
+        self.slider.close()
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)

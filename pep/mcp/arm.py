@@ -45,12 +45,22 @@ Force = Annotated[float, Field(description="Grip force in N.")]
 Outcome = Literal["reached", "ended", "stopped", "authority_lost", "world_changed", "robot_failed"]
 
 
+class SpeedChange(TypedDict):
+    """A change of the arm's speed on its way: to how much of what was asked for, when, why, whether it was seen."""
+
+    percent: int
+    after_ms: int
+    cause: str
+    seen: bool
+
+
 class Moved(TypedDict):
-    """How a motion ended, and where the arm is now."""
+    """How a motion ended, where the arm is now, and where it was slowed down on its way."""
 
     outcome: Outcome
     q_rad: list[float]
     reason: str
+    speed: list[SpeedChange]
 
 
 class Gripped(TypedDict):
@@ -143,6 +153,19 @@ class ToolPin:
     base_tier: Tier
 
 
+def _moved(end: MotionEnd) -> Moved:
+    speed = [
+        SpeedChange(
+            percent=round(100 * change.fraction),
+            after_ms=change.after_ms,
+            cause=change.cause,
+            seen=change.confirmed_ms is not None,
+        )
+        for change in end.changes
+    ]
+    return Moved(outcome=end.end.value, q_rad=list(end.q_rad), reason=end.reason, speed=speed)
+
+
 def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPServer[Any]:
     """An MCP server with the tools of a cell, not yet guarded.
 
@@ -156,13 +179,13 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
     async def move_joint(q_rad: Joints, speed_rad_s: JointSpeed, acceleration_rad_s2: JointAcceleration) -> Moved:
         """Move the arm in a straight line of joint space to six joint angles, and tell where it has stopped."""
         end = await _permitted(lambda permit: driver.move_joint(q_rad, speed_rad_s, acceleration_rad_s2, permit))
-        return Moved(outcome=end.end.value, q_rad=list(end.q_rad), reason=end.reason)
+        return _moved(end)
 
     @server.tool()
     async def stop() -> Moved:
         """Stop the arm and the gripper now. Always allowed; what was asked for before will not move them any more."""
         end = await driver.stop()
-        return Moved(outcome=end.end.value, q_rad=list(end.q_rad), reason=end.reason)
+        return _moved(end)
 
     @server.tool()
     async def gripper_move(width_m: Width, speed_m_s: FingerSpeed, force_n: Force) -> Gripped:
@@ -183,7 +206,7 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
     async def speed_joint(qd_rad_s: Speeds, acceleration_rad_s2: JointAcceleration, duration_s: Duration) -> Moved:
         """Move the arm at six joint speeds for a time, then stop it. The same call again before the end prolongs it."""
         end = await _permitted(lambda permit: driver.speed_joint(qd_rad_s, acceleration_rad_s2, duration_s, permit))
-        return Moved(outcome=end.end.value, q_rad=list(end.q_rad), reason=end.reason)
+        return _moved(end)
 
     @server.tool()
     async def set_digital_output(pin: Pin, value: Level) -> Switched:

@@ -133,7 +133,9 @@ class CellParameters:
     slider_change_per_s: float = 4.0  # measured on the simulated controller: from full speed to none in 0.25 s
     slider_step: float = 0.05  # ours: settings of the slider in steps of 5 %; a robot's own has 1 %
     slowest_fraction: float = 0.1  # ours: slower is no motion worth waiting for, and a stop tells people so
-    pacing_time_limit_s: float = 0.03  # PHY-2: computing's half of `reaction_s`; a stop waits no longer for a slower speed
+    pacing_time_limit_s: float = (
+        0.03  # PHY-2: computing's half of `reaction_s`; a stop waits no longer for a slower speed
+    )
     restore_dwell_s: float = 0.5  # ours: a way that was clear for so long is; longer than a step to the side takes
     restore_gain: float = 0.1  # ours: two steps; less is not worth a change of speed
 

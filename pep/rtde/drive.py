@@ -16,7 +16,10 @@ from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 
 from capabilities.units import Unit, parse
 from pep.errors import ActuationRefusedError, PepFault
+from pep.governor import FULL
 from pep.operations import GRIPPER_ACTIVATE, GRIPPER_MOVE, digest_of
+from pep.rtde.governed import ARRIVED_RAD, SpeedControl, least_fraction, put_back
+from pep.rtde.heard import SILENCE_MS, Heard
 from pep.rtde.ladder import SAFE_MODES, STOP_LIMIT_MS, MotionEnd, StopLadder
 from pep.watch import LOOK_MS, End
 from policies.reasons import Reason
@@ -24,6 +27,7 @@ from policies.reasons import Reason
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from pep.governor import Governor
     from pep.permit import Permit
     from pep.ports import Clock
     from pep.rtde.gripper import Grip
@@ -33,19 +37,15 @@ if TYPE_CHECKING:
 
 __all__ = ["Drive", "End", "Gripper", "MotionEnd"]
 
-ARRIVED_RAD: Final = 1e-3
-"""A joint this near to its target has arrived; the controller holds about a tenth of it."""
 START_TOLERANCE_RAD: Final = 2e-3
 """The arm may differ this much from where the assessment began."""
 PAUSE_S: Final = LOOK_MS / 2000
 """Pause between two looks: half of the longest, so that waking up late has the other half."""
 STARTS_MS: Final = 1_000
 """A motion that has not begun by then will not begin."""
-SILENCE_MS: Final = 300
-"""A moving arm that says nothing for this long is stopped."""
 SLACK: Final = 1.5
 SLACK_MS: Final = 3_000
-"""A motion may last its computed time by half, and three seconds; then it is stopped."""
+"""A motion may last its computed time by half, and three seconds; then it is stopped. Time slowed down counts less."""
 
 T = TypeVar("T")
 
@@ -74,6 +74,14 @@ class Hurry(Protocol):
         ...
 
 
+class Watching(Protocol):
+    """Begins the watch over what a permit allows."""
+
+    def __call__(self, permit: Permit, *, governor: Governor | None = None) -> Watch:
+        """The watch; with a governor the motion may be slowed down."""
+        ...
+
+
 class Drive:
     """The one way to the arm and the gripper; also the `MotionSlot` port.
 
@@ -85,6 +93,7 @@ class Drive:
         start_of: joint angles from which a request was assessed.
         watching: begins the watch over what a permit allows.
         hurry: told whether something moves, so that what the watch goes by comes sooner.
+        speed: slows a move down where that suffices; without it every such move is stopped.
         audience: canonical URL of the server that decides.
         clock: both clocks.
 
@@ -100,10 +109,11 @@ class Drive:
         gripper: Gripper,
         dashboard_stop: Callable[[], None],
         start_of: Callable[[str], tuple[float, ...] | None],
-        watching: Callable[[Permit], Watch],
+        watching: Watching,
         hurry: Hurry,
         audience: str,
         clock: Clock,
+        speed: SpeedControl | None = None,
     ) -> None:
         self._control = control
         self._state = state
@@ -111,6 +121,7 @@ class Drive:
         self._start_of = start_of
         self.watching = watching
         self._hurry = hurry
+        self._speed = speed
         self._audience = audience
         self._clock = clock
         self._ladder = StopLadder(
@@ -166,23 +177,54 @@ class Drive:
             lasts_ms = 1000 * (way / speed_rad_s + speed_rad_s / acceleration_rad_s2)
             return int(lasts_ms * SLACK) + SLACK_MS
 
-        return await self.watched(lambda gone: self._follow(target, send, permit, gone), permit)
+        least = least_fraction(speed_rad_s, acceleration_rad_s2)
+        return await self.watched(lambda gone: self._paced(target, send, permit, gone, least=least), permit)
+
+    def _paced(
+        self,
+        target: tuple[float, ...],
+        send: Callable[[], int],
+        permit: Permit,
+        gone: threading.Event,
+        *,
+        least: float,
+    ) -> MotionEnd:
+        """The move followed to its end, its speed governed, and the speed slider back where it was."""
+        arm = Heard(self._state, self._clock)
+        governor = None if self._speed is None else self._speed.governor(arm, least=least, clock=self._clock)
+        end: MotionEnd | None = None
+        try:
+            end = self._follow(target, send, permit, gone, arm=arm, governor=governor)
+        finally:
+            if governor is not None and governor.changes:
+                if end is None:
+                    self.stand()  # before it may be faster again
+                put_back(governor, arm, clock=self._clock)
+                watched = permit.watched or {"outcome": str(end.end) if end is not None else None}
+                permit.watched = {**watched, "speed": [change.told() for change in governor.changes]}
+        return end if governor is None else replace(end, changes=tuple(governor.changes))
 
     def _follow(
-        self, target: tuple[float, ...], send: Callable[[], int], permit: Permit, gone: threading.Event
+        self,
+        target: tuple[float, ...],
+        send: Callable[[], int],
+        permit: Permit,
+        gone: threading.Event,
+        *,
+        arm: Heard,
+        governor: Governor | None,
     ) -> MotionEnd:
         """Look at the arm until it has arrived or stands still for another reason. On the watch's thread."""
-        arm = Heard(self._state, self._clock)
         sending = self._commands.submit(send)
-        watch = self.watching(permit)
-        sent_ms, limit_ms, moved = 0, 0, False
+        watch = self.watching(permit, governor=governor)
+        looked_ms, lasted_ms, limit_ms, moved = 0, 0.0, 0, False
         while True:
             if limit_ms == 0 and sending.done():
                 limit_ms = sending.result()
-                sent_ms = arm.sent()
+                looked_ms = arm.sent()
             fresh = arm.look()
             moved = moved or not arm.state.still
-            alarm = watch.look(arm.state.q_rad)
+            alarm = watch.look(arm.state.q_rad, arm.speeds)
             if gone.is_set():
                 return self.stand(sending)
             if alarm is not None:
@@ -192,7 +234,9 @@ class Drive:
                 return MotionEnd(End.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
             # Only what the robot said after it was told to move can say how that went.
             if limit_ms and fresh:
-                lasted_ms = self._clock.monotonic_ms() - sent_ms
+                now = self._clock.monotonic_ms()
+                lasted_ms += (now - looked_ms) * (FULL if governor is None else governor.ordered)
+                looked_ms = now
                 end = self._judge(arm.state, target, permit, lasted_ms=lasted_ms, limit_ms=limit_ms, moved=moved)
                 if end is not None:
                     return end
@@ -204,11 +248,11 @@ class Drive:
         target: tuple[float, ...],
         permit: Permit,
         *,
-        lasted_ms: int,
+        lasted_ms: float,
         limit_ms: int,
         moved: bool,
     ) -> MotionEnd | None:
-        """How the motion has ended, by the robot's own word; None while it goes on."""
+        """How the motion has ended, by the robot's own word; None while it goes on. Times are those of full speed."""
         if state.still and _near(state.q_rad, target, ARRIVED_RAD):
             return MotionEnd(End.REACHED, state.q_rad)
         if state.still and self._control.stopped_ms is not None and self._control.stopped_ms >= permit.since_ms:
@@ -411,39 +455,6 @@ class Drive:
                 continue
         for pool in (self._watch, self._commands, self._fingers, self._reads, ends):
             pool.shutdown(wait=False, cancel_futures=True)
-
-
-class Heard:
-    """What the robot has said last, and for how long it has said nothing.
-
-    Raises:
-        RobotError: it says nothing to begin with.
-    """
-
-    def __init__(self, state: RobotState, clock: Clock) -> None:
-        self._newest = state.newest
-        self._clock = clock
-        self.state = state.read()
-        self._heard_ms = clock.monotonic_ms()
-        self._stamp_s: float | None = None
-        self._sent_at: float | None = None
-
-    def look(self) -> bool:
-        """The newest word is taken in; whether it is from after the command was sent."""
-        package = self._newest()
-        if package.stamp_s != self._stamp_s and package.state is not None:
-            self._stamp_s, self.state, self._heard_ms = package.stamp_s, package.state, self._clock.monotonic_ms()
-        return self._stamp_s != self._sent_at
-
-    def sent(self) -> int:
-        """What was said up to now is from before the command; the monotonic time in ms."""
-        self._sent_at = self._newest().stamp_s
-        return self._clock.monotonic_ms()
-
-    @property
-    def silent_ms(self) -> int:
-        """Since when nothing new was said."""
-        return self._clock.monotonic_ms() - self._heard_ms
 
 
 def _near(a: Sequence[float], b: Sequence[float], tolerance_rad: float) -> bool:

@@ -16,7 +16,8 @@ from capabilities.errors import QuantityError
 from capabilities.units import parse
 from pep.errors import ActuationRefusedError, PepFault
 from pep.operations import SPEED_JOINT
-from pep.rtde.drive import PAUSE_S, SILENCE_MS, START_TOLERANCE_RAD, Heard
+from pep.rtde.drive import PAUSE_S, START_TOLERANCE_RAD
+from pep.rtde.heard import SILENCE_MS
 from pep.rtde.ladder import ESCALATE_MS, SAFE_MODES, STOP_LIMIT_MS, MotionEnd
 from pep.watch import AUTHORITY_PERIOD_MS, End
 from policies.reasons import Reason
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from pep.ports import Clock
     from pep.rtde.drive import Drive
     from pep.rtde.guard import GuardedControl
+    from pep.rtde.heard import Heard
     from policies.model import Request
 
 SEND_S: Final = 0.02

@@ -15,6 +15,7 @@ from pep.watch import End
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from pep.governor import Change
     from pep.ports import Clock
     from pep.rtde.guard import GuardedControl
     from pep.rtde.state import Package
@@ -29,11 +30,19 @@ SAFE_MODES: Final = (1, 2)  # safety_mode NORMAL and REDUCED; any other has stop
 
 @dataclass(frozen=True, slots=True)
 class MotionEnd:
-    """The end of a motion: how, where, and why if it was cut short."""
+    """The end of a motion: how, where, and why if it was cut short.
+
+    Attributes:
+        end: how.
+        q_rad: joint angles.
+        reason: a code, or "".
+        changes: of its speed on the way, in order.
+    """
 
     end: End
     q_rad: tuple[float, ...]
     reason: str = ""
+    changes: tuple[Change, ...] = ()
 
 
 class StopLadder:

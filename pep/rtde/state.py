@@ -23,12 +23,16 @@ class JointState:
     Attributes:
         q_rad, qd_rad_s: actual joint angles and speeds.
         robot_mode, safety_mode: as the controller numbers them.
+        slider: where its speed slider stands (`target_speed_fraction`); full speed where nothing is said.
+        scaling: how fast it goes of what was commanded (`speed_scaling`); likewise.
     """
 
     q_rad: tuple[float, ...]
     qd_rad_s: tuple[float, ...]
     robot_mode: int
     safety_mode: int
+    slider: float = 1.0
+    scaling: float = 1.0
 
     @property
     def still(self) -> bool:
@@ -101,9 +105,11 @@ class ReceivedState:
 
     def _said(self) -> JointState | None:
         q, qd = tuple(self._receive.getActualQ()), tuple(self._receive.getActualQd())
-        if not (len(q) == len(qd) == 6 and all(math.isfinite(number) for number in (*q, *qd))):
+        slider, scaling = float(self._receive.getTargetSpeedFraction()), float(self._receive.getSpeedScaling())
+        if not (len(q) == len(qd) == 6 and all(math.isfinite(number) for number in (*q, *qd, slider, scaling))):
             return None
-        return JointState(q, qd, int(self._receive.getRobotMode()), int(self._receive.getSafetyMode()))
+        robot_mode, safety_mode = int(self._receive.getRobotMode()), int(self._receive.getSafetyMode())
+        return JointState(q, qd, robot_mode, safety_mode, slider, scaling)
 
     def close(self) -> None:
         """The connection has ended."""

@@ -28,6 +28,7 @@ class Drive:
         self.stop_deceleration_rad_s2 = stop_deceleration_rad_s2
         self.scaling = 1.0
         self.slider = 1.0
+        self.slider_change_per_s = SLIDER_CHANGE_PER_S
         self.history: deque[Joints] = deque(maxlen=HISTORY)
         self._motion: Motion | None = None
         self._owner: object | None = None
@@ -92,7 +93,7 @@ class Drive:
             MotionError: the motion cannot go on, or is about to run into a joint limit; the arm is already braking.
         """
         self.history.append(self.now.q)
-        change = SLIDER_CHANGE_PER_S * dt_s
+        change = self.slider_change_per_s * dt_s
         self.scaling += max(-change, min(change, self.slider - self.scaling))
         motion = self._motion
         if motion is None:

@@ -140,7 +140,7 @@ class World:
             clock=self.clock,
         )
 
-    def watching(self, permit):
+    def watching(self, permit, governor=None):
         return Watch(
             permit,
             remaining=self,
@@ -148,6 +148,7 @@ class World:
             limits=Limits(view_ms=150, judged_ms=2_000, look_ms=2_000),
             clock=self.clock,
             submit=self.submit,
+            governor=governor,
         )
 
     def submit(self, judge):
@@ -155,7 +156,7 @@ class World:
         judging.set_result(judge())
         return judging
 
-    def left(self, request, q_rad, *, authorised_milli, touch):
+    def left(self, request, q_rad, *, authorised_milli, touch, running):
         return self.rest
 
     def view(self):
@@ -413,7 +414,7 @@ def test_a_motion_that_ends_by_itself_leaves_no_trace_of_the_watch(world):
 
 
 def test_a_motion_that_the_watch_cannot_follow_in_time_ends(world):
-    def late(permit):
+    def late(permit, governor=None):
         return Watch(
             permit, remaining=world, views=world, limits=Limits(150, 2_000, 0), clock=world.clock, submit=world.submit
         )

@@ -78,7 +78,7 @@ class Rig:
         self.seen, self.rest = Seen((), 20), Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20)
         self.jog = Jog(self.drive, self.control, start_of=self.starts.get, clock=self.clock)
 
-    def watching(self, permit):
+    def watching(self, permit, governor=None):
         # How late the watch may be is tested elsewhere, without a controller that shares this machine.
         return Watch(
             permit,
@@ -89,7 +89,7 @@ class Rig:
             submit=submit,
         )
 
-    def left(self, request, q_rad, *, authorised_milli, touch):
+    def left(self, request, q_rad, *, authorised_milli, touch, running):
         return self.rest
 
     def view(self):

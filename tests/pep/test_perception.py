@@ -559,7 +559,7 @@ def left(world, q_rad=(0.0,) * 6, authorised_milli=1_000):
         clock=world.clock,
     )
     seen.assess(request(), touch=frozenset())
-    return seen.left(request(), q_rad, authorised_milli=authorised_milli, touch=frozenset())
+    return seen.left(request(), q_rad, authorised_milli=authorised_milli, touch=frozenset(), running=None)
 
 
 def test_what_is_left_is_judged_on_what_is_seen(world):
@@ -585,7 +585,7 @@ def test_what_is_left_of_a_distrusted_view_is_a_fault(world):
 
 
 def test_what_breaks_while_judging_what_is_left_is_a_fault(world):
-    rest = physics(world).left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset())
+    rest = physics(world).left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset(), running=None)
     assert (rest.holds, rest.fault) == (False, Reason.PHYSICS_FAULT)
 
 

@@ -89,7 +89,7 @@ class World:
     def age_ms(self):
         return self.clock.mono - self.frame.arrived_ms + TRANSIT_MS
 
-    def left(self, request, q_rad, *, authorised_milli, touch):
+    def left(self, request, q_rad, *, authorised_milli, touch, running):
         assert (request, authorised_milli, touch) == ("the request", AUTHORISED, frozenset({"table"}))
         self.left_asked.append((self.clock.mono, q_rad))
         rest = self.rest()

@@ -23,10 +23,12 @@ from pep.pit import (
     Pace,
     Person,
     Region,
+    Remaining,
     ServoJ,
     SpeedJ,
     SpeedL,
     Sphere,
+    Zone,
     assess,
     remaining,
     standing_adult,
@@ -34,9 +36,10 @@ from pep.pit import (
 from pep.pit.motion import profile_of
 from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
-from pep.pit.path import Path
-from pep.pit.rest import slowed
-from pep.pit.slowing import steps
+from pep.pit.path import GRID, Path
+from pep.pit.question import as_run
+from pep.pit.rest import Rest, slowed
+from pep.pit.slowing import paced, steps
 from pep.pit.twist import Twist, turn_of
 from policies.evidence import ImpactFault
 from tests.pit import twin
@@ -354,3 +357,73 @@ def test_a_cell_whose_slider_cannot_be_is_refused(change):
     text = "\n".join(f"{name} = {value}" for name, value in change.items())
     with pytest.raises(CellError):
         CellParameters.from_toml(text)
+
+
+class Scripted:
+    """What is left, as a test says it, with what it was asked."""
+
+    def __init__(self, *, at, near=True):
+        self.highest, self.near_holds, self.asked, self.check_time = at, near, [], None
+
+    def prepare(self, scene, age_s, touch):
+        return None
+
+    def at(self, fraction):
+        self.asked.append(fraction)
+        holds = fraction <= self.highest
+        return Remaining(holds, 1000 + round(100 * fraction), "" if holds else "person")
+
+    def near(self, fraction, seconds):
+        self.asked.append((fraction, seconds))
+        return Remaining(self.near_holds, 1234, "" if self.near_holds else "person")
+
+
+@pytest.mark.parametrize("running", [1.0, 0.62, 0.3])
+def test_the_way_down_lasts_until_it_could_be_stopped_instead(running):
+    """The time that the slider may take, and the reaction of the watch that sees it did not."""
+    slider = Scripted(at=0.2)
+    answer = paced(slider, CELL, running, spare=lambda: None)
+    assert answer.pace == Pace(0.2, 1234)
+    assert slider.asked[:2] == [running, (running, CELL.slider_delay_s + running / 4.0 + CELL.reaction_s)]
+    assert paced(Scripted(at=0.2, near=False), CELL, running, spare=lambda: None).pace is None
+
+
+@settings(max_examples=200)
+@given(running=st.floats(0.05, 1.0), highest=st.floats(0.0, 1.0), step=st.sampled_from([0.01, 0.05, 0.07, 0.3]))
+def test_the_highest_setting_is_found_with_few_questions(running, highest, step):
+    cell = replace(CELL, slider_step=step)
+    slider = Scripted(at=highest)
+    answer = paced(slider, cell, running, spare=lambda: None)
+    known = [round(k * step, 9) for k in range(1, round(1 / step) + 1) if k * step >= cell.slowest_fraction - 1e-9]
+    if running <= highest:
+        best = max([running, *(f for f in [*known, 1.0] if running < f <= highest)])
+    else:
+        best = max((f for f in known if f <= highest and f < running - 1e-9), default=None)
+    found = None if answer.pace is None else answer.pace.fraction
+    assert found == pytest.approx(best, abs=1e-6)
+    assert len(slider.asked) <= 3 + 2 * math.ceil(math.log2(1 / step + 2))
+
+
+@pytest.mark.parametrize("at", [0.3, 0.4443, 0.5, 0.61])
+def test_what_can_just_be_reached_is_looked_at_to_its_end(at):
+    """A hard zone that the fingers graze: inside what can be reached in time, or just beyond it."""
+    x, y, z = tcp(along(FAST, at))
+    press = replace(empty(), zones=(Zone("press", Sphere((x, y, z), 0.01), None),))
+    rest = Rest(ROBOT, as_run(FAST, PATIENT), PATIENT, at_rad=along(FAST, 0.1), authorised_milli=4000, check_time=int)
+    assert rest.prepare(press, AGE, NOTHING) is None
+    for seconds in np.linspace(0.01, 1.6, 160):
+        reached = rest.until(1.0, seconds) / GRID
+        if reached > at:
+            assert not rest.near(1.0, seconds).holds, (reached, seconds)
+        elif reached < at - 0.1:
+            assert rest.near(1.0, seconds).holds, (reached, seconds)
+    assert not rest.at(1.0).holds
+
+
+def test_a_line_that_is_stretched_asks_less_of_the_arm():
+    pose = forward(HOME)
+    line = MoveL(HOME, (pose[0], pose[1] + 0.1, *pose[2:]), 0.4, 8.0)
+    half = replace(line, speed_m_s=0.2, acceleration_m_s2=2.0)
+    authorised = index_of(empty(), half)
+    assert index_of(empty(), line) > authorised
+    assert left(empty(), line, at=HOME, authorised=authorised, running=0.5).holds

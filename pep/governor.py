@@ -1,0 +1,289 @@
+"""The governor of one motion: it goes slower while that suffices, is seen to, and goes on as asked when it may again.
+
+It sets the controller's speed slider and believes nothing but what the robot then says of its speed: until that says so
+the arm is as fast as it was, and when it does not say so in time, or says anything else later, the motion has to be
+stopped. Time and the slider are arguments; nothing here waits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Protocol
+
+if TYPE_CHECKING:
+    from pep.pit import CellParameters
+
+FULL: Final = 1.0
+MARGIN: Final = 1e-3
+"""Ours: the slider is set this much below what was proven, so that rounding in the controller never lifts it above."""
+MS: Final = 1000
+
+
+class Slider(Protocol):
+    """The controller's speed slider."""
+
+    def set(self, fraction: float) -> None:
+        """It is being set to this fraction; never waits. A setting that comes later counts."""
+        ...
+
+    @property
+    def failed(self) -> bool:
+        """Whether the controller did not take the newest setting."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Speeds:
+    """What the robot says of its speed, as fractions of the commanded one.
+
+    Attributes:
+        slider: where its speed slider stands (`target_speed_fraction`).
+        scaling: how fast it goes (`speed_scaling`).
+        heard_ms: monotonic time at which the package was heard.
+    """
+
+    slider: float
+    scaling: float
+    heard_ms: int
+
+    @property
+    def fastest(self) -> float:
+        """The fastest that the arm is or will be by itself; what is no number is full speed."""
+        both = (self.slider, self.scaling)
+        return max(both) if all(0.0 <= each <= FULL for each in both) else FULL
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """What a judgement of what is left says about speeds.
+
+    Attributes:
+        holds: what is left is inside what was authorised, at the speed that was asked about.
+        fraction: the highest speed at which it would be, or None.
+        index_milli: of what is left, or None.
+        cause: what speaks against it, "" when it holds.
+    """
+
+    holds: bool
+    fraction: float | None
+    index_milli: int | None
+    cause: str
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One change of speed, for the record and for the caller.
+
+    Attributes:
+        at_ms: monotonic time at which it was asked for.
+        after_ms: the same, since the motion began.
+        fraction: of the commanded speed, from then on.
+        cause: what made it necessary; "clear" when nothing does any more, "ended" after the motion.
+        index_milli: of what was left at the speed before, or None.
+        confirmed_ms: monotonic time at which the robot said so, or None when it never did.
+    """
+
+    at_ms: int
+    after_ms: int
+    fraction: float
+    cause: str
+    index_milli: int | None
+    confirmed_ms: int | None = None
+
+    def told(self) -> dict[str, object]:
+        """As plain JSON."""
+        return {
+            "t_ms": self.at_ms,
+            "after_ms": self.after_ms,
+            "percent": round(100 * self.fraction),
+            "cause": self.cause,
+            "index_milli": self.index_milli,
+            "t_confirmed_ms": self.confirmed_ms,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Pacing:
+    """How a cell slows down and goes on (docs/physics.md, PHY-50).
+
+    Attributes:
+        delay_ms, change_ms: slowing down from a fraction r is seen after `delay_ms` + r * `change_ms` at the latest.
+        slowest: fraction of the commanded speed below which a motion is stopped.
+        dwell_ms: how long a higher speed has to hold before it is taken up.
+        gain: by how much it has to be higher; full speed always is.
+    """
+
+    delay_ms: float
+    change_ms: float
+    slowest: float
+    dwell_ms: float
+    gain: float
+
+    @staticmethod
+    def of(cell: CellParameters) -> Pacing:
+        """The numbers of the cell."""
+        return Pacing(
+            delay_ms=cell.slider_delay_s * MS,
+            change_ms=MS / cell.slider_change_per_s,
+            slowest=cell.slowest_fraction,
+            dwell_ms=cell.restore_dwell_s * MS,
+            gain=cell.restore_gain,
+        )
+
+    def due_ms(self, heard_ms: int, running: float) -> int:
+        """Until when the robot has to be seen slower, when it was heard at that speed at that time."""
+        return int(heard_ms + self.delay_ms + running * self.change_ms)
+
+
+class Governor:
+    """The speed of one motion.
+
+    Args:
+        slider: of the controller; this motion's alone while it lasts.
+        pacing: of the cell.
+        least: fraction of this motion's speed below which it could not be told from standstill.
+        speeds: what the robot says before the motion begins. Its slider is put back to where it stands there.
+        now_ms: monotonic time.
+
+    Attributes:
+        changes: of the speed, in order.
+    """
+
+    def __init__(self, slider: Slider, *, pacing: Pacing, least: float, speeds: Speeds, now_ms: int) -> None:
+        self.changes: list[Change] = []
+        self._slider = slider
+        self._pacing = pacing
+        self._least = max(least, pacing.slowest)
+        self._base = speeds.slider if 0.0 <= speeds.slider <= FULL else FULL
+        self._speeds = speeds
+        self._began_ms = now_ms
+        self._ordered = FULL
+        self._set = self._base
+        self._before = FULL
+        self._lowest = FULL
+        self._due_ms: int | None = None
+        self._better: tuple[float, int] | None = None
+
+    @property
+    def running(self) -> float:
+        """The highest fraction of the commanded speed that the arm can have.
+
+        Full speed, unless the slider was set here: a person may push it up on the pendant at any time before.
+        """
+        if self._ordered >= FULL:
+            return FULL
+        if self._due_ms is None:
+            return self._ordered
+        return min(self._before, max(self._ordered, self._speeds.fastest))
+
+    @property
+    def heard_ms(self) -> int:
+        """When the robot was heard last."""
+        return self._speeds.heard_ms
+
+    @property
+    def ordered(self) -> float:
+        """The fraction that was asked for last."""
+        return self._ordered
+
+    def hear(self, speeds: Speeds, *, now_ms: int) -> str:
+        """What the robot says is taken in. Why the motion has to be stopped, or "" when it goes as it should.
+
+        Args:
+            speeds: the newest.
+            now_ms: monotonic time.
+        """
+        self._speeds = speeds
+        if self._ordered >= FULL:
+            self._confirm_rise(now_ms)
+            return ""
+        if self._slider.failed:
+            return f"the slider was not set to {self._ordered:.0%}"
+        fastest = speeds.fastest
+        if self._due_ms is None:
+            self._confirm_rise(now_ms)
+            return "" if fastest <= self._ordered else f"faster than {self._ordered:.0%}"
+        if fastest <= self._ordered:
+            self._due_ms = None
+            self.changes[-1] = replace(self.changes[-1], confirmed_ms=now_ms)
+            return ""
+        if now_ms > self._due_ms:
+            return f"not slowed to {self._ordered:.0%} in time"
+        # On its way down it only gets slower; else somebody else sets the slider.
+        if fastest > self._lowest + MARGIN:
+            return f"faster on the way to {self._ordered:.0%}"
+        self._lowest = min(self._lowest, fastest)
+        return ""
+
+    def take(self, offer: Offer, *, running: float, heard_ms: int, now_ms: int) -> bool:
+        """Whether the motion goes on, at the speed that was offered; the slider is being set when it is another one.
+
+        Args:
+            offer: of a judgement.
+            running: the speed that it was asked about.
+            heard_ms: when the robot was heard where it was asked about.
+            now_ms: monotonic time.
+        """
+        if offer.holds:
+            self._consider(offer, running=running, now_ms=now_ms)
+            return True
+        self._better = None
+        if offer.fraction is None or not offer.fraction >= self._least:
+            return False
+        due_ms = self._pacing.due_ms(heard_ms, running)
+        if offer.fraction < self._ordered:
+            self._before = self._lowest = self.running
+            self._order(offer.fraction, offer.cause, offer.index_milli, now_ms)
+            self._due_ms = due_ms if self._due_ms is None else min(self._due_ms, due_ms)
+        elif self._due_ms is not None:
+            # What was asked for before is slow enough, when it comes as early as this judgement counts on.
+            self._due_ms = min(self._due_ms, due_ms)
+        return True
+
+    def end(self, *, now_ms: int) -> bool:
+        """Whether the slider is being put back to where it stood: only after the motion, with the arm at rest."""
+        if not self.changes:
+            return False
+        self._ordered, self._due_ms, self._set = FULL, None, self._base
+        self._slider.set(self._set)
+        self.changes.append(self._change(FULL, "ended", None, now_ms))
+        return True
+
+    def _confirm_rise(self, now_ms: int) -> None:
+        """A higher speed is told as taken up when the slider is seen where it was set."""
+        if self.changes and self.changes[-1].confirmed_ms is None and self._at(self._set):
+            self.changes[-1] = replace(self.changes[-1], confirmed_ms=now_ms)
+
+    def _at(self, fraction: float) -> bool:
+        return abs(self._speeds.slider - fraction) <= MARGIN
+
+    def put_back(self, speeds: Speeds, *, now_ms: int) -> bool:
+        """After `end`: whether the robot says that its slider is where it was."""
+        self._speeds = speeds
+        self._confirm_rise(now_ms)
+        return self._at(self._base)
+
+    def _consider(self, offer: Offer, *, running: float, now_ms: int) -> None:
+        """A higher speed is taken up once it has been offered for long enough: the lowest of what was."""
+        if self._ordered >= FULL or self._due_ms is not None or running < self._ordered:
+            return
+        offered = offer.fraction
+        if offered is None or not (offered >= FULL or offered >= self._ordered + self._pacing.gain):
+            self._better = None
+            return
+        lowest, since_ms = self._better or (FULL, now_ms)
+        lowest = min(lowest, offered)
+        self._better = lowest, since_ms
+        if now_ms - since_ms >= self._pacing.dwell_ms:
+            self._better = None
+            self._order(lowest, "clear", offer.index_milli, now_ms)
+
+    def _order(self, fraction: float, cause: str, index_milli: int | None, now_ms: int) -> None:
+        """The slider is being set so that the arm goes at this fraction at most, never above where it stood."""
+        self._ordered = fraction
+        self._set = self._base if fraction >= FULL else max(0.0, min(fraction - MARGIN, self._base))
+        self._slider.set(self._set)
+        self.changes.append(self._change(fraction, cause, index_milli, now_ms))
+
+    def _change(self, fraction: float, cause: str, index_milli: int | None, now_ms: int) -> Change:
+        return Change(now_ms, now_ms - self._began_ms, fraction, cause, index_milli)
