@@ -5,6 +5,7 @@ import contextlib
 import threading
 import time
 from concurrent.futures import Future
+from dataclasses import replace
 
 import pytest
 
@@ -12,18 +13,24 @@ from capabilities.errors import Fault, FaultCode
 from pep.clock import SystemClock
 from pep.context.frames import Distrusted, FrameFault, Rejected, Seen, Unseen
 from pep.errors import ActuationRefusedError, PepFault, RobotError
+from pep.governor import Pacing
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT, digest_of
 from pep.permit import Permit
 from pep.ports import Rest
+from pep.rtde import drive as drive_module
+from pep.rtde import ladder
 from pep.rtde.drive import Drive, End
+from pep.rtde.governed import SpeedControl, least_fraction
 from pep.rtde.gripper import Grip
 from pep.rtde.guard import GuardedControl
+from pep.rtde.slider import SpeedSlider
 from pep.rtde.state import JointState, Package
 from pep.watch import Limits, Watch
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE
 
 HERE = (0.0,) * 6
+PACING = Pacing(delay_ms=400, change_ms=250, slowest=0.1, dwell_ms=100, gain=0.1)
 THERE = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -36,11 +43,13 @@ class Arm:
         self.unheard, self.decelerations = False, []
         self.mode, self.at = 1, time.monotonic()
         self.said = None
+        self.slider, self.scaling, self.sliders, self.stuck, self.refuses = 1.0, 1.0, [], False, False
         self.lock = threading.Lock()
 
     def go_on(self):
         now = time.monotonic()
-        step, self.at = self.speed * (now - self.at), now
+        self.scaling += max(-4 * (now - self.at), min(4 * (now - self.at), self.slider - self.scaling))
+        step, self.at = self.speed * self.scaling * (now - self.at), now
         if self.target is not None and not self.sticks:
             way = self.target - self.q
             self.q += max(-step, min(step, way))
@@ -84,7 +93,18 @@ class Arm:
         with self.lock:
             self.go_on()
             moving = self.target is not None and not self.sticks
-            return JointState((self.q, *HERE[1:]), (self.speed if moving else 0.0, *HERE[1:]), 7, self.mode)
+            speed = self.speed * self.scaling if moving else 0.0
+            state = JointState((self.q, *HERE[1:]), (speed, *HERE[1:]), 7, self.mode)
+            return replace(state, slider=self.slider, scaling=self.scaling)
+
+    # rtde_io
+    def setSpeedSlider(self, fraction):
+        with self.lock:
+            self.go_on()
+            self.sliders.append(fraction)
+            if not self.stuck:
+                self.slider = fraction
+        return not self.refuses
 
     def newest(self):
         if not self.silent:
@@ -138,6 +158,7 @@ class World:
             hurry=lambda *, moving: self.hurried.append(moving),
             audience=AUDIENCE,
             clock=self.clock,
+            speed=SpeedControl(SpeedSlider(self.arm), PACING),
         )
 
     def watching(self, permit, governor=None):
@@ -573,3 +594,153 @@ def test_a_watch_that_breaks_leaves_nothing_moving(world, where):
         assert 0.01 < world.arm.q < 0.5
 
     driven(world, scenario)
+
+
+FULL_SPEED = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20, pace=1.0)
+NOT_SO_FAST = Rest(holds=False, index_milli=2_100, cause="person", fault="", age_ms=20, pace=0.4)
+SLOW_IS_WELL = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20, pace=0.4)
+
+
+def judged_by(world, told):
+    """What is judged from now on; a view that always shows something else is judged at every look."""
+    world.rest = told
+    world.seen = Seen((), 20)
+
+
+def test_a_move_is_slowed_and_arrives_and_the_slider_is_where_it_was(world):
+    world.arm.slider = world.arm.scaling = 0.9  # where a person has it
+    speeds = []
+
+    def left(request, q_rad, *, authorised_milli, touch, running):
+        speeds.append(running)
+        if 0.05 < q_rad[0] and running > 0.4:
+            return NOT_SO_FAST
+        return SLOW_IS_WELL if running < 1.0 else FULL_SPEED
+
+    world.left = left
+    permit = world.permit()
+    end = driven(world, lambda drive: drive.move_joint(THERE, 0.5, 1.4, replaced(permit, world, (*THERE, 0.5, 1.4))))
+    assert end.end is End.REACHED
+    assert [(c.fraction, c.cause) for c in end.changes] == [(0.4, "person"), (1.0, "ended")]
+    assert all(c.confirmed_ms is not None for c in end.changes)
+    assert world.arm.sliders == [pytest.approx(0.399), 0.9]
+    assert world.arm.slider == 0.9
+    assert speeds[0] == 1.0
+    assert speeds[-1] == 0.4
+
+
+def replaced(permit, world, numbers):
+    permit.digest = digest_of(MOVE_JOINT, numbers, audience=AUDIENCE)
+    return permit
+
+
+def slowed(world, told=NOT_SO_FAST):
+    """A move that is told to be slower, and its permit."""
+    permit = replaced(world.permit(), world, (*THERE, 0.3, 1.4))
+
+    def left(request, q_rad, *, authorised_milli, touch, running):
+        if q_rad[0] <= 0.02:
+            return FULL_SPEED
+        return told if running > 0.4 else world.rest
+
+    world.rest = SLOW_IS_WELL
+    world.left = left
+    return permit, lambda drive: drive.move_joint(THERE, 0.3, 1.4, permit)
+
+
+def test_the_record_tells_every_change_of_speed(world):
+    permit, move = slowed(world)
+    assert driven(world, move).end is End.REACHED
+    watched = permit.watched
+    assert watched["outcome"] == "reached"
+    assert [(c["percent"], c["cause"]) for c in watched["speed"]] == [(40, "person"), (100, "ended")]
+    assert watched["speed"][0]["t_ms"] <= watched["speed"][0]["t_confirmed_ms"] <= world.clock.monotonic_ms()
+
+
+def test_a_slider_that_does_nothing_ends_the_move(world):
+    world.arm.stuck = True
+    permit, move = slowed(world)
+    end = driven(world, move)
+    assert (end.end, end.reason) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert "not slowed" in permit.watched["seen"]
+    assert permit.watched["speed"][0]["t_confirmed_ms"] is None
+    assert 0 < world.arm.q < THERE[0]
+
+
+def test_a_slider_that_refuses_ends_the_move(world):
+    world.arm.stuck = world.arm.refuses = True
+    permit, move = slowed(world)
+    assert driven(world, move).reason == Reason.IMPACT_ROSE
+    assert "not set" in permit.watched["seen"]
+
+
+def test_nothing_slower_ends_the_move_and_no_slider_is_touched(world):
+    permit, move = slowed(world, replace(NOT_SO_FAST, pace=None))
+    end = driven(world, move)
+    assert (end.end, end.reason, end.changes) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE, ())
+    assert world.arm.sliders == []
+    assert "speed" not in permit.watched
+
+
+def test_a_slowed_move_that_is_stopped_or_forsaken_leaves_the_slider_where_it_was(world):
+    async def stopped(drive):
+        moving = asyncio.ensure_future(slowed(world)[1](drive))
+        await until(lambda: world.arm.scaling < 0.41)
+        await drive.stop()
+        assert world.arm.target is None
+        return await moving
+
+    assert driven(world, stopped).end is End.STOPPED
+    assert world.arm.sliders[1:] == [1.0]
+    world.arm.__init__()
+
+    async def forsaken(drive):
+        moving = asyncio.ensure_future(slowed(world)[1](drive))
+        await until(lambda: world.arm.scaling < 0.41)
+        moving.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await moving
+        assert world.arm.target is None
+        return world.arm.slider
+
+    assert driven(world, forsaken) == 1.0
+    assert world.arm.asked.index("stopJ") >= 0
+
+
+def test_an_arm_that_may_still_move_is_not_let_faster(world, monkeypatch):
+    """No standstill was seen: the slider stays low, and the record says so."""
+    monkeypatch.setattr(ladder, "STOP_LIMIT_MS", 300)
+    permit, move = slowed(world)
+
+    async def scenario(drive):
+        moving = asyncio.ensure_future(move(drive))
+        await until(lambda: world.arm.scaling < 0.41)
+        world.arm.silent = True
+        return await moving
+
+    end = driven(world, scenario)
+    assert end.end is End.ROBOT_FAILED
+    assert [change.cause for change in end.changes] == ["person"]
+    assert world.arm.sliders == [pytest.approx(0.399)]
+
+
+def test_a_slowed_move_may_take_its_time(world, monkeypatch):
+    """At a tenth of its speed it takes ten times as long, and is not too slow."""
+    monkeypatch.setattr(drive_module, "SLACK_MS", 200)
+    permit = replaced(world.permit(), world, (*THERE, 2.0, 40.0))
+    tenth = replace(NOT_SO_FAST, pace=0.1)
+    world.left = lambda request, q_rad, *, authorised_milli, touch, running: (
+        tenth if running > 0.1 else replace(SLOW_IS_WELL, pace=0.1)
+    )
+    began = time.monotonic()
+    end = driven(world, lambda drive: drive.move_joint(THERE, 2.0, 40.0, permit))
+    assert end.end is End.REACHED
+    assert [change.fraction for change in end.changes] == [0.1, 1.0]
+    assert time.monotonic() - began > 1.5 * 0.3 + 0.2, "it was not slowed"
+
+
+@pytest.mark.parametrize(
+    ("speed", "acceleration", "least"), [(1.0, 1.4, 0.0189), (0.004, 1.4, 0.5), (1.0, 0.01, 0.2236), (0.002, 1.4, 1.0)]
+)
+def test_a_move_is_not_slowed_to_what_looks_like_standstill(speed, acceleration, least):
+    assert least_fraction(speed, acceleration) == pytest.approx(least, abs=1e-4)

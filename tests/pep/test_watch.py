@@ -11,6 +11,7 @@ import pytest
 
 from capabilities.errors import Fault, FaultCode
 from pep.context.frames import Distrusted, FrameFault, Rejected, Seen, Unseen
+from pep.governor import Governor, Pacing, Speeds
 from pep.permit import Permit
 from pep.pit import CellParameters
 from pep.ports import Rest
@@ -23,6 +24,7 @@ TRANSIT_MS = 20
 FRAME_MS = 50
 AUTHORISED = 1_200
 LIMITS = Limits.of(CellParameters())
+PACING = Pacing.of(CellParameters())
 
 
 @dataclass
@@ -53,14 +55,36 @@ class World:
     sighted: bool = True
     request: object = "the request"
     walking: bool = False
+    governed: bool = False
+    speeds: tuple = (1.0, 1.0)
 
     def __post_init__(self):
+        self.slider, self.runnings = [], []
+        self.failed = False
+        self.governor = None
+        if self.governed:
+            self.governor = Governor(
+                self, pacing=PACING, least=0.0, speeds=self.heard(), now_ms=self.clock.monotonic_ms()
+            )
+
         self.frame = Shown(1, self.clock.mono)
         self.rest = lambda: {"holds": True, "index_milli": 1_000, "cause": "", "fault": ""}
         self.standing_asked, self.left_asked, self.pending = [], [], []
         self.watch = Watch(
-            self.permit(), remaining=self, views=self, limits=LIMITS, clock=self.clock, submit=self.submit
+            self.permit(),
+            remaining=self,
+            views=self,
+            limits=LIMITS,
+            clock=self.clock,
+            submit=self.submit,
+            governor=self.governor,
         )
+
+    def heard(self):
+        return Speeds(*self.speeds, self.clock.mono)
+
+    def set(self, fraction):
+        self.slider.append(fraction)
 
     def permit(self):
         return Permit(
@@ -92,6 +116,7 @@ class World:
     def left(self, request, q_rad, *, authorised_milli, touch, running):
         assert (request, authorised_milli, touch) == ("the request", AUTHORISED, frozenset({"table"}))
         self.left_asked.append((self.clock.mono, q_rad))
+        self.runnings.append(running)
         rest = self.rest()
         if isinstance(rest, Exception):
             raise rest
@@ -118,7 +143,7 @@ class World:
             people = (self.frame.sequence + 1,) if self.walking else self.frame.people
             self.frame = Shown(self.frame.sequence + 1, self.frame.arrived_ms + FRAME_MS, people)
         self.finish()
-        return self.watch.look(q_rad)
+        return self.watch.look(q_rad, self.heard())
 
     def run(self, ms, step_ms=LOOK_MS):
         """Looks for so long; the first alarm, or None."""
@@ -338,3 +363,88 @@ def test_whatever_comes_when_it_is_seen_in_time(seed):
         alarm = world.step(pause())
     assert told(alarm) == expected
     assert alarm.seen_ms - at_ms <= bound_ms, (seed, cause)
+
+
+SLOWER = {"holds": False, "index_milli": 2_100, "cause": "person", "fault": "", "pace": 0.4}
+
+
+def test_without_a_governor_nothing_is_asked_about_other_speeds(world):
+    world.run(500)
+    assert set(world.runnings) == {None}
+    world.rest = lambda: SLOWER
+    assert told(world.run(500)) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+
+
+def test_a_motion_that_may_go_slower_goes_on_and_is_judged_as_fast_as_it_is():
+    world = World(governed=True, walking=True)
+    assert world.run(500) is None
+    assert set(world.runnings) == {1.0}
+    world.rest = lambda: SLOWER
+    assert world.step(FRAME_MS) is None
+    assert world.step() is None
+    assert len(world.slider) == 1
+    assert world.slider[0] < 0.4
+    world.rest = lambda: {"holds": True, "index_milli": 1_000, "cause": "", "fault": "", "pace": 0.4}
+    for scaling in (0.9, 0.7, 0.5, world.slider[0]):
+        world.speeds = (world.slider[0], scaling)
+        assert world.run(2 * FRAME_MS) is None
+        assert world.runnings[-1] == max(0.4, scaling)
+    assert world.run(5_000) is None
+    assert [change.fraction for change in world.governor.changes] == [0.4]
+
+
+def test_a_motion_that_does_not_go_slower_ends_with_what_was_seen():
+    world = World(governed=True, walking=True)
+    assert world.run(500) is None
+    world.rest, asked_ms = lambda: SLOWER, world.clock.mono
+    alarm = world.run(2_000)
+    assert told(alarm) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert "not slowed" in alarm.what
+    assert alarm.seen_ms - asked_ms <= 350 + 2 * FRAME_MS
+
+
+def test_no_speed_is_looked_for_where_there_is_none():
+    world = World(governed=True, walking=True)
+    assert world.run(500) is None
+    world.rest = lambda: {**SLOWER, "pace": None}
+    alarm = world.run(500)
+    assert told(alarm) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert (alarm.index_milli, alarm.what) == (2_100, "person")
+    assert world.slider == []
+
+
+def test_an_arm_that_is_faster_again_than_it_was_slowed_to_ends():
+    world = World(governed=True, walking=True)
+    world.rest = lambda: SLOWER
+    assert world.run(100) is None
+    world.speeds = (0.39, 0.39)
+    world.rest = lambda: {"holds": True, "index_milli": 1_000, "cause": "", "fault": "", "pace": 0.4}
+    assert world.run(500) is None
+    world.speeds = (0.41, 0.39)
+    alarm = world.step()
+    assert told(alarm) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert "faster" in alarm.what
+
+
+def test_lost_authority_and_blindness_end_a_slowed_motion_too():
+    for lose, reason in (
+        (lambda world: setattr(world, "fault", Fault(FaultCode.REVOKED, "TOK-9")), "REVOKED"),
+        (lambda world: setattr(world, "silent", True), Reason.WATCH_BLIND),
+        (lambda world: setattr(world, "override", Unseen()), Reason.WATCH_BLIND),
+        (lambda world: setattr(world, "rest", lambda: ZeroDivisionError()), Reason.PHYSICS_FAULT),
+    ):
+        world = World(governed=True, walking=True)
+        world.rest = lambda: SLOWER
+        assert world.run(100) is None
+        lose(world)
+        assert told(world.run(1_000))[1] == reason
+
+
+def test_slow_physics_delays_no_look_at_the_speed():
+    """The judgement that would say so is still being made; the robot that does not slow down is seen all the same."""
+    world = World(governed=True, walking=True)
+    world.rest = lambda: SLOWER
+    assert world.run(100) is None
+    world.slow_ms, asked_ms = 80, world.clock.mono
+    assert "not slowed" in world.run(1_000).what
+    assert world.clock.mono - asked_ms <= 350
