@@ -724,6 +724,27 @@ def test_an_arm_that_may_still_move_is_not_let_faster(world, monkeypatch):
     assert world.arm.sliders == [pytest.approx(0.399)]
 
 
+def test_an_arm_that_goes_on_after_every_stop_is_not_let_faster(world, monkeypatch):
+    """It is heard, and it moves: neither the command nor the dashboard has stopped it."""
+    monkeypatch.setattr(ladder, "STOP_LIMIT_MS", 300)
+    monkeypatch.setattr(world.arm, "halt", lambda: None)
+    permit, move = slowed(world)
+
+    async def scenario(drive):
+        moving = asyncio.ensure_future(move(drive))
+        await until(lambda: world.arm.scaling < 0.41)
+        world.rest = replace(NOT_SO_FAST, pace=None)
+        world.seen = Seen((), 21)
+        end = await moving
+        world.arm.target = None
+        return end
+
+    end = driven(world, scenario)
+    assert end.end is End.ROBOT_FAILED
+    assert [change.cause for change in end.changes] == ["person"]
+    assert world.arm.sliders == [pytest.approx(0.399)]
+
+
 def test_a_slowed_move_may_take_its_time(world, monkeypatch):
     """At a tenth of its speed it takes ten times as long, and is not too slow."""
     monkeypatch.setattr(drive_module, "SLACK_MS", 200)

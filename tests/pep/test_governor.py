@@ -154,18 +154,19 @@ def test_nearer_is_slower_still_and_the_first_deadline_stays():
 
 
 def test_a_judgement_about_a_slower_arm_leaves_less_time():
-    rig = Rig()
+    """It counts on the slower arm taking up its speed the sooner; one that then gets stuck is stopped by then."""
+    rig = Rig(change_per_s=8.0)
     rig.pass_ms(40)
     assert rig.judged(False, 0.2)
-    assert rig.pass_ms(160) == ""
+    first_ms = rig.governor.heard_ms + 350
+    assert rig.pass_ms(80) == ""
     assert 0.2 < rig.governor.running < 0.6
-    stuck = rig.scaling
     rig.change_per_s = 0.0
     due_ms = PACING.due_ms(rig.governor.heard_ms, rig.governor.running)
+    assert due_ms < first_ms - 30
     assert rig.judged(False, 0.2)
     assert rig.pass_ms(2_000) != ""
-    assert rig.now <= min(due_ms, 1_040 + 350) + 4
-    assert rig.scaling == stuck
+    assert rig.now <= due_ms + 4
 
 
 @pytest.mark.parametrize("slowed", [True, False])

@@ -448,3 +448,14 @@ def test_slow_physics_delays_no_look_at_the_speed():
     world.slow_ms, asked_ms = 80, world.clock.mono
     assert "not slowed" in world.run(1_000).what
     assert world.clock.mono - asked_ms <= 350
+
+
+def test_the_time_to_slow_down_runs_from_the_question_not_from_its_answer():
+    world = World(governed=True, walking=True, slow_ms=48)
+    assert world.run(300) is None
+    world.rest, known = lambda: SLOWER, len(world.left_asked)
+    alarm = world.run(2_000)
+    assert "not slowed" in alarm.what
+    asked_ms = world.left_asked[known][0]
+    assert world.governor.changes[0].at_ms >= asked_ms + 48
+    assert asked_ms + 350 < alarm.seen_ms <= asked_ms + 350 + LOOK_MS
