@@ -33,6 +33,8 @@ from pep.pit import (
     remaining,
     standing_adult,
 )
+from pep.pit.drive_rest import rests_of
+from pep.pit.engine import NUMPY
 from pep.pit.motion import profile_of
 from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
@@ -427,3 +429,27 @@ def test_a_line_that_is_stretched_asks_less_of_the_arm():
     authorised = index_of(empty(), half)
     assert index_of(empty(), line) > authorised
     assert left(empty(), line, at=HOME, authorised=authorised, running=0.5).holds
+
+
+def test_both_engines_name_the_same_speed(monkeypatch):
+    asked = [(somebody(distance), share) for distance in (1.55, 1.65, 1.75) for share in (0.1, 0.4, 0.7)]
+    decided = [left(scene, FAST, share) for scene, share in asked]
+    monkeypatch.setattr("pep.pit.rest.chosen", lambda: NUMPY)
+    plain = [left(scene, FAST, share) for scene, share in asked]
+    for one, other in zip(decided, plain, strict=True):
+        assert (one.holds, one.pace, one.cause) == (other.holds, other.pace, other.cause)
+        assert abs(one.index_milli - other.index_milli) <= 1
+    assert len({answer.pace for answer in decided}) > 3
+
+
+def test_what_can_be_reached_of_a_path_may_be_on_its_next_leg():
+    x, y, z = tcp(along(FAST, 0.3))
+    press = replace(empty(), zones=(Zone("press", Sphere((x, y, z), 0.01), None),))
+    path = JointPath(LEFT, (JointLeg(along(FAST, 0.15), 0.9, 1.4), JointLeg(RIGHT, 0.9, 1.4)))
+    rests = rests_of(
+        ROBOT, path, PATIENT, at_rad=along(FAST, 0.1), authorised_milli=4000, age_s=AGE, check_time=lambda: None
+    )
+    assert rests.prepare(press, AGE, NOTHING) is None
+    assert rests.near(1.0, 0.01).holds
+    assert rests.near(1.0, 1.0) == Remaining(holds=False, index_milli=4000, cause="zone")
+    assert not rests.at(0.1).holds
