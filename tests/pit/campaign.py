@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.bench.pit.ruler import REACH_M, Ruler
-from pep.pit import MoveJ, Person, Region, Scene, Thing, Zone, assess
+from pep.pit import Scene, assess
 from pep.pit.checker import Code, Refused, Verified, verify
 from pep.pit.engine import chosen
 from pep.pit.errors import ProofError
@@ -28,26 +28,29 @@ from pep.pit.pairs import pairs_of
 from pep.pit.proof import document
 from pep.pit.question import as_run, view_around
 from policies.evidence import ImpactFault
+from tests.pit.bracket import CLOSE, CLOSE_M, closed
 from tests.pit.corruption import corrupted
-from tests.pit.dense import POSITION_LIMITS, World, driven
-from tests.pit.scenes import HOME, SEED, random_shape
-from tests.pit.test_checker import asked, random_question
+from tests.pit.dense import POSITION_LIMITS, World
+from tests.pit.timing import driven
+from tests.pit.questions import drawn
+from tests.pit.scenes import SEED
 
 COUNT = 100_000
 CORRUPTIONS = 1_000
 SHARE = 100
 """Trials of one piece of work."""
 CORRUPT_EACH = 10
-COARSE, FINE, PEAKS = 97, 9, 4
-THOROUGH = 4001
+CONTROL, CONTROL_EACH = 1001, 50
+"""Even samples of every fiftieth trial."""
 UNDER = 1e-6
 """What two ways of computing an index may differ by; a law with a band of 20 mm turns 20 nm into it."""
 EXCESS = 0.02
 CLEARANCE_M = 2e-4
 ROUNDING_M = 1e-6
 RATIOS = {"joint_speed", "acceleration", "tcp_speed", "elbow_speed", "momentum", "torque", "payload"}
-PATIENCE_S = 60.0
-OWN = ("campaign", "corruption", "dense", "scenes", "test_checker", "twin")
+OWN = (
+    "between", "bracket", "campaign", "corruption", "dense", "laws", "questions", "scenes", "stage", "test_checker", "timing", "twin",
+)  # fmt: skip
 
 
 @dataclass
@@ -68,33 +71,6 @@ class Figures:
         self.failed += other.failed
 
 
-def drawn(seed, number):
-    """The question of one trial; a slow machine must not make faults of answers."""
-    rng = np.random.default_rng([seed, number])
-    question = mild_question(rng) if number % 2 else random_question(rng)
-    return question | {"cell": replace(question["cell"], time_limit_s=PATIENCE_S)}
-
-
-def mild_question(rng):
-    """A question whose answer is seldom the same whole number: little stands near, and the arm is not folded."""
-    start = np.array(HOME) + rng.uniform(-0.4, 0.4, 6)
-    target = start + rng.choice([0.05, 0.3, 1.0]) * rng.uniform(-1, 1, 6)
-    move = MoveJ(
-        tuple(start.tolist()), tuple(target.tolist()), float(rng.uniform(0.1, 2.0)), float(rng.uniform(0.5, 4.0))
-    )
-    things = tuple(
-        Thing(f"thing{k}", str(rng.choice(["fragile", "rigid"])), random_shape(rng, near=0.4, far=0.9), 0.01)
-        for k in range(int(rng.integers(1, 4)))
-    )
-    people = ()
-    if rng.random() < 0.4:
-        part = Region(str(rng.choice(list(Region))))
-        people = (Person("someone", ((part, random_shape(rng, "cs", 0.9, 2.2)),)),)
-    zones = (Zone("zone", random_shape(rng, near=0.4), int(rng.integers(1, 5))),) if rng.random() < 0.3 else ()
-    scene = Scene(people=people, objects=things, zones=zones)
-    return asked(scene, move, age=float(rng.choice([0.02, 0.1, 0.3])))
-
-
 def trial(seed, number):
     """One trial."""
     found = Figures(counts=Counter(trials=1))
@@ -110,7 +86,7 @@ def trial(seed, number):
     found.counts[f"tier {int(answer.tier)}"] += 1
     found.counts["index is no whole number"] += bool(answer.index % 1)
     found.counts.update(f"violation {kind}" for kind in answer.violations)
-    sampled(question, answer, found, fail)
+    sampled(question, answer, found, fail, control=number % CONTROL_EACH == 0)
     try:
         certified(question, answer, np.random.default_rng([seed, number, 1]), number, found, fail)
     except ProofError as error:
@@ -121,7 +97,7 @@ def trial(seed, number):
 # ---- against MuJoCo
 
 
-def sampled(question, answer, found, fail):
+def sampled(question, answer, found, fail, *, control=False):
     """The answer against the samples."""
     cell, motion, scene, age = (question[name] for name in ("cell", "motion", "scene", "perception_age_s"))
     run = driven(motion, cell)
@@ -148,19 +124,11 @@ def sampled(question, answer, found, fail):
         world.floor = cell.unknown_floor
     least = asked_clearance(question)
     farthest = min(least.attained, REACH_M) + 0.01
-    whole = run.timing.duration_s
-    world.look(np.linspace(0, whole, COARSE), at_least_m=farthest)
-    step = whole / (COARSE - 1)
-    for width in (step, step / FINE):
-        world.look(around(world.peaks(PEAKS), width, whole), at_least_m=farthest)
-    told = np.array([each.at_ms / 1000 for each in answer.contributions if each.link])
-    world.look(around(told, 5e-4, whole), at_least_m=farthest)
+    if not closed(world, at_least_m=farthest):
+        fail(f"{len(world.times)} samples leave something between them")
     seen = judged(world, answer)
-    if beside(seen, answer) > EXCESS or not near_enough(seen, least):
-        found.counts["looked at once more"] += 1
-        world.look(np.linspace(0, whole, THOROUGH), at_least_m=farthest)
-        world.look(around(world.peaks(PEAKS), whole / THOROUGH, whole), at_least_m=farthest)
-        seen = judged(world, answer)
+    if control:
+        controlled(world, seen, found, fail, at_least_m=farthest)
     found.counts["samples"] += seen.samples
     found.counts["compared"] += 1
     under, excess = seen.low - answer.index, beside(seen, answer)
@@ -185,9 +153,20 @@ def sampled(question, answer, found, fail):
         fail(f"clearance {least.proven}, sampled no less than {seen.nearest}")
 
 
-def around(times, width, whole):
-    """Some instants about each of these."""
-    return np.unique(np.clip(np.add.outer(np.asarray(times), np.linspace(-width, width, FINE)).ravel(), 0, whole))
+def controlled(world, seen, found, fail, *, at_least_m):
+    """Evenly dense samples find nothing that those before them left out."""
+    world.forget()
+    world.look(np.linspace(0, world.run.timing.duration_s, CONTROL), at_least_m=at_least_m)
+    even = world.seen()
+    found.counts["controls"] += 1
+    found.reach("index of a control above the samples", max(even.high - seen.high, even.low - seen.low))
+    found.reach("clearance of a control below the samples, mm", 1000 * max(0.0, seen.nearest - even.nearest))
+    if max(even.high - seen.high, even.low - seen.low) > CLOSE:
+        fail(f"control: index {even.high}, {even.low}, sampled before {seen.high}, {seen.low}")
+    if min(seen.nearest, at_least_m) - even.nearest > CLOSE_M:
+        fail(f"control: clearance {even.nearest}, sampled before {seen.nearest}")
+    if not even.violated <= seen.violated:
+        fail(f"control: violations {even.violated}, sampled before {seen.violated}")
 
 
 def judged(world, answer):
