@@ -22,9 +22,13 @@ LEAST_RADIUS_M, MOST_RADIUS_M, BALL_UNCERTAINTY_M = 0.005, 0.2, 0.01
 
 
 def drawn(seed, number):
-    """The question of one trial; a slow machine must not make faults of answers."""
+    """The question of one trial."""
     rng = np.random.default_rng([seed, number])
-    question = KINDS[number % len(KINDS)](rng)
+    return patient(KINDS[number % len(KINDS)](rng))
+
+
+def patient(question):
+    """The same with time enough: a slow machine must not make faults of answers."""
     return question | {"cell": replace(question["cell"], time_limit_s=PATIENCE_S)}
 
 

@@ -21,7 +21,7 @@ from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID, Path
 from pep.pit.separation import stopping
 from policies.evidence import ImpactFault
-from tests.pit import bracket, campaign, dense, laws, stage, twin
+from tests.pit import bracket, campaign, dense, laws, stage, trials, twin
 from tests.pit.corruption import Corrupted
 from tests.pit.laws import FAR_M
 from tests.pit.questions import drawn
@@ -29,33 +29,50 @@ from tests.pit.scenes import CELL, NOTHING, ROBOT, random_move, random_scene, sw
 from tests.pit.test_checker import asked
 from tests.pit.timing import spaced
 
-SLICE = 40
+SLICE, CURVED = 40, 24
 
 
 def test_p9_a_slice_of_the_campaign_meets_every_claim():
-    found = campaign.piece(7, 0, SLICE)
+    found = campaign.piece(7, 0, SLICE, 0.0)
     assert found.failed == []
     assert found.counts["trials"] == found.counts["certificates"] == SLICE
-    assert found.counts["corrupted"] == SLICE // campaign.CORRUPT_EACH
+    assert found.counts["corrupted"] == SLICE // trials.CORRUPT_EACH
     assert found.counts["compared"] > 0.9 * SLICE
     assert found.counts["clearances"] > 0.8 * SLICE
     assert found.counts["index is no whole number"] > 0.2 * SLICE
-    assert found.counts["controls"] == SLICE // campaign.CONTROL_EACH + 1
+    assert found.counts["controls"] == SLICE // trials.CONTROL_EACH + 1
     assert found.counts["samples"] > 25 * SLICE
-    assert found.most["index below a sample"] <= campaign.UNDER
+    assert found.most["index below a sample"] <= trials.UNDER
     assert 0 < found.most["clearance below the samples, mm"] <= 0.2
+
+
+def test_p9_no_sample_of_a_motion_that_is_no_straight_joint_motion_is_above_its_answer():
+    found = campaign.piece(9, 0, CURVED, 1.0)
+    assert found.failed == []
+    assert found.counts["curved"] == CURVED
+    forms = {"MoveL", "LinePath", "JointPath", "SpeedL", "ServoJ"}
+    assert all(found.counts[form] for form in forms)
+    assert found.counts["curved, in doubt"] + found.counts["curved, not followed"] < CURVED / 3
+    assert found.most["index below a sample, curved"] <= trials.UNDER
 
 
 # ---- each check, broken once
 
 
+def test_a_curved_answer_that_is_too_low_and_violations_that_are_not_told_are_seen(monkeypatch):
+    lying(monkeypatch, lambda a: replace(a, index=a.index - 0.6, violations=()))
+    told = " ".join(campaign.piece(9, 0, CURVED, 1.0).failed)
+    assert all(f"{form}: index" in told for form in ("MoveL", "LinePath", "JointPath", "SpeedL"))
+    assert ": violations {" in told
+
+
 def lying(monkeypatch, change):
     """`assess` answers what `change` makes of its answer."""
-    monkeypatch.setattr(campaign, "assess", lambda **asked: change(assess(**asked)))
+    monkeypatch.setattr(trials, "assess", lambda **asked: change(assess(**asked)))
 
 
 def complaints(count=4):
-    return " ".join(campaign.piece(7, 0, count).failed)
+    return " ".join(campaign.piece(7, 0, count, 0.0).failed)
 
 
 @pytest.mark.parametrize(
@@ -74,8 +91,8 @@ def test_an_index_that_is_not_the_sampled_one_is_seen(monkeypatch, change, seen)
 
 def test_a_violation_that_is_not_told_is_seen(monkeypatch):
     lying(monkeypatch, lambda a: replace(a, violations=()))
-    monkeypatch.setattr(campaign, "certified", lambda *a: None)  # of such an answer no proof is found, after long
-    monkeypatch.setattr(campaign, "drawn", lambda seed, number: asked(through(), sweep()))
+    monkeypatch.setattr(trials, "certified", lambda *a: None)  # of such an answer no proof is found, after long
+    monkeypatch.setattr(trials, "drawn", lambda seed, number: asked(through(), sweep()))
     assert "violations {'person'}" in complaints(1)
 
 
@@ -97,19 +114,19 @@ def test_a_clearance_that_is_not_the_sampled_one_is_seen(monkeypatch, change, se
 
 
 def test_a_certificate_that_is_not_verified_and_a_corrupted_one_that_is_are_seen(monkeypatch):
-    true = campaign.verify
-    monkeypatch.setattr(campaign, "verify", lambda text: true(text[:-1]))
+    true = trials.verify
+    monkeypatch.setattr(trials, "verify", lambda text: true(text[:-1]))
     assert "not verified" in complaints(2)
     verdict = Verified(index=1.0, tier=1, rows=1, question="", model="", scene="")
-    monkeypatch.setattr(campaign, "verify", lambda text: verdict)
+    monkeypatch.setattr(trials, "verify", lambda text: verdict)
     assert "not verified" in complaints(1)  # a verdict on another answer
-    monkeypatch.setattr(campaign, "corrupted", lambda text, rng: Corrupted("a seal on nothing", text))
-    monkeypatch.setattr(campaign, "verify", true)
+    monkeypatch.setattr(trials, "corrupted", lambda text, rng: Corrupted("a seal on nothing", text))
+    monkeypatch.setattr(trials, "verify", true)
     assert "a seal on nothing: Verified" in complaints(1)
 
 
 def test_what_breaks_in_a_trial_is_a_failure_of_that_trial(monkeypatch):
-    monkeypatch.setattr(campaign, "document", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr(trials, "document", lambda *a, **k: 1 / 0)
     assert "trial 1: ZeroDivisionError" in complaints(2)
 
 
@@ -138,12 +155,12 @@ def test_a_run_goes_on_where_it_was_ended(tmp_path, monkeypatch):
             return ended
 
     monkeypatch.setattr(campaign, "ProcessPoolExecutor", Here)
-    monkeypatch.setattr(campaign, "trial", lambda seed, number: one_trial(number))
+    monkeypatch.setattr(campaign, "trial", lambda seed, number, share: one_trial(number))
     monkeypatch.setattr(campaign, "SHARE", 10)
-    more = {"ledger": ledger, "workers": 1, "told": lambda whole: None}
+    more = {"share": 0.0, "ledger": ledger, "workers": 1, "told": lambda whole: None}
     part = campaign.run(5, 0, 20, until=float("inf"), **more)
     whole = campaign.run(5, 0, 40, until=float("inf"), **more)
-    assert [first for _, first, _ in done] == [0, 10, 20, 30]
+    assert [first for _, first, *_ in done] == [0, 10, 20, 30]
     assert (part.counts["trials"], whole.counts["trials"]) == (20, 40)
     assert (part.most["number"], whole.most["number"]) == (19, 39)
     assert whole.failed == ["13"]
@@ -151,6 +168,8 @@ def test_a_run_goes_on_where_it_was_ended(tmp_path, monkeypatch):
     assert campaign.run(5, 0, 10, until=float("-inf"), **more).counts["trials"] == 0
     assert campaign.run(6, 0, 10, until=float("inf"), **more).counts["trials"] == 10
     assert campaign.run(7, 0, 10, until=float("-inf"), **more).counts["trials"] == 0
+    assert campaign.run(6, 0, 10, until=float("-inf"), **more).counts["trials"] == 10
+    assert campaign.run(6, 0, 10, until=float("-inf"), **(more | {"share": 0.03})).counts["trials"] == 0
 
 
 def campaign_future():
@@ -160,7 +179,7 @@ def campaign_future():
 
 
 def one_trial(number):
-    found = campaign.Figures()
+    found = trials.Figures()
     found.counts["trials"] += 1
     found.reach("number", number)
     if number == 13:
@@ -237,9 +256,9 @@ WITHIN = 45
 def test_a_broken_kernel_is_found_by_the_samples_alone(monkeypatch, name):
     monkeypatch.setattr("pep.pit.moves.chosen", lambda: NUMPY)
     monkeypatch.setattr("pep.pit.moves.cross_check", lambda *a, **k: Agreement(1, 0.0))
-    monkeypatch.setattr(campaign, "certified", lambda *a: None)
+    monkeypatch.setattr(trials, "certified", lambda *a: None)
     BROKEN[name](monkeypatch)
-    found = (campaign.trial(11, number).failed for number in range(WITHIN))
+    found = (trials.trial(11, number).failed for number in range(WITHIN))
     assert any("sampled" in complaint for failed in found for complaint in failed)
 
 
@@ -299,10 +318,10 @@ def test_a_bracket_that_is_not_closed_and_a_control_that_finds_more_are_seen(mon
         world.look(world.run.first()[::6], **asked)
         return True
 
-    monkeypatch.setattr(campaign, "CONTROL_EACH", 1)
-    monkeypatch.setattr(campaign, "closed", hasty)
+    monkeypatch.setattr(trials, "CONTROL_EACH", 1)
+    monkeypatch.setattr(trials, "closed", hasty)
     assert "control: " in complaints(12)
-    monkeypatch.setattr(campaign, "closed", lambda world, **asked: hasty(world, **asked) and False)
+    monkeypatch.setattr(trials, "closed", lambda world, **asked: hasty(world, **asked) and False)
     assert "leave something between them" in complaints(1)
 
 
@@ -433,7 +452,7 @@ def test_the_ruler_measures_what_is_sampled_and_nothing_beyond_its_reach():
     for x in np.linspace(0.3, 1.8, 16).tolist():
         scene = Scene(objects=(Thing("ball", "rigid", Sphere((x, 0.1, 0.3), 0.05), 0.0),))
         pairs, path = pairs_of(ROBOT, scene, CELL, grown_m=0.0), Path(ROBOT, sweep())
-        least = Ruler(campaign.chosen(), ROBOT, CELL, pairs, rows).least(sweep())
+        least = Ruler(trials.chosen(), ROBOT, CELL, pairs, rows).least(sweep())
         keys = np.linspace(0, GRID, 801).astype(int).tolist()
         sampled = min(float(path.clearance_at(pairs, key, rows).min()) for key in keys)
         assert least.proven <= sampled + 1e-9
