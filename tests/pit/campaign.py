@@ -27,7 +27,7 @@ SHARE = 100
 CURVED = 0.0
 """Share of trials that are no straight joint motion: such an answer takes ten times as long as a whole trial."""
 OWN = (
-    "between", "bracket", "campaign", "corruption", "curves", "dense", "laws", "lines", "questions", "scenes", "stage", "test_checker", "timing", "trials", "twin",
+    "between", "bracket", "campaign", "corruption", "curves", "dense", "facts", "laws", "lines", "questions", "scenes", "stage", "test_checker", "timing", "trials", "twin",
 )  # fmt: skip
 
 

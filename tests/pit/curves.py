@@ -28,7 +28,7 @@ from tests.pit.lines import (
     tool_jacobian,
 )
 from tests.pit.scenes import CELL, random_move, random_scene
-from tests.pit.stage import MODEL as FACTS
+from tests.pit.facts import MODEL as FACTS
 from tests.pit.test_checker import asked
 from tests.pit.timing import Timing
 

@@ -15,7 +15,8 @@ from pep.pit import MoveJ
 from tests.pit import twin
 from tests.pit.between import Between
 from tests.pit.laws import FAR_M, Columns, Law, Stop, ratio_law
-from tests.pit.stage import MODEL, stage_of, tool_of
+from tests.pit.facts import MODEL, tool_of
+from tests.pit.stage import stage_of
 from tests.pit.timing import FIRST_MOST, Driven, driven
 
 SPEED_LIMITS = np.array([j["speed_limit_rad_s"] for j in MODEL["joints"]])

@@ -21,7 +21,7 @@ from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID, Path
 from pep.pit.separation import stopping
 from policies.evidence import ImpactFault
-from tests.pit import bracket, campaign, dense, laws, stage, trials, twin
+from tests.pit import bracket, campaign, dense, facts, laws, stage, trials, twin
 from tests.pit.corruption import Corrupted
 from tests.pit.laws import FAR_M
 from tests.pit.questions import drawn
@@ -396,7 +396,7 @@ def test_a_stage_that_served_other_scenes_answers_like_a_new_one():
         scene, move = random_scene(rng, things=3, regions=2, zones=1), random_move(rng)
         world = dense.World(ROBOT, scene, move, CELL, 0.1, NOTHING)
         fresh = dense.World(ROBOT, scene, move, CELL, 0.1, NOTHING)
-        fresh.stage = stage.Stage(stage.tool_of(ROBOT.tool.name), None, len(fresh.shapes))
+        fresh.stage = stage.Stage(facts.tool_of(ROBOT.tool.name), None, len(fresh.shapes))
         for each in (world, fresh):
             each.look(times * each.run.timing.duration_s, at_least_m=0.4)
         for mine, others in zip(world.shots.arrays(), fresh.shots.arrays(), strict=True):
