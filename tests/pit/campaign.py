@@ -55,12 +55,20 @@ def known(ledger, seed, share, of):
     """What the ledger says of this seed and share with these sources: figures by their first trial."""
     if ledger is None or not ledger.exists():
         return {}
-    rows = [json.loads(line) for line in ledger.read_text().splitlines()]
+    rows = [row for row in map(read, ledger.read_text().splitlines()) if row is not None]
     return {
         row["first"]: Figures(Counter(row["counts"]), row["most"], row["failed"])
         for row in rows
-        if (row["seed"], row["share"], row["of"]) == (seed, share, of)
+        if (row["seed"], row.get("share"), row["of"]) == (seed, share, of)
     }
+
+
+def read(line):
+    """One row of a ledger, or nothing where a run was ended while it wrote."""
+    try:
+        return json.loads(line)
+    except ValueError:
+        return None
 
 
 def run(seed, first, count, *, share, ledger, until, workers, told):
@@ -91,7 +99,7 @@ def run(seed, first, count, *, share, ledger, until, workers, told):
                         "most": figures.most,
                     }
                     with ledger.open("a") as book:
-                        book.write(json.dumps(row | {"failed": figures.failed}) + "\n")
+                        book.write("\n" + json.dumps(row | {"failed": figures.failed}) + "\n")
                 told(whole)
     return whole
 

@@ -159,11 +159,15 @@ def test_a_run_goes_on_where_it_was_ended(tmp_path, monkeypatch):
     monkeypatch.setattr(campaign, "SHARE", 10)
     more = {"share": 0.0, "ledger": ledger, "workers": 1, "told": lambda whole: None}
     part = campaign.run(5, 0, 20, until=float("inf"), **more)
+    ledger.write_text(
+        '{"seed": 5, "of": "before there were shares", "first": 0}\n' + ledger.read_text() + '{"seed": 5, "sha'
+    )
     whole = campaign.run(5, 0, 40, until=float("inf"), **more)
     assert [first for _, first, *_ in done] == [0, 10, 20, 30]
     assert (part.counts["trials"], whole.counts["trials"]) == (20, 40)
     assert (part.most["number"], whole.most["number"]) == (19, 39)
     assert whole.failed == ["13"]
+    assert campaign.run(5, 0, 40, until=float("-inf"), **more).counts["trials"] == 40
     monkeypatch.setattr(campaign, "sources", lambda: "others")
     assert campaign.run(5, 0, 10, until=float("-inf"), **more).counts["trials"] == 0
     assert campaign.run(6, 0, 10, until=float("inf"), **more).counts["trials"] == 10

@@ -29,6 +29,8 @@ CONTROL, CONTROL_EACH = 1001, 50
 UNDER = 1e-6
 """What two ways of computing an index may differ by; a law with a band of 20 mm turns 20 nm into it."""
 EXCESS = 0.02
+RATIO_EXCESS = float("inf")
+"""By how much an index that a ratio of PHY-7 decides may be above the samples: speeds are bounded on coarse intervals."""
 CLEARANCE_M = 2e-4
 ROUNDING_M = 1e-6
 DOUBTS = {"singular", "unreachable", "joint_limit", "uneven_twist"}
@@ -127,7 +129,7 @@ def sampled(question, answer, found, fail, *, control=False):
     by_ratio = bool(answer.contributions) and answer.contributions[0].kind in RATIOS
     found.counts["decided by a ratio" if by_ratio else "decided by a pair or the view"] += 1
     found.reach("index above the samples, by a ratio" if by_ratio else "index above the samples", excess)
-    if not by_ratio and excess > EXCESS:
+    if excess > (RATIO_EXCESS if by_ratio else EXCESS):
         fail(f"index {answer.index}, sampled no more than {seen.high}")
     if np.isfinite(least.attained) and np.isfinite(seen.nearest):
         found.counts["clearances"] += 1
