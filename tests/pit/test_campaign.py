@@ -24,7 +24,7 @@ from policies.evidence import ImpactFault
 from tests.pit import bracket, campaign, dense, facts, laws, stage, trials, twin
 from tests.pit.corruption import Corrupted
 from tests.pit.laws import FAR_M
-from tests.pit.questions import drawn
+from tests.pit.questions import drawn, long_move
 from tests.pit.scenes import CELL, NOTHING, ROBOT, random_move, random_scene, sweep, tcp, with_glass, with_person
 from tests.pit.test_checker import asked
 from tests.pit.timing import spaced
@@ -96,8 +96,8 @@ def test_a_violation_that_is_not_told_is_seen(monkeypatch):
     assert "violations {'person'}" in complaints(1)
 
 
-def through():
-    return Scene(people=(Person("p", ((Region.TORSO, Sphere(tuple(tcp().tolist()), 0.1)),)),))
+def through(radius=0.1):
+    return Scene(people=(Person("p", ((Region.TORSO, Sphere(tuple(tcp().tolist()), radius)),)),))
 
 
 @pytest.mark.parametrize(
@@ -315,6 +315,60 @@ def test_a_bracket_leaves_nothing_out_that_even_samples_find(number):
     assert min(mine.nearest, 0.7) - even.nearest <= bracket.CLOSE_M
     assert even.violated <= mine.violated
     assert few < 300
+
+
+@pytest.mark.parametrize("number", range(9, 130, 10))
+def test_the_highest_index_is_found_where_the_least_clearance_is_not_asked_for(number):
+    world = a_world(number)
+    assert bracket.closed(world, at_least_m=-1.0)
+    mine = world.seen()
+    world.forget()
+    world.look(np.linspace(0, world.run.timing.duration_s, 1501))
+    assert world.seen().high - mine.high <= bracket.CLOSE
+
+
+@pytest.mark.parametrize("number", range(9, 130, 10))
+def test_the_least_clearance_is_found_where_no_index_asks_for_it(number):
+    world = a_world(number)
+    world.floor = 4.0
+    assert bracket.closed(world, at_least_m=0.7)
+    mine = world.seen()
+    world.forget()
+    world.look(np.linspace(0, world.run.timing.duration_s, 1501), at_least_m=0.7)
+    assert mine.nearest - world.seen().nearest <= bracket.CLOSE_M
+
+
+def test_a_violation_is_found_where_neither_index_nor_clearance_asks_for_it():
+    world = dense.World(ROBOT, through(radius=0.01), sweep(half=1.2), CELL, 0.1, NOTHING)
+    world.floor = 4.0
+    world.look(world.run.timing.kinks_s)
+    assert not world.seen().violated
+    bounds = bracket.bounds_of(world, np.arange(len(world.times) - 1))
+    assert (bracket.pieces(world, bounds, -1.0) > 1).any()
+    world.forget()
+    assert bracket.closed(world, at_least_m=-1.0)
+    assert world.seen().violated == {"person"}
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_the_highest_ratio_is_found(number):
+    move = long_move(np.random.default_rng([44, number]))
+    even = dense.World(ROBOT, Scene(), move, CELL, 0.1, NOTHING)
+    even.look(np.linspace(0, even.run.timing.duration_s, 3001))
+    fastest = even.shots.points.max(axis=0)
+    near = {"tcp_speed_limit_m_s": 1.05 * fastest[0], "elbow_speed_limit_m_s": 1.06 * fastest[1]}
+    cell = replace(CELL, payload_kg=0.5, **(near if number % 2 else {"momentum_limit_kg_m_s": 1.0}))
+    if not number % 2:
+        cell = replace(cell, momentum_limit_kg_m_s=1.05 * float(even_masses(move, cell) @ fastest))
+    world = dense.World(ROBOT, Scene(), move, cell, 0.1, NOTHING)
+    assert bracket.closed(world)
+    found = max(map(laws.ratio_law, world.ratios().values()))
+    assert 2 < found
+    assert max(map(laws.ratio_law, world.ratios(fastest).values())) - found <= 2 * bracket.CLOSE
+
+
+def even_masses(move, cell):
+    return dense.World(ROBOT, Scene(), move, cell, 0.1, NOTHING).masses()
 
 
 def test_a_bracket_that_is_not_closed_and_a_control_that_finds_more_are_seen(monkeypatch):
