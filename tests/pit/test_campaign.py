@@ -327,7 +327,7 @@ def test_the_highest_index_is_found_where_the_least_clearance_is_not_asked_for(n
     assert world.seen().high - mine.high <= bracket.CLOSE
 
 
-@pytest.mark.parametrize("number", range(9, 130, 10))
+@pytest.mark.parametrize("number", [9, 29, 46, 80, 82, 89])
 def test_the_least_clearance_is_found_where_no_index_asks_for_it(number):
     world = a_world(number)
     world.floor = 4.0
@@ -367,6 +367,24 @@ def test_the_highest_ratio_is_found(number):
     assert max(map(laws.ratio_law, world.ratios(fastest).values())) - found <= 2 * bracket.CLOSE
 
 
+@pytest.mark.parametrize(("limit", "doubted"), [(1.2, True), (100.0, False)])
+def test_a_speed_between_samples_is_in_doubt_where_it_may_be_beyond_its_limit(monkeypatch, limit, doubted):
+    move = long_move(np.random.default_rng(45))
+    world = dense.World(ROBOT, Scene(), move, CELL, 0.1, NOTHING)
+    world.look(world.run.timing.kinks_s)
+    fastest = world.shots.points.max(axis=0)
+    world.cell = replace(
+        CELL,
+        tcp_speed_limit_m_s=limit * fastest[0],
+        elbow_speed_limit_m_s=100.0,
+        momentum_limit_kg_m_s=1000.0,
+    )
+    worst = dense.Seen(low=3.5, high=3.5, violated=set(world.columns.kinds), nearest=-1.0)
+    monkeypatch.setattr(world, "seen", lambda: worst)
+    bounds = bracket.bounds_of(world, np.arange(len(world.times) - 1))
+    assert (bracket.pieces(world, bounds, -1.0) > 1).any() == doubted
+
+
 def even_masses(move, cell):
     return dense.World(ROBOT, Scene(), move, cell, 0.1, NOTHING).masses()
 
@@ -378,7 +396,9 @@ def test_a_bracket_that_is_not_closed_and_a_control_that_finds_more_are_seen(mon
 
     monkeypatch.setattr(trials, "CONTROL_EACH", 1)
     monkeypatch.setattr(trials, "closed", hasty)
-    assert "control: " in complaints(12)
+    told = complaints(12)
+    assert "control: index" in told
+    assert "control: clearance" in told
     monkeypatch.setattr(trials, "closed", lambda world, **asked: hasty(world, **asked) and False)
     assert "leave something between them" in complaints(1)
 
