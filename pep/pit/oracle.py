@@ -12,6 +12,7 @@ the cause).
 from __future__ import annotations
 
 import hashlib
+import math
 import threading
 from dataclasses import dataclass
 from functools import lru_cache
@@ -26,7 +27,7 @@ from pep.pit.scene import Box, Capsule, Sphere
 from pep.pit.solids import rotation_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -92,24 +93,45 @@ def cross_check(
     """
     world = World(path.robot, scene, pairs)
     watched: list[Witness] = [*certified.witnesses[:1], *certified.violated.values()]
-    times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in fractions(seed)]
-    places = [profile.at(time_s) for time_s in times]
-    clearance, speed = world.ask_all([(path.q(s), path.delta * rate) for s, rate in places])
     every = np.arange(len(pairs))
-    for witness, measured, moving in zip(watched, clearance, speed, strict=False):
+    at = [profile.at(profile.time_of(w.s)) for w in watched]
+    clearance, speed = world.ask_all([(path.q(s), path.delta * rate) for s, rate in at])
+    for witness, measured, moving in zip(watched, clearance, speed, strict=True):
         kernel = path.clearance_at(pairs, witness.key, every)
         kernel[witness.pair] = witness.clearance_m
         if not (np.abs(measured - kernel) <= DISTANCE_TOLERANCE_M).all():
             return Disagreement("clearance at the witness")
         if witness.index > 0 and not abs(moving[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
             return Disagreement("speed at the witness")
-    return judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
+    known = judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
+    if isinstance(known, Disagreement):
+        return known
+    # Nobody can foresee these places. Only what the balls around both do not settle there needs a distance.
+    unforeseen = [profile.at(share * profile.duration_s) for share in fractions(seed)]
+    places = [(path.q(s), path.delta * rate) for s, rate in unforeseen]
+    clearance, speed = world.at_least(
+        places, settled=lambda near, moving: _settled(pairs, stop, certified, near, moving)
+    )
+    found = judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
+    if isinstance(found, Disagreement):
+        return found
+    return Agreement(known.asked + found.asked, max(known.highest, found.highest))
+
+
+def _settled(pairs: Pairs, stop: Stopping, certified: Certified, near: Floats, speed: Floats) -> NDArray[np.bool_]:
+    """Which pairs (places, pairs) with a clearance of at least `near` are neither above the answer nor a violation."""
+    asked = np.tile(np.arange(len(pairs)), len(near))
+    index = pairs.index(asked, near.ravel(), speed.ravel(), stop)
+    clear = near.ravel() >= pairs.violated_below[asked]
+    return np.asarray((clear & (index <= certified.upper)).reshape(near.shape))
 
 
 def judged(
     pairs: Pairs, stop: Stopping, certified: Certified, rows: NDArray[np.intp], *, clearance: Floats, speed: Floats
 ) -> Agreement | Disagreement:
     """Whether the certified answer holds for what was measured of `rows`, both of shape (places, rows)."""
+    if not clearance.size:
+        return Agreement(0, 0.0)
     asked = np.tile(rows, len(clearance))
     near = clearance.ravel() + DISTANCE_TOLERANCE_M
     highest = float(pairs.index(asked, near, speed.ravel(), stop).max(initial=0))
@@ -166,6 +188,11 @@ class _Core:
             case _:
                 return coal.Box(*(2 * half for half in self.size))
 
+    @property
+    def ball(self) -> tuple[Floats, float]:
+        """Centre and radius of a ball around the core."""
+        return np.array(self.pose.translation), math.hypot(*self.size)
+
     def put_into(self, body: Any) -> None:
         """The body of the same kind has this size and pose from now on."""
         body.placement = self.pose
@@ -201,7 +228,10 @@ class _Stage:
         data: pinocchio's kinematic data.
         things: index of each thing's body.
         own_radius: radii of the arm's own pairs, which stand last.
-        link, reference, ends, radius: of the robot's bodies.
+        own_body, own_link, own_center, own_half: of the arm's own pairs: the moving body, and the capsule it must mind:
+            its link, its middle there and half its axis.
+        link, reference, ends, radius, half: of the robot's bodies.
+        holds: the scene whose things stand there.
     """
 
     geometry: Any
@@ -209,10 +239,16 @@ class _Stage:
     data: Any
     things: tuple[int, ...]
     own_radius: Floats
+    own_body: NDArray[np.intp]
+    own_link: NDArray[np.intp]
+    own_center: Floats
+    own_half: Floats
     link: NDArray[np.intp]
     reference: NDArray[np.intp]
     ends: Floats
     radius: Floats
+    half: Floats
+    holds: dict[str, Scene]
 
 
 def _built(robot: Robot, kinds: tuple[str, ...]) -> _Stage:
@@ -239,16 +275,24 @@ def _built(robot: Robot, kinds: tuple[str, ...]) -> _Stage:
         body = robot.bodies[body_index]
         geometry.addCollisionPair(pinocchio.CollisionPair(on_robot[capsule.name], on_robot[body.name]))
         own.append(capsule.radius_m + body.radius_m)
+    ends = np.array([(b.a_m, b.b_m) for b in robot.bodies])
+    inner = np.array([(capsule.a_m, capsule.b_m) for _, capsule in robot.self_pairs])
     return _Stage(
         geometry=geometry,
         found=geometry.createData(),
         data=robot.pinocchio.createData(),
         things=things,
         own_radius=np.array(own),
+        own_body=np.array([index for index, _ in robot.self_pairs], dtype=np.intp),
+        own_link=np.array([capsule.link for _, capsule in robot.self_pairs], dtype=np.intp),
+        own_center=inner.mean(axis=1),
+        own_half=0.5 * np.linalg.norm(inner[:, 1] - inner[:, 0], axis=1),
         link=np.array([b.link for b in robot.bodies]),
         reference=np.array([b.reference for b in robot.bodies]),
-        ends=np.array([(b.a_m, b.b_m) for b in robot.bodies]),
+        ends=ends,
         radius=np.array([b.radius_m for b in robot.bodies]),
+        half=0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1),
+        holds={},
     )
 
 
@@ -270,10 +314,16 @@ class World:
         cores = [_core(shape) for person in scene.people for _, shape in person.regions]
         cores += [_core(shape) for shape in scene.solid_shapes]
         self.stage = _STAGES.of(robot, tuple(core.kind for core in cores))
-        for core, body in zip(cores, self.stage.things, strict=True):
-            core.put_into(self.stage.geometry.geometryObjects[body])
+        if self.stage.holds.get("scene") is not scene:
+            self.stage.holds.clear()  # half placed it holds none
+            for core, body in zip(cores, self.stage.things, strict=True):
+                core.put_into(self.stage.geometry.geometryObjects[body])
+            self.stage.holds["scene"] = scene
         moving = self.stage.radius[: robot.world_bodies]
         left_out = np.array([core.radius for core in cores])
+        balls = [core.ball for core in cores]
+        self.centers = np.array([center for center, _ in balls]).reshape(-1, 3)
+        self.around = np.array([radius for _, radius in balls])
         self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
 
     def ask(self, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
@@ -284,33 +334,75 @@ class World:
     def ask_all(self, places: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
         """The same at several joint angles and speeds: clearance and speed, each of shape (places, pairs)."""
         model, stage = self.robot.pinocchio, self.stage
-        core, poses, velocities = [], [], []
+        core, moving = [], []
         for q, qd in places:
-            pinocchio.forwardKinematics(model, stage.data, q, qd)
+            moving.append(self._moved(q, qd))
             pinocchio.computeDistances(model, stage.data, stage.geometry, stage.found, q)
             core.append([result.min_distance for result in stage.found.distanceResults])
-            poses.append(np.array([frame.homogeneous for frame in stage.data.oMi]))
-            # copied at once: they are views of what the next place overwrites
-            velocities.append(np.array([velocity.vector for velocity in stage.data.v]))
-        ends, speed = self._motion(np.array(poses), np.array(velocities))
+        ends, _, speed = self._motion(moving)
         clearance = np.maximum(np.array(core), 0) - self.radius
-        workspace = self.scene.workspace
-        if workspace is not None:
-            bodies = slice(0, self.robot.world_bodies)
-            high = np.array(workspace.high_m) - ends[:, bodies].max(axis=2)
-            low = ends[:, bodies].min(axis=2) - np.array(workspace.low_m)
-            radius = self.stage.radius[bodies]
-            faces = [room[:, :, axis] - radius for axis in range(3) for room in (high, low)]
-            clearance = np.concatenate([clearance, *faces], axis=1)
-        return clearance, speed[:, self.pairs.body]
+        return np.concatenate([clearance, *self._faces(ends)], axis=1), speed[:, self.pairs.body]
 
-    def _motion(self, poses: Floats, velocities: Floats) -> tuple[Floats, Floats]:
-        """World positions of all bodies' ends and surface speeds relative to their reference links, by pinocchio.
+    def at_least(
+        self, places: Sequence[tuple[Floats, Floats]], settled: Callable[[Floats, Floats], NDArray[np.bool_]]
+    ) -> tuple[Floats, Floats]:
+        """What `ask_all` answers, where `settled` wants to know; elsewhere a clearance that is no greater.
 
         Args:
-            poses: shape (places, links, 4, 4).
-            velocities: shape (places, links, 6), linear then angular, in the links' own frames.
+            places: joint angles and speeds.
+            settled: of clearances and speeds, each (places, pairs), those of which it is enough to know that the
+                clearance is no smaller.
         """
+        model, stage = self.robot.pinocchio, self.stage
+        moving = [self._moved(q, qd) for q, qd in places]
+        ends, frames, speed = self._motion(moving)
+        near = np.concatenate([self._balls(ends, frames), *self._faces(ends)], axis=1)
+        speed = speed[:, self.pairs.body]
+        asked = ~settled(near, speed)[:, : len(self.radius)]
+        for place in np.flatnonzero(asked.any(axis=1)).tolist():
+            pinocchio.updateGeometryPlacements(model, stage.data, stage.geometry, stage.found, places[place][0])
+            for pair in np.flatnonzero(asked[place]).tolist():
+                core = pinocchio.computeDistance(stage.geometry, stage.found, pair).min_distance
+                near[place, pair] = max(core, 0.0) - self.radius[pair]
+        return near, speed
+
+    def _moved(self, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
+        """Poses (links, 4, 4) and velocities (links, 6) of all links, by pinocchio."""
+        data = self.stage.data
+        pinocchio.forwardKinematics(self.robot.pinocchio, data, q, qd)
+        # copied at once: they are views of what the next place overwrites
+        return np.array([frame.homogeneous for frame in data.oMi]), np.array([velocity.vector for velocity in data.v])
+
+    def _balls(self, ends: Floats, frames: Floats) -> Floats:
+        """Clearance of the balls around all bodies' and things' cores, (places, pairs of bodies): at most their own."""
+        stage, count = self.stage, self.robot.world_bodies
+        centers = ends.mean(axis=2)
+        away = centers[:, None, :count] - self.centers[:, None]
+        apart = np.sqrt(np.einsum("ptbi,ptbi->ptb", away, away)) - self.around[:, None] - stage.half[:count]
+        own = np.einsum("pkij,kj->pki", frames[:, stage.own_link, :3, :3], stage.own_center)
+        inner = own + frames[..., :3, 3][:, stage.own_link] - centers[:, stage.own_body]
+        apart_own = np.sqrt(np.einsum("pki,pki->pk", inner, inner)) - stage.own_half - stage.half[stage.own_body]
+        return np.concatenate([apart.reshape(len(ends), -1), apart_own], axis=1) - self.radius
+
+    def _faces(self, ends: Floats) -> list[Floats]:
+        """Clearance from each face of the room, (places, moving bodies) each."""
+        workspace = self.scene.workspace
+        if workspace is None:
+            return []
+        bodies = slice(0, self.robot.world_bodies)
+        high = np.array(workspace.high_m) - ends[:, bodies].max(axis=2)
+        low = ends[:, bodies].min(axis=2) - np.array(workspace.low_m)
+        radius = self.stage.radius[bodies]
+        return [room[:, :, axis] - radius for axis in range(3) for room in (high, low)]
+
+    def _motion(self, moved: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats]:
+        """World positions of all bodies' ends, poses of the links, and surface speeds relative to reference links.
+
+        Args:
+            moved: per place the poses (links, 4, 4) and the velocities (links, 6), linear then angular, in the links'
+                own frames.
+        """
+        poses, velocities = np.array([pose for pose, _ in moved]), np.array([velocity for _, velocity in moved])
         rotation, origin = poses[..., :3, :3], poses[..., :3, 3]
         linear = np.einsum("pkij,pkj->pki", rotation, velocities[..., :3])
         angular = np.einsum("pkij,pkj->pki", rotation, velocities[..., 3:])
@@ -323,4 +415,4 @@ class World:
 
         relative = velocity(link) - velocity(reference)
         spin = np.linalg.norm(angular[:, link] - angular[:, reference], axis=2)
-        return ends, np.linalg.norm(relative, axis=3).max(axis=2) + self.stage.radius * spin
+        return ends, poses, np.linalg.norm(relative, axis=3).max(axis=2) + self.stage.radius * spin

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections import deque
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
@@ -49,6 +51,7 @@ KINDS_IN_ORDER: Final = tuple(Kind)
 _CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
 _VIOLABLE: Final = np.array([kind in VIOLABLE for kind in KINDS_IN_ORDER])
 _ANYWHERE: Final = Sphere((0.0, 0.0, 0.0), 1.0)  # of what carries its own geometry
+SCENES_KEPT: Final = 4  # with people where they are seen and where they may have come meanwhile
 NO_HARM: Final = np.inf  # of what is no person: no speed or force harms it in that sense
 
 
@@ -166,6 +169,26 @@ class Pairs:
         return result
 
 
+class _Last(threading.local):
+    """The pairs that one thread asked for last: a scene is asked about again and again until the next one is seen."""
+
+    def __init__(self) -> None:
+        self._kept: deque[tuple[tuple[object, ...], Pairs]] = deque(maxlen=SCENES_KEPT)
+
+    def of(self, robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, touch: frozenset[str]) -> Pairs:
+        """As `pairs_of`."""
+        for (of_robot, of_scene, of_cell, of_grown_m, of_touch), pairs in self._kept:
+            same = of_robot is robot and of_scene is scene and of_cell is cell
+            if same and of_grown_m == grown_m and of_touch == touch:
+                return pairs
+        pairs = _paired(robot, scene, cell, grown_m, touch)
+        self._kept.appendleft(((robot, scene, cell, grown_m, touch), pairs))
+        return pairs
+
+
+_LAST: Final = _Last()
+
+
 def pairs_of(
     robot: Robot, scene: Scene, cell: CellParameters, *, grown_m: float, touch: frozenset[str] = frozenset()
 ) -> Pairs:
@@ -178,6 +201,10 @@ def pairs_of(
         grown_m: how much farther than seen people may be, because the view is old.
         touch: names of objects that the token grants to touch; none makes every contact an accident.
     """
+    return _LAST.of(robot, scene, cell, grown_m, touch)
+
+
+def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, touch: frozenset[str]) -> Pairs:
     things = _columns(robot, scene, cell, grown_m, touch)
     inner = _own(robot)
     planes = planes_of(scene)
