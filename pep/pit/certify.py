@@ -34,6 +34,7 @@ DEPTH: Final = 14  # halvings; an interval so short is 1e-5 of the path
 RESOLUTION: Final = 0.01  # PHY-9: index within which upper bound and witness may differ, inside one tier
 VIOLATION_RESOLUTION_M: Final = 1e-4  # a path that grazes to within this without touching is no violation
 ROWS_MOST: Final = 200_000  # rows examined in one question: bounds memory and time whatever the scene
+SPEED_STEPS: Final = 9  # bisections of the speed: 1 / 500 of it, finer than anyone drives
 LOWER_DEPTH: Final = 6  # halvings in the search for a lower tier: enough for 1 % of the speed
 
 
@@ -52,6 +53,21 @@ class Witness(NamedTuple):
         return self.key / GRID
 
 
+class Slower(NamedTuple):
+    """What a slower speed of the same motion is found by.
+
+    Attributes:
+        stop_delay_s, stop_deceleration_rad_s2: how the cell's arm stops.
+        slowest_rad_s: a slower one is of no use.
+        commanded_rad_s: the speed that was asked about.
+    """
+
+    stop_delay_s: float
+    stop_deceleration_rad_s2: float
+    slowest_rad_s: float
+    commanded_rad_s: float
+
+
 @dataclass(frozen=True, slots=True)
 class Certified:
     """The answer of the search.
@@ -63,6 +79,8 @@ class Certified:
         violated: per violated kind the point with the deepest clearance met.
         leaves: the certificate.
         leaf_index: the proven index of each leaf.
+        slower: the highest commanded speed, to a step of the bisection, at which the index of these pairs is proven to
+            be a whole tier lower, rad/s; None where there is none, or no engine was asked for it.
     """
 
     upper: float
@@ -71,6 +89,7 @@ class Certified:
     violated: dict[Kind, Witness]
     leaves: Leaves
     leaf_index: Floats
+    slower: float | None = None
 
 
 def first_cut(path: Route, pairs: Pairs, rows: NDArray[np.intp], *, since: int = 0) -> Leaves:

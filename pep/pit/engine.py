@@ -27,6 +27,7 @@ class Engine:
         name: in every assessment and record.
         path: a path of one robot.
         certify, fits, blow_ratio: as the functions of these names in `pep.pit.certify` and `pep.pit.blow`.
+        slows: whether `certify` also answers at what speed the index of the pairs is a tier lower, when asked.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Engine:
     certify: Callable[..., Certified]
     fits: Callable[..., Fit]
     blow_ratio: Callable[..., float]
+    slows: bool = False
 
 
 NUMPY: Final = Engine("numpy-1", Path, certify, fits, blow_ratio)
@@ -47,4 +49,4 @@ def chosen() -> Engine:
     from pep.pit.kernel.engine import CompiledPath, compile_all
 
     compile_all()
-    return Engine("numba-1", CompiledPath, CompiledPath.certify, CompiledPath.fits, CompiledPath.blow_ratio)
+    return Engine("numba-1", CompiledPath, CompiledPath.certify, CompiledPath.fits, CompiledPath.blow_ratio, slows=True)

@@ -10,6 +10,7 @@ import numpy as np
 
 from capabilities.units import Unit
 from pep.pit.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, Certificate, micro, milli, seen
+from pep.pit.certify import SPEED_STEPS, Slower
 from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
 from pep.pit.engine import chosen
 from pep.pit.errors import WorkLimitError
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
     from pep.pit.view import View
 
 SLOWEST_RAD_S: Final = 0.01  # slower than this is of no use, so no lower tier is named
-SPEED_STEPS: Final = 9  # bisections of the speed: 1 / 500 of it, finer than anyone drives
 
 
 def highest_speed(falls: Callable[[float], bool], *, slowest: float, fastest: float) -> float | None:
@@ -116,8 +116,11 @@ class MoveQuestion:
         violations = {"joint_limit"} if limits.retreating and not slow else set()
         # 5. The proven index of all the rest.
         floor = max(MOVING, self.view.floor, RETREAT if retreats else 0.0, *(r.index for r in ratios))
+        # A touch that is meant at one speed is another one at another: then each speed is a question of its own.
+        slows = self.engine.slows and not (retreats or bare.touchable.any())
+        more = {"slower": self._slower_asked()} if slows else {}
         certified = self.engine.certify(
-            path, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time
+            path, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time, **more
         )
         violations |= set(certified.violated)
         # 6. The second engine has to agree.
@@ -140,7 +143,7 @@ class MoveQuestion:
         ]
         lower = None
         if not (violations or retreats):
-            lower = self._lower_speed(path, bare, demands, certified, tier_of(index), ratios=ratios)
+            lower = self._lower_speed(path, bare, demands, certified, tier_of(index), ratios=ratios, slows=slows)
         decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
         return self._assessment(
             index,
@@ -183,7 +186,15 @@ class MoveQuestion:
         return [self._told(pairs, profile, w) for w in by_obstacle.values()]
 
     def _lower_speed(
-        self, path: Path, pairs: Pairs, demands: Demands, certified: Certified, tier: Tier, *, ratios: tuple[Ratio, ...]
+        self,
+        path: Path,
+        pairs: Pairs,
+        demands: Demands,
+        certified: Certified,
+        tier: Tier,
+        *,
+        ratios: tuple[Ratio, ...],
+        slows: bool,
     ) -> float | None:
         """The highest speed, to a step of the bisection, at which the index is proven to be in a lower tier."""
         target = float(tier - 1)
@@ -191,6 +202,8 @@ class MoveQuestion:
             return None
         # What counts no more at this speed counts no more at a lower one (faster never lowers).
         asks = max(ratio.index for ratio in ratios) > target
+        if slows:
+            return self._slowest_of_both(demands, certified.slower, target=target, asks=asks)
         leaves = certified.leaves.take(certified.leaf_index > target)
 
         def falls(speed: float) -> bool:
@@ -206,6 +219,23 @@ class MoveQuestion:
             return fit.proven
 
         return highest_speed(falls, slowest=SLOWEST_RAD_S, fastest=self.move.speed_rad_s)
+
+    def _slower_asked(self) -> Slower:
+        cell = self.cell
+        return Slower(cell.stop_delay_s, cell.stop_deceleration_rad_s2, SLOWEST_RAD_S, self.move.speed_rad_s)
+
+    def _slowest_of_both(self, demands: Demands, of_pairs: float | None, *, target: float, asks: bool) -> float | None:
+        """The speed at which both the pairs and what is asked of the arm are in a lower tier."""
+        if of_pairs is None or not asks:
+            return of_pairs
+
+        def falls(speed: float) -> bool:
+            self.check_time()
+            profile = profile_of(self.move, speed)
+            return profile is not None and max(r.index for r in demands.ratios(profile)) <= target
+
+        of_arm = highest_speed(falls, slowest=SLOWEST_RAD_S, fastest=self.move.speed_rad_s)
+        return None if of_arm is None else min(of_pairs, of_arm)
 
     def _assessment(
         self,

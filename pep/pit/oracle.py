@@ -382,7 +382,7 @@ class World:
         own = np.einsum("pkij,kj->pki", frames[:, stage.own_link, :3, :3], stage.own_center)
         inner = own + frames[..., :3, 3][:, stage.own_link] - centers[:, stage.own_body]
         apart_own = np.sqrt(np.einsum("pki,pki->pk", inner, inner)) - stage.own_half - stage.half[stage.own_body]
-        return np.concatenate([apart.reshape(len(ends), -1), apart_own], axis=1) - self.radius
+        return np.asarray(np.concatenate([apart.reshape(len(ends), -1), apart_own], axis=1) - self.radius)
 
     def _faces(self, ends: Floats) -> list[Floats]:
         """Clearance from each face of the room, (places, moving bodies) each."""

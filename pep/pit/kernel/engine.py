@@ -12,13 +12,13 @@ import numpy as np
 
 from pep.pit.blow import DEPTH, RESOLUTION
 from pep.pit.cell import CellParameters
-from pep.pit.certify import FIRST_CUT_LEAST, ROWS_MOST, Certified, Fit, Witness
+from pep.pit.certify import FIRST_CUT_LEAST, ROWS_MOST, Certified, Fit, Slower, Witness
 from pep.pit.errors import WorkLimitError
 from pep.pit.kernel import columns
 from pep.pit.kernel.arm import Arm, bends_of
 from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, rushes
 from pep.pit.kernel.rows import Field, Rows, Way
-from pep.pit.kernel.search import KINDS, LEAF_NUMBERS, LOOKS, SPARE, TOO_MANY, certify, room_for
+from pep.pit.kernel.search import KINDS, LEAF_NUMBERS, LOOKS, NOBODY, SPARE, TOO_MANY, certify, room_for
 from pep.pit.kinematics import layout
 from pep.pit.motion import MoveJ, profile_of
 from pep.pit.pairs import KINDS_IN_ORDER, Kind, pairs_of
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from pep.pit.separation import Stopping
 
 PACKS_KEPT: Final = 4  # a scene's pairs, and those of a slower speed
+
+_NO_STOP: Final = np.empty(0)
 
 _CODED: Final = {columns.PERSON: Kind.PERSON, columns.ZONE: Kind.ZONE, columns.MEANT: Kind.MEANT}
 if any(KINDS_IN_ORDER[code] is not kind for code, kind in _CODED.items()) or len(KINDS_IN_ORDER) != KINDS:
@@ -154,11 +156,12 @@ class CompiledPath(Path):
         floor: float,
         check_time: Callable[[], None],
         told: bool = True,
+        slower: Slower | None = None,
     ) -> Certified:
         """As `pep.pit.certify.certify`; `told`: with a witness for each obstacle that may raise the index."""
         if len(rows) * FIRST_CUT_LEAST > ROWS_MOST:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
-        status, upper, attained, witnesses, violated, leaves = certify(
+        status, upper, attained, witnesses, violated, leaves, falls = certify(
             _ROOMS.of(self._arm, len(rows)),
             self._arm,
             self.start,
@@ -171,6 +174,7 @@ class CompiledPath(Path):
             floor,
             FIRST_CUT_LEAST,
             LOOKS if told else 0,
+            _NO_STOP if slower is None else np.array(slower),
         )
         check_time()
         if status == TOO_MANY:
@@ -182,6 +186,7 @@ class CompiledPath(Path):
             violated={pairs.kind_of(w.pair): w for w in _witnesses(violated)},
             leaves=Leaves(*leaves[:LEAF_NUMBERS].astype(np.int64), *leaves[LEAF_NUMBERS:-1]),
             leaf_index=leaves[-1],
+            slower=None if falls == NOBODY else falls,
         )
 
     def fits(
@@ -244,7 +249,9 @@ def compile_all() -> None:
     stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=profile.peak_rad_s)
     pairs = pairs_of(robot, Scene.of_cell(cell), cell, grown_m=0.0)
     path, rows = CompiledPath(robot, move), np.arange(len(pairs))
-    found = path.certify(pairs, profile, stop, rows=rows, floor=MOVING, check_time=_no_limit)
+    found = path.certify(
+        pairs, profile, stop, rows=rows, floor=MOVING, check_time=_no_limit, slower=Slower(0.05, 8.0, 0.01, 0.5)
+    )
     path.fits(pairs, profile, stop, found.leaves, index=MOVING, check_time=_no_limit)
     path.blow_ratio(replace(pairs, kind=np.zeros_like(pairs.kind)), profile, stop, check_time=_no_limit)
     path.examine(pairs, np.zeros(1, np.int64), np.full(1, GRID), rows[:1])

@@ -13,12 +13,29 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from pep.pit.certify import DEPTH, RESOLUTION, ROWS_MOST, VIOLATION_RESOLUTION_M
+from pep.pit.certify import DEPTH, RESOLUTION, ROWS_MOST, SPEED_STEPS, VIOLATION_RESOLUTION_M
 from pep.pit.clearance import ROUNDING_M
 from pep.pit.kernel import heap as heaps
 from pep.pit.kernel import tree as trees
 from pep.pit.kernel.arm import bends_of, place, place_all, put
-from pep.pit.kernel.columns import AROUND, BODY, CENTER, GROUP, KIND, PLANE, RADII, SHAPE, VIOLATED_BELOW
+from pep.pit.kernel.columns import (
+    ACCELERATION,
+    AROUND,
+    BODY,
+    BRAKE,
+    BRAKING,
+    CENTER,
+    GROUP,
+    KIND,
+    PEAK,
+    PLANE,
+    RADII,
+    SHAPE,
+    TOP,
+    TRAVEL,
+    VIOLATED_BELOW,
+    WAY,
+)
 from pep.pit.kernel.compiled import compiled, entry
 from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
 from pep.pit.kernel.heap import heaped, no_heap, pop, push
@@ -109,6 +126,14 @@ MET_KEY: Final = 3
 MET_PAIR: Final = 4
 MET: Final = 5
 NOBODY: Final = -1.0
+
+# What a slower speed is found by: how the arm stops, the lowest speed that is of use, and the commanded one.
+DELAY: Final = 0
+DECELERATION: Final = 1
+SLOWEST: Final = 2
+COMMANDED: Final = 3
+STOP: Final = 4
+LEVEL_LOWEST: Final = 12  # spans of 1 / 4096 of the path: enough for 1 % of the speed
 
 
 class Rows(NamedTuple):
@@ -299,6 +324,7 @@ def _explored(
     law: Floats,
     met: Met,
     best: float,
+    ceiling: float,
     deepest: int,
     looks: int,
 ) -> tuple[bool, float]:
@@ -308,6 +334,9 @@ def _explored(
     more than all the rest.
 
     Args:
+        best: a known index, above which the answer is sought.
+        ceiling: once a higher one is met, nothing more is looked for.
+        deepest: the level of spans that are not halved.
         looks: how often each group that does not decide the answer is looked at where it would raise it most.
     """
     whole, numbers, doubts, used = rows.whole, rows.numbers, rows.doubts, rows.used
@@ -357,6 +386,8 @@ def _explored(
             speed = rush * rate_at(key / GRID, profile)
             index = pair_index(kind, laws, pair, clear, speed, law)
             best = max(best, index)
+            if best > ceiling:
+                return True, best
             note(witnesses, kinds[pair, GROUP], index, clear, speed, key, pair)
             if clear < below:
                 note(violated, kind, 0.0, clear, speed, key, pair)
@@ -555,7 +586,9 @@ def searched(
     done = _first_rows(tree, way, table, field, pairs, profile, law, rows, heap, leaves, met.knots)
     best = floor
     while True:
-        finished, best = _explored(tree, way, table, field, rows, heap, profile, law, met, best, level + DEPTH, looks)
+        finished, best = _explored(
+            tree, way, table, field, rows, heap, profile, law, met, best, math.inf, level + DEPTH, looks
+        )
         if finished:
             break
         if rows.used[0] > ROWS_MOST:
@@ -564,6 +597,76 @@ def searched(
         heap = heaps.with_room(heap, heap.used[0] + 4)
     _at_rest(tree, way, field, rows, met.violated, met.knots)
     return Room(tree, rows, heap, leaves), ANSWERED, done, best
+
+
+@compiled
+def _timed(profile: Floats, law: Floats, stop: Floats, speed: float) -> tuple[Floats, Floats]:
+    """Profile and law of the same motion at another commanded speed (`motion.Profile`, `separation.stopping`)."""
+    timing, rule = profile.copy(), law.copy()
+    way, up, down = profile[WAY], profile[ACCELERATION], profile[BRAKING]
+    timing[PEAK] = min(speed, math.sqrt(2.0 * way * up * (down / (up + down))))
+    timing[TOP] = min(0.5 * timing[PEAK] ** 2 / up / way, 1.0)
+    ramp = timing[PEAK] / stop[DECELERATION]
+    rule[BRAKE], rule[TRAVEL] = stop[DELAY] + ramp, stop[DELAY] + 0.5 * ramp
+    return timing, rule
+
+
+@compiled
+def _slower(
+    room: Room,
+    way: Way,
+    table: Floats,
+    field: Field,
+    profile: Floats,
+    law: Floats,
+    stop: Floats,
+    met: Met,
+    target: float,
+) -> float:
+    """The highest speed, to a step of the bisection, whose index is proven to be at most `target`; else -1.
+
+    What counts no more at the commanded speed counts no more at a lower one: only the other rows are asked again. The
+    rows and what was met are spent.
+    """
+    rows, heap, tree = room.rows, room.heap, room.tree
+    whole, numbers, kinds, laws, spans = rows.whole, rows.numbers, field.whole, field.numbers, tree.spans
+    over, known = np.zeros(rows.used[0], np.bool_), rows.used[0]
+    for row in range(known):
+        over[row] = numbers[row, BOUND] > target
+    met.violated[:, MET_PAIR] = 0.0  # no violation is looked for
+    proven, low, high = NOBODY, stop[SLOWEST], stop[COMMANDED]
+    for step in range(SPEED_STEPS + 1):
+        speed = low if step == 0 else 0.5 * (low + high)
+        timing, rule = _timed(profile, law, stop, speed)
+        heap.used[0], rows.used[1] = 0, 0
+        fits = True
+        for row in range(rows.used[0]):
+            if whole[row, STAGE] == HALVED or (row < known and not over[row]):
+                continue
+            span, pair = whole[row, SPAN_OF], whole[row, PAIR]
+            rate = highest_rate(spans[span, LOW] / GRID, spans[span, HIGH] / GRID, timing)
+            bound = pair_index(kinds[pair, KIND], laws, pair, numbers[row, CLEAR], numbers[row, RUSH] * rate, rule)
+            numbers[row, BOUND] = bound
+            if bound > target + TIE:
+                if whole[row, STAGE] == FINAL or heap.used[0] + 4 > heap.key.shape[0]:
+                    fits = False
+                    break
+                push(heap.key, heap.row, heap.used, bound, row)
+        if fits:
+            finished, best = _explored(
+                tree, way, table, field, rows, heap, timing, rule, met, target, target + TIE, LEVEL_LOWEST, 0
+            )
+            fits = finished and best <= target + TIE
+            for row in range(rows.used[0]):  # what could not be halved any more may still be above
+                if fits and whole[row, STAGE] == FINAL:
+                    fits = numbers[row, BOUND] <= target + TIE
+        if fits:
+            proven = low = speed
+        elif step == 0:
+            return NOBODY
+        else:
+            high = speed
+    return proven
 
 
 @entry
@@ -580,7 +683,8 @@ def certify(
     floor: float,
     first: int,
     looks: int,
-) -> tuple[int, float, float, Floats, Floats, Floats]:
+    stop: Floats,
+) -> tuple[int, float, float, Floats, Floats, Floats, float]:
     """The proven index of these pairs on this path (see `pep.pit.certify.certify`).
 
     Args:
@@ -592,14 +696,21 @@ def certify(
         floor: an index that holds anyway, at least `MOVING`.
         first: intervals of the first cut, a power of two.
         looks: at each group that does not decide, so that it can be told of.
+        stop: what a slower speed is found by (`STOP` numbers), or nothing when none is wanted.
 
     Returns:
         `ANSWERED` or `TOO_MANY`, the proven and the attained index, then rows of `MET` columns: the witnesses, highest
-        first, and the violations; then `LEAF` rows, a column for each leaf: the certificate.
+        first, and the violations; then `LEAF` rows, a column for each leaf: the certificate;
+        last the highest speed at which the index of these pairs is proven to be a whole tier lower, or -1.
     """
     way = Way(arm, start, delta, bends_of(arm, delta))
     table = table_of(arm, way.bends)
     met = Met(none_met(groups), none_met(KINDS), np.empty(groups, np.int64), np.empty(KNOTS))
     room, status, done, best = searched(room, way, table, field, pairs, profile, law, floor, first, looks, met)
     leaves, upper = all_leaves(room.tree, room.rows, room.leaves, done)
-    return status, max(floor, best, upper), best, _ranked(met.witnesses), _ranked(met.violated), leaves
+    upper = max(floor, best, upper)
+    witnesses, violated = _ranked(met.witnesses), _ranked(met.violated)
+    slower, target = NOBODY, math.ceil(min(upper, HIGHEST) - TIE) - 1.0
+    if stop.shape[0] == STOP and status == ANSWERED and violated.shape[0] == 0 and target >= MOVING:
+        slower = _slower(room, way, table, field, profile, law, stop, met, target)
+    return status, upper, best, witnesses, violated, leaves, slower
