@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import pinocchio
 
 from pep.pit.certify import cut
 from pep.pit.contact import payload_kg
 from pep.pit.path import GRID
 from pep.pit.tier import ratio_index
+from pep.pit.torques import Torques, carried_kg
 
 if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
@@ -45,49 +45,6 @@ class Ratio:
         return ratio_index(self.ratio)
 
 
-def _carried_kg(robot: Robot, cell: CellParameters) -> float:
-    """Mass at the tool point that is no body of the robot: what the cell says is always carried."""
-    return robot.model.payload_limit_kg if cell.payload_kg is None else cell.payload_kg
-
-
-class Torques:
-    """The torques of every joint at some places of a path, with what is carried, for any timing of it."""
-
-    def __init__(self, robot: Robot, cell: CellParameters, q: Floats, dq: Floats, ddq: Floats) -> None:
-        """At configurations `q` (n, 6), rad, with their derivatives by the path parameter `dq` and `ddq` (n, 6)."""
-        model = robot.pinocchio
-        carried = _carried_kg(robot, cell)
-        if carried > 0:
-            model = pinocchio.Model(model)
-            part = pinocchio.Inertia(carried, np.array(robot.tool.tcp_m), np.zeros((3, 3)))
-            model.inertias[len(robot.model.joints)] += part
-        scratch = model.createData()
-        still = np.zeros(len(robot.model.joints))
-        rows = list(zip(q, dq, ddq, strict=True))
-        hold = np.array([pinocchio.rnea(model, scratch, here, still, still) for here, _, _ in rows])
-        push = np.array([pinocchio.rnea(model, scratch, here, still, first) for here, first, _ in rows])
-        swing = np.array([pinocchio.rnea(model, scratch, here, first, second) for here, first, second in rows])
-        # To hold, per unit of s'', and per s' squared.
-        self._hold, self._push, self._swing = hold, push - hold, swing - hold
-        self._limits_nm = robot.torque_limits_nm
-
-    def ratio(self, rate: Floats, *, forward: float, backward: float) -> float:
-        """Worst torque by limit over the places: braking, coasting or accelerating, at rest or at the full rate.
-
-        Args:
-            rate: s' at each place, (n,), 1/s.
-            forward: greatest s'' that speeds up, 1/s^2.
-            backward: greatest that slows down.
-        """
-        rate2 = (rate**2)[:, None]
-        worst = 0.0
-        for swing in (0.0 * self._swing, self._swing * rate2):
-            for change in (-backward, 0.0, forward):
-                torque = np.abs(self._hold + swing + self._push * change)
-                worst = max(worst, float((torque / self._limits_nm).max()))
-        return worst
-
-
 def body_ratios(
     robot: Robot, cell: CellParameters, speeds_m_s: Floats, *, tool_speed_m_s: float, torque: float
 ) -> tuple[Ratio, ...]:
@@ -105,7 +62,7 @@ def body_ratios(
         masses["com_payload"] = robot.model.payload_limit_kg if robot.held.mass_kg is None else robot.held.mass_kg
     moving = zip(robot.bodies, speeds_m_s, strict=True)
     momentum = sum(masses[b.name] * float(v) for b, v in moving if b.name in masses)
-    momentum += _carried_kg(robot, cell) * float(speeds_m_s[robot.body_index("tcp")])
+    momentum += carried_kg(robot, cell) * float(speeds_m_s[robot.body_index("tcp")])
     elbow = float(speeds_m_s[robot.body_index("elbow_point")])
     return (
         Ratio("tcp_speed", tool_speed_m_s / cell.tcp_speed_limit_m_s),
