@@ -9,7 +9,8 @@ a joint, a point carried by the arm has |p''| <= sum_k reach_k (a_k + S_k^2 - S_
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Protocol
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from pep.pit.pairs import Pairs
     from pep.pit.path import Keys
     from pep.pit.robot import Robot
+    from pep.pit.track import Track
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,15 +74,12 @@ class Cells:
     @staticmethod
     def joined(parts: list[Cells]) -> Cells:
         """All pieces of all parts, in order."""
+        parts = [_NO_CELLS, *parts]
         return Cells(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Cells)))
 
 
-class Solve(Protocol):
-    """Where exactly the course is."""
-
-    def __call__(self, s: float, near: Floats) -> tuple[Floats, Floats]:
-        """Joint angles (6,) and their derivative by s at `s`; `near` is a configuration close to them."""
-        ...
+_NO_ROWS: Final[Any] = np.zeros((0, 6))  # of six joints
+_NO_CELLS: Final = Cells(*([np.zeros(0, dtype=np.int64)] * 2), *([_NO_ROWS] * (len(fields(Cells)) - 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,24 +125,28 @@ class Course(Route):
     It has no `start` and is no `Path`: whoever reckons with straightness must not.
     """
 
-    def __init__(self, robot: Robot, cells: Cells, solve: Solve) -> None:
+    def __init__(self, robot: Robot, cells: Cells, track: Track) -> None:
         """A course that holds no configuration yet."""
         self.robot = robot
         self.cells = cells
         self.delta = cells.way
         self.layout = layout(robot)
-        self.bends = course_bends(robot, self.layout, cells)
-        self._solve = solve
+        self.track = track
         self._known: dict[int, int] = {}
         self._q: list[Floats] = []
         self._poses: Poses | None = None
+
+    @cached_property
+    def bends(self) -> CourseBends:
+        """How strongly each body can leave a chord of the course, cell by cell."""
+        return course_bends(self.robot, self.layout, self.cells)
 
     def at(self, s: float) -> tuple[Floats, Floats]:
         """Joint angles and their derivative by s at `s` in [0, 1]."""
         cells = self.cells
         cell = cells.holding(s * GRID)
         off = s - float(cells.mid[cell]) / GRID
-        return self._solve(s, cells.q[cell] + off * (cells.dq[cell] + 0.5 * off * cells.ddq[cell]))
+        return self.track.at(self.robot, s, cells.q[cell] + off * (cells.dq[cell] + 0.5 * off * cells.ddq[cell]))
 
     def q(self, s: float) -> Floats:
         """Joint angles at `s`."""

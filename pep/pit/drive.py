@@ -10,17 +10,20 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from pep.pit.course import Cells, Course, straight_cells
+from pep.pit.course import Cells, straight_cells
+from pep.pit.curved import chosen
 from pep.pit.errors import MotionError
-from pep.pit.inverse import solved
-from pep.pit.line import FINEST, Trace, pose_exists, trace
+from pep.pit.line import FINEST
 from pep.pit.motion import STILL_RAD, Profile
 from pep.pit.path import GRID
+from pep.pit.track import Track
 from pep.pit.twist import HALF_TURN_RAD, Twist, turn_of, turned_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from pep.pit.course import Course
+    from pep.pit.line import Trace
     from pep.pit.motion import Floats, Joints, Pose
     from pep.pit.robot import Robot
 
@@ -48,8 +51,6 @@ class Drive:
         tool_speed_m_s: that is commanded for the tool point, 0 when none is.
         slower: whether another commanded speed is the same motion, only slower.
         doubt: why it ends before the motion does, or None.
-        twist: the line of the tool that it follows, by the course's own parameter, or None when there is none.
-        line_until: as far as it does.
     """
 
     course: Course
@@ -58,8 +59,16 @@ class Drive:
     tool_speed_m_s: float = 0.0
     slower: bool = True
     doubt: Doubt | None = None
-    twist: Twist | None = None
-    line_until: float = 1.0
+
+    @property
+    def twist(self) -> Twist | None:
+        """The line of the tool that it follows, by the course's own parameter, or None when there is none."""
+        return self.course.track.twist
+
+    @property
+    def line_until(self) -> float:
+        """As far as it does; 1 when there is none."""
+        return 1.0 if self.course.track.twist is None else self.course.track.until
 
     def at_speed(self, speed: float) -> Profile:
         """The timing at another commanded speed."""
@@ -86,18 +95,6 @@ class Nowhere:
 def beyond(robot: Robot, q: Floats) -> bool:
     """Whether a joint is beyond its limit. A stuck arm comes back by a joint move, whose retreat is proven."""
     return bool((np.abs(q) > robot.position_limits_rad).any())
-
-
-def on_line(robot: Robot, twist: Twist, s: float, near: Floats) -> tuple[Floats, Floats]:
-    """The joint angles of a proven line at `s`, and their derivative by s."""
-    here = solved(robot, twist.at(s), near)
-    if here is None:
-        raise MotionError("PHYSICS_FAULT", "a proven line was not found again")
-    return here.q, np.asarray(np.linalg.solve(here.jacobian, twist.rate))
-
-
-def _line_course(robot: Robot, cells: list[Cells], twist: Twist) -> Course:
-    return Course(robot, Cells.joined(cells), lambda s, near: on_line(robot, twist, s, near))
 
 
 def line_drive(
@@ -142,41 +139,34 @@ def fastest_of(robot: Robot, highest_rate: float) -> Floats:
 def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_time: Check) -> Drive | Nowhere:
     """The line as a drive, or as much of it as can be proven."""
     fastest = fastest_of(robot, profile.peak_rad_s / profile.way_rad)
-    found = trace(robot, twist, start, fastest=fastest, check_time=check_time)
+    found = chosen().trace(robot, twist, start, fastest=fastest, check_time=check_time)
     push = profile.acceleration_rad_s2 / profile.way_rad
     if found.stuck is not None:
         return begun(robot, twist, profile, found, push)
-    return Drive(_line_course(robot, found.cells, twist), profile, (push, push), twist=twist)
+    course = chosen().course(robot, found.cells, Track(twist, 1.0, found.q, found.dq))
+    return Drive(course, profile, (push, push))
 
 
 def begun(robot: Robot, twist: Twist, profile: Profile, found: Trace, push: float) -> Drive | Nowhere:
     """What was proven of a line that gets stuck; from there the course comes to rest within one finest piece."""
     assert found.stuck is not None
     doubt: Doubt = found.stuck
-    if found.stuck == "singular" and not pose_exists(robot, twist, found.reached):
+    if found.stuck == "singular" and not chosen().pose_exists(robot, twist, found.reached):
         doubt = "unreachable"
-    if not found.cells:
+    if not len(found.cells):
         return Nowhere(doubt)
-    s_end, last = found.reached / GRID, found.end
-    dq: Floats = np.asarray(np.linalg.solve(last.jacobian, twist.rate))
+    s_end, q, dq = found.reached / GRID, found.q, found.dq
     width = min(FINEST, GRID - found.reached)
     fade = width / GRID
     still = np.zeros(len(dq))
-    slowing = straight_cells(last.q, dq, low=found.reached, high=found.reached + width, stray=still, hurry=still)
+    slowing = straight_cells(q, dq, low=found.reached, high=found.reached + width, stray=still, hurry=still)
     slowing = replace(slowing, second=np.abs(dq)[None] / fade, third=unbounded(slowing))
-    cells = [*found.cells, slowing]
+    cells = [found.cells, slowing]
     if found.reached + width < GRID:
-        resting = straight_cells(last.q + 0.5 * fade * dq, still, low=found.reached + width, stray=still, hurry=still)
+        resting = straight_cells(q + 0.5 * fade * dq, still, low=found.reached + width, stray=still, hurry=still)
         cells.append(replace(resting, third=unbounded(resting)))
-
-    def solve(s: float, near: Floats) -> tuple[Floats, Floats]:
-        if s <= s_end:
-            return on_line(robot, twist, s, near)
-        on = min(s - s_end, fade)
-        return last.q + (on - 0.5 * on * on / fade) * dq, (1 - on / fade) * dq
-
-    course = Course(robot, Cells.joined(cells), solve)
-    return Drive(course, profile, (push, push), slower=False, doubt=doubt, twist=twist, line_until=s_end)
+    course = chosen().course(robot, Cells.joined(cells), Track(twist, s_end, q, dq, fade))
+    return Drive(course, profile, (push, push), slower=False, doubt=doubt)
 
 
 def unbounded(cells: Cells) -> Floats:

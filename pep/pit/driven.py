@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.pit.assessment import Assessment, Certificate, micro, milli, seen
-from pep.pit.blow import blow_ratio
-from pep.pit.certify import certify, fits
+from pep.pit.curved import chosen
 from pep.pit.departure import RETREAT, departure, slow_enough
 from pep.pit.drive import Doubt, Nowhere
 from pep.pit.effort import Effort
@@ -37,8 +36,6 @@ if TYPE_CHECKING:
     from pep.pit.separation import Stopping
     from pep.pit.view import View
 
-NUMPY: Final = "numpy-1"
-"""The engine that answers for courses; the compiled one knows straight paths alone."""
 DOUBTFUL: Final = 3.0  # PHY-18: index of what is not proven to its end
 SLOWEST_SHARE: Final = 0.02  # of the commanded speed; slower than this is of no use, so no lower tier is named
 UNREACHABLE: Final = "unreachable"
@@ -83,11 +80,11 @@ class DriveQuestion(MoveQuestion):
         drive = self.drive
         # 1. What goes nowhere is none; what meets a joint limit, or cannot be traced at all, needs no search.
         if isinstance(drive, Nowhere) and drive.doubt is None:
-            return replace(self._assessment(0.0, (), ()), engine=NUMPY)
+            return self._assessment(0.0, (), ())
         if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
-            return replace(self._doubted(drive.doubt or JOINT_LIMIT), engine=NUMPY)
+            return self._doubted(drive.doubt or JOINT_LIMIT)
         # 2. What the motion asks of the arm.
-        course, profile = drive.course, drive.profile
+        course, profile, curved = drive.course, drive.profile, chosen()
         effort = Effort(self.robot, drive, self.cell)
         ratios, speeds = effort.ratios(profile), effort.surface_speed_m_s(profile)
         speed = float(speeds[: self.robot.world_bodies].max())
@@ -101,7 +98,9 @@ class DriveQuestion(MoveQuestion):
         # 4. The proven index of all the rest.
         doubt = 0.0 if drive.doubt is None else DOUBTFUL
         floor = max(MOVING, self.view.floor, doubt, RETREAT if retreats else 0.0, *(r.index for r in ratios))
-        certified = certify(course, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time)
+        certified = curved.certify(
+            course, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time
+        )
         violations = {str(kind) for kind in certified.violated} | ({UNREACHABLE} & {drive.doubt})
         # 5. The second engine has to agree.
         self.check_time()
@@ -121,9 +120,9 @@ class DriveQuestion(MoveQuestion):
             ),
         ]
         proven = violations or retreats or drive.doubt or not drive.slower
-        lower = None if proven else self._slower(effort, bare, certified.leaves, float(tier_of(index) - 1))
+        lower = None if proven else self._slower(effort, bare, certified, float(tier_of(index) - 1))
         decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
-        answer = self._assessment(
+        return self._assessment(
             index,
             tuple(sorted(causes, key=lambda c: -c.index_milli)),
             tuple(sorted(violations)),
@@ -131,10 +130,9 @@ class DriveQuestion(MoveQuestion):
             speed_m_s=speed,
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
-            contact_ratio=blow_ratio(course, pairs, profile, stop, check_time=self.check_time),
+            contact_ratio=curved.blow_ratio(course, pairs, profile, stop, check_time=self.check_time),
             certificate=_certificate(drive, certified),
         )
-        return replace(answer, engine=NUMPY)
 
     def _doubted(self, doubt: Doubt) -> Assessment:
         """The answer when nothing of the motion can be proven."""
@@ -153,13 +151,15 @@ class DriveQuestion(MoveQuestion):
         joint = self._joint_speed(profile)
         return stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
 
-    def _slower(self, effort: Effort, bare: Pairs, leaves: Leaves, target: float) -> float | None:
+    def _slower(self, effort: Effort, bare: Pairs, certified: Certified, target: float) -> float | None:
         """The highest commanded speed, to a step of the bisection, whose index is proven to be at most `target`."""
         drive = self.drive
         assert not isinstance(drive, Nowhere)
         if target < MOVING or self.view.floor > target:
             return None
         course = drive.course
+        # What counts no more at this speed counts no more at a lower one (faster never lowers).
+        leaves = certified.leaves.take(certified.leaf_index > target)
 
         def falls(speed: float) -> bool:
             nonlocal leaves
@@ -168,7 +168,7 @@ class DriveQuestion(MoveQuestion):
                 return False
             meant = self._with_meant(course, bare, profile)
             stop = self._stop(profile)
-            fit = fits(course, meant, profile, stop, leaves, index=target, check_time=self.check_time)
+            fit = chosen().fits(course, meant, profile, stop, leaves, index=target, check_time=self.check_time)
             leaves = fit.leaves
             return fit.proven
 

@@ -8,19 +8,22 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit.course import Cells, Course, straight_cells
-from pep.pit.drive import Drive, Nowhere, begun, beyond, fastest_of, on_line, unbounded
+from pep.pit.course import Cells, straight_cells
+from pep.pit.curved import chosen
+from pep.pit.drive import Drive, Nowhere, begun, beyond, fastest_of, unbounded
 from pep.pit.errors import MotionError
-from pep.pit.line import Trace, trace
 from pep.pit.motion import Profile
 from pep.pit.path import GRID
+from pep.pit.track import Track
 from pep.pit.twist import Twist, tool_pose
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit.cell import CellParameters
+    from pep.pit.course import Course
     from pep.pit.drive import Doubt
+    from pep.pit.line import Trace
     from pep.pit.motion import Floats, ServoJ, SpeedL
     from pep.pit.robot import Robot
 
@@ -94,10 +97,10 @@ def speed_drive(
 
     # 1. Where the hold ends, and how fast the joints are there: that is how far their stop takes.
     hold = ramp.way(held)
-    first = trace(robot, twist_for(hold), start, fastest=fastest_of(robot, 1 / hold), check_time=check_time)
+    first = chosen().trace(robot, twist_for(hold), start, fastest=fastest_of(robot, 1 / hold), check_time=check_time)
     if first.stuck is not None:
         return as_far_as(hold, first)
-    leading = ROOM * float(np.abs(first.cells[-1].first).max()) / hold
+    leading = ROOM * float(np.abs(first.cells.first[-1]).max()) / hold
     plan = _planned(
         hold, ramp.way(motion.duration_s), leading, peak * peak * leading / (2 * cell.stop_deceleration_rad_s2)
     )
@@ -120,8 +123,6 @@ def speed_drive(
         tool_speed_m_s=float(np.linalg.norm(full[:3])),
         slower=False,
         doubt=uneven,
-        twist=twist,
-        line_until=s_end,
     )
 
 
@@ -142,14 +143,13 @@ def _late(plan: _Plan) -> int:
 def _line_and_window(robot: Robot, twist: Twist, start: Floats, plan: _Plan, check_time: Callable[[], None]) -> Trace:
     """The line until the stop takes hold, in small pieces where it may: there the bending counts most."""
     late, fastest = _late(plan), fastest_of(robot, 1 / plan.seconds)
-    cells: list[Cells] = []
-    here = start
+    cells, here = Cells.joined([]), start
     if late > 0:
-        before = trace(robot, twist, start, until=late, fastest=fastest, check_time=check_time)
+        before = chosen().trace(robot, twist, start, until=late, fastest=fastest, check_time=check_time)
         if before.stuck is not None:
             return before
-        cells, here = before.cells, before.end.q
-    after = trace(
+        cells, here = before.cells, before.q
+    after = chosen().trace(
         robot,
         twist,
         here,
@@ -159,14 +159,12 @@ def _line_and_window(robot: Robot, twist: Twist, start: Floats, plan: _Plan, che
         fastest=fastest,
         check_time=check_time,
     )
-    return replace(after, cells=[*cells, *after.cells])
+    return replace(after, cells=Cells.joined([cells, after.cells]))
 
 
 def _stopped(robot: Robot, twist: Twist, line: Trace, plan: _Plan) -> Course | Nowhere:
     """The line, and after it the joints' tangent; what an earlier stop leaves them by is their stray and hurry."""
-    s_end, last = plan.end / GRID, line.end
-    cells = Cells.joined(line.cells)
-    dq: Floats = np.asarray(np.linalg.solve(last.jacobian, twist.rate))
+    s_end, cells, dq = plan.end / GRID, line.cells, line.dq
     late = cells.high > _late(plan)
     bend = cells.second[late].max(axis=0)
     stray = bend * (0.5 * plan.window**2 + plan.window * (1 - s_end))
@@ -178,15 +176,11 @@ def _stopped(robot: Robot, twist: Twist, line: Trace, plan: _Plan) -> Course | N
     )
     if not np.abs(dq).max() <= plan.leading * plan.seconds:
         return Nowhere("singular")  # the joints' speeds change so fast there that the stop's way cannot be told
-    if beyond(robot, np.abs(last.q + (1 - s_end) * dq) + cells.stray[-1]):
+    if beyond(robot, np.abs(line.q + (1 - s_end) * dq) + cells.stray[-1]):
         return Nowhere("joint_limit")
-    tail = straight_cells(last.q, dq, low=plan.end, stray=cells.stray[-1], hurry=hurry)
+    tail = straight_cells(line.q, dq, low=plan.end, stray=cells.stray[-1], hurry=hurry)
     tail = replace(tail, third=unbounded(tail))
-
-    def solve(s: float, near: Floats) -> tuple[Floats, Floats]:
-        return on_line(robot, twist, s, near) if s <= s_end else (last.q + (s - s_end) * dq, dq)
-
-    return Course(robot, Cells.joined([cells, tail]), solve)
+    return chosen().course(robot, Cells.joined([cells, tail]), Track(twist, s_end, line.q, dq))
 
 
 def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_s: float) -> Drive | Nowhere:
@@ -220,10 +214,6 @@ def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_
     cells = straight_cells(start, middle, low=0, stray=spread, hurry=spread, count=ENVELOPE_CELLS)
     if beyond(robot, np.maximum(np.abs(start), np.abs(start + middle)) + spread):
         return Nowhere("joint_limit")
-
-    def solve(s: float, near: Floats) -> tuple[Floats, Floats]:
-        del near
-        return start + s * middle, middle
-
     profile = Profile(seconds, 1.0, AT_ONCE, braking)
-    return Drive(Course(robot, cells, solve), profile, (braking / seconds, braking / seconds), slower=False)
+    course = chosen().course(robot, cells, Track(None, 0.0, start, middle))
+    return Drive(course, profile, (braking / seconds, braking / seconds), slower=False)

@@ -87,14 +87,18 @@ def solved(robot: Robot, pose: tuple[Floats, Floats], near: Floats) -> Stance | 
     return None
 
 
+def search_starts() -> Floats:
+    """Joint angles from which a search for any others begins, (SEARCH_STARTS, 6), the same each time."""
+    return np.random.default_rng(SEARCH_SEED).uniform(-np.pi, np.pi, (SEARCH_STARTS, 6))  # 6 joints
+
+
 def reachable(robot: Robot, positions: Floats, rotations: Floats) -> bool:
     """Whether for each of these poses, (n, 3) and (n, 3, 3), some joint angles were found, in any configuration.
 
     No is no proof: nothing was found from `SEARCH_STARTS` starts each.
     """
     count = len(positions)
-    starts = np.random.default_rng(SEARCH_SEED).uniform(-np.pi, np.pi, (SEARCH_STARTS, 6))  # 6 joints
-    q = np.tile(starts, (count, 1))
+    q = np.tile(search_starts(), (count, 1))
     goal_p, goal_r = np.repeat(positions, SEARCH_STARTS, axis=0), np.repeat(rotations, SEARCH_STARTS, axis=0)
     tcp = np.array(robot.tool.tcp_m)
     found = np.zeros(count, dtype=bool)

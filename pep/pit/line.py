@@ -49,15 +49,17 @@ class Trace:
     """How far a line was traced.
 
     Attributes:
-        cells: the pieces that are proven, from the start on.
+        cells: the pieces that are proven, from the start on; there may be none.
         reached: where they end, in 1 / GRID.
-        end: the arm there.
+        q: joint angles there, (6,), rad.
+        dq: their derivative by s, (6,); 0 where it has none, which is never at the end of a piece.
         stuck: why no further, or None when all that was asked for is proven.
     """
 
-    cells: list[Cells]
+    cells: Cells
     reached: int
-    end: Stance
+    q: Floats
+    dq: Floats
     stuck: Stuck | None
 
 
@@ -118,15 +120,20 @@ def trace(
         if isinstance(found, tuple):
             cell, ahead = found
             if (np.abs(cell.dq[0]) > fastest).any():
-                return Trace(done, low, here, "singular")
+                return _traced(twist, done, low, here, "singular")
             here = ahead
             done.append(cell)
         elif high - low <= FINEST or len(done) >= PIECES_MOST:
-            return Trace(done, low, here, found)
+            return _traced(twist, done, low, here, found)
         else:
             mid = (low + high) // 2
             todo += [(mid, high), (low, mid)]
-    return Trace(done, until, here, None)
+    return _traced(twist, done, until, here, None)
+
+
+def _traced(twist: Twist, done: list[Cells], reached: int, end: Stance, stuck: Stuck | None) -> Trace:
+    dq = _solution(end.jacobian, twist.rate)
+    return Trace(Cells.joined(done), reached, end.q, np.zeros_like(end.q) if dq is None else dq, stuck)
 
 
 def _piece(robot: Robot, twist: Twist, here: Stance, low: int, high: int) -> tuple[Cells, Stance] | Stuck:

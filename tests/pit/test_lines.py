@@ -9,7 +9,6 @@ import pinocchio
 import pytest
 
 from pep.pit import Box, MoveL, Sphere, Thing, Workspace, assess
-from pep.pit.course import Cells
 from pep.pit.certify import RESOLUTION
 from pep.pit.drive import Drive, line_drive
 from pep.pit.driven import CourseCertificate
@@ -98,7 +97,7 @@ def test_every_cell_bounds_the_three_derivatives_and_the_joints_path_is_the_marc
     twist = Twist.between(ROBOT, move.start, move.target)
     found = trace(ROBOT, twist, np.array(move.start), fastest=ANY, check_time=unhurried)
     assert (found.stuck, found.reached) == (None, GRID)
-    cells = Cells.joined(found.cells)
+    cells = found.cells
     assert cells.low[0] == 0
     assert cells.high[-1] == GRID
     assert (cells.low[1:] == cells.high[:-1]).all()
@@ -439,7 +438,7 @@ def test_no_piece_is_shorter_than_the_finest():
     found = trace(ROBOT, twist, np.array(move.start), fastest=ANY, check_time=unhurried)
     assert found.stuck == "singular"
     assert 0 < found.reached < GRID
-    assert min(int(c.high[0] - c.low[0]) for c in found.cells) >= FINEST
+    assert (found.cells.high - found.cells.low).min() >= FINEST
 
 
 def test_only_in_a_small_box_is_a_configuration_the_only_one():

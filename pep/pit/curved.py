@@ -1,0 +1,65 @@
+"""Which engine answers for curved motions: the compiled one where numba is installed, else the numpy engine.
+
+The twin of `pep.pit.engine`, which chooses for straight joint motions; both choose alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+from pep.pit import engine
+from pep.pit.blow import blow_ratio
+from pep.pit.certify import certify, fits
+from pep.pit.course import Course
+from pep.pit.line import pose_exists, trace
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.pit.certify import Certified, Fit
+    from pep.pit.course import Cells
+    from pep.pit.line import Trace
+    from pep.pit.robot import Robot
+    from pep.pit.track import Track
+    from pep.pit.twist import Twist
+
+
+@dataclass(frozen=True, slots=True)
+class Curved:
+    """The dear questions of a curved motion, answered in one way.
+
+    Attributes:
+        name: in every assessment and record.
+        trace: as `pep.pit.line.trace`.
+        pose_exists: as `pep.pit.line.pose_exists`.
+        course: a course of one robot, from its cells and where exactly it is.
+        certify, fits, blow_ratio: as the functions of these names in `pep.pit.certify` and `pep.pit.blow`.
+    """
+
+    name: str
+    trace: Callable[..., Trace]
+    pose_exists: Callable[[Robot, Twist, int], bool]
+    course: Callable[[Robot, Cells, Track], Course]
+    certify: Callable[..., Certified]
+    fits: Callable[..., Fit]
+    blow_ratio: Callable[..., float]
+
+
+NUMPY: Final = Curved(engine.NUMPY.name, trace, pose_exists, Course, certify, fits, blow_ratio)
+
+
+def chosen() -> Curved:
+    """The engine of this installation. The first call compiles it, or reads what was compiled before."""
+    straight = engine.chosen()
+    return NUMPY if straight is engine.NUMPY else _compiled(straight.name)
+
+
+@cache
+def _compiled(name: str) -> Curved:
+    from pep.pit.kernel.courses import CompiledCourse, compile_all, pose_exists, trace
+
+    compile_all()
+    course = CompiledCourse
+    return Curved(name, trace, pose_exists, course, course.certify, course.fits, course.blow_ratio)
