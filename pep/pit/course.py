@@ -79,7 +79,7 @@ class Cells:
 
 
 _NO_ROWS: Final[Any] = np.zeros((0, 6))  # of six joints
-_NO_CELLS: Final = Cells(*([np.zeros(0, dtype=np.int64)] * 2), *([_NO_ROWS] * (len(fields(Cells)) - 2)))
+_NO_CELLS: Final = Cells(np.zeros(0, np.int64), np.zeros(0, np.int64), *([_NO_ROWS] * (len(fields(Cells)) - 2)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from pep.pit.drive import Drive
     from pep.pit.motion import Floats, Joints, Profile
     from pep.pit.pairs import Pairs
+    from pep.pit.parameters import Ratio
     from pep.pit.path import Keys, Leaves
     from pep.pit.robot import Robot
     from pep.pit.separation import Stopping
@@ -120,7 +121,7 @@ class DriveQuestion(MoveQuestion):
             ),
         ]
         proven = violations or retreats or drive.doubt or not drive.slower
-        lower = None if proven else self._slower(effort, bare, certified, float(tier_of(index) - 1))
+        lower = None if proven else self._slower(effort, bare, certified, ratios, float(tier_of(index) - 1))
         decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
         return self._assessment(
             index,
@@ -151,7 +152,9 @@ class DriveQuestion(MoveQuestion):
         joint = self._joint_speed(profile)
         return stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
 
-    def _slower(self, effort: Effort, bare: Pairs, certified: Certified, target: float) -> float | None:
+    def _slower(
+        self, effort: Effort, bare: Pairs, certified: Certified, ratios: tuple[Ratio, ...], target: float
+    ) -> float | None:
         """The highest commanded speed, to a step of the bisection, whose index is proven to be at most `target`."""
         drive = self.drive
         assert not isinstance(drive, Nowhere)
@@ -159,12 +162,13 @@ class DriveQuestion(MoveQuestion):
             return None
         course = drive.course
         # What counts no more at this speed counts no more at a lower one (faster never lowers).
+        asks = max(ratio.index for ratio in ratios) > target
         leaves = certified.leaves.take(certified.leaf_index > target)
 
         def falls(speed: float) -> bool:
             nonlocal leaves
             profile = drive.at_speed(speed)
-            if max(r.index for r in effort.ratios(profile)) > target:
+            if asks and max(r.index for r in effort.ratios(profile)) > target:
                 return False
             meant = self._with_meant(course, bare, profile)
             stop = self._stop(profile)

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pep.pit.parameters import Ratio, Torques, body_ratios
+from pep.pit.parameters import Ratio, body_ratios
 from pep.pit.path import GRID
+from pep.pit.torques import Torques
 
 if TYPE_CHECKING:
     from pep.pit.cell import CellParameters

@@ -53,50 +53,49 @@ def drive_check(
     every = np.arange(len(pairs))
     watched = [*certified.witnesses[:1], *certified.violated.values()]
     times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in fractions(seed)]
-    highest = 0.0
-
-    def ask(s: float, rate: float) -> tuple[Floats, Floats] | Disagreement:
-        q, dq = course.at(s)
-        if drive.twist is not None and s <= drive.line_until and not _on_line(course.robot, drive.twist, s, q, dq):
-            return Disagreement("joint angles on the line")
-        return world.ask(q, dq * rate)
-
-    for witness in watched:
-        rate = float(profile.rate(np.array(witness.s)))
-        told = ask(witness.s, rate)
-        if isinstance(told, Disagreement):
-            return told
-        clearance, speed = told
-        if not (np.abs(clearance - course.clearance_at(pairs, witness.key, every)) <= DISTANCE_TOLERANCE_M).all():
+    # By the path parameter at the witnesses, by time everywhere: two ways to the same places.
+    places = [(w.s, float(profile.rate(np.array(w.s)))) for w in watched] + [profile.at(t) for t in times]
+    angles = [course.at(s) for s, _ in places]
+    if drive.twist is not None:
+        line = _Line(course.robot, drive.twist)
+        for (s, _), (q, dq) in zip(places, angles, strict=True):
+            if s <= drive.line_until and not line.holds(s, q, dq):
+                return Disagreement("joint angles on the line")
+    clearance, speed = world.ask_all([(q, dq * rate) for (_, rate), (q, dq) in zip(places, angles, strict=True)])
+    for k, witness in enumerate(watched):
+        kernel = course.clearance_at(pairs, witness.key, every)
+        if not (np.abs(clearance[k] - kernel) <= DISTANCE_TOLERANCE_M).all():
             return Disagreement("clearance at the witness")
-        if not (np.abs(speed - rate * course.rush_at(pairs, witness.key, every)) <= SPEED_TOLERANCE_M_S).all():
+        moving = places[k][1] * course.rush_at(pairs, witness.key, every)
+        if not (np.abs(speed[k] - moving) <= SPEED_TOLERANCE_M_S).all():
             return Disagreement("speed at the witness")
-    for time_s in times:
-        told = ask(*profile.at(time_s))
-        if isinstance(told, Disagreement):
-            return told
-        clearance, speed = told
-        found = judged(pairs, stop, certified, rows, clearance=clearance[None, rows], speed=speed[None, rows])
-        if isinstance(found, Disagreement):
-            return found
-        highest = max(highest, found.highest)
-    return Agreement(len(times), highest)
+    later = slice(len(watched), None)
+    return judged(pairs, stop, certified, rows, clearance=clearance[later, rows], speed=speed[later, rows])
 
 
-def _on_line(robot: Robot, twist: Twist, s: float, q: Floats, dq: Floats) -> bool:
-    """Whether pinocchio finds the tool where the line is at `s`, and going along it."""
-    model, scratch = robot.pinocchio, robot.pinocchio.createData()
-    pinocchio.forwardKinematics(model, scratch, q)
-    wrist: Any = scratch.oMi[len(robot.model.joints)]
-    lever = np.array(robot.tool.tcp_m)
-    tool = pinocchio.SE3(wrist.rotation, wrist.act(lever))
-    wanted = pinocchio.SE3(pinocchio.exp3(s * twist.turn) @ twist.rotation, twist.position + s * twist.line)
-    off = max(
-        float(np.abs(tool.translation - wanted.translation).max()),
-        float(np.abs(pinocchio.log3(wanted.rotation @ tool.rotation.T)).max()),
-    )
-    jacobian = pinocchio.computeJointJacobian(model, scratch, q, len(robot.model.joints))  # of the wrist, in its frame
-    velocity, spin = wrist.rotation @ (jacobian @ dq)[:3], wrist.rotation @ (jacobian @ dq)[3:]
-    moving = np.concatenate([velocity + np.cross(spin, wrist.rotation @ lever), spin])
-    wide = RATE_TOLERANCE * (1 + float(np.abs(twist.rate).max()))
-    return off <= POSE_TOLERANCE and bool((np.abs(moving - twist.rate) <= wide).all())
+class _Line:
+    """A line of the tool as pinocchio sees it."""
+
+    def __init__(self, robot: Robot, twist: Twist) -> None:
+        self._robot, self._twist, self._scratch = robot, twist, robot.pinocchio.createData()
+        self._wide = RATE_TOLERANCE * (1 + float(np.abs(twist.rate).max()))
+
+    def holds(self, s: float, q: Floats, dq: Floats) -> bool:
+        """Whether pinocchio finds the tool where the line is at `s`, and going along it."""
+        model, scratch, twist = self._robot.pinocchio, self._scratch, self._twist
+        last = len(self._robot.model.joints)
+        pinocchio.forwardKinematics(model, scratch, q)
+        wrist: Any = scratch.oMi[last]
+        jacobian = pinocchio.computeJointJacobian(model, scratch, q, last)  # of the wrist, in its frame
+        rotation, lever = wrist.rotation, np.array(self._robot.tool.tcp_m)
+        wanted = pinocchio.exp3(s * twist.turn) @ twist.rotation
+        off = max(
+            float(np.abs(wrist.act(lever) - (twist.position + s * twist.line)).max()),
+            float(np.abs(pinocchio.log3(wanted @ rotation.T)).max()),
+        )
+        moved = jacobian @ dq
+        velocity, spin = rotation @ moved[:3], rotation @ moved[3:]
+        x, y, z = rotation @ lever
+        carried = np.array([spin[1] * z - spin[2] * y, spin[2] * x - spin[0] * z, spin[0] * y - spin[1] * x])
+        stray = max(float(np.abs(velocity + carried - twist.line).max()), float(np.abs(spin - twist.turn).max()))
+        return off <= POSE_TOLERANCE and stray <= self._wide

@@ -73,7 +73,7 @@ def bends_of(arm: Arm, cells: Floats) -> Floats:
 
 
 @compiled
-def first_at_least(values: Whole, key: int) -> int:
+def first_at_least(values: Whole, key: float) -> int:
     """How many of the rising values are below `key`."""
     low, high = 0, values.shape[0]
     while low < high:

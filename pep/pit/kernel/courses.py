@@ -144,6 +144,13 @@ class CompiledCourse(Course):
         if held.counts[curve.LOST]:
             raise MotionError("PHYSICS_FAULT", "a proven line was not found again")
 
+    def at(self, s: float) -> tuple[Floats, Floats]:
+        """As `Course.at`."""
+        q, dq = np.empty(len(self.delta)), np.empty(len(self.delta))
+        curve.placed(self._held, self._curve, s, q, dq)
+        self._keep(self._held)
+        return q, dq
+
     @property
     def known(self) -> tuple[Keys, Floats]:
         """As `Course.known`."""
@@ -274,6 +281,7 @@ def compile_all() -> None:
     course.examine(pairs, np.zeros(1, np.int64), np.full(1, GRID), rows[:1])
     course.rush(np.zeros(1, np.int64), np.full(1, GRID))
     course.clearance_at(pairs, 0, rows[:1])
+    course.at(0.5)
     torques(masses_of(robot.pinocchio), found.cells.q, found.cells.dq, found.cells.ddq)
 
 

@@ -99,20 +99,27 @@ def _place_of(table: Whole, key: int) -> int:
 
 
 @compiled
-def _wider(known: Known) -> Known:
-    """The same with twice the room."""
-    count, size = known.counts[USED], 2 * known.key.shape[0]
+def with_room(known: Known, count: int) -> Known:
+    """The same with room for at least so many more configurations."""
+    used = known.counts[USED]
+    if 2 * (used + count) < known.key.shape[0]:
+        return known
+    size, rows, nodes = known.key.shape[0], known.q.shape[0], known.nodes
+    while 2 * (used + count) >= size:
+        size *= 2
+    while nodes.speed.shape[0] < size // 2:
+        nodes = more_nodes(nodes)
     key, row = np.full(size, FREE), np.full(size, FREE)
     q, keys = np.empty((size // 2, JOINTS)), np.empty(size // 2, np.int64)
-    q[:count], keys[:count] = known.q[:count], known.keys[:count]
-    for each in range(count):
+    q[:rows], keys[:rows] = known.q, known.keys
+    for each in range(used):
         at = _place_of(key, keys[each])
         key[at], row[at] = keys[each], each
-    return Known(more_nodes(known.nodes), q, keys, key, row, known.counts, known.stand, known.room)
+    return Known(nodes, q, keys, key, row, known.counts, known.stand, known.room)
 
 
 @compiled
-def _go_to(curve: Curve, key: int, known: Known, q: Floats, dq: Floats) -> None:
+def _go_to(curve: Curve, key: float, known: Known, q: Floats, dq: Floats) -> None:
     """`q` and `dq` (6,) are the joint angles at `key` and their derivative by s; no numbers where they are lost."""
     track, s = curve.track, key / GRID
     if not s <= track.until:
@@ -142,30 +149,27 @@ def _go_to(curve: Curve, key: int, known: Known, q: Floats, dq: Floats) -> None:
 
 
 @compiled
-def with_key(known: Known, key: int, curve: Curve) -> Known:
-    """The same with the configuration at `key`."""
-    if known.key[_place_of(known.key, key)] == key:
-        return known
-    row = known.counts[USED]
-    if 2 * (row + 1) >= known.key.shape[0]:
-        known = _wider(known)
+def row_of(known: Known, key: int, curve: Curve) -> int:
+    """Which row the configuration at `key` has; it is computed where it is not known, and there is room for it."""
     at = _place_of(known.key, key)
-    known.key[at], known.row[at] = key, row
-    known.keys[row] = key
+    if known.key[at] == key:
+        return known.row[at]
+    row = known.counts[USED]
+    known.key[at], known.row[at], known.keys[row] = key, row, key
     known.counts[USED] = row + 1
     dq = known.room[10]
     _go_to(curve, key, known, known.q[row], dq)
     pose(known.nodes, row, curve.arm, known.q[row], dq)
-    return known
+    return row
 
 
 @compiled
-def row_of(known: Known, key: int) -> int:
-    """Which row the configuration at `key` has."""
-    return known.row[_place_of(known.key, key)]
+def rows_of(known: Known, low: int, high: int, curve: Curve) -> tuple[int, int, int]:
+    """Which rows the configurations at both ends and in the middle have; there is room for them."""
+    return row_of(known, low, curve), row_of(known, (low + high) // 2, curve), row_of(known, high, curve)
 
 
-@compiled
-def with_interval(known: Known, low: int, high: int, curve: Curve) -> Known:
-    """The same with the configurations at both ends and in the middle."""
-    return with_key(with_key(with_key(known, low, curve), (low + high) // 2, curve), high, curve)
+@entry
+def placed(known: Known, curve: Curve, s: float, q: Floats, dq: Floats) -> None:
+    """`q` and `dq` (6,) are the joint angles at any `s` and their derivative by s; no row is kept."""
+    _go_to(curve, s * GRID, known, q, dq)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from pep.pit.certify import LOWER_DEPTH
-from pep.pit.kernel.arm import place
+from pep.pit.kernel.arm import place, place_all
 from pep.pit.kernel.bending import (
     BENDS,
     HURRY,
@@ -19,9 +19,9 @@ from pep.pit.kernel.bending import (
     sag_on,
     worst_on,
 )
-from pep.pit.kernel.columns import BODY, KIND, PLANE, RADII, SHAPE
+from pep.pit.kernel.columns import BODY, KIND, LIMIT_SPEED, PLANE, RADII, SHAPE
 from pep.pit.kernel.compiled import compiled, entry
-from pep.pit.kernel.curve import row_of, with_interval, with_key
+from pep.pit.kernel.curve import row_of, rows_of, with_room
 from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
 from pep.pit.kernel.law import blow_of, highest_rate, pair_index, rate_at
 from pep.pit.kernel.rows import ball_gap
@@ -31,7 +31,6 @@ from pep.pit.tier import TIE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pep.pit.kernel.arm import Nodes
     from pep.pit.kernel.curve import Curve, Known
     from pep.pit.kernel.rows import Field
     from pep.pit.motion import Floats
@@ -65,7 +64,7 @@ def room_for(count: int) -> Rows:
 
 
 @compiled
-def with_room(rows: Rows, used: int, count: int) -> Rows:
+def with_space(rows: Rows, used: int, count: int) -> Rows:
     """The first `used` rows, with room for so many more."""
     if used + count <= rows.whole.shape[0]:
         return rows
@@ -88,20 +87,29 @@ def met_near(gap: float, shape: int, stray: float) -> float:
 
 
 @compiled
-def rush_met(nodes: Nodes, at: int, body: int, radius: float, worst: Floats) -> float:
+def rush_met(speeds: Floats, spins: Floats, at: int, body: int, radius: float, worst: Floats) -> float:
     """Surface speed per unit of ds/dt that the body may have at this configuration."""
-    speed, spin = nodes.speed[at, body] + worst[HURRY, body], nodes.spin[at, body] + worst[SPIN_HURRY, body]
-    return speed + radius * spin
+    return speeds[at, body] + worst[HURRY, body] + radius * (spins[at, body] + worst[SPIN_HURRY, body])
 
 
 @compiled
 def proven_rush(
-    nodes: Nodes, low: int, mid: int, high: int, body: int, radius: float, worst: Floats, width: float
+    speeds: Floats, spins: Floats, low: int, mid: int, high: int, body: int, radius: float, worst: Floats, width: float
 ) -> float:
     """Bound on the body's surface speed per unit of ds/dt on an interval; it is placed at all three nodes."""
-    speed = max(nodes.speed[low, body], nodes.speed[mid, body], nodes.speed[high, body])
-    spin = max(nodes.spin[low, body], nodes.spin[mid, body], nodes.spin[high, body])
+    speed = max(speeds[low, body], speeds[mid, body], speeds[high, body])
+    spin = max(spins[low, body], spins[mid, body], spins[high, body])
     return rush_on(worst, body, width, speed, spin, radius)
+
+
+@compiled
+def _intervals(asked: Whole) -> int:
+    """How many intervals these rows have at most."""
+    count = 0
+    for row in range(asked.shape[0]):
+        if row == 0 or asked[row, LOW] != asked[row - 1, LOW] or asked[row, HIGH] != asked[row - 1, HIGH]:
+            count += 1
+    return count
 
 
 @entry
@@ -113,33 +121,35 @@ def examined(known: Known, curve: Curve, field: Field, asked: Whole) -> tuple[Kn
     found = rows.numbers
     rows.whole[:] = asked
     worst, at_low, at_mid, at_high = room, 0, 0, 0
+    known = with_room(known, 3 * _intervals(asked))
+    nodes, arm = known.nodes, curve.arm
+    ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
     for row in range(count):
         low, high, pair = asked[row, LOW], asked[row, HIGH], asked[row, PAIR]
         if row == 0 or low != asked[row - 1, LOW] or high != asked[row - 1, HIGH]:
-            known = with_interval(known, low, high, curve)
-            at_low, at_mid, at_high = row_of(known, low), row_of(known, (low + high) // 2), row_of(known, high)
+            at_low, at_mid, at_high = rows_of(known, low, high, curve)
             worst = worst_on(curve.bends, curve.low, curve.high, low, high, room)
-        nodes, body, shape = known.nodes, whole[pair, BODY], whole[pair, SHAPE]
+        body, shape = whole[pair, BODY], whole[pair, SHAPE]
         for at in (at_low, at_mid, at_high):
-            if not nodes.known[at, body]:
-                place(nodes, at, curve.arm, body)
+            if not placed[at, body]:
+                place(nodes, at, arm, body)
         width = (high - low) / GRID
-        gap = core_gap(nodes.ends, at_mid, body, numbers, pair, shape, knots)
+        gap = core_gap(ends, at_mid, body, numbers, pair, shape, knots)
         sag = sag_on(worst, body, width)
-        found[row, CLEAR] = interval_gap(nodes.ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
-        found[row, RUSH] = proven_rush(nodes, at_low, at_mid, at_high, body, radius[body], worst, width)
+        found[row, CLEAR] = interval_gap(ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
+        found[row, RUSH] = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius[body], worst, width)
         found[row, CLEAR_MID] = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
-        found[row, RUSH_MID] = rush_met(nodes, at_mid, body, radius[body], worst)
+        found[row, RUSH_MID] = rush_met(speeds, spins, at_mid, body, radius[body], worst)
         found[row, BOUND] = 0.0
     return known, rows
 
 
 @compiled
-def _halves(rows: Rows, which: Whole, count: int) -> Whole:
+def _halves(rows: Whole, which: Whole, count: int) -> Whole:
     """Both halves of those rows' intervals, with their pairs; rows of one interval stay together."""
     halves = np.empty((2 * count, WHOLES), np.int64)
     for to in range(count):
-        low, high, pair = rows.whole[which[to], LOW], rows.whole[which[to], HIGH], rows.whole[which[to], PAIR]
+        low, high, pair = rows[which[to], LOW], rows[which[to], HIGH], rows[which[to], PAIR]
         mid = (low + high) // 2
         halves[to, LOW], halves[to, HIGH], halves[to, PAIR] = low, mid, pair
         halves[count + to, LOW], halves[count + to, HIGH], halves[count + to, PAIR] = mid, high, pair
@@ -151,31 +161,31 @@ def fits(
     known: Known, curve: Curve, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
 ) -> tuple[Known, bool, Rows]:
     """Whether it is proven that no row exceeds `index` (see `pep.pit.certify.fits`), and the rows as far as halved."""
-    kept, used = room_for(2 * leaves.whole.shape[0]), 0
+    kept, used, laws, kinds = room_for(2 * leaves.whole.shape[0]), 0, field.numbers, field.whole
     for depth in range(LOWER_DEPTH + 1):
         count = leaves.whole.shape[0]
-        kept = with_room(kept, used, count)
-        whole, numbers = leaves.whole, leaves.numbers
+        kept = with_space(kept, used, count)
+        whole, numbers, kept_whole, kept_numbers = leaves.whole, leaves.numbers, kept.whole, kept.numbers
         over, over_used, begun, hopeless = np.empty(count, np.int64), 0, used, False
         for row in range(count):
             low, high, pair = whole[row, LOW], whole[row, HIGH], whole[row, PAIR]
-            kind, rate = field.whole[pair, KIND], highest_rate(low / GRID, high / GRID, profile)
+            kind, rate = kinds[pair, KIND], highest_rate(low / GRID, high / GRID, profile)
             speed = numbers[row, RUSH] * rate
-            if pair_index(kind, field.numbers, pair, numbers[row, CLEAR], speed, law) <= index + TIE:
-                kept.whole[used], kept.numbers[used] = whole[row], numbers[row]
+            if pair_index(kind, laws, pair, numbers[row, CLEAR], speed, law) <= index + TIE:
+                kept_whole[used], kept_numbers[used] = whole[row], numbers[row]
                 used += 1
                 continue
             over[over_used] = row
             over_used += 1
             speed = numbers[row, RUSH_MID] * rate_at((low + high) // 2 / GRID, profile)
-            if pair_index(kind, field.numbers, pair, numbers[row, CLEAR_MID], speed, law) > index + TIE:
+            if pair_index(kind, laws, pair, numbers[row, CLEAR_MID], speed, law) > index + TIE:
                 hopeless = True
                 break
         if over_used == 0 or hopeless or depth == LOWER_DEPTH:
             for row in range(count):  # all of this level, whatever was told of it
-                kept.whole[begun + row], kept.numbers[begun + row] = whole[row], numbers[row]
+                kept_whole[begun + row], kept_numbers[begun + row] = whole[row], numbers[row]
             return known, over_used == 0, copied(kept, begun + count)
-        known, leaves = examined(known, curve, field, _halves(leaves, over, over_used))
+        known, leaves = examined(known, curve, field, _halves(leaves.whole, over, over_used))
     return known, False, kept
 
 
@@ -191,46 +201,67 @@ def blow(
     depths: int,
     resolution: float,
 ) -> tuple[Known, float]:
-    """Proven highest share of a body region's limit speed on this course (see `pep.pit.blow`)."""
-    count = people.shape[0] * first
-    asked, used, width = np.empty((count, WHOLES), np.int64), 0, 1.0 / first
-    room, arm = np.empty((BENDS, curve.arm.link.shape[0])), curve.arm
+    """Proven highest share of a body region's limit speed on this course (see `pep.pit.blow`).
+
+    A row whose speed alone proves no more than is met anyway, or that its balls prove to be out of reach, is settled
+    without a distance.
+    """
+    arm, numbers, whole, radius, half = curve.arm, field.numbers, field.whole, curve.arm.radius, curve.arm.half
+    asked, step = np.empty((people.shape[0] * first, WHOLES), np.int64), GRID // first
     for k in range(first):
-        low, high = k * (GRID // first), (k + 1) * (GRID // first)
-        known = with_key(known, (low + high) // 2, curve)
-        at, worst = row_of(known, (low + high) // 2), worst_on(curve.bends, curve.low, curve.high, low, high, room)
-        rate = highest_rate(low / GRID, high / GRID, profile)
         for each in range(people.shape[0]):
-            pair = people[each]
-            body = field.whole[pair, BODY]
-            if not known.nodes.known[at, body]:
-                place(known.nodes, at, arm, body)
-            gap = ball_gap(known.nodes.ends, at, body, arm.half, field.numbers, pair) - rough_stray(worst, body, width)
-            if not blow_of(field.numbers, pair, gap, rough_rush(worst, body, width, arm.radius[body]) * rate, law) <= 0:
-                asked[used, LOW], asked[used, HIGH], asked[used, PAIR] = low, high, pair
-                used += 1
-    asked = asked[:used].copy()
+            row = k * people.shape[0] + each
+            asked[row, LOW], asked[row, HIGH], asked[row, PAIR] = k * step, (k + 1) * step, people[each]
+    room, knots = np.empty((BENDS, arm.link.shape[0])), np.empty(KNOTS)
+    worst, at_low, at_mid, at_high, rate, rate_mid = room, 0, 0, 0, 0.0, 0.0
     proven = best = 0.0
     for depth in range(depths + 1):
-        known, rows = examined(known, curve, field, asked)
-        whole, numbers, count = rows.whole, rows.numbers, rows.whole.shape[0]
-        wide, wide_used = np.empty(count, np.int64), 0
+        count = asked.shape[0]
+        wide, wide_used, bounds = np.empty(count, np.int64), 0, np.empty(count)
+        known = with_room(known, 3 * _intervals(asked))
+        nodes = known.nodes
+        ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
         for row in range(count):
-            low, high, pair = whole[row, LOW], whole[row, HIGH], whole[row, PAIR]
-            speed = numbers[row, RUSH] * highest_rate(low / GRID, high / GRID, profile)
-            numbers[row, BOUND] = blow_of(field.numbers, pair, numbers[row, CLEAR], speed, law)
-            speed = numbers[row, RUSH_MID] * rate_at((low + high) // 2 / GRID, profile)
-            best = max(best, blow_of(field.numbers, pair, numbers[row, CLEAR_MID], speed, law))
-        enough = max(proven, best) + resolution
-        for row in range(count):
-            if depth < depths and numbers[row, BOUND] > enough:
-                wide[wide_used] = row
-                wide_used += 1
+            low, high, pair = asked[row, LOW], asked[row, HIGH], asked[row, PAIR]
+            body, shape, width = whole[pair, BODY], whole[pair, SHAPE], (high - low) / GRID
+            if row == 0 or low != asked[row - 1, LOW] or high != asked[row - 1, HIGH]:
+                at_low, at_mid, at_high = rows_of(known, low, high, curve)
+                worst = worst_on(curve.bends, curve.low, curve.high, low, high, room)
+                rate, rate_mid = (
+                    highest_rate(low / GRID, high / GRID, profile),
+                    rate_at((low + high) // 2 / GRID, profile),
+                )
+            for at in (at_low, at_mid, at_high):
+                if not placed[at, body]:
+                    place(nodes, at, arm, body)
+            speed = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius[body], worst, width) * rate
+            bounds[row] = speed / numbers[pair, LIMIT_SPEED]
+            if depth < depths and bounds[row] <= max(proven, best) + resolution:
+                proven = max(proven, bounds[row])
+                continue
+            apart = ball_gap(ends, at_mid, body, half, numbers, pair) - rough_stray(worst, body, width)
+            if blow_of(numbers, pair, apart, speed, law) <= 0.0:
+                continue
+            gap = core_gap(ends, at_mid, body, numbers, pair, shape, knots)
+            sag = sag_on(worst, body, width)
+            clear = interval_gap(ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
+            bounds[row] = blow_of(numbers, pair, clear, speed, law)
+            near = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
+            speed = rush_met(speeds, spins, at_mid, body, radius[body], worst) * rate_mid
+            best = max(best, blow_of(numbers, pair, near, speed, law))
+            wide[wide_used] = row
+            wide_used += 1
+        open_used = 0
+        for each in range(wide_used):
+            row = wide[each]
+            if depth < depths and bounds[row] > max(proven, best) + resolution:
+                wide[open_used] = row
+                open_used += 1
             else:
-                proven = max(proven, numbers[row, BOUND])
-        if wide_used == 0:
+                proven = max(proven, bounds[row])
+        if open_used == 0:
             break
-        asked = _halves(rows, wide, wide_used)
+        asked = _halves(asked, wide, open_used)
     return known, proven
 
 
@@ -243,35 +274,37 @@ def rushes(known: Known, curve: Curve, low: Whole, high: Whole) -> tuple[Known, 
     arm = curve.arm
     bodies = arm.link.shape[0]
     found, room = np.empty((low.shape[0], bodies)), np.empty((BENDS, bodies))
+    known = with_room(known, 3 * low.shape[0])
+    nodes, radius, reference = known.nodes, arm.radius, arm.reference
+    speeds, spins, outer = nodes.speed, nodes.spin, np.flatnonzero(arm.reference == 0)
     for k in range(low.shape[0]):
-        known = with_interval(known, low[k], high[k], curve)
-        at_low, at_high = row_of(known, low[k]), row_of(known, high[k])
-        at_mid = row_of(known, (low[k] + high[k]) // 2)
+        at_low, at_mid, at_high = rows_of(known, low[k], high[k], curve)
         worst = worst_on(curve.bends, curve.low, curve.high, low[k], high[k], room)
-        width, nodes = (high[k] - low[k]) / GRID, known.nodes
+        width = (high[k] - low[k]) / GRID
+        for at in (at_low, at_mid, at_high):
+            place_all(nodes, at, arm, outer)
         for body in range(bodies):
-            if arm.reference[body] > 0:
-                found[k, body] = rough_rush(worst, body, width, arm.radius[body])
-                continue
-            for at in (at_low, at_mid, at_high):
-                if not nodes.known[at, body]:
-                    place(nodes, at, arm, body)
-            found[k, body] = proven_rush(nodes, at_low, at_mid, at_high, body, arm.radius[body], worst, width)
+            if reference[body] > 0:
+                found[k, body] = rough_rush(worst, body, width, radius[body])
+            else:
+                found[k, body] = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius[body], worst, width)
     return known, found
 
 
 @entry
 def met_at(known: Known, curve: Curve, field: Field, key: int, pair: Whole) -> tuple[Known, Floats, Floats]:
     """Signed clearance and surface speed per unit of ds/dt of these pairs at one configuration of the course itself."""
-    known = with_key(known, key, curve)
-    at, nodes, arm = row_of(known, key), known.nodes, curve.arm
+    known = with_room(known, 1)
+    at, nodes, arm = row_of(known, key, curve), known.nodes, curve.arm
     clearance, rush, knots = np.empty(pair.shape[0]), np.empty(pair.shape[0]), np.empty(KNOTS)
+    ends, placed, speeds, spins, radius = nodes.ends, nodes.known, nodes.speed, nodes.spin, arm.radius
+    whole, numbers = field.whole, field.numbers
     for row in range(pair.shape[0]):
         k = pair[row]
-        body = field.whole[k, BODY]
-        if not nodes.known[at, body]:
+        body = whole[k, BODY]
+        if not placed[at, body]:
             place(nodes, at, arm, body)
-        gap = core_gap(nodes.ends, at, body, field.numbers, k, field.whole[k, SHAPE], knots)
-        clearance[row] = gap[0] - field.numbers[k, RADII]
-        rush[row] = nodes.speed[at, body] + arm.radius[body] * nodes.spin[at, body]
+        gap = core_gap(ends, at, body, numbers, k, whole[k, SHAPE], knots)
+        clearance[row] = gap[0] - numbers[k, RADII]
+        rush[row] = speeds[at, body] + radius[body] * spins[at, body]
     return known, clearance, rush

@@ -16,7 +16,7 @@ from pep.pit.kernel.arm import place
 from pep.pit.kernel.bending import BENDS, STRAY, rough_rush, rough_stray, sag_on, worst_on
 from pep.pit.kernel.columns import AROUND, BODY, CENTER, GROUP, KIND, PLANE, RADII, SHAPE, VIOLATED_BELOW
 from pep.pit.kernel.compiled import compiled, entry
-from pep.pit.kernel.curve import row_of, with_interval, with_key
+from pep.pit.kernel.curve import row_of, rows_of, with_room
 from pep.pit.kernel.curve_rows import (
     BOUND,
     CLEAR,
@@ -31,7 +31,7 @@ from pep.pit.kernel.curve_rows import (
     proven_rush,
     room_for,
     rush_met,
-    with_room,
+    with_space,
 )
 from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
 from pep.pit.kernel.law import calm_beyond, highest_rate, pair_index, rate_at
@@ -126,12 +126,12 @@ def _note(found: Found, at: int, index: float, clearance: float, speed: float, k
 
 
 @compiled
-def _at_rest(known: Known, curve: Curve, pairs: Whole, sought: Sought, violated: Found) -> Known:
+def _at_rest(known: Known, curve: Curve, pairs: Whole, sought: Sought, violated: Found) -> None:
     """Violations at both ends of the course, where the arm stands and no middle ever lies."""
     numbers, whole = sought.numbers, sought.whole
+    nodes = known.nodes
     for end in range(2):
-        known = with_key(known, end * GRID, curve)
-        at, nodes = row_of(known, end * GRID), known.nodes
+        at = row_of(known, end * GRID, curve)
         for each in range(pairs.shape[0]):
             pair = pairs[each]
             below, body, shape = numbers[pair, VIOLATED_BELOW], whole[pair, BODY], whole[pair, SHAPE]
@@ -145,13 +145,12 @@ def _at_rest(known: Known, curve: Curve, pairs: Whole, sought: Sought, violated:
             clearance = gap[0] - numbers[pair, RADII]
             if clearance < below:
                 _note(violated, whole[pair, KIND], 0.0, clearance, 0.0, end * GRID, pair)
-    return known
 
 
 @compiled
 def _first_level(
     known: Known, curve: Curve, pairs: Whole, first: int, sought: Sought, leaves: Rows
-) -> tuple[Known, Level, int]:
+) -> tuple[Level, int]:
     """The first cut without the pairs that are far apart, which are leaves. The tight loop: plain numbers, no views."""
     count, step, arm = pairs.shape[0], GRID // first, curve.arm
     numbers, whole, law = sought.numbers, sought.whole, sought.law
@@ -159,20 +158,19 @@ def _first_level(
     low, high = np.arange(first) * step, np.arange(1, first + 1) * step
     begin, asked = np.zeros(first + 1, np.int64), np.empty(count * first, np.int64)
     moved, centers = np.zeros(bodies, np.bool_), np.empty((bodies, 3))
-    strays, rush, half = np.empty(bodies), np.empty(bodies), arm.half
+    strays, rush, half, ends, placed = np.empty(bodies), np.empty(bodies), arm.half, known.nodes.ends, known.nodes.known
     for each in range(count):
         moved[whole[pairs[each], BODY]] = True
     moving = np.flatnonzero(moved)
     leaf_whole, leaf_numbers = leaves.whole, leaves.numbers
     done = near = 0
     for k in range(first):
-        known = with_interval(known, low[k], high[k], curve)
-        at, ends = row_of(known, (low[k] + high[k]) // 2), known.nodes.ends
+        _, at, _ = rows_of(known, low[k], high[k], curve)
         worst = worst_on(curve.bends, curve.low, curve.high, low[k], high[k], sought.worst)
         rate = highest_rate(low[k] / GRID, high[k] / GRID, sought.profile)
         for each in range(moving.shape[0]):
             body = moving[each]
-            if not known.nodes.known[at, body]:
+            if not placed[at, body]:
                 place(known.nodes, at, arm, body)
             for i in range(3):
                 centers[body, i] = 0.5 * (ends[at, body, 0, i] + ends[at, body, 1, i])
@@ -197,7 +195,7 @@ def _first_level(
                 asked[near] = pair
                 near += 1
         begin[k + 1] = near
-    return known, Level(low, high, begin, asked[:near].copy(), np.empty((near, 4)), np.zeros(near, np.bool_)), done
+    return Level(low, high, begin, asked[:near].copy(), np.empty((near, 4)), np.zeros(near, np.bool_)), done
 
 
 @compiled
@@ -208,28 +206,29 @@ def _probe(known: Known, curve: Curve, level: Level, sought: Sought, witnesses: 
     """
     numbers, whole, radius, half = sought.numbers, sought.whole, curve.arm.radius, curve.arm.half
     groups, pairs, begin, nodes = witnesses.pair.shape[0], level.pairs, level.begin, known.nodes
+    ends, speeds, spins = nodes.ends, nodes.speed, nodes.spin
     nearest, by = np.empty(groups, np.int64), np.empty(groups)
     best = 0.0
     for k in range(level.low.shape[0]):
         low, high = level.low[k], level.high[k]
         key = (low + high) // 2
-        at, rate = row_of(known, key), rate_at(key / GRID, sought.profile)
+        at, rate = row_of(known, key, curve), rate_at(key / GRID, sought.profile)
         worst = worst_on(curve.bends, curve.low, curve.high, low, high, sought.worst)
         for group in range(groups):
             nearest[group], by[group] = -1, math.inf
         for each in range(begin[k], begin[k + 1]):
             pair = pairs[each]
             group, plane = whole[pair, GROUP], whole[pair, SHAPE] == PLANE
-            apart = 0.0 if plane else ball_gap(nodes.ends, at, whole[pair, BODY], half, numbers, pair)
+            apart = 0.0 if plane else ball_gap(ends, at, whole[pair, BODY], half, numbers, pair)
             if apart < by[group]:
                 nearest[group], by[group] = pair, apart
         for group in range(groups):
             pair = nearest[group]
             if pair >= 0:
                 body, shape, kind = whole[pair, BODY], whole[pair, SHAPE], whole[pair, KIND]
-                gap = core_gap(nodes.ends, at, body, numbers, pair, shape, sought.knots)
+                gap = core_gap(ends, at, body, numbers, pair, shape, sought.knots)
                 clearance = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
-                speed = rush_met(nodes, at, body, radius[body], worst) * rate
+                speed = rush_met(speeds, spins, at, body, radius[body], worst) * rate
                 index = pair_index(kind, numbers, pair, clearance, speed, sought.law)
                 _note(witnesses, group, index, clearance, speed, key, pair)
                 best = max(best, index)
@@ -247,31 +246,41 @@ def _middles(
     violated: Found,
     leaves: Rows,
     done: int,
-) -> tuple[Known, float, int]:
+) -> tuple[float, int]:
     """What the middles attain. A row that its balls prove to be no higher than `best` is a leaf at once.
 
     The others' gaps stand in the level.
     """
     numbers, whole, law, arm = sought.numbers, sought.whole, sought.law, curve.arm
-    leaf_whole, leaf_numbers, pairs, gaps = leaves.whole, leaves.numbers, level.pairs, level.gaps
+    leaf_whole, leaf_numbers, pairs, gaps, settled = (
+        leaves.whole,
+        leaves.numbers,
+        level.pairs,
+        level.gaps,
+        level.settled,
+    )
+    nodes, radius, half, bodies = known.nodes, arm.radius, arm.half, arm.link.shape[0]
+    ends, placed, strays, rushes = nodes.ends, nodes.known, np.empty(bodies), np.empty(bodies)
+    speeds, spins, impact, noted = nodes.speed, nodes.spin, witnesses.impact, witnesses.pair
     for k in range(level.low.shape[0]):
         low, high = level.low[k], level.high[k]
-        known = with_interval(known, low, high, curve)
         key, width = (low + high) // 2, (high - low) / GRID
-        at, nodes = row_of(known, key), known.nodes
-        ends, placed = nodes.ends, nodes.known
+        _, at, _ = rows_of(known, low, high, curve)
         worst = worst_on(curve.bends, curve.low, curve.high, low, high, sought.worst)
         rate = rate_at(key / GRID, sought.profile)
         rate_most = highest_rate(low / GRID, high / GRID, sought.profile)
+        strays[:] = -1.0  # nothing was told of the body yet
         for each in range(level.begin[k], level.begin[k + 1]):
             pair = pairs[each]
             body, shape, kind = whole[pair, BODY], whole[pair, SHAPE], whole[pair, KIND]
             below = numbers[pair, VIOLATED_BELOW]
-            if not placed[at, body]:
-                place(nodes, at, arm, body)
+            if strays[body] < 0:
+                strays[body] = rough_stray(worst, body, width)
+                rushes[body] = rough_rush(worst, body, width, radius[body])
+                if not placed[at, body]:
+                    place(nodes, at, arm, body)
             if shape != PLANE:
-                apart = ball_gap(ends, at, body, arm.half, numbers, pair) - rough_stray(worst, body, width)
-                rush = rough_rush(worst, body, width, arm.radius[body])
+                apart, rush = ball_gap(ends, at, body, half, numbers, pair) - strays[body], rushes[body]
                 bound = pair_index(kind, numbers, pair, apart, rush * rate_most, law)
                 if apart >= below and bound <= best:
                     leaf_whole[done, LOW], leaf_whole[done, HIGH], leaf_whole[done, PAIR] = low, high, pair
@@ -279,18 +288,19 @@ def _middles(
                     leaf_numbers[done, CLEAR_MID], leaf_numbers[done, RUSH_MID] = math.inf, 0.0
                     leaf_numbers[done, BOUND] = bound
                     done += 1
-                    level.settled[each] = True
+                    settled[each] = True
                     continue
             gap = core_gap(ends, at, body, numbers, pair, shape, sought.knots)
             gaps[each, 0], gaps[each, 1], gaps[each, 2], gaps[each, 3] = gap
             clearance = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
-            speed = rush_met(nodes, at, body, arm.radius[body], worst) * rate
+            speed = rush_met(speeds, spins, at, body, radius[body], worst) * rate
             index = pair_index(kind, numbers, pair, clearance, speed, law)
-            best = max(best, index)
-            _note(witnesses, whole[pair, GROUP], index, clearance, speed, key, pair)
+            best, group = max(best, index), whole[pair, GROUP]
+            if noted[group] < 0 or index >= impact[group]:
+                _note(witnesses, group, index, clearance, speed, key, pair)
             if clearance < below:
                 _note(violated, kind, 0.0, clearance, speed, key, pair)
-    return known, best, done
+    return best, done
 
 
 @compiled
@@ -313,27 +323,29 @@ def _proofs(
     kept, begin = np.empty_like(level.pairs), np.empty_like(level.begin)
     numbers, whole, law, arm, nodes = sought.numbers, sought.whole, sought.law, curve.arm, known.nodes
     leaf_whole, leaf_numbers, pairs, gaps = leaves.whole, leaves.numbers, level.pairs, level.gaps
-    count, upper = 0, 0.0
+    count, upper, settled, radii = 0, 0.0, level.settled, arm.radius
+    ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
+    unmet = violated.pair
     for k in range(level.low.shape[0]):
         low, high = level.low[k], level.high[k]
-        at_low, at_mid, at_high = row_of(known, low), row_of(known, (low + high) // 2), row_of(known, high)
+        at_low, at_mid, at_high = rows_of(known, low, high, curve)
         worst = worst_on(curve.bends, curve.low, curve.high, low, high, sought.worst)
         width, rate = (high - low) / GRID, highest_rate(low / GRID, high / GRID, sought.profile)
         begin[k] = count
         for each in range(level.begin[k], level.begin[k + 1]):
-            if level.settled[each]:
+            if settled[each]:
                 continue
             pair, gap = pairs[each], (gaps[each, 0], gaps[each, 1], gaps[each, 2], gaps[each, 3])
             body, shape, kind = whole[pair, BODY], whole[pair, SHAPE], whole[pair, KIND]
             for at in (at_low, at_high):
-                if not nodes.known[at, body]:
+                if not placed[at, body]:
                     place(nodes, at, arm, body)
-            sag, radius = sag_on(worst, body, width), arm.radius[body]
-            clear = interval_gap(nodes.ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
-            rush = proven_rush(nodes, at_low, at_mid, at_high, body, radius, worst, width)
+            sag, radius = sag_on(worst, body, width), radii[body]
+            clear = interval_gap(ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
+            rush = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius, worst, width)
             bound = pair_index(kind, numbers, pair, clear, rush * rate, law)
             # Nearer than this it may hide a violation of a kind that was not met yet.
-            hides = numbers[pair, VIOLATED_BELOW] - VIOLATION_RESOLUTION_M if violated.pair[kind] < 0 else -math.inf
+            hides = numbers[pair, VIOLATED_BELOW] - VIOLATION_RESOLUTION_M if unmet[kind] < 0 else -math.inf
             same = bound <= best + RESOLUTION and math.ceil(bound - TIE) <= math.ceil(best - TIE)
             if not ((bound <= best or same) and clear >= hides) and not last:
                 kept[count] = pair
@@ -342,7 +354,7 @@ def _proofs(
             leaf_whole[done, LOW], leaf_whole[done, HIGH], leaf_whole[done, PAIR] = low, high, pair
             leaf_numbers[done, CLEAR], leaf_numbers[done, RUSH] = clear, rush
             leaf_numbers[done, CLEAR_MID] = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
-            leaf_numbers[done, RUSH_MID] = rush_met(nodes, at_mid, body, radius, worst)
+            leaf_numbers[done, RUSH_MID] = rush_met(speeds, spins, at_mid, body, radius, worst)
             leaf_numbers[done, BOUND] = bound
             done += 1
             if not bound <= upper:
@@ -405,16 +417,18 @@ def certify(
         return known, Answer(TOO_MANY, floor, floor, witnesses, violated, copied(leaves, 0))
     room = np.empty((BENDS, curve.arm.link.shape[0]))
     sought = Sought(field.numbers, field.whole, profile, law, room, np.empty(KNOTS))
-    known = _at_rest(known, curve, pairs, sought, violated)
-    known, level, done = _first_level(known, curve, pairs, first, sought, leaves)
+    known = with_room(known, 3 * first)
+    _at_rest(known, curve, pairs, sought, violated)
+    level, done = _first_level(known, curve, pairs, first, sought, leaves)
     best, upper, examined = max(floor, _probe(known, curve, level, sought, witnesses)), floor, done
     for depth in range(DEPTH + 1):
         rows = level.begin[-1]
         examined += rows
         if examined > ROWS_MOST:
             return known, Answer(TOO_MANY, upper, best, witnesses, violated, copied(leaves, done))
-        leaves = with_room(leaves, done, rows)
-        known, best, done = _middles(known, curve, level, sought, best, witnesses, violated, leaves, done)
+        leaves = with_space(leaves, done, rows)
+        known = with_room(known, 3 * level.low.shape[0])
+        best, done = _middles(known, curve, level, sought, best, witnesses, violated, leaves, done)
         last = depth == DEPTH
         kept, begin, proven, done = _proofs(known, curve, level, sought, best, violated, leaves, done, last)
         if not proven <= upper:

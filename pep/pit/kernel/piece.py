@@ -87,10 +87,9 @@ def lever_second(reach: Floats, w: Floats, a: Floats, v: Floats) -> tuple[float,
 
 
 @compiled
-def _off(reach: Floats, bounds: Bounds, r: float, a: Floats, x: Floats, out: Floats) -> None:
-    """`out` is at least |G (J - J(m))| x within `r`, for |q'| <= `bounds.first` and |q''| <= `a`."""
-    linear, angular = lever_second(reach, bounds.first, a, x)
-    mixed, gain = bounds.mixed, bounds.gain
+def _off(reach: Floats, w: Floats, gain: Floats, mixed: Floats, r: float, a: Floats, x: Floats, out: Floats) -> None:
+    """`out` is at least |G (J - J(m))| x within `r`, for |q'| <= `w` and |q''| <= `a`."""
+    linear, angular = lever_second(reach, w, a, x)
     for i in range(JOINTS):
         straight = 0.0
         for j in range(JOINTS):
@@ -99,15 +98,24 @@ def _off(reach: Floats, bounds: Bounds, r: float, a: Floats, x: Floats, out: Flo
 
 
 @compiled
-def _follows(reach: Floats, bounds: Bounds, r: float, a: Floats, need: Floats) -> None:
-    """`need` is the bound of |q''| that follows from the bound `a`; `bounds.first` is that of |q'| then."""
-    w, dq, ddq, gain = bounds.first, bounds.dq, bounds.ddq, bounds.gain
+def _follows(
+    reach: Floats,
+    dq: Floats,
+    ddq: Floats,
+    gain: Floats,
+    mixed: Floats,
+    r: float,
+    a: Floats,
+    w: Floats,
+    need: Floats,
+) -> None:
+    """`need` is the bound of |q''| that follows from the bound `a`; `w` is that of |q'| then."""
     for i in range(JOINTS):
         w[i] = abs(dq[i]) + r * a[i]
     linear, angular = lever_second(reach, w, a, w)
     more, turned = lever_first(reach, w, a)
     linear, angular = linear + more, angular + turned
-    _off(reach, bounds, r, a, a, need)
+    _off(reach, w, gain, mixed, r, a, a, need)
     for i in range(JOINTS):
         change = r * (gain[i, 0] * linear + gain[i, 1] * angular)
         need[i] = (abs(ddq[i]) + change + need[i]) * ROUND_UP
@@ -123,13 +131,14 @@ def prove_derivatives(reach: Floats, bounds: Bounds, r: float, fastest: float, h
         r: half the width of the piece.
         fastest, hardest: the largest of |q'| and |q''| there.
     """
+    dq, ddq, gain, mixed, w = bounds.dq, bounds.ddq, bounds.gain, bounds.mixed, bounds.first
     a, need, constant, b = bounds.second, bounds.room[0], bounds.room[1], bounds.third
     most = GROWTH * (hardest + fastest)
     for i in range(JOINTS):
-        a[i] = abs(bounds.ddq[i]) + ROOM * (hardest + fastest)
+        a[i] = abs(ddq[i]) + ROOM * (hardest + fastest)
     closed = False
     for _ in range(ROUNDS):
-        _follows(reach, bounds, r, a, need)
+        _follows(reach, dq, ddq, gain, mixed, r, a, w, need)
         closed = True
         for i in range(JOINTS):
             closed = closed and need[i] < a[i]
@@ -144,21 +153,20 @@ def prove_derivatives(reach: Floats, bounds: Bounds, r: float, fastest: float, h
     if not closed:
         return False
     for _ in range(3):  # what follows from a bound is a bound: bring it down
-        _follows(reach, bounds, r, a, need)
+        _follows(reach, dq, ddq, gain, mixed, r, a, w, need)
         for i in range(JOINTS):
             a[i] = min(a[i], need[i])
-    w = bounds.first
     for i in range(JOINTS):
-        w[i] = (abs(bounds.dq[i]) + r * a[i]) * ROUND_UP
+        w[i] = (abs(dq[i]) + r * a[i]) * ROUND_UP
     # J q''' = -J'' q' - 2 J' q'', and the same inverse; each round adds less than the one before.
     linear, angular = lever_second(reach, w, a, w)
     more, turned = lever_first(reach, w, a)
     linear, angular = linear + 2 * more, angular + 2 * turned
     for i in range(JOINTS):
-        constant[i] = bounds.gain[i, 0] * linear + bounds.gain[i, 1] * angular
+        constant[i] = gain[i, 0] * linear + gain[i, 1] * angular
         b[i] = constant[i]
     for _ in range(ROUNDS):
-        _off(reach, bounds, r, a, b, need)
+        _off(reach, w, gain, mixed, r, a, b, need)
         closed = True
         for i in range(JOINTS):
             need[i] += constant[i]

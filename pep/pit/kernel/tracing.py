@@ -122,58 +122,60 @@ def _piece(
     """
     r = 0.5 * (high - low) / GRID
     middle, bounds, near, within = desk.middle, desk.bounds, desk.near, desk.within
-    dq, ddq = bounds.dq, bounds.ddq
+    dq, ddq, mixed, inverse, bend = bounds.dq, bounds.ddq, bounds.mixed, desk.inverse, desk.bend
+    second, first, third, lowest, highest = bounds.second, bounds.first, bounds.third, tool.lowest, tool.highest
+    begin, mid, end = here.q, middle.q, ahead.q
     _times(back, rate, dq)
     for i in range(JOINTS):
-        middle.q[i] = here.q[i] + r * dq[i]
+        mid[i] = begin[i] + r * dq[i]
     if not solved(tool.wrist, line, (low + high) / 2 / GRID, middle, desk.room):
         return SINGULAR
-    if not inverted(middle.jacobian, desk.inverse, desk.room):
+    if not inverted(middle.jacobian, inverse, desk.room):
         return SINGULAR
-    _times(desk.inverse, rate, dq)
-    bend_of(middle, dq, desk.bend)
-    _times(desk.bend, dq, near)
+    _times(inverse, rate, dq)
+    bend_of(middle, dq, bend)
+    _times(bend, dq, near)
     for i in range(JOINTS):
         whole = 0.0
         for j in range(JOINTS):
-            whole += desk.inverse[i, j] * near[j]
-            mixed = 0.0
+            whole += inverse[i, j] * near[j]
+            both = 0.0
             for k in range(JOINTS):
-                mixed += desk.inverse[i, k] * desk.bend[k, j]
-            bounds.mixed[i, j] = abs(mixed)
+                both += inverse[i, k] * bend[k, j]
+            mixed[i, j] = abs(both)
         ddq[i] = -whole
-    gain_of(desk.inverse, bounds.gain)
+    gain_of(inverse, bounds.gain)
     fastest, hardest = _largest(dq), _largest(ddq)
     if not prove_derivatives(tool.reach, bounds, r, fastest, hardest):
         return SINGULAR
-    most = _largest(bounds.second)
+    most = _largest(second)
     if high - low > ENOUGH and (r * most > SLACK * fastest or most > LOOSE * (hardest + fastest)):
         return SINGULAR
     for i in range(JOINTS):
-        ahead.q[i] = middle.q[i] + r * (dq[i] + 0.5 * r * ddq[i])
+        end[i] = mid[i] + r * (dq[i] + 0.5 * r * ddq[i])
     if not solved(tool.wrist, line, high / GRID, ahead, desk.room) or not inverted(ahead.jacobian, on, desk.room):
         return SINGULAR
     for i in range(JOINTS):
         slip = 0.0
         for j in range(JOINTS):
-            slip += abs(desk.inverse[i, j])
+            slip += abs(inverse[i, j])
         row[STRAY, i] = (
             2 * EXACT * slip
         )  # what Newton leaves, in joint angles; twice, since the inverse is the middle's
-        within[i] = 0.5 * r * r * bounds.second[i] + row[STRAY, i]
-        near[i] = middle.q[i] - r * dq[i]
+        within[i] = 0.5 * r * r * second[i] + row[STRAY, i]
+        near[i] = mid[i] - r * dq[i]
     if not on_path(tool.reach, here.q, back, near, within, desk.gain, desk.room):
         return SINGULAR
     for i in range(JOINTS):
-        near[i] = middle.q[i] + r * dq[i]
+        near[i] = mid[i] + r * dq[i]
     if not on_path(tool.reach, ahead.q, on, near, within, desk.gain, desk.room):
         return SINGULAR
     for i in range(JOINTS):
-        way = r * bounds.first[i]
-        if not (middle.q[i] - way >= tool.lowest[i] and middle.q[i] + way <= tool.highest[i]):
+        way = r * first[i]
+        if not (mid[i] - way >= lowest[i] and mid[i] + way <= highest[i]):
             return JOINT_LIMIT
-        row[Q, i], row[DQ, i], row[DDQ, i] = middle.q[i], dq[i], ddq[i]
-        row[ONE, i], row[TWO, i], row[THREE, i] = bounds.first[i], bounds.second[i], bounds.third[i]
+        row[Q, i], row[DQ, i], row[DDQ, i] = mid[i], dq[i], ddq[i]
+        row[ONE, i], row[TWO, i], row[THREE, i] = first[i], second[i], third[i]
     return PROVEN
 
 
