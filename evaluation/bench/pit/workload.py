@@ -26,15 +26,21 @@ from pep.pit import (
     Thing,
     adult_at_distance,
 )
+from pep.pit.drive import Drive
+from pep.pit.driving import drive_of
 from pep.pit.engine import chosen
 from pep.pit.pairs import pairs_of
 from pep.pit.stream import stream_envelope
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.random import Generator
 
     from pep.pit import Motion
+    from pep.pit.course import Course
     from pep.pit.motion import Joints, Pose
+    from pep.pit.pairs import Pairs
     from pep.pit.scene import Shape, Vector
 
 AGE_S: Final = 0.1
@@ -48,6 +54,12 @@ NEAR_M, FAR_M, MIDDLE_M = 0.25, 0.75, 0.15
 ROOM_M: Final = 0.005
 """Nothing is nearer to the way than this: a sampled distance says nothing of bodies that overlap."""
 LEGS: Final = 20
+LINE_M: Final = (0.1, 0.2)
+"""Length of a line."""
+ONE_STUCK_OF: Final = 8
+"""So many lines are drawn for one that is not proven to its end."""
+PROVEN_SHARE: Final = 0.75
+"""Of a joint's greatest speed: up to it the speed adds nothing to the index."""
 HOME: Final = (0.0, -1.62, 1.25, -1.20, -1.57, 0.0)
 PEOPLE_M: Final = (0.9, 1.2)
 
@@ -98,12 +110,27 @@ def moves(rng: Generator, count: int) -> list[MoveJ]:
 
 def around(rng: Generator, move: MoveJ, count: int) -> Scene:
     """Balls, capsules and boxes in equal parts about the arm, none of them on the way of the move."""
-    things: list[Thing] = []
     rows = np.arange(robot().world_bodies)
+    return _clear(rng, count, lambda pairs: Ruler(chosen(), robot(), cell(), pairs, rows).least(move).proven)
+
+
+def beside(rng: Generator, course: Course, count: int) -> Scene:
+    """The same, none of them on the way of the course."""
+    cells, bodies = course.cells, robot().world_bodies
+    low, high, rows = (
+        np.repeat(cells.low, bodies),
+        np.repeat(cells.high, bodies),
+        np.tile(np.arange(bodies), len(cells)),
+    )
+    return _clear(rng, count, lambda pairs: float(course.examine(pairs, low, high, rows).clear_m.min()))
+
+
+def _clear(rng: Generator, count: int, least: Callable[[Pairs], float]) -> Scene:
+    """Things to which `least`, which is asked of each one's pairs with the moving bodies, is more than `ROOM_M`."""
+    things: list[Thing] = []
     while len(things) < count:
         thing = Thing(f"thing{len(things)}", "rigid", _shape(rng, len(things) % 3), cell().object_uncertainty_m)
-        pairs = pairs_of(robot(), Scene(objects=(thing,)), cell(), grown_m=0.0)
-        if Ruler(chosen(), robot(), cell(), pairs, rows).least(move).proven > ROOM_M:
+        if least(pairs_of(robot(), Scene(objects=(thing,)), cell(), grown_m=0.0)) > ROOM_M:
             things.append(thing)
     return Scene(objects=tuple(things))
 
@@ -125,20 +152,31 @@ def peopled(rng: Generator, things: int, count: int) -> list[Question]:
 
 
 def lines(rng: Generator, things: int, count: int) -> list[Question]:
-    """Lines of the tool of 0.15 m to 0.3 m from about the home position, among things and two people."""
+    """Lines of the tool of 0.1 m to 0.2 m from about the home position, among things and two people.
+
+    They are what a cell asks for: proven to their end, no joint faster than it may be. The last one of every
+    `ONE_STUCK_OF` is not: it leads out of the arm's reach.
+    """
     found: list[Question] = []
     while len(found) < count:
+        stuck = len(found) % ONE_STUCK_OF == ONE_STUCK_OF - 1
         start = np.array(HOME) + rng.uniform(-0.3, 0.3, 6)
         x, y, z, *turn = _pose(_joints(start))
-        way = rng.standard_normal(3)
-        way *= rng.uniform(0.15, 0.3) / np.linalg.norm(way)
-        if math.hypot(x + way[0], y + way[1], z + way[2]) > _REACH_M or z + way[2] < _LOW_M:
-            continue
+        way = np.array([x, y, z]) if stuck else rng.standard_normal(3)
+        way *= (_REACH_M if stuck else rng.uniform(*LINE_M)) / np.linalg.norm(way)
         target = cast("Pose", (x + way[0], y + way[1], z + way[2], *turn))
         move = MoveL(_joints(start), target, 0.25, 1.2)
-        still = MoveJ(move.start, _joints(start + 1e-3), SPEED_RAD_S, ACCELERATION_RAD_S2)
-        found.append(Question(robot(), with_people(around(rng, still, things)), move, cell()))
+        drive = drive_of(robot(), move, cell(), perception_age_s=AGE_S, check_time=lambda: None)
+        if not isinstance(drive, Drive) or _proven(drive) is stuck or z + way[2] < _LOW_M:
+            continue
+        found.append(Question(robot(), with_people(beside(rng, drive.course, things)), move, cell()))
     return found
+
+
+def _proven(drive: Drive) -> bool:
+    """Whether the line is proven to its end, and no joint's speed alone is more than it may be."""
+    fastest = drive.joint_speeds_rad_s(drive.profile).max(axis=0) / robot().speed_limits_rad_s
+    return drive.doubt is None and float(fastest.max()) <= PROVEN_SHARE
 
 
 def sequences(rng: Generator, things: int, count: int) -> list[Question]:
