@@ -15,6 +15,9 @@ from evaluation.bench.pit.cells import ASSESS, KERNEL, RULER
 from evaluation.bench.pit.report import AMONG_20, SERVO_STEP, SPEED_STEP, Result, Row, ratios
 from evaluation.bench.timing import Plan, WrongAnswerError
 from pep.pit import MoveL, assess
+from pep.pit.driving import drive_of
+from pep.pit.pairs import Kind, pairs_of
+from pep.pit.path import GRID
 from ztpm.cli import evaluation
 
 MUJOCO = importlib.util.find_spec("mujoco") is not None
@@ -81,6 +84,21 @@ def test_instants_of_a_line_are_on_it_and_end_at_its_target():
         assert np.allclose(at[3:], question.motion.target[3:], atol=1e-8)
     (before, qd), (after, _) = places[len(places) // 2], places[len(places) // 2 + 1]
     assert np.allclose((after - before) / sampled.STEP_S, qd, atol=0.05)
+
+
+def test_of_eight_lines_seven_are_proven_to_their_end_and_meet_nothing():
+    questions = workload.lines(np.random.default_rng(3), 4, workload.ONE_STUCK_OF)
+    doubts = []
+    for each in questions:
+        drive = drive_of(each.robot, each.motion, each.cell, perception_age_s=0.1, check_time=lambda: None)
+        doubts.append(drive.doubt)
+        pairs = pairs_of(each.robot, replace(each.scene, people=()), each.cell, grown_m=0.0)
+        things = np.flatnonzero(pairs.kind == pairs.code_of(Kind.RIGID))
+        assert len(things) == 4 * each.robot.world_bodies
+        for s in np.linspace(0, 1, 9):
+            assert drive.course.clearance_at(pairs, int(s * GRID), things).min() > workload.ROOM_M
+    assert doubts[:-1] == [None] * (workload.ONE_STUCK_OF - 1)
+    assert doubts[-1] in {"singular", "unreachable"}
 
 
 @pytest.mark.parametrize(
