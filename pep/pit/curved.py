@@ -58,8 +58,7 @@ def chosen() -> Curved:
 
 @cache
 def _compiled(name: str) -> Curved:
-    from pep.pit.kernel.courses import CompiledCourse, compile_all, pose_exists, trace
+    from pep.pit.kernel.courses import CompiledCourse, pose_exists, trace
 
-    compile_all()
     course = CompiledCourse
     return Curved(name, trace, pose_exists, course, course.certify, course.fits, course.blow_ratio)

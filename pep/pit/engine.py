@@ -46,7 +46,9 @@ def chosen() -> Engine:
     """The engine of this installation. The first call compiles it, or reads what was compiled before."""
     if find_spec("numba") is None:
         return NUMPY
+    from pep.pit.kernel import courses
     from pep.pit.kernel.engine import CompiledPath, compile_all
 
     compile_all()
+    courses.compile_all()  # `pep.pit.curved` chooses them: what is ready for the one is ready for the other
     return Engine("numba-1", CompiledPath, CompiledPath.certify, CompiledPath.fits, CompiledPath.blow_ratio, slows=True)

@@ -110,6 +110,26 @@ def test_p12_what_is_reachable_is_the_same():
     assert len(set(told)) == 2
 
 
+def test_p12_only_in_a_small_box_is_a_configuration_the_only_one():
+    """Both engines say so of the same boxes, whatever decides: the way, the turn or how near it is."""
+    from pep.pit.inverse import stance
+    from pep.pit.kernel.piece import on_path
+    from pep.pit.line import _Lever, _on_path
+
+    rng = np.random.default_rng(74)
+    reach = ROBOT.reach[ROBOT.body_index("tcp")].copy()
+    told = []
+    for _ in range(400):
+        node = stance(ROBOT, np.array(random_start(rng, rng.choice([0.6, 3.0]))))
+        inverse = np.linalg.inv(node.jacobian)
+        within = 10.0 ** rng.uniform(-5, -1) * rng.uniform(0, 1, 6)
+        near = node.q + rng.choice([0.5, 0.99, 1.5]) * within * rng.choice([-1, 1], 6)
+        ours = on_path(reach, node.q, inverse, near, within, np.empty((6, 2)), np.empty((2, 6)))
+        told.append(ours)
+        assert ours == _on_path(_Lever(reach), node, near, within)
+    assert 0.1 < np.mean(told) < 0.9
+
+
 def test_half_a_turn_is_found_by_its_axis():
     """A pose that is half a turn away from every start: the error of the first step has no sine."""
     for axis in np.eye(3):
