@@ -419,7 +419,22 @@ def test_out_of_time_is_a_fault():
 
 
 def test_a_second_engine_that_sees_another_line_is_a_fault(monkeypatch):
-    from pep.pit import inverse
+    """The compiled engine has its tool a thousandth of a millimetre elsewhere."""
+    from pep.pit.kernel import courses
+
+    honest = courses._tool_of
+
+    def bent(robot):
+        tool = honest(robot)
+        return tool._replace(wrist=tool.wrist._replace(tcp=tool.wrist.tcp + np.array([0, 0, 1e-6])))
+
+    monkeypatch.setattr(courses, "_tool_of", bent)
+    answer = ask(GOOD)
+    assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")
+
+
+def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault(monkeypatch):
+    from pep.pit import curved, inverse
 
     honest = inverse.link_frames
 
@@ -427,6 +442,9 @@ def test_a_second_engine_that_sees_another_line_is_a_fault(monkeypatch):
         rotation, origin = honest(robot, q)
         return rotation, origin + np.array([0, 0, 1e-6])
 
+    for module in ("drive", "driven"):
+        monkeypatch.setattr(f"pep.pit.{module}.chosen", lambda: curved.NUMPY)
+    assert not isinstance(ask(GOOD), ImpactFault)
     monkeypatch.setattr(inverse, "link_frames", bent)
     answer = ask(GOOD)
     assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")

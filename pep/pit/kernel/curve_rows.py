@@ -218,6 +218,7 @@ def blow(
     for depth in range(depths + 1):
         count = asked.shape[0]
         wide, wide_used, bounds = np.empty(count, np.int64), 0, np.empty(count)
+        before = proven  # what this level settles must not settle more of it
         known = with_room(known, 3 * _intervals(asked))
         nodes = known.nodes
         ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
@@ -236,7 +237,7 @@ def blow(
                     place(nodes, at, arm, body)
             speed = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius[body], worst, width) * rate
             bounds[row] = speed / numbers[pair, LIMIT_SPEED]
-            if depth < depths and bounds[row] <= max(proven, best) + resolution:
+            if depth < depths and bounds[row] <= max(before, best) + resolution:
                 proven = max(proven, bounds[row])
                 continue
             apart = ball_gap(ends, at_mid, body, half, numbers, pair) - rough_stray(worst, body, width)
@@ -254,7 +255,7 @@ def blow(
         open_used = 0
         for each in range(wide_used):
             row = wide[each]
-            if depth < depths and bounds[row] > max(proven, best) + resolution:
+            if depth < depths and bounds[row] > max(before, best) + resolution:
                 wide[open_used] = row
                 open_used += 1
             else:
