@@ -36,14 +36,12 @@ class JointLimits:
 
 def joint_limits(robot: Robot, start: Floats, target: Floats) -> JointLimits:
     """How a move between these joint angles (rad) stands to the limits."""
-    limit = robot.position_limits_rad
-    before = np.maximum(np.abs(start) - limit, 0)
-    after = np.maximum(np.abs(target) - limit, 0)
+    before, after = robot.beyond_rad(start), robot.beyond_rad(target)
     # From beyond one limit to beyond the other is no retreat, however the two excesses compare.
-    crossed = (before > 0) & (after > 0) & (np.sign(start) != np.sign(target))
-    worse = (after > before) | crossed
+    crossed = before * after < 0
+    worse = ~(np.abs(after) <= np.abs(before)) | crossed
     joint = robot.model.joints[int(worse.argmax())].name
-    return JointLimits(broken=bool(worse.any()), retreating=bool((before > 0).any()), joint=joint)
+    return JointLimits(broken=bool(worse.any()), retreating=bool((before != 0).any()), joint=joint)
 
 
 def slow_enough(cell: CellParameters, *, joint_speed_rad_s: float, speed_m_s: float) -> bool:

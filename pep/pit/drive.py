@@ -92,9 +92,13 @@ class Nowhere:
     doubt: Doubt | None = None
 
 
-def beyond(robot: Robot, q: Floats) -> bool:
-    """Whether a joint is beyond its limit. A stuck arm comes back by a joint move, whose retreat is proven."""
-    return bool((np.abs(q) > robot.position_limits_rad).any())
+def beyond(robot: Robot, q: Floats, around: Floats | float = 0.0) -> bool:
+    """Whether a joint may be beyond its range when each is within `around` (6,) of `q` (6,), rad.
+
+    A stuck arm comes back by a joint move, whose retreat is proven.
+    """
+    low, high = robot.position_ranges_rad
+    return not bool(((low <= q - around) & (q + around <= high)).all())
 
 
 def line_drive(

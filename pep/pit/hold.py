@@ -176,7 +176,7 @@ def _stopped(robot: Robot, twist: Twist, line: Trace, plan: _Plan) -> Course | N
     )
     if not np.abs(dq).max() <= plan.leading * plan.seconds:
         return Nowhere("singular")  # the joints' speeds change so fast there that the stop's way cannot be told
-    if beyond(robot, np.abs(line.q + (1 - s_end) * dq) + cells.stray[-1]):
+    if beyond(robot, line.q + (1 - s_end) * dq, cells.stray[-1]):
         return Nowhere("joint_limit")
     tail = straight_cells(line.q, dq, low=plan.end, stray=cells.stray[-1], hurry=hurry)
     tail = replace(tail, third=unbounded(tail))
@@ -212,7 +212,7 @@ def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_
     seconds = held + 1 / (2 * braking)
     middle, spread = seconds * 0.5 * (now + asked), seconds * 0.5 * np.abs(now - asked)
     cells = straight_cells(start, middle, low=0, stray=spread, hurry=spread, count=ENVELOPE_CELLS)
-    if beyond(robot, np.maximum(np.abs(start), np.abs(start + middle)) + spread):
+    if beyond(robot, start, spread) or beyond(robot, start + middle, spread):
         return Nowhere("joint_limit")
     profile = Profile(seconds, 1.0, AT_ONCE, braking)
     course = chosen().course(robot, cells, Track(None, 0.0, start, middle))

@@ -164,7 +164,8 @@ def _piece(robot: Robot, twist: Twist, here: Stance, low: int, high: int) -> tup
         _on_path(lever, here, middle.q - r * dq, within) and _on_path(lever, end, middle.q + r * dq, within)
     ):
         return "singular"
-    if (np.abs(middle.q) + r * first > robot.position_limits_rad).any():
+    lowest, highest = robot.position_ranges_rad
+    if not ((lowest <= middle.q - r * first) & (middle.q + r * first <= highest)).all():
         return "joint_limit"
     cell = Cells(
         low=np.array([low]),

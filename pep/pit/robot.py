@@ -128,11 +128,10 @@ class Robot:
         low, high = np.array([j.range_rad for j in self.model.joints]).T
         return low, high
 
-    @property
-    def position_limits_rad(self) -> NDArray[np.float64]:
-        """Per joint the largest angle that is inside its limits either way: where they differ, the smaller one."""
+    def beyond_rad(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far each joint at angles `q` (..., 6), rad, is beyond its range: above it more than 0, below it less."""
         low, high = self.position_ranges_rad
-        return np.minimum(-low, high)
+        return np.asarray(np.maximum(q - high, 0) + np.minimum(q - low, 0))
 
     @property
     def speed_limits_rad_s(self) -> NDArray[np.float64]:

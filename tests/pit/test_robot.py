@@ -83,16 +83,18 @@ def test_inertia_is_the_whole_tensor():
 
 
 def test_limits_may_differ_either_way():
-    """The room reckons with the narrower one; the dynamics and the digest know both."""
+    """The room, the dynamics and the digest know both."""
     text = TEXT.replace(
         "position_limit_rad = 3.141592653589793", "position_low_rad = -2.0\nposition_limit_rad = 3.0", 1
     )
     robot = Robot.from_toml(text, tool="robotiq_2f85")
     assert [each[2] for each in robot.position_ranges_rad] == [-2.0, 3.0]
-    assert robot.position_limits_rad[2] == 2.0
+    assert robot.beyond_rad(np.array([0.0, 0.0, -2.5, 0.0, 0.0, 0.0])).tolist() == [0, 0, -0.5, 0, 0, 0]
+    assert robot.beyond_rad(np.array([0.0, 0.0, 3.5, 0.0, 0.0, 0.0])).tolist() == [0, 0, 0.5, 0, 0, 0]
+    assert not robot.beyond_rad(np.array([0.0, 0.0, 2.5, 0.0, 0.0, 0.0])).any()
     assert (robot.pinocchio.lowerPositionLimit[2], robot.pinocchio.upperPositionLimit[2]) == (-2.0, 3.0)
     assert robot.model_digest != ROBOT.model_digest
-    assert ROBOT.position_limits_rad.tolist() == ROBOT.position_ranges_rad[1].tolist()
+    assert (-ROBOT.position_ranges_rad[0]).tolist() == ROBOT.position_ranges_rad[1].tolist()
 
 
 def test_bending_bounds_derivatives_along_random_paths():

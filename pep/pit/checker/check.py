@@ -216,11 +216,11 @@ def _intervals(cover: Any, number: int) -> list[int]:
 def _joint_limits(run: Run, robot: Robot) -> tuple[bool, bool]:
     """Whether the run breaks a joint limit (farther beyond one, or to the other one), and whether it comes back."""
     broken = returning = False
-    for start, target, limit in zip(run.start, run.target, robot.limits, strict=True):
-        before, after = max(abs(start) - limit, 0.0), max(abs(target) - limit, 0.0)
-        crossed = before > 0 and after > 0 and (start > 0) != (target > 0)
+    for start, target, (low, high) in zip(run.start, run.target, robot.ranges, strict=True):
+        before, after = (max(low - q, q - high, 0.0) for q in (start, target))
+        crossed = before > 0 and after > 0 and (start > high) != (target > high)
         returning = returning or before > 0
-        broken = broken or after > before or crossed
+        broken = broken or not after <= before or crossed
     return broken, returning
 
 

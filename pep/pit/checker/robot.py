@@ -58,7 +58,7 @@ class Robot:
 
     Attributes:
         offsets, turns: of each joint's frame in the one before.
-        limits: the largest angle that is inside each joint's range either way, rad.
+        ranges: lowest and highest angle of each joint, rad.
         moving: the capsules seen from the world, in their order.
         apart: (body seen from the fixed capsule's link, fixed capsule), in the order of the fixed one's name, then of
             the moving one's.
@@ -67,7 +67,7 @@ class Robot:
 
     offsets: tuple[Vec, ...]
     turns: tuple[Mat, ...]
-    limits: tuple[float, ...]
+    ranges: tuple[tuple[float, float], ...]
     speed_limits: tuple[float, ...]
     acceleration_limit: float
     payload_limit_kg: float
@@ -138,7 +138,7 @@ def robot_of(text: str) -> Robot:
     return Robot(
         offsets=offsets,
         turns=tuple(j.turn for j in joints),
-        limits=tuple(j.limit for j in joints),
+        ranges=tuple((j.lowest, j.highest) for j in joints),
         speed_limits=tuple(j.speed_limit for j in joints),
         acceleration_limit=decimal(
             top["acceleration_limit_rad_s2"], "model.acceleration_limit_rad_s2", low=1e-6
@@ -160,7 +160,8 @@ def robot_of(text: str) -> Robot:
 class _Joint:
     offset: Vec
     turn: Mat
-    limit: float
+    lowest: float
+    highest: float
     speed_limit: float
     mass: float
     com: Vec
@@ -182,7 +183,8 @@ def _joint(row: Any) -> _Joint:
     return _Joint(
         offset=vector(row["offset_m"], "model.joints.offset_m", _size),
         turn=product(_about_z(yaw), product(_about_y(pitch), _about_x(roll))),
-        limit=highest if low is None else min(highest, -decimal(low, "model.joints.position_low_rad")),
+        lowest=-highest if low is None else decimal(low, "model.joints.position_low_rad"),
+        highest=highest,
         speed_limit=decimal(row["speed_limit_rad_s"], "model.joints.speed_limit_rad_s", low=1e-6),  # a divisor
         mass=decimal(row["mass_kg"], "model.joints.mass_kg", low=0),
         com=vector(row["com_m"], "model.joints.com_m", _size),
