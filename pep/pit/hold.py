@@ -60,13 +60,13 @@ class _Plan:
         seconds: the whole course, the stop included, in seconds at full speed.
         end: where the stop takes hold at the latest, in 1 / GRID.
         window: how much earlier it may, by the course's own parameter.
-        leading: the fastest joint's speed there at full speed, at most, rad/s.
+        stop: how far a stop takes there per unit of the fastest joint's derivative, by the course's own parameter.
     """
 
     seconds: float
     end: int
     window: float
-    leading: float
+    stop: float
 
 
 def speed_drive(
@@ -100,10 +100,11 @@ def speed_drive(
     first = chosen().trace(robot, twist_for(hold), start, fastest=fastest_of(robot, 1 / hold), check_time=check_time)
     if first.stuck is not None:
         return as_far_as(hold, first)
-    leading = ROOM * float(np.abs(first.cells.first[-1]).max()) / hold
-    plan = _planned(
-        hold, ramp.way(motion.duration_s), leading, peak * peak * leading / (2 * cell.stop_deceleration_rad_s2)
-    )
+    sent, cells = ramp.way(motion.duration_s), first.cells
+    late = cells.high / GRID * hold > sent
+    leading = ROOM * float(cells.first[-1].max()) / hold
+    bending = float(cells.second[late].max()) / (hold * hold)
+    plan = _planned(hold, sent, leading, bending, stop=peak * peak / (2 * cell.stop_deceleration_rad_s2))
     # 2. The same with the end of the hold on the grid, a little later rather than earlier.
     twist = twist_for(plan.seconds)
     line = _line_and_window(robot, twist, start, plan, check_time)
@@ -115,24 +116,38 @@ def speed_drive(
         return course
     s_end = plan.end / GRID
     braking = peak * peak / (2 * (1 - s_end) * plan.seconds)
-    uneven: Doubt | None = "uneven_twist" if full[:3].any() and full[3:].any() else None
+    doubt: Doubt | None = "uneven_twist" if full[:3].any() and full[3:].any() else None
+    if beyond(robot, course.q(1.0), course.cells.stray[-1]):
+        doubt = "joint_limit"
     return Drive(
         course,
         Profile(plan.seconds, 1.0, ramp.up, braking),
         (ramp.up / plan.seconds, braking / plan.seconds),
         tool_speed_m_s=float(np.linalg.norm(full[:3])),
         slower=False,
-        doubt=uneven,
+        doubt=doubt,
+        twist=twist,
+        line_until=s_end,
     )
 
 
-def _planned(hold: float, sent: float, leading: float, travel: float) -> _Plan:
-    """The course of a hold that ends `hold` seconds on, was told to at `sent`, and stops within `travel`."""
+def _planned(hold: float, sent: float, leading: float, bending: float, *, stop: float) -> _Plan:
+    """The course of a hold that ends `hold` seconds on, was told to at `sent`, and stops wherever that takes hold.
+
+    Args:
+        hold: at full speed, s.
+        sent: likewise.
+        leading: speed of the fastest joint at the end of the hold, rad/s.
+        bending: by how much more that may be, the earlier the stop takes hold, rad/s2.
+        stop: seconds at full speed that the stop takes per rad/s.
+    """
+    # From where it takes hold the arm stops within stop * speed; an earlier one ends earlier, or the course is longer.
+    travel = max(stop * leading, stop * (leading + bending * (hold - sent)) - (hold - sent))
     place = math.ceil(STEPS * hold / (hold + travel))
     if place >= STEPS:  # a stop so short is taken for a longer one
         place, travel = STEPS - 1, hold / (STEPS - 1)
     seconds = travel * STEPS / (STEPS - place)
-    return _Plan(seconds, place * (GRID // STEPS), place / STEPS - sent / seconds, leading)
+    return _Plan(seconds, place * (GRID // STEPS), place / STEPS - sent / seconds, stop / (seconds * seconds))
 
 
 def _late(plan: _Plan) -> int:
@@ -174,10 +189,9 @@ def _stopped(robot: Robot, twist: Twist, line: Trace, plan: _Plan) -> Course | N
         stray=np.where(late[:, None], cells.stray + stray, cells.stray),
         hurry=np.where(late[:, None], cells.hurry + hurry, cells.hurry),
     )
-    if not np.abs(dq).max() <= plan.leading * plan.seconds:
-        return Nowhere("singular")  # the joints' speeds change so fast there that the stop's way cannot be told
-    if beyond(robot, line.q + (1 - s_end) * dq, cells.stray[-1]):
-        return Nowhere("joint_limit")
+    for earlier in (0.0, plan.window):
+        if not s_end - earlier + plan.stop * float((np.abs(dq) + bend * earlier).max()) <= 1:
+            return Nowhere("singular")  # the joints' speeds change so fast there that the stop's way cannot be told
     tail = straight_cells(line.q, dq, low=plan.end, stray=cells.stray[-1], hurry=hurry)
     tail = replace(tail, third=unbounded(tail))
     return chosen().course(robot, Cells.joined([cells, tail]), Track(twist, s_end, line.q, dq))

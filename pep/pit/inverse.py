@@ -97,11 +97,19 @@ def reachable(robot: Robot, positions: Floats, rotations: Floats) -> bool:
 
     No is no proof: nothing was found from `SEARCH_STARTS` starts each.
     """
+    return not bool(np.isnan(reaching(robot, positions, rotations)).any())
+
+
+def reaching(robot: Robot, positions: Floats, rotations: Floats) -> Floats:
+    """For each of these poses, (n, 3) and (n, 3, 3), joint angles that reach it to `SEARCH_NEAR`, (n, 6), rad.
+
+    A row of what is no number where none were found, from `SEARCH_STARTS` starts each.
+    """
     count = len(positions)
     q = np.tile(search_starts(), (count, 1))
     goal_p, goal_r = np.repeat(positions, SEARCH_STARTS, axis=0), np.repeat(rotations, SEARCH_STARTS, axis=0)
     tcp = np.array(robot.tool.tcp_m)
-    found = np.zeros(count, dtype=bool)
+    found = np.full((count, q.shape[1]), np.nan)
     for _ in range(SEARCH_STEPS):
         frames, origin = link_frames(robot, q)
         axes, origins = frames[:, 1:, :, 2], origin[:, 1:]
@@ -109,12 +117,13 @@ def reachable(robot: Robot, positions: Floats, rotations: Floats) -> bool:
         jacobian = np.concatenate([np.cross(axes, position[:, None] - origins), axes], axis=2).transpose(0, 2, 1)
         turn = turn_of(goal_r @ frames[:, -1].transpose(0, 2, 1))
         error = np.concatenate([goal_p - position, turn], axis=1)
-        near = np.abs(error).max(axis=1) <= SEARCH_NEAR
-        found |= near.reshape(count, SEARCH_STARTS).any(axis=1)
-        if found.all():
-            return True
+        near = (np.abs(error).max(axis=1) <= SEARCH_NEAR).reshape(count, SEARCH_STARTS)
+        new = near.any(axis=1) & np.isnan(found).any(axis=1)
+        found[new] = q.reshape(count, SEARCH_STARTS, -1)[new, near.argmax(axis=1)[new]]
+        if not np.isnan(found).any():
+            return found
         back = jacobian.transpose(0, 2, 1)
         damped = jacobian @ back + SEARCH_DAMPING * np.eye(6)  # 6 rows of a Jacobian
         step = (back @ np.linalg.solve(damped, error[:, :, None]))[:, :, 0]
         q = q + np.clip(step, -SEARCH_STEP_RAD, SEARCH_STEP_RAD)
-    return bool(found.all())
+    return found

@@ -27,9 +27,14 @@ class Leg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegsCertificate(Certificate):
-    """The proofs of all legs, in order; it has no rows of its own."""
+    """The answers of all legs, in order, each with its proof; it has no rows of its own."""
 
-    legs: tuple[Certificate, ...]
+    answers: tuple[Assessment, ...]
+
+    @property
+    def legs(self) -> tuple[Certificate, ...]:
+        """The proofs alone."""
+        return tuple(answer.certificate for answer in self.answers)
 
 
 def as_one(start: Joints, legs: Iterable[Leg | ImpactFault]) -> Assessment | ImpactFault:
@@ -58,9 +63,7 @@ def as_one(start: Joints, legs: Iterable[Leg | ImpactFault]) -> Assessment | Imp
         violations=tuple(sorted({word for answer in answers for word in answer.violations})),
         lower_tier_speed=None,  # each leg has a speed of its own
         start=start,
-        certificate=LegsCertificate(
-            nothing.astype(np.intp), nothing, nothing, np.zeros(0), tuple(answer.certificate for answer in answers)
-        ),
+        certificate=LegsCertificate(nothing.astype(np.intp), nothing, nothing, np.zeros(0), tuple(answers)),
     )
 
 

@@ -1,50 +1,63 @@
 """An assessment's whole proof as one canonical text, which a checker that trusts nothing of us recomputes.
 
-The form is docs/physics.md, "The certificate" (PHY-30 to PHY-33): the question with everything that the answer depends
-on, the answer, and the rows. The rows are the coarsest that prove the answer: a pair that stays far off needs one for
-the whole path, so the text is small and quickly checked.
+The form is docs/physics.md, "The certificate" (PHY-30 to PHY-33, PHY-44 to PHY-48): the question with everything that the
+answer depends on, the answer, and the rows, leg by leg where there are several. The rows are the coarsest that prove the
+answer: a pair that stays far off needs one for the whole way, so the text is small and quickly checked.
 """
 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import numpy as np
 import rfc8785
 
-from pep.pit.certify import DEPTH, FIRST_CUT_MOST, ROWS_MOST, VIOLATION_RESOLUTION_M, cut
+from pep.pit.certify import cut
 from pep.pit.departure import joint_limits
+from pep.pit.drive import Drive
+from pep.pit.driving import drive_of, joint_moves, line_drives
+from pep.pit.effort import Effort
 from pep.pit.errors import ProofError
-from pep.pit.motion import MoveJ, SpeedJ, profile_of
-from pep.pit.pairs import VIOLABLE, Kind, pairs_of
+from pep.pit.legs import LegsCertificate
+from pep.pit.motion import (
+    GripperMove,
+    JointPath,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+    profile_of,
+)
+from pep.pit.pairs import pairs_of
 from pep.pit.parameters import FINER, Demands
-from pep.pit.path import GRID, Path
+from pep.pit.path import Path
+from pep.pit.proof_course import SLACK, Recorded, followed, untraced
+from pep.pit.proof_motion import motion_text
+from pep.pit.proof_rows import Claimed, Rows
 from pep.pit.question import as_run, view_around
 from pep.pit.separation import stopping
-from pep.pit.tier import TIE
-from pep.pit.touching import gentle_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
     from pep.pit.assessment import Assessment
     from pep.pit.cell import CellParameters
-    from pep.pit.motion import Floats, Motion, Profile
+    from pep.pit.drive import Nowhere
+    from pep.pit.motion import Driven, Joints, LineLeg, Motion
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Leaves
+    from pep.pit.proof_motion import Moving
     from pep.pit.robot import Robot
     from pep.pit.scene import Scene
-    from pep.pit.separation import Stopping
     from pep.pit.view import View
 
 VERSION: Final = "ztpm-pit-proof/1"
-NO_FORM: Final = "only straight joint motions have a certificate that can be written down"
-DIGITS: Final = "0123456789abcdefghijklmn"  # PHY-32: of an interval's depth
-DEEPEST: Final = DEPTH + FIRST_CUT_MOST.bit_length() - 1  # halvings of the whole path that the search can have made
+NO_FORM: Final = "only motions of the arm have a certificate that can be written down"
 CELL_NUMBERS: Final = (
     "stop_deceleration_rad_s2",
     "stop_delay_s",
@@ -78,6 +91,9 @@ CELL_NUMBERS: Final = (
 """The cell's numbers on which a path's index depends; what stands in the cell is in the scene."""
 
 
+NO_ROWS: Final[dict[str, Any]] = {"cover": [], "retreating": [], "meant": [], "met": []}
+
+
 def document(
     answer: Assessment,
     *,
@@ -102,31 +118,38 @@ def document(
         touch: likewise.
 
     Raises:
-        ProofError: a motion that is no straight joint motion; an answer to another question; a row that cannot be
-            proven to the answer's index.
+        ProofError: a motion that moves no joint; an answer to another question; a row that cannot be proven to the
+            answer's index.
         PitError: a question that no answer could have been given to.
     """
-    if not isinstance(motion, MoveJ | SpeedJ):
+    if isinstance(motion, GripperMove | OutputSet):
         raise ProofError("PARAMETERS_WRONG", NO_FORM)
     view = view_around(robot, scene, perception_age_s, motion.start, cell)
     same = (answer.model_digest, answer.scene_digest, answer.start, answer.perception_age_s, answer.perception)
     if same != (robot.model_digest, view.scene.digest, motion.start, view.age_s, view.perception):
         raise ProofError("PARAMETERS_WRONG", "the answer to another question")
     question = _question(robot, view, motion, cell, touch)
-    run = as_run(motion, cell)
-    profile = profile_of(run)
-    limits = joint_limits(robot, np.array(run.start), np.array(run.target))
-    proof, torque = _NOTHING, 0.0
-    if profile is not None and not limits.broken:
-        path = Path(robot, run)
-        demands = Demands(path, cell)
-        torque = next(each.ratio for each in demands.ratios(profile) if each.name == "torque")
-        proof = _Rows(path, profile, view, cell, touch=touch).proof(answer)
-    claim = {
-        "index": _hex(answer.index),
+    asked = _Asked(robot, view, cell, touch)
+    claim: dict[str, Any]
+    match motion:
+        case JointPath() | LinePath():
+            if not isinstance(answer.certificate, LegsCertificate):
+                raise ProofError("PARAMETERS_WRONG", "the answer to another question")
+            legs = [
+                _leg(said, proof, torque)
+                for said, (proof, torque) in zip(answer.certificate.answers, asked.legs(motion, answer), strict=True)
+            ]
+            proof: dict[str, Any] = {"legs": legs}
+            torque = max((float.fromhex(leg["answer"]["torque"]) for leg in legs), default=0.0)
+        case MoveJ() | SpeedJ():
+            proof, torque = asked.straight(motion, answer)
+        case MoveL() | SpeedL() | ServoJ():
+            drive = drive_of(robot, motion, cell, perception_age_s=view.stopping_age_s, check_time=lambda: None)
+            proof, torque = asked.driven(motion.start, drive, motion, answer)
+        case _:
+            assert_never(motion)
+    claim = _claim(answer, torque) | {
         "tier": int(answer.tier),
-        "violations": sorted(str(each) for each in answer.violations),
-        "torque": _hex(torque),
         "model": answer.model_digest,
         "scene": answer.scene_digest,
     }
@@ -146,16 +169,16 @@ def question_digest(
     """SHA-256 (hex) of the question in its canonical form: `Verified.question` of a proof about it.
 
     Raises:
-        ProofError: a motion that is no straight joint motion.
+        ProofError: a motion that moves no joint.
         PitError: a scene that must not be reasoned about.
     """
-    if not isinstance(motion, MoveJ | SpeedJ):
+    if isinstance(motion, GripperMove | OutputSet):
         raise ProofError("PARAMETERS_WRONG", NO_FORM)
     view = view_around(robot, scene, perception_age_s, motion.start, cell)
     return hashlib.sha256(rfc8785.dumps(_question(robot, view, motion, cell, touch))).hexdigest()
 
 
-_NOTHING: Final[dict[str, Any]] = {"cover": [], "cut": 1, "retreating": [], "meant": [], "met": []}
+_NOTHING: Final[dict[str, Any]] = NO_ROWS | {"cut": 1}
 
 
 def _hex(number: float) -> str:
@@ -163,13 +186,89 @@ def _hex(number: float) -> str:
     return float(number).hex()
 
 
-def _six(angles: Iterable[float]) -> list[str]:
-    return [_hex(angle) for angle in angles]
+def _claim(answer: Assessment, torque: float) -> dict[str, Any]:
+    violations = sorted(str(each) for each in answer.violations)
+    return {"index": _hex(answer.index), "violations": violations, "torque": _hex(torque)}
 
 
-def _question(
-    robot: Robot, view: View, motion: MoveJ | SpeedJ, cell: CellParameters, touch: frozenset[str]
-) -> dict[str, Any]:
+def _leg(said: Assessment, proof: dict[str, Any], torque: float) -> dict[str, Any]:
+    return {"answer": _claim(said, torque), "proof": proof}
+
+
+class _Asked:
+    """Everything that was asked but the motion, and the proof of a leg's answer to it."""
+
+    def __init__(self, robot: Robot, view: View, cell: CellParameters, touch: frozenset[str]) -> None:
+        """Nothing is computed yet."""
+        self.robot, self.view, self.cell, self.touch = robot, view, cell, touch
+
+    def _pairs(self) -> Pairs:
+        return pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
+
+    def legs(self, path: JointPath | LinePath, answer: Assessment) -> Iterator[tuple[dict[str, Any], float]]:
+        """Each leg's proof and torque ratio."""
+        certificate = answer.certificate
+        assert isinstance(certificate, LegsCertificate)
+        match path:
+            case JointPath():
+                for move, said in zip(joint_moves(path), certificate.answers, strict=True):
+                    yield self.straight(move, said)
+            case LinePath():
+                drives = line_drives(self.robot, path, check_time=lambda: None)
+                for leg, (start, drive), said in zip(path.legs, drives, certificate.answers, strict=False):
+                    yield self.driven(start, drive, leg, said)
+            case _:
+                assert_never(path)
+
+    def straight(self, motion: MoveJ | SpeedJ, answer: Assessment) -> tuple[dict[str, Any], float]:
+        """The proof of a straight joint motion's answer, and its torque ratio."""
+        run = as_run(motion, self.cell)
+        profile = profile_of(run)
+        if profile is None or joint_limits(self.robot, np.array(run.start), np.array(run.target)).broken:
+            return _NOTHING, 0.0
+        path = Path(self.robot, run)
+        torque = next(each.ratio for each in Demands(path, self.cell).ratios(profile) if each.name == "torque")
+        stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
+        rows = Rows(path, profile, stop, self._pairs(), self.cell, slack=0.0)
+        members = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs))).members
+        met = [[pair, (low + high) // 2] for pair, low, high in members["met"]]
+        return members | {"met": met, "cut": FINER * len(cut(path)[0])}, torque
+
+    def driven(
+        self, start: Joints, drive: Drive | Nowhere, motion: Driven | LineLeg, answer: Assessment
+    ) -> tuple[dict[str, Any], float]:
+        """The proof of a curved motion's answer, and its torque ratio.
+
+        Raises:
+            ProofError: a held speed of which nothing could be traced.
+        """
+        if not isinstance(drive, Drive):
+            return NO_ROWS | {"course": untraced(self.robot, self.cell, start, drive, motion)}, 0.0
+        way = Recorded(self.robot, start, drive)
+        if drive.doubt == "joint_limit":
+            return NO_ROWS | {"course": followed(way, set(), motion)}, 0.0
+        profile = drive.profile
+        demands = Effort(self.robot, drive, self.cell).ratios(profile)
+        joint = float(drive.joint_speeds_rad_s(profile).max())
+        stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
+        rows = Rows(way, profile, stop, self._pairs(), self.cell, slack=SLACK)
+        proven = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs)))
+        torque = next(each.ratio for each in demands if each.name == "torque")
+        return proven.members | {"course": followed(way, proven.places, motion)}, torque
+
+
+def _claimed(answer: Assessment) -> Claimed:
+    return Claimed(answer.index, answer.violations, answer.certificate)
+
+
+def _asked(answer: Assessment, count: int) -> NDArray[np.bool_]:
+    """The pairs that the search asked about: all but those that are left out as a retreat."""
+    asked = np.zeros(count, dtype=bool)
+    asked[answer.certificate.pair] = True
+    return asked
+
+
+def _question(robot: Robot, view: View, motion: Moving, cell: CellParameters, touch: frozenset[str]) -> dict[str, Any]:
     numbers: dict[str, Any] = {name: _hex(getattr(cell, name)) for name in CELL_NUMBERS}
     numbers["payload_kg"] = None if cell.payload_kg is None else _hex(cell.payload_kg)
     numbers["contacts"] = sorted([contact.object, contact.by] for contact in cell.contacts)
@@ -179,149 +278,5 @@ def _question(
         "cell": numbers,
         "age_s": None if view.age_s is None else _hex(view.age_s),
         "touch": sorted(touch),
-        "motion": _motion(motion),
+        "motion": motion_text(motion),
     }
-
-
-def _motion(motion: MoveJ | SpeedJ) -> dict[str, Any]:
-    match motion:
-        case MoveJ(start, target, speed, acceleration):
-            return {
-                "form": "move_j",
-                "start": _six(start),
-                "target": _six(target),
-                "speed_rad_s": _hex(speed),
-                "acceleration_rad_s2": _hex(acceleration),
-            }
-        case SpeedJ(start, speeds, acceleration, duration):
-            return {
-                "form": "speed_j",
-                "start": _six(start),
-                "qd_rad_s": _six(speeds),
-                "acceleration_rad_s2": _hex(acceleration),
-                "duration_s": _hex(duration),
-            }
-        case _:
-            assert_never(motion)
-
-
-@dataclass(frozen=True, slots=True)
-class _Order:
-    """The pairs in the order of the certificate (PHY-31): which of ours stands at each place, and the other way."""
-
-    ours: list[int]
-    place: dict[int, int]
-
-
-def _order(robot: Robot, pairs: Pairs) -> _Order:
-    """Self pairs by the names of both capsules; all others as they are."""
-    own = np.flatnonzero(pairs.kind == pairs.code_of(Kind.SELF)).tolist()
-    names = [(inner.name, robot.bodies[body].name) for body, inner in robot.self_pairs]
-    ours = list(range(len(pairs)))
-    if own:
-        ours[own[0] : own[-1] + 1] = [own[k] for k in sorted(range(len(own)), key=names.__getitem__)]
-    return _Order(ours, {pair: at for at, pair in enumerate(ours)})
-
-
-class _Rows:
-    """The coarsest rows that prove an answer: from the whole path on, what does not suffice is halved."""
-
-    def __init__(
-        self, path: Path, profile: Profile, view: View, cell: CellParameters, *, touch: frozenset[str]
-    ) -> None:
-        """The pairs as the assessment had them."""
-        robot = path.robot
-        self.path, self.profile, self.cell, self.robot = path, profile, cell, robot
-        self.stop: Stopping = stopping(cell, perception_age_s=view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
-        bare = pairs_of(robot, view.scene, cell, grown_m=view.grown_m, touch=touch)
-        gentle = gentle_rows(path, bare, profile, cell, check_time=lambda: None)
-        self.meant = np.zeros(len(bare), dtype=bool)
-        self.meant[gentle] = True
-        self.pairs = bare.meant(gentle)
-
-    def proof(self, answer: Assessment) -> dict[str, Any]:
-        """The `proof` member of the document."""
-        asked = np.zeros(len(self.pairs), dtype=bool)
-        asked[answer.certificate.pair] = True
-        order = _order(self.robot, self.pairs)
-        covers = [""] * len(self.pairs)
-        for pair, depths in self._covers(np.flatnonzero(asked), answer).items():
-            covers[order.place[pair]] = depths
-        low, _ = cut(self.path)
-        return {
-            "cover": covers,
-            "cut": FINER * len(low),
-            "retreating": sorted(order.place[pair] for pair in np.flatnonzero(~asked).tolist()),
-            "meant": sorted(order.place[pair] for pair in np.flatnonzero(self.meant).tolist()),
-            "met": self._met(answer, order),
-        }
-
-    def _covers(self, rows: NDArray[np.intp], answer: Assessment) -> dict[int, str]:
-        """Per pair the depths of its intervals, one digit each, from the path's start to its end."""
-        found: dict[int, list[tuple[int, str]]] = {pair: [] for pair in rows.tolist()}
-        zero = np.zeros(len(rows), dtype=np.int64)
-        leaves = self.path.examine(self.pairs, zero, zero + GRID, rows)
-        examined = 0
-        for depth in range(DEEPEST + 1):
-            examined += len(leaves)
-            if examined > ROWS_MOST or self._attained(leaves) > answer.index + TIE:
-                break
-            enough = self._suffices(leaves, answer)
-            done = leaves.take(enough)
-            for low, pair in zip(done.low.tolist(), done.pair.tolist(), strict=True):
-                found[pair].append((low, DIGITS[depth]))
-            if enough.all():
-                return {pair: "".join(digit for _, digit in sorted(each)) for pair, each in found.items()}
-            leaves = self.path.halve(self.pairs, leaves.take(~enough))
-        raise ProofError("PHYSICS_FAULT", "a row that does not prove the answer's index")
-
-    def _attained(self, leaves: Leaves) -> float:
-        """The highest index that the middles of these rows attain: no claim below it can be proven."""
-        speed: Floats = leaves.rush_mid * self.profile.rate(leaves.mid / GRID)
-        return float(self.pairs.index(leaves.pair, leaves.clear_mid_m, speed, self.stop).max(initial=0.0))
-
-    def _suffices(self, leaves: Leaves, answer: Assessment) -> NDArray[np.bool_]:
-        """Rows that prove the index, exclude a violation that was not met, and prove a meant contact gentle."""
-        pair = leaves.pair
-        rate = self.profile.highest_rate(leaves.low / GRID, leaves.high / GRID)
-        speed: Floats = leaves.rush * rate
-        enough = self.pairs.index(pair, leaves.clear_m, speed, self.stop) <= answer.index + TIE
-        excluded = [self.pairs.code_of(kind) for kind in VIOLABLE if str(kind) not in answer.violations]
-        open_kind = np.isin(self.pairs.kind[pair], excluded)
-        enough &= ~open_kind | (leaves.clear_m >= self.pairs.violated_below[pair] - VIOLATION_RESOLUTION_M)
-        cell = self.cell
-        slow = (speed <= cell.contact_speed_m_s) & (leaves.clear_m >= -cell.contact_depth_m)
-        enough &= ~self.meant[pair] | slow | (leaves.clear_m >= cell.contact_near_m)
-        return np.asarray(enough)
-
-    def _met(self, answer: Assessment, order: _Order) -> list[list[int]]:
-        """Per violated kind, in the order of their names, a pair and a configuration (in 1 / GRID) where it is met.
-
-        Whatever the search met lies at a middle or an end of a leaf, or at an end of the path.
-        """
-        rows = answer.certificate
-        met: list[list[int]] = []
-        for kind in sorted(k for k in VIOLABLE if str(k) in answer.violations):
-            mine = np.flatnonzero(self.pairs.kind[rows.pair] == self.pairs.code_of(kind))
-            leaves = self.path.examine(self.pairs, rows.low[mine], rows.high[mine], rows.pair[mine])
-            depth = leaves.clear_mid_m - self.pairs.violated_below[leaves.pair]
-            deepest = int(depth.argmin())
-            at, pair, found = int(leaves.mid[deepest]), int(leaves.pair[deepest]), float(depth[deepest])
-            if found >= 0:
-                at, pair, found = self._met_at_an_end(rows.low[mine], rows.high[mine], np.unique(rows.pair[mine]))
-            if found >= 0:
-                raise ProofError("PHYSICS_FAULT", f"no configuration shows the violation {kind}")
-            met.append([order.place[pair], at])
-        return met
-
-    def _met_at_an_end(
-        self, low: NDArray[np.int64], high: NDArray[np.int64], pairs: NDArray[np.intp]
-    ) -> tuple[int, int, float]:
-        """The deepest of these pairs at the leaves' ends: (key, pair, depth below its bound in metre)."""
-        best = (0, int(pairs[0]), 0.0)
-        for key in np.unique(np.concatenate([low, high])).tolist():
-            depth = self.path.clearance_at(self.pairs, key, pairs) - self.pairs.violated_below[pairs]
-            deepest = int(depth.argmin())
-            if depth[deepest] < best[2]:
-                best = (key, int(pairs[deepest]), float(depth[deepest]))
-        return best

@@ -248,7 +248,7 @@ def no_real_number(top, rng):
 
 @resealed
 def unknown_form(top, rng):
-    top["question"]["motion"]["form"] = pick(rng, ["move_l", "line", "", "MOVE_J"])
+    top["question"]["motion"]["form"] = pick(rng, ["move_c", "line", "", "MOVE_J"])
 
 
 # --- the claim --------------------------------------------------------------------------------------------------------

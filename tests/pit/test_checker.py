@@ -38,7 +38,7 @@ from pep.pit import (
 )
 from pep.pit.certify import TIE
 from pep.pit.checker import Code, Refused, Verified, verify
-from pep.pit.checker import arm, check, laws, motion, question, robot, rows, space, verdict
+from pep.pit.checker import arm, check, laws, leg, motion, question, robot, rows, space, verdict
 from pep.pit.clearance import core_distance
 from pep.pit.contact import harm_speed_m_s
 from pep.pit.kinematics import bending
@@ -47,6 +47,7 @@ from pep.pit.pairs import Kind, pairs_of
 from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path as JointPath
 from pep.pit.proof import document, question_digest
+from pep.pit.proof_rows import order_of
 from pep.pit.question import as_run, view_around
 from pep.pit.solids import cores_of
 from pep.pit.separation import stopping
@@ -57,6 +58,7 @@ from tests.pit.test_calibration import robot_of as robot_of_rows
 from tests.pit.test_urdf import arm_of
 from tests.pit.urdfs import random_arm
 from tests.pit.corruption import KINDS, corrupted, seal
+from tests.pit.corruption_courses import EXPECTED as OF_COURSES
 from tests.pit.scenes import (
     CELL,
     HOME,
@@ -373,8 +375,8 @@ def test_each_kind_of_corruption_is_refused_for_its_own_reason(genuine):
 
 
 def test_every_code_but_the_last_is_given(genuine):
-    """CHECKER_FAILED is for what nobody thought of; every other code has a corruption or a test above."""
-    given = {code for codes in EXPECTED.values() if codes for code in codes}
+    """CHECKER_FAILED is for what nobody thought of; every other code has a corruption here or of a course."""
+    given = {code for codes in (EXPECTED | OF_COURSES).values() if codes for code in codes}
     assert given == {*Code} - {Code.CHECKER_FAILED}
 
 
@@ -438,9 +440,9 @@ def test_work_is_bounded(monkeypatch, genuine):
     scene = replace(empty(), people=(Person("p", ((Region.HAND, Sphere((x, y, z - 0.05), 0.06)),)),))
     _, top, retreat = proven(asked(scene, MoveJ(HOME, (0.0, HOME[1] - 0.1, *HOME[2:]), 0.2, 1.0)))
     assert top["proof"]["retreating"]
-    monkeypatch.setattr(check, "ROWS_MOST", 127)
+    monkeypatch.setattr(leg, "ROWS_MOST", 127)
     assert verify(retreat) == Refused(Code.TOO_LARGE, "proof.retreating")
-    monkeypatch.setattr(check, "ROWS_MOST", 20)
+    monkeypatch.setattr(leg, "ROWS_MOST", 20)
     assert verify(genuine[0]) == Refused(Code.TOO_LARGE, "proof.cover")
     monkeypatch.setattr(rows, "PAIRS_MOST", 5)
     assert verify(genuine[0]) == Refused(Code.TOO_LARGE, "scene")
@@ -470,9 +472,7 @@ def setting(scene, move, *, held=None, touch=NOTHING, cell=CELL):
     obstacles = question.obstacles_of(content, theirs_cell, theirs_view, touch)
     theirs = rows.pairs_of(theirs_robot, obstacles, theirs_cell)
     sweep_ = arm.Sweep(theirs_robot, motion.run_of(top["question"]["motion"], theirs_cell))
-    from pep.pit.proof import _order
-
-    return JointPath(arm_, run), ours, _order(arm_, ours), sweep_, theirs, theirs_robot, theirs_cell, theirs_view
+    return JointPath(arm_, run), ours, order_of(arm_, ours), sweep_, theirs, theirs_robot, theirs_cell, theirs_view
 
 
 def everything(rng):
@@ -494,7 +494,7 @@ def test_pairs_rows_and_indices_are_those_of_the_room(seed):
     assert len(theirs) == len(ours)
     profile = profile_of(as_run(move, cell))
     stop = stopping(cell, perception_age_s=AGE, joint_speed_rad_s=profile.peak_rad_s)
-    timing = motion.Timing(motion.Run(move.start, move.target, move.speed_rad_s, *[move.acceleration_rad_s2] * 2))
+    timing = motion.Timing.of(motion.Run(move.start, move.target, move.speed_rad_s, *[move.acceleration_rad_s2] * 2))
     their_laws = laws.Laws(their_robot, their_cell, their_view, peak_rad_s=timing.peak)
     assert timing.peak == pytest.approx(profile.peak_rad_s, rel=1e-12)
     touchable = 0
@@ -626,8 +626,11 @@ def test_ratios_are_those_of_the_room(held, payload):
         move = random_move(rng)
         _, top, _ = proven(asked(empty(), move, robot=arm_, cell=cell))
         question_ = check._question(top["question"])
-        timing, sweep_ = motion.Timing(question_.run), arm.Sweep(question_.robot, question_.run)
-        found = check._ratios(question_, timing, check._Speeds(sweep_, timing, top["proof"]["cut"]))
+        run = motion.run_of(top["question"]["motion"], question_.cell)
+        timing, sweep_ = motion.Timing.of(run), arm.Sweep(question_.robot, run)
+        step = GRID // top["proof"]["cut"]
+        speeds = leg.Speeds(sweep_, timing, [(low, low + step) for low in range(0, GRID, step)])
+        found = check._straight_ratios(question_.robot, run, timing) | leg.ratios(question_, speeds, 0.0)
         path = JointPath(arm_, as_run(move, cell))
         known = {each.name: each.ratio for each in Demands(path, cell).ratios(profile_of(as_run(move, cell)))}
         torque = known.pop("torque")
@@ -662,7 +665,7 @@ def test_cores_that_meet_are_as_near_as_their_radii_say():
     """There is no direction between them, so nothing better is proven."""
     _, top, _ = proven(asked(empty(), sweep()))
     question_ = check._question(top["question"])
-    sweep_ = arm.Sweep(question_.robot, question_.run)
+    sweep_ = arm.Sweep(question_.robot, motion.run_of(top["question"]["motion"], question_.cell))
     body = question_.robot.moving[-1]
     a, b, *_ = sweep_.pose(body, GRID // 2)
     middle = tuple((p + q) / 2 for p, q in zip(a, b, strict=True))

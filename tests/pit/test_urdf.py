@@ -134,11 +134,11 @@ def test_its_certificate_is_verified():
     assert found.tier == answer.tier
 
 
-def test_the_narrower_limit_counts_both_ways():
-    """Of a joint from -2.5 to 6.28 rad: beyond 2.5 either way is beyond a limit, until the room knows both sides."""
+def test_each_limit_counts_its_own_way():
+    """Of a joint from -2.5 to 6.28 rad."""
     text = UR3E.replace('lower="-6.283185307179586"', 'lower="-2.5"', 1)
     arm = arm_of(text, LIKE_UR3E)
-    for end, violations in ((-2.4, ()), (-2.6, ("joint_limit",)), (2.6, ("joint_limit",))):
+    for end, violations in ((-2.4, ()), (-2.6, ("joint_limit",)), (2.6, ()), (6.3, ("joint_limit",))):
         move = MoveJ(HOME, (end, *HOME[1:]), 0.5, 1.0)
         found = assess(arm, empty(), move, CELL, perception_age_s=0.1, touch=NOTHING, seed=SEED)
         assert found.violations == violations

@@ -2,30 +2,33 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from pep.pit.checker.arm import GRID, Sweep
-from pep.pit.checker.laws import HIGHEST, MOVING, RETREAT, SAME, Laws, carried_kg, ratio_index, tier_of
-from pep.pit.checker.motion import STILL_RAD, Run, Timing, run_of
-from pep.pit.checker.question import VIOLABLE, Cell, View, cell_of, obstacles_of, scene_of, view_of
-from pep.pit.checker.robot import Robot, robot_of
-from pep.pit.checker.rows import PAIRS_MOST, Pair, attained, clearance, pairs_of
+from pep.pit.checker.drive import RECORD, Drive, Fixed
+from pep.pit.checker.followed import DOUBTFUL, followed_line
+from pep.pit.checker.laws import HIGHEST, SAME, tier_of
+from pep.pit.checker.leg import Answer, Leg, Question, proven, rising
+from pep.pit.checker.line import PLACE
+from pep.pit.checker.motion import LEGS_MOST, STILL_RAD, Held, Line, Run, Servo, Timing, motion_of
+from pep.pit.checker.question import VIOLABLE, cell_of, scene_of, view_of
+from pep.pit.checker.robot import robot_of
+from pep.pit.checker.rows import PAIRS_MOST
+from pep.pit.checker.stream import held_speed, servo_target
 from pep.pit.checker.text import BYTES_MOST, canonical, exact, listed, parsed, sha256, table, whole, word
 from pep.pit.checker.verdict import Code, Refusal, Refused, Verified, need
 
+if TYPE_CHECKING:
+    from pep.pit.checker.motion import Curved, Motion
+    from pep.pit.checker.robot import Robot
+    from pep.pit.checker.stance import Six
+
 VERSION: Final = "ztpm-pit-proof/1"
-DEPTHS: Final = {digit: GRID >> depth for depth, digit in enumerate("0123456789abcdefghijklmn")}
-"""Width of an interval by the digit of its depth; the narrowest still has an exact middle."""
-ROWS_MOST: Final = 200_000  # of one document; bounds the work
-INDEX_SLACK: Final = 1e-6  # two roundings (1e-15 m) of a bound, divided by the shortest travel (1e-9 m) that has a band
-VIOLATION_SLACK_M: Final = 1e-4  # PHY-9: a path that grazes to within this without touching is no violation
 CUT_MOST: Final = 128  # equal intervals on which speeds are bounded; more gain nothing
-RETREAT_CUT: Final = 128  # PHY-6: equal intervals on which a retreat is shown never to come nearer
 NO_PROOF: Final[dict[str, Any]] = {"cover": [], "cut": 1, "retreating": [], "meant": [], "met": []}
+NO_ROWS: Final[dict[str, Any]] = {"cover": [], "retreating": [], "meant": [], "met": []}
 TORQUE_MOST: Final = 1e6  # a ratio larger than this is none
+WORDS_MOST: Final = len(VIOLABLE) + 2  # of violations: and joint_limit, and unreachable
 
 
 def verify(text: bytes) -> Verified | Refused:
@@ -40,23 +43,6 @@ def verify(text: bytes) -> Verified | Refused:
         return refusal.verdict
     except Exception as error:  # noqa: BLE001 - whatever breaks in here verifies nothing
         return Refused(Code.CHECKER_FAILED, type(error).__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class _Question:
-    robot: Robot
-    cell: Cell
-    view: View
-    run: Run
-    scene: dict[str, Any]
-    touch: frozenset[str]
-
-
-@dataclass(frozen=True, slots=True)
-class _Answer:
-    index: float
-    violations: list[str]
-    torque: float
 
 
 def _verified(text: bytes) -> Verified:
@@ -76,22 +62,16 @@ def _verified(text: bytes) -> Verified:
         spelt = word(asked[name], f"question.{name}").encode()
         need(claim[name] == sha256(spelt), Code.DIGEST_WRONG, f"answer.{name}")
     question = _question(asked)
+    motion = motion_of(asked["motion"], question.cell)
     # 3. What is claimed: the tier is that of the index.
-    answer = _Answer(
-        index=exact(claim["index"], "answer.index", low=0, high=HIGHEST),
-        violations=_rising(
-            [word(each, "answer.violations") for each in _short(claim["violations"])], "answer.violations"
-        ),
-        torque=exact(claim["torque"], "answer.torque", low=0, high=TORQUE_MOST),
-    )
+    answer = _answer(claim, "answer")
     tier = whole(claim["tier"], "answer.tier", low=0, high=4)
     need(tier == tier_of(answer.index), Code.TIER_WRONG, "answer.tier")
     # 4. The proof.
-    proof = table(top["proof"], "proof", ("cover", "cut", "retreating", "meant", "met"))
     return Verified(
         index=answer.index,
         tier=tier,
-        rows=_proven(question, answer, proof),
+        rows=_legs_proven(question, motion, answer, top["proof"]),
         question=sha256(canonical(asked)),
         model=claim["model"],
         scene=claim["scene"],
@@ -105,112 +85,141 @@ def _spelling(value: Any) -> bytes:
         raise Refusal(Code.NOT_CANONICAL, "document") from error
 
 
-def _short(value: Any) -> list[Any]:
-    return listed(value, "answer.violations", least=0, most=len(VIOLABLE) + 1)  # and joint_limit
+def _answer(claim: dict[str, Any], place: str) -> Answer:
+    words = listed(claim["violations"], f"{place}.violations", least=0, most=WORDS_MOST)
+    return Answer(
+        index=exact(claim["index"], f"{place}.index", low=0, high=HIGHEST),
+        violations=rising([word(each, f"{place}.violations") for each in words], f"{place}.violations"),
+        torque=exact(claim["torque"], f"{place}.torque", low=0, high=TORQUE_MOST),
+    )
 
 
-def _rising(items: list[Any], place: str) -> list[Any]:
-    """The items, when each is more than the one before: a set's one spelling."""
-    need(all(a < b for a, b in pairwise(items)), Code.MEMBER_WRONG, place)
-    return items
-
-
-def _question(asked: dict[str, Any]) -> _Question:
+def _question(asked: dict[str, Any]) -> Question:
     robot, cell = robot_of(asked["model"]), cell_of(asked["cell"])
     scene, complete = scene_of(asked["scene"])
     place = "question.touch"
-    touch = _rising([word(each, place) for each in listed(asked["touch"], place, least=0, most=PAIRS_MOST)], place)
+    touch = rising([word(each, place) for each in listed(asked["touch"], place, least=0, most=PAIRS_MOST)], place)
     view = view_of(asked["age_s"], cell, complete=complete)
-    return _Question(robot, cell, view, run_of(asked["motion"], cell), scene, frozenset(touch))
+    return Question(robot, cell, view, scene, frozenset(touch))
 
 
-def _proven(asked: _Question, answer: _Answer, proof: dict[str, Any]) -> int:
-    """How many rows were recomputed; each holds, and together they prove the answer."""
-    run, robot, cell = asked.run, asked.robot, asked.cell
-    # 1. A way that is none, and a way through a joint limit, have one answer each and no rows.
-    broken, returning = _joint_limits(run, robot)
-    still = not max(abs(way) for way in run.ways) > STILL_RAD
-    if still or broken:
-        fixed = (0.0, []) if still else (HIGHEST, ["joint_limit"])
-        need((answer.index, answer.violations, answer.torque) == (*fixed, 0.0), Code.ANSWER_WRONG, "answer")
-        need(proof == NO_PROOF and type(proof["cut"]) is int, Code.ANSWER_WRONG, "proof")
-        return 0
-    # 2. What holds anyway: any motion, the view, a retreat, and what the arm itself is asked.
-    timing, sweep = Timing(run), Sweep(robot, run)
-    speeds = _Speeds(sweep, timing, whole(proof["cut"], "proof.cut", low=1, high=CUT_MOST))
-    pairs = pairs_of(robot, obstacles_of(asked.scene, cell, asked.view, asked.touch), cell)
-    retreating, meant = (_numbers(proof[name], f"proof.{name}", len(pairs)) for name in ("retreating", "meant"))
-    floor = max(MOVING, asked.view.floor, RETREAT if returning or retreating else 0.0, ratio_index(answer.torque))
-    need(floor <= answer.index + INDEX_SLACK, Code.FLOOR_EXCEEDS, "answer.index")
-    for name, ratio in _ratios(asked, timing, speeds).items():
-        need(ratio_index(ratio) <= answer.index + INDEX_SLACK, Code.FLOOR_EXCEEDS, name)
-    # 3. Pairs left out as a retreat, and joint limits that are come back from: only when slow.
-    slow = False
-    if returning or retreating:
-        slow = timing.peak <= cell.retreat_joint_speed_rad_s * (1 + SAME)
-        slow = slow and max(map(speeds.of, robot.moving)) <= cell.retreat_speed_m_s * (1 + SAME)
-    need(slow or not retreating, Code.RETREAT_UNPROVEN, "proof.retreating")
-    need(len(retreating) * RETREAT_CUT <= ROWS_MOST, Code.TOO_LARGE, "proof.retreating")
-    for number in retreating:
-        need(_leads_away(sweep, pairs[number], cell), Code.RETREAT_UNPROVEN, f"pair {number}")
-    # 4. Violations: each claimed one is met where the proof says.
-    met = _met(proof["met"], sweep, pairs, retreating)
-    expected = met | ({"joint_limit"} if returning and not slow else set())
-    need(answer.violations == sorted(expected), Code.VIOLATION_UNFOUNDED, "answer.violations")
-    # 5. Every pair's intervals cover the path, and every row holds.
-    laws = Laws(robot, cell, asked.view, peak_rad_s=timing.peak)
-    covers = listed(proof["cover"], "proof.cover", least=0, most=PAIRS_MOST)
-    need(len(covers) == len(pairs), Code.COVER_WRONG, "proof.cover")
-    for number in meant:
-        need(pairs[number].touchable, Code.MEANT_UNPROVEN, f"pair {number}")
+def _legs_proven(asked: Question, motion: Motion, answer: Answer, proof: Any) -> int:
+    """How many rows were recomputed; each leg's proof holds, and the answer is that of the worst."""
+    start = motion.start
+    if not motion.path:
+        return _leg_proven(asked, start, motion.legs[0], answer, proof)[0]
+    place = "proof.legs"
+    legs = listed(table(proof, "proof", ("legs",))["legs"], place, least=1, most=LEGS_MOST)
+    need(len(legs) <= len(motion.legs), Code.LEGS_WRONG, place)
+    claims: list[Answer] = []
     rows = 0
-    for number, (pair, cover) in enumerate(zip(pairs, covers, strict=True)):
-        if number in retreating:
-            need(cover == "", Code.COVER_WRONG, f"pair {number}")
-            continue
-        is_meant = number in meant
-        excluded = None
-        if pair.violated_below is not None and pair.obstacle.kind not in met:
-            excluded = pair.violated_below - VIOLATION_SLACK_M - SAME
-        low = 0
-        for high in _intervals(cover, number):
-            near = clearance(sweep, pair, low, high)
-            speed = sweep.rush(pair.body, low, high) * timing.highest(low / GRID, high / GRID)
-            index = laws.index(pair.obstacle, near, speed, meant=is_meant)
-            if not (math.isfinite(near) and math.isfinite(speed) and index <= answer.index + INDEX_SLACK):
-                raise Refusal(Code.ROW_EXCEEDS, f"pair {number}, from {low}")
-            if excluded is not None and not near >= excluded:
-                raise Refusal(Code.VIOLATION_HIDDEN, f"pair {number}, from {low}")
-            if is_meant and not laws.gentle(near, speed):
-                raise Refusal(Code.MEANT_UNPROVEN, f"pair {number}, from {low}")
-            low = high
-            rows += 1
-        need(rows <= ROWS_MOST, Code.TOO_LARGE, "proof.cover")
+    for number, (leg, value) in enumerate(zip(motion.legs, legs, strict=False)):
+        row = table(value, place, ("answer", "proof"))
+        claim = _answer(table(row["answer"], f"{place}.answer", ("index", "violations", "torque")), f"{place}.answer")
+        count, end = _leg_proven(asked, start, leg, claim, row["proof"])
+        claims.append(claim)
+        rows += count
+        # What comes after a leg that is not proven to its end is not looked at.
+        last = number == len(legs) - 1
+        need(last if end is None else not last or len(legs) == len(motion.legs), Code.LEGS_WRONG, place)
+        start = start if end is None else end
+    worst = Answer(
+        max(claim.index for claim in claims),
+        sorted({each for claim in claims for each in claim.violations}),
+        max(claim.torque for claim in claims),
+    )
+    need(answer == worst, Code.LEGS_WRONG, "answer")
     return rows
 
 
-def _numbers(value: Any, place: str, count: int) -> dict[int, None]:
-    """Numbers of pairs, rising; a dict, because a set of them is asked often and kept in order."""
-    items = listed(value, place, least=0, most=count)
-    return dict.fromkeys(_rising([whole(each, place, low=0, high=count - 1) for each in items], place))
+def _leg_proven(
+    asked: Question, start: Six, motion: Run | Curved, answer: Answer, value: Any
+) -> tuple[int, Six | None]:
+    """How many rows were recomputed, and where the leg ends; None when it is not proven to its end."""
+    if isinstance(motion, Run):
+        return _straight_proven(asked, motion, answer, value), motion.target
+    proof = table(value, "proof", (*NO_ROWS, "course"))
+    row = table(proof["course"], PLACE, RECORD)
+    drive = _drive(asked, start, motion, row)
+    if isinstance(drive, Fixed):
+        index = max(drive.index, asked.view.floor if drive.doubt not in (None, "joint_limit") else 0.0)
+        wanted = Answer(index, sorted(drive.violations), 0.0)
+        need(answer == wanted, Code.ANSWER_WRONG, "answer")
+        need({name: proof[name] for name in NO_ROWS} == NO_ROWS, Code.ANSWER_WRONG, "proof")
+        return 0, start if drive.doubt is None else None
+    rows = proven(asked, _driven(asked.robot, drive), answer, proof)
+    return rows, drive.end if drive.doubt is None else None
 
 
-def _intervals(cover: Any, number: int) -> list[int]:
-    """Ends of a pair's intervals, in parts of the path: from 0 on without a gap or an overlap, to the path's end.
+def _drive(asked: Question, start: Six, motion: Curved, row: dict[str, Any]) -> Drive | Fixed:
+    match motion:
+        case Line():
+            return followed_line(asked.robot, start, motion, row)
+        case Held():
+            return held_speed(asked.robot, asked.cell, start, motion, row)
+        case Servo():
+            return servo_target(asked.robot, asked.cell, start, motion, row, view=asked.view)
+        case _:
+            assert_never(motion)
 
-    A cover is a text of one digit per interval: its depth d, an interval of 1/2^d of the path at a multiple of that.
-    """
-    place = f"pair {number}"
-    need(type(cover) is str and len(cover) <= ROWS_MOST, Code.COVER_WRONG, place)
-    ends: list[int] = []
-    low = 0
-    for digit in cover:
-        width = DEPTHS.get(digit, 0)
-        need(width > 0 and low % width == 0 and low < GRID, Code.COVER_WRONG, place)
-        low += width
-        ends.append(low)
-    need(low == GRID, Code.COVER_WRONG, place)
-    return ends
+
+def _straight_proven(asked: Question, run: Run, answer: Answer, value: Any) -> int:
+    robot = asked.robot
+    proof = table(value, "proof", (*NO_PROOF,))
+    # A way that is none, and a way through a joint limit, have one answer each and no rows.
+    broken, returning = _joint_limits(run, robot)
+    still = not max(abs(way) for way in run.ways) > STILL_RAD
+    if still or broken:
+        wanted = Answer(0.0, [], 0.0) if still else Answer(HIGHEST, ["joint_limit"], 0.0)
+        need(answer == wanted, Code.ANSWER_WRONG, "answer")
+        need(proof == NO_PROOF and type(proof["cut"]) is int, Code.ANSWER_WRONG, "proof")
+        return 0
+    timing = Timing.of(run)
+    cut = whole(proof["cut"], "proof.cut", low=1, high=CUT_MOST)
+    need(cut & (cut - 1) == 0, Code.MEMBER_WRONG, "proof.cut")
+    step = GRID // cut
+    leg = Leg(
+        way=Sweep(robot, run),
+        timing=timing,
+        cuts=[(low, low + step) for low in range(0, GRID, step)],
+        ratios=_straight_ratios(robot, run, timing),
+        peak=timing.peak,
+        returning=returning,
+    )
+    return proven(asked, leg, answer, proof)
+
+
+def _straight_ratios(robot: Robot, run: Run, timing: Timing) -> dict[str, float]:
+    way = max(map(abs, run.ways))
+    shares = [abs(each) / way / limit for each, limit in zip(run.ways, robot.speed_limits, strict=True)]
+    wanted = max(shares) * run.speed
+    return {
+        # A short motion never reaches a forbidden speed, but asking for one is asking to break the limit.
+        "joint_speed": wanted if wanted > 1 + SAME else max(shares) * timing.peak,
+        "acceleration": run.acceleration / robot.acceleration_limit,
+    }
+
+
+def _driven(robot: Robot, drive: Drive) -> Leg:
+    """A leg on a course: joint speeds are proven piece by piece, accelerations looked at in the middles (PHY-11)."""
+    fast = accelerated = peak = 0.0
+    for piece in drive.course.bounds:
+        rate = drive.timing.highest(piece.low / GRID, piece.high / GRID)
+        rows = zip(piece.first, piece.hurry, piece.dq, piece.ddq, robot.speed_limits, strict=True)
+        for most, hurry, first, second, limit in rows:
+            speed = (most + hurry) * rate
+            peak, fast = max(peak, speed), max(fast, speed / limit)
+            accelerated = max(accelerated, abs(first) * drive.push + abs(second) * rate * rate)
+    return Leg(
+        way=drive.course,
+        timing=drive.timing,
+        cuts=[(piece.low, piece.high) for piece in drive.course.bounds],
+        ratios={"joint_speed": fast, "acceleration": accelerated / robot.acceleration_limit},
+        peak=peak,
+        tool_speed=drive.tool_speed,
+        floor=0.0 if drive.doubt is None else DOUBTFUL,
+        violations=frozenset({"unreachable"} & {drive.doubt or ""}),
+    )
 
 
 def _joint_limits(run: Run, robot: Robot) -> tuple[bool, bool]:
@@ -222,67 +231,3 @@ def _joint_limits(run: Run, robot: Robot) -> tuple[bool, bool]:
         returning = returning or before > 0
         broken = broken or not after <= before or crossed
     return broken, returning
-
-
-class _Speeds:
-    """Proven bounds on a body's speed over the whole path, m/s."""
-
-    def __init__(self, sweep: Sweep, timing: Timing, cut: int) -> None:
-        """Equal intervals, so many of them."""
-        need(cut & (cut - 1) == 0, Code.MEMBER_WRONG, "proof.cut")
-        step = GRID // cut
-        self._sweep = sweep
-        self._cuts = [
-            (low, low + step, timing.highest(low / GRID, (low + step) / GRID)) for low in range(0, GRID, step)
-        ]
-
-    def of(self, body: Any) -> float:
-        """Of this one."""
-        return max(self._sweep.rush(body, low, high) * rate for low, high, rate in self._cuts)
-
-
-def _ratios(asked: _Question, timing: Timing, speeds: _Speeds) -> dict[str, float]:
-    """PHY-7: what is asked of the arm by its limits; torque apart, which the document states."""
-    run, robot, cell = asked.run, asked.robot, asked.cell
-    shares = [abs(way) / timing.way / limit for way, limit in zip(run.ways, robot.speed_limits, strict=True)]
-    wanted = max(shares) * run.speed
-    tcp = speeds.of(robot.tcp)
-    always = robot.payload_limit_kg if cell.payload_kg is None else cell.payload_kg
-    momentum = always * tcp + sum(mass * speeds.of(body) for body, mass in robot.masses)
-    return {
-        # A short motion never reaches a forbidden speed, but asking for one is asking to break the limit.
-        "joint_speed": wanted if wanted > 1 + SAME else max(shares) * timing.peak,
-        "acceleration": run.acceleration / robot.acceleration_limit,
-        "tcp_speed": tcp / cell.tcp_speed_limit_m_s,
-        "elbow_speed": speeds.of(robot.elbow) / cell.elbow_speed_limit_m_s,
-        "momentum": momentum / cell.momentum_limit_kg_m_s,
-        "payload": (robot.tool_mass_kg + carried_kg(robot, cell)) / robot.payload_limit_kg,
-    }
-
-
-def _leads_away(sweep: Sweep, pair: Pair, cell: Cell) -> bool:
-    """PHY-6: violated where the arm stands, and never nearer than before, or than the bound once that is reached."""
-    below = pair.violated_below
-    if below is None or not attained(sweep, pair, 0) < below + SAME:
-        return False
-    best, step = -math.inf, GRID // RETREAT_CUT
-    for low in range(0, GRID, step):
-        best = min(below, max(best, attained(sweep, pair, low)))
-        if not clearance(sweep, pair, low, low + step) >= best - cell.retreat_tolerance_m - SAME:
-            return False
-    return True
-
-
-def _met(value: Any, sweep: Sweep, pairs: list[Pair], retreating: dict[int, None]) -> set[str]:
-    """Kinds of the violations that are met, each at the configuration that the proof names."""
-    place = "proof.met"
-    kinds: list[str] = []
-    for row in listed(value, place, least=0, most=len(VIOLABLE)):
-        number, node = listed(row, place, least=2, most=2)
-        pair = pairs[whole(number, place, low=0, high=len(pairs) - 1)]
-        need(number not in retreating, Code.VIOLATION_UNFOUNDED, place)
-        node = whole(node, place, low=0, high=GRID)
-        below = pair.violated_below
-        need(below is not None and attained(sweep, pair, node) < below + SAME, Code.VIOLATION_UNFOUNDED, place)
-        kinds.append(pair.obstacle.kind)
-    return set(_rising(kinds, place))

@@ -1,4 +1,4 @@
-"""The motion as a straight joint path with a trapezoid of speed (PHY-9, PHY-16)."""
+"""The motion of a question in its forms, and the trapezoid of speed that times it (PHY-9, PHY-16, PHY-18 to PHY-21)."""
 
 from __future__ import annotations
 
@@ -16,8 +16,17 @@ if TYPE_CHECKING:
 STILL_RAD: Final = 1e-9  # a way this short is none: below the controller's resolution
 LEAST_RATE: Final = 1e-6  # the least speed, acceleration or time that a request can spell, SI
 ANGLE_MOST_RAD: Final = 1e4  # no joint turns farther
+LARGEST: Final = 200.0  # m, m/s, m/s2, s: about a tool
+TURN_MOST_RAD: Final = 2 * math.pi  # of a rotation vector; a longer one is another pose than it says
+LEGS_MOST: Final = 256  # of one path
 MOVE_J: Final = ("form", "start", "target", "speed_rad_s", "acceleration_rad_s2")
 SPEED_J: Final = ("form", "start", "qd_rad_s", "acceleration_rad_s2", "duration_s")
+MOVE_L: Final = ("form", "start", "target", "speed_m_s", "acceleration_m_s2", "stated_start")
+SPEED_L: Final = ("form", "start", "twist", "acceleration_m_s2", "duration_s")
+SERVO_J: Final = ("form", "start", "qd_rad_s", "target", "period_s", "lookahead_s")
+PATH: Final = ("form", "start", "legs")
+JOINT_LEG: Final = ("target", "speed_rad_s", "acceleration_rad_s2")
+LINE_LEG: Final = ("target", "speed_m_s", "acceleration_m_s2")
 
 Joints = tuple[float, ...]
 
@@ -38,17 +47,117 @@ class Run:
         return tuple(b - a for a, b in zip(self.start, self.target, strict=True))
 
 
-def run_of(value: Any, cell: Cell) -> Run:
-    """The run that a motion of the document is in this cell.
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A straight line of the tool to the pose `target` (m, rotation vector in rad), from rest to rest.
 
-    A path of another form is refused by `FORM_UNKNOWN`: a straight line of the tool is no straight joint path, and has
-    to record its nodes. Its reader belongs here, its nodes beside `arm.Sweep`.
+    Attributes:
+        speed, acceleration: of the tool point, m/s and m/s2.
+        stated: where the robot says that its tool is at the start, or None.
+    """
+
+    target: Joints
+    speed: float
+    acceleration: float
+    stated: Joints | None
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A tool velocity (m/s, then rad/s), reached at `acceleration` (of its largest part) and held for `duration_s`."""
+
+    velocity: Joints
+    acceleration: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """One target of a stream: measured joint rates, joint angles to follow, when the next is due and the lookahead."""
+
+    rates: Joints
+    target: Joints
+    period_s: float
+    lookahead_s: float
+
+
+Curved = Line | Held | Servo
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What is asked, leg by leg; a motion that is no path has one.
+
+    Attributes:
+        start: joint angles where the first leg begins, rad; every other begins where the one before ends.
+        legs: all straight joint motions, or none.
+        path: whether it is one of legs.
+    """
+
+    start: Joints
+    legs: tuple[Run | Curved, ...]
+    path: bool
+
+
+def motion_of(value: Any, cell: Cell) -> Motion:
+    """The motion of the document, in this cell.
 
     Raises:
         Refusal: no such form, or not of it.
     """
     place = "question.motion"
     need(type(value) is dict, Code.MEMBER_WRONG, place)
+    match word(value.get("form"), place):
+        case "move_j" | "speed_j":
+            run = run_of(value, cell)
+            return Motion(run.start, (run,), path=False)
+        case "move_l":
+            row = table(value, place, MOVE_L)
+            stated = None if row["stated_start"] is None else _pose(row["stated_start"])
+            line = Line(_pose(row["target"]), _tool(row["speed_m_s"]), _tool(row["acceleration_m_s2"]), stated)
+            return Motion(_six(row["start"]), (line,), path=False)
+        case "speed_l":
+            row = table(value, place, SPEED_L)
+            held = Held(_six(row["twist"], LARGEST), _tool(row["acceleration_m_s2"]), _tool(row["duration_s"]))
+            return Motion(_six(row["start"]), (held,), path=False)
+        case "servo_j":
+            row = table(value, place, SERVO_J)
+            servo = Servo(_six(row["qd_rad_s"]), _six(row["target"]), _tool(row["period_s"]), _tool(row["lookahead_s"]))
+            return Motion(_six(row["start"]), (servo,), path=False)
+        case "joint_path":
+            return _joint_path(table(value, place, PATH))
+        case "line_path":
+            row = table(value, place, PATH)
+            legs = [table(leg, place, LINE_LEG) for leg in listed(row["legs"], place, least=1, most=LEGS_MOST)]
+            lines = (
+                Line(_pose(leg["target"]), _tool(leg["speed_m_s"]), _tool(leg["acceleration_m_s2"]), None)
+                for leg in legs
+            )
+            return Motion(_six(row["start"]), tuple(lines), path=True)
+        case _:
+            raise Refusal(Code.FORM_UNKNOWN, place)
+
+
+def _joint_path(row: dict[str, Any]) -> Motion:
+    place = "question.motion"
+    start = at = _six(row["start"])
+    legs: list[Run] = []
+    for each in listed(row["legs"], place, least=1, most=LEGS_MOST):
+        leg = table(each, place, JOINT_LEG)
+        acceleration = _rate(leg["acceleration_rad_s2"])
+        target = _six(leg["target"])
+        legs.append(Run(at, target, _rate(leg["speed_rad_s"]), acceleration, acceleration))
+        at = target
+    return Motion(start, tuple(legs), path=True)
+
+
+def run_of(value: dict[str, Any], cell: Cell) -> Run:
+    """The straight run that a joint motion of the document is in this cell.
+
+    Raises:
+        Refusal: no such form, or not of it.
+    """
+    place = "question.motion"
     match word(value.get("form"), place):
         case "move_j":
             row = table(value, place, MOVE_J)
@@ -79,28 +188,46 @@ def _held_speed(start: Joints, speeds: Joints, acceleration: float, duration_s: 
     return Run(start, target, leading, acceleration, cell.stop_deceleration_rad_s2)
 
 
-def _six(value: Any) -> Joints:
+def _six(value: Any, most: float = ANGLE_MOST_RAD) -> Joints:
     items = listed(value, "question.motion", least=JOINTS, most=JOINTS)
-    return tuple(exact(item, "question.motion", low=-ANGLE_MOST_RAD, high=ANGLE_MOST_RAD) for item in items)
+    return tuple(exact(item, "question.motion", low=-most, high=most) for item in items)
+
+
+def _pose(value: Any) -> Joints:
+    pose = _six(value, LARGEST)
+    need(math.hypot(*pose[3:]) <= TURN_MOST_RAD, Code.MEMBER_WRONG, "question.motion")
+    return pose
 
 
 def _rate(value: Any) -> float:
     return exact(value, "question.motion", low=LEAST_RATE)
 
 
-class Timing:
-    """How fast the path parameter s, from 0 to 1, runs: up with the root of the way, a plateau, down likewise."""
+def _tool(value: Any) -> float:
+    return exact(value, "question.motion", low=LEAST_RATE, high=LARGEST)
 
-    def __init__(self, run: Run) -> None:
-        """The trapezoid of a run that goes somewhere."""
-        self.way = max(abs(way) for way in run.ways)
-        up, down = run.acceleration, run.braking
+
+class Timing:
+    """How fast the path parameter s, from 0 to 1, runs: up with the root of the way, a plateau, down likewise.
+
+    Attributes:
+        peak: the speed that is reached; a short motion never gets to the commanded one.
+        plateau: the highest ds/dt, 1/s.
+    """
+
+    def __init__(self, way: float, speed: float, up: float, down: float) -> None:
+        """The trapezoid of a way that is more than 0, in its own unit of length."""
         # v^2/2a + v^2/2b = way: the speed at which speeding up and braking fill the way.
-        self.peak = min(run.speed, math.sqrt(2 * self.way / (1 / up + 1 / down)))
-        self._up, self._down = 2 * up / self.way, 2 * down / self.way
-        self.plateau = self.peak / self.way
+        self.peak = min(speed, math.sqrt(2 * way / (1 / up + 1 / down)))
+        self._up, self._down = 2 * up / way, 2 * down / way
+        self.plateau = self.peak / way
         self._rises_until = min(self.plateau**2 / self._up, 1.0)
         self._falls_from = max(1 - self.plateau**2 / self._down, 0.0)
+
+    @staticmethod
+    def of(run: Run) -> Timing:
+        """Of a straight run that goes somewhere, by its leading axis."""
+        return Timing(max(abs(way) for way in run.ways), run.speed, run.acceleration, run.braking)
 
     def highest(self, low: float, high: float) -> float:
         """The highest ds/dt on [low, high], 1/s."""

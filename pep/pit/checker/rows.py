@@ -13,7 +13,7 @@ from pep.pit.checker.verdict import Code, need
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.arm import Pose, Sweep
+    from pep.pit.checker.arm import Pose, Way
     from pep.pit.checker.question import Cell
     from pep.pit.checker.robot import Body, Robot
     from pep.pit.checker.space import Vec
@@ -75,23 +75,31 @@ def _behind(pose: Pose, face: Face) -> float:
     return face.offset - max(dot(pose[0], face.normal), dot(pose[1], face.normal))
 
 
-def attained(sweep: Sweep, pair: Pair, node: int) -> float:
+def attained(way: Way, pair: Pair, node: int) -> float:
     """The signed clearance at one configuration: core distance less both radii, metre."""
-    pose, core = sweep.pose(pair.body, node), pair.obstacle.core
+    pose, core = way.pose(pair.body, node), pair.obstacle.core
     apart = _behind(pose, core) if isinstance(core, Face) else length(_gap(pose, core))
     return apart - pair.body.radius - pair.obstacle.radius
 
 
-def clearance(sweep: Sweep, pair: Pair, low: int, high: int) -> float:
+def met_at(way: Way, pair: Pair, low: int, high: int) -> float:
+    """The signed clearance that is met in the middle of the interval, or beside it as far as the arm may be, metre."""
+    stray = way.stray(pair.body, low, high)
+    near = attained(way, pair, (low + high) // 2) - stray
+    touching = -pair.body.radius - pair.obstacle.radius
+    return near if isinstance(pair.obstacle.core, Face) else max(near, touching)
+
+
+def clearance(way: Way, pair: Pair, low: int, high: int) -> float:
     """A clearance that holds on the whole interval (PHY-9), metre.
 
     Along a fixed direction the axis stays within the sag of what it reaches at the ends and the middle; the direction
     is that of the shortest way at the middle.
     """
     body, core = pair.body, pair.obstacle.core
-    poses = (sweep.pose(body, low), sweep.pose(body, (low + high) // 2), sweep.pose(body, high))
+    poses = (way.pose(body, low), way.pose(body, (low + high) // 2), way.pose(body, high))
     radii = body.radius + pair.obstacle.radius
-    taken = radii + sweep.sag(body, low, high) + ROUNDING_M
+    taken = radii + way.sag(body, low, high) + ROUNDING_M
     if isinstance(core, Face):
         return min(_behind(pose, core) for pose in poses) - taken
     x, y, z = gap = _gap(poses[1], core)

@@ -26,6 +26,11 @@ class Code(StrEnum):
     RETREAT_UNPROVEN = "RETREAT_UNPROVEN"  # a pair left out as a retreat that is none
     VIOLATION_HIDDEN = "VIOLATION_HIDDEN"  # a violation that is not claimed is not excluded
     VIOLATION_UNFOUNDED = "VIOLATION_UNFOUNDED"  # a claimed violation is not met where the document says
+    LEGS_WRONG = "LEGS_WRONG"  # a leg of a path is missing or one too many, or the answer is not that of the worst
+    NODE_OFF = "NODE_OFF"  # a recorded configuration is not where the motion has the arm, or of another branch
+    NODE_MISSING = "NODE_MISSING"  # a row stands on a place for which nothing is recorded
+    CELL_UNPROVEN = "CELL_UNPROVEN"  # the pieces do not tile the course, or the bounds of one do not hold
+    DOUBT_UNFOUNDED = "DOUBT_UNFOUNDED"  # a motion is said not to be followed to its end, and can be
     CHECKER_FAILED = "CHECKER_FAILED"  # the checker itself broke: nothing is verified
 
 
