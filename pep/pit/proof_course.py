@@ -37,6 +37,7 @@ NOT_TRACED: Final[dict[str, Any]] = {
 SLACK: Final = 5e-7  # of an index: half of what the checker allows (PHY-32), for bounds that are spelt larger
 SPELT: Final = 2.0**-30  # relative: far above rounding, far below what an index shows
 SHORT_M: Final = 1e-14  # rounding of a tool's place, against the way of a short line
+SHORTER: Final = 16  # times as much of it is in a third derivative
 BITS_OF_SECOND: Final = 32  # of a bound of a second derivative
 BITS_OF_THIRD: Final = 20  # of a third, which counts a thousand times less
 HALVINGS: Final = (GRID // FIRST_PIECES // FINEST).bit_length() - 1  # from the first pieces to the finest
@@ -59,7 +60,7 @@ class Recorded(Course):
         short = 0.0 if drive.twist is None else SHORT_M / drive.twist.way_m
         share = SPELT + short
         second = np.where(line[:, None], _spelt(_larger(cells.second, share), BITS_OF_SECOND), cells.second)
-        third = np.where(line[:, None], _spelt(cells.third, BITS_OF_THIRD), cells.third)
+        third = np.where(line[:, None], _spelt(_larger(cells.third, SHORTER * short), BITS_OF_THIRD), cells.third)
         half = (0.5 * (cells.high - cells.low) / GRID)[:, None]
         first = np.where(line[:, None], np.abs(cells.dq) + half * second, cells.first)
         stray, hurry = (np.where(each > 0, _larger(each, STRAYS), each) for each in (cells.stray, cells.hurry))

@@ -49,7 +49,9 @@ def motions(start, target):
     way = target - start
     yield MoveJ(at(start), at(target), 0.3, 1.0)
     yield JointPath(at(start), (JointLeg(at(start + way / 2), 0.3, 1.0), JointLeg(at(target), 0.3, 1.0)))
-    yield SpeedJ(at(start), tuple(math.copysign(0.4, way) if k == 2 else 0.0 for k in range(6)), 1.0, abs(way) / 0.4 + 0.4)
+    yield SpeedJ(
+        at(start), tuple(math.copysign(0.4, way) if k == 2 else 0.0 for k in range(6)), 1.0, abs(way) / 0.4 + 0.4
+    )
     yield MoveL(at(start), pose_of(at(target)), 0.1, 1.0)
     yield LinePath(at(start), (LineLeg(pose_of(at(target)), 0.1, 1.0),))
     yield ServoJ(at(start), (0.0,) * 6, at(target), 0.002, 0.2)
