@@ -10,7 +10,7 @@ from pep.pit.checker.course import UNBOUNDED, Course, Tail
 from pep.pit.checker.doubt import FINEST, blocked
 from pep.pit.checker.drive import NONE, Drive, Fixed, beyond, fixed, standing
 from pep.pit.checker.laws import HIGHEST, SAME
-from pep.pit.checker.line import PIECES_MOST, PLACE, Bounds, Traced, record_of
+from pep.pit.checker.line import PLACE, Bounds, Traced, record_of
 from pep.pit.checker.motion import STILL_RAD, Timing
 from pep.pit.checker.robot import JOINTS
 from pep.pit.checker.space import plus, turned
@@ -31,6 +31,7 @@ HALF_TURN_RAD: Final = math.pi - 0.01  # PHY-18
 STATED_M: Final = 0.002  # PHY-18
 STATED_RAD: Final = 0.002  # likewise
 TOO_FAST: Final = 4.0  # PHY-18: times a joint's limit
+LONGEST: Final = GRID // 8  # PHY-48: no piece is longer, so a fast place hides no more than that
 ASKED_POSES: Final = 33  # PHY-18: poses of the rest for which joint angles are shown
 REACHED: Final = 1e-4  # m and rad: so near, Newton's method would end there
 
@@ -128,7 +129,8 @@ def broken_off(
         rows = zip(traced.pieces[-1].dq, robot.speed_limits, strict=True)
         too_fast = any(abs(rate) * timing.plateau > TOO_FAST * limit * (1 - SAME) for rate, limit in rows)
         need(too_fast and doubt != "joint_limit", Code.DOUBT_UNFOUNDED, f"{PLACE}.doubt")
-    elif len(pieces) < PIECES_MOST:
+        need(reach - until <= LONGEST, Code.DOUBT_UNFOUNDED, f"{PLACE}.ahead")
+    else:
         need(reach - until <= FINEST, Code.DOUBT_UNFOUNDED, f"{PLACE}.ahead")
         why = blocked(robot, twist, here, until, reach)
         need(why == "singular" or (why is not None and why == doubt), Code.DOUBT_UNFOUNDED, f"{PLACE}.doubt")

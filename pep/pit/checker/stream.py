@@ -52,6 +52,8 @@ def held_speed(robot: Robot, cell: Cell, start: Six, motion: Held, row: dict[str
     uneven = "uneven_twist" if moves and turns else None
     # 1. One that cannot be followed to its end is a line that cannot.
     if row["ahead"] is not None:
+        # Its pieces are parts of the hold: of a longer course they would be longer than they may be.
+        need(seconds <= _way(up, held_s) * (1 + SAME), Code.CELL_UNPROVEN, f"{PLACE}.seconds")
         return broken_off(
             robot, twist, start, row, timing=Timing(seconds, 1.0, up, AT_ONCE), push=up / seconds, tool_speed=0.0
         )
