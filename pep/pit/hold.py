@@ -144,16 +144,21 @@ def _planned(hold: float, sent: float, leading: float, bending: float, *, stop: 
     """
     # From where it takes hold the arm stops within stop * speed; an earlier one ends earlier, or the course is longer.
     travel = max(stop * leading, stop * (leading + bending * (hold - sent)) - (hold - sent))
+    place, travel = _on_grid(hold, travel)
     for _ in range(PLANS):
-        place = math.ceil(STEPS * hold / (hold + travel))
-        if place >= STEPS:  # a stop so short is taken for a longer one
-            place, travel = STEPS - 1, hold / (STEPS - 1)
-        seconds = travel * STEPS / (STEPS - place)
-        needed = stop * (leading + bending * (seconds - travel - hold))
+        later = travel * place / (STEPS - place) - hold
+        needed = stop * (leading + bending * later)
         if needed <= travel:
             break
-        travel = needed
+        place, travel = _on_grid(hold, needed)
+    seconds = travel * STEPS / (STEPS - place)
     return _Plan(seconds, place * (GRID // STEPS), place / STEPS - sent / seconds, stop / (seconds * seconds))
+
+
+def _on_grid(hold: float, travel: float) -> tuple[int, float]:
+    """Where, of `STEPS` places, a hold ends after which a stop takes `travel` seconds; too short a one is made longer."""
+    place = math.ceil(STEPS * hold / (hold + travel))
+    return (place, travel) if place < STEPS else (STEPS - 1, hold / (STEPS - 1))
 
 
 def _late(plan: _Plan) -> int:

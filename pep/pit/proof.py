@@ -1,8 +1,8 @@
 """An assessment's whole proof as one canonical text, which a checker that trusts nothing of us recomputes.
 
-The form is docs/physics.md, "The certificate" (PHY-30 to PHY-33, PHY-44 to PHY-48): the question with everything that the
-answer depends on, the answer, and the rows, leg by leg where there are several. The rows are the coarsest that prove the
-answer: a pair that stays far off needs one for the whole way, so the text is small and quickly checked.
+The form is docs/physics.md, "The certificate" (PHY-30 to PHY-33, PHY-44 to PHY-48): the question with everything that
+the answer depends on, the answer, and the rows, leg by leg where there are several. The rows are the coarsest that
+prove the answer: a pair that stays far off needs one for the whole way, so the text is small and quickly checked.
 """
 
 from __future__ import annotations
@@ -229,7 +229,7 @@ class _Asked:
         path = Path(self.robot, run)
         torque = next(each.ratio for each in Demands(path, self.cell).ratios(profile) if each.name == "torque")
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
-        rows = Rows(path, profile, stop, self._pairs(), self.cell, slack=0.0)
+        rows = Rows(path, profile, stop, self._pairs(), cell=self.cell, slack=0.0)
         members = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs))).members
         met = [[pair, (low + high) // 2] for pair, low, high in members["met"]]
         return members | {"met": met, "cut": FINER * len(cut(path)[0])}, torque
@@ -251,7 +251,7 @@ class _Asked:
         demands = Effort(self.robot, drive, self.cell).ratios(profile)
         joint = float(drive.joint_speeds_rad_s(profile).max())
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
-        rows = Rows(way, profile, stop, self._pairs(), self.cell, slack=SLACK)
+        rows = Rows(way, profile, stop, self._pairs(), cell=self.cell, slack=SLACK)
         proven = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs)))
         torque = next(each.ratio for each in demands if each.name == "torque")
         return proven.members | {"course": followed(way, proven.places, motion)}, torque

@@ -135,7 +135,8 @@ def followed(way: Recorded, places: set[int], motion: Driven | LineLeg) -> dict[
     record = way.record(places, drive.profile.way_rad if held else None, told=drive.doubt)
     if drive.doubt is None or (held and drive.profile.braking_rad_s2 < AT_ONCE):
         return record
-    return _broken_off(way.robot, drive.twist, drive.course.q(way.until / GRID), way.start, drive.profile, record)
+    at = drive.course.q(way.until / GRID)
+    return _broken_off(way.robot, drive.twist, at, record, start=way.start, profile=drive.profile)
 
 
 def untraced(
@@ -165,11 +166,11 @@ def untraced(
             profile = Profile(twist.way_m, motion.speed_m_s, motion.acceleration_m_s2)
         case _:
             assert_never(motion)
-    return _broken_off(robot, twist, at, at, profile, told)
+    return _broken_off(robot, twist, at, told, start=at, profile=profile)
 
 
 def _broken_off(
-    robot: Robot, twist: Twist, q: Floats, start: Floats, profile: Profile, record: dict[str, Any]
+    robot: Robot, twist: Twist, q: Floats, record: dict[str, Any], *, start: Floats, profile: Profile
 ) -> dict[str, Any]:
     """The record of a line that breaks off at `q`, with the piece that cannot be followed.
 

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from pep.pit.robot import Robot
     from pep.pit.separation import Stopping
 
+ALL_BUT_ON_IT: Final = 1e-6  # rad: what Newton leaves beside a line, with much room
+CLEARLY: Final = 1e-3  # of an index: far more than that can count
 DIGITS: Final = "0123456789abcdefghijklmn"  # PHY-32: of an interval's depth
 DEEPEST: Final = DEPTH + FIRST_CUT_MOST.bit_length() - 1  # halvings of the whole way that the search can have made
 
@@ -70,7 +72,7 @@ class Rows:
     """The coarsest rows that prove an answer: from the whole way on, what does not suffice is halved."""
 
     def __init__(
-        self, way: Path | Course, profile: Profile, stop: Stopping, pairs: Pairs, cell: CellParameters, slack: float
+        self, way: Path | Course, profile: Profile, stop: Stopping, pairs: Pairs, *, cell: CellParameters, slack: float
     ) -> None:
         """Nothing is examined yet.
 
@@ -116,7 +118,7 @@ class Rows:
         )
 
     def _covers(self, rows: NDArray[np.intp], answer: Claimed) -> dict[int, list[tuple[int, str]]]:
-        """Per pair its intervals from the way's start to its end, each by where it begins and the digit of its depth."""
+        """Per pair its intervals from the way's start to its end: where each begins, and the digit of its depth."""
         found: dict[int, list[tuple[int, str]]] = {pair: [] for pair in rows.tolist()}
         zero = np.zeros(len(rows), dtype=np.int64)
         leaves = self.way.examine(self.pairs, zero, zero + GRID, rows)
@@ -135,15 +137,18 @@ class Rows:
         raise ProofError("PHYSICS_FAULT", "a row that does not prove the answer's index")
 
     def _may_suffice(self, leaves: Leaves, answer: Claimed) -> bool:
-        """Whether no middle of a straight way attains more than is claimed: then nothing could be proven.
+        """Whether no middle attains more than is claimed: then nothing could be proven.
 
-        Beside a course the arm may be where it is not on a shorter interval, so nothing is said of it.
+        Beside a course that strays the arm may be where it is not on a shorter interval, so nothing is said of it.
         """
+        margin = TIE
         if isinstance(self.way, Course):
-            return True
+            if self.way.cells.stray.max() > ALL_BUT_ON_IT:
+                return True
+            margin = CLEARLY
         speed: Floats = leaves.rush_mid * self.profile.rate(leaves.mid / GRID)
         attained = self.pairs.index(leaves.pair, leaves.clear_mid_m, speed, self.stop)
-        return not bool((attained > answer.index + TIE).any())
+        return not bool((attained > answer.index + margin).any())
 
     def _suffices(self, leaves: Leaves, answer: Claimed) -> NDArray[np.bool_]:
         """Rows that prove the index, exclude a violation that was not met, and prove a meant contact gentle."""

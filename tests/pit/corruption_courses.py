@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from pep.pit.checker import Code
-from pep.pit.inverse import solved
+from pep.pit.inverse import reaching, solved
 from pep.pit.path import GRID
 from pep.pit.twist import turned_by
 from tests.pit.corruption import Corrupted, Unfit, fit, index_of, pick, seal, with_model, with_scene
@@ -109,18 +109,16 @@ def node_once_round(top, rng):
     q[k] = moved(q[k], rng.choice([-2, 2]) * math.pi)
 
 
-@refused_by(OFF)
+@refused_by(OFF, CELL)
 def node_of_another_branch(top, rng):
     """Other joint angles that have the tool exactly there."""
-    fit("held" not in json.loads(top["question"]["model"]))
     _, q = pick(rng, traced(top, rng)["nodes"])
     here = np.array([number(x) for x in q])
-    for _ in range(60):
-        found = solved(ROBOT, _pose(here), rng.uniform(-3, 3, 6))
-        if found is not None and np.abs(found.q - here).max() > 0.01:
-            q[:] = [float(x).hex() for x in found.q]
-            return
-    raise Unfit
+    position, rotation = _pose(here)
+    near = reaching(ROBOT, position[None], rotation[None])[0]
+    found = solved(ROBOT, (position, rotation), near)
+    fit(found is not None and np.abs(found.q - here).max() > 0.01)
+    q[:] = [float(x).hex() for x in found.q]
 
 
 def _pose(q):
@@ -151,7 +149,7 @@ def node_gone(top, rng):
     nodes.remove(pick(rng, nodes))
 
 
-@refused_by(OFF, CELL, DOUBT)
+@refused_by(OFF)
 def no_nodes(top, rng):
     traced(top, rng)["nodes"] = []
 
@@ -174,10 +172,10 @@ def nodes_the_other_way(top, rng):
 
 @refused_by(CELL)
 def second_too_small(top, rng):
-    """By no more than a millionth, or by nearly all of it."""
+    """By a thousand times or more: what is a little smaller may well hold too, and then proves the same."""
     row = pick(rng, traced(top, rng)["second"])
     k = pick(rng, [k for k, x in enumerate(row) if number(x) > 0])
-    row[k] = (number(row[k]) * (1 - 10 ** rng.uniform(-5, -0.05))).hex()
+    row[k] = (number(row[k]) * 10 ** rng.uniform(-9, -3)).hex()
 
 
 @refused_by(CELL)
@@ -203,14 +201,14 @@ def pieces_joined(top, rng):
     del course["edges"][at], course["second"][at], course["third"][at]
 
 
-@refused_by(CELL, OFF)
+@refused_by(CELL)
 def edge_moved(top, rng):
     course = traced(top, rng)
     at = int(rng.integers(1, len(course["edges"])))
     course["edges"][at] -= 2 * int(rng.integers(1, (course["edges"][at] - course["edges"][at - 1]) // 2))
 
 
-@refused_by(CELL, OFF)
+@refused_by(OFF)
 def first_piece_gone(top, rng):
     course = traced(top, rng)
     fit(len(course["edges"]) > 2)
@@ -233,7 +231,7 @@ def edges_no_order(top, rng):
 # --- the question -----------------------------------------------------------------------------------------------------
 
 
-@refused_by(OFF, CELL)
+@refused_by(OFF)
 def target_elsewhere(top, rng):
     form = motion(top)["form"]
     fit(form in ("move_l", "line_path") and traced(top, rng))
@@ -243,7 +241,7 @@ def target_elsewhere(top, rng):
     target[k] = moved(target[k], rng.choice([-1, 1]) * 10 ** rng.uniform(-5, -2))
 
 
-@refused_by(OFF, CELL)
+@refused_by(OFF)
 def start_elsewhere(top, rng):
     fit(motion(top)["form"] in ("move_l", "speed_l", "line_path"))
     legs = courses_of(top)
@@ -252,7 +250,7 @@ def start_elsewhere(top, rng):
     motion(top)["start"][k] = moved(motion(top)["start"][k], 10 ** rng.uniform(-8, -1) * rng.choice([-1, 1]))
 
 
-@refused_by(FLOOR, ROW, MEANT, RETREAT)
+@refused_by(FLOOR, RETREAT)
 def far_too_fast(top, rng):
     fit(index_of(top) < 3.9)
     match motion(top)["form"]:
@@ -274,7 +272,7 @@ def held_longer(top, rng):
     motion(top)["duration_s"] = (number(motion(top)["duration_s"]) * rng.uniform(1.5, 4)).hex()
 
 
-@refused_by(CELL, OFF)
+@refused_by(OFF, CELL, MEMBER)
 def velocity_turned(top, rng):
     fit(motion(top)["form"] == "speed_l" and traced(top, rng))
     v = motion(top)["twist"]
@@ -290,10 +288,10 @@ def other_seconds(top, rng):
     course["seconds"] = (number(course["seconds"]) * rng.choice([0.3, 0.9, 0.999, 1.01, 3.0])).hex()
 
 
-@refused_by(ROW, FLOOR, ANSWER, RETREAT, MEANT, HIDDEN)
+@refused_by(FLOOR, ANSWER)
 def servo_farther(top, rng):
     """The arm was measured to go as fast as it can: whatever the stream then says, it has a long way to a stop."""
-    fit(motion(top)["form"] == "servo_j" and index_of(top) < 3)
+    fit(motion(top)["form"] == "servo_j" and index_of(top) < 3.9)
     motion(top)["qd_rad_s"] = [(rng.choice([-1, 1]) * 6.0).hex() for _ in range(6)]
 
 
@@ -303,7 +301,7 @@ def servo_with_a_record(top, rng):
     top["proof"]["course"] |= {"edges": [0, GRID], "second": [[(0.0).hex()] * 6], "third": [[(0.0).hex()] * 6]}
 
 
-@refused_by(OFF, CELL)
+@refused_by(OFF)
 def longer_arm(top, rng):
     """With its digest renewed: the nodes no longer lie on the line."""
     fit(traced(top, rng))
@@ -420,7 +418,7 @@ def cut_short(top, rng):
     course["nodes"] = [node for node in course["nodes"] if node[0] <= course["until"]]
 
 
-@refused_by(CELL, MEMBER)
+@refused_by(CELL)
 def doubt_dropped(top, rng):
     course = single(top)["course"]
     fit(course["doubt"] in ("singular", "unreachable") and course["edges"])
@@ -449,7 +447,7 @@ def limit_claimed(top, rng):
 @refused_by(CELL, MEMBER)
 def stillness_claimed(top, rng):
     """A motion is said to be none."""
-    fit(single(top)["cover"])
+    fit(single(top)["course"]["edges"])
     top["proof"] = NO_ROWS | {"course": NOT_TRACED}
     raise_to(top, 0.0)
     top["answer"] |= {"violations": [], "torque": (0.0).hex()}
@@ -480,7 +478,7 @@ def angles_gone(top, rng):
     course["angles"].remove(pick(rng, course["angles"]))
 
 
-@refused_by(DOUBT, MEMBER, FLOOR, MET)
+@refused_by(DOUBT)
 def uneven_twist_hidden(top, rng):
     course = single(top)["course"]
     fit(course["doubt"] == "uneven_twist")
@@ -567,19 +565,19 @@ def last_leg_gone(top, rng):
     del top["proof"]["legs"][-1]
 
 
-@refused_by(LEGS, OFF, CELL, ANSWER, COVER, MEMBER, LOST, ROW)
+@refused_by(LEGS)
 def leg_more(top, rng):
     at = int(rng.integers(len(legs(top))))
     fit(len(legs(top)) == len(motion(top)["legs"]))
     top["proof"]["legs"].insert(at, legs(top)[at])
 
 
-@refused_by(OFF, CELL, ANSWER, LEGS, MEMBER, ROW, FLOOR, COVER, MET, RETREAT, HIDDEN, MEANT)
+@refused_by(OFF)
 def legs_swapped(top, rng):
     """The proofs of two legs, each of which proves the other one's way."""
     fit(len(legs(top)) > 1)
     a, b = legs(top)[:2]
-    fit(index_of(top) < 3.9 and a["proof"].get("course", {}).get("nodes") and b["proof"]["course"]["nodes"])
+    fit(all(leg["proof"].get("course", {}).get("nodes") for leg in (a, b)))
     top["proof"]["legs"][:2] = [b, a]
 
 
@@ -606,13 +604,13 @@ def violation_of_a_leg_hidden(top, rng):
     top["answer"]["violations"].remove(pick(rng, top["answer"]["violations"]))
 
 
-@refused_by(LEGS, MEMBER)
+@refused_by(LEGS)
 def leg_of_the_question_gone(top, rng):
     fit(len(legs(top)) == len(motion(top)["legs"]) > 1)
     del motion(top)["legs"][-1]
 
 
-@refused_by(ROW, FLOOR, ANSWER, HIDDEN, MET, RETREAT, MEANT)
+@refused_by(ANSWER)
 def joint_leg_elsewhere(top, rng):
     """A joint leg leads to a limit and beyond; its own rows cannot prove that."""
     fit(motion(top)["form"] == "joint_path" and "joint_limit" not in top["answer"]["violations"])

@@ -18,6 +18,7 @@ from pep.pit import (
     LineLeg,
     LinePath,
     MoveL,
+    ServoJ,
     SpeedL,
     Workspace,
     Zone,
@@ -112,10 +113,27 @@ def joint_path(rng):
     return JointPath(start, tuple(legs))
 
 
+def uneven_hold(rng):
+    """A tool that both moves and turns: nobody says how the two grow together."""
+    velocity = rng.uniform(0.02, 0.1, 6) * rng.choice([-1, 1], 6)
+    return SpeedL(random_start(rng, 0.2), tuple(velocity.tolist()), 1.0, 0.2)
+
+
+def calm_servo(rng):
+    """A small step of a stream, from rest."""
+    return ServoJ(HOME, (0.0,) * 6, tuple((np.array(HOME) + rng.uniform(-1, 1, 6) * 1e-3).tolist()), 0.002, 0.1)
+
+
+def elsewhere(rng):
+    """To a pose that the arm has, and seldom along a line that it can go."""
+    return MoveL(random_start(rng, 1.5), pose_of(random_start(rng, 2.0)), 0.2, 1.0)
+
+
 FORMS = {
     "line": random_line, "hold": random_hold, "servo": random_servo, "line path": line_path, "joint path": joint_path,
     "far": far_line, "across": across, "limit": to_a_limit, "turn": about_itself, "short": short_line,
-    "any hold": any_hold,
+    "any hold": any_hold, "uneven": uneven_hold, "elsewhere": elsewhere,
+    "calm servo": calm_servo,
 }  # fmt: skip
 
 
