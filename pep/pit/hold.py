@@ -156,7 +156,7 @@ def _planned(hold: float, sent: float, leading: float, bending: float, *, stop: 
 
 
 def _on_grid(hold: float, travel: float) -> tuple[int, float]:
-    """Where, of `STEPS` places, a hold ends after which a stop takes `travel` seconds; too short a one is made longer."""
+    """Where, of `STEPS` places, a hold ends after which a stop takes `travel` s; too short a one is made longer."""
     place = math.ceil(STEPS * hold / (hold + travel))
     return (place, travel) if place < STEPS else (STEPS - 1, hold / (STEPS - 1))
 
