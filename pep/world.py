@@ -40,7 +40,6 @@ from policies.tiers import FRESH
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from capabilities.statements.observation import Observation
     from pep.context.frames import Frames, Look
     from pep.holding import Holding
     from pep.pit import CellParameters, Motion, Robot
@@ -116,7 +115,8 @@ class CellPhysics:
         if isinstance(impact, ImpactFault) or impact.perception_age_ms is None or age_ms is None:
             return True
         fresh, seen = impact.perception == FRESH, look.view()
-        if fresh and age_ms > self._limit_ms:
+        sighting_ms = look.sighting_age_ms(now_ms)
+        if fresh and sighting_ms is not None and sighting_ms > self._limit_ms:
             return False
         if isinstance(seen, Seen) and not any(frame.observation.people for frame in seen.frames):
             return True  # nobody walks, and the view's own floor does not depend on its age
@@ -272,7 +272,8 @@ class CellPhysics:
 
     def summary(self) -> dict[str, Any]:
         """What is seen, for people who look: how many, how old, whether it is believed."""
-        view = self._frames.view()
+        look = self._frames.look()
+        view = look.view()
         match view:
             case Distrusted():
                 return {"perception": "invalid", "age_ms": None, "people": None, "objects": None}
@@ -281,7 +282,7 @@ class CellPhysics:
             case Seen(frames, age_ms):
                 complete = FRESH if view.complete else "missing"
                 return {
-                    "perception": complete if age_ms <= self._limit_ms else "stale",
+                    "perception": complete if (look.sighting_age_ms(look.taken_ms) or 0) <= self._limit_ms else "stale",
                     "age_ms": age_ms,
                     "people": sum(len(frame.observation.people) for frame in frames),
                     "objects": sum(len(frame.observation.objects) for frame in frames),
@@ -311,17 +312,7 @@ def scene_of(seen: Seen, cell: CellParameters) -> Scene:
     Raises:
         SceneError: a region or kind that is not in the declared sets.
     """
-    return Scene.from_observation(_merged([frame.observation for frame in seen.frames], seen.complete), cell)
-
-
-def _merged(observations: list[Observation], complete: bool) -> Observation:  # noqa: FBT001 - named by its only caller
-    first, *others = observations
-    return replace(
-        first,
-        complete=complete,
-        people=first.people + tuple(person for o in others for person in o.people),
-        objects=first.objects + tuple(thing for o in others for thing in o.objects),
-    )
+    return Scene.from_observations((frame.observation for frame in seen.frames), cell, complete=seen.complete)
 
 
 def _motion(request: Request, state: JointState, robot: Robot, cell: CellParameters) -> Motion | None:

@@ -70,7 +70,10 @@ class TrustReading:
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """One thing that raises the index: what (kind), between which link and object, when, how near, how fast."""
+    """One thing that raises the index: what (kind), between which link and object, when, how near, how fast.
+
+    `source` is who says that the object is there: a sensor, or "" for the signed cell file and the robot itself.
+    """
 
     kind: str
     index_milli: int
@@ -79,6 +82,7 @@ class Contribution:
     at_ms: int
     clearance_um: int
     speed_um_s: int
+    source: str = ""
 
 
 @dataclass(frozen=True, slots=True)

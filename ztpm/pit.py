@@ -260,6 +260,7 @@ def contribution_to_plain(told: Contribution) -> dict[str, Any]:
         "index": told.index_milli / MILLI,
         "clearance_mm": told.clearance_um / MILLI,
         "speed_m_s": told.speed_um_s / MICRO,
+        "source": told.source,
     }
 
 

@@ -54,6 +54,17 @@ function boxFaces(corners, faces, cam, cell) {
   return found;
 }
 
+// The pieces of a polytope's surface that are turned to the eye, likewise.
+function surfacePieces(pieces, cam) {
+  const light = unit([0.35, -0.45, 0.82]);
+  return pieces.filter((piece) => dot(piece.normal, cam.eye) > 1e-9).map((piece) => ({
+    ring: piece.ring,
+    edges: piece.edges,
+    depth: piece.ring.reduce((sum, point) => sum + dot(cam.eye, point), 0) / piece.ring.length - 1e-3,
+    bright: 0.5 + 0.5 * dot(piece.normal, light),
+  }));
+}
+
 // Everything that is drawn at one posture, farthest first: [{kind: "capsule" | "face", depth, ...}].
 function primitives(shown, posture, cam, swept) {
   const list = [];
@@ -63,7 +74,12 @@ function primitives(shown, posture, cam, swept) {
   for (const body of shown.bodies) {
     const colour = shown.colours[body.kind];
     const alpha = { zone: 0.14, person: 0.92, fragile: 0.75 }[body.kind] ?? 1;
-    if (body.corners) {
+    if (body.pieces) {
+      for (const [a, b] of body.round) capsule(a, b, body.r, colour, alpha, 0);
+      for (const face of surfacePieces(body.pieces, cam)) {
+        list.push({ kind: "face", colour, alpha, whole: body.kind === "zone", ...face });
+      }
+    } else if (body.corners) {
       const cell = body.kind === "zone" ? Infinity : shown.cell_m;
       for (const face of boxFaces(body.corners, shown.faces, cam, cell)) {
         list.push({ kind: "face", colour, alpha, whole: cell === Infinity, ...face });
@@ -187,18 +203,19 @@ function drawNames(ctx, cam, view, shown) {
   const tops = new Map();
   for (const body of shown.bodies) {
     const name = body.kind === "person" ? body.name.split("/")[0] : body.name;
-    const ends = body.corners ? body.corners.map((c) => [c, 0]) : [[body.a, body.r], [body.b, body.r]];
+    const ends = body.corners ? body.corners.map((c) => [c, body.r ?? 0]) : [[body.a, body.r], [body.b, body.r]];
     for (const [point, r] of ends) {
       const [x, y] = project(cam, view, point);
       const above = body.kind === "person" || body.kind === "zone";
       const edge = above ? y - r * view.scale : y + r * view.scale;
       const known = tops.get(name);
-      if (!known || (above ? edge < known.y : edge > known.y)) tops.set(name, { x, y: edge, above, kind: body.kind });
+      if (!known || (above ? edge < known.y : edge > known.y)) tops.set(name, { x, y: edge, above, kind: body.kind, told: body.told });
     }
   }
   for (const [name, at] of tops) {
-    const short = name.length <= 24 ? name : `${name.slice(0, 23)}…`;
-    drawLabel(ctx, at.x, at.y + (at.above ? -13 : 13), short, shown.colours[at.kind], false);
+    const cut = (text) => (text.length <= 24 ? text : `${text.slice(0, 23)}…`);
+    const said = at.told ? `${cut(name)} (${cut(at.told)})` : cut(name);
+    drawLabel(ctx, at.x, at.y + (at.above ? -13 : 13), said, shown.colours[at.kind], false);
   }
 }
 
@@ -329,4 +346,4 @@ function start(page) {
 }
 
 if (typeof document !== "undefined") start(document);
-if (typeof module !== "undefined") module.exports = { camera, project, boxFaces, primitives, framed, leading, mix, draw };
+if (typeof module !== "undefined") module.exports = { camera, project, boxFaces, surfacePieces, primitives, framed, leading, mix, draw };

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from pep.pit.postures import nearest, route_of
-from pep.pit.scene import Box, Capsule, Scene, Sphere
+from pep.pit.scene import CELL_FILE, Box, Capsule, Convex, Scene, Sphere
 from pep.pit.view import view_of
+from ztpm.pit_picture_faces import pieces_of, rounded_edges_of
 
 if TYPE_CHECKING:
     from pep.pit.assessment import Assessment
@@ -43,12 +44,25 @@ MICRO_PER_MILLI: Final = 1_000
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A thing that stands still: what it is, its name, its shape; `tier` is that of a zone that has one."""
+    """A thing that stands still: what it is, its name, its shape, and who says so.
+
+    Attributes:
+        tier: that of a zone that has one.
+        source: the sensor, or "" for the signed cell file.
+        age_s: how old its sighting was, all in all; 0 for what was surveyed.
+    """
 
     kind: str
     name: str
     shape: Shape
     tier: int | None = None
+    source: str = CELL_FILE
+    age_s: float = 0.0
+
+    @property
+    def told(self) -> str:
+        """Who says so, in a few words; "" for what was surveyed."""
+        return f"{self.source}, {self.age_s:.2f} s" if self.source else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +114,14 @@ def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Asse
     regular = [whole * k / (STEPS - 1) for k in range(STEPS)] if whole > 0 else [0.0]
     at = {min(c.at_ms / MILLI, whole) for c in assessment.contributions}
     shown = route.postures(sorted({*regular, *at}))
+    seen_s = situation.age_s or 0.0
     bodies = (
-        *(Body("person", f"{p.id}/{region}", shape) for p in scene.people for region, shape in p.regions),
-        *(Body(o.kind, o.id, o.shape) for o in scene.objects),
+        *(
+            Body("person", f"{p.id}/{region}", shape, None, p.source, seen_s + p.age_s)
+            for p in scene.people
+            for region, shape in p.regions
+        ),
+        *(Body(o.kind, o.id, o.shape, None, o.source, seen_s + o.age_s if o.source else 0.0) for o in scene.objects),
         *(Body("zone", z.id, z.shape, z.tier) for z in scene.zones),
     )
     found = (_witness(c, shown, bodies, scene, whole) for c in assessment.contributions)
@@ -194,7 +213,7 @@ def corners(shape: Box) -> tuple[Vector, ...]:
 
 
 def plain(shape: Shape) -> dict[str, Any]:
-    """A shape as JSON: a capsule's or ball's ends and radius, or a box's corners."""
+    """A shape as JSON: a capsule's or ball's ends and radius, a box's corners, or a polytope's surface in pieces."""
     match shape:
         case Capsule(a, b, radius):
             return {"a": _rounded(a), "b": _rounded(b), "r": round(radius, 5)}
@@ -202,6 +221,18 @@ def plain(shape: Shape) -> dict[str, Any]:
             return {"a": _rounded(center), "b": _rounded(center), "r": round(radius, 5)}
         case Box():
             return {"corners": [_rounded(corner) for corner in corners(shape)]}
+        case Convex(vertices, radius):
+            pieces = [
+                {
+                    "ring": [_rounded(point) for point in piece.ring],
+                    "normal": _rounded(piece.normal),
+                    "edges": [[_rounded(p) for p in line] for line in piece.edges],
+                }
+                for piece in pieces_of(shape, CELL_M)
+            ]
+            ends = [[_rounded(p) for p in line] for line in rounded_edges_of(shape)]
+            around = [_rounded(vertex) for vertex in vertices]
+            return {"corners": around, "pieces": pieces, "round": ends, "r": round(radius, 5)}
         case _:
             assert_never(shape)
 
@@ -223,7 +254,9 @@ def to_plain(shown: Picture) -> dict[str, Any]:
             }
             for p in shown.postures
         ],
-        "bodies": [{"kind": b.kind, "name": b.name, "tier": b.tier, **plain(b.shape)} for b in shown.bodies],
+        "bodies": [
+            {"kind": b.kind, "name": b.name, "tier": b.tier, "told": b.told, **plain(b.shape)} for b in shown.bodies
+        ],
         "workspace": None if shown.workspace is None else [_rounded(corner) for corner in shown.workspace],
         "witnesses": [
             {

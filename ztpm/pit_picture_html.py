@@ -96,8 +96,8 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
 <table>
 <caption>What raises the index, highest first</caption>
 <thead><tr><th scope="col">#</th><th scope="col">kind</th><th scope="col">link</th><th scope="col">object</th>\
-<th scope="col" class="n">s</th><th scope="col" class="n">mm</th><th scope="col" class="n">m/s</th>\
-<th scope="col" class="n">index</th></tr></thead>
+<th scope="col">said by</th><th scope="col" class="n">s</th><th scope="col" class="n">mm</th>\
+<th scope="col" class="n">m/s</th><th scope="col" class="n">index</th></tr></thead>
 <tbody>
 {"".join(_row(number, each) for number, each in enumerate(told)) or _nothing()}
 </tbody>
@@ -141,7 +141,7 @@ def _row(number: int, told: Contribution) -> str:
     near = told.clearance_um / MICRO_PER_MILLI
     where = (f"{told.at_ms / MILLI:.2f}", f"{near:.0f}") if told.link else ("", "")
     numbers = (*where, f"{told.speed_um_s / 1e6:.2f}" if told.speed_um_s else "", f"{told.index_milli / MILLI:.2f}")
-    words = "".join(f"<td>{_breakable(word)}</td>" for word in (told.kind, told.link, told.object))
+    words = "".join(f"<td>{_breakable(word)}</td>" for word in (told.kind, told.link, told.object, told.source))
     cells = "".join(f'<td class="n">{each}</td>' for each in numbers)
     label = escape(f"Show contribution {number + 1}", quote=True)
     button = f'<button type="button" data-row="{number}" aria-label="{label}">{number + 1}</button>'
@@ -154,7 +154,7 @@ def _breakable(name: str) -> str:
 
 
 def _nothing() -> str:
-    return '<tr><td colspan="8">nothing</td></tr>\n'
+    return '<tr><td colspan="9">nothing</td></tr>\n'
 
 
 def _key(shown: Picture) -> str:

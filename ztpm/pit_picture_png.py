@@ -198,13 +198,14 @@ def _names(axes: Any, shown: Picture, camera: Camera, limits: tuple[Flat, Flat])
     """One name for each person and zone, above it in this view; of each object, below it. Where they are."""
     ends: dict[str, Flat] = {}
     kinds: dict[str, str] = {}
+    told: dict[str, str] = {}
     for body in shown.bodies:
         name = body.name.split("/")[0] if body.kind == "person" else body.name
         sign = 1 if body.kind in ("person", "zone") else -1
         for x, y in outline(body.shape, camera):
             if name not in ends or sign * y > sign * ends[name][1]:
                 ends[name] = (x, y)
-        kinds[name] = body.kind
+        kinds[name], told[name] = body.kind, body.told
     (left, bottom), (right, top) = limits
     edge = 0.06 * (top - bottom)
     places: list[Flat] = []
@@ -214,12 +215,17 @@ def _names(axes: Any, shown: Picture, camera: Camera, limits: tuple[Flat, Flat])
         at = (x, min(max(y, bottom + edge), top - edge))
         above = kinds[name] in ("person", "zone")
         axes.annotate(
-            _short(name), at, xytext=(0, 4 if above else -4), textcoords="offset points", ha="center",
+            _said(name, told[name]), at, xytext=(0, 4 if above else -4), textcoords="offset points", ha="center",
             va="bottom" if above else "top", fontsize=9, color=INK, zorder=11, parse_math=False,
             bbox={"boxstyle": "round,pad=0.15", "facecolor": PAPER, "edgecolor": COLOURS[kinds[name]], "alpha": 0.85},
         )  # fmt: skip
         places.append((x, at[1] + (0.5 if above else -0.5) * edge))
     return places
+
+
+def _said(name: str, told: str) -> str:
+    """A name, and who says so."""
+    return f"{_short(name)} ({_short(told)})" if told else _short(name)
 
 
 def _short(text: str, limit: int = 24) -> str:

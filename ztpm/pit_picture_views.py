@@ -9,8 +9,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from pep.pit.scene import Box, Capsule
+from pep.pit.scene import Box, Capsule, Convex
 from ztpm.pit_picture import CELL_M, COLOURS, FACES, corners
+from ztpm.pit_picture_faces import pieces_of, rounded_edges_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,6 +26,9 @@ LOOKS: Final = {"solid": (1.0, 0.9), "end": (0.30, 0.55), "ghost": (0.07, 0.10)}
 """How opaque the arm and its outline are: where it decides, at start and end, and in between."""
 ARC: Final = 20
 """Corners of half a round end."""
+Colour = tuple[float, float, float, float]
+"""Red, green, blue and how opaque, each from 0 to 1."""
+CLEAR: Final[Colour] = (0.0, 0.0, 0.0, 0.0)
 Flat = tuple[float, float]
 """Right and up in a view, metres."""
 LIGHT: Final = (0.35, -0.45, 0.82)
@@ -68,8 +72,8 @@ class Patch:
 
     depth: float
     outline: tuple[Flat, ...]
-    fill: tuple[float, float, float, float]
-    edge: tuple[float, float, float, float]
+    fill: Colour
+    edge: Colour
 
 
 # --- where to look from ----------------------------------------------------------------------------------------------
@@ -123,6 +127,9 @@ def _body(body: Body, camera: Camera) -> Iterator[Patch]:
     if isinstance(shape, Box):
         yield from _box(camera, shape, colour, look, cut=body.kind != "zone")
         return
+    if isinstance(shape, Convex):
+        yield from _polytope(camera, shape, colour, look, cut=body.kind != "zone")
+        return
     yield from _capsule(camera, _ends(shape), shape.radius_m, colour, look)
 
 
@@ -144,7 +151,7 @@ def _capsule(
     for share, light in ((0.68, 0.16), (0.36, 0.34)):
         x, y = (lift * radius * (1.2 - share) for lift in (-0.22, 0.26))
         inner = _stadium((a[0] + x, a[1] + y), (b[0] + x, b[1] + y), radius * share)
-        yield Patch(depth + 1e-6 * (1 - share), inner, (*_mix(rgb, light), alpha), (0.0, 0.0, 0.0, 0.0))
+        yield Patch(depth + 1e-6 * (1 - share), inner, (*_mix(rgb, light), alpha), CLEAR)
 
 
 def _stadium(a: Flat, b: Flat, radius: float) -> tuple[Flat, ...]:
@@ -161,8 +168,6 @@ def _stadium(a: Flat, b: Flat, radius: float) -> tuple[Flat, ...]:
 def _box(camera: Camera, box: Box, colour: str, look: tuple[float, float], *, cut: bool) -> Iterator[Patch]:
     """The faces that are turned to the eye, shaded by how they lie to the light."""
     at = corners(box)
-    rgb = rgb_of(colour)
-    alpha, edge = look
     for face in FACES:
         p, q, _, s = (at[k] for k in face)
         normal = _unit(_cross(_minus(q, p), _minus(s, p)))
@@ -171,9 +176,7 @@ def _box(camera: Camera, box: Box, colour: str, look: tuple[float, float], *, cu
             normal = (-normal[0], -normal[1], -normal[2])
         if _dot(normal, camera.eye) <= 1e-9:
             continue
-        bright = 0.5 + 0.5 * _dot(normal, _unit(LIGHT))
-        shade = _mix(rgb, 0.45 * bright) if bright > 0.5 else _mix(rgb, 0.25, dark=True)
-        fill, line = (*shade, alpha), (*_mix(rgb, 0.35, dark=True), edge)
+        fill, line = _shaded(colour, normal, look)
         across = max(1, math.ceil(math.dist(p, q) / CELL_M)) if cut else 1
         along = max(1, math.ceil(math.dist(p, s) / CELL_M)) if cut else 1
         for i in range(across):
@@ -182,11 +185,35 @@ def _box(camera: Camera, box: Box, colour: str, look: tuple[float, float], *, cu
                 middle = _on(p, q, s, (i + 0.5) / across, (j + 0.5) / along)
                 depth = camera.depth(middle) - 1e-3
                 ring = tuple(camera.flat(corner) for corner in piece)
-                yield Patch(depth, ring, fill, fill if cut else (0.0, 0.0, 0.0, 0.0))
+                yield Patch(depth, ring, fill, fill if cut else CLEAR)
                 # The face's own edges, each with the piece that it borders.
                 outer = (j == 0, i == across - 1, j == along - 1, i == 0)
                 for k in (k for k in range(4) if outer[k]):
-                    yield Patch(depth, (ring[k], ring[(k + 1) % 4]), (0.0, 0.0, 0.0, 0.0), line)
+                    yield Patch(depth, (ring[k], ring[(k + 1) % 4]), CLEAR, line)
+
+
+def _polytope(camera: Camera, shape: Convex, colour: str, look: tuple[float, float], *, cut: bool) -> Iterator[Patch]:
+    """The same of a polytope; a rounding lies about its edges."""
+    alpha, _ = look
+    for a, b in rounded_edges_of(shape):
+        yield from _capsule(camera, (a, b), shape.radius_m, colour, (alpha, 0.0))
+    for piece in pieces_of(shape, CELL_M if cut else math.inf):
+        if _dot(piece.normal, camera.eye) <= 1e-9:
+            continue
+        fill, line = _shaded(colour, piece.normal, look)
+        depth = camera.depth(piece.middle) - 1e-3
+        yield Patch(depth, tuple(camera.flat(corner) for corner in piece.ring), fill, fill if cut else CLEAR)
+        for p, q in piece.edges:
+            yield Patch(depth, (camera.flat(p), camera.flat(q)), CLEAR, line)
+
+
+def _shaded(colour: str, normal: Vector, look: tuple[float, float]) -> tuple[Colour, Colour]:
+    """What a face that lies so to the light is filled with, and its edges' colour."""
+    alpha, edge = look
+    rgb = rgb_of(colour)
+    bright = 0.5 + 0.5 * _dot(normal, _unit(LIGHT))
+    shade = _mix(rgb, 0.45 * bright) if bright > 0.5 else _mix(rgb, 0.25, dark=True)
+    return (*shade, alpha), (*_mix(rgb, 0.35, dark=True), edge)
 
 
 def frame(shown: Picture, camera: Camera, ratio: float, *, whole: bool) -> tuple[Flat, Flat]:
@@ -223,6 +250,10 @@ def outline(shape: Shape, camera: Camera) -> list[Flat]:
     """The shape's outline in this view, or the corners that it is the hull of."""
     if isinstance(shape, Box):
         return [camera.flat(corner) for corner in corners(shape)]
+    if isinstance(shape, Convex):
+        flat = [camera.flat(vertex) for vertex in shape.vertices_m]
+        r = shape.radius_m
+        return [(x + u * r, y + v * r) for x, y in flat for u, v in ((-1, -1), (-1, 1), (1, -1), (1, 1))]
     a, b = (camera.flat(end) for end in _ends(shape))
     return list(_stadium(a, b, shape.radius_m))
 

@@ -37,6 +37,11 @@ REGIONS: Final = frozenset(
 )
 """Body regions, as ISO/TS 15066 annex A groups them for contact limits."""
 OBJECT_KINDS: Final = frozenset({"fragile", "rigid"})
+VERTICES_LEAST: Final = 4
+VERTICES_MOST: Final = 64
+"""Fewest and most vertices of a convex shape."""
+SIGHTING_AGE_MS: Final = 3_600_000
+"""Oldest sighting that a frame may still tell of: an hour."""
 BOOT_ID: Final = re.compile(r"[0-9a-f]{32}", re.ASCII)
 
 
@@ -66,24 +71,37 @@ class Box:
     quaternion_ppm: Quaternion
 
 
-Shape = Capsule | Sphere | Box
+@dataclass(frozen=True, slots=True)
+class Convex:
+    """All points within `radius_um` of the convex hull of 4 to 64 vertices that are not all in one plane."""
+
+    vertices_um: tuple[Point, ...]
+    radius_um: int
+
+
+Shape = Capsule | Sphere | Box | Convex
 
 
 @dataclass(frozen=True, slots=True)
 class ObservedPerson:
-    """A person: (region, shape) pairs that cover the body; a shape is a capsule or a sphere."""
+    """A person: (region, shape) pairs that cover the body; a shape is a capsule or a sphere.
+
+    `age_ms` is how long before this frame's capture the sensor last saw the person there; 0 is in this frame.
+    """
 
     id: str
     regions: tuple[tuple[str, Capsule | Sphere], ...]
+    age_ms: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class ObservedObject:
-    """A thing in the cell, "fragile" or "rigid"."""
+    """A thing in the cell, "fragile" or "rigid"; `age_ms` as of a person."""
 
     id: str
     kind: str
     shape: Shape
+    age_ms: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,11 +141,13 @@ def sign(observation: Observation, key: PrivateKey) -> str:
             {
                 "id": person.id,
                 "regions": [{"region": region, "shape": shape_claims(shape)} for region, shape in person.regions],
+                **_age_claims(person.age_ms),
             }
             for person in observation.people
         ],
         "objects": [
-            {"id": thing.id, "kind": thing.kind, "shape": shape_claims(thing.shape)} for thing in observation.objects
+            {"id": thing.id, "kind": thing.kind, "shape": shape_claims(thing.shape), **_age_claims(thing.age_ms)}
+            for thing in observation.objects
         ],
     }
     return sealed.sign(KIND, claims, key)
@@ -172,6 +192,8 @@ def shape_claims(shape: Shape) -> dict[str, object]:
                 "half_um": list(half_um),
                 "quaternion_ppm": list(quaternion_ppm),
             }
+        case Convex(vertices_um, radius_um):
+            return {"form": "convex", "vertices_um": [list(vertex) for vertex in vertices_um], "radius_um": radius_um}
         case _:
             assert_never(shape)
 
@@ -192,6 +214,9 @@ def shape(value: object) -> Shape:
         case {"form": "box"}:
             claims = Claims(value, "form", "center_um", "half_um", "quaternion_ppm")
             return Box(point(claims, "center_um"), point(claims, "half_um", low=1), _quaternion(claims))
+        case {"form": "convex"}:
+            claims = Claims(value, "form", "vertices_um", "radius_um")
+            return Convex(_vertices(claims), claims.integer("radius_um", low=0, high=REACH_UM))
         case _:
             raise malformed("not a shape")
 
@@ -225,22 +250,55 @@ def _quaternion(claims: Claims) -> Quaternion:
     return (w, x, y, z)
 
 
+def _vertices(claims: Claims) -> tuple[Point, ...]:
+    """Four to 64 points, each once, that span a volume."""
+    name = "vertices_um"
+    found = claims.each(name, lambda value: point(Claims({name: value}, name), name), most=VERTICES_MOST)
+    if len(found) < VERTICES_LEAST or not _span(unique(found, lambda vertex: vertex, "a vertex")):
+        raise malformed("a convex shape without a volume")
+    return found
+
+
+def _span(points: tuple[Point, ...]) -> bool:
+    """Whether some four of these points are corners of a body; exact, since they are whole numbers."""
+    (ox, oy, oz), (bx, by, bz) = points[0], points[1]
+    ux, uy, uz = bx - ox, by - oy, bz - oz
+    away = [(x - ox, y - oy, z - oz) for x, y, z in points]
+    across = ((uy * z - uz * y, uz * x - ux * z, ux * y - uy * x) for x, y, z in away)
+    nx, ny, nz = next((normal for normal in across if any(normal)), (0, 0, 0))
+    return any(nx * x + ny * y + nz * z for x, y, z in away)
+
+
+def _age_claims(age_ms: int) -> dict[str, object]:
+    """What was seen in the frame itself has no age of its own, and then the member is left out."""
+    return {"age_ms": age_ms} if age_ms else {}
+
+
+def _aged(value: object, *names: str) -> tuple[Claims, int]:
+    """The members, and how old the sighting is: a member that is left out where it would be 0."""
+    if not isinstance(value, dict) or "age_ms" not in value:
+        return Claims(value, *names), 0
+    claims = Claims(value, *names, "age_ms")
+    return claims, claims.integer("age_ms", low=1, high=SIGHTING_AGE_MS)
+
+
 def _person(value: object) -> ObservedPerson:
-    claims = Claims(value, "id", "regions")
+    claims, age_ms = _aged(value, "id", "regions")
     regions = claims.each("regions", _region, most=REGIONS_OF_A_PERSON)
     if not regions:
         raise malformed("a person without a body")
-    return ObservedPerson(claims.name("id"), regions)
+    return ObservedPerson(claims.name("id"), regions, age_ms)
 
 
 def _region(value: object) -> tuple[str, Capsule | Sphere]:
     claims = Claims(value, "region", "shape")
     found = shape(claims.raw("shape"))
-    if isinstance(found, Box):
+    if not isinstance(found, Capsule | Sphere):
         raise malformed("a person is made of capsules and spheres")
     return claims.one_of("region", REGIONS), found
 
 
 def _object(value: object) -> ObservedObject:
-    claims = Claims(value, "id", "kind", "shape")
-    return ObservedObject(claims.name("id"), claims.one_of("kind", OBJECT_KINDS), shape(claims.raw("shape")))
+    claims, age_ms = _aged(value, "id", "kind", "shape")
+    kind, body = claims.one_of("kind", OBJECT_KINDS), shape(claims.raw("shape"))
+    return ObservedObject(claims.name("id"), kind, body, age_ms)

@@ -76,6 +76,12 @@ class Frame:
         """Milliseconds since exposure, transit included, at the monotonic time `now_ms`."""
         return now_ms - self.arrived_ms + self.transit_ms
 
+    def sighting_age_ms(self, now_ms: int) -> int:
+        """The same of the oldest sighting that the frame tells of."""
+        seen = self.observation
+        late_ms = [person.age_ms for person in seen.people] + [thing.age_ms for thing in seen.objects]
+        return self.age_ms(now_ms) + max(late_ms, default=0)
+
 
 @dataclass(frozen=True, slots=True)
 class Rejected:
@@ -151,6 +157,10 @@ class Look:
     def age_ms(self, now_ms: int) -> int | None:
         """The oldest frame's age at `now_ms`, or None when there is no frame."""
         return max((one.frame.age_ms(now_ms) for one in self.heard if one.frame is not None), default=None)
+
+    def sighting_age_ms(self, now_ms: int) -> int | None:
+        """The age at `now_ms` of the oldest sighting of all that the frames tell of, or None when there is no frame."""
+        return max((one.frame.sighting_age_ms(now_ms) for one in self.heard if one.frame is not None), default=None)
 
     def view(self) -> View:
         """The world as it may be believed."""

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final, assert_never
 
-from capabilities.statements.observation import Box, Capsule, Sphere
+from capabilities.statements.observation import Box, Capsule, Convex, Sphere
+from capabilities.units import Unit, si
 from policies.evidence import SensorReading
 
 if TYPE_CHECKING:
@@ -109,8 +110,19 @@ def _widths(shape: Shape) -> tuple[int, int]:
             return 2 * radius_um, 2 * radius_um + math.ceil(math.dist(a_um, b_um))
         case Box(half_um=half_um):
             return 2 * min(half_um), math.ceil(2 * math.hypot(*half_um))
+        case Convex(vertices_um, radius_um):
+            from pep.pit.hull import widths_of  # here, since all of physics comes with it
+
+            per_m = Unit.MICROMETRE.per_si
+            least_m, most_m = widths_of(tuple(map(_metres, vertices_um)))
+            return 2 * radius_um + math.floor(least_m * per_m), 2 * radius_um + math.ceil(most_m * per_m)
         case _:
             assert_never(shape)
+
+
+def _metres(point_um: Point) -> tuple[float, float, float]:
+    x, y, z = (si(number, Unit.MICROMETRE) for number in point_um)
+    return (x, y, z)
 
 
 def _middle(person: ObservedPerson) -> tuple[int, int]:

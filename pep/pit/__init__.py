@@ -27,7 +27,7 @@ from pep.pit.motion import (
 )
 from pep.pit.remaining import Pace, Remaining, remaining
 from pep.pit.robot import Robot
-from pep.pit.scene import Box, Capsule, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
+from pep.pit.scene import Box, Capsule, Convex, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
 from pep.pit.surveyed import SurveyError, SurveyFault, numbers_only, surveyed
 
 __all__ = [
@@ -39,6 +39,7 @@ __all__ = [
     "CellParameters",
     "Certificate",
     "Contact",
+    "Convex",
     "GripperMove",
     "Held",
     "JointLeg",

@@ -112,7 +112,7 @@ def _grip_answer(robot: Robot, view: View, motion: GripperMove, cell: CellParame
     causes = grip.causes
     finger_speed = micro(motion.speed_m_s)
     told = [
-        Contribution(c.kind, milli(c.index), "gripper", c.object, 0, micro(c.clearance_m), finger_speed)
+        Contribution(c.kind, milli(c.index), "gripper", c.object, 0, micro(c.clearance_m), finger_speed, c.source)
         for c in causes
         if c.index > MOVING or c is causes[0]
     ]

@@ -34,7 +34,7 @@ def seen(view: View) -> tuple[Contribution, ...]:
     """The view's own part in the index."""
     if view.floor == 0:
         return ()
-    return (Contribution("perception", milli(view.floor), "", view.perception, 0, 0, 0),)
+    return (Contribution("perception", milli(view.floor), "", view.perception, 0, 0, 0, view.source),)
 
 
 def micro(metres: float) -> int:

@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 from pep.pit.errors import CellError
-from pep.pit.scene import Box, Capsule, Scene, Shape, Sphere, Vector, Workspace
+from pep.pit.scene import Box, Capsule, Convex, Scene, Shape, Sphere, Vector, Workspace
 from pep.pit.strict import STRICT, FormError, read_table, read_toml
 from pep.stopping import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 HIGHEST_PIN: Final = 17  # U12: 8 standard, 8 configurable and 2 tool outputs
 FINEST_STEP: Final = 0.01  # of a robot's own slider: whole percents
-_ONE_OF: Final = "exactly one of box, capsule, sphere"
+_ONE_OF: Final = "exactly one of box, capsule, convex, sphere"
 
 
-def _the_shape(capsule: Capsule | None, sphere: Sphere | None, box: Box | None) -> Shape:
-    given = [shape for shape in (capsule, sphere, box) if shape is not None]
+def _the_shape(*stated: Shape | None) -> Shape:
+    given = [shape for shape in stated if shape is not None]
     if len(given) != 1:
         raise CellError("PARAMETERS_WRONG", _ONE_OF)
     return given[0]
@@ -44,11 +44,12 @@ class StaticObject:
     capsule: Capsule | None = None
     sphere: Sphere | None = None
     box: Box | None = None
+    convex: Convex | None = None
 
     @property
     def shape(self) -> Shape:
         """The one shape that is given."""
-        return _the_shape(self.capsule, self.sphere, self.box)
+        return _the_shape(self.capsule, self.sphere, self.box, self.convex)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,11 +62,12 @@ class StaticZone:
     capsule: Capsule | None = None
     sphere: Sphere | None = None
     box: Box | None = None
+    convex: Convex | None = None
 
     @property
     def shape(self) -> Shape:
         """The one shape that is given."""
-        return _the_shape(self.capsule, self.sphere, self.box)
+        return _the_shape(self.capsule, self.sphere, self.box, self.convex)
 
 
 @dataclass(frozen=True, slots=True)

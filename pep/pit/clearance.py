@@ -1,7 +1,7 @@
 """Distance of convex cores, exact and in bulk, and what a separating direction proves for a whole path interval.
 
-Everything is a core (point, segment, box, half-space) with a radius. Signed clearance is the core distance less the
-radii; when cores meet it is minus the radii, and never a penetration depth, on which engines differ.
+Everything is a core (point, segment, box, polytope, half-space) with a radius. Signed clearance is the core distance
+less the radii; when cores meet it is minus the radii, and never a penetration depth, on which engines differ.
 
 The bound does not trust the distance: for *any* unit direction n, two bodies are at least as far apart as their extents
 along n say. A closest-point routine that errs makes the bound weaker, never wrong.
@@ -15,8 +15,11 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
+    from pep.pit.hull import Hull
     from pep.pit.motion import Floats
 
 ROUNDING_M: Final = 1e-9  # far above float64 rounding of metre-sized sums (1e-15), far below anything that matters
@@ -24,6 +27,9 @@ PARALLEL: Final = 1e-12  # relative: below it two segments count as parallel and
 TINY: Final = 1e-30  # squared length (m^2) below which a segment is a point
 CORNERS: Final = 6  # faces of a box: where the distance along a segment changes its formula
 APART_M: Final = 1e-9  # cores nearer than this give no direction
+BESIDE_M: Final = 1e-12  # a foot this near to a face is on it: between two triangles of one plane rounding loses none
+AT_ONCE: Final = 2**17  # pairs of an axis and an edge that are computed together; bounds the memory
+NONE: Final = -1  # no polytope
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +37,13 @@ class Cores:
     """Obstacles, one row per pair.
 
     Attributes:
-        is_segment, is_box: which rows are; the others are planes.
+        is_segment, is_box: which rows are; of the others those with a hull are polytopes, and the rest planes.
         a: first end, centre, or a plane's outward normal (the body must keep a·p <= offset).
         b: second end of a segment.
         axes, half: of a box, its axes as columns.
         offset: of a plane.
+        hull: of a polytope, its place among `hulls`; -1 for anything else.
+        hulls: all polytopes.
     """
 
     is_segment: NDArray[np.bool_]
@@ -45,6 +53,19 @@ class Cores:
     axes: Floats
     half: Floats
     offset: Floats
+    hull: NDArray[np.intp]
+    hulls: tuple[Hull, ...] = ()
+
+    @property
+    def is_plane(self) -> NDArray[np.bool_]:
+        """Which rows are planes: all others have a thickness, and cores that meet count as 0 apart."""
+        return np.asarray(~(self.is_segment | self.is_box | (self.hull != NONE)))
+
+    def polytopes(self) -> Iterator[tuple[Hull, NDArray[np.intp]]]:
+        """Each polytope that is among the rows, with the rows that it is."""
+        if self.hulls:
+            for which in np.unique(self.hull[self.hull != NONE]).tolist():
+                yield self.hulls[which], np.flatnonzero(self.hull == which)
 
     def and_then(self, more: Cores) -> Cores:
         """These rows, then those."""
@@ -56,6 +77,8 @@ class Cores:
             np.concatenate([self.axes, more.axes]),
             np.concatenate([self.half, more.half]),
             np.concatenate([self.offset, more.offset]),
+            np.concatenate([self.hull, np.where(more.hull != NONE, more.hull + len(self.hulls), NONE)]),
+            (*self.hulls, *more.hulls),
         )
 
     def take(self, rows: NDArray[np.intp]) -> Cores:
@@ -68,6 +91,8 @@ class Cores:
             self.axes[rows],
             self.half[rows],
             self.offset[rows],
+            self.hull[rows],
+            self.hulls,
         )
 
 
@@ -123,6 +148,43 @@ def segment_box(p: Floats, q: Floats, center: Floats, axes: Floats, half: Floats
     return p + t[:, None] * (q - p), center + np.einsum("nij,nj->ni", axes, nearest)
 
 
+def segment_hull(p: Floats, q: Floats, hull: Hull) -> tuple[Floats, Floats]:
+    """Closest points of segments pq, (n, 3) each, and one polytope; one point twice where they meet.
+
+    A segment that is not somewhere behind all faces is nearest with an end above a face, or to an edge.
+    """
+    above_p, above_q = (np.einsum("ni,fi->nf", end, hull.normals) - hull.offsets for end in (p, q))
+    # 1. The part of the segment that is behind all faces, in shares of it.
+    fall = above_p - above_q
+    share = above_p / np.where(fall == 0, 1, fall)
+    first = np.where(fall > 0, share, np.where((fall == 0) & (above_p > 0), np.inf, 0)).max(axis=1, initial=0)
+    last = np.where(fall < 0, share, 1).min(axis=1, initial=1)
+    inside = p + np.minimum(first, 1)[:, None] * (q - p)
+    # 2. The nearest edge.
+    count, edges = len(p), len(hull.edges)
+    near, far = hull.vertices[hull.edges[:, 0]], hull.vertices[hull.edges[:, 1]]
+    on_axis, on_edge = segment_segment(
+        np.repeat(p, edges, axis=0), np.repeat(q, edges, axis=0), np.tile(near, (count, 1)), np.tile(far, (count, 1))
+    )
+    gap = on_axis - on_edge
+    square = _dot(gap, gap).reshape(count, edges)
+    chosen = square.argmin(axis=1)
+    row = np.arange(count)
+    on_body, on_core = on_axis.reshape(count, edges, 3)[row, chosen], on_edge.reshape(count, edges, 3)[row, chosen]
+    best = np.sqrt(square[row, chosen])
+    # 3. Or the face that an end is nearest above.
+    for end, above in ((p, above_p), (q, above_q)):
+        beside = np.einsum("ni,fki->nfk", end, hull.sides) - hull.side_offsets
+        height = np.where((above > 0) & (beside <= BESIDE_M).all(axis=2), above, np.inf)
+        face = height.argmin(axis=1)
+        lower = height[row, face] < best
+        best = np.where(lower, height[row, face], best)
+        foot = end - above[row, face, None] * hull.normals[face]
+        on_body, on_core = np.where(lower[:, None], end, on_body), np.where(lower[:, None], foot, on_core)
+    meets = (first <= last)[:, None]
+    return np.where(meets, inside, on_body), np.where(meets, inside, on_core)
+
+
 def core_distance(ends: Floats, cores: Cores) -> tuple[Floats, Floats]:
     """Distance of each body axis (n, 2, 3) to its obstacle's core, and the unit direction from obstacle to body.
 
@@ -140,11 +202,21 @@ def core_distance(ends: Floats, cores: Cores) -> tuple[Floats, Floats]:
         on_body[box], on_core[box] = segment_box(
             ends[box, 0], ends[box, 1], cores.a[box], cores.axes[box], cores.half[box]
         )
+    for hull, rows in cores.polytopes():
+        for part in np.array_split(rows, 1 + len(rows) * len(hull.edges) // AT_ONCE):
+            on_body[part], on_core[part] = segment_hull(ends[part, 0], ends[part, 1], hull)
     gap = on_body - on_core
     distance = np.sqrt(_dot(gap, gap))
     apart = distance > APART_M
     direction = np.where(apart[:, None], gap / np.where(apart, distance, 1)[:, None], 0)
-    plane = ~(segment | box)
+    for hull, rows in cores.polytopes():
+        # What the direction proves is the distance: an error in a hull's faces can only bring it nearer.
+        between = _dot(ends[rows], direction[rows, None]).min(axis=1) - _reach(hull, direction[rows])
+        apart_by = np.where(apart[rows], np.minimum(between, distance[rows]), 0)
+        clear = apart_by > APART_M
+        distance[rows] = np.where(clear, apart_by, 0)
+        direction[rows] = np.where(clear[:, None], direction[rows], 0)
+    plane = cores.is_plane
     if plane.any():
         direction[plane] = -cores.a[plane]
         distance[plane] = (cores.offset[plane, None] - _dot(ends[plane], cores.a[plane, None])).min(axis=1)
@@ -167,12 +239,19 @@ def interval_clearance(ends: Floats, direction: Floats, cores: Cores, *, radii: 
     ahead = _dot(ends, direction[None, :, None]).min(axis=(0, 2))
     bound = ahead - _support(cores, direction) - radii - sag - ROUNDING_M
     proven = _dot(direction, direction) > 0.5  # a unit vector, or zero
-    solid = cores.is_segment | cores.is_box
-    return np.asarray(np.where(solid, np.where(proven, np.maximum(bound, -radii), -radii), bound))
+    return np.asarray(np.where(cores.is_plane, bound, np.where(proven, np.maximum(bound, -radii), -radii)))
+
+
+def _reach(hull: Hull, direction: Floats) -> Floats:
+    """Largest extent of the polytope along each of these directions."""
+    return np.asarray(np.einsum("ni,vi->nv", direction, hull.vertices).max(axis=1))
 
 
 def _support(cores: Cores, direction: Floats) -> Floats:
     """Largest extent of each core along the direction; for a plane, of the forbidden side."""
     segment = np.maximum(_dot(cores.a, direction), _dot(cores.b, direction))
     box = _dot(cores.a, direction) + _dot(np.abs(np.einsum("nij,ni->nj", cores.axes, direction)), cores.half)
-    return np.asarray(np.where(cores.is_segment, segment, np.where(cores.is_box, box, -cores.offset)))
+    extent = np.where(cores.is_segment, segment, np.where(cores.is_box, box, -cores.offset))
+    for hull, rows in cores.polytopes():
+        extent[rows] = _reach(hull, direction[rows])
+    return np.asarray(extent)

@@ -215,8 +215,7 @@ class Course(Route):
         speed = known.speed[at_mid[row], body] + worst.hurry[row, body]
         rush_mid = speed + self.layout.radius[body] * (known.spin[at_mid[row], body] + worst.spin_hurry[row, body])
         # What the arm may meet beside the course counts as met: the gap would not close however short the interval.
-        solid = cores.is_segment | cores.is_box
-        near = np.where(solid, np.maximum(distance - stray, 0), distance - stray)
+        near = np.where(cores.is_plane, distance - stray, np.maximum(distance - stray, 0))
         return Leaves(low, high, pair, clear, rush, near - radii, rush_mid)
 
 

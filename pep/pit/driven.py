@@ -116,7 +116,7 @@ class DriveQuestion(MoveQuestion):
             *(Contribution(r.name, milli(r.index), "", "", 0, 0, micro(speed)) for r in ratios if r.index > MOVING),
             *self._witnessed(pairs, profile, certified),
             *(
-                Contribution("retreat", milli(RETREAT), "", pairs.names[p], 0, 0, micro(speed))
+                Contribution("retreat", milli(RETREAT), "", pairs.names[p], 0, 0, micro(speed), pairs.sources[p])
                 for p in start.retreating
             ),
         ]

@@ -44,6 +44,35 @@ def capsule_around(pose: Pose, shape: Shape) -> tuple[Floats, Floats, float]:
     return center - half * along, center + half * along, radius + ROUNDING_M
 
 
+def capsule_around_points(points: Floats) -> tuple[Floats, Floats, float]:
+    """Ends and radius of a capsule that contains these points, (n, 3): along their longest way or a principal axis.
+
+    Of the four the one with the smallest volume counts. A radius around each point is added to the capsule's.
+    """
+    apart = np.linalg.norm(points[:, None] - points[None], axis=2)
+    one, other = np.unravel_index(int(apart.argmax()), apart.shape)
+    _, _, principal = np.linalg.svd(points - points.mean(axis=0))
+    ways = [(points[other] - points[one]) / apart[one, other], *principal]
+    return min((_along(points, way) for way in ways), key=_volume_m3)
+
+
+def _along(points: Floats, way: Floats) -> tuple[Floats, Floats, float]:
+    """The smallest capsule about these points in this direction, its axis through the middle of their ranges."""
+    _, _, frame = np.linalg.svd(way[None])
+    frame[0] = way
+    local = points @ frame.T
+    middle = 0.5 * (local.min(axis=0) + local.max(axis=0))
+    half_m = 0.5 * float(np.ptp(local[:, 0]))
+    half, radius = _shorter(half_m, float(np.linalg.norm(local[:, 1:] - middle[1:], axis=1).max()))
+    center = middle @ frame
+    return center - half * way, center + half * way, radius + ROUNDING_M
+
+
+def _volume_m3(capsule: tuple[Floats, Floats, float]) -> float:
+    a, b, radius = capsule
+    return math.pi * radius**2 * (float(np.linalg.norm(b - a)) + 4 / 3 * radius)
+
+
 def _edges(size_m: Vector) -> tuple[int, float]:
     """Which edge of a box is the longest, and how far its corners are from the line through the middle along it."""
     longest = max(range(3), key=lambda k: size_m[k])

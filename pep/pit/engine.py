@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Final
 from pep.pit.blow import blow_ratio
 from pep.pit.certify import certify, fits
 from pep.pit.path import Path
+from pep.pit.scene import Convex, Scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from pep.pit.cell import CellParameters
     from pep.pit.certify import Certified, Fit
     from pep.pit.motion import Straight
     from pep.pit.robot import Robot
@@ -52,3 +54,9 @@ def chosen() -> Engine:
     compile_all()
     courses.compile_all()  # `pep.pit.curved` chooses them: what is ready for the one is ready for the other
     return Engine("numba-1", CompiledPath, CompiledPath.certify, CompiledPath.fits, CompiledPath.blow_ratio, slows=True)
+
+
+def chosen_for(scene: Scene | None, cell: CellParameters) -> Engine:
+    """The engine for questions about this scene, or without one about the bare cell: polytopes have numpy's alone."""
+    shapes = (Scene.of_cell(cell) if scene is None else scene).solid_shapes
+    return NUMPY if any(isinstance(shape, Convex) for shape in shapes) else chosen()

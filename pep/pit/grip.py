@@ -32,6 +32,7 @@ class GripCause:
     index: float
     object: str
     clearance_m: float
+    source: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +78,9 @@ def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters
         if kind is Kind.PERSON and near < float(stop.approach_m(pairs.intrusion[row])) + travel:
             share = force_n / float(pairs.force_limit[row])
             index = HIGHEST if share > 1 and near <= travel else 2 + min(1.0, share)
-            causes.append(GripCause(str(kind), index, name, float(clearance[row])))
+            causes.append(GripCause(str(kind), index, name, float(clearance[row]), pairs.sources[row]))
             ratio = max(ratio, speed_m_s / float(pairs.limit_speed[row]))
         elif kind is Kind.FRAGILE and near <= cell.rigid_band_m:
             index = 1 + min(2.0, force_n / cell.fragile_break_force_n)
-            causes.append(GripCause(str(kind), index, name, float(clearance[row])))
+            causes.append(GripCause(str(kind), index, name, float(clearance[row]), pairs.sources[row]))
     return Grip(tuple(sorted(causes, key=lambda c: (-c.index, c.kind, c.object))), ratio)

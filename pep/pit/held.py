@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, ClassVar, Final, assert_never
 import numpy as np
 
 from pep.pit.clearance import core_distance, segment_segment
+from pep.pit.enclosing import capsule_around_points
 from pep.pit.errors import ModelError
 from pep.pit.kinematics import link_frames
-from pep.pit.scene import Box, Capsule, Sphere
+from pep.pit.scene import Box, Capsule, Convex, Sphere
 from pep.pit.solids import cores_of, rotation_of
 from pep.pit.strict import STRICT
 
@@ -114,6 +115,8 @@ def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParamet
     # Where it was seen, give or take: the ball of the uncertainty around every point of it.
     radius_m += thing.uncertainty_m
     start, end = (_vector((point - origin) @ rotation) for point in (a, b))
+    if thing.age_s > cell.perception_age_limit_s:
+        return None  # where it was so long ago is not where it is gripped
     known = next((part for part in cell.parts if part.object == thing.id), None)
     return Held(
         object=thing.id,
@@ -162,6 +165,8 @@ def _outermost(shape: Shape, axis: Floats) -> float:
         case Box(center, half, quaternion):
             corners = np.array(list(product((-1, 1), repeat=3))) * np.array(half)
             points, radius_m = corners @ rotation_of(quaternion).T + np.array(center), 0.0
+        case Convex(vertices, radius):
+            points, radius_m = np.array(vertices), radius
         case _:
             assert_never(shape)
     count = len(points)
@@ -184,5 +189,8 @@ def _capsule_around(shape: Shape) -> tuple[Floats, Floats, float]:
             middle = np.array(center)
             across = math.hypot(half[int(order[0])], half[int(order[1])])
             return middle - way, middle + way, across
+        case Convex(vertices, radius):
+            start, end, around = capsule_around_points(np.array(vertices))
+            return start, end, around + radius
         case _:
             assert_never(shape)

@@ -12,7 +12,7 @@ from capabilities.units import Unit
 from pep.pit.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, Certificate, micro, milli, seen
 from pep.pit.certify import SPEED_STEPS, Slower
 from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
-from pep.pit.engine import chosen
+from pep.pit.engine import chosen_for
 from pep.pit.errors import WorkLimitError
 from pep.pit.motion import profile_of
 from pep.pit.oracle import Disagreement, cross_check
@@ -85,7 +85,7 @@ class MoveQuestion:
         engine: Engine | None = None,
     ) -> None:
         """Nothing is computed yet. Without an `engine` the one of this installation answers."""
-        self.engine = chosen() if engine is None else engine
+        self.engine = chosen_for(view.scene, cell) if engine is None else engine
         self.robot, self.view, self.move, self.cell, self.seed = robot, view, move, cell, seed
         self.touch, self.check_time = touch, check_time
 
@@ -137,7 +137,7 @@ class MoveQuestion:
             *(Contribution(r.name, milli(r.index), "", "", 0, 0, micro(speed)) for r in ratios if r.index > MOVING),
             *self._witnessed(pairs, profile, certified),
             *(
-                Contribution("retreat", milli(RETREAT), "", pairs.names[p], 0, 0, micro(speed))
+                Contribution("retreat", milli(RETREAT), "", pairs.names[p], 0, 0, micro(speed), pairs.sources[p])
                 for p in start.retreating
             ),
         ]
@@ -174,6 +174,7 @@ class MoveQuestion:
             at_ms=round(profile.time_of(witness.s) * Unit.MILLISECOND.per_si),
             clearance_um=micro(witness.clearance_m),
             speed_um_s=micro(witness.speed_m_s),
+            source=pairs.sources[witness.pair],
         )
 
     def _witnessed(self, pairs: Pairs, profile: Profile, certified: Certified) -> list[Contribution]:

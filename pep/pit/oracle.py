@@ -16,14 +16,15 @@ import math
 import threading
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, assert_never
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, assert_never
 
 import coal
 import numpy as np
 import pinocchio
 
 from pep.pit.certify import VIOLATION_RESOLUTION_M
-from pep.pit.scene import Box, Capsule, Sphere
+from pep.pit.hull import hull_of
+from pep.pit.scene import Box, Capsule, Convex, Sphere
 from pep.pit.solids import rotation_of
 
 if TYPE_CHECKING:
@@ -38,6 +39,9 @@ if TYPE_CHECKING:
     from pep.pit.robot import Robot
     from pep.pit.scene import Scene, Shape, Vector
     from pep.pit.separation import Stopping
+
+Kind: TypeAlias = "tuple[str, tuple[Vector, ...]]"
+"""What coal builds anew for: the kind of a shape, and of a polytope its corners."""
 
 INTERIOR: Final = 3  # configurations besides the witness
 DISTANCE_TOLERANCE_M: Final = 5e-6  # coal's GJK stops at 1e-6; five times that is given
@@ -171,12 +175,16 @@ def _placement(a: Vector, b: Vector) -> tuple[Any, float]:
 
 @dataclass(frozen=True, slots=True)
 class _Core:
-    """A shape of radius 0 for coal: its kind and size, its pose, and the radius that is left out."""
+    """A shape of radius 0 for coal: its kind and size, its pose, and the radius that is left out.
+
+    Each set of `corners` is a kind of its own: coal's polytopes keep theirs.
+    """
 
     kind: str
     size: tuple[float, ...]
     pose: Any
     radius: float
+    corners: tuple[Vector, ...] = ()
 
     def built(self) -> Any:
         """A shape of coal's of this kind and size."""
@@ -185,12 +193,18 @@ class _Core:
                 return coal.Capsule(0.0, 2 * self.size[0])
             case "point":
                 return coal.Sphere(0.0)
+            case "convex":
+                return _polytope(self.corners)
             case _:
                 return coal.Box(*(2 * half for half in self.size))
 
     @property
     def ball(self) -> tuple[Floats, float]:
         """Centre and radius of a ball around the core."""
+        if self.corners:
+            corners = np.array(self.corners)
+            center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+            return center, float(np.linalg.norm(corners - center, axis=1).max()) + POINT_M
         return np.array(self.pose.translation), math.hypot(*self.size)
 
     def put_into(self, body: Any) -> None:
@@ -215,8 +229,24 @@ def _core(shape: Shape) -> _Core:
             return _Core("point", (), pinocchio.SE3(np.eye(3), np.array(center)), radius)
         case Box(center, half, quaternion):
             return _Core("box", half, pinocchio.SE3(rotation_of(quaternion), np.array(center)), 0.0)
+        case Convex(vertices, radius):
+            return _Core("convex", (), pinocchio.SE3.Identity(), radius, vertices)
         case _:
             assert_never(shape)
+
+
+@lru_cache(maxsize=1024)  # all that stands in a few cells
+def _polytope(corners: tuple[Vector, ...]) -> Any:
+    """Coal's body of the same corners.
+
+    It measures by the corners alone; the faces tell it at most which of many corners are neighbours. Its own way to
+    faces (`convexHull`) is not used: qhull brings the process down where the corners are all but flat.
+    """
+    hull = hull_of(corners)
+    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+    points.extend(list(hull.vertices))
+    faces.extend([coal.Triangle(*face) for face in hull.faces.tolist()])
+    return coal.Convex(points, faces)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,7 +281,7 @@ class _Stage:
     holds: dict[str, Scene]
 
 
-def _built(robot: Robot, kinds: tuple[str, ...]) -> _Stage:
+def _built(robot: Robot, kinds: tuple[Kind, ...]) -> _Stage:
     geometry = pinocchio.GeometryModel()
 
     def added(name: str, link: int, core: _Core) -> int:
@@ -262,10 +292,10 @@ def _built(robot: Robot, kinds: tuple[str, ...]) -> _Stage:
         for capsule in robot.capsules
     }
     moving = [on_robot[b.name] for b in robot.bodies[: robot.world_bodies]]
-    unplaced = {"capsule": (1.0,), "point": (), "box": (1.0, 1.0, 1.0)}
+    unplaced = {"capsule": (1.0,), "point": (), "box": (1.0, 1.0, 1.0), "convex": ()}
     things = tuple(
-        added(f"thing{k}", 0, _Core(kind, unplaced[kind], pinocchio.SE3.Identity(), 0.0))
-        for k, kind in enumerate(kinds)
+        added(f"thing{k}", 0, _Core(kind, unplaced[kind], pinocchio.SE3.Identity(), 0.0, corners))
+        for k, (kind, corners) in enumerate(kinds)
     )
     for thing in things:
         for mover in moving:
@@ -313,7 +343,7 @@ class World:
         self.robot, self.scene, self.pairs = robot, scene, pairs
         cores = [_core(shape) for person in scene.people for _, shape in person.regions]
         cores += [_core(shape) for shape in scene.solid_shapes]
-        self.stage = _STAGES.of(robot, tuple(core.kind for core in cores))
+        self.stage = _STAGES.of(robot, tuple((core.kind, core.corners) for core in cores))
         if self.stage.holds.get("scene") is not scene:
             self.stage.holds.clear()  # half placed it holds none
             for core, body in zip(cores, self.stage.things, strict=True):

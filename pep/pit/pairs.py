@@ -69,6 +69,7 @@ class _Column:
     intrusion: float = 0.0
     band: float = 1.0
     declared: float = 0.0
+    source: str = ""
     touched_by: frozenset[str] = frozenset()
 
 
@@ -88,6 +89,7 @@ class Pairs:
         violated_below: attained clearance (uncertainty not taken off) below which the pair is a violation; -inf where
             it cannot be.
         names: of the obstacle, row by row.
+        sources: who says that the obstacle is there: a sensor, or "" for the cell file and the arm itself.
         group: the same number for rows of the same kind and name.
         touchable: declared by the cell and granted by the token: may be touched, once the touch is proven gentle.
         contact_speed: fastest that a meant contact may be, m/s.
@@ -107,6 +109,7 @@ class Pairs:
     declared: Floats
     violated_below: Floats
     names: tuple[str, ...]
+    sources: tuple[str, ...]
     group: NDArray[np.intp]
     touchable: NDArray[np.bool_]
     contact_speed: float
@@ -225,7 +228,7 @@ def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, to
     def spread(values: list[float]) -> Floats:
         return np.array(values, dtype=float)[column]
 
-    names = [each.name for each in columns]
+    names, sources = [each.name for each in columns], [each.source for each in columns]
     kinds = np.array([_CODE[each.kind] for each in columns], dtype=np.intp)
     kind = kinds[column]
     below = np.where(_VIOLABLE[kind], 0.0, -np.inf)
@@ -245,6 +248,7 @@ def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, to
         declared=spread([each.declared for each in columns]),
         violated_below=below,
         names=tuple(names[each] for each in column.tolist()),
+        sources=tuple(sources[each] for each in column.tolist()),
         group=_groups(kinds, names)[column],
         touchable=_touchable(robot, things, len(column)),
         contact_speed=cell.contact_speed_m_s,
@@ -289,26 +293,45 @@ def _part(robot: Robot, body: str) -> str:
 
 def _columns(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, touch: frozenset[str]) -> list[_Column]:
     columns: list[_Column] = []
-    person_z = cell.person_uncertainty_m + cell.robot_uncertainty_m + grown_m
     for person in scene.people:
+        walked_m = grown_m + cell.person_speed_m_s * person.age_s  # PHY-23
+        person_z = cell.person_uncertainty_m + cell.robot_uncertainty_m + walked_m
         intrusion = cell.intrusion_tracked_m if person.limbs_tracked else cell.intrusion_untracked_m
         for region, shape in person.regions:
             harm = harm_speed_m_s(region, robot, cell)
             force = LIMITS[region].force_n
             limit = limit_speed_m_s(region, robot, cell)
             columns.append(
-                _Column(Kind.PERSON, f"{person.id}/{region}", shape, person_z, harm, limit, force, intrusion)
+                _Column(
+                    Kind.PERSON,
+                    f"{person.id}/{region}",
+                    shape,
+                    person_z,
+                    harm,
+                    limit,
+                    force,
+                    intrusion,
+                    source=person.source,
+                )
             )
     for thing in scene.objects:
         kind, band = (Kind.FRAGILE, cell.fragile_band_m) if thing.kind == "fragile" else (Kind.RIGID, cell.rigid_band_m)
         uncertainty = thing.uncertainty_m + cell.robot_uncertainty_m
         by = frozenset(c.by for c in cell.contacts if c.object == thing.id and thing.id in touch)
-        columns.append(_Column(kind, thing.id, thing.shape, uncertainty, band=band, touched_by=by))
+        columns.append(_Column(kind, thing.id, thing.shape, uncertainty, band=band, source=thing.source, touched_by=by))
     for zone in scene.zones:
         kind = Kind.HARD_ZONE if zone.tier is None else Kind.ZONE
         declared = 0.0 if zone.tier is None else float(zone.tier)
         columns.append(
-            _Column(kind, zone.id, zone.shape, cell.robot_uncertainty_m, band=cell.rigid_band_m, declared=declared)
+            _Column(
+                kind,
+                zone.id,
+                zone.shape,
+                cell.robot_uncertainty_m,
+                band=cell.rigid_band_m,
+                declared=declared,
+                source=zone.source,
+            )
         )
     return columns
 

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 import numpy as np
 
-from pep.pit.clearance import segment_box, segment_segment
+from pep.pit.clearance import segment_box, segment_hull, segment_segment
 from pep.pit.drive import Nowhere
 from pep.pit.driving import drive_of, joint_moves, line_drives
+from pep.pit.hull import hull_of
 from pep.pit.kinematics import link_frames
 from pep.pit.motion import (
     GripperMove,
@@ -27,7 +28,7 @@ from pep.pit.motion import (
     profile_of,
 )
 from pep.pit.question import as_run
-from pep.pit.scene import Box, Capsule, Sphere
+from pep.pit.scene import Box, Capsule, Convex, Sphere
 from pep.pit.solids import rotation_of
 
 if TYPE_CHECKING:
@@ -187,6 +188,8 @@ def nearest(part: Part, shape: Shape) -> Nearest:
         case Box(center, half, quaternion):
             radius = 0.0
             on_axis, on_core = segment_box(a, b, np.array([center]), rotation_of(quaternion)[None], np.array([half]))
+        case Convex(vertices, radius):
+            on_axis, on_core = segment_hull(a, b, hull_of(vertices))
         case _:
             assert_never(shape)
     gap = on_core[0] - on_axis[0]

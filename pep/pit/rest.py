@@ -16,7 +16,7 @@ from pep.pit.assessment import milli
 from pep.pit.certify import DEPTH, ROWS_MOST, VIOLATION_RESOLUTION_M, first_cut
 from pep.pit.clearance import ROUNDING_M
 from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
-from pep.pit.engine import chosen
+from pep.pit.engine import chosen_for
 from pep.pit.errors import WorkLimitError
 from pep.pit.motion import STILL_RAD, profile_of
 from pep.pit.pairs import VIOLABLE, pairs_of
@@ -156,7 +156,7 @@ class Rest:
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
         """The steps that do not depend on the speed, in order."""
         run, cell = self.run, self.cell
-        self.path = path = chosen().path(self.robot, run)
+        self.path = path = chosen_for(scene, cell).path(self.robot, run)
         # 1. Where on the path the arm is. What lies behind it is done.
         at = np.array(self.at_rad)
         length2 = float(path.delta @ path.delta)

@@ -11,11 +11,23 @@ import json
 import math
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, TypeAlias, assert_never
+from typing import TYPE_CHECKING, ClassVar, Final, Literal, assert_never
 
 from capabilities.statements import observation as wire
 from capabilities.units import Unit, si
 from pep.pit.errors import SceneError
+from pep.pit.shape import (
+    EXTENT_LIMIT_M,
+    Box,
+    Capsule,
+    Convex,
+    Shape,
+    Sphere,
+    Vector,
+    shape_of,
+    sound,
+    spans,
+)
 from pep.pit.strict import STRICT
 
 if TYPE_CHECKING:
@@ -25,14 +37,11 @@ if TYPE_CHECKING:
 
     from pep.pit.cell import CellParameters
 
-Vector: TypeAlias = tuple[float, float, float]
-Quaternion: TypeAlias = tuple[float, float, float, float]
-
 PEOPLE_LIMIT: Final = 32  # no cell holds more people around a table-top arm; bounds the work
 REGIONS_LIMIT: Final = 64  # per person; a detailed skeleton has about 20
 THINGS_LIMIT: Final = 256  # objects and zones together; bounds the work
-EXTENT_LIMIT_M: Final = 100.0  # further away is a wrong unit
-QUATERNION_TOLERANCE: Final = 2.1e-3  # ||q| - 1|: what an observation may have, and float rounding
+SIGHTING_AGE_LIMIT_S: Final = 3600.0  # what an observation may state; older is no sighting
+CELL_FILE: Final = ""  # the source of what a person surveyed and signed; everything else is some sensor's word
 
 
 class Region(StrEnum):
@@ -56,43 +65,18 @@ LIMBS: Final = frozenset({Region.UPPER_ARM, Region.LOWER_ARM, Region.HAND})
 
 
 @dataclass(frozen=True, slots=True)
-class Capsule:
-    """All points within `radius_m` of the segment from `a_m` to `b_m`."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-    a_m: Vector
-    b_m: Vector
-    radius_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Sphere:
-    """A ball."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-    center_m: Vector
-    radius_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """A box with half edges `half_m`, turned by the unit quaternion (w, x, y, z)."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-    center_m: Vector
-    half_m: Vector
-    quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
-
-
-Shape: TypeAlias = Capsule | Sphere | Box
-
-
-@dataclass(frozen=True, slots=True)
 class Person:
-    """A person as capsules and spheres, each standing for a body region."""
+    """A person as capsules and spheres, each standing for a body region.
+
+    Attributes:
+        source: the sensor that says so.
+        age_s: how old its sighting was when it said so: not seen since, the person may have walked on for so long.
+    """
 
     id: str
     regions: tuple[tuple[Region, Capsule | Sphere], ...]
+    source: str = CELL_FILE
+    age_s: float = 0.0
 
     @property
     def limbs_tracked(self) -> bool:
@@ -102,21 +86,33 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """An object; `uncertainty_m` is how far its surface may be from where it is said to be."""
+    """An object.
+
+    Attributes:
+        uncertainty_m: how far its surface may be from where it is said to be.
+        source: the sensor that says so, or `CELL_FILE`.
+        age_s: how old its sighting was when it said so; 0 for what was surveyed.
+    """
 
     id: str
     kind: Literal["fragile", "rigid"]
     shape: Shape
     uncertainty_m: float
+    source: str = CELL_FILE
+    age_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """A part of space: hard (`tier` None: entering is a violation) or with the tier that entering it has."""
+    """A part of space: hard (`tier` None: entering is a violation) or with the tier that entering it has.
+
+    Only the signed cell file speaks of zones, so that is its source.
+    """
 
     id: str
     shape: Shape
     tier: int | None
+    source: str = CELL_FILE
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,18 +150,45 @@ class Scene:
     def from_observation(observation: wire.Observation, cell: CellParameters) -> Scene:
         """The surveyed cell with the people and objects of one verified observation.
 
+        Raises:
+            SceneError: a region or kind that is not in the declared sets.
+        """
+        return Scene.from_observations((observation,), cell, complete=observation.complete)
+
+    @staticmethod
+    def from_observations(observations: Iterable[wire.Observation], cell: CellParameters, *, complete: bool) -> Scene:
+        """The surveyed cell with everybody and everything that any of these verified observations shows.
+
         An object that a sensor calls by a surveyed name is another thing all the same, and gets another name: what may
         be done to the surveyed one is not said of it.
+
+        Args:
+            observations: one of each sensor; each thing's source is its sensor.
+            cell: what stands there anyway.
+            complete: all of the watched space was seen.
 
         Raises:
             SceneError: a region or kind that is not in the declared sets.
         """
         known = Scene.of_cell(cell)
-        people = tuple(_person(p) for p in observation.people)
         taken = {o.id for o in known.objects} | {z.id for z in known.zones}
-        objects = tuple(_thing(o, cell.object_uncertainty_m) for o in observation.objects)
-        objects = tuple(replace(o, id=f"seen/{o.id}") if o.id in taken else o for o in objects)
-        return replace(known, people=people, objects=(*known.objects, *objects), complete=observation.complete)
+        people: list[Person] = []
+        objects: list[Thing] = []
+        for each in observations:
+            people += [_person(p, each.sensor) for p in each.people]
+            objects += [_thing(o, cell.object_uncertainty_m, each.sensor) for o in each.objects]
+        named = tuple(replace(o, id=f"seen/{o.id}") if o.id in taken else o for o in objects)
+        return replace(known, people=tuple(people), objects=(*known.objects, *named), complete=complete)
+
+    def oldest(self) -> Person | Thing | None:
+        """Whoever or whatever was not seen for longest when its sensor spoke of it, or None when nobody was late."""
+        late = [each for each in self.seen if each.age_s > 0]
+        return max(late, key=lambda each: each.age_s, default=None)
+
+    @property
+    def seen(self) -> tuple[Person | Thing, ...]:
+        """People, then objects."""
+        return (*self.people, *self.objects)
 
     @property
     def solid_shapes(self) -> tuple[Shape, ...]:
@@ -193,12 +216,17 @@ class Scene:
         for person in self.people:
             if not 0 < len(person.regions) <= REGIONS_LIMIT:
                 return "a person without regions, or with too many"
-            if not all(_sound(shape) and not isinstance(shape, Box) for _, shape in person.regions):
+            bodies: tuple[Shape, ...] = tuple(shape for _, shape in person.regions)
+            if not all(isinstance(shape, Capsule | Sphere) and sound(shape) for shape in bodies):
                 return "a body region that is no finite capsule or sphere"
-        if not all(_sound(shape) for shape in self.solid_shapes):
+        if not all(sound(shape) for shape in self.solid_shapes):
             return "an object or zone without a sound shape"
+        if not all(spans(shape) for shape in self.solid_shapes):
+            return "a convex shape whose corners span no volume"
         if not all(o.kind in ("fragile", "rigid") and 0 <= o.uncertainty_m <= EXTENT_LIMIT_M for o in self.objects):
             return "an object of unknown kind or uncertainty"
+        if not all(0 <= each.age_s <= SIGHTING_AGE_LIMIT_S for each in self.seen):
+            return "a sighting of no possible age"
         if not all(z.tier is None or z.tier in (1, 2, 3, 4) for z in self.zones):
             return "a zone with a tier that does not exist"
         if self.workspace is not None:
@@ -206,25 +234,6 @@ class Scene:
             if not all(-EXTENT_LIMIT_M <= low < high <= EXTENT_LIMIT_M for low, high in ends):
                 return "a workspace without extent"
         return None
-
-
-def _sound(shape: Shape) -> bool:
-    match shape:
-        case Capsule(a, b, radius):
-            return _within((*a, *b)) and 0 < radius <= EXTENT_LIMIT_M
-        case Sphere(center, radius):
-            return _within(center) and 0 < radius <= EXTENT_LIMIT_M
-        case Box(center, half, quaternion):
-            norm = math.sqrt(sum(c * c for c in quaternion))
-            return (
-                _within(center) and all(0 < h <= EXTENT_LIMIT_M for h in half) and abs(norm - 1) <= QUATERNION_TOLERANCE
-            )
-        case _:
-            assert_never(shape)
-
-
-def _within(numbers: Iterable[float]) -> bool:
-    return all(-EXTENT_LIMIT_M <= n <= EXTENT_LIMIT_M for n in numbers)
 
 
 def _text(value: object) -> str:
@@ -246,48 +255,25 @@ def _text(value: object) -> str:
 
 _MEMBERS: Final[dict[type, tuple[str, ...]]] = {
     kind: tuple(sorted(["type", *(field.name for field in fields(kind))]))
-    for kind in (Box, Capsule, Person, Scene, Sphere, Thing, Workspace, Zone)
+    for kind in (Box, Capsule, Convex, Person, Scene, Sphere, Thing, Workspace, Zone)
 }
 
 
-def _metres(point_um: tuple[int, int, int]) -> Vector:
-    x, y, z = point_um
-    return (si(x, Unit.MICROMETRE), si(y, Unit.MICROMETRE), si(z, Unit.MICROMETRE))
-
-
-def shape_of(observed: Any) -> Shape:
-    """The body of a statement, in metres.
-
-    Raises:
-        SceneError: a shape that is not declared.
-    """
-    match observed:
-        case wire.Capsule():
-            return Capsule(_metres(observed.a_um), _metres(observed.b_um), si(observed.radius_um, Unit.MICROMETRE))
-        case wire.Sphere():
-            return Sphere(_metres(observed.center_um), si(observed.radius_um, Unit.MICROMETRE))
-        case wire.Box():
-            w, x, y, z = observed.quaternion_ppm
-            turned = (w / wire.PPM, x / wire.PPM, y / wire.PPM, z / wire.PPM)
-            return Box(_metres(observed.center_um), _metres(observed.half_um), turned)
-        case _:
-            raise SceneError("PERCEPTION_INVALID", "a shape that is not declared")
-
-
-def _person(observed: wire.ObservedPerson) -> Person:
+def _person(observed: wire.ObservedPerson, source: str) -> Person:
     regions: list[tuple[Region, Capsule | Sphere]] = []
     for name, observed_shape in observed.regions:
         shape = shape_of(observed_shape)
-        if isinstance(shape, Box) or name not in _REGION_NAMES:
+        if not isinstance(shape, Capsule | Sphere) or name not in _REGION_NAMES:
             raise SceneError("PERCEPTION_INVALID", "a body region that is not declared")
         regions.append((Region(name), shape))
-    return Person(observed.id, tuple(regions))
+    return Person(observed.id, tuple(regions), source, si(observed.age_ms, Unit.MILLISECOND))
 
 
-def _thing(observed: wire.ObservedObject, uncertainty_m: float) -> Thing:
+def _thing(observed: wire.ObservedObject, uncertainty_m: float, source: str) -> Thing:
     match observed.kind:
         case "fragile" | "rigid":
-            return Thing(observed.id, observed.kind, shape_of(observed.shape), uncertainty_m)
+            age_s = si(observed.age_ms, Unit.MILLISECOND)
+            return Thing(observed.id, observed.kind, shape_of(observed.shape), uncertainty_m, source, age_s)
         case _:
             raise SceneError("PERCEPTION_INVALID", "an object of a kind that is not declared")
 
@@ -310,3 +296,9 @@ def observed(person: Person) -> wire.ObservedPerson:
             case _:
                 assert_never(shape)
     return wire.ObservedPerson(person.id, tuple(regions))
+
+
+__all__ = [
+    "Box", "Capsule", "Convex", "Person", "Region", "Scene", "Shape", "Sphere", "Thing", "Vector", "Workspace", "Zone",
+    "observed", "shape_of",
+]  # fmt: skip

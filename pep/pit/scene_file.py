@@ -19,9 +19,11 @@ from pep.pit.held import Held
 from pep.pit.scene import (
     PEOPLE_LIMIT,
     REGIONS_LIMIT,
+    SIGHTING_AGE_LIMIT_S,
     THINGS_LIMIT,
     Box,
     Capsule,
+    Convex,
     Person,
     Region,
     Scene,
@@ -37,9 +39,10 @@ if TYPE_CHECKING:
 
 FORM: Final = "ztpm-scene/1"
 NAME_LIMIT: Final = 128  # ours: what a screen can show
-SHAPES: Final = ("box", "capsule", "sphere")
+SHAPES: Final = ("box", "capsule", "convex", "sphere")
 Name = Annotated[str, Field(min_length=1, max_length=NAME_LIMIT)]
 Length = Annotated[float, Field(ge=0)]
+Sighted = Annotated[float, Field(ge=0, le=SIGHTING_AGE_LIMIT_S)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +76,15 @@ class AdultAtDistance:
 
 @dataclass(frozen=True, slots=True)
 class SeenPerson:
-    """A person: body regions, or a standing adult in their place."""
+    """A person: body regions, or a standing adult in their place.
+
+    `sensor` says so where it is not the view's own source, and last saw them `age_s` before the view.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     id: Name
+    sensor: Name | None = None
+    age_s: Sighted = 0.0
     regions: Annotated[tuple[SeenRegion, ...], Field(min_length=1, max_length=REGIONS_LIMIT)] | None = None
     standing_adult: StandingAdult | None = None
     adult_at_distance: AdultAtDistance | None = None
@@ -84,13 +92,16 @@ class SeenPerson:
 
 @dataclass(frozen=True, slots=True)
 class SeenObject:
-    """An object that the sensor sees, with its one shape; the cell's uncertainty where none is given."""
+    """An object that a sensor sees, with its one shape; the cell's uncertainty where none is given; else as people."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     id: Name
     kind: Literal["fragile", "rigid"]
     uncertainty_m: Length | None = None
+    sensor: Name | None = None
+    age_s: Sighted = 0.0
     box: Box | None = None
+    convex: Convex | None = None
     capsule: Capsule | None = None
     sphere: Sphere | None = None
 
@@ -207,10 +218,17 @@ def _scene(view: SeenView, cell: CellParameters) -> Scene:
     if not view.source.signed:
         raise FileError("PERCEPTION_INVALID", "scene.view.source.signed", "a view that no sensor signed")
     known = Scene.of_cell(cell)
-    things = tuple(_thing(seen, f"scene.view.objects.{row}", cell) for row, seen in enumerate(view.objects))
+    things = tuple(
+        _thing(seen, f"scene.view.objects.{row}", cell, view.source.sensor) for row, seen in enumerate(view.objects)
+    )
     scene = replace(
         known,
-        people=tuple(_person(seen, f"scene.view.people.{row}") for row, seen in enumerate(view.people)),
+        people=tuple(
+            replace(
+                _person(seen, f"scene.view.people.{row}"), source=seen.sensor or view.source.sensor, age_s=seen.age_s
+            )
+            for row, seen in enumerate(view.people)
+        ),
         objects=(*known.objects, *things),
         complete=view.complete,
     )
@@ -245,10 +263,10 @@ def _person(seen: SeenPerson, place: str) -> Person:
             )
 
 
-def _thing(seen: SeenObject, place: str, cell: CellParameters) -> Thing:
+def _thing(seen: SeenObject, place: str, cell: CellParameters, source: str) -> Thing:
     shape: Shape = _only(place, {name: getattr(seen, name) for name in SHAPES})
     uncertainty = cell.object_uncertainty_m if seen.uncertainty_m is None else seen.uncertainty_m
-    return Thing(seen.id, seen.kind, shape, uncertainty)
+    return Thing(seen.id, seen.kind, shape, uncertainty, seen.sensor or source, seen.age_s)
 
 
 def _held(stated: HeldObject) -> Held:

@@ -6,14 +6,17 @@ from typing import TYPE_CHECKING, assert_never
 
 import numpy as np
 
-from pep.pit.clearance import Cores
-from pep.pit.scene import Box, Capsule, Sphere
+from pep.pit.clearance import NONE, Cores
+from pep.pit.hull import hull_of
+from pep.pit.scene import Box, Capsule, Convex, Sphere
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from pep.pit.hull import Hull
     from pep.pit.motion import Floats
-    from pep.pit.scene import Quaternion, Scene, Shape, Vector
+    from pep.pit.scene import Scene, Shape, Vector
+    from pep.pit.shape import Quaternion
 
 Plane = tuple["Vector", float]
 """Outward normal and offset."""
@@ -25,11 +28,13 @@ def cores_of(shapes: Sequence[Shape]) -> tuple[Cores, Floats]:
     is_box = np.zeros(n, dtype=bool)
     a, b, half, radius = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n)
     axes = np.tile(np.eye(3), (n, 1, 1))
+    hull = np.full(n, NONE, dtype=np.intp)
+    hulls: list[Hull] = []
     last: Shape | None = None
     for k, shape in enumerate(shapes):
         if shape is last:  # rows of one obstacle stand together
-            is_box[k], a[k], b[k], half[k], axes[k], radius[k] = (
-                is_box[k - 1], a[k - 1], b[k - 1], half[k - 1], axes[k - 1], radius[k - 1],
+            is_box[k], a[k], b[k], half[k], axes[k], radius[k], hull[k] = (
+                is_box[k - 1], a[k - 1], b[k - 1], half[k - 1], axes[k - 1], radius[k - 1], hull[k - 1],
             )  # fmt: skip
             continue
         last = shape
@@ -41,9 +46,13 @@ def cores_of(shapes: Sequence[Shape]) -> tuple[Cores, Floats]:
             case Box(center, extent, quaternion):
                 is_box[k] = True
                 a[k], b[k], half[k], axes[k] = center, center, extent, rotation_of(quaternion)
+            case Convex(vertices, r):
+                hull[k], radius[k] = len(hulls), r
+                hulls.append(hull_of(vertices))
             case _:
                 assert_never(shape)
-    return Cores(~is_box, is_box, a, b, axes, half, np.zeros(n)), radius
+    is_segment = ~is_box & (hull == NONE)
+    return Cores(is_segment, is_box, a, b, axes, half, np.zeros(n), hull, tuple(hulls)), radius
 
 
 def rotation_of(quaternion: Quaternion) -> Floats:
@@ -85,5 +94,6 @@ def with_planes(cores: Cores, radius: Floats, planes: list[Plane], each: int) ->
         np.zeros((n, 3, 3)),
         np.zeros((n, 3)),
         offset,
+        np.full(n, NONE, dtype=np.intp),
     )
     return cores.and_then(faces), np.concatenate([radius, np.zeros(n)])

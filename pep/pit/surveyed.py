@@ -11,10 +11,14 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
+import numpy as np
+
 from capabilities.statements import observation as wire
 from capabilities.units import Unit, si
 from pep.pit.cell import CellParameters, Contact, Output, StaticObject, StaticZone
-from pep.pit.errors import CellError
+from pep.pit.clearance import segment_hull
+from pep.pit.errors import CellError, SceneError
+from pep.pit.hull import hull_of
 from pep.pit.scene import Workspace, shape_of
 
 if TYPE_CHECKING:
@@ -98,6 +102,8 @@ def _check(cell: Cell) -> None:
     for name, shape in (*objects.items(), *((zone.name, zone.shape) for zone in cell.zones)):
         if _furthest_um(shape) > CELL_REACH_UM:
             raise SurveyError(SurveyFault.OUT_OF_REACH, name)
+        if isinstance(shape, wire.Convex):
+            _refuse_flat(name, shape)
     area = cell.workspace
     if area is not None:
         if max(map(abs, (*area.low_um, *area.high_um))) > CELL_REACH_UM:
@@ -118,6 +124,13 @@ def _check(cell: Cell) -> None:
             raise SurveyError(SurveyFault.CONTACT_IN_HARD_ZONE, f"{contact.object} in {around}")
 
 
+def _refuse_flat(name: str, shape: wire.Convex) -> None:
+    try:
+        hull_of(tuple(map(_metres, shape.vertices_um)))
+    except SceneError as error:
+        raise SurveyError(SurveyFault.NOT_SURVEYED, f"{name}: {error.detail}") from error
+
+
 def _furthest_um(shape: Shape) -> int:
     """The largest coordinate or size in it."""
     match shape:
@@ -127,6 +140,8 @@ def _furthest_um(shape: Shape) -> int:
             return max(map(abs, (*center, radius)))
         case wire.Box(center, half, _):
             return max(map(abs, (*center, *half)))
+        case wire.Convex(vertices, radius):
+            return max(radius, *(abs(number) for vertex in vertices for number in vertex))
         case _:
             assert_never(shape)
 
@@ -153,6 +168,8 @@ def _balls(shape: Shape) -> list[tuple[tuple[float, ...], float]]:
                 (tuple(center[d] + sum(s[n] * half[n] * axes[n][d] for n in range(3)) for d in range(3)), 0.0)
                 for s in signs
             ]
+        case wire.Convex(vertices, radius):
+            return [(vertex, radius) for vertex in vertices]
         case _:
             assert_never(shape)
 
@@ -174,8 +191,20 @@ def _depth_um(point: tuple[float, ...], zone: Shape) -> float:
             return min(
                 h - abs(sum(x * y for x, y in zip(axis, away, strict=True))) for h, axis in zip(half, axes, strict=True)
             )
+        case wire.Convex(vertices, radius):
+            return radius + _depth_in_hull_um(point, vertices)
         case _:
             assert_never(zone)
+
+
+def _depth_in_hull_um(point: tuple[float, ...], vertices: tuple[Point, ...]) -> float:
+    """How far the point is behind the nearest face; outside, minus its distance."""
+    hull, at = hull_of(tuple(map(_metres, vertices))), np.array([point]) / Unit.MICROMETRE.per_si
+    behind = float((hull.offsets - at[0] @ hull.normals.T).min())
+    if behind < 0:
+        on_point, on_hull = segment_hull(at, at, hull)
+        behind = -float(np.linalg.norm(on_point - on_hull))
+    return behind * Unit.MICROMETRE.per_si
 
 
 def _axes(quaternion_ppm: tuple[int, int, int, int]) -> tuple[tuple[float, ...], ...]:

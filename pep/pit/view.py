@@ -24,6 +24,7 @@ class View:
         stopping_age_s: what enters the reaction time.
         grown_m: how far people may be from where they were seen.
         floor: index that the view itself forces.
+        source: whose oldest sighting makes it stale where the frames themselves are fresh; otherwise "".
     """
 
     scene: Scene
@@ -32,6 +33,7 @@ class View:
     stopping_age_s: float
     grown_m: float
     floor: float
+    source: str = ""
 
 
 def view_of(scene: Scene | None, age_s: float | None, cell: CellParameters) -> View:
@@ -39,6 +41,7 @@ def view_of(scene: Scene | None, age_s: float | None, cell: CellParameters) -> V
 
     Fresh: as seen, the age enters the reaction time. Stale: the last valid scene, people grown by walking speed times
     age, and the floor. Missing or incomplete: what is known, and the floor; where nobody looked, anybody may be.
+    A fresh view in which something was not seen for longer than the limit is stale, too (PHY-23).
 
     Raises:
         SceneError: a scene or an age that must not be reasoned about.
@@ -54,4 +57,7 @@ def view_of(scene: Scene | None, age_s: float | None, cell: CellParameters) -> V
         return View(scene, "stale", age_s, age_s, cell.person_speed_m_s * age_s, cell.unknown_floor)
     if not scene.complete:
         return View(scene, "missing", age_s, age_s, 0.0, cell.unknown_floor)
+    late = scene.oldest()
+    if late is not None and not age_s + late.age_s <= cell.perception_age_limit_s:
+        return View(scene, "stale", age_s, age_s, 0.0, cell.unknown_floor, late.source)
     return View(scene, "fresh", age_s, age_s, 0.0, 0.0)

@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities.errors import CapabilityError
 from capabilities.statements import observation as wire
 from pep.pit import observed, standing_adult
 
@@ -213,7 +214,19 @@ def _capsule(entry: Any) -> tuple[wire.Shape, tuple[float, ...]]:
     return wire.Capsule(ends[0], ends[1], _length(entry["radius_m"])), middle
 
 
-_SHAPES: Final = {"sphere": _sphere, "box": _box, "capsule": _capsule}
+def _convex(entry: Any) -> tuple[wire.Shape, tuple[float, ...]]:
+    corners = [_place(vertex, 3) for vertex in entry["vertices_m"]]
+    middle = tuple(sum(numbers) / len(corners) for numbers in zip(*corners, strict=True))
+    about = [_um(tuple(p - m for p, m in zip(corner, middle, strict=True))) for corner in corners]
+    radius = entry.get("radius_m", 0)
+    shape = wire.Convex(tuple(about), _length(radius) if radius else 0)
+    try:
+        return wire.shape(wire.shape_claims(shape)), middle
+    except CapabilityError as error:
+        raise SceneCommandError("a convex shape that no frame can show") from error
+
+
+_SHAPES: Final = {"sphere": _sphere, "box": _box, "capsule": _capsule, "convex": _convex}
 
 
 def _only(entry: Any, *names: str) -> dict[str, Any]:
@@ -277,6 +290,8 @@ def _shifted(shape: wire.Shape, place_m: tuple[float, ...]) -> wire.Shape:
 
     if isinstance(shape, wire.Capsule):
         return replace(shape, a_um=there(shape.a_um), b_um=there(shape.b_um))
+    if isinstance(shape, wire.Convex):
+        return replace(shape, vertices_um=tuple(map(there, shape.vertices_um)))
     return replace(shape, center_um=there(shape.center_um))
 
 

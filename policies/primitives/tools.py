@@ -193,6 +193,7 @@ def impact_detail(case: Case, chain: Chain, tier: Tier) -> dict[str, object]:
                     "at_ms": c.at_ms,
                     "clearance_um": c.clearance_um,
                     "speed_um_s": c.speed_um_s,
+                    "source": c.source,
                 }
                 for c in impact.contributions
             ],

@@ -64,6 +64,7 @@ SNAPSHOT = registry.RegistrySnapshot(
     (registry.TrustEntry("robotic", 800),),
     (registry.ApproverEntry("alice", raw_of("alice")),),
 )
+CORNERS = [[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]]
 FRAME = observation.Observation(
     "camera-1",
     "0f" * 16,
@@ -79,8 +80,14 @@ FRAME = observation.Observation(
                 ("torso", observation.Capsule((0, 0, 0), (0, 0, 9), 5)),
             ),
         ),
+        observation.ObservedPerson("p2", (("head", observation.Sphere((0, 0, 1_700_000), 120_000)),), 3_600_000),
     ),
-    (observation.ObservedObject("vase", "fragile", observation.Box((1, 2, 3), (4, 5, 6), (1_000_000, 0, 0, 0))),),
+    (
+        observation.ObservedObject("vase", "fragile", observation.Box((1, 2, 3), (4, 5, 6), (1_000_000, 0, 0, 0))),
+        observation.ObservedObject(
+            "wedge", "rigid", observation.Convex(((0, 0, 0), (10**8, 0, 0), (0, -7, 0), (0, 0, 9)), 0), 250
+        ),
+    ),
 )
 ASKED = ask.Ask(
     ask_id="0a" * 16,
@@ -885,6 +892,16 @@ def test_a_snapshot_answers_by_name():
         {"form": "box", "center_um": [0, 0, 0], "half_um": [1, 1, 1], "quaternion_ppm": [1_000_000, 1_000_000, 0, 0]},
         {"form": "box", "center_um": [0, 0, 0], "half_um": [0, 1, 1], "quaternion_ppm": [1_000_000, 0, 0, 0]},
         {"form": "capsule", "a_um": [0, 0, 0], "radius_um": 5},
+        {"form": "convex", "vertices_um": CORNERS[:3], "radius_um": 0},
+        {"form": "convex", "vertices_um": [*CORNERS, CORNERS[0]], "radius_um": 0},
+        {"form": "convex", "vertices_um": [[k, k * k, k**3] for k in range(65)], "radius_um": 0},
+        {"form": "convex", "vertices_um": [[0, 0, 0], [1, 2, 3], [2, 4, 6], [3, 6, 9]], "radius_um": 0},
+        {"form": "convex", "vertices_um": [[0, 0, 5], [1, 0, 5], [0, 1, 5], [7, 9, 5], [-3, 8, 5]], "radius_um": 9},
+        {"form": "convex", "vertices_um": CORNERS, "radius_um": -1},
+        {"form": "convex", "vertices_um": CORNERS},
+        {"form": "convex", "vertices_um": [*CORNERS, [0, 0, 100_000_001]], "radius_um": 0},
+        {"form": "convex", "vertices_um": [*CORNERS, [0, 0]], "radius_um": 0},
+        {"form": "convex", "vertices_um": "abcd", "radius_um": 0},
     ],
 )
 def test_a_shape_is_well_formed(shape):
@@ -903,6 +920,15 @@ def test_a_shape_is_well_formed(shape):
             ("people", 0, "regions", 0, "shape"),
             {"form": "box", "center_um": [0, 0, 0], "half_um": [1, 1, 1], "quaternion_ppm": [1_000_000, 0, 0, 0]},
         ),
+        (
+            ("people", 0, "regions", 0, "shape"),
+            {"form": "convex", "vertices_um": CORNERS, "radius_um": 0},
+        ),
+        (("people", 1, "age_ms"), 0),  # left out then: one spelling
+        (("people", 1, "age_ms"), -1),
+        (("people", 1, "age_ms"), 3_600_001),
+        (("objects", 1, "age_ms"), True),
+        (("objects", 1, "age_ms"), None),
         (("objects", 0, "kind"), "soft"),
         (("boot_id",), "0F" * 16),
         (("complete",), 1),
@@ -912,6 +938,12 @@ def test_a_shape_is_well_formed(shape):
 def test_a_frame_is_well_formed(path, value):
     wrong = put(claims_of(observation), path, value)
     assert code_of(observation, sealed.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-5")
+def test_what_was_seen_in_the_frame_itself_has_no_age_of_its_own():
+    claims = claims_of(observation)
+    assert ["age_ms" in each for each in (*claims["people"], *claims["objects"])] == [False, True, False, True]
 
 
 @pytest.mark.clause("STM-5")

@@ -80,8 +80,16 @@ def test_the_answer_for_people(pit):
     ran = pit("c1-glass.scene.json", "sweep.motion.json")
     assert ran.status == 0
     row = next(line.split() for line in ran.out.splitlines() if line.startswith("fragile"))
-    assert row[:3] == ["fragile", "gripper_high", "glass"]
-    assert [float(number) for number in row[3:]] == pytest.approx([1.02, 66.9, 0.39, 1.994])
+    assert row[:4] == ["fragile", "gripper_high", "glass", "ceiling-camera"]
+    assert [float(number) for number in row[4:]] == pytest.approx([1.02, 66.9, 0.39, 1.994])
+
+
+def test_a_scene_of_convex_shapes_is_answered_and_says_who_says_so(pit):
+    said = pit("convex.scene.json", "sweep.motion.json", "--json").json
+    assert (said["tier"], said["perception"]) == (2, "fresh")
+    first = said["contributions"][0]
+    assert (first["kind"], first["object"], first["source"]) == ("fragile", "gem", "wrist-camera")
+    assert said["certificate"]["verified"]
 
 
 def test_the_speed_that_would_lower_the_tier_is_named_and_true(pit, changed):

@@ -33,12 +33,14 @@ from pep.pit import (
     SpeedL,
     Sphere,
 )
+from pep.pit.hull import hull_of
 from pep.pit.postures import Part, nearest, route_of
-from tests.pit.scenes import CELL, HOME, ROBOT, sweep, tcp
+from tests.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
 from ztpm.pit import Arm, asked
 from ztpm.pit_picture import COLOURS, FACES, corners, picture, to_plain
 from ztpm.pit_picture_html import page
-from ztpm.pit_picture_views import ABOVE, Camera, frame, level, patches_of
+from ztpm.pit_picture_faces import pieces_of
+from ztpm.pit_picture_views import ABOVE, Camera, _body, frame, level, outline, patches_of
 
 EXAMPLES = Path(generate.__file__).parent / "examples"
 SCRIPT = Path(ztpm.__file__).with_name("pit_picture.js")
@@ -244,6 +246,54 @@ const ctx = new Proxy({}, {
 """
 
 
+def test_the_page_and_the_png_show_the_same_pieces_of_a_polytope():
+    seen = shown("convex")
+    value = to_plain(seen) | {"colours": COLOURS, "faces": FACES, "cell_m": 0.12}
+    ramp = next(body for body in value["bodies"] if body["name"] == "ramp")
+    camera = Camera.at(0.4, 0.5)
+    turned = sum(sum(a * b for a, b in zip(p["normal"], camera.eye, strict=True)) > 1e-9 for p in ramp["pieces"])
+    assert 0 < turned < len(ramp["pieces"])
+    assert (len(ramp["round"]), ramp["r"]) == (9, 0.005)
+    code = """
+    const list = drawn.primitives(value, 0, drawn.camera(0.4, 0.5), false);
+    const colour = value.colours.rigid;
+    console.log(JSON.stringify({
+      faces: drawn.surfacePieces(value.bodies.find((b) => b.name === "ramp").pieces, drawn.camera(0.4, 0.5)).length,
+      rods: list.filter((one) => one.kind === "capsule" && one.colour === colour).length,
+    }));
+    """
+    assert node(code, value) == {"faces": turned, "rods": 9}
+    body = next(each for each in seen.bodies if each.name == "ramp")
+    patches = list(_body(body, camera))
+    assert sum(len(patch.outline) == 3 for patch in patches) == turned
+    around = outline(body.shape, camera)
+    for patch in patches:
+        assert min(x for x, _ in around) - 1e-9 <= min(x for x, _ in patch.outline)
+        assert max(y for _, y in patch.outline) <= max(y for _, y in around) + 1e-9
+
+
+def test_the_pieces_cover_the_surface_and_are_small():
+    rng = np.random.default_rng(6)
+    for _ in range(10):
+        shape = replace(random_convex(rng, np.zeros(3)), radius_m=0.0)
+        hull = hull_of(shape.vertices_m)
+        pieces = pieces_of(shape, 0.02)
+        area = sum(
+            np.linalg.norm(np.cross(np.subtract(q, p), np.subtract(s, p))) / 2 for p, q, s in (x.ring for x in pieces)
+        )
+        a, b, c = (hull.vertices[hull.faces[:, k]] for k in range(3))
+        assert area == pytest.approx(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+        assert max(math.dist(x.ring[k], x.ring[k - 1]) for x in pieces for k in range(3)) <= 0.02
+        drawn = sum(math.dist(p, q) for x in pieces for p, q in x.edges)
+        edges = hull.vertices[hull.edges]
+        assert drawn == pytest.approx(2 * np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1).sum())  # from both sides
+        for piece in pieces_of(replace(shape, radius_m=0.01), 0.02):
+            height = (np.array(piece.ring) @ hull.normals.T - hull.offsets)[
+                :, (hull.normals == piece.normal).all(axis=1)
+            ]
+            assert height == pytest.approx(np.full(height.shape, 0.01))
+
+
 def test_the_page_draws_everything_farthest_first():
     seen = shown("c1-glass")
     value = to_plain(seen) | {"colours": COLOURS, "faces": FACES, "cell_m": 0.12}
@@ -267,7 +317,7 @@ def test_the_page_draws_everything_farthest_first():
     assert said["depths"] == sorted(said["depths"])
     moving = sum(kind != "base" for kind in seen.parts)
     assert said["capsules"] == 1 + len(seen.parts) + moving * (2 + 13)
-    assert {"glass", "table", "67 mm"} <= set(said["text"])
+    assert {"glass (ceiling-camera, 0.10 s)", "table", "67 mm"} <= set(said["text"])
     assert said["finite"]
     assert said["calls"] > 1000
     assert said["lead"] == "glass"
@@ -360,10 +410,10 @@ def test_the_table_says_all_that_the_answer_does():
     assert len(rows) == len(seen.assessment.contributions)
     for row, told in zip(rows, seen.assessment.contributions, strict=True):
         plain = re.sub(r"<[^>]*>", " ", row.replace("<wbr>", "")).split()
-        assert plain[1:4] == [told.kind, told.link, told.object]
-        assert float(plain[5]) == pytest.approx(told.clearance_um / 1000, abs=0.5)
-        assert float(plain[7]) == pytest.approx(told.index_milli / 1000, abs=0.006)
-    assert text.count('scope="col"') == 8
+        assert plain[1:5] == [told.kind, told.link, told.object, told.source]
+        assert float(plain[6]) == pytest.approx(told.clearance_um / 1000, abs=0.5)
+        assert float(plain[8]) == pytest.approx(told.index_milli / 1000, abs=0.006)
+    assert text.count('scope="col"') == 9
     assert "what was asked" in text
     assert "what would help" in text
 

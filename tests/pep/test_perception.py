@@ -9,6 +9,7 @@ import pep.world
 from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.statements import observation
+from capabilities.statements import observation as wire
 from pep.context.frames import FRAME_BYTES, Distrusted, Frame, FrameFault, Frames, Rejected, Seen, Unseen
 from pep.context.witness import contradicted
 from pep.perception import Receiver
@@ -462,6 +463,42 @@ def test_a_view_that_became_stale_meanwhile_is_stale(world, monkeypatch, people)
     assert assessed.impact.index_milli >= 3_000
     assert assessed.perception.sensors[0].state == "stale"
     assert assessed.impact.perception_age_ms == 1_220
+
+
+LATE = replace(BOB, age_ms=400)
+SHELF = wire.ObservedObject("shelf", "rigid", wire.Sphere((1_500_000, 0, 0), 100_000), 400)
+
+
+@pytest.mark.parametrize("late", [{"people": (LATE,)}, {"objects": (SHELF,)}])
+def test_a_sighting_that_became_stale_meanwhile_is_stale(world, monkeypatch, late):
+    """Fresh at the look, 20 ms and 400 ms old; when the answer is there 100 ms later, too old: asked again."""
+    world.admit(**late)
+    slow = Slow(world, monkeypatch, 100, 100)
+    assessed = physics(world, robot=ARM).assess(request(), touch=frozenset())
+    assert len(slow.ages) == 2
+    assert assessed.impact.perception == "stale"
+    assert assessed.impact.index_milli >= 3_000
+    assert ("perception", "camera-1") in [(each.kind, each.source) for each in assessed.impact.contributions]
+    assert assessed.perception.sensors[0].state == "fresh"
+    assert physics(world).summary()["perception"] == "stale"
+
+
+def test_a_sighting_within_the_limit_is_fresh_and_its_person_has_walked_on(world, monkeypatch):
+    world.admit(people=(LATE,))
+    slow = Slow(world, monkeypatch, 79)
+    assessed = physics(world, robot=ARM).assess(request(), touch=frozenset())
+    assert [(each.source, each.age_s) for each in slow.scenes[0].people] == [("camera-1", 0.4)]
+    assert assessed.impact.perception == "fresh"
+    assert physics(world).summary()["perception"] == "fresh"
+    seen = {each.source for each in assessed.impact.contributions if each.object.startswith("bob")}
+    assert seen == {"camera-1"}
+
+
+def test_equal_frames_with_another_age_are_not_the_same_scene(world):
+    world.admit(people=(LATE,))
+    before = world.frames.view().content
+    world.admit(people=(replace(LATE, age_ms=401),))
+    assert world.frames.view().content != before
 
 
 def test_an_assessment_that_gets_slower_and_slower_is_a_fault(world, monkeypatch):

@@ -11,6 +11,7 @@ import pytest
 from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.statements import observation
+from capabilities.statements.observation import Convex
 from pep.context.frames import Frames, Seen
 from pep.perception import Receiver
 from pep.pit import observed, standing_adult
@@ -30,6 +31,11 @@ def sees(sensor, at_s=0.0):
     torsos = {p.id: dict(p.regions)["torso"].a_um[:2] for p in seen.people}
     things = {o.id: getattr(o.shape, "center_um", None) or o.shape.a_um for o in seen.objects}
     return torsos, things, seen.complete
+
+
+def shape_of(sensor, name, at_s=0.0):
+    seen = observation.open(sensor.frame(captured_s=at_s), frozenset({sensor.raw}), CAPS)
+    return next(each.shape for each in seen.objects if each.id == name)
 
 
 @pytest.fixture
@@ -98,6 +104,21 @@ def test_the_simulated_sensor_keeps_its_scene_when_a_command_is_none(sensor, lin
     with pytest.raises(SceneCommandError):
         tell(sensor, line)
     assert sees(sensor) == BEFORE
+
+
+def test_a_convex_object_is_seen_where_it_moves(sensor):
+    corners = [[0.4, 0, 0], [0.5, 0, 0], [0.4, 0.1, 0], [0.4, 0, 0.1]]
+    shape = {"type": "convex", "vertices_m": corners, "radius_m": 0.01}
+    tell(sensor, {"objects": [{"id": "wedge", "kind": "rigid", "shape": shape}]})
+    seen = shape_of(sensor, "wedge")
+    assert seen == Convex(((400_000, 0, 0), (500_000, 0, 0), (400_000, 100_000, 0), (400_000, 0, 100_000)), 10_000)
+    tell(sensor, {"move": {"id": "wedge", "to_m": [0.425, 0.025, 1.025], "speed_m_s": 100}}, at_s=100.0)
+    shape_of(sensor, "wedge", 100.0)
+    assert shape_of(sensor, "wedge", 200.0).vertices_um == tuple((x, y, z + 1_000_000) for x, y, z in seen.vertices_um)
+    for wrong in ({"vertices_m": [[0, 0]]}, {"vertices_m": []}, {"vertices_m": corners, "radius_m": -1}):
+        line = json.dumps({"objects": [{"kind": "rigid", "shape": {"type": "convex", **wrong}}]})
+        with pytest.raises(SceneCommandError):
+            tell(sensor, line)
 
 
 def test_people_walk_by_the_sensors_own_clock_and_stand_at_the_end(sensor):

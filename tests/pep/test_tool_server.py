@@ -249,6 +249,11 @@ def box(center, half):
     return observation.Box(center, half, UPRIGHT)
 
 
+def hull(half_um, radius_um):
+    """A cube of corners about the base."""
+    return observation.Convex(tuple(itertools.product((-half_um, half_um), repeat=3)), radius_um)
+
+
 def ball(center, radius):
     return observation.Sphere(center, radius)
 
@@ -339,6 +344,14 @@ HARD = {
         observation.Capsule((-5, 0, 0), (105, 0, 0), 20),
         False,
     ),
+    "a box in a hull": (box((0, 0, 0), (50, 50, 50)), hull(60, 0), True),
+    "a box that sticks out of a hull": (box((20, 0, 0), (50, 50, 50)), hull(60, 0), False),
+    "a hull in its rounded twin": (hull(60, 5), hull(60, 5), True),
+    "a hull that is rounder": (hull(60, 6), hull(60, 5), False),
+    "a hull in a ball": (hull(60, 5), ball((0, 0, 0), 110), True),
+    "a ball in the rounding of a hull": (ball((62, 0, 0), 2), hull(60, 5), True),
+    "a ball that sticks out of the rounding": (ball((62, 0, 0), 4), hull(60, 5), False),
+    "a ball beside a corner of a hull": (ball((64, 64, 64), 1), hull(60, 5), False),
     "a ball in a capsule of no length": (ball((0, 0, 0), 5), observation.Capsule((1, 0, 0), (1, 0, 0), 6), True),
 }
 

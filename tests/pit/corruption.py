@@ -334,7 +334,7 @@ def shrunk_obstacle(top, rng):
     shapes = obstacles(top)
 
     def shrink(scene):
-        shape = pick(rng, [s for s in all_shapes(scene) if "radius_m" in s])
+        shape = pick(rng, [s for s in all_shapes(scene) if has_radius(s)])
         shape["radius_m"] = (float.fromhex(shape["radius_m"]) * 0.5).hex()
 
     fit(shapes)
@@ -348,6 +348,8 @@ def obstacle_moved_away(top, rng):
         for name in ("center_m", "a_m", "b_m"):
             if name in shape:
                 shape[name] = [(float.fromhex(x) + 1.0).hex() for x in shape[name]]
+        if "vertices_m" in shape:
+            shape["vertices_m"] = [[(float.fromhex(x) + 1.0).hex() for x in corner] for corner in shape["vertices_m"]]
 
     with_scene(top, move, named=False)
 
@@ -375,7 +377,8 @@ def person_appears(top, rng):
     def step_in(scene):
         nonlocal before
         before = sum(len(person["regions"]) for person in scene["people"])
-        scene["people"].append({"type": "Person", "id": "stranger", "regions": [["torso", ball]]})
+        who = {"type": "Person", "id": "stranger", "source": "camera", "age_s": (0.0).hex()}
+        scene["people"].append(who | {"regions": [["torso", ball]]})
 
     with_scene(top, step_in, named=True)
     count = len(robot_of(top["question"]["model"]).moving)
@@ -422,6 +425,17 @@ def beyond_a_limit(top, rng):
 def older_view(top, rng):
     fit(index_of(top) < 2.9 and top["proof"]["cover"])
     top["question"]["age_s"] = pick(rng, [None, float(rng.uniform(1, 5)).hex()])
+
+
+@resealed
+def long_unseen(top, rng):
+    """With all digests renewed: what was seen a moment ago is said not to have been seen for long."""
+    fit(index_of(top) < 2.9 and top["proof"]["cover"] and top["question"]["age_s"] is not None)
+
+    def forget(scene):
+        pick(rng, [*scene["people"], *scene["objects"]])["age_s"] = float(rng.uniform(1, 5)).hex()
+
+    with_scene(top, forget, named=True)
 
 
 # --- the proof --------------------------------------------------------------------------------------------------------
@@ -517,4 +531,8 @@ def all_shapes(scene):
 
 
 def obstacles(top):
-    return [s for s in all_shapes(json.loads(top["question"]["scene"])) if "radius_m" in s]
+    return [s for s in all_shapes(json.loads(top["question"]["scene"])) if has_radius(s)]
+
+
+def has_radius(shape):
+    return float.fromhex(shape.get("radius_m", "0x0.0p+0")) > 0

@@ -59,7 +59,9 @@ class World:
         self.run = driven(motion, cell) if run is None else run
         self.omega = self.run.timing.peak
         stale = age_s > cell.perception_age_limit_s
-        self.floor = cell.unknown_floor if stale or not scene.complete else 0.0
+        late_s = max((each.age_s for each in (*scene.people, *scene.objects)), default=0.0)
+        unknown = age_s + late_s > cell.perception_age_limit_s or not scene.complete
+        self.floor = cell.unknown_floor if unknown else 0.0
         self.stop = Stop.of(cell, age_s, self.omega)
         regions = [(p, r, s) for p in scene.people for r, s in p.regions]
         self.shapes = [s for _, _, s in regions] + [x.shape for x in (*scene.objects, *scene.zones)]
@@ -106,7 +108,7 @@ class World:
             reach = cell.intrusion_tracked_m if tracked else cell.intrusion_untracked_m
             full = twin.harm_speed(str(region), mass)
             harm = full if blunt else full / twin.LIMITS[str(region)][4]
-            z = cell.person_uncertainty_m + cell.robot_uncertainty_m + grown
+            z = cell.person_uncertainty_m + cell.robot_uncertainty_m + grown + cell.person_speed_m_s * person.age_s
             found.append(Law("person", z, harm=harm, intrusion=reach, below=0.0))
         for thing in self.scene.objects:
             band = cell.fragile_band_m if thing.kind == "fragile" else cell.rigid_band_m

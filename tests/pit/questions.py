@@ -9,12 +9,13 @@ import numpy as np
 from pep.pit import MoveJ, Person, Region, Scene, Sphere, Thing, Workspace, Zone
 from tests.pit.dense import World
 from tests.pit.laws import ratio_law, thing_law
-from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, random_shape
+from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, aged, random_shape
 from tests.pit.test_checker import asked, random_question
 
 PATIENCE_S = 60.0
 AGES_S = (0.02, 0.1, 0.3)
 CANDIDATES, GRAZED = (8, 17), 6
+LATE = 0.1
 ROUGHLY, HALVINGS = 40, 20
 WIDE_M, FARTHEST_M, WALLED = 2.0, 2.0, 0.5
 WIDE = Workspace((-WIDE_M,) * 3, (WIDE_M,) * 3)
@@ -49,7 +50,8 @@ def mild_question(rng):
         people = (Person("someone", ((part, random_shape(rng, "cs", 0.9, 2.2)),)),)
     zones = (Zone("zone", random_shape(rng, near=0.4), int(rng.integers(1, 5))),) if rng.random() < 0.3 else ()
     scene = Scene(people=people, objects=things, zones=zones)
-    return asked(scene, move, age=float(rng.choice(AGES_S)))
+    age = float(rng.choice(AGES_S))
+    return asked(aged(rng, scene) if rng.random() < LATE else scene, move, age=age)
 
 
 def grazing_question(rng):

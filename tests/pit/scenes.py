@@ -11,6 +11,7 @@ from pep.pit import (
     Box,
     Capsule,
     CellParameters,
+    Convex,
     MoveJ,
     Person,
     Region,
@@ -99,10 +100,50 @@ def random_shape(rng, kinds="csb", near=0.25, far=0.9):
             return Capsule(
                 tuple((center - way).tolist()), tuple((center + way).tolist()), float(rng.uniform(0.015, 0.05))
             )
+        case "v":
+            return random_convex(rng, center)
         case _:
             turn = rng.standard_normal(4)
             turn /= np.linalg.norm(turn)
             return Box(tuple(center), tuple(rng.uniform(0.02, 0.07, 3).tolist()), tuple(turn.tolist()))
+
+
+def random_convex(rng, center):
+    """Scattered corners, a prism whose faces have many, or a wedge; every other one rounded."""
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    match rng.integers(3):
+        case 0:
+            corners = rng.uniform(-0.07, 0.07, (int(rng.integers(6, 25)), 3))
+        case 1:
+            around = np.linspace(0, 2 * math.pi, int(rng.integers(3, 12)), endpoint=False)
+            ring = np.stack([np.cos(around), np.sin(around)], axis=1) * rng.uniform(0.02, 0.07)
+            half = rng.uniform(0.02, 0.07)
+            corners = np.array([(x, y, z) for x, y in ring for z in (-half, half)])
+        case _:
+            a, b, c = rng.uniform(0.02, 0.1, 3)
+            corners = np.array([(0, 0, 0), (a, 0, 0), (0, b, 0), (0, 0, c), (a, 0, c)])
+    placed = corners @ turn.T + center
+    return Convex(tuple(map(tuple, placed.tolist())), float(rng.choice([0.0, 0.01, 0.03])))
+
+
+def aged(rng, scene):
+    """The same scene with some of what sensors show not seen for a while."""
+    ages = (0.0, 0.03, 0.2, 0.6, 3.0)
+
+    def late(each):
+        return replace(each, source="camera", age_s=float(rng.choice(ages)))
+
+    return replace(scene, people=tuple(map(late, scene.people)), objects=tuple(map(late, scene.objects)))
+
+
+def with_convex(rng, scene):
+    """The same scene with some polytopes more: things, and perhaps a zone."""
+    things = tuple(
+        Thing(f"hull{k}", str(rng.choice(["fragile", "rigid"])), random_shape(rng, "v"), float(rng.uniform(0, 0.02)))
+        for k in range(int(rng.integers(1, 4)))
+    )
+    zones = (Zone("hull zone", random_shape(rng, "v"), [None, 2, 4][int(rng.integers(3))]),) * int(rng.integers(2))
+    return replace(scene, objects=(*scene.objects, *things), zones=(*scene.zones, *zones))
 
 
 def random_scene(rng, things=4, regions=3, zones=1):

@@ -506,7 +506,7 @@ def test_a_broken_engine_is_found_out(monkeypatch, engine, sabotage, scene):
     from pep.pit.engine import NUMPY
 
     if engine == NUMPY.name:
-        monkeypatch.setattr("pep.pit.moves.chosen", lambda: NUMPY)
+        monkeypatch.setattr("pep.pit.moves.chosen_for", lambda *_: NUMPY)
     move = sweep(2.0, 3.0)
     assert ask(scene, move).engine == engine
     assert isinstance(ask(scene, move), Assessment)

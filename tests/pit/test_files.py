@@ -11,7 +11,7 @@ import jsonschema
 import pytest
 
 from docs import generate
-from pep.pit import Region, Robot, adult_at_distance, assess, standing_adult
+from pep.pit import Box, Convex, Region, Robot, adult_at_distance, assess, standing_adult
 from pep.pit.errors import PitError
 from pep.pit.files import FILE_LIMIT_BYTES, FileError, value_of
 from pep.pit.motion import (
@@ -29,6 +29,7 @@ from pep.pit.motion import (
     SpeedL,
 )
 from pep.pit.motion_file import KINDS, motion_of, seed_of
+from pep.pit.scene import CELL_FILE
 from pep.pit.scene_file import situation_of
 from pep.pit.schemas import motion_schema, scene_schema
 from tests.pit.scenes import CELL, FRONT, empty, sweep, with_glass, with_person
@@ -80,7 +81,7 @@ def test_the_examples_are_the_papers_cells():
         assert read.cell == CELL
     assert situation("c0-empty").scene.digest == empty().digest
     near = situation("c2-person").scene.people[0]
-    assert near == adult_at_distance(0.5, bearing_rad=-2.6919, name="anna")
+    assert near == replace(adult_at_distance(0.5, bearing_rad=-2.6919, name="anna"), source="ceiling-camera")
     assert abs(-2.6919 - FRONT) < 1e-4
     assert motion("sweep") == sweep()
 
@@ -204,7 +205,7 @@ mass_kg = 0.4
     same = situation_of(value_of(json.dumps(tomllib.loads(text)).encode(), PurePath("cell.json")))
     assert read == same
     assert read.cell.warn_band_m == 0.4
-    assert read.scene.people == (standing_adult(1.5, 0.2, facing_rad=1.0, name="p"),)
+    assert read.scene.people == (replace(standing_adult(1.5, 0.2, facing_rad=1.0, name="p"), source="camera"),)
     assert [o.id for o in read.scene.objects] == ["tray", "cup"]
     assert (read.scene.objects[1].uncertainty_m, read.scene.zones[0].tier) == (0.02, 3)
     assert (read.held.mass_kg, read.held.blunt, read.touch) == (0.4, False, frozenset({"tray"}))
@@ -218,6 +219,19 @@ def test_regions_of_a_person():
     person = situation_of(stated).scene.people[0]
     assert [region for region, _ in person.regions] == [Region.TORSO]
     assert not person.limbs_tracked
+
+
+def test_each_thing_may_have_a_sensor_and_an_age_of_its_own():
+    scene = situation("convex").scene
+    told = {each.id: (each.source, each.age_s) for each in scene.seen}
+    assert told == {
+        "passer-by": ("ceiling-camera", 0.3),
+        "table": (CELL_FILE, 0.0),
+        "ramp": (CELL_FILE, 0.0),
+        "gem": ("wrist-camera", 0.0),
+    }
+    shapes = {each.id: type(each.shape) for each in scene.objects}
+    assert shapes == {"table": Box, "ramp": Convex, "gem": Convex}
 
 
 def test_without_a_view_nobody_looked():
@@ -247,6 +261,7 @@ def scene_with(*path, to):
     return stated
 
 
+CORNERS = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 BALL = {"center_m": [1, 0, 0], "radius_m": 0.1}
 BAD_SCENES = [
     (("form",), "ztpm-scene/2", "PARAMETERS_WRONG", "scene.form"),
@@ -284,6 +299,18 @@ BAD_SCENES = [
     (("view", "people", 1, "regions", 0, "sphere", "center_m"), [1, 2], "PARAMETERS_WRONG",
      "scene.view.people.1.regions.0.sphere.center_m.2"),
     (("view", "objects", 0, "id"), "table", "PARAMETERS_WRONG", "scene"),
+    (("view", "objects", 0, "age_s"), -0.1, "PARAMETERS_WRONG", "scene.view.objects.0.age_s"),
+    (("view", "objects", 0, "age_s"), 3601, "PARAMETERS_WRONG", "scene.view.objects.0.age_s"),
+    (("view", "people", 0, "sensor"), "", "PARAMETERS_WRONG", "scene.view.people.0.sensor"),
+    (("view", "objects", 0, "convex"), {"vertices_m": CORNERS}, "PARAMETERS_WRONG", "scene.view.objects.0"),
+    (("cell", "zones"), [{"name": "z", "convex": {"vertices_m": CORNERS[:3]}}], "PARAMETERS_WRONG",
+     "scene.cell.zones.0.convex.vertices_m"),
+    (("cell", "zones"), [{"name": "z", "convex": {"vertices_m": CORNERS * 17}}], "PARAMETERS_WRONG",
+     "scene.cell.zones.0.convex.vertices_m"),
+    (("cell", "zones"), [{"name": "z", "convex": {"vertices_m": CORNERS, "radius_m": -0.1}}], "PARAMETERS_WRONG",
+     "scene.cell"),
+    (("cell", "zones"), [{"name": "z", "convex": {"vertices_m": [[k, k, 0] for k in range(9)]}}], "PARAMETERS_WRONG",
+     "scene.cell"),
     (("view", "objects", 0, "kind"), "soft", "PARAMETERS_WRONG", "scene.view.objects.0.kind"),
     (("view", "objects", 0, "uncertainty_m"), -1, "PARAMETERS_WRONG", "scene.view.objects.0.uncertainty_m"),
     (("view", "objects", 0, "sphere", "center_m", 0), 1e9, "PERCEPTION_INVALID", "scene.view"),

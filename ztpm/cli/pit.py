@@ -203,7 +203,7 @@ def _tell(question: Asked, said: Assessment, proven: bytes | PitError) -> None:
     if said.violations:
         console.print(Text(f"violations: {', '.join(said.violations)}", style="bold red"))
     table = Table(box=None, pad_edge=False)
-    for heading in ("kind", "link", "object"):
+    for heading in ("kind", "link", "object", "said by"):
         table.add_column(heading)
     for heading in ("t, s", "clearance, mm", "speed, m/s", "index"):
         table.add_column(heading, justify="right")
@@ -212,6 +212,7 @@ def _tell(question: Asked, said: Assessment, proven: bytes | PitError) -> None:
             each.kind,
             plain(each.link),
             Text(plain(each.object)),
+            Text(plain(each.source)),
             f"{each.at_ms / 1_000:.2f}" if each.link else "",
             f"{each.clearance_um / 1_000:.1f}" if each.link else "",
             f"{each.speed_um_s / 1e6:.2f}" if each.speed_um_s else "",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from evaluation.bench.absent import package
-from pep.pit.scene import Box, Capsule, Sphere
+from pep.pit.scene import Box, Capsule, Convex, Sphere
 
 if TYPE_CHECKING:
     from evaluation.bench.pit.workload import Question
@@ -30,7 +30,8 @@ class Measured:
         """
         self._mj, _ = package("mujoco", "mujoco")
         mj, robot = self._mj, question.robot
-        spec = mj.MjSpec()
+        self._spec = spec = mj.MjSpec()
+        self._rounded: dict[str, float] = {}
         links = [spec.worldbody]
         for joint, rotation in zip(robot.model.joints, robot.rotations, strict=True):
             turn = np.zeros(4)
@@ -52,8 +53,14 @@ class Measured:
             return int(mj.mj_name2id(self._model, mj.mjtObj.mjOBJ_GEOM, name))
 
         moving = robot.bodies[: robot.world_bodies]
-        self._pairs = [(geom(body.name), geom(f"/{k}")) for k in range(len(shapes)) for body in moving]
-        self._pairs += [(geom(capsule.name), geom(robot.bodies[index].name)) for index, capsule in robot.self_pairs]
+        # MuJoCo's meshes have no rounding: what is left out of one stands beside its pairs.
+        self._pairs = [
+            (geom(body.name), geom(f"/{k}"), self._rounded.get(f"/{k}", 0.0))
+            for k in range(len(shapes))
+            for body in moving
+        ]
+        own = ((geom(capsule.name), geom(robot.bodies[index].name)) for index, capsule in robot.self_pairs)
+        self._pairs += [(inner, outer, 0.0) for inner, outer in own]
 
     def _round(self, parent: Any, name: str, a: Vector, b: Vector, radius: float) -> None:
         kinds = self._mj.mjtGeom
@@ -71,6 +78,11 @@ class Measured:
                 self._round(parent, name, center, center, radius)
             case Capsule(a, b, radius):
                 self._round(parent, name, a, b, radius)
+            case Convex(vertices, radius):
+                mesh = self._mj.mjtGeom.mjGEOM_MESH
+                self._spec.add_mesh(name=name, uservert=np.array(vertices).ravel())
+                parent.add_geom(name=name, type=mesh, meshname=name)
+                self._rounded[name] = radius
 
     def least(self, angles: list[Floats]) -> float:
         """The least clearance of any pair at any of these configurations, metre: what the benchmark times."""
@@ -78,5 +90,7 @@ class Measured:
         for q in angles:
             data.qpos[:] = q
             mj.mj_kinematics(model, data)
-            least = min(least, *(mj.mj_geomDistance(model, data, a, b, FARTHEST_M, None) for a, b in self._pairs))
+            least = min(
+                least, *(mj.mj_geomDistance(model, data, a, b, FARTHEST_M, None) - out for a, b, out in self._pairs)
+            )
         return least

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never, cast
 import numpy as np
 
 from evaluation.bench.absent import package
+from pep.pit.hull import hull_of
 from pep.pit.motion import (
     GripperMove,
     JointPath,
@@ -20,7 +21,7 @@ from pep.pit.motion import (
     SpeedL,
     profile_of,
 )
-from pep.pit.scene import Box, Capsule, Sphere
+from pep.pit.scene import Box, Capsule, Convex, Sphere
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -180,5 +181,12 @@ def _built(shape: Shape) -> tuple[Any, Any]:
         case Box(center, half, (w, x, y, z)):
             turn = pin.Quaternion(w, x, y, z)
             return coal.Box(*(2 * h for h in half)), pin.SE3(turn.toRotationMatrix(), np.array(center))
+        case Convex(vertices, radius):
+            hull, points, faces = hull_of(vertices), coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+            points.extend(list(hull.vertices))
+            faces.extend([coal.Triangle(*face) for face in hull.faces.tolist()])
+            body = coal.Convex(points, faces)
+            body.setSweptSphereRadius(radius)
+            return body, pin.SE3.Identity()
         case _:
             assert_never(shape)

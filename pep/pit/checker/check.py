@@ -11,7 +11,7 @@ from pep.pit.checker.laws import HIGHEST, SAME, tier_of
 from pep.pit.checker.leg import Answer, Leg, Question, proven, rising
 from pep.pit.checker.line import PLACE
 from pep.pit.checker.motion import LEGS_MOST, STILL_RAD, Held, Line, Run, Servo, Timing, motion_of
-from pep.pit.checker.question import VIOLABLE, cell_of, scene_of, view_of
+from pep.pit.checker.question import VIOLABLE, cell_of, latest_of, scene_of, view_of
 from pep.pit.checker.robot import robot_of
 from pep.pit.checker.rows import PAIRS_MOST
 from pep.pit.checker.stream import held_speed, servo_target
@@ -99,7 +99,7 @@ def _question(asked: dict[str, Any]) -> Question:
     scene, complete = scene_of(asked["scene"])
     place = "question.touch"
     touch = rising([word(each, place) for each in listed(asked["touch"], place, least=0, most=PAIRS_MOST)], place)
-    view = view_of(asked["age_s"], cell, complete=complete)
+    view = view_of(asked["age_s"], cell, complete=complete, late_s=latest_of(scene))
     return Question(robot, cell, view, scene, frozenset(touch))
 
 

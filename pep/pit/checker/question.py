@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from pep.pit.checker.space import Block, Core, Face, Segment
+from pep.pit.checker.space import Block, Core, Face, Polytope, Segment, Vec, cross, dot, minus
 from pep.pit.checker.text import exact, listed, parsed, table, truth, vector, whole, word
 from pep.pit.checker.verdict import Code, need
 
@@ -15,6 +15,8 @@ REGIONS_MOST: Final = 64  # of one person
 THINGS_MOST: Final = 256  # objects and zones
 EXTENT_MOST_M: Final = 100.0  # farther away is a wrong unit
 LEAST_M: Final = 1e-6  # one unit of the wire: the least extent of a body
+CORNERS: Final = (4, 64)  # fewest and most of a polytope
+SIGHTING_MOST_S: Final = 3600.0  # an older one is none
 UNIT: Final = 2.1e-3  # ||q| - 1| of a box's quaternion: what an observation may have, and rounding
 DIVISOR: Final = 1e-9  # what is divided by is more than this
 LIMBS: Final = frozenset({"upper_arm", "lower_arm", "hand"})  # PHY-3: one of these was tracked, so limbs are
@@ -107,14 +109,34 @@ class View:
     floor: float
 
 
-def view_of(value: Any, cell: Cell, *, complete: bool) -> View:
-    """The view: fresh, stale beyond the age limit, or missing (no age, or the sensors did not see all)."""
+def view_of(value: Any, cell: Cell, *, complete: bool, late_s: float) -> View:
+    """The view: fresh, stale beyond the age limit, or missing (no age, or the sensors did not see all).
+
+    Stale, too, is one in which something was last seen `late_s` before and thus longer ago than that (PHY-23).
+    """
     if value is None:
         return View(0.0, 0.0, cell.unknown_floor)
     age = exact(value, "question.age_s", low=0)
     if age > cell.perception_age_limit_s:
         return View(age, cell.person_speed_m_s * age, cell.unknown_floor)
-    return View(age, 0.0, 0.0 if complete else cell.unknown_floor)
+    whole_view = complete and age + late_s <= cell.perception_age_limit_s
+    return View(age, 0.0, 0.0 if whole_view else cell.unknown_floor)
+
+
+def latest_of(scene: dict[str, Any]) -> float:
+    """How old the oldest sighting was when its sensor told of it, s."""
+    rows = [*_seen(scene, "people", PEOPLE_MOST), *_seen(scene, "objects", THINGS_MOST)]
+    return max(map(_late, rows), default=0.0)
+
+
+def _seen(scene: dict[str, Any], name: str, most: int) -> list[Any]:
+    return listed(scene[name], f"scene.{name}", least=0, most=most)
+
+
+def _late(row: Any) -> float:
+    """How old a sighting was when its sensor told of it."""
+    need(type(row) is dict and "age_s" in row, Code.MEMBER_WRONG, "scene.age_s")
+    return exact(row["age_s"], "scene.age_s", low=0, high=SIGHTING_MOST_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +175,11 @@ def scene_of(text: str) -> tuple[dict[str, Any], bool]:
 def obstacles_of(scene: dict[str, Any], cell: Cell, view: View, touch: frozenset[str]) -> list[Obstacle]:
     """People (region by region), objects and zones in the scene's order, then the six faces of the workspace."""
     found: list[Obstacle] = []
-    spread = cell.person_uncertainty_m + cell.robot_uncertainty_m + view.grown_m
     for person in listed(scene["people"], "scene.people", least=0, most=PEOPLE_MOST):
-        row = table(person, "scene.people", ("type", "id", "regions"))
+        row = table(person, "scene.people", ("type", "id", "regions", "source", "age_s"))
+        word(row["source"], "scene.people")
+        walked = view.grown_m + cell.person_speed_m_s * _late(row)
+        spread = cell.person_uncertainty_m + cell.robot_uncertainty_m + walked
         regions = [
             listed(each, "scene.people.regions", least=2, most=2)
             for each in listed(row["regions"], "scene.people.regions", least=1, most=REGIONS_MOST)
@@ -168,7 +192,8 @@ def obstacles_of(scene: dict[str, Any], cell: Cell, view: View, touch: frozenset
             found.append(Obstacle("person", name, core, radius, spread, intrusion))
     things = listed(scene["objects"], "scene.objects", least=0, most=THINGS_MOST)
     for thing in things:
-        row = table(thing, "scene.objects", ("type", "id", "kind", "shape", "uncertainty_m"))
+        row = table(thing, "scene.objects", ("type", "id", "kind", "shape", "uncertainty_m", "source", "age_s"))
+        word(row["source"], "scene.objects")
         fragile = word(row["kind"], "scene.objects", among=("fragile", "rigid")) == "fragile"
         name = word(row["id"], "scene.objects")
         core, radius = _shape(row["shape"], "scene.objects")
@@ -177,7 +202,8 @@ def obstacles_of(scene: dict[str, Any], cell: Cell, view: View, touch: frozenset
         band = cell.fragile_band_m if fragile else cell.rigid_band_m
         found.append(Obstacle("fragile" if fragile else "rigid", "", core, radius, spread, band, by))
     for zone in listed(scene["zones"], "scene.zones", least=0, most=THINGS_MOST - len(things)):
-        row = table(zone, "scene.zones", ("type", "id", "shape", "tier"))
+        row = table(zone, "scene.zones", ("type", "id", "shape", "tier", "source"))
+        word(row["source"], "scene.zones")
         core, radius = _shape(row["shape"], "scene.zones")
         tier = None if row["tier"] is None else whole(row["tier"], "scene.zones", low=1, high=4)
         detail = cell.rigid_band_m if tier is None else float(tier)
@@ -218,6 +244,13 @@ def _shape(value: Any, place: str) -> tuple[Core, float]:
             row = table(value, place, ("type", "center_m", "radius_m"))
             center = vector(row["center_m"], place, _place)
             return Segment(center, center), exact(row["radius_m"], place, low=LEAST_M, high=EXTENT_MOST_M)
+        case "Convex":
+            row = table(value, place, ("type", "vertices_m", "radius_m"))
+            least, most = CORNERS
+            rows = listed(row["vertices_m"], place, least=least, most=most)
+            corners = tuple(vector(each, place, _place) for each in rows)
+            need(_span(corners), Code.MEMBER_WRONG, place)
+            return Polytope(corners), exact(row["radius_m"], place, low=0, high=EXTENT_MOST_M)
         case _:
             row = table(value, place, ("type", "center_m", "half_m", "quaternion"))
             need(row["type"] == "Box", Code.MEMBER_WRONG, place)
@@ -234,3 +267,11 @@ def _shape(value: Any, place: str) -> tuple[Core, float]:
                 (2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z),
             )
             return Block(vector(row["center_m"], place, _place), half, axes), 0.0
+
+
+def _span(corners: tuple[Vec, ...]) -> bool:
+    """Whether these points are corners of a body at all."""
+    away = [minus(corner, corners[0]) for corner in corners]
+    far = max(away, key=lambda way: dot(way, way))
+    normal = max((cross(far, way) for way in away), key=lambda found: dot(found, found))
+    return max(abs(dot(normal, way)) for way in away) > LEAST_M * math.sqrt(dot(normal, normal)) > 0

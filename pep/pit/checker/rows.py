@@ -7,7 +7,18 @@ from typing import TYPE_CHECKING, Final
 
 from pep.pit.checker.arm import lowest
 from pep.pit.checker.question import VIOLABLE, Obstacle
-from pep.pit.checker.space import Block, Face, Segment, between_segments, dot, from_block, length, reach
+from pep.pit.checker.space import (
+    Block,
+    Face,
+    Polytope,
+    Segment,
+    between_segments,
+    dot,
+    from_block,
+    from_polytope,
+    length,
+    reach,
+)
 from pep.pit.checker.verdict import Code, need
 
 if TYPE_CHECKING:
@@ -63,12 +74,14 @@ def pairs_of(robot: Robot, obstacles: Sequence[Obstacle], cell: Cell) -> list[Pa
     return world + own + [pair for each in obstacles if each.kind == "workspace" for pair in against(each)]
 
 
-def _gap(pose: Pose, core: Segment | Block) -> Vec:
+def _gap(pose: Pose, core: Segment | Block | Polytope) -> Vec:
     match core:
         case Segment(a, b):
             return between_segments(pose[0], pose[1], a, b)
         case Block():
             return from_block(pose[0], pose[1], core)
+        case Polytope():
+            return from_polytope(pose[0], pose[1], core)
 
 
 def _behind(pose: Pose, face: Face) -> float:

@@ -1,4 +1,4 @@
-"""Points, segments and boxes: the shortest way between two bodies, and how far a body reaches along a direction.
+"""Segments, boxes and polytopes: the shortest way between two bodies, and how far a body reaches along a direction.
 
 The bound of a row holds for any direction, so an error here makes it weaker, never wrong.
 """
@@ -15,6 +15,9 @@ Mat = tuple[Vec, Vec, Vec]  # rows
 
 ORIGIN: Final[Vec] = (0.0, 0.0, 0.0)
 TINY_M2: Final = 1e-30  # squared length below which a segment is a point
+STEPS: Final = 200  # of a search; each comes nearer, and a handful is usual
+NEARER: Final = 1e-12  # relative: a step that would bring less is rounding
+MEETING_M2: Final = 1e-18  # squared: bodies nearer than 1e-9 m meet, and have no direction
 PARALLEL: Final = 1e-14  # squared sine below which the interior formula is rounding alone; the ends then decide
 
 
@@ -43,7 +46,14 @@ class Face:
     offset: float
 
 
-Core = Segment | Block | Face
+@dataclass(frozen=True, slots=True)
+class Polytope:
+    """The convex hull of these corners, metre; with a radius it is rounded."""
+
+    corners: tuple[Vec, ...]
+
+
+Core = Segment | Block | Polytope | Face
 
 
 def dot(a: Vec, b: Vec) -> float:
@@ -166,10 +176,80 @@ def from_block(a: Vec, b: Vec, block: Block) -> Vec:
     return turned(transposed(block.axes), (gap[0], gap[1], gap[2]))
 
 
-def reach(core: Segment | Block, n: Vec) -> float:
+def from_polytope(a: Vec, b: Vec, body: Polytope) -> Vec:
+    """The shortest vector from the polytope to segment ab, or none of any length where they meet.
+
+    The differences of their points are a polytope of their own, of which the point nearest the origin is sought: from
+    the nearest one of at most four corners to the corner that lies farthest against it, until none lies farther.
+    """
+    near = minus(a, body.corners[0])
+    held = [near]
+    for _ in range(STEPS):
+        square = dot(near, near)
+        if square <= MEETING_M2:
+            return ORIGIN
+        end = a if dot(a, near) <= dot(b, near) else b
+        ahead = minus(end, max(body.corners, key=lambda corner: dot(corner, near)))
+        if square - dot(near, ahead) <= NEARER * square or ahead in held:
+            return near
+        held = [*held, ahead]
+        near, held = _nearest_of(held)
+    return near
+
+
+def _nearest_of(corners: list[Vec]) -> tuple[Vec, list[Vec]]:
+    """The point of the hull of at most four points that is nearest the origin, and the fewest of them that it is of."""
+    best, square, kept = corners[0], math.inf, corners
+    for some in range(1, 2 ** len(corners)):
+        chosen = [corner for k, corner in enumerate(corners) if some >> k & 1]
+        found = _foot(chosen)
+        if found is not None and dot(found, found) < square:
+            best, square, kept = found, dot(found, found), chosen
+    return best, kept
+
+
+def _foot(corners: list[Vec]) -> Vec | None:
+    """The origin's foot on the point, line, plane or space of these points, where it lies between them; else None."""
+    first, *others = corners
+    ways = [minus(other, first) for other in others]
+    match ways:
+        case []:
+            return first
+        case [u]:
+            uu = dot(u, u)
+            if not uu > TINY_M2:
+                return None
+            s = -dot(first, u) / uu
+            return plus(first, u, s) if 0 <= s <= 1 else None
+        case [u, v]:
+            uu, vv, uv, fu, fv = dot(u, u), dot(v, v), dot(u, v), dot(first, u), dot(first, v)
+            sine = uu * vv - uv * uv
+            if not sine > PARALLEL * uu * vv:
+                return None
+            s, t = (uv * fv - vv * fu) / sine, (uv * fu - uu * fv) / sine
+            if not (s >= 0 and t >= 0 and s + t <= 1):
+                return None
+            normal = cross(u, v)  # along it the foot is exact however flat the triangle
+            share = dot(first, normal) / dot(normal, normal)
+            return (share * normal[0], share * normal[1], share * normal[2])
+        case [u, v, w]:
+            volume = dot(u, cross(v, w))
+            if not volume * volume > PARALLEL * dot(u, u) * dot(v, v) * dot(w, w):
+                return None
+            x, y, z = first
+            away = (-x, -y, -z)
+            s, t, r = (dot(away, cross(p, q)) / volume for p, q in ((v, w), (w, u), (u, v)))
+            return ORIGIN if min(s, t, r) >= 0 and s + t + r <= 1 else None
+        case _:
+            return None
+
+
+def reach(core: Segment | Block | Polytope, n: Vec) -> float:
     """How far the core reaches along the unit vector n."""
     match core:
         case Segment(a, b):
             return max(dot(a, n), dot(b, n))
         case Block(center, half, (x, y, z)):
             return dot(center, n) + half[0] * abs(dot(x, n)) + half[1] * abs(dot(y, n)) + half[2] * abs(dot(z, n))
+        case Polytope(corners):
+            return max(dot(corner, n) for corner in corners)

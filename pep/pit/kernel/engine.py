@@ -13,7 +13,7 @@ import numpy as np
 from pep.pit.blow import DEPTH, RESOLUTION
 from pep.pit.cell import CellParameters
 from pep.pit.certify import FIRST_CUT_LEAST, ROWS_MOST, Certified, Fit, Slower, Witness
-from pep.pit.errors import WorkLimitError
+from pep.pit.errors import PitError, WorkLimitError
 from pep.pit.kernel import columns
 from pep.pit.kernel.arm import Arm, bends_of
 from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, rushes
@@ -266,6 +266,8 @@ def _no_limit() -> None:
 def packed(pairs: Pairs) -> Field:
     """The pairs as the kernel's arrays."""
     cores, count = pairs.cores, len(pairs)
+    if cores.hulls:
+        raise PitError("PHYSICS_FAULT", "the kernel knows no polytopes")
     numbers = np.empty((count, columns.NUMBERS))
     numbers[:, columns.A : columns.B] = cores.a
     numbers[:, columns.B : columns.AXES] = cores.b
