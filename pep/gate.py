@@ -12,7 +12,7 @@ import asyncio
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault
@@ -55,6 +55,9 @@ SEQUENCE: Final = "TEA-6"
 """The primitive behind `BUSY`: a command together with what is unfinished."""
 STATE: Final = "TEA-5"
 """The primitive that looks at the robot's own state, which is cheap to have."""
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +207,7 @@ class Gate:
                 )
                 record = await asyncio.wrap_future(permitted)
                 if self._clock.monotonic_ms() <= permit.deadline_ms:
-                    return await self._effect(call, decision, permit, record, effect)
+                    return await self._effect(call, evidence, decision, permit, record=record, effect=effect)
                 await self._refused(call, decision, permit, record, ActuationRefusedError(Reason.VERDICT_EXPIRED))
                 permitted = None
                 if attempt == ATTEMPTS:
@@ -260,21 +263,37 @@ class Gate:
         seen = replace(seen, robot=self._readiness.reading())
         if any(finding.primitive == STATE for finding in decide(call.request, seen, self._policies).findings):
             return seen
-        loop = asyncio.get_running_loop()
         touch = touchable(seen.chain) if isinstance(seen.chain, Chain) else frozenset()
-        assess = partial(self._physics.assess, call.request, touch=touch)
-        try:
-            found = await asyncio.wait_for(loop.run_in_executor(self._assessor, assess), PHYSICS_TIMEOUT_S)
-        except TimeoutError:
-            found = Assessed(ImpactFault(Reason.PHYSICS_FAULT, "the assessment took too long"), NOT_COLLECTED)
+        answer = await self._in_time(partial(self._physics.assess, call.request, touch=touch))
+        found = Assessed(answer, NOT_COLLECTED) if isinstance(answer, ImpactFault) else answer
+        # What the request makes together with what was done just now: small steps are no smaller than their sum.
+        joined = self._sequence.joined(call.request, impact=found.impact)
+        together = None
+        if joined is not None:
+            start = joined.start_urad
+            whole = partial(self._physics.together, joined.request, start_urad=start, touch=touch)
+            together = await self._in_time(whole)
         at, at_ms = self._clock.wall_s(), self._clock.monotonic_ms()
         chain = self._standing(call)
         seen = replace(seen, at=at, at_ms=at_ms, impact=found.impact, perception=found.perception, chain=chain)
         # the slot is this request's, or the request is part of what holds it: nothing else is unfinished
         sequence = self._sequence.reading(
-            call.request, agent=_agent(call), impact=seen.impact, robot=seen.robot, unfinished=False
+            call.request,
+            agent=_agent(call),
+            impact=seen.impact,
+            robot=seen.robot,
+            unfinished=False,
+            together=together,
         )
         return replace(seen, sequence=sequence)
+
+    async def _in_time(self, assess: Callable[[], T]) -> T | ImpactFault:
+        try:
+            return await asyncio.wait_for(
+                asyncio.get_running_loop().run_in_executor(self._assessor, assess), PHYSICS_TIMEOUT_S
+            )
+        except TimeoutError:
+            return ImpactFault(Reason.PHYSICS_FAULT, "the assessment took too long")
 
     def _standing(self, call: Call) -> Chain | Fault:
         """Steps 1 to 9 as of now, with the lease that the policies want for the request."""
@@ -309,10 +328,17 @@ class Gate:
         )
 
     async def _effect(
-        self, call: Call, decision: Decision, permit: Permit, record: str, effect: Callable[[Permit], Awaitable[Result]]
+        self,
+        call: Call,
+        evidence: Evidence,
+        decision: Decision,
+        permit: Permit,
+        *,
+        record: str,
+        effect: Callable[[Permit], Awaitable[Result]],
     ) -> Answer:
         """The effect, and the record of what came of it."""
-        self._sequence.begins(call.request, agent=permit.agent)
+        self._sequence.begins(call.request, agent=permit.agent, impact=evidence.impact)
         try:
             result = await effect(permit)
         except ActuationRefusedError as refused:
@@ -348,7 +374,9 @@ class Gate:
             sighted=False,
             agent=_agent(call),
         )
-        return replace(await self._effect(call, decision, permit, record, effect), observed=True)
+        return replace(
+            await self._effect(call, evidence, decision, permit, record=record, effect=effect), observed=True
+        )
 
     async def _concluded(self, permit: Permit, body: dict[str, object]) -> bool:
         """Whether the outcome of an effect is on record. A record that fails undoes no effect, so it denies none."""

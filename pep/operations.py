@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from capabilities.errors import QuantityError
 from capabilities.units import Parameter, Quantity, Unit, parse
@@ -58,6 +58,19 @@ MOVE_JOINT: Final = Operation(
     ),
     Kind.MOTION,
 )
+WAYPOINTS: Final = 4
+"""Waypoints of a path: with them a token that limits each still fits its carriage. A shorter path repeats its last."""
+JOINTS: Final = 6
+MOVE_PATH: Final = Operation(
+    ROBOT,
+    "move_path",
+    (
+        *(Parameter(f"p{leg}_q{i}", Unit.MICRORADIAN) for leg in range(WAYPOINTS) for i in range(JOINTS)),
+        Parameter("speed", Unit.MICRORADIAN_PER_SECOND),
+        Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
+    ),
+    Kind.MOTION,
+)
 GRIPPER_MOVE: Final = Operation(
     ROBOT,
     "gripper_move",
@@ -91,6 +104,26 @@ TOUCH: Final = "touch"
 def touchable(chain: Chain) -> frozenset[str]:
     """The objects that every hop of the chain lets the arm touch on purpose."""
     return frozenset(grant.object for grant in chain.scope.grants if grant.operation == TOUCH)
+
+
+T = TypeVar("T")
+
+
+def padded(waypoints: Sequence[T]) -> tuple[T, ...]:
+    """A path's waypoints, 1 to `WAYPOINTS` of them, with the last repeated until there are as many as a request has.
+
+    Raises:
+        ValueError: none, or too many.
+    """
+    if not 1 <= len(waypoints) <= WAYPOINTS:
+        raise ValueError(f"a path has 1 to {WAYPOINTS} waypoints")
+    return (*waypoints, *(waypoints[-1] for _ in range(WAYPOINTS - len(waypoints))))
+
+
+def waypoints_of(values: Sequence[T]) -> tuple[tuple[T, ...], ...]:
+    """The waypoints in a `move_path` request's values, without those that only repeat the one before."""
+    every = [tuple(values[first : first + JOINTS]) for first in range(0, WAYPOINTS * JOINTS, JOINTS)]
+    return tuple(point for at, point in enumerate(every) if at == 0 or point != every[at - 1])
 
 
 def digest_of(operation: Operation, numbers: Sequence[float], *, audience: str) -> str:

@@ -228,6 +228,13 @@ class Assessed:
     perception: PerceptionReading | NotCollected
 
 
+@dataclass(frozen=True, slots=True)
+class Together:
+    """Several acts taken as one: proven upper bound of the index of what is left of it, in thousandths."""
+
+    index_milli: int
+
+
 class Physics(Protocol):
     """The runtime physical impact of a request in the world as it is now."""
 
@@ -237,5 +244,17 @@ class Physics(Protocol):
         Args:
             request: what would be done.
             touch: objects that the authority behind it lets the arm touch on purpose; the cell has its own say.
+        """
+        ...
+
+    def together(
+        self, request: Request, *, start_urad: tuple[int, ...], touch: frozenset[str]
+    ) -> Together | ImpactFault:
+        """What is left of a straight move that began there and has come to where the arm is. Never raises.
+
+        Args:
+            request: a `move_joint`. It is asked about, never sent.
+            start_urad: six joint angles, microradian, in line with the arm's and the target.
+            touch: as for `assess`.
         """
         ...

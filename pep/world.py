@@ -10,13 +10,23 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import numpy as np
 
-from capabilities.units import si
+from capabilities.scope import Tier
+from capabilities.units import Unit, si
 from pep.context.frames import Distrusted, Seen, Unseen
 from pep.errors import RobotError
-from pep.operations import GRIPPER_ACTIVATE, GRIPPER_MOVE, MOVE_JOINT, SET_DIGITAL_OUTPUT, SPEED_JOINT
+from pep.operations import (
+    GRIPPER_ACTIVATE,
+    GRIPPER_MOVE,
+    MOVE_JOINT,
+    MOVE_PATH,
+    SET_DIGITAL_OUTPUT,
+    SPEED_JOINT,
+    waypoints_of,
+)
 from pep.pit import (
     Assessment,
     GripperMove,
+    JointLeg,
     JointPath,
     LinePath,
     MoveJ,
@@ -32,7 +42,7 @@ from pep.pit import (
 )
 from pep.pit.kinematics import link_frames
 from pep.pit.stream import moves_with, stream_envelope
-from pep.ports import Assessed, Rest
+from pep.ports import Assessed, Rest, Together
 from policies.evidence import ImpactFault, ImpactReading
 from policies.reasons import Reason
 from policies.tiers import FRESH
@@ -49,6 +59,7 @@ if TYPE_CHECKING:
 
 MOTIONS_KEPT: Final = 64
 """Requests whose motion is remembered; one at a time is under way."""
+MILLI: Final = 1_000
 ALLOWANCE: Final = 1.5
 """A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
 
@@ -125,7 +136,12 @@ class CellPhysics:
         return age_ms <= max(reckoned_ms, impact.perception_age_ms)
 
     def _impact(
-        self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
+        self,
+        request: Request,
+        look: Look,
+        touch: frozenset[str],
+        *,
+        allowance_ms: int,
     ) -> ImpactReading | ImpactFault:
         try:
             return self._assess(request, look, touch, allowance_ms=allowance_ms)
@@ -137,7 +153,12 @@ class CellPhysics:
             return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
 
     def _assess(
-        self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
+        self,
+        request: Request,
+        look: Look,
+        touch: frozenset[str],
+        *,
+        allowance_ms: int,
     ) -> ImpactReading | ImpactFault:
         if not self._clock.wall_s() < self._valid_until_s:
             return ImpactFault(Reason.PHYSICS_FAULT, "the signed cell file has expired")
@@ -171,6 +192,43 @@ class CellPhysics:
                 return assessed.reading()
             case _:
                 assert_never(assessed)
+
+    def together(
+        self, request: Request, *, start_urad: tuple[int, ...], touch: frozenset[str]
+    ) -> Together | ImpactFault:
+        """What is left, from where the arm is, of a straight move that began there: what lies behind is done."""
+        cell = replace(self._cell, watch_time_limit_s=self._cell.time_limit_s)  # nothing moves yet
+        try:
+            sight = self._sight(self._frames.look(), allowance_ms=0)
+            if isinstance(sight, ImpactFault):
+                return sight
+            state = self._state.read()
+            start = tuple(si(angle, Unit.MICRORADIAN) for angle in start_urad)
+            motion = _motion(request, replace(state, q_rad=start), self._holding.robot, cell)
+            if motion is None:
+                return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
+            for tier in Tier:
+                rest = remaining(
+                    self._holding.robot,
+                    sight.scene,
+                    motion,
+                    cell,
+                    at_rad=state.q_rad,  # type: ignore[arg-type]  # six, counted where they were read
+                    authorised_milli=tier * MILLI,
+                    perception_age_s=sight.age_s,
+                    touch=touch,
+                )
+                if isinstance(rest, ImpactFault):
+                    return rest
+                if rest.holds:
+                    return Together(rest.index_milli)
+        except RobotError as error:
+            return ImpactFault(Reason.PHYSICS_FAULT, str(error.code))
+        except SceneError as error:
+            return ImpactFault(Reason.PERCEPTION_INVALID, error.detail)
+        except Exception as error:  # noqa: BLE001 - whatever breaks in physics is a fault, never a tier
+            return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
+        return Together(max(Tier) * MILLI)
 
     def start_of(self, request_id: str) -> tuple[float, ...] | None:
         """The joint angles (rad) from which that request was assessed, or None when it was not."""
@@ -234,16 +292,20 @@ class CellPhysics:
         pace = None if rest.pace is None else rest.pace.fraction
         return Rest(rest.holds, rest.index_milli, rest.cause, fault="", age_ms=age_ms, shown=shown, pace=pace)
 
-    def grip_ended(self, *, on_something: bool) -> None:
+    def grip_ended(self, *, on_something: bool, arrived: bool) -> None:
         """A grip has ended: what the arm holds is committed, by the gripper's word and by what the sensors show.
 
         Args:
             on_something: whether the fingers were stopped by something.
+            arrived: whether the move of the fingers ended by itself. Fingers that were halted say nothing of what they
+                hold: what was held before still is.
 
         Raises:
             RobotError: the arm says nothing; what it holds is then unknown.
             SceneError: the view cannot be read; likewise.
         """
+        if not arrived and self._holding.held is not None:
+            return
         if not on_something:
             self._holding.released()
             return
@@ -319,6 +381,10 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
     values = tuple(si(v.value, v.unit) for v in request.values)
     if request.operation == MOVE_JOINT.name:
         return MoveJ(state.q_rad, values[:6], values[6], values[7])  # type: ignore[arg-type]  # six joints, counted where they were read
+    if request.operation == MOVE_PATH.name:
+        *points, speed, acceleration = values
+        legs = tuple(JointLeg(point, speed, acceleration) for point in waypoints_of(points))  # type: ignore[arg-type]
+        return JointPath(state.q_rad, legs)  # type: ignore[arg-type]
     if request.operation == GRIPPER_MOVE.name:
         return GripperMove(state.q_rad, values[0], values[1], values[2])  # type: ignore[arg-type]
     if request.operation == GRIPPER_ACTIVATE.name:

@@ -19,8 +19,8 @@ class SequenceReading:
 
     Attributes:
         unfinished: a motion of another command is not finished, and this request is no part of it.
-        tier, index_milli: of the whole: this command, what is queued, and what the same agent did within the window,
-            taken as one act. None when it could not be worked out.
+        tier, index_milli: of the whole: this command, what is queued, and what was done within the window on the same
+            way, by whomever, taken as one act. None when it could not be worked out.
         drift_urad: largest distance of a joint from where the committed state says that it is.
         alternations: how often, within the window, acts on one thing undid each other.
         held_known: what the gripper holds is known.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 from capabilities.scope import Tier
 from pep.pit.assess import assess
 from pep.pit.calibration import Calibration, calibrated
+from pep.pit.cell import CALIBRATED_UNCERTAINTY_M
 from pep.pit.chain import robot_of
 from pep.pit.checker import Refused, Verified, verify
 from pep.pit.errors import PitError
@@ -152,7 +153,7 @@ def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
     """The question that two files ask of a robot.
 
     Args:
-        scene: a scene file.
+        scene: a scene file. For an arm with a calibration its cell's uncertainty is that of one, unless it says one.
         motion: a motion file.
         arm: the robot; its tool is the one that the scene's cell names.
 
@@ -160,7 +161,10 @@ def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
         PitError: a file that is refused, with its reason and place.
         OSError: a file that cannot be read.
     """
-    situation = situation_of(value_of(_text(scene).encode(), scene))
+    stated = value_of(_text(scene).encode(), scene)
+    if arm.calibration is not None and isinstance(stated, dict) and isinstance(stated.get("cell"), dict):
+        stated["cell"].setdefault("robot_uncertainty_m", CALIBRATED_UNCERTAINTY_M)
+    situation = situation_of(stated)
     what = motion_of(value_of(_text(motion).encode(), motion))
     return Asked(arm.robot(situation.cell.tool).holding(situation.held), situation, what)
 

@@ -9,16 +9,19 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from typing import TYPE_CHECKING, Any, assert_never
+from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.statements.revocation import NEVER_MS
 from pep.context.frames import Distrusted, Seen, Unseen
 from pep.errors import RobotError
+from pep.pit.calibration import own_kinematics
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from ztpm.tool_server import ToolServer
+
+MILLIMETRES: Final = 1e3  # to the metre
 
 
 async def serve_reports(report: Callable[[], Awaitable[dict[str, object]]]) -> None:
@@ -46,11 +49,17 @@ async def report_of(server: ToolServer) -> dict[str, object]:
 
 
 def _robot(server: ToolServer) -> dict[str, object]:
+    kinematics = {
+        "model_digest": server.robot.model_digest,
+        "calibration": own_kinematics(server.robot.model),
+        "uncertainty_mm": server.cell.robot_uncertainty_m * MILLIMETRES,
+    }
     try:
         state = server.state.read()
     except RobotError as error:
-        return {"fault": str(error.code)}
+        return {**kinematics, "fault": str(error.code)}
     return {
+        **kinematics,
         "q_rad": list(state.q_rad),
         "moving": not state.still,
         "robot_mode": state.robot_mode,

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.units import Unit
-from pep.errors import PepError, PepFault
+from pep.errors import ConfigError, PepError, PepFault, RobotError
+from pep.pit import NOMINAL_ERROR_M
+from pep.pit.calibration import own_kinematics
 from pep.rtde.guard import GuardedControl
-from pep.rtde.readiness import RobotReadiness, equip
+from pep.rtde.readiness import OWN_POSE_M, RobotReadiness, equip
 from pep.world import tool_position
 
 if TYPE_CHECKING:
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
     from pep.pit import CellParameters, Robot
     from pep.ports import Clock
     from pep.rtde.dashboard import RemoteControl
-    from pep.rtde.gripper import Grip
+    from pep.rtde.gripper import Grip, RobotiqGripper
     from pep.rtde.program import ProgramWatch
     from pep.rtde.telemetry import Telemetry
     from pep.world import CellPhysics
@@ -90,6 +93,17 @@ def commanded(
     )
 
 
+def found_holding(holding: Holding, gripper: RobotiqGripper) -> None:
+    """What the fingers hold since before this process began is known to be something, if they say so.
+
+    A gripper that does not answer, or is not active, says nothing: it moves nothing either until it is made ready, and
+    that commits what it holds.
+    """
+    with contextlib.suppress(RobotError):
+        if gripper.holds():
+            holding.closed_on_unknown()
+
+
 def readiness(
     telemetry: Telemetry,
     remote: RemoteControl,
@@ -116,8 +130,20 @@ def readiness(
         commanding=control.isConnected,
         tool_position=partial(tool_position, robot),
         tcp_m=robot.tool.tcp_m,
+        pose_m=NOMINAL_ERROR_M if own_kinematics(robot.model) is None else OWN_POSE_M,
         expected_payload_g=lambda: round(holding.carried_kg * Unit.GRAM.per_si),
     )
+
+
+def confirm_kinematics(readiness: RobotReadiness) -> None:
+    """The controller has the tool where the arm's own kinematics have it.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`: it has not, so the calibration is another arm's.
+        RobotError: the controller does not tell.
+    """
+    if not readiness.confirmed(within_s=PROGRAM_S):
+        raise ConfigError(PepFault.CONFIG_INVALID, "calibration_file: the controller has the tool elsewhere")
 
 
 async def committed(physics: CellPhysics, control: GuardedControl, holding: Holding, grip: Grip) -> None:
@@ -129,7 +155,7 @@ async def committed(physics: CellPhysics, control: GuardedControl, holding: Hold
     def commit() -> None:
         before = holding.carried_kg
         try:
-            physics.grip_ended(on_something=grip.object)
+            physics.grip_ended(on_something=grip.object, arrived=grip.arrived)
         finally:
             if holding.carried_kg != before:
                 control.carries(holding.carried_kg, holding.centre_m)

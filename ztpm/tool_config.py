@@ -16,7 +16,17 @@ from capabilities.statements import cell
 from capabilities.trust import TrustBundle
 from pep import key_file
 from pep.errors import ConfigError, PepFault
-from pep.pit import CellError, CellParameters, ModelError, Robot, SurveyError, numbers_only, surveyed
+from pep.pit import (
+    CALIBRATED_UNCERTAINTY_M,
+    Calibration,
+    CellError,
+    CellParameters,
+    ModelError,
+    Robot,
+    SurveyError,
+    numbers_only,
+    surveyed,
+)
 from pep.rtde.gripper import DRIVEN
 from pep.rtde.guard import JOINT_DECELERATION_LIMIT_RAD_S2
 from policies.errors import PolicyError
@@ -29,6 +39,10 @@ if TYPE_CHECKING:
 ROBOT_MODEL: Final = "ur3e"
 CONFIG_BYTES: Final = 1_048_576
 """Largest configuration; ours."""
+CALIBRATION_BYTES: Final = 65_536
+"""Largest calibration file that is read at all; the vendor's tool writes about 1000."""
+OPTIONAL: Final = frozenset({"calibration_file"})
+"""Settings that may be left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +65,8 @@ class CellConfig:
         cell_file: what stands in the cell, signed by a person (`ztpm cell sign`).
         cell_signer_key: that person's public key: 32 raw bytes in base64url.
         cell: numbers of the physics engine; what stands in the cell is not among them.
+        calibration_file: the arm's own kinematics, as its vendor's tool exports them (PHY-41); None for an arm that is
+            reckoned with at its nominal ones, and with more uncertainty.
     """
 
     audience: str
@@ -69,10 +85,11 @@ class CellConfig:
     cell_file: Path
     cell_signer_key: str
     cell: CellParameters
+    calibration_file: Path | None = None
 
     @staticmethod
     def from_toml(text: str) -> CellConfig:
-        """The configuration that a TOML text spells, every key given, none unknown.
+        """The configuration that a TOML text spells: every key given but `calibration_file`, none unknown.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
@@ -82,15 +99,19 @@ class CellConfig:
         except (tomllib.TOMLDecodeError, RecursionError) as error:
             raise ConfigError(PepFault.CONFIG_INVALID, "not TOML") from error
         names = {field.name for field in fields(CellConfig)}
-        for wrong in sorted(names ^ set(table)):
+        for wrong in sorted((names - OPTIONAL - set(table)) | (set(table) - names)):
             raise ConfigError(PepFault.CONFIG_INVALID, f"{wrong} is {'missing' if wrong in names else 'unknown'}")
         given: dict[str, Any] = {}
         for field in fields(CellConfig):
+            if field.name not in table:
+                continue
             value = table[field.name]
             wanted = {"int": int, "CellParameters": dict}.get(str(field.type), str)
             if type(value) is not wanted or value == "":
                 raise ConfigError(PepFault.CONFIG_INVALID, f"{field.name} must be a {wanted.__name__}, and not empty")
-            given[field.name] = Path(str(value)) if field.type == "Path" else value
+            given[field.name] = Path(str(value)) if str(field.type).startswith("Path") else value
+        if "calibration_file" in given:
+            given["cell"] = {"robot_uncertainty_m": CALIBRATED_UNCERTAINTY_M, **given["cell"]}
         try:
             given["cell"] = numbers_only(given["cell"])
         except CellError as error:
@@ -192,6 +213,44 @@ def read_policies(config: CellConfig) -> PolicySet:
         raise ConfigError(PepFault.CONFIG_INVALID, f"policy: {error}") from error
 
 
+def read_robot(config: CellConfig, *, tool: str) -> Robot:
+    """The arm of the cell with this tool: as it is calibrated where the configuration says how, else nominal.
+
+    Args:
+        config: names the calibration.
+        tool: what it carries.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`: no such tool; a calibration that cannot be read, is not strictly of the vendor's
+            form, or is farther from nominal than any arm of this model.
+    """
+    try:
+        own = None if config.calibration_file is None else _calibration(config.calibration_file)
+    except (ModelError, OSError, UnicodeDecodeError) as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"calibration_file: {_said(error)}") from error
+    try:
+        nominal = Robot.load(ROBOT_MODEL, tool=tool)
+    except ModelError as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {error}") from error
+    if own is None:
+        return nominal
+    try:
+        return Robot.load(ROBOT_MODEL, tool=tool, calibration=own)
+    except ModelError as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"calibration_file: {_said(error)}") from error
+
+
+def _calibration(path: Path) -> Calibration:
+    with path.open("rb") as opened:
+        raw = opened.read(CALIBRATION_BYTES + 1)
+    return Calibration.from_yaml(raw.decode("utf-8"))
+
+
+def _said(error: Exception) -> str:
+    """What is wrong, without a path or a text of the file."""
+    return error.detail if isinstance(error, ModelError) else type(error).__name__
+
+
 def read_cell(config: CellConfig, *, at: float) -> cell.Cell:
     """What stands in the cell, by the word of the person that the configuration names.
 
@@ -207,11 +266,11 @@ def read_cell(config: CellConfig, *, at: float) -> cell.Cell:
         text = config.cell_file.read_bytes()[: CAPS.statement_bytes + 1].decode("ascii").strip()
         stated = cell.open(text, frozenset({keys.unb64u(config.cell_signer_key)}), CAPS)
         surveyed(stated, config.cell)
-        Robot.load(ROBOT_MODEL, tool=stated.tool)
+        read_robot(config, tool=stated.tool)
     except CapabilityError as error:
         where = "cell_signer_key" if error.code is FaultCode.STATEMENT_UNTRUSTED else "cell_file"
         raise ConfigError(PepFault.CONFIG_INVALID, f"{where}: {error.code} {error.detail}") from error
-    except (SurveyError, ModelError) as error:
+    except SurveyError as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {error}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {type(error).__name__}") from error

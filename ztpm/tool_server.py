@@ -51,7 +51,7 @@ from pep.mcp.mapping import ARM_TOOLS
 from pep.mcp.vouching import Vouching
 from pep.observation import Marked, Unwatched
 from pep.perception import Receiver
-from pep.pit import Robot, surveyed
+from pep.pit import surveyed
 from pep.pit.engine import chosen
 from pep.question import Asker
 from pep.record import FileJournal
@@ -74,8 +74,17 @@ from pep.sim.recognition import recognise
 from pep.watch import Limits, Watch
 from pep.world import CellPhysics
 from ztpm.report import report_of, serve_reports
-from ztpm.robot import PROGRAM_S, commanded, committed, connect, connect_outputs, readiness
-from ztpm.tool_config import ROBOT_MODEL, CellConfig, read_cell, read_config, read_key, read_policies, read_trust
+from ztpm.robot import (
+    PROGRAM_S,
+    commanded,
+    committed,
+    confirm_kinematics,
+    connect,
+    connect_outputs,
+    found_holding,
+    readiness,
+)
+from ztpm.tool_config import CellConfig, read_cell, read_config, read_key, read_policies, read_robot, read_trust
 from ztpm.trust_mark import check_mark
 
 if TYPE_CHECKING:
@@ -118,6 +127,7 @@ class ToolServer:
         unsafe_observe: the simulated controller, where nothing is to be enforced; None enforces.
 
     Attributes:
+        robot: the arm's model, with its tool and empty fingers.
         ended: set it to end the server.
     """
 
@@ -164,8 +174,10 @@ class ToolServer:
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
         chosen()  # compiled before anybody may ask: half a minute the very first time, a second from then on
-        robot = Robot.load(ROBOT_MODEL, tool=survey.tool)
+        self.robot = robot = read_robot(config, tool=survey.tool)
         holding = Holding(robot, self.cell)
+        gripper = RobotiqGripper(config.robot_host)
+        found_holding(holding, gripper)
         self.physics = CellPhysics(
             holding=holding,
             cell=self.cell,
@@ -184,6 +196,8 @@ class ToolServer:
         self.readiness = readiness(
             telemetry, RemoteControl(config.robot_host), program, control, robot=robot, holding=holding
         )
+        if config.calibration_file is not None:
+            confirm_kinematics(self.readiness)
         self.judging = ThreadPoolExecutor(1, "rest")
         # An observed motion begins wherever the arm is: what was denied may never have been assessed.
         start_of = self.physics.start_of if unsafe_observe is None else lambda _: self.state.read().q_rad
@@ -193,7 +207,7 @@ class ToolServer:
         self.drive = Drive(
             control=control,
             state=self.state,
-            gripper=RobotiqGripper(config.robot_host),
+            gripper=gripper,
             dashboard_stop=lambda: stop_program(config.robot_host),
             start_of=start_of,
             watching=partial(

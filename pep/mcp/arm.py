@@ -17,6 +17,7 @@ from typing_extensions import TypedDict
 from pep.errors import ActuationRefusedError, RobotError
 from pep.mcp.mapping import ARM_TOOLS
 from pep.mcp.pins import definition_digest
+from pep.operations import JOINTS, WAYPOINTS
 from pep.permit import current_permit
 from policies.reasons import Reason
 
@@ -31,6 +32,11 @@ if TYPE_CHECKING:
 
 NAME = "ur3e-cell"
 Joints = Annotated[list[float], Field(min_length=6, max_length=6, description="Six joint angles in rad, base first.")]
+Waypoint = Annotated[list[float], Field(min_length=JOINTS, max_length=JOINTS)]
+Waypoints = Annotated[
+    list[Waypoint],
+    Field(min_length=1, max_length=WAYPOINTS, description="Waypoints in order, each of six joint angles in rad."),
+]
 JointSpeed = Annotated[float, Field(description="Greatest speed of the leading joint in rad/s.")]
 JointAcceleration = Annotated[float, Field(description="Acceleration of the leading joint in rad/s^2.")]
 Width = Annotated[float, Field(description="Opening between the fingers in m.")]
@@ -116,6 +122,12 @@ class ArmDriver(Protocol):
         """The arm has moved."""
         ...
 
+    async def move_path(
+        self, waypoints_rad: Sequence[Sequence[float]], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
+    ) -> MotionEnd:
+        """The arm has moved through the waypoints."""
+        ...
+
     async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
         """The fingers have moved."""
         ...
@@ -179,6 +191,15 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
     async def move_joint(q_rad: Joints, speed_rad_s: JointSpeed, acceleration_rad_s2: JointAcceleration) -> Moved:
         """Move the arm in a straight line of joint space to six joint angles, and tell where it has stopped."""
         end = await _permitted(lambda permit: driver.move_joint(q_rad, speed_rad_s, acceleration_rad_s2, permit))
+        return _moved(end)
+
+    @server.tool()
+    async def move_path(
+        waypoints_rad: Waypoints, speed_rad_s: JointSpeed, acceleration_rad_s2: JointAcceleration
+    ) -> Moved:
+        """Move the arm through 1 to 4 waypoints, straight in joint space, resting at each; tell where it stopped."""
+        numbers = (waypoints_rad, speed_rad_s, acceleration_rad_s2)
+        end = await _permitted(lambda permit: driver.move_path(*numbers, permit))
         return _moved(end)
 
     @server.tool()
@@ -251,6 +272,9 @@ class _NoDriver:
     """A robot that is not there: enough to ask the tools who they are."""
 
     async def move_joint(self, *_: Any) -> MotionEnd:
+        raise ActuationRefusedError(Reason.EFFECT_FAILED)
+
+    async def move_path(self, *_: Any) -> MotionEnd:
         raise ActuationRefusedError(Reason.EFFECT_FAILED)
 
     async def gripper_move(self, *_: Any) -> Grip:

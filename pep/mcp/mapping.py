@@ -11,12 +11,16 @@ from capabilities.units import Parameter, Quantity, parse
 from pep.operations import (
     GRIPPER_ACTIVATE,
     GRIPPER_MOVE,
+    JOINTS,
     MOVE_JOINT,
+    MOVE_PATH,
     READ_STATE,
     SET_DIGITAL_OUTPUT,
     SPEED_JOINT,
     STOP,
+    WAYPOINTS,
     Operation,
+    padded,
 )
 from policies.model import Point, Request
 from policies.reasons import Reason
@@ -45,6 +49,14 @@ class Vector:
 
 
 @dataclass(frozen=True, slots=True)
+class Waypoints:
+    """An argument that is a list of 1 to `WAYPOINTS` lists of six numbers; the last stands for those that miss."""
+
+    argument: str
+    parameters: tuple[Parameter, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Flag:
     """An argument that is true or false, 1 or 0 in the request. A number is none."""
 
@@ -66,7 +78,7 @@ class ToolBinding:
     tool: str
     operation: Operation
     base_tier: Tier
-    fields: tuple[Scalar | Vector | Flag, ...] = ()
+    fields: tuple[Scalar | Vector | Waypoints | Flag, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +97,7 @@ class Misfit:
 
 
 _MOVE: Final = MOVE_JOINT.parameters
+_PATH: Final = MOVE_PATH.parameters
 _GRIP: Final = GRIPPER_MOVE.parameters
 _SPEED: Final = SPEED_JOINT.parameters
 _OUTPUT: Final = SET_DIGITAL_OUTPUT.parameters
@@ -96,6 +109,16 @@ ARM_TOOLS: Final[Mapping[str, ToolBinding]] = {
             MOVE_JOINT,
             Tier.REVERSIBLE,
             (Vector("q_rad", _MOVE[:6]), Scalar("speed_rad_s", _MOVE[6]), Scalar("acceleration_rad_s2", _MOVE[7])),
+        ),
+        ToolBinding(
+            "move_path",
+            MOVE_PATH,
+            Tier.REVERSIBLE,
+            (
+                Waypoints("waypoints_rad", _PATH[:-2]),
+                Scalar("speed_rad_s", _PATH[-2]),
+                Scalar("acceleration_rad_s2", _PATH[-1]),
+            ),
         ),
         ToolBinding("stop", STOP, Tier.NO_EFFECT),
         ToolBinding(
@@ -169,6 +192,12 @@ def to_request(
             if not isinstance(given, bool):
                 return Misfit(Reason.PARAMETERS_WRONG, field.argument, "true or false is wanted")
             pairs = [(field.parameter, int(given))]
+        elif isinstance(field, Waypoints):
+            points = given if isinstance(given, list) and 1 <= len(given) <= WAYPOINTS else []
+            if not points or not all(isinstance(point, list) and len(point) == JOINTS for point in points):
+                wanted_form = f"a list of 1 to {WAYPOINTS} lists of {JOINTS} numbers is wanted"
+                return Misfit(Reason.PARAMETERS_WRONG, field.argument, wanted_form)
+            pairs = list(zip(field.parameters, (q for point in padded(points) for q in point), strict=True))
         elif isinstance(given, list) and len(given) == len(field.parameters):
             pairs = list(zip(field.parameters, given, strict=True))
         else:

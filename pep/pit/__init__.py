@@ -8,7 +8,20 @@ robot's own safety configuration stays in force, and the tier decides authorisat
 from pep.pit.adult import Build, adult_at_distance, standing_adult
 from pep.pit.assess import assess
 from pep.pit.assessment import Assessment, Certificate
-from pep.pit.cell import CellParameters, Contact, Output, Part, StaticObject, StaticZone
+from pep.pit.calibration import Calibration
+from pep.pit.cell import (
+    CALIBRATED_ERROR_M,
+    CALIBRATED_UNCERTAINTY_M,
+    NOMINAL_ERROR_M,
+    NOMINAL_UNCERTAINTY_M,
+    CellParameters,
+    Contact,
+    Output,
+    Part,
+    StaticObject,
+    StaticZone,
+)
+from pep.pit.chain import robot_of
 from pep.pit.errors import CellError, ModelError, PitError, SceneError
 from pep.pit.held import Held, gripped, unknown_part
 from pep.pit.motion import (
@@ -25,15 +38,21 @@ from pep.pit.motion import (
     SpeedJ,
     SpeedL,
 )
+from pep.pit.outfit import Outfit
 from pep.pit.remaining import Pace, Remaining, remaining
 from pep.pit.robot import Robot
 from pep.pit.scene import Box, Capsule, Convex, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
 from pep.pit.surveyed import SurveyError, SurveyFault, numbers_only, surveyed
 
 __all__ = [
+    "CALIBRATED_ERROR_M",
+    "CALIBRATED_UNCERTAINTY_M",
+    "NOMINAL_ERROR_M",
+    "NOMINAL_UNCERTAINTY_M",
     "Assessment",
     "Box",
     "Build",
+    "Calibration",
     "Capsule",
     "CellError",
     "CellParameters",
@@ -50,6 +69,7 @@ __all__ = [
     "Motion",
     "MoveJ",
     "MoveL",
+    "Outfit",
     "Output",
     "OutputSet",
     "Pace",
@@ -78,6 +98,7 @@ __all__ = [
     "numbers_only",
     "observed",
     "remaining",
+    "robot_of",
     "standing_adult",
     "surveyed",
     "unknown_part",

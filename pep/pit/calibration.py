@@ -30,6 +30,7 @@ LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist
 MEMBERS: Final = ("x", "y", "z", "roll", "pitch", "yaw")  # U2: metre and radian, as in a URDF origin
 NUMBER: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 SIGNATURE: Final = re.compile(r"calib_[0-9]{1,20}")  # U2: the controller's own checksum, 64 bits
+CALIBRATION: Final = "calibration"  # `Source.kind`
 OFFSET_LIMIT_M: Final = 0.002  # CAL: twice the farthest joint of four UR3e, 0.91 mm
 TURN_LIMIT_RAD: Final = 0.014  # CAL: twice the farthest of them, 6.8 mrad
 TIP_LIMIT_M: Final = 0.013  # CAL: twice the farthest of them by the same sum, 6.4 mm
@@ -77,6 +78,11 @@ class Calibration:
         return hashlib.sha256("\n".join([self.signature, *numbers]).encode()).hexdigest()
 
 
+def own_kinematics(model: Model) -> str | None:
+    """The digest (hex) of the calibration that is laid over the model, or None for its nominal kinematics."""
+    return next((source.sha256 for source in model.derived_from if source.kind == CALIBRATION), None)
+
+
 def calibrated(model: Model, calibration: Calibration) -> Model:
     """The model with this arm's own kinematics; all that is derived from it follows.
 
@@ -84,7 +90,7 @@ def calibrated(model: Model, calibration: Calibration) -> Model:
         ModelError: a joint, or the tool point, farther from nominal than the bounds above; a model that is calibrated
             already.
     """
-    if any(source.kind == "calibration" for source in model.derived_from):
+    if own_kinematics(model) is not None:
         raise ModelError("PHYSICS_FAULT", "calibrated twice")
     if len(calibration.joints) != JOINTS:
         raise ModelError("PHYSICS_FAULT", "a calibration of six joints is needed")
@@ -103,7 +109,7 @@ def calibrated(model: Model, calibration: Calibration) -> Model:
         replace(joint, offset_m=own.offset_m, rpy_rad=own.rpy_rad)
         for joint, own in zip(model.joints, calibration.joints, strict=True)
     )
-    source = Source("calibration", calibration.sha256)
+    source = Source(CALIBRATION, calibration.sha256)
     return validated(replace(model, joints=joints, derived_from=(*model.derived_from, source)))
 
 

@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 
     from pydantic import ConfigDict
 
+TRACKING_M: Final = 0.003  # PHY-11: how far a moving arm is beside what was commanded
+CALIBRATED_ERROR_M: Final = 0.002  # PHY-11: what kinematics of the arm's own still err at the tool
+NOMINAL_ERROR_M: Final = 0.0045  # CAL: what nominal ones err: 4.2 mm on the farthest of four UR3e, rounded up
+CALIBRATED_UNCERTAINTY_M: Final = CALIBRATED_ERROR_M + TRACKING_M
+NOMINAL_UNCERTAINTY_M: Final = NOMINAL_ERROR_M + TRACKING_M
 HIGHEST_PIN: Final = 17  # U12: 8 standard, 8 configurable and 2 tool outputs
 FINEST_STEP: Final = 0.01  # of a robot's own slider: whole percents
 _ONE_OF: Final = "exactly one of box, capsule, convex, sphere"
@@ -128,7 +133,7 @@ class CellParameters:
     watch_age_limit_s: float = 0.15  # PHY-2: least age that the model reckons with
     reaction_s: float = 0.06  # PHY-2: 0.03 s computing and 0.03 s on the wire
     watch_time_limit_s: float = 0.15  # PHY-13: an answer about a moving arm that is older than the watch allows is none
-    tracking_tolerance_m: float = 0.003  # PHY-13: tracking's share of `robot_uncertainty_m`; farther is off the path
+    tracking_tolerance_m: float = TRACKING_M  # PHY-13: its share of `robot_uncertainty_m`; farther is off the path
 
     # slowing by the speed slider instead of stopping (PHY-50)
     slider_delay_s: float = 0.1  # ours: judging, sending, and the first package that shows it; later is a stop
@@ -153,8 +158,8 @@ class CellParameters:
     contact_area_m2: float = 1.96e-4  # N6: the 1.4 cm x 1.4 cm probe behind the pressure limits
 
     # things
-    robot_uncertainty_m: float = 0.005  # PHY-11: calibration 2 mm and tracking 3 mm
-    object_uncertainty_m: float = 0.010  # PHY-11: observed object, with the robot's 5 mm in all 15 mm
+    robot_uncertainty_m: float = NOMINAL_UNCERTAINTY_M  # PHY-11: `CALIBRATED_UNCERTAINTY_M` for kinematics of its own
+    object_uncertainty_m: float = 0.010  # PHY-11: observed object, with a calibrated robot's 5 mm in all 15 mm
     surveyed_uncertainty_m: float = 0.0  # surveyed objects: only the robot's own uncertainty is left
     fragile_band_m: float = 0.25  # PHY-6: policy band
     rigid_band_m: float = 0.02  # PHY-6: policy band
@@ -164,7 +169,7 @@ class CellParameters:
     # contact that is meant
     contact_speed_m_s: float = 0.05  # DESIGN section 6, PHY-12: at most this
     contact_near_m: float = 0.03  # DESIGN section 6, PHY-12: while nearer than this
-    contact_depth_m: float = 0.02  # PHY-12: fingers rise 13.5 mm on closing (G3) and the arm errs by 5 mm; more presses
+    contact_depth_m: float = 0.02  # PHY-12: fingers rise 13.5 mm on closing (G3), a calibrated arm errs 5; more presses
 
     # what is held
     held_tolerance_m: float = 0.03  # PHY-14: seen this near to where it is held, it is what is held

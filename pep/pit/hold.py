@@ -127,8 +127,6 @@ def speed_drive(
         tool_speed_m_s=float(np.linalg.norm(full[:3])),
         slower=False,
         doubt=doubt,
-        twist=twist,
-        line_until=s_end,
     )
 
 

@@ -8,13 +8,13 @@ stays in force. `Demands` asks it of a straight joint path, `pep.pit.effort` of 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pep.pit.certify import cut
 from pep.pit.contact import payload_kg
 from pep.pit.path import GRID
+from pep.pit.speeds import Intervals
 from pep.pit.tier import ratio_index
 from pep.pit.torques import Torques, carried_kg
 
@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from pep.pit.motion import Floats, Profile
     from pep.pit.path import Path
     from pep.pit.robot import Robot
+    from pep.pit.speeds import Speeds
 
-FINER: Final = 2  # speeds are bounded on halves of the first cut: a quarter of the slack
+TOOL, ELBOW, MOMENTUM = range(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,21 @@ class Ratio:
         return ratio_index(self.ratio)
 
 
+def speed_shares(robot: Robot, cell: CellParameters) -> Floats:
+    """Per quantity (speed of tool, elbow, momentum) and body, the part of its limit that 1 m/s takes, (3, bodies)."""
+    tcp = robot.body_index("tcp")
+    masses = {f"com_{j.name}": j.mass_kg for j in robot.model.joints} | {"com_tool": robot.tool.mass_kg}
+    if robot.held is not None:
+        masses["com_payload"] = robot.model.payload_limit_kg if robot.held.mass_kg is None else robot.held.mass_kg
+    shares = np.zeros((3, len(robot.bodies)))
+    shares[TOOL, tcp] = 1 / cell.tcp_speed_limit_m_s
+    shares[ELBOW, robot.body_index("elbow_point")] = 1 / cell.elbow_speed_limit_m_s
+    shares[MOMENTUM] = [masses.get(body.name, 0.0) for body in robot.bodies]
+    shares[MOMENTUM, tcp] += carried_kg(robot, cell)
+    shares[MOMENTUM] /= cell.momentum_limit_kg_m_s
+    return shares
+
+
 def body_ratios(
     robot: Robot, cell: CellParameters, speeds_m_s: Floats, *, tool_speed_m_s: float, torque: float
 ) -> tuple[Ratio, ...]:
@@ -57,17 +73,11 @@ def body_ratios(
         tool_speed_m_s: of the tool point, held against its limit.
         torque: the worst by limit.
     """
-    masses = {f"com_{j.name}": j.mass_kg for j in robot.model.joints} | {"com_tool": robot.tool.mass_kg}
-    if robot.held is not None:
-        masses["com_payload"] = robot.model.payload_limit_kg if robot.held.mass_kg is None else robot.held.mass_kg
-    moving = zip(robot.bodies, speeds_m_s, strict=True)
-    momentum = sum(masses[b.name] * float(v) for b, v in moving if b.name in masses)
-    momentum += carried_kg(robot, cell) * float(speeds_m_s[robot.body_index("tcp")])
-    elbow = float(speeds_m_s[robot.body_index("elbow_point")])
+    _, elbow, momentum = (speed_shares(robot, cell) @ speeds_m_s).tolist()
     return (
         Ratio("tcp_speed", tool_speed_m_s / cell.tcp_speed_limit_m_s),
-        Ratio("elbow_speed", elbow / cell.elbow_speed_limit_m_s),
-        Ratio("momentum", momentum / cell.momentum_limit_kg_m_s),
+        Ratio("elbow_speed", elbow),
+        Ratio("momentum", momentum),
         Ratio("torque", torque),
         Ratio("payload", (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg),
     )
@@ -79,20 +89,19 @@ class Demands:
     def __init__(self, path: Path, cell: CellParameters) -> None:
         """Torque and speed terms at the path's nodes."""
         self._robot, self._cell = path.robot, cell
-        low, high = cut(path)
-        step = (high - low)[0] // FINER
-        self._low = np.arange(0, GRID, step, dtype=np.int64)
-        self._high = self._low + step
-        self._rush = path.rush(self._low, self._high)
+        self._intervals = Intervals(path, speed_shares(path.robot, cell))
         self._delta = path.delta
-        self._node_s = np.append(self._low, GRID) / GRID
+        self._node_s = np.append(self._intervals.low, GRID) / GRID
         q = path.start + self._node_s[:, None] * path.delta
         self._torques = Torques(path.robot, cell, q, np.tile(path.delta, (len(q), 1)), np.zeros_like(q))
 
+    def speeds(self, profile: Profile) -> Speeds:
+        """Proven bounds on the surface speed of every body, and the intervals on which they are proven."""
+        return self._intervals.speeds(profile)
+
     def surface_speed_m_s(self, profile: Profile) -> Floats:
         """Proven bound on the surface speed of every body of the robot over the whole path, shape (bodies,)."""
-        rate = profile.highest_rate(self._low / GRID, self._high / GRID)
-        return np.asarray((self._rush * rate[:, None]).max(axis=0))
+        return self.speeds(profile).most_m_s
 
     def ratios(self, profile: Profile) -> tuple[Ratio, ...]:
         """Every quantity of this move under this profile against its limit."""

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 import numpy as np
 import rfc8785
 
-from pep.pit.certify import cut
 from pep.pit.departure import joint_limits
 from pep.pit.drive import Drive
 from pep.pit.driving import drive_of, joint_moves, line_drives
@@ -33,11 +32,11 @@ from pep.pit.motion import (
     profile_of,
 )
 from pep.pit.pairs import pairs_of
-from pep.pit.parameters import FINER, Demands
-from pep.pit.path import Path
+from pep.pit.parameters import Demands
+from pep.pit.path import GRID, Path
 from pep.pit.proof_course import SLACK, Recorded, followed, untraced
 from pep.pit.proof_motion import motion_text
-from pep.pit.proof_rows import Claimed, Rows
+from pep.pit.proof_rows import DIGITS, Claimed, Rows
 from pep.pit.question import as_run, view_around
 from pep.pit.separation import stopping
 
@@ -54,6 +53,7 @@ if TYPE_CHECKING:
     from pep.pit.proof_motion import Moving
     from pep.pit.robot import Robot
     from pep.pit.scene import Scene
+    from pep.pit.speeds import Speeds
     from pep.pit.view import View
 
 VERSION: Final = "ztpm-pit-proof/1"
@@ -178,7 +178,7 @@ def question_digest(
     return hashlib.sha256(rfc8785.dumps(_question(robot, view, motion, cell, touch))).hexdigest()
 
 
-_NOTHING: Final[dict[str, Any]] = NO_ROWS | {"cut": 1}
+_NOTHING: Final[dict[str, Any]] = NO_ROWS | {"cut": DIGITS[0]}
 
 
 def _hex(number: float) -> str:
@@ -227,12 +227,13 @@ class _Asked:
         if profile is None or joint_limits(self.robot, np.array(run.start), np.array(run.target)).broken:
             return _NOTHING, 0.0
         path = Path(self.robot, run)
-        torque = next(each.ratio for each in Demands(path, self.cell).ratios(profile) if each.name == "torque")
+        demands = Demands(path, self.cell)
+        torque = next(each.ratio for each in demands.ratios(profile) if each.name == "torque")
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
         rows = Rows(path, profile, stop, self._pairs(), cell=self.cell, slack=0.0)
         members = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs))).members
         met = [[pair, (low + high) // 2] for pair, low, high in members["met"]]
-        return members | {"met": met, "cut": FINER * len(cut(path)[0])}, torque
+        return members | {"met": met, "cut": _cut(demands.speeds(profile))}, torque
 
     def driven(
         self, start: Joints, drive: Drive | Nowhere, motion: Driven | LineLeg, answer: Assessment
@@ -280,3 +281,8 @@ def _question(robot: Robot, view: View, motion: Moving, cell: CellParameters, to
         "touch": sorted(touch),
         "motion": motion_text(motion),
     }
+
+
+def _cut(speeds: Speeds) -> str:
+    """The depths of the intervals on which speeds of the whole path are bounded, one digit each."""
+    return "".join(DIGITS[(GRID // width).bit_length() - 1] for width in (speeds.high - speeds.low).tolist())

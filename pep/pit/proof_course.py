@@ -65,11 +65,10 @@ class Recorded(Course):
         first = np.where(line[:, None], np.abs(cells.dq) + half * second, cells.first)
         stray, hurry = (np.where(each > 0, _larger(each, STRAYS), each) for each in (cells.stray, cells.hurry))
         spelt = replace(cells, first=first, second=second, third=third, stray=stray, hurry=hurry)
-        super().__init__(robot, spelt, self._place)
+        super().__init__(robot, spelt, drive.course.track)
 
-    def _place(self, s: float, near: Floats) -> tuple[Floats, Floats]:
-        """Joint angles at `s`, to rounding; where a leg begins and ends exactly as the drive has them."""
-        del near
+    def at(self, s: float) -> tuple[Floats, Floats]:
+        """As `Course.at`, to rounding; where a leg begins and ends exactly as the drive has it."""
         q, dq = self.drive.course.at(s)
         twist = self.drive.twist
         if twist is None or not s * GRID <= self.until:
@@ -199,17 +198,17 @@ def _broken_off(
             continue
         if found.stuck is not None and width == FINEST:
             return record | {"ahead": {"until": until + width, "fast": False}}
-        if found.stuck is None and (np.abs(found.cells[0].dq[0]) > fastest_of(robot, rate)).any():
+        if found.stuck is None and (np.abs(found.cells.dq[0]) > fastest_of(robot, rate)).any():
             return _with_fast(record, until, found, start)
     raise ProofError("PHYSICS_FAULT", "no piece shows why the line breaks off")
 
 
 def _with_fast(record: dict[str, Any], until: int, found: Trace, start: Floats) -> dict[str, Any]:
     """The record with the piece on which a joint is too fast to prove anything of use."""
-    cell = found.cells[0]
+    cell = found.cells
     second = _spelt(_larger(cell.second, SPELT), BITS_OF_SECOND)
     nodes = dict(record["nodes"]) or {0: hexed(start)}
-    nodes |= {int(cell.mid[0]): hexed(cell.q[0]), found.reached: hexed(found.end.q)}
+    nodes |= {int(cell.mid[0]): hexed(cell.q[0]), found.reached: hexed(found.q)}
     return record | {
         "edges": [*(record["edges"] or [until]), found.reached],
         "second": [*record["second"], hexed(second[0])],

@@ -51,6 +51,12 @@ class Devices:
         """See `Drive.move_joint`."""
         return await self.drive.move_joint(q_rad, speed_rad_s, acceleration_rad_s2, permit)
 
+    async def move_path(
+        self, waypoints_rad: Sequence[Sequence[float]], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
+    ) -> MotionEnd:
+        """See `Drive.move_path`."""
+        return await self.drive.move_path(waypoints_rad, speed_rad_s, acceleration_rad_s2, permit)
+
     async def speed_joint(
         self, qd_rad_s: Sequence[float], acceleration_rad_s2: float, duration_s: float, permit: Permit
     ) -> MotionEnd:

@@ -12,7 +12,7 @@ import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from capabilities.units import Unit, parse
 from pep.errors import ActuationRefusedError, PepFault
@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from pep.ports import Clock
     from pep.rtde.gripper import Grip
     from pep.rtde.guard import GuardedControl
+    from pep.rtde.needs import Gripper, Hurry, Watching
     from pep.rtde.state import JointState, RobotState
-    from pep.watch import Alarm, Watch
+    from pep.watch import Alarm
 
-__all__ = ["Drive", "End", "Gripper", "MotionEnd"]
+__all__ = ["Drive", "End", "MotionEnd"]
 
 START_TOLERANCE_RAD: Final = 2e-3
 """The arm may differ this much from where the assessment began."""
@@ -48,38 +49,6 @@ SLACK_MS: Final = 3_000
 """A motion may last its computed time by half, and three seconds; then it is stopped. Time slowed down counts less."""
 
 T = TypeVar("T")
-
-
-class Gripper(Protocol):
-    """What the drive needs of a gripper."""
-
-    def move(self, *, width_um: int, speed_um_s: int, force_mn: int, stopped: Callable[[], bool]) -> Grip:
-        """The fingers have moved; from when `stopped` says so, they do not move."""
-        ...
-
-    def activate(self, *, stopped: Callable[[], bool]) -> Grip:
-        """The gripper is ready; from when `stopped` says so, the fingers do not move."""
-        ...
-
-    def halt(self) -> None:
-        """The fingers stop where they are."""
-        ...
-
-
-class Hurry(Protocol):
-    """Whoever brings what the watch goes by, and can bring it sooner."""
-
-    def __call__(self, *, moving: bool) -> None:
-        """Something moves from now on, or nothing does. Does not wait."""
-        ...
-
-
-class Watching(Protocol):
-    """Begins the watch over what a permit allows."""
-
-    def __call__(self, permit: Permit, *, governor: Governor | None = None) -> Watch:
-        """The watch; with a governor the motion may be slowed down."""
-        ...
 
 
 class Drive:
@@ -165,36 +134,83 @@ class Drive:
         """
         target = tuple(q_rad)
 
-        def send() -> int:
-            """How long the motion may last, in ms, now that it was sent."""
+        def send() -> bool:
+            return self._control.moveJ(target, speed_rad_s, acceleration_rad_s2, True, permit=permit)  # noqa: FBT003
+
+        return await self._move((target,), speed_rad_s, acceleration_rad_s2, permit, send, governed=True)
+
+    async def move_path(
+        self, waypoints_rad: Sequence[Sequence[float]], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
+    ) -> MotionEnd:
+        """The arm has moved through the waypoints, at rest at each, or why it has not. One watch looks at all of it.
+
+        Args:
+            waypoints_rad: 1 to 4 targets, 6 angles each.
+            speed_rad_s: of the leading axis of each leg.
+            acceleration_rad_s2: likewise.
+            permit: of exactly these numbers.
+
+        Raises:
+            ActuationRefusedError: nothing was sent.
+            RobotError: the robot could not be read before sending; nothing was sent.
+        """
+        targets = tuple(tuple(point) for point in waypoints_rad)
+
+        def send() -> bool:
+            return self._control.move_path(targets, speed_rad_s, acceleration_rad_s2, permit=permit)
+
+        return await self._move(targets, speed_rad_s, acceleration_rad_s2, permit, send, governed=False)
+
+    async def _move(
+        self,
+        targets: tuple[tuple[float, ...], ...],
+        speed_rad_s: float,
+        acceleration_rad_s2: float,
+        permit: Permit,
+        send_first: Callable[[], bool],
+        *,
+        governed: bool,
+    ) -> MotionEnd:
+        def first() -> tuple[float, ...]:
             start = self._state.read()
             assessed = self._start_of(permit.request_id)
             if assessed is None or not _near(start.q_rad, assessed, START_TOLERANCE_RAD):
                 permit.refusal = Reason.NOT_WHAT_WAS_DECIDED
                 raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "the arm is not where the assessment began")
-            self._control.moveJ(target, speed_rad_s, acceleration_rad_s2, True, permit=permit)  # noqa: FBT003
-            way = max((abs(b - a) for a, b in zip(start.q_rad, target, strict=True)), default=0.0)
+            send_first()
+            return start.q_rad
+
+        def send(leg: int) -> int:
+            """How long that leg may last, in ms, now that it was sent; 0 when it was not."""
+            if leg == 0:
+                start = first()
+            elif self._control.next_leg():
+                start = targets[leg - 1]
+            else:
+                return 0
+            way = max((abs(b - a) for a, b in zip(start, targets[leg], strict=True)), default=0.0)
             lasts_ms = 1000 * (way / speed_rad_s + speed_rad_s / acceleration_rad_s2)
             return int(lasts_ms * SLACK) + SLACK_MS
 
-        least = least_fraction(speed_rad_s, acceleration_rad_s2)
-        return await self.watched(lambda gone: self._paced(target, send, permit, gone, least=least), permit)
+        least = least_fraction(speed_rad_s, acceleration_rad_s2) if governed else None
+        return await self.watched(lambda gone: self._paced(targets, send, permit, gone, least=least), permit)
 
     def _paced(
         self,
-        target: tuple[float, ...],
-        send: Callable[[], int],
+        targets: tuple[tuple[float, ...], ...],
+        send: Callable[[int], int],
         permit: Permit,
         gone: threading.Event,
         *,
-        least: float,
+        least: float | None,
     ) -> MotionEnd:
         """The move followed to its end, its speed governed, and the speed slider back where it was."""
         arm = Heard(self._state, self._clock)
-        governor = None if self._speed is None else self._speed.governor(arm, least=least, clock=self._clock)
+        speed = None if least is None else self._speed
+        governor = None if speed is None or least is None else speed.governor(arm, least=least, clock=self._clock)
         end: MotionEnd | None = None
         try:
-            end = self._follow(target, send, permit, gone, arm=arm, governor=governor)
+            end = self._follow(targets, send, permit, gone, arm=arm, governor=governor)
         finally:
             if governor is not None and governor.changes:
                 if end is None:
@@ -206,8 +222,8 @@ class Drive:
 
     def _follow(
         self,
-        target: tuple[float, ...],
-        send: Callable[[], int],
+        targets: tuple[tuple[float, ...], ...],
+        send: Callable[[int], int],
         permit: Permit,
         gone: threading.Event,
         *,
@@ -215,13 +231,15 @@ class Drive:
         governor: Governor | None,
     ) -> MotionEnd:
         """Look at the arm until it has arrived or stands still for another reason. On the watch's thread."""
-        sending = self._commands.submit(send)
+        sending = self._commands.submit(send, 0)
         watch = self.watching(permit, governor=governor)
-        looked_ms, lasted_ms, limit_ms, moved = 0, 0.0, 0, False
+        leg, looked_ms, lasted_ms, limit_ms, moved = 0, 0, 0.0, 0, False
         while True:
             if limit_ms == 0 and sending.done():
                 limit_ms = sending.result()
-                looked_ms = arm.sent()
+                if limit_ms == 0:
+                    return self._not_sent(permit)
+                looked_ms, lasted_ms = arm.sent(), 0.0
             fresh = arm.look()
             moved = moved or not arm.state.still
             alarm = watch.look(arm.state.q_rad, arm.speeds)
@@ -237,10 +255,23 @@ class Drive:
                 now = self._clock.monotonic_ms()
                 lasted_ms += (now - looked_ms) * (FULL if governor is None else governor.ordered)
                 looked_ms = now
-                end = self._judge(arm.state, target, permit, lasted_ms=lasted_ms, limit_ms=limit_ms, moved=moved)
-                if end is not None:
+                end = self._judge(arm.state, targets[leg], permit, lasted_ms=lasted_ms, limit_ms=limit_ms, moved=moved)
+                if end is not None and (end.end is not End.REACHED or leg + 1 == len(targets)):
                     return end
+                if end is not None:
+                    leg, limit_ms, moved = leg + 1, 0, False
+                    sending = self._commands.submit(send, leg)
             time.sleep(PAUSE_S)
+
+    def _not_sent(self, permit: Permit) -> MotionEnd:
+        """A later leg of a path was not sent: after a stop, or the controller did not take it."""
+        stopped = self._stopped(permit)
+        end = self.stand()
+        return end if stopped else MotionEnd(End.ROBOT_FAILED, end.q_rad, "a leg was not taken")
+
+    def _stopped(self, permit: Permit) -> bool:
+        stopped_ms = self._control.stopped_ms
+        return stopped_ms is not None and stopped_ms >= permit.since_ms
 
     def _judge(
         self,
@@ -255,7 +286,7 @@ class Drive:
         """How the motion has ended, by the robot's own word; None while it goes on. Times are those of full speed."""
         if state.still and _near(state.q_rad, target, ARRIVED_RAD):
             return MotionEnd(End.REACHED, state.q_rad)
-        if state.still and self._control.stopped_ms is not None and self._control.stopped_ms >= permit.since_ms:
+        if state.still and self._stopped(permit):
             return MotionEnd(End.STOPPED, state.q_rad)
         if state.still and (lasted_ms > STARTS_MS or state.safety_mode not in SAFE_MODES):
             # Whatever the controller still has in mind, it is not begun later behind our back.

@@ -120,6 +120,15 @@ class RobotiqGripper:
                 time.sleep(POLL_S)
             return Grip(self._width(link), object=False, arrived=True)
 
+    def holds(self) -> bool:
+        """Whether an active gripper's fingers are stopped by something now.
+
+        Raises:
+            RobotError: when the gripper cannot be reached.
+        """
+        with self._connected() as link:
+            return self._get(link, "STA") == ACTIVE and self._get(link, "OBJ") in BY_OBJECT
+
     def halt(self) -> None:
         """The fingers stop where they are.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from capabilities.units import Unit
 from pep.errors import ActuationRefusedError
-from pep.operations import MOVE_JOINT, SPEED_JOINT, digest_of
+from pep.operations import MOVE_JOINT, MOVE_PATH, SPEED_JOINT, digest_of, padded
 from pep.stopping import patience_s
 from policies.reasons import Reason
 
@@ -103,6 +103,8 @@ class GuardedControl:
         # What is being sent again and again, since which stop, and until when; and whether the arm may be moving by it.
         self._stream: tuple[tuple[float, ...], float, int, int] | None = None
         self._speeding = False
+        # What of a path was not sent yet, its speed and acceleration, and since which stop.
+        self._legs: tuple[tuple[tuple[float, ...], ...], float, float, int] | None = None
 
     def moveJ(  # noqa: N802 - the interface's own name
         self,
@@ -138,8 +140,43 @@ class GuardedControl:
             return self._refuse(Reason.NOT_WHAT_WAS_DECIDED, "moveJ: no permit")
         if not asynchronous:
             return self._refuse(Reason.PARAMETERS_WRONG, "moveJ: only asynchronous")
-        numbers = (*q, speed, acceleration)
-        digest = digest_of(MOVE_JOINT, numbers, audience=self._audience)
+        digest = digest_of(MOVE_JOINT, (*q, speed, acceleration), audience=self._audience)
+        return self._begin_move(digest, (tuple(q),), speed, acceleration, permit)
+
+    def move_path(
+        self, waypoints: Sequence[Sequence[float]], speed: float, acceleration: float, *, permit: Permit
+    ) -> bool:
+        """Starts the first of some straight moves in joint space; the others follow one by one by `next_leg`.
+
+        One permit is spent for all of them. ur_rtde's own path would upload another program; rest to rest is the same.
+
+        Args:
+            waypoints: 1 to 4 times 6 joint angles, rad.
+            speed: of the leading axis of each, rad/s.
+            acceleration: likewise, rad/s2.
+            permit: of exactly these numbers.
+
+        Raises:
+            ActuationRefusedError: as `moveJ`.
+        """
+        points = tuple(tuple(point) for point in waypoints)
+        numbers = (*(q for point in padded(points) for q in point), speed, acceleration)
+        digest = digest_of(MOVE_PATH, numbers, audience=self._audience)
+        return self._begin_move(digest, points, speed, acceleration, permit)
+
+    def next_leg(self) -> bool:
+        """Whether the next move of the path under way was sent: there is one, and no stop has come since it began."""
+        with self._lock:
+            if self._legs is None or self._legs[3] != self._stops or not self._legs[0]:
+                self._legs = None
+                return False
+            (point, *later), speed, acceleration, stops = self._legs
+            self._legs = (tuple(later), speed, acceleration, stops)
+            return self._send_move(point, speed, acceleration, stops)
+
+    def _begin_move(
+        self, digest: str, points: tuple[tuple[float, ...], ...], speed: float, acceleration: float, permit: Permit
+    ) -> bool:
         with self._lock:
             stops = self._stops
             if self._speeding:
@@ -149,16 +186,22 @@ class GuardedControl:
                 permit.spend(digest=digest, stopped_ms=self._stopped_ms)
             except ActuationRefusedError as refused:
                 return self._refuse(refused.reason, f"moveJ: {refused.detail}")
-            taken = False
-            try:
-                taken = bool(self._control.moveJ(list(q), speed, acceleration, True))  # noqa: FBT003 - its own order
-            finally:
-                # A stop counts before it sends: one that is not counted yet is sent after this command anyway.
-                if self._stops != stops or not taken:
-                    self._control.stopJ(self._deceleration, False)  # noqa: FBT003 - likewise
-            if taken:
+            self._legs = (points[1:], speed, acceleration, stops)
+            if self._send_move(points[0], speed, acceleration, stops):
                 return True
         return self._refuse(Reason.EFFECT_FAILED, "moveJ: the controller did not take the command")
+
+    def _send_move(self, q: tuple[float, ...], speed: float, acceleration: float, stops: int) -> bool:
+        """Whether the controller took the move. Under the lock; a stop that came meanwhile is given again."""
+        taken = False
+        try:
+            taken = bool(self._control.moveJ(list(q), speed, acceleration, True))  # noqa: FBT003 - its own order
+        finally:
+            # A stop counts before it sends: one that is not counted yet is sent after this command anyway.
+            if self._stops != stops or not taken:
+                self._legs = None
+                self._control.stopJ(self._deceleration, False)  # noqa: FBT003 - likewise
+        return taken
 
     def speedJ(  # noqa: N802 - the interface's own name
         self, qd: Sequence[float], acceleration: float = 0.5, time: float = 0.0, *, permit: Permit | None = None

@@ -11,12 +11,15 @@ from capabilities.units import Unit
 from pep.operations import (
     GRIPPER_ACTIVATE,
     GRIPPER_MOVE,
+    JOINTS,
     MOVE_JOINT,
+    MOVE_PATH,
     READ_STATE,
     ROBOT,
     SET_DIGITAL_OUTPUT,
     SPEED_JOINT,
     STOP,
+    WAYPOINTS,
 )
 from pep.stopping import STREAM_SPEED_RAD_S
 
@@ -51,6 +54,11 @@ _MOVE: Final[Mapping[str, Range]] = {
     "speed": Range(LEAST_SPEED_URAD_S, JOINT_SPEED_URAD_S),
     "acceleration": Range(LEAST_ACCELERATION_URAD_S2, JOINT_ACCELERATION_URAD_S2),
 }
+_PATH: Final[Mapping[str, Range]] = {
+    **{f"p{leg}_q{joint}": _MOVE[f"q{joint}"] for leg in range(WAYPOINTS) for joint in range(JOINTS)},
+    "speed": _MOVE["speed"],
+    "acceleration": _MOVE["acceleration"],
+}
 _GRIP: Final[Mapping[str, Range]] = {
     "width": Range(0, STROKE_UM),
     "speed": Range(*FINGER_SPEED_UM_S),
@@ -64,6 +72,7 @@ _SPEED: Final[Mapping[str, Range]] = {
 _OUTPUT: Final[Mapping[str, Range]] = {"pin": Range(0, OUTPUTS - 1), "value": Range(0, 1)}
 LIMITS: Final[Mapping[str, Mapping[str, Range]]] = {
     MOVE_JOINT.name: _MOVE,
+    MOVE_PATH.name: _PATH,
     GRIPPER_MOVE.name: _GRIP,
     GRIPPER_ACTIVATE.name: {},
     SPEED_JOINT.name: _SPEED,

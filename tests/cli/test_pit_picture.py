@@ -455,5 +455,5 @@ def test_a_browser_runs_the_page_and_no_other_script(tmp_path):
         return re.search(r'<output id="told"[^>]*>([^<]*)</output>', run.stdout)[1]
 
     text = page(shown("c1-glass"), subtitle="", advice="")
-    assert told(text) == "1.02 s; gripper_high and glass: 67 mm"
+    assert told(text) == "0.98 s; gripper_high and glass: 67 mm"
     assert told(text.replace('"use strict";', '"use strict"; ', 1)) == ""

@@ -33,8 +33,8 @@ from pep.asking import Asking
 from pep.authority import Authority, Presented
 from pep.gate import Call, Gate, Result
 from pep.mcp.mapping import ARM_TOOLS, to_request
-from pep.operations import GRIPPER_MOVE, MOVE_JOINT, SET_DIGITAL_OUTPUT, SPEED_JOINT
-from pep.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool
+from pep.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL_OUTPUT, SPEED_JOINT
+from pep.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together
 from pep.question import Asker
 from pep.record import FileJournal
 from pep.replay import ReplayCache
@@ -94,6 +94,7 @@ def full_scope(at, *, audience=AUDIENCE, ceiling=Tier.HIGH_CONSEQUENCE, speed_hi
         return tuple(Limit(p, Range(*r)) for p, r in zip(operation.parameters, ranges, strict=True))
 
     move = limits(MOVE_JOINT, [(-6_500_000, 6_500_000)] * 6 + [(0, speed_high), (0, 2_000_000)])
+    path = limits(MOVE_PATH, [(-6_500_000, 6_500_000)] * 24 + [(0, speed_high), (0, 2_000_000)])
     grip = limits(GRIPPER_MOVE, [(0, 85_000), (20_000, 150_000), (20_000, 100_000)])
     speeds = limits(SPEED_JOINT, [(-1_000_000, 1_000_000)] * 6 + [(0, 4_000_000), (0, 2_000)])
     outputs = limits(SET_DIGITAL_OUTPUT, [(0, 7), (0, 1)])
@@ -101,6 +102,7 @@ def full_scope(at, *, audience=AUDIENCE, ceiling=Tier.HIGH_CONSEQUENCE, speed_hi
         Grant("ur3e", "gripper_activate"),
         Grant("ur3e", "gripper_move", grip),
         Grant("ur3e", "move_joint", move),
+        Grant("ur3e", "move_path", path),
         Grant("ur3e", "read_state"),
         Grant("ur3e", "set_digital_output", outputs),
         Grant("ur3e", "speed_joint", speeds),
@@ -249,6 +251,7 @@ class Physics:
 
     def __init__(self):
         self.answer, self.asked, self.touch = reading(), 0, None
+        self.whole, self.joined = None, []
         self.perception = PerceptionReading((SensorReading("camera-1", "fresh", "", 10),))
         self.before = lambda: None
 
@@ -258,6 +261,10 @@ class Physics:
         if isinstance(self.answer, Exception):
             raise self.answer
         return Assessed(self.answer, self.perception)
+
+    def together(self, request, *, start_urad, touch):
+        self.joined.append((request, start_urad))
+        return Together(self.answer.index_milli) if self.whole is None else self.whole
 
 
 class Slot:

@@ -315,7 +315,7 @@ def test_a_stream_of_speeds_through_the_tools(controller, tmp_path):
             assert decided(busy)[:2] == ("DENY", "BUSY")
         assert decided(await cell.move(holder, RIGHT))[:2] == ("DENY", "BUSY")
         for result in await asyncio.gather(first, second):
-            assert decided(result)[0] == "PERMIT"
+            assert decided(result)[0] == "PERMIT", result
             assert result.structured_content["outcome"] == "ended"
         assert eyes.read().still
 
@@ -353,6 +353,81 @@ def test_a_stream_of_speeds_through_the_tools(controller, tmp_path):
         await cell.see(holder, people=[{"id": "bob", "x_m": 0.66, "y_m": 0.0}])
         assert decided(await cell.use(holder, "speed_joint", {**long, "qd_rad_s": [0.5, 0, 0, 0, 0, 0]}))[0] == "DEFER"
         assert eyes.read().q_rad == pytest.approx(LEFT, abs=2e-3)
+
+    in_cell(tmp_path, scenario)
+    eyes.close()
+
+
+UP = (0.0, -1.62, 1.0, -1.2, -1.57, 0.0)
+TOWARDS = (-1.1, -1.62, 1.25, -1.2, -1.57, 0.0)
+
+
+def test_a_path_of_waypoints_through_the_tools(controller, tmp_path):
+    eyes = ReceivedState(HOST)
+
+    def path(*waypoints, speed=1.0):
+        return {"waypoints_rad": [list(q) for q in waypoints], "speed_rad_s": speed, "acceleration_rad_s2": 1.4}
+
+    async def scenario(cell):
+        holder, other = cell.holder(), cell.holder("vision")
+        await cell.see(holder)
+        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+
+        # it passes every waypoint, at rest, and arrives at the last; nobody else moves anything meanwhile
+        seen, over = [], threading.Event()
+
+        def look():
+            while not over.wait(0.002):
+                seen.append(eyes.read())
+
+        looking = threading.Thread(target=look)
+        looking.start()
+        here = eyes.read().q_rad
+        task = asyncio.create_task(cell.use(holder, "move_path", path(UP, RIGHT, UP)))
+        await moved(eyes, here, task)
+        for who in (holder, other):
+            assert decided(await cell.move(who, LEFT))[:2] == ("DENY", "BUSY")
+        result = await task
+        over.set()
+        looking.join()
+        assert decided(result) == ("PERMIT", "PERMITTED", 1)
+        assert result.structured_content["outcome"] == "reached", result.structured_content
+        rests = [state.q_rad for state in seen if state.still]
+        passed = [
+            name for q in rests for name, there in (("up", UP), ("right", RIGHT)) if q == pytest.approx(there, abs=2e-3)
+        ]
+        assert [name for at, name in enumerate(passed) if at == 0 or name != passed[at - 1]] == ["up", "right", "up"]
+        assert eyes.read().q_rad == pytest.approx(UP, abs=2e-3)
+
+        # a stop in the second leg ends all of it
+        task = asyncio.create_task(cell.use(holder, "move_path", path(LEFT, RIGHT, speed=0.6)))
+        async with asyncio.timeout(20):
+            while not (eyes.read().q_rad[0] > -0.5 and eyes.read().qd_rad_s[0] > 0.05):
+                await asyncio.sleep(0.004)
+        await cell.use(other, "stop", {})
+        assert (await task).structured_content["outcome"] == "stopped"
+        assert -0.55 < eyes.read().q_rad[0] < 0.55
+
+        # what one leg may not, the path may not: a person is near the end of the last one alone
+        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        await cell.see(holder, people=[{"id": "bob", "x_m": 0.0, "y_m": 3.31}])
+        near = (-0.7, -1.62, 1.25, -1.2, -1.57, 0.0)
+        short = decided(await cell.use(holder, "move_path", path(near, LEFT, speed=0.25)))
+        long = decided(await cell.use(holder, "move_path", path(near, LEFT, TOWARDS, speed=0.25)))
+        assert short[2] <= 2 < long[2], (short, long)
+        assert long[:2] == ("DEFER", "TIER_NEEDS_APPROVAL"), long
+        assert eyes.read().q_rad == pytest.approx(LEFT, abs=2e-3)
+
+        # what is no path, and what the token does not allow at one waypoint
+        far = (6.4, *LEFT[1:])
+        for bad, reason in (
+            (path(), "PARAMETERS_WRONG"),
+            (path(*[LEFT] * 5), "PARAMETERS_WRONG"),
+            (path(LEFT[:5]), "PARAMETERS_WRONG"),
+            (path(LEFT, far, LEFT), "ROBOT_LIMIT"),
+        ):
+            refused = await cell.use(holder, "move_path", bad)
+            assert decided(refused)[:2] == ("DENY", reason), bad
 
     in_cell(tmp_path, scenario)
     eyes.close()

@@ -54,7 +54,7 @@ class Physics:
     def __init__(self, holding):
         self.holding = holding
 
-    def grip_ended(self, *, on_something):
+    def grip_ended(self, *, on_something, arrived):
         if on_something:
             self.holding.closed_on(Q, [between_the_fingers()])
         else:
@@ -94,5 +94,55 @@ def test_an_arm_that_says_nothing_holds_something_unknown(monkeypatch):
     holding = Holding(ARM, CELL)
     physics = CellPhysics(holding=holding, cell=CELL, valid_until_s=2**40, frames=Frames(), state=Silent(), clock=None)
     with pytest.raises(RobotError):
-        physics.grip_ended(on_something=True)
+        physics.grip_ended(on_something=True, arrived=True)
     assert holding.held.mass_kg is None
+
+
+class Cell:
+    """The physics of a cell that sees the one thing between the fingers."""
+
+    def __init__(self, holding):
+        from pep.world import CellPhysics
+
+        self.holding = holding
+        self.physics = CellPhysics(
+            holding=holding, cell=CELL, valid_until_s=2**40, frames=self, state=self, clock=None
+        )  # fmt: skip
+
+    def view(self):
+        return None
+
+    def grip(self, *, on_something, arrived):
+        self.physics.grip_ended(on_something=on_something, arrived=arrived)
+        return self.holding.held
+
+
+def test_fingers_that_were_halted_while_opening_still_hold():
+    holding = Holding(ARM, CELL)
+    cell = Cell(holding)
+    assert cell.grip(on_something=False, arrived=False) is None  # empty, and halted on the way
+    holding.closed_on(Q, [between_the_fingers()])
+    held = holding.held
+    assert cell.grip(on_something=False, arrived=False) is held
+    assert cell.grip(on_something=False, arrived=True) is None
+    assert cell.grip(on_something=True, arrived=True).mass_kg is None
+
+
+class Fingers:
+    def __init__(self, word):
+        self.word = word
+
+    def holds(self):
+        if isinstance(self.word, Exception):
+            raise self.word
+        return self.word
+
+
+@pytest.mark.parametrize(
+    ("word", "whole"), [(True, True), (False, False), (RobotError(PepFault.GRIPPER_UNREACHABLE, ""), False)]
+)
+def test_what_was_held_before_the_start_is_an_unknown_part(word, whole):
+    holding = Holding(ARM, CELL)
+    composition.found_holding(holding, Fingers(word))
+    assert (holding.carried_kg == pytest.approx(ARM.model.payload_limit_kg)) == whole
+    assert (holding.held is not None) == whole

@@ -8,17 +8,18 @@ from functools import partial
 
 import pytest
 
-from pep.errors import PepFault, RobotError
-from pep.pit import CellParameters, Robot
+from pep.errors import ConfigError, PepFault, RobotError
+from pep.pit import NOMINAL_ERROR_M, Calibration, CellParameters, Robot
 from pep.holding import Holding
 from pep.rtde.dashboard import RemoteControl
 from pep.rtde.program import ProgramWatch
-from pep.rtde.readiness import RobotReadiness, equip
+from pep.rtde.readiness import OWN_POSE_M, RobotReadiness, equip
 from pep.rtde.telemetry import Posture, Telemetry
 from pep.sim.launch import Controller
 from pep.world import tool_position
 from policies.evidence import RobotReading
 from tests.pep.kit import AUDIENCE, ManualClock
+from tests.pit.test_calibration import ARMS, NOMINAL, spelled
 from tests.sim_controller.cell import HOME, until
 from ztpm import robot as composition
 
@@ -38,17 +39,17 @@ def cell():
 class Held:
     """A readiness with everything behind it, and the raw connection that a test may misuse."""
 
-    def __init__(self, cell, parameters=None):
+    def __init__(self, cell, parameters=None, robot=ROBOT):
         self.program = ProgramWatch(cell.host)
         assert self.program.listening(within_s=5.0)
         self.raw = rtde_control.RTDEControlInterface(cell.host)
         parameters = parameters or CellParameters()
-        holding = Holding(ROBOT, parameters)
+        holding = Holding(robot, parameters)
         self.control = composition.commanded(
-            self.raw, self.program, ROBOT, parameters, holding, audience=AUDIENCE, clock=ManualClock()
+            self.raw, self.program, robot, parameters, holding, audience=AUDIENCE, clock=ManualClock()
         )
         self.readiness = composition.readiness(
-            Telemetry(cell.host), RemoteControl(cell.host), self.program, self.control, robot=ROBOT, holding=holding
+            Telemetry(cell.host), RemoteControl(cell.host), self.program, self.control, robot=robot, holding=holding
         )
 
     def becomes(self, **changes):
@@ -245,7 +246,7 @@ def test_the_tool_is_where_the_model_has_it():
         def read(self):
             return Posture(q, (*self.pose, 0.0, 0.0, 0.0), offset, 1.0, 7, 1, 2, 0, 0.0)
 
-    def match(pose):
+    def match(pose, pose_m=NOMINAL_ERROR_M):
         return RobotReadiness(
             telemetry=Fixed(pose),
             remote=Said(True),
@@ -253,6 +254,7 @@ def test_the_tool_is_where_the_model_has_it():
             commanding=lambda: True,
             tool_position=partial(tool_position, ROBOT),
             tcp_m=ROBOT.tool.tcp_m,
+            pose_m=pose_m,
             expected_payload_g=lambda: 1_000,
         ).reading()
 
@@ -269,7 +271,41 @@ def test_the_tool_is_where_the_model_has_it():
 
     assert match(where) == READY
     assert match((where[0] + 0.004, *where[1:])) == READY
-    assert not match((where[0] + 0.006, *where[1:])).frames_match
+    assert not match((where[0] + 0.005, *where[1:])).frames_match
+    assert match((where[0] + 0.00029, *where[1:]), OWN_POSE_M) == READY
+    assert not match((where[0] + 0.00031, *where[1:]), OWN_POSE_M).frames_match
+    assert not match((float("nan"), *where[1:])).frames_match
+
+
+@pytest.mark.parametrize("arm", [NOMINAL, *ARMS.values()])
+def test_a_calibration_of_another_arm_is_seen_by_what_the_controller_says(cell, arm):
+    """The simulated controller's arm is nominal: a calibration that says so is its own, every other one is not."""
+    own = Robot.load("ur3e", calibration=Calibration.from_yaml(spelled(arm)))
+    held = Held(cell, robot=own)
+    try:
+        if arm is NOMINAL:
+            composition.confirm_kinematics(held.readiness)
+            held.becomes()
+            return
+        with pytest.raises(ConfigError) as raised:
+            composition.confirm_kinematics(held.readiness)
+        assert raised.value.detail.startswith("calibration_file")
+        held.becomes(frames_match=False)
+    finally:
+        held.close()
+
+
+def test_a_controller_that_says_nothing_confirms_nothing():
+    class Silent:
+        def next(self):
+            raise RobotError(PepFault.ROBOT_STALLED, "")
+
+    readiness = RobotReadiness(
+        telemetry=Silent(), remote=None, program=None, commanding=None, tool_position=None, tcp_m=(0.0,) * 3,
+        pose_m=OWN_POSE_M, expected_payload_g=None,
+    )  # fmt: skip
+    with pytest.raises(RobotError):
+        readiness.confirmed(within_s=0.0)
 
 
 def test_a_controller_that_does_not_take_the_tool():

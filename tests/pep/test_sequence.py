@@ -5,7 +5,9 @@ from dataclasses import replace
 import pytest
 
 from capabilities.units import Quantity
-from pep.operations import GRIPPER_MOVE, MOVE_JOINT, SPEED_JOINT
+from pep.acts import act_of
+from pep.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SPEED_JOINT
+from pep.ports import Together
 from pep.sequence import WINDOW_MS, Sequence
 from policies import NOT_COLLECTED, ImpactFault, Point, Request
 from tests.policies import world
@@ -43,8 +45,12 @@ def reading(sequence, request=A, start=HOME, agent="robotic", **given):
     return sequence.reading(request, agent=agent, impact=impact, robot=robot, unfinished=False)
 
 
-def done(sequence, request, *, arrived=True, agent="robotic"):
-    sequence.begins(request, agent=agent)
+def standing(start):
+    return replace(world.asked()[1].impact, start_urad=start)
+
+
+def done(sequence, request, *, arrived=True, agent="robotic", start=HOME):
+    sequence.begins(request, agent=agent, impact=standing(start))
     sequence.ended(request, arrived=arrived)
 
 
@@ -76,7 +82,7 @@ def test_nobody_knows_where_an_arm_stands_that_did_not_arrive(sequence, operatio
 
 def test_while_it_is_under_way_its_end_is_not_known(sequence):
     done(sequence, B)
-    sequence.begins(A, agent="robotic")
+    sequence.begins(A, agent="robotic", impact=standing(HOME))
     assert reading(sequence).drift_urad == 0
 
 
@@ -111,10 +117,11 @@ def test_nearly_back_is_back_and_standing_still_is_no_alternation(sequence):
     assert reading(still, A).alternations == 0
 
 
-def test_acts_count_within_the_window_for_their_agent_and_operation(sequence, clock):
+def test_acts_count_within_the_window(sequence, clock):
     done(sequence, A)
     done(sequence, B)
-    assert reading(sequence, A, agent="vision").alternations == 0
+    other = reading(sequence, A, agent="vision")
+    assert (other.alternations, other.acts) == (1, 0)  # the arm is shaken, whoever takes turns
     done(sequence, move(1, operation=GRIPPER_MOVE))
     assert reading(sequence, A).alternations == 1
     clock.now_ms = WINDOW_MS
@@ -129,3 +136,129 @@ def test_what_could_not_be_computed_is_not_known(sequence):
     assert not reading(sequence, robot=NOT_COLLECTED).held_known
     unknown = replace(world.asked()[1].robot, expected_payload_g=None)
     assert not reading(sequence, robot=unknown).held_known
+
+
+# -- paths
+
+
+def path(*firsts):
+    points = [(first, 0, 0, 0, 0, 0) for first in firsts]
+    points += [points[-1]] * (4 - len(points))
+    return move(*(q for point in points for q in point), operation=MOVE_PATH)
+
+
+def test_after_a_path_the_arm_stands_at_its_last_waypoint(sequence):
+    done(sequence, B)
+    done(sequence, path(100_000, 400_000, 250_000))
+    assert reading(sequence, start=(250_000, 0, 0, 0, 0, 0)).drift_urad == 0
+    assert reading(sequence, start=HOME).drift_urad == 250_000
+    done(sequence, path(100_000), arrived=False)
+    assert reading(sequence, start=HOME).drift_urad == 0
+
+
+def test_shaking_inside_one_path_and_over_several_operations_counts(sequence):
+    assert reading(sequence, path(0, 900_000, 0, 900_000)).alternations == 2
+    assert reading(sequence, path(0, 900_000, 900_000, 900_000)).alternations == 0
+    done(sequence, A)
+    done(sequence, path(900_000), agent="vision")
+    assert reading(sequence, A).alternations == 1
+    assert reading(sequence, path(0, 900_000, 0)).alternations == 3
+
+
+# -- small steps that make a large one
+
+
+def at(first, second=0):
+    return (first, second, 0, 0, 0, 0)
+
+
+def step(first, second=0, speed=1_000_000):
+    request = move(first, second)
+    return replace(
+        request,
+        values=(
+            *request.values[:6],
+            replace(request.values[6], value=speed),
+            replace(request.values[7], value=1_400_000),
+        ),
+    )
+
+
+def sliced(sequence, *firsts, agents=("robotic",), speed=1_000_000):
+    """Steps from one to the next, by agents in turn."""
+    for number, (here, there) in enumerate(zip(firsts, firsts[1:], strict=False)):
+        done(sequence, step(there, speed=speed), start=at(here), agent=agents[number % len(agents)])
+
+
+def whole(sequence, request, start):
+    return sequence.joined(request, impact=standing(start))
+
+
+@pytest.mark.parametrize("agents", [("robotic",), ("robotic", "vision", "planner")])
+def test_slices_are_taken_together_whoever_cuts(sequence, clock, agents):
+    sliced(sequence, 0, 100_000, 200_000, 300_000, agents=agents)
+    found = whole(sequence, step(400_000), at(300_000))
+    assert (found.start_urad, found.acts) == (HOME, 3)
+    assert [v.value for v in found.request.values] == [400_000, 0, 0, 0, 0, 0, 1_000_000, 1_400_000]
+    clock.now_ms = WINDOW_MS + 1
+    assert whole(sequence, step(400_000), at(300_000)) is None
+
+
+def test_a_slice_that_was_stopped_or_a_look_in_between_changes_nothing(sequence):
+    sliced(sequence, 0, 100_000)
+    done(sequence, step(200_000), start=at(100_000), arrived=False)
+    sequence.looked()
+    assert whole(sequence, step(300_000), at(140_000)).start_urad == HOME
+
+
+def test_what_goes_elsewhere_is_no_part_of_the_way(sequence):
+    sliced(sequence, 0, 100_000, 200_000)
+    assert whole(sequence, step(100_000), at(200_000)) is None  # back
+    assert whole(sequence, step(200_000, 100_000), at(200_000)) is None  # aside
+    assert whole(sequence, step(300_000, 9_000), at(200_000)).start_urad == at(0, -18_000)  # nearly straight on
+    assert whole(sequence, step(200_000), at(200_000)) is None  # nowhere
+    assert whole(sequence, move(50_000, operation=GRIPPER_MOVE), at(200_000)) is None
+    assert whole(sequence, step(300_000), ()) is None
+
+
+def test_what_was_crept_along_before_is_no_run_up(sequence):
+    sliced(sequence, 0, 100_000, speed=100_000)
+    assert whole(sequence, step(200_000), at(100_000)) is None
+    assert whole(sequence, step(200_000, speed=200_000), at(100_000)).acts == 1
+
+
+def test_paths_and_streams_are_parts_of_a_way(sequence):
+    path_request = path(100_000, 200_000)
+    timed = replace(
+        path_request,
+        values=(*path_request.values[:24], replace(path_request.values[24], value=1_000_000), path_request.values[25]),
+    )
+    done(sequence, timed, start=HOME)
+    assert whole(sequence, step(300_000), at(200_000)).start_urad == HOME
+    stream = move(1_000_000, operation=SPEED_JOINT)
+    stream = replace(
+        stream,
+        values=(*stream.values[:6], replace(stream.values[6], value=2_000_000), replace(stream.values[7], value=100)),
+    )
+    found = whole(sequence, stream, at(200_000))
+    assert (found.start_urad, found.request.values[0].value) == (HOME, 300_000)
+    assert act_of(stream, agent="", at_ms=0, start_urad=at(200_000)).points == (at(300_000),)
+
+
+def test_the_whole_counts_when_it_is_higher_and_a_fault_of_it_is_no_tier(sequence):
+    impact = standing(HOME)
+
+    def read(together):
+        return sequence.reading(
+            A, agent="robotic", impact=impact, robot=world.asked()[1].robot, unfinished=False, together=together
+        )
+
+    for together, tier, index_milli in (
+        (None, 1, 1_000),
+        (Together(2_700), 3, 2_700),
+        (Together(2_000), 2, 2_000),
+        (Together(2_001), 3, 2_001),
+        (Together(0), 1, 1_000),
+        (ImpactFault("PHYSICS_FAULT"), None, None),
+    ):
+        assert (read(together).tier, read(together).index_milli) == (tier, index_milli)

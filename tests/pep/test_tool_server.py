@@ -10,12 +10,16 @@ import time
 
 import httpx2
 import pytest
+from typer.testing import CliRunner
 
 from capabilities import keys
 from capabilities.scope import Tier
 from capabilities.statements import cell, checkpoint, observation
 from pep.errors import ConfigError, PepFault
 from pep.pit import (
+    CALIBRATED_UNCERTAINTY_M,
+    NOMINAL_UNCERTAINTY_M,
+    Calibration,
     CellParameters,
     MoveJ,
     Robot,
@@ -27,10 +31,13 @@ from pep.pit import (
     assess,
     surveyed,
 )
+from pep.pit.calibration import own_kinematics
 from pep.rtde.state import JointState, Package
 from tests.pep.kit import AUDIENCE, issuer_keys, survey
+from tests.pit.test_calibration import ARMS, spelled
 from ztpm import tool_config, tool_server
-from ztpm.tool_config import CellConfig, read_cell, read_config, read_key, read_policies, read_trust
+from ztpm.cli import app as cli
+from ztpm.tool_config import CellConfig, read_cell, read_config, read_key, read_policies, read_robot, read_trust
 
 SURVEYOR = keys.generate()
 SIGNER = keys.b64u(keys.public_raw(SURVEYOR))
@@ -102,6 +109,8 @@ BAD = {
     "cell_zones": (toml(cell="zones = []"), "cell: zones"),
     "cell_contacts": (toml(cell="contacts = []"), "cell: contacts"),
     "cell_workspace": (toml(cell="[cell.workspace]\nlow_m = [-1, -1, -1]\nhigh_m = [1, 1, 1]"), "cell: workspace"),
+    "calibration_empty": (toml(calibration_file='""'), "calibration_file"),
+    "calibration_no_text": (toml(calibration_file="1"), "calibration_file"),
     "signer_no_key": (toml(cell_signer_key='"AAAA"'), "cell_signer_key"),
     "signer_not_base64url": (toml(cell_signer_key=f'"{SIGNER}="'), "cell_signer_key"),
     "signer_of_small_order": (toml(cell_signer_key=f'"{keys.b64u(bytes(32))}"'), "cell_signer_key"),
@@ -281,6 +290,98 @@ def test_a_signed_cell_file_is_taken(tmp_path):
     }
     assert parameters.workspace.high_m == (1.0, 1.0, 1.2)
     assert surveyed(dataclasses.replace(stated, payload_g=None), CellParameters()).payload_kg is None
+
+
+# -- the arm's own kinematics
+
+
+FOREIGN = "calib_13312600673477018527"
+"""A real UR3e, 2 mm and more from nominal in many poses."""
+
+
+def calibrated_config(tmp_path, text=None, cell=""):
+    path = tmp_path / "arm.yaml"
+    if text is not None:
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return CellConfig.from_toml(toml(cell, calibration_file=f'"{path}"'))
+
+
+def test_an_arm_without_a_calibration_is_nominal_and_known_less_well():
+    config = CellConfig.from_toml(toml())
+    assert (config.calibration_file, config.cell.robot_uncertainty_m) == (None, NOMINAL_UNCERTAINTY_M)
+    assert read_robot(config, tool="robotiq_2f85").model_digest == Robot.load("ur3e").model_digest
+
+
+def test_an_arm_with_its_calibration_is_that_arm_and_known_better(tmp_path):
+    text = spelled(ARMS[FOREIGN], FOREIGN)
+    config = calibrated_config(tmp_path, text)
+    assert config.cell.robot_uncertainty_m == CALIBRATED_UNCERTAINTY_M < NOMINAL_UNCERTAINTY_M
+    robot = read_robot(config, tool="robotiq_2f85")
+    own = Calibration.from_yaml(text)
+    assert own_kinematics(robot.model) == own.sha256
+    assert robot.model_digest == Robot.load("ur3e", calibration=own).model_digest != Robot.load("ur3e").model_digest
+    stated = calibrated_config(tmp_path, text, cell="robot_uncertainty_m = 0.02")
+    assert stated.cell.robot_uncertainty_m == 0.02
+
+
+BROKEN = {
+    "missing": (None, "FileNotFoundError"),
+    "empty": ("", None),
+    "no_yaml": ("kinematics: [", None),
+    "binary": (b"\xff" * 40, "UnicodeDecodeError"),
+    "huge": ("#" * 100_000, None),
+    "a_joint_too_few": (spelled(ARMS[FOREIGN]).replace("  wrist_3:", "  wrist_4:"), None),
+    "a_tag": (spelled(ARMS[FOREIGN]).replace("kinematics:", "kinematics: !x", 1), None),
+    "no_number": (spelled(ARMS[FOREIGN]).replace("0.1517904865811983", ".nan"), None),
+    "of a larger model": (spelled(ARMS[FOREIGN].replace("-0.2436795097513105", "-0.425")), None),
+    "in millimetres": (spelled(ARMS[FOREIGN].replace("0.1517904865811983", "151.79")), None),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_calibration_that_is_refused(tmp_path, name):
+    text, said = BROKEN[name]
+    with pytest.raises(ConfigError) as raised:
+        read_robot(calibrated_config(tmp_path, text), tool="robotiq_2f85")
+    assert raised.value.code is PepFault.CONFIG_INVALID
+    assert raised.value.detail.startswith(f"calibration_file: {said or ''}")
+    assert str(tmp_path) not in raised.value.detail
+
+
+def test_a_broken_calibration_keeps_the_server_from_starting(tmp_path):
+    """It is read with the cell file, before anything is opened."""
+    path = tmp_path / "cell.jws"
+    path.write_text(cell.sign(survey(NOW, audience="http://127.0.0.1:8800/mcp"), SURVEYOR))
+    (tmp_path / "arm.yaml").write_text("kinematics:\n")
+    config = CellConfig.from_toml(toml(cell_file=f'"{path}"', calibration_file=f'"{tmp_path}/arm.yaml"'))
+    with pytest.raises(ConfigError) as raised:
+        read_cell(config, at=NOW)
+    assert raised.value.detail.startswith("calibration_file")
+
+
+def test_doctor_tells_how_well_the_arm_is_known(tmp_path):
+    path, configured = tmp_path / "cell.jws", tmp_path / "cell.toml"
+    stated = dataclasses.replace(
+        survey(NOW, audience="http://127.0.0.1:8800/mcp"),
+        not_before=int(time.time()) - 9,
+        not_after=int(time.time()) + 999,
+    )
+    path.write_text(cell.sign(stated, SURVEYOR))
+    (tmp_path / "arm.yaml").write_text(spelled(ARMS[FOREIGN], FOREIGN))
+
+    def arm(**more):
+        configured.write_text(toml(cell_file=f'"{path}"', **more))
+        ran = CliRunner().invoke(cli, ["doctor", "--config", str(configured), "--json"])
+        (row,) = (row for row in json.loads(ran.stdout)["checks"] if row["check"] == "arm")
+        assert (ran.exit_code == 0) == row["ok"]
+        return row["ok"], row["detail"]
+
+    assert arm()[1].startswith("nominal kinematics; reckoned to 7.5 mm")
+    own = Calibration.from_yaml(spelled(ARMS[FOREIGN], FOREIGN)).sha256[:12]
+    calibration = {"calibration_file": f'"{tmp_path}/arm.yaml"'}
+    assert arm(**calibration) == (True, f"kinematics of its own, calibration {own}; reckoned to 5.0 mm")
+    (tmp_path / "arm.yaml").write_text("kinematics: {}")
+    assert not arm(**calibration)[0]
 
 
 REFUSED = {

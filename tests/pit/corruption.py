@@ -519,7 +519,9 @@ def no_such_pair(top, rng):
 
 @resealed
 def no_such_cut(top, rng):
-    top["proof"]["cut"] = pick(rng, [0, -1, 3, 24, 256, 10**9, "16", None])
+    found = top["proof"]["cut"]
+    gaps = ["", found[1:], found[:-1], found + "0", "0" + found, found[:-1] + "z", "9" * 511, "b" * 2048]
+    top["proof"]["cut"] = pick(rng, [*gaps, 0, 16, None, [found]])
 
 
 # --- helpers of the above ---------------------------------------------------------------------------------------------

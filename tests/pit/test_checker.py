@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -262,7 +263,15 @@ def test_a_way_that_is_none_and_a_way_through_a_limit_have_one_answer(start, tar
     for other in (2.0, 4.0 - index):
         wrong = top | {"answer": top["answer"] | {"index": other.hex(), "tier": int(other)}}
         assert refused(wrong) is Code.ANSWER_WRONG
-    for name, value in (("cover", ["0"]), ("met", [[0, 0]]), ("retreating", [0]), ("cut", 8), ("cut", True)):
+    for name, value in (
+        ("cover", ["0"]),
+        ("met", [[0, 0]]),
+        ("retreating", [0]),
+        ("cut", "00"),
+        ("cut", "11"),
+        ("cut", 1),
+        ("cut", True),
+    ):
         assert refused(top | {"proof": top["proof"] | {name: value}}) is Code.ANSWER_WRONG
 
 
@@ -362,7 +371,7 @@ EXPECTED = {
     "gap": {Code.COVER_WRONG}, "overlap": {Code.COVER_WRONG}, "other_depth": {Code.COVER_WRONG},
     "no_depth": {Code.COVER_WRONG}, "coarser_rows": {Code.ROW_EXCEEDS, Code.VIOLATION_HIDDEN, Code.MEANT_UNPROVEN},
     "retreat_claimed": {Code.RETREAT_UNPROVEN, Code.FLOOR_EXCEEDS}, "touch_claimed": {Code.MEANT_UNPROVEN},
-    "no_such_pair": {Code.MEMBER_WRONG}, "no_such_cut": {Code.MEMBER_WRONG, Code.ANSWER_WRONG},
+    "no_such_pair": {Code.MEMBER_WRONG}, "no_such_cut": {Code.COVER_WRONG, Code.ANSWER_WRONG},
 }  # fmt: skip
 """What refuses each kind; None where it depends on what was hit."""
 
@@ -644,8 +653,8 @@ def test_ratios_are_those_of_the_room(held, payload):
         question_ = check._question(top["question"])
         run = motion.run_of(top["question"]["motion"], question_.cell)
         timing, sweep_ = motion.Timing.of(run), arm.Sweep(question_.robot, run)
-        step = GRID // top["proof"]["cut"]
-        speeds = leg.Speeds(sweep_, timing, [(low, low + step) for low in range(0, GRID, step)])
+        ends = leg.intervals(top["proof"]["cut"], "proof.cut", most=check.CUT_MOST)
+        speeds = leg.Speeds(sweep_, timing, list(pairwise((0, *ends))))
         found = check._straight_ratios(question_.robot, run, timing) | leg.ratios(question_, speeds, 0.0)
         path = JointPath(arm_, as_run(move, cell))
         known = {each.name: each.ratio for each in Demands(path, cell).ratios(profile_of(as_run(move, cell)))}

@@ -10,14 +10,15 @@ from pep.pit.separation import stopping
 from tests.pit.scenes import NOTHING, CELL, FRONT, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
 FRESH = 0.10  # age of the view, s
+# An arm with nominal kinematics: 7.5 mm of uncertainty. With 5 mm every index was at most 0.03 lower, every tier the same.
 SCENES = {"C0": empty(), "C1": with_glass(), "C2": with_person(), "C2 behind": with_person(bearing=FRONT + np.pi)}
 TABLE = {  # speed: (acceleration, {cell: (tier, index)}); the stop model of 8 rad/s2
-    0.25: (0.8, {"C0": (1, 1.00), "C1": (2, 1.83), "C2": (3, 2.92), "C2 behind": (3, 2.40)}),
-    0.5: (1.0, {"C0": (1, 1.00), "C1": (2, 1.87), "C2": (3, 2.97), "C2 behind": (3, 2.46)}),
-    1.05: (1.4, {"C0": (1, 1.00), "C1": (2, 1.99), "C2": (3, 3.00), "C2 behind": (3, 2.55)}),
-    2.0: (3.0, {"C0": (1, 1.00), "C1": (3, 2.59), "C2": (3, 3.00), "C2 behind": (3, 2.69)}),
+    0.25: (0.8, {"C0": (1, 1.00), "C1": (2, 1.84), "C2": (3, 2.92), "C2 behind": (3, 2.40)}),
+    0.5: (1.0, {"C0": (1, 1.00), "C1": (2, 1.88), "C2": (3, 2.97), "C2 behind": (3, 2.46)}),
+    1.05: (1.4, {"C0": (1, 1.00), "C1": (2, 2.00), "C2": (3, 3.00), "C2 behind": (3, 2.56)}),
+    2.0: (3.0, {"C0": (1, 1.00), "C1": (3, 2.61), "C2": (3, 3.00), "C2 behind": (3, 2.69)}),
     # A sweep this fast stops late: it counts near the table, and near the head of the person in front.
-    3.0: (5.0, {"C0": (3, 2.11), "C1": (3, 2.73), "C2": (4, 3.96), "C2 behind": (3, 2.78)}),
+    3.0: (5.0, {"C0": (3, 2.14), "C1": (3, 2.74), "C2": (4, 3.99), "C2 behind": (3, 2.78)}),
 }
 ROWS = [(cell, v, a, tier, index) for v, (a, row) in TABLE.items() for cell, (tier, index) in row.items()]
 
@@ -34,17 +35,17 @@ def test_cells_keep_their_tiers(cell, speed, acceleration, tier, index):
 # Index by the distance (m) of a body's axis, of radius 0.19 m, in front; at 0.1, 0.5, 1.05, 2 and 3 rad/s.
 DISTANCES = {
     0.60: (3.00, 3.00, 3.00, 3.00, 3.00),
-    0.69: (2.88, 2.97, 3.00, 3.00, 3.00),
-    0.80: (2.68, 2.79, 2.93, 3.00, 3.00),
+    0.69: (2.89, 2.97, 3.00, 3.00, 3.00),
+    0.80: (2.69, 2.80, 2.93, 3.00, 3.00),
     1.00: (2.32, 2.48, 2.66, 2.87, 2.99),
-    1.10: (2.14, 2.32, 2.52, 2.76, 2.89),
-    1.20: (1.92, 2.16, 2.39, 2.65, 2.80),
-    1.30: (1.59, 2.00, 2.25, 2.54, 2.70),
-    1.40: (1.25, 1.67, 2.12, 2.43, 2.60),
-    1.50: (1.00, 1.34, 1.95, 2.32, 2.50),
-    1.60: (1.00, 1.01, 1.62, 2.21, 2.40),
-    1.80: (1.00, 1.00, 1.00, 1.97, 2.21),
-    2.00: (1.00, 1.00, 1.00, 1.31, 2.11),
+    1.10: (2.14, 2.32, 2.52, 2.76, 2.90),
+    1.20: (1.93, 2.16, 2.39, 2.65, 2.80),
+    1.30: (1.60, 2.01, 2.25, 2.54, 2.70),
+    1.40: (1.26, 1.68, 2.12, 2.43, 2.60),
+    1.50: (1.00, 1.35, 1.96, 2.32, 2.50),
+    1.60: (1.00, 1.01, 1.63, 2.21, 2.41),
+    1.80: (1.00, 1.00, 1.00, 1.98, 2.21),
+    2.00: (1.00, 1.00, 1.00, 1.31, 2.14),
 }
 RAMPS = {0.1: 0.8, 0.5: 1.0, 1.05: 1.4, 2.0: 3.0, 3.0: 5.0}  # rad/s2 at these speeds
 
@@ -70,7 +71,7 @@ def test_index_by_distance_and_speed(distance):
 
 def test_index_by_age_of_the_view():
     """At 1.3 m, default speed: nothing younger than the watch's 0.15 s counts as younger."""
-    for age, index in {0.02: 2.25, 0.1: 2.25, 0.15: 2.25, 0.3: 2.49, 0.5: 2.68, 1.0: 3.00}.items():
+    for age, index in {0.02: 2.25, 0.1: 2.25, 0.15: 2.25, 0.3: 2.50, 0.5: 2.68, 1.0: 3.00}.items():
         answer = assess(ROBOT, with_axis(1.3), sweep(), CELL, perception_age_s=age, touch=NOTHING, seed=SEED)
         assert answer.index == pytest.approx(index, abs=0.02)
 

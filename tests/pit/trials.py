@@ -29,8 +29,8 @@ CONTROL, CONTROL_EACH = 1001, 50
 UNDER = 1e-6
 """What two ways of computing an index may differ by; a law with a band of 20 mm turns 20 nm into it."""
 EXCESS = 0.02
-RATIO_EXCESS = float("inf")
-"""By how much an index that a ratio of PHY-7 decides may be above the samples: speeds are bounded on coarse intervals."""
+RATIO_EXCESS = 0.02
+"""The same of an index that a ratio of PHY-7 decides: what is proven of it is found by another search."""
 CLEARANCE_M = 2e-4
 ROUNDING_M = 1e-6
 DOUBTS = {"singular", "unreachable", "joint_limit", "uneven_twist"}

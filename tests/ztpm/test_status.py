@@ -67,6 +67,13 @@ def test_what_is_not_known_or_not_well_is_said_and_not_left_out(picture):
     assert page.count("<section") == 7
 
 
+def test_which_kinematics_count_is_on_the_page():
+    nominal = replace(PICTURE, robot=PICTURE.robot | {"calibration": None, "uncertainty_mm": 7.5})
+    assert "nominal kinematics; reckoned to 7.5 mm" in render(nominal)
+    own = replace(PICTURE, robot=PICTURE.robot | {"calibration": "ab" * 32, "uncertainty_mm": 5.0})
+    assert "kinematics of its own, calibration abababababab; reckoned to 5.0 mm" in render(own)
+
+
 def test_nothing_becomes_markup():
     evil = replace(
         PICTURE,

@@ -8,6 +8,8 @@ import platform
 import secrets
 import sys
 import time
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -35,10 +37,21 @@ NEEDED: Final = (
 TETHER_S: Final = 30.0
 
 
-def doctor(*, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
-    """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record."""
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", help="Also check a tool server's cell.toml.", exists=True, dir_okay=False)
+]
+
+
+def doctor(*, config: ConfigFile = None, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
+    """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.
+
+    With a tool server's configuration also that it would be taken, and how well it knows its arm.
+    """
     rows: list[dict[str, object]] = []
-    for name, probe in CHECKS:
+    checks = list(CHECKS)
+    if config is not None:
+        checks.append(("arm", partial(_arm, config)))
+    for name, probe in checks:
         try:
             ok, detail = probe()
         except Exception as error:  # noqa: BLE001 - a doctor reports, whatever is wrong
@@ -92,6 +105,23 @@ def _physics() -> tuple[bool, str]:
         result.tier == 1,
         f"the paper's sweep in an empty cell is tier {int(result.tier)}; engines agree; {spent_ms:.0f} ms",
     )
+
+
+def _arm(config: Path) -> tuple[bool, str]:
+    """The configuration is one that a tool server takes, and so is the arm's calibration where it names one."""
+    from pep.errors import ConfigError
+    from pep.pit.calibration import own_kinematics
+    from ztpm.status.page import kinematics_said
+    from ztpm.tool_config import read_cell, read_config, read_robot
+
+    try:
+        found = read_config(config)
+        robot = read_robot(found, tool=read_cell(found, at=time.time()).tool)
+    except ConfigError as error:
+        return False, str(error)
+    own, known_mm = own_kinematics(robot.model), found.cell.robot_uncertainty_m * 1e3
+    said = kinematics_said(own, known_mm)
+    return True, said if own is not None else f"{said}; with a `calibration_file` it would be less"
 
 
 def _durable() -> tuple[bool, str]:

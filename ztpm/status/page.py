@@ -139,7 +139,14 @@ def _robot(robot: dict[str, Any] | None) -> Markup:
             tag("span", SAFETY_MODES.get(safety, safety), class_="good" if safety in SAFE_MODES else "bad"),
         ),
         _table((name for name, _ in angles), [[angle for _, angle in angles]]),
+        tag("p", kinematics_said(robot.get("calibration"), robot.get("uncertainty_mm")), class_="dim"),
     )
+
+
+def kinematics_said(calibration: str | None, uncertainty_mm: float | None) -> str:
+    """How well the arm is known, in one sentence."""
+    own = "nominal kinematics" if calibration is None else f"kinematics of its own, calibration {calibration[:12]}"
+    return own if uncertainty_mm is None else f"{own}; reckoned to {uncertainty_mm:.1f} mm"
 
 
 def _perception(perception: dict[str, Any] | None) -> Markup:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from pep.pit.checker.arm import GRID, Sweep
 from pep.pit.checker.drive import RECORD, Drive, Fixed
 from pep.pit.checker.followed import DOUBTFUL, followed_line
 from pep.pit.checker.laws import HIGHEST, SAME, tier_of
-from pep.pit.checker.leg import Answer, Leg, Question, proven, rising
+from pep.pit.checker.leg import Answer, Leg, Question, intervals, proven, rising
 from pep.pit.checker.line import PLACE
 from pep.pit.checker.motion import LEGS_MOST, STILL_RAD, Held, Line, Run, Servo, Timing, motion_of
 from pep.pit.checker.question import VIOLABLE, cell_of, latest_of, scene_of, view_of
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
     from pep.pit.checker.stance import Six
 
 VERSION: Final = "ztpm-pit-proof/1"
-CUT_MOST: Final = 128  # equal intervals on which speeds are bounded; more gain nothing
-NO_PROOF: Final[dict[str, Any]] = {"cover": [], "cut": 1, "retreating": [], "meant": [], "met": []}
+CUT_MOST: Final = 1024  # intervals on which speeds of the whole path are bounded; bounds the work
+NO_PROOF: Final[dict[str, Any]] = {"cover": [], "cut": "0", "retreating": [], "meant": [], "met": []}
 NO_ROWS: Final[dict[str, Any]] = {"cover": [], "retreating": [], "meant": [], "met": []}
 TORQUE_MOST: Final = 1e6  # a ratio larger than this is none
 WORDS_MOST: Final = len(VIOLABLE) + 2  # of violations: and joint_limit, and unreachable
@@ -172,16 +173,13 @@ def _straight_proven(asked: Question, run: Run, answer: Answer, value: Any) -> i
     if still or broken:
         wanted = Answer(0.0, [], 0.0) if still else Answer(HIGHEST, ["joint_limit"], 0.0)
         need(answer == wanted, Code.ANSWER_WRONG, "answer")
-        need(proof == NO_PROOF and type(proof["cut"]) is int, Code.ANSWER_WRONG, "proof")
+        need(proof == NO_PROOF, Code.ANSWER_WRONG, "proof")
         return 0
     timing = Timing.of(run)
-    cut = whole(proof["cut"], "proof.cut", low=1, high=CUT_MOST)
-    need(cut & (cut - 1) == 0, Code.MEMBER_WRONG, "proof.cut")
-    step = GRID // cut
     leg = Leg(
         way=Sweep(robot, run),
         timing=timing,
-        cuts=[(low, low + step) for low in range(0, GRID, step)],
+        cuts=list(pairwise((0, *intervals(proof["cut"], "proof.cut", most=CUT_MOST)))),
         ratios=_straight_ratios(robot, run, timing),
         peak=timing.peak,
         returning=returning,

@@ -128,7 +128,7 @@ def proven(asked: Question, leg: Leg, answer: Answer, proof: dict[str, Any]) -> 
         if pair.violated_below is not None and pair.obstacle.kind not in met:
             excluded = pair.violated_below - VIOLATION_SLACK_M - SAME
         low = 0
-        for high in _intervals(cover, number):
+        for high in intervals(cover, f"pair {number}", most=ROWS_MOST):
             near = clearance(way, pair, low, high)
             speed = way.rush(pair.body, low, high) * leg.timing.highest(low / GRID, high / GRID)
             index = laws.index(pair.obstacle, near, speed, meant=is_meant)
@@ -160,13 +160,12 @@ def _numbers(value: Any, place: str, count: int) -> dict[int, None]:
     return dict.fromkeys(rising([whole(each, place, low=0, high=count - 1) for each in items], place))
 
 
-def _intervals(cover: Any, number: int) -> list[int]:
-    """Ends of a pair's intervals, in parts of the path: from 0 on without a gap or an overlap, to the path's end.
+def intervals(cover: Any, place: str, *, most: int) -> list[int]:
+    """Ends of a cover's intervals, in parts of the path: from 0 on without a gap or an overlap, to the path's end.
 
     A cover is a text of one digit per interval: its depth d, an interval of 1/2^d of the path at a multiple of that.
     """
-    place = f"pair {number}"
-    need(type(cover) is str and len(cover) <= ROWS_MOST, Code.COVER_WRONG, place)
+    need(type(cover) is str and len(cover) <= most, Code.COVER_WRONG, place)
     ends: list[int] = []
     low = 0
     for digit in cover:

@@ -68,8 +68,8 @@ def _arm_of(robot: Robot) -> Arm:
 @lru_cache(maxsize=64)  # likewise
 def _tool_of(robot: Robot) -> tracing.Tool:
     wrist = Wrist(np.array(robot.rotations), np.array(robot.offsets), np.array(robot.tool.tcp_m, dtype=float))
-    limits = np.array(robot.position_limits_rad, dtype=float)
-    return tracing.Tool(wrist, robot.reach[robot.body_index("tcp")].copy(), -limits, limits)
+    lowest, highest = robot.position_ranges_rad
+    return tracing.Tool(wrist, robot.reach[robot.body_index("tcp")].copy(), lowest.copy(), highest.copy())
 
 
 def _line_of(twist: Twist) -> Line:
