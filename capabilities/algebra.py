@@ -14,7 +14,7 @@ from capabilities import bounds
 from capabilities.bounds import bound_to_json, limits_to_json, nearest, permits, size, within
 from capabilities.errors import FaultCode, ScopeError
 from capabilities.hashed import Hashed
-from capabilities.scope import Grant, Limit, Restriction, Scope, Widening
+from capabilities.scope import Grant, Limit, Restriction, Scope, Widening, make_scope
 from capabilities.well_formed import TIME_LIMIT, well_formed, well_formed_grants, well_formed_restriction
 
 if TYPE_CHECKING:
@@ -251,14 +251,14 @@ def _stated(parent: Scope, restriction: Restriction, lay: LayOver) -> tuple[Scop
     grants, of_grants = parent.grants, _SAME
     if restriction.grants is not None:
         grants, of_grants = lay(parent.grants, restriction.grants)
-    child = Scope(
-        grants=grants,
-        ceiling=parent.ceiling if restriction.ceiling is None else restriction.ceiling,
-        audiences=parent.audiences if restriction.audiences is None else restriction.audiences,
-        delegates=parent.delegates if restriction.delegates is None else restriction.delegates,
-        depth=parent.depth - 1 if restriction.depth is None else restriction.depth,
-        not_before=parent.not_before if restriction.not_before is None else restriction.not_before,
-        not_after=parent.not_after if restriction.not_after is None else restriction.not_after,
+    child = make_scope(
+        grants,
+        parent.ceiling if restriction.ceiling is None else restriction.ceiling,
+        parent.audiences if restriction.audiences is None else restriction.audiences,
+        parent.delegates if restriction.delegates is None else restriction.delegates,
+        parent.depth - 1 if restriction.depth is None else restriction.depth,
+        parent.not_before if restriction.not_before is None else restriction.not_before,
+        parent.not_after if restriction.not_after is None else restriction.not_after,
     )
     return child, of_grants
 

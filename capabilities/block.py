@@ -15,12 +15,12 @@ import msgspec
 
 from capabilities import algebra, keys, text
 from capabilities import fact as facts
-from capabilities.chain import Attestation, HopGrant, Sponsor
+from capabilities.chain import HopGrant, Sponsor, make_attestation, make_grant, make_sponsor
 from capabilities.checks import REMEMBERED, Alternative, Checks
 from capabilities.errors import CapabilityError, FaultCode, TokenError
 from capabilities.fact import PROFILE, AuthorityStatement, HopStatement, SponsorStatement
 from capabilities.hashed import Hashed
-from capabilities.scope import Grant, Limit, Restriction, Scope, Tier
+from capabilities.scope import Grant, Limit, Restriction, Scope, make_restriction, make_scope, tier
 from capabilities.units import Parameter, Unit
 
 if TYPE_CHECKING:
@@ -91,9 +91,11 @@ def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStat
                 delegates=tuple(sorted(scope.delegates)),
                 depth=scope.depth,
                 evidence=hop.attestation.kind,
-                parameters=tuple(
-                    tuple(f"{limit.parameter.name}:{limit.parameter.unit}" for limit in grant.limits)
-                    for grant in scope.grants
+                parameters=facts.parameters_written(
+                    tuple(
+                        tuple(f"{limit.parameter.name}:{limit.parameter.unit}" for limit in grant.limits)
+                        for grant in scope.grants
+                    )
                 ),
                 profile=PROFILE,
                 purpose=hop.purpose,
@@ -161,20 +163,16 @@ def authority_of(said: Said[AuthorityStatement], demanded: Checks, caps: Caps) -
     """
     stated = said.statement
     try:
-        sponsor = Sponsor(
-            issuer=stated.sponsor.issuer,
-            subject=stated.sponsor.subject,
-            method=stated.sponsor.method,
-            authenticated_at=stated.sponsor.authenticated_at,
-        )
+        by = stated.sponsor
+        sponsor = make_sponsor(by.issuer, by.subject, by.method, by.authenticated_at)
         block = AuthorityBlock(
             token_id=stated.token,
             sponsor=sponsor,
             index=said.index,
             hop=_hop(said, sponsor.subject),
-            scope=Scope(
-                grants=_whole_grants(_present(demanded.alternatives), stated.parameters),
-                ceiling=Tier(_present(demanded.ceiling)),
+            scope=make_scope(
+                grants=_whole_grants(_present(demanded.alternatives), bytes(stated.parameters)),
+                ceiling=tier(_present(demanded.ceiling)),
                 audiences=_ascending(stated.audiences),
                 delegates=_ascending(stated.delegates),
                 depth=stated.depth,
@@ -182,7 +180,7 @@ def authority_of(said: Said[AuthorityStatement], demanded: Checks, caps: Caps) -
                 not_after=_present(demanded.not_after),
             ),
         )
-        well_formed(block, caps)
+        _well_formed_first(block, caps)
     except (ValueError, CapabilityError) as error:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"not an authority block: {type(error).__name__}") from None
     return block
@@ -201,8 +199,8 @@ def hop_of(
     try:
         hop = _hop(said, delegator)
         _well_formed_hop(hop, caps)
-        rest = Restriction(
-            ceiling=None if demanded.ceiling is None else Tier(demanded.ceiling),
+        rest = make_restriction(
+            ceiling=None if demanded.ceiling is None else tier(demanded.ceiling),
             audiences=None if stated.audiences is None else _ascending(stated.audiences),
             delegates=None if stated.delegates is None else _ascending(stated.delegates),
             depth=stated.depth,
@@ -225,23 +223,25 @@ def hop_of(
 
 
 def _with_grants(rest: Restriction, grants: tuple[Grant, ...]) -> Restriction:
-    return Restriction(
+    return make_restriction(
         grants, rest.ceiling, rest.audiences, rest.delegates, rest.depth, rest.not_before, rest.not_after
     )
 
 
 def _hop(said: Said[AuthorityStatement] | Said[HopStatement], delegator: str) -> HopGrant:
     hop_id, key, measurement, request_digest = said.raw
+    if len(hop_id) != _ID_BYTES:
+        raise ValueError(f"a hop id that is not {_ID_BYTES} bytes")
     stated = said.statement
-    return HopGrant(
-        hop_id=_exact(hop_id, _ID_BYTES).hex(),
-        agent=stated.agent,
-        key=key,
-        delegator=delegator,
-        purpose=stated.purpose,
-        request_digest=request_digest,
-        attestation=Attestation(stated.evidence, measurement, stated.at),
-        role=stated.role,
+    return make_grant(
+        hop_id.hex(),
+        stated.agent,
+        key,
+        delegator,
+        stated.purpose,
+        request_digest,
+        make_attestation(stated.evidence, measurement, stated.at),
+        stated.role,
     )
 
 
@@ -257,8 +257,9 @@ def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
 
 
 @functools.lru_cache(maxsize=REMEMBERED)
-def _whole_grants(alternatives: tuple[Alternative, ...], parameters: tuple[tuple[str, ...], ...]) -> tuple[Grant, ...]:
-    """The grants of a first block: what its check keeps, under the names and units that it states beside."""
+def _whole_grants(alternatives: tuple[Alternative, ...], spelled: bytes) -> tuple[Grant, ...]:
+    """The grants of a first block: what its check keeps, under the names and units that its statement spells."""
+    parameters = facts.parameters_of(spelled)
     return Hashed(
         Grant(
             kept.object,
@@ -306,33 +307,40 @@ def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
     """
     match block:
         case AuthorityBlock():
-            if _TOKEN_ID.fullmatch(block.token_id) is None:
-                raise TokenError(FaultCode.TOKEN_MALFORMED, "a token id is 16 bytes in base64url")
-            text.url(block.sponsor.issuer, most_bytes=caps.text_bytes)
-            text.name(block.sponsor.subject, most_bytes=caps.text_bytes)
-            text.name(block.sponsor.method, most_bytes=caps.text_bytes)
-            _seconds(block.sponsor.authenticated_at)
-            algebra.well_formed(block.scope, caps)
+            _well_formed_first(block, caps)
         case HopBlock():
             algebra.well_formed_restriction(block.restriction, caps)
+            _well_formed_hop(block.hop, caps)
         case _:
             assert_never(block)
     if len(bytes.fromhex(block.hop.hop_id)) != _ID_BYTES or block.hop.hop_id != block.hop.hop_id.lower():
         raise TokenError(FaultCode.TOKEN_MALFORMED, "a hop id is 32 hex digits")
     text.name(block.hop.delegator, most_bytes=caps.text_bytes)
+
+
+def _well_formed_first(block: AuthorityBlock, caps: Caps) -> None:
+    """Of a block that was read: see `_well_formed_hop`."""
+    if _TOKEN_ID.fullmatch(block.token_id) is None:
+        raise TokenError(FaultCode.TOKEN_MALFORMED, "a token id is 16 bytes in base64url")
+    sponsor, most = block.sponsor, caps.text_bytes
+    text.url(sponsor.issuer, most_bytes=most)
+    text.names((sponsor.subject, sponsor.method), most_bytes=most)
+    _check_seconds(sponsor.authenticated_at)
+    algebra.well_formed(block.scope, caps)
     _well_formed_hop(block.hop, caps)
 
 
 def _well_formed_hop(hop: HopGrant, caps: Caps) -> None:
-    """Of a hop that was read: its id was written from bytes here, and its delegator is the agent of the hop before."""
+    """Of a hop that was read: its id was written from bytes here, and its delegator is a name that was read before."""
     text.agent_id(hop.agent, most_bytes=caps.text_bytes)
     if hop.role:
         text.name(hop.role, most_bytes=caps.text_bytes - len(text.ROLE_PREFIX))
     text.prose(hop.purpose, most_bytes=caps.purpose_bytes)
     keys.check_raw(hop.key)
-    _exact(hop.request_digest, _DIGEST_BYTES)
-    _exact(hop.attestation.measurement, _DIGEST_BYTES)
-    _seconds(hop.attestation.at)
+    attestation = hop.attestation
+    if not len(hop.request_digest) == len(attestation.measurement) == _DIGEST_BYTES:
+        raise ValueError(f"a digest that is not {_DIGEST_BYTES} bytes")
+    _check_seconds(attestation.at)
 
 
 def _present(value: _T | None) -> _T:
@@ -348,12 +356,6 @@ def _parameter(value: str) -> Parameter:
     return Parameter(name, Unit(unit))
 
 
-def _exact(raw: bytes, length: int) -> bytes:
-    if len(raw) != length:
-        raise ValueError(f"not {length} bytes")
-    return raw
-
-
-def _seconds(value: int) -> None:
+def _check_seconds(value: int) -> None:
     if not 0 <= value < algebra.TIME_LIMIT:
         raise TokenError(FaultCode.OUT_OF_RANGE, "a time outside the calendar")

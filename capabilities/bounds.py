@@ -33,10 +33,10 @@ __all__ = [
 def permits(bound: Bound, value: int) -> bool:
     """True exactly for the integers inside `bound`."""
     match bound:
-        case Range(low, high):
-            return low <= value <= high
-        case OneOf(values):
-            return value in values
+        case Range():
+            return bound.low <= value <= bound.high
+        case OneOf():
+            return value in bound.values
         case _:
             assert_never(bound)
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Final
 
 from capabilities.errors import FaultCode  # noqa: TC001 - a dataclass field: its annotation must resolve
+from capabilities.frozen import maker
 from capabilities.scope import Bound, Scope  # noqa: TC001 - a dataclass field: its annotation must resolve
 from capabilities.units import Unit  # noqa: TC001 - a dataclass field: its annotation must resolve
 
@@ -126,6 +128,13 @@ class Chain:
     def scope(self) -> Scope:
         """The effective scope: the meet of all blocks."""
         return self.leaf.scope
+
+
+make_sponsor: Final = maker(Sponsor)
+make_attestation: Final = maker(Attestation)
+make_grant: Final = maker(HopGrant)
+make_hop: Final = maker(Hop)
+make_chain: Final = maker(Chain)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,9 @@ import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities import spelled
 from capabilities.errors import FaultCode, TokenError
+from capabilities.frozen import maker
 from capabilities.hashed import Hashed
 from capabilities.scope import Bound, OneOf, Range
 from capabilities.wire import exactly
@@ -56,6 +58,9 @@ class Checks:
     ceiling: int | None
 
 
+make_checks: Final = maker(Checks)
+
+
 @functools.lru_cache(maxsize=REMEMBERED)
 def form(alternatives: tuple[Alternative, ...]) -> str:
     """Objects, operations and kinds of bounds, in order: the alternatives without their numbers."""
@@ -82,20 +87,31 @@ def read(symbols: tuple[str, ...], encoded: Sequence[bytes]) -> Checks:
         TokenError: `CHAIN_BROKEN` when they are not, in order, at most one over the request and at most one over its
             context, in the forms of the specification.
     """
-    _check_texts(symbols)
+    spelling = _spelling(symbols)
     alternatives = _request(symbols, encoded[0]) if encoded else None
     rest = encoded if alternatives is None else encoded[1:]
     if len(rest) > 1:
         raise _odd("a check too many")
     if not rest:
-        return Checks(alternatives, None, None, None)
-    return Checks(alternatives, *_context(symbols, rest[0]))
+        return make_checks(alternatives, None, None, None)
+    stated = None if spelling is None else spelled.context(rest[0], spelling)
+    return make_checks(alternatives, *(stated or _context(symbols, rest[0])))
 
 
 @functools.lru_cache(maxsize=REMEMBERED)
-def _check_texts(symbols: tuple[str, ...]) -> None:
+def _spelling(symbols: tuple[str, ...]) -> spelled.Demands | None:
+    """How a check over the context is spelled in a block with these texts, each of which is new; None for no way.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` for a text that is there twice.
+    """
     if len(set(symbols)) != len(symbols) or not set(symbols).isdisjoint(_KNOWN):
         raise _odd("a text twice")
+    numbers = {text: number for number, text in (*enumerate(_KNOWN), *enumerate(symbols, _OWN))}
+    if CONTEXT not in numbers or TIER not in numbers:
+        return None
+    places = tuple([(numbers[name], kind) for name, kind in _IN_ORDER])
+    return spelled.demands(numbers[CONTEXT], (numbers[TIME], numbers[TIER]), places)
 
 
 # --- over the request ------------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ from capabilities.chain import EvidenceKind  # noqa: TC001 - a decoder resolves 
 from capabilities.errors import FaultCode, TokenError
 
 if TYPE_CHECKING:
-    from capabilities.wire import Contents
+    from capabilities.spelled import Contents
 
 PROFILE: Final = "ztpm/1"
 PREDICATE: Final = "hop"
@@ -56,7 +56,7 @@ class AuthorityStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     delegates: tuple[str, ...]
     depth: int
     evidence: EvidenceKind
-    parameters: tuple[tuple[str, ...], ...]
+    parameters: msgspec.Raw
     profile: str
     purpose: str
     role: str = ""
@@ -72,6 +72,7 @@ Fact = tuple[str, tuple[int | bytes, ...]]
 """A predicate and its terms."""
 _ENCODER: Final = msgspec.json.Encoder()
 _PROFILE: Final = msgspec.json.Decoder(_AnyProfile)
+_PARAMETERS: Final = msgspec.json.Decoder(tuple[tuple[str, ...], ...])
 _HOP: Final = msgspec.json.Decoder(HopStatement)
 _AUTHORITY: Final = msgspec.json.Decoder(AuthorityStatement)
 
@@ -117,6 +118,26 @@ def _check_profile(spelled: bytes) -> None:
         raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object") from None
     if profile != PROFILE:
         raise TokenError(FaultCode.WRONG_PROFILE, f"not {PROFILE}")
+
+
+def parameters_written(parameters: tuple[tuple[str, ...], ...]) -> msgspec.Raw:
+    """Member `parameters` that says this."""
+    return msgspec.Raw(_ENCODER.encode(parameters))
+
+
+def parameters_of(spelled: bytes) -> tuple[tuple[str, ...], ...]:
+    """What member `parameters` says, apart from the statement: those who lend the same operations say the same.
+
+    Raises:
+        ValueError: when it is not the canonical JSON of a list of lists of texts.
+    """
+    try:
+        parameters: tuple[tuple[str, ...], ...] = _PARAMETERS.decode(spelled)
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+    if _ENCODER.encode(parameters) != spelled:
+        raise ValueError("not the canonical JSON")
+    return parameters
 
 
 def hop_said(contents: Contents) -> Said[HopStatement]:

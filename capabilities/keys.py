@@ -7,7 +7,6 @@ signature can be made without any secret), a point that is not on the curve, and
 
 from __future__ import annotations
 
-import base64
 import binascii
 import functools
 import hashlib
@@ -50,6 +49,12 @@ _SPELLINGS_REFUSED: Final = frozenset(
     (y | sign << 255).to_bytes(KEY_BYTES, "little") for y in (*_SMALL_ORDER_Y, *range(_P, 2**255)) for sign in (0, 1)
 )
 """Of a point of small order, or of a y that is not below the field: there are so few of them that they are listed."""
+
+
+_URL_SAFE: Final = bytes.maketrans(b"+/", b"-_")
+_PLAIN: Final = bytes.maketrans(b"-_", b"+/")
+_PADDING: Final = (b"", b"===", b"==", b"=")
+"""By the length of a text modulo 4."""
 
 
 class Algorithm(StrEnum):
@@ -193,21 +198,29 @@ def thumbprint(raw: bytes) -> str:
 
 def thumbprint_bytes(raw: bytes) -> bytes:
     """The 32 bytes of `thumbprint`."""
-    # The canonical JSON of fixed members whose values need no escape (RFC 7638 section 3.2, RFC 8037 appendix A.3).
+    return hashlib.sha256(minimal_jwk(raw).encode()).digest()
+
+
+def minimal_jwk(raw: bytes) -> str:
+    """The canonical JSON of the minimal public JWK of a raw key (RFC 7638 section 3.2, RFC 8037 appendix A.3).
+
+    Raises:
+        BadKeyError: as `thumbprint`.
+    """
+    # No value needs an escape.
     match algorithm_of(raw):
         case Algorithm.ED25519:
-            minimal = f'{{"crv":"Ed25519","kty":"OKP","x":"{b64u(raw)}"}}'
+            return f'{{"crv":"Ed25519","kty":"OKP","x":"{b64u(raw)}"}}'
         case Algorithm.P256:
             x, y = map(b64u, p256_coordinates(raw))
-            minimal = f'{{"crv":"P-256","kty":"EC","x":"{x}","y":"{y}"}}'
+            return f'{{"crv":"P-256","kty":"EC","x":"{x}","y":"{y}"}}'
         case algorithm:
             assert_never(algorithm)
-    return hashlib.sha256(minimal.encode()).digest()
 
 
 def b64u(raw: bytes) -> str:
     """Base64url without padding (RFC 7515 section 2)."""
-    return base64.urlsafe_b64encode(raw).rstrip(b"=").decode()
+    return binascii.b2a_base64(raw, newline=False).translate(_URL_SAFE).rstrip(b"=").decode()
 
 
 def unb64u(value: str) -> bytes:
@@ -217,9 +230,10 @@ def unb64u(value: str) -> bytes:
         BadKeyError: `KEY_MALFORMED` for any other spelling.
     """
     try:
-        raw = base64.b64decode(value.encode("ascii") + b"=" * (-len(value) % 4), altchars=b"-_", validate=True)
+        raw = binascii.a2b_base64(value.encode("ascii").translate(_PLAIN) + _PADDING[len(value) % 4])
     except (UnicodeEncodeError, binascii.Error):
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not base64url") from None
+    # Much is read leniently here. What it says has one text in base64url, and that is what has to stand there.
     if b64u(raw) != value:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not the canonical base64url")
     return raw

@@ -6,16 +6,17 @@ import functools
 from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities import algebra
-from capabilities.chain import EvidenceKind, Hop
+from capabilities.chain import EvidenceKind, make_hop
 from capabilities.checks import REMEMBERED
 from capabilities.errors import FaultCode, TokenError
-from capabilities.scope import Scope, Tier
+from capabilities.scope import tier
 from capabilities.text import ROLE_PREFIX
 
 if TYPE_CHECKING:
     from capabilities.block import AuthorityBlock, HopBlock
     from capabilities.caps import Caps
-    from capabilities.chain import HopGrant
+    from capabilities.chain import Hop, HopGrant
+    from capabilities.scope import Scope, Tier
 
 
 def first_hop(block: AuthorityBlock, *, reserved: frozenset[bytes], caps: Caps) -> Hop:
@@ -81,9 +82,9 @@ def highest(kind: EvidenceKind, caps: Caps) -> Tier:
     """The highest ceiling that a hop attested by this kind of evidence may carry."""
     match kind:
         case EvidenceKind.KEY:
-            return Tier(caps.key_evidence_ceiling)
+            return tier(caps.key_evidence_ceiling)
         case EvidenceKind.JWT:
-            return Tier(caps.jwt_evidence_ceiling)
+            return tier(caps.jwt_evidence_ceiling)
         case _:
             assert_never(kind)
 
@@ -100,17 +101,17 @@ def _narrower(parent: Scope, block: HopBlock) -> Scope:
 
 
 def _hop(index: int, grant: HopGrant, scope: Scope) -> Hop:
-    return Hop(
-        index=index,
-        hop_id=grant.hop_id,
-        agent=grant.agent,
-        key=grant.key,
-        delegator=grant.delegator,
-        purpose=grant.purpose,
-        request_digest=grant.request_digest,
-        attestation=grant.attestation,
-        scope=scope,
-        role=grant.role,
+    return make_hop(
+        index,
+        grant.hop_id,
+        grant.agent,
+        grant.key,
+        grant.delegator,
+        grant.purpose,
+        grant.request_digest,
+        grant.attestation,
+        scope,
+        grant.role,
     )
 
 

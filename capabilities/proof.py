@@ -19,6 +19,7 @@ import msgspec
 
 from capabilities import freshness, jws, keys, signatures, strict_json
 from capabilities.errors import BadKeyError, Fault, FaultCode, StatementError
+from capabilities.frozen import maker
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -53,6 +54,9 @@ class Proof:
     iat: int
     key: bytes
     digest: bytes
+
+
+_make_proof: Final = maker(Proof)
 
 
 def prove(key: PrivateKey, *, method: str, url: str, body: bytes, token: str | None, at: int, jti: str) -> str:
@@ -136,17 +140,17 @@ def _exact(proof: str, key: bytes, wanted: Mapping[str, str]) -> Proof | Fault |
         return None
     if not holds:
         return _NOT_SIGNED
-    return Proof(jti=tail[2].decode(), iat=int(tail[1]), key=key, digest=_digest_of(proof))
+    return _make_proof(tail[2].decode(), int(tail[1]), key, _digest_of(proof))
 
 
 @functools.lru_cache(maxsize=_KEYS_AT_ONCE)
 def _canonical_header(key: bytes) -> str:
     """The first part of every proof by `key` in its canonical spelling, and the dot; empty for what is no key."""
     try:
-        header: dict[str, object] = {"alg": jws.algorithm_name(key), "jwk": jws.jwk(key), "typ": TYPE}
+        header = f'{{"alg":"{jws.algorithm_name(key)}","jwk":{keys.minimal_jwk(key)},"typ":"{TYPE}"}}'
     except BadKeyError:
         return ""
-    return keys.b64u(_COMPACT.encode(header)) + "."
+    return keys.b64u(header.encode()) + "."
 
 
 def _strict(proof: str, key: bytes | None, wanted: Mapping[str, str], caps: Caps) -> Proof | Fault:

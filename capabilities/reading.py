@@ -9,13 +9,14 @@ import msgspec
 
 from capabilities import biscuit, block, checks, fact, keys, links, wire
 from capabilities.caps import DEFAULT
-from capabilities.chain import Chain, Hop
+from capabilities.chain import Chain, Hop, make_chain
 from capabilities.errors import Fault, FaultCode, TokenError
 from capabilities.scope_json import scope_to_json
 from capabilities.statements.revocation import named
 
 if TYPE_CHECKING:
     from capabilities.caps import Caps
+    from capabilities.spelled import Contents, Structure
     from capabilities.statements.revocation import RevocationView
     from capabilities.trust import TrustBundle
 
@@ -46,14 +47,8 @@ class Read(msgspec.Struct, frozen=True, kw_only=True):
     def under(self, view: RevocationView) -> Chain:
         """The chain as it is checked against this view."""
         chain = self.chain
-        return Chain(
-            token_id=chain.token_id,
-            digest=chain.digest,
-            sponsor=chain.sponsor,
-            root_key_id=chain.root_key_id,
-            hops=chain.hops,
-            epoch=view.epoch,
-            view_age_ms=view.age_ms,
+        return make_chain(
+            chain.token_id, chain.digest, chain.sponsor, chain.root_key_id, chain.hops, view.epoch, view.age_ms
         )
 
 
@@ -96,15 +91,7 @@ def read(token: bytes, trust: TrustBundle, caps: Caps, *, digest: bytes) -> Read
     except TokenError as error:
         return Fault(error.code, clause, error.detail)
 
-    chain = Chain(
-        token_id=authority.token_id,
-        digest=digest,
-        sponsor=authority.sponsor,
-        root_key_id=root_key_id,
-        hops=hops,
-        epoch=0,
-        view_age_ms=0,
-    )
+    chain = make_chain(authority.token_id, digest, authority.sponsor, root_key_id, hops, epoch=0, view_age_ms=0)
     attested = [hop.attestation.at for hop in hops]
     attesters = tuple([(signer, at) for signer, at in zip(signers, attested, strict=True) if signer])
     return Read(
@@ -127,13 +114,13 @@ def _check_size(token: bytes, caps: Caps) -> None:
         raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"over {caps.token_bytes} bytes")
 
 
-def _check_length(shape: wire.Structure, caps: Caps) -> None:
+def _check_length(shape: Structure, caps: Caps) -> None:
     """[TOK-2]."""
     if len(shape.blocks) > 1 + caps.hops:
         raise TokenError(FaultCode.TOO_MANY_HOPS, f"more than {caps.hops} hops")
 
 
-def _root_key(shape: wire.Structure, trust: TrustBundle) -> tuple[int, bytes]:
+def _root_key(shape: Structure, trust: TrustBundle) -> tuple[int, bytes]:
     """[TOK-3]: the root key that the token names."""
     if shape.root_key_id is None or shape.root_key_id not in trust.roots:
         raise TokenError(FaultCode.UNKNOWN_ROOT_KEY)
@@ -146,7 +133,7 @@ def _check_canonical(opened: biscuit.OpenedToken, token: bytes) -> None:
         raise TokenError(FaultCode.NOT_CANONICAL)
 
 
-def _check_attested(shape: wire.Structure, signers: tuple[bytes | None, ...], trust: TrustBundle) -> None:
+def _check_attested(shape: Structure, signers: tuple[bytes | None, ...], trust: TrustBundle) -> None:
     """[TOK-4]: the authority block by nobody else, each further one by a trusted attester, at its place."""
     if len(signers) != len(shape.blocks):
         raise TokenError(FaultCode.TOKEN_MALFORMED, "two readers count different blocks")
@@ -157,7 +144,7 @@ def _check_attested(shape: wire.Structure, signers: tuple[bytes | None, ...], tr
             raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"hop {index} is signed by no trusted attester")
 
 
-def _contents(shape: wire.Structure) -> list[wire.Contents]:
+def _contents(shape: Structure) -> list[Contents]:
     """[TOK-6]: the messages of all blocks."""
     first, *further = shape.blocks
     return [
@@ -167,7 +154,7 @@ def _contents(shape: wire.Structure) -> list[wire.Contents]:
 
 
 def _chain(
-    contents: list[wire.Contents], trust: TrustBundle, caps: Caps
+    contents: list[Contents], trust: TrustBundle, caps: Caps
 ) -> tuple[block.AuthorityBlock, tuple[Hop, ...], str]:
     """[TOK-6]: each block is one of the profile, and narrows what the blocks before it leave."""
     first, *further = contents
@@ -187,8 +174,10 @@ def _chain(
 
 def _form(demanded: checks.Checks) -> str:
     """[TOK-12]: what a block checks, the numbers left out: no two ways to read it differ by them alone."""
-    context = demanded.not_before is not None, demanded.not_after is not None, demanded.ceiling is not None
-    return f"{context} {'' if demanded.alternatives is None else checks.form(demanded.alternatives)}"
+    context = "-" if demanded.not_before is None else "b"
+    context += "-" if demanded.not_after is None else "a"
+    context += "-" if demanded.ceiling is None else "c"
+    return context if demanded.alternatives is None else f"{context} {checks.form(demanded.alternatives)}"
 
 
 def _lifetimes(hops: tuple[Hop, ...], caps: Caps) -> Fault | None:

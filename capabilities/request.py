@@ -39,9 +39,12 @@ def refusal(
     if grant is None:
         dropped_by = next((hop for hop in chain.hops if hop.scope.find(object, operation) is None), chain.leaf)
         return _refusal(chain, FaultCode.NOT_GRANTED, dropped_by)
-    shapes = [(value.name, value.unit, type(value.value)) for value in values]
-    if shapes != [(limit.parameter.name, limit.parameter.unit, int) for limit in grant.limits]:
+    if len(values) != len(grant.limits):
         return _refusal(chain, FaultCode.PARAMETERS_WRONG, chain.hops[0])
+    for quantity, limit in zip(values, grant.limits, strict=True):
+        named = limit.parameter
+        if not (quantity.name == named.name and quantity.unit == named.unit and type(quantity.value) is int):
+            return _refusal(chain, FaultCode.PARAMETERS_WRONG, chain.hops[0])
     for quantity, limit in zip(values, grant.limits, strict=True):
         if not algebra.permits(limit.bound, quantity.value):
             bound, hop = tightest(chain, object, operation, quantity.name, value=quantity.value)

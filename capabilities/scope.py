@@ -8,8 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Final
 
+from capabilities.frozen import maker
 from capabilities.units import Parameter, Unit  # noqa: TC001 - dataclass fields: their annotations must resolve
+
+_set: Final = object.__setattr__
+"""What a frozen value is completed with, once."""
 
 
 class Tier(IntEnum):
@@ -20,6 +25,21 @@ class Tier(IntEnum):
     CONSEQUENTIAL = 2
     HIGH_CONSEQUENCE = 3
     SAFETY_CRITICAL = 4
+
+
+_TIERS: Final = {int(each): each for each in Tier}
+
+
+def tier(number: int) -> Tier:
+    """The tier of this number, found sooner than by calling the class.
+
+    Raises:
+        ValueError: when there is none.
+    """
+    found = _TIERS.get(number)
+    if found is None:
+        raise ValueError("not a tier")
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,14 +111,15 @@ class Scope:
     depth: int
     not_before: int
     not_after: int
-    _by_pair: dict[tuple[str, str], Grant] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _by_pair: dict[tuple[str, str], Grant] | None = field(default=None, init=False, repr=False, compare=False)
 
     def find(self, object: str, operation: str) -> Grant | None:  # noqa: A002 - the word of the profile
         """The grant of a pair, or None. The table of the pairs is made once, when it is first asked for."""
         known = self._by_pair
-        if not known:
-            # Filled in one call, so that no other thread sees half of it.
-            known.update({(grant.object, grant.operation): grant for grant in self.grants})
+        if known is None:
+            # Set in one call, so that no other thread sees half of it.
+            known = {(grant.object, grant.operation): grant for grant in self.grants}
+            _set(self, "_by_pair", known)
         return known.get((object, operation))
 
 
@@ -118,6 +139,10 @@ class Restriction:
     depth: int | None = None
     not_before: int | None = None
     not_after: int | None = None
+
+
+make_scope: Final = maker(Scope)
+make_restriction: Final = maker(Restriction)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,10 +10,13 @@ from __future__ import annotations
 import functools
 import re
 import unicodedata
-from typing import Final
+from typing import TYPE_CHECKING, Final, cast
 from urllib.parse import urlsplit
 
 from capabilities.errors import FaultCode, ScopeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:@/|+=~%-]*", re.ASCII)
 _HOST: Final = re.compile(r"[a-z0-9][a-z0-9.-]*|\[[0-9a-f:.]+\]", re.ASCII)
@@ -41,9 +44,19 @@ def name(value: object, *, most_bytes: int) -> str:
     Raises:
         ScopeError: `STATEMENT_MALFORMED` otherwise.
     """
-    if not isinstance(value, str) or len(value) > most_bytes or _NAME.fullmatch(value) is None:
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a name")
-    return value
+    names((value,), most_bytes=most_bytes)
+    return cast("str", value)
+
+
+def names(values: Iterable[object], *, most_bytes: int) -> None:
+    """Pass when each value is a name (see `name`).
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    for value in values:
+        if not isinstance(value, str) or len(value) > most_bytes or _NAME.fullmatch(value) is None:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a name")
 
 
 def agent_id(value: object, *, most_bytes: int) -> str:

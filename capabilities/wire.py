@@ -10,11 +10,12 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING, Any, Final
 
-import msgspec
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 
+from capabilities import spelled
 from capabilities.errors import FaultCode, TokenError
+from capabilities.spelled import Contents, SignedBlock, Structure
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -112,52 +113,17 @@ def exactly(name: str, encoded: bytes) -> Any:
     return message
 
 
-# Every token brings these values anew, and a frozen dataclass takes five times as long to make.
-
-
-class SignedBlock(msgspec.Struct, frozen=True):
-    """One block as it was signed.
-
-    Attributes:
-        third_party: it carries an external signature, in the version that binds it to its place.
-        payload: the signed bytes.
-    """
-
-    third_party: bool
-    payload: bytes
-
-
-class Structure(msgspec.Struct, frozen=True):
-    """What a token consists of: the root key id that it claims and its blocks in order, the authority block first."""
-
-    root_key_id: int | None
-    blocks: tuple[SignedBlock, ...]
-
-
-class Contents(msgspec.Struct, frozen=True):
-    """What the payload of a block holds, and nothing else.
-
-    Attributes:
-        symbols: its own texts, in order.
-        predicate: of its one fact, as the number of a text.
-        index: first term of the fact.
-        raw: its other terms, byte strings that are not empty.
-        checks: encoded, in order.
-    """
-
-    symbols: tuple[str, ...]
-    predicate: int
-    index: int
-    raw: tuple[bytes, ...]
-    checks: tuple[bytes, ...]
-
-
 def read(token: bytes) -> Structure:
     """The structure of a token that still has a next secret: a sealed one is not of this profile.
 
     Raises:
         TokenError: `TOKEN_MALFORMED` when the bytes are no such message.
     """
+    return spelled.structure(token) or _read(token)
+
+
+def _read(token: bytes) -> Structure:
+    """`read`, whatever the spelling."""
     try:
         message = MESSAGES["Biscuit"].FromString(token)
     except DecodeError:
@@ -186,6 +152,11 @@ def contents(payload: bytes, *, version: int) -> Contents:
         TokenError: `WRONG_PROFILE` when it is of another version, or holds a rule, a scope, a key, a context or
             anything unknown; `CHAIN_BROKEN` when it has not one fact of an integer and byte strings.
     """
+    return spelled.contents(payload, _opened, version) or _contents(payload, version)
+
+
+def _contents(payload: bytes, version: int) -> Contents:
+    """`contents`, whatever the spelling."""
     try:
         body, opening = _parted(payload)
         symbols, stated = _opened(opening)

@@ -13,7 +13,7 @@ from capabilities.statements.attestation import NONCE
 from capabilities.statements.claims import Claims, malformed
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection
 
     from capabilities.caps import Caps
     from capabilities.chain import Chain
@@ -129,14 +129,12 @@ def named(chain: Chain) -> frozenset[tuple[str, str]]:
     return frozenset(_names(chain))
 
 
-def _names(chain: Chain) -> Iterator[tuple[str, str]]:
+def _names(chain: Chain) -> list[tuple[str, str]]:
     """Sponsor, token, and of each hop its id, agent and key."""
-    yield _SPONSOR, chain.sponsor.subject
-    yield _TOKEN, chain.token_id
+    names = [(_SPONSOR, chain.sponsor.subject), (_TOKEN, chain.token_id)]
     for hop in chain.hops:
-        yield _HOP, hop.hop_id
-        yield _AGENT, hop.agent
-        yield _KEY, keys.thumbprint(hop.key)
+        names += [(_HOP, hop.hop_id), (_AGENT, hop.agent), (_KEY, keys.b64u(keys.thumbprint_bytes(hop.key)))]
+    return names
 
 
 def sign(index: RevocationIndex, key: PrivateKey) -> str:
