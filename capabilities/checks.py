@@ -16,18 +16,12 @@ from capabilities.errors import FaultCode, TokenError
 from capabilities.frozen import maker
 from capabilities.hashed import Hashed
 from capabilities.scope import Bound, OneOf, Range
+from capabilities.symbols import KNOWN, OWN, Texts
 from capabilities.wire import exactly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-# Texts that every block knows, by their number (eclipse-biscuit/biscuit, specification, "symbol table").
-_KNOWN: Final = tuple(
-    "read write resource operation right time role owner tenant namespace user team service admin email group member "  # noqa: SIM905 - a table
-    "ip_address client client_ip domain path version cluster node hostname nonce query".split()
-)
-_OWN: Final = 1024
-"""Number of a block's own first text."""
 _LESS, _AT_MOST, _AT_LEAST, _CONTAINS = 0, 2, 3, 5  # OpBinary.Kind
 
 REMEMBERED: Final = 512
@@ -105,9 +99,9 @@ def _spelling(symbols: tuple[str, ...]) -> spelled.Demands | None:
     Raises:
         TokenError: `CHAIN_BROKEN` for a text that is there twice.
     """
-    if len(set(symbols)) != len(symbols) or not set(symbols).isdisjoint(_KNOWN):
+    if len(set(symbols)) != len(symbols) or not set(symbols).isdisjoint(KNOWN):
         raise _odd("a text twice")
-    numbers = {text: number for number, text in (*enumerate(_KNOWN), *enumerate(symbols, _OWN))}
+    numbers = {text: number for number, text in (*enumerate(KNOWN), *enumerate(symbols, OWN))}
     if CONTEXT not in numbers or TIER not in numbers:
         return None
     places = tuple([(numbers[name], kind) for name, kind in _IN_ORDER])
@@ -124,13 +118,13 @@ def _request(symbols: tuple[str, ...], encoded: bytes) -> tuple[Alternative, ...
     Remembered: the same operations under the same limits come in every token that is renewed.
     """
     check = _message(encoded)
-    texts = _Texts(symbols)
+    texts = Texts(symbols)
     if any(len(query.body) != 1 or texts[query.body[0].name] != REQUEST for query in check.queries):
         return None
     return Hashed(_alternative(query, texts) for query in check.queries)
 
 
-def _alternative(query: Any, texts: _Texts) -> Alternative:
+def _alternative(query: Any, texts: Texts) -> Alternative:
     terms = _body(query)
     if len(terms) < 2 or any(_kind(term) != "string" for term in terms[:2]):
         raise _odd("an alternative without object and operation")
@@ -144,7 +138,7 @@ def _alternative(query: Any, texts: _Texts) -> Alternative:
     return Alternative(thing, operation, tuple(stated.get(name) for name in variables))
 
 
-def _demands(expressions: Iterable[Any], texts: _Texts) -> Iterator[tuple[str, Bound]]:
+def _demands(expressions: Iterable[Any], texts: Texts) -> Iterator[tuple[str, Bound]]:
     """Each range or set with the variable that it bounds, in order; none twice."""
     seen: set[str] = set()
     rest = iter(expressions)
@@ -207,7 +201,7 @@ def _stated(symbols: tuple[str, ...], encoded: bytes) -> tuple[int, ...]:
     queries = _message(encoded).queries
     if len(queries) != 1:
         raise _odd("a check over no request and no context")
-    query, texts = queries[0], _Texts(symbols)
+    query, texts = queries[0], Texts(symbols)
     terms = _body(query)
     if texts[query.body[0].name] != CONTEXT or [_variable(term, texts) for term in terms] != [TIME, TIER]:
         raise _odd("not the context of a request")
@@ -227,31 +221,6 @@ def _stated(symbols: tuple[str, ...], encoded: bytes) -> tuple[int, ...]:
 # --- pieces ----------------------------------------------------------------------------------------------------------
 
 
-class _Texts:
-    """The texts of a block by their number."""
-
-    __slots__ = ("_own",)
-
-    def __init__(self, own: tuple[str, ...]) -> None:
-        self._own = own
-
-    def __getitem__(self, number: int) -> str:
-        return text_of(self._own, number)
-
-
-def text_of(symbols: tuple[str, ...], number: int) -> str:
-    """The text of a number in a block with these texts of its own.
-
-    Raises:
-        TokenError: `CHAIN_BROKEN` when it has none.
-    """
-    if number < len(_KNOWN):
-        return _KNOWN[number]
-    if _OWN <= number < _OWN + len(symbols):
-        return symbols[number - _OWN]
-    raise _odd("a text that the block does not have")
-
-
 def _message(encoded: bytes) -> Any:
     try:
         check = exactly("Check", encoded)
@@ -264,12 +233,12 @@ def _message(encoded: bytes) -> Any:
 
 def _body(query: Any) -> Any:
     """The terms of the query's only predicate."""
-    if query.head.name != _KNOWN.index("query") or query.head.terms or query.scope or len(query.body) != 1:
+    if query.head.name != KNOWN.index("query") or query.head.terms or query.scope or len(query.body) != 1:
         raise _odd("not a query over one fact")
     return query.body[0].terms
 
 
-def _comparison(expression: Any, kind: int, texts: _Texts) -> tuple[str, int]:
+def _comparison(expression: Any, kind: int, texts: Texts) -> tuple[str, int]:
     """Variable and constant of a comparison of this kind."""
     first, second, found = _binary(expression)
     if found != kind:
@@ -295,7 +264,7 @@ def _kind(term: Any) -> str | None:
     return found
 
 
-def _variable(term: Any, texts: _Texts) -> str:
+def _variable(term: Any, texts: Texts) -> str:
     if _kind(term) != "variable":
         raise _odd("not a variable")
     return texts[term.variable]

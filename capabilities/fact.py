@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
 import msgspec
 
-from capabilities import checks
+from capabilities import symbols
 from capabilities.chain import EvidenceKind  # noqa: TC001 - a decoder resolves it
 from capabilities.errors import FaultCode, TokenError
 
@@ -152,7 +152,7 @@ def hop_said(contents: Contents) -> Said[HopStatement]:
 
 def _check_form(contents: Contents) -> None:
     """Pass when a fact has the form of the profile."""
-    if checks.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.raw) != BYTE_STRINGS:
+    if symbols.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.raw) != BYTE_STRINGS:
         raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
 
 

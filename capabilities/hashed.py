@@ -8,8 +8,13 @@ _T = TypeVar("_T")
 
 
 class Hashed(tuple[_T, ...]):  # noqa: SLOT001 - its hash has to stand somewhere
-    """Equal to the plain tuple of the same members, and found where that is."""
+    """Equal to the plain tuple of the same members, and found where that is.
 
+    Attributes:
+        passed: bounds that the members were found inside of, for who asks that of one object again and again.
+    """
+
+    passed: tuple[int, ...] = ()
     _hash: int | None = None
 
     def __hash__(self) -> int:

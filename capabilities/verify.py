@@ -32,6 +32,7 @@ REMEMBERED: Final = 1_024
 """Tokens and verdicts that one verifier remembers; the least recently used goes first."""
 
 _AGREED: Final = object()
+_FORGOTTEN: Final = "the token is no longer remembered; verify it again"
 
 _K = TypeVar("_K")
 _V = TypeVar("_V")
@@ -104,7 +105,7 @@ class Verifier:
         """
         read = self._read.get((chain.digest, chain.epoch, self._trust.version))
         if read is None:
-            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-7", "the token is no longer remembered; verify it again")
+            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-7", _FORGOTTEN)
         self._read.put((chain.digest, view.epoch, self._trust.version), read)
         return self._now(read, at=at, audience=audience, view=view, lease_ms=lease_ms)
 
@@ -180,12 +181,14 @@ class Verifier:
 
     def _check_agreement(self, chain: Chain, thing: str, operation: str) -> Fault | None:
         read = self._read.get((chain.digest, chain.epoch, self._trust.version))
-        grant = chain.scope.find(thing, operation)
-        if read is None or grant is None:
-            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-12", "the token is no longer remembered; verify it again")
+        if read is None:
+            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-12", _FORGOTTEN)
         known = read.form, thing, operation
         if self._agreed.get(known) is _AGREED:
             return None
+        grant = chain.scope.find(thing, operation)
+        if grant is None:
+            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-12", "not granted, which step 11 asks")
         fault = request.disagreement(read.opened, chain.scope, grant, self._caps)
         if fault is None:
             self._agreed.put(known, _AGREED)

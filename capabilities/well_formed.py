@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, assert_never
 from capabilities import text
 from capabilities.bounds import canonical
 from capabilities.errors import FaultCode, ScopeError
+from capabilities.hashed import Hashed
 from capabilities.scope import Bound, Grant, OneOf, Range, Restriction, Scope, Tier
 from capabilities.units import INT_LIMIT
 
@@ -31,7 +32,7 @@ def well_formed(scope: Scope, caps: Caps) -> Scope:
     """
     if not scope.grants:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without grants")
-    _check_grants(scope.grants, caps.grants, caps.parameters, caps.one_of, caps.text_bytes)
+    _check_grants(scope.grants, caps)
     if not scope.audiences:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without audience")
     _check_names(scope.audiences, scope.delegates, caps.one_of, caps.text_bytes)
@@ -74,7 +75,7 @@ def well_formed_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
     """
     if not grants:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no grant at all")
-    _check_grants(grants, caps.grants, caps.parameters, caps.one_of, caps.text_bytes)
+    _check_grants(grants, caps)
 
 
 def _integer(value: object, low: int, high: int, what: str) -> None:
@@ -82,8 +83,17 @@ def _integer(value: object, low: int, high: int, what: str) -> None:
         raise ScopeError(FaultCode.OUT_OF_RANGE, f"{what} outside {low}..{high}")
 
 
-@functools.lru_cache(maxsize=REMEMBERED)  # that they are well formed; a refusal is not remembered
-def _check_grants(grants: tuple[Grant, ...], most: int, parameters: int, one_of: int, text_bytes: int) -> None:
+def _check_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
+    within = caps.grants, caps.parameters, caps.one_of, caps.text_bytes
+    if isinstance(grants, Hashed):  # what was read is one object for all tokens that lend it; a refusal is not kept
+        if grants.passed != within:
+            _check_each(grants, *within)
+            grants.passed = within
+    else:
+        _check_each(grants, *within)
+
+
+def _check_each(grants: tuple[Grant, ...], most: int, parameters: int, one_of: int, text_bytes: int) -> None:
     if len(grants) > most:
         raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {most} grants")
     pairs = [(grant.object, grant.operation) for grant in grants]

@@ -15,6 +15,7 @@ from google.protobuf.message import DecodeError
 
 from capabilities import spelled
 from capabilities.errors import FaultCode, TokenError
+from capabilities.hashed import Hashed
 from capabilities.spelled import Contents, SignedBlock, Structure
 
 if TYPE_CHECKING:
@@ -205,4 +206,4 @@ def _opened(opening: bytes) -> tuple[tuple[str, ...], int]:
     block = exactly("Block", opening)
     if block.facts or block.checks or block.rules or block.scope or block.publicKeys or block.HasField("context"):
         raise ValueError("a fact or check apart from the others, a rule, a scope, a key or a context")
-    return tuple(block.symbols), block.version
+    return Hashed(block.symbols), block.version
