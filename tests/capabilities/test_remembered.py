@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 
+from capabilities import reading
 from capabilities.bounds import one_of
 from capabilities.caps import DEFAULT
 from capabilities.chain import Chain
@@ -27,6 +28,7 @@ from tests.capabilities.world import (
     SLOWER,
     SPEED,
     STOP,
+    TRUST,
     Forge,
     add_hop,
     check,
@@ -144,6 +146,28 @@ def test_at_once_they_are_what_they_are_alone(tokens, alone):
     forget()
     with ThreadPoolExecutor(max_workers=4) as pool:
         assert list(pool.map(check, [*tokens, *tokens[::-1]] * 4)) == [*alone, *alone[::-1]] * 4
+
+
+def test_agreement_is_remembered_apart_for_checks_of_every_form():
+    """Which of the three conditions are stated, whether grants are, and of each parameter what; not the numbers."""
+    root = mint_root()
+
+    def form(taken: Restriction) -> str:
+        token = add_hop(root, "robotic", taken)
+        found = reading.read(token, TRUST, DEFAULT, digest=b"")
+        assert isinstance(found, reading.Read)
+        return found.form
+
+    taken = Restriction(grants=SLOWER.grants)
+    stated = [
+        replace(taken, not_before=start, not_after=end, ceiling=ceiling)
+        for start in (None, NOW - 50)
+        for end in (None, NOW + 900)
+        for ceiling in (None, Tier.CONSEQUENTIAL)
+    ]
+    forms = [form(each) for each in (*stated, Restriction(ceiling=Tier.CONSEQUENTIAL), Restriction(grants=(STOP,)))]
+    assert len(set(forms)) == len(forms)
+    assert form(replace(stated[-1], not_after=NOW + 901, ceiling=Tier.REVERSIBLE)) == forms[7]
 
 
 def test_a_bound_of_the_verifier_is_asked_again(tokens, alone):

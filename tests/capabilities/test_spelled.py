@@ -183,6 +183,38 @@ def test_a_number_in_more_bytes_than_it_needs_is_not_read_off():
     assert isinstance(answer(lambda: checks._context(symbols, longer)), str)
 
 
+@pytest.mark.clause("TOK-6.1")
+def test_a_length_in_more_bytes_than_it_needs_is_not_read_off():
+    payload, version = payloads()[0]
+    last = wire._contents(payload, version).checks[-1]
+    assert len(last) < 0x80
+    longer = payload[: -len(last) - 1] + bytes([len(last) | 0x80, 0]) + last
+    assert wire.MESSAGES["Body"].FromString(longer) == wire.MESSAGES["Body"].FromString(payload)
+    assert spelled.contents(longer, wire._opened, version) is None
+
+
+@pytest.mark.clause("BLK-9")
+def test_a_check_that_demands_nothing_is_not_read_off():
+    symbols, encoded = contexts()[0]
+    spelling = checks._spelling(symbols)
+    demanding_nothing = bytes([0x0A, len(spelling.head)]) + spelling.head
+    assert encoded[2:].startswith(spelling.head)
+    assert spelled.context(demanding_nothing, spelling) is None
+    assert isinstance(answer(lambda: checks._context(symbols, demanding_nothing)), str)
+
+
+@pytest.mark.clause("TOK-2", "TOK-5")
+def test_a_block_with_something_behind_is_not_read_off():
+    token = TOKENS[0]
+    message = wire.MESSAGES["Biscuit"].FromString(token)
+    block_bytes = message.authority.SerializeToString()
+    low, high = len(block_bytes) + 2 & 0x7F | 0x80, len(block_bytes) + 2 >> 7
+    at = token.index(block_bytes)
+    more = token[: at - 2] + bytes([low, high]) + block_bytes + b"\x30\x01" + token[at + len(block_bytes) :]
+    assert spelled.structure(more) is None
+    assert wire._read(more) == wire._read(token)
+
+
 @pytest.mark.clause("TOK-3")
 @pytest.mark.parametrize("number", [0, 1, 127, 128, 300, 2**32 - 1])
 def test_root_key_ids_of_every_length(number):
