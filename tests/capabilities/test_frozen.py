@@ -13,6 +13,8 @@ from capabilities.frozen import maker
 from capabilities.scope import Tier
 from tests.capabilities.world import SCOPE, SLOWER, SPONSOR, chain_of, chain_of_four, grant_to
 
+pytestmark = pytest.mark.clause(reason="how values are made fast; no clause says how they are made")
+
 CHAIN = chain_of(chain_of_four())
 MADE = [
     (scope.make_scope, SCOPE),
