@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pep.pit.rest import Left
 
 TINY: Final = 1e-9  # of a step: rounding of a quotient
+PLACES: Final = 9  # of a decimal fraction: far finer than any slider, and a whole number of steps again
 WHATEVER_THE_SPEED: Final = frozenset({JOINT_LIMIT, OFF_PATH, PERCEPTION})
 """What speaks against a motion at any speed."""
 
@@ -46,7 +47,7 @@ def paced(left: Left, cell: CellParameters, running: float, *, spare: Callable[[
 def steps(cell: CellParameters, *, above: float, below: float) -> list[float]:
     """The slider's settings between the two, which are none of them, and none slower than what is of use."""
     whole = round(FULL / cell.slider_step)
-    settings = (round(k * cell.slider_step, 9) for k in range(1, whole + 1))
+    settings = (round(k * cell.slider_step, PLACES) for k in range(1, whole + 1))
     return [each for each in settings if max(above, cell.slowest_fraction - TINY) < each < below - TINY]
 
 

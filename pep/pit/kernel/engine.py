@@ -17,8 +17,10 @@ from pep.pit.errors import PitError, WorkLimitError
 from pep.pit.kernel import columns
 from pep.pit.kernel.arm import Arm, bends_of
 from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, rushes
+from pep.pit.kernel.known import KINDS, LEAF_NUMBERS, LOOKS, NOBODY, SPARE, TOO_MANY
 from pep.pit.kernel.rows import Field, Rows, Way
-from pep.pit.kernel.search import KINDS, LEAF_NUMBERS, LOOKS, NOBODY, SPARE, TOO_MANY, certify, room_for
+from pep.pit.kernel.search import room_for
+from pep.pit.kernel.straight import certify
 from pep.pit.kinematics import layout
 from pep.pit.motion import MoveJ, profile_of
 from pep.pit.pairs import KINDS_IN_ORDER, Kind, pairs_of

@@ -9,36 +9,67 @@ are.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pep.pit.certify import DEPTH, RESOLUTION, ROWS_MOST, SPEED_STEPS, VIOLATION_RESOLUTION_M
-from pep.pit.clearance import ROUNDING_M
+from pep.pit.certify import DEPTH, ROWS_MOST, VIOLATION_RESOLUTION_M
 from pep.pit.kernel import heap as heaps
 from pep.pit.kernel import tree as trees
-from pep.pit.kernel.arm import bends_of, place, place_all, put
+from pep.pit.kernel.arm import place, place_all, put
 from pep.pit.kernel.columns import (
-    ACCELERATION,
     AROUND,
     BODY,
-    BRAKE,
-    BRAKING,
     CENTER,
     GROUP,
     KIND,
-    PEAK,
     PLANE,
     RADII,
     SHAPE,
-    TOP,
-    TRAVEL,
     VIOLATED_BELOW,
-    WAY,
 )
 from pep.pit.kernel.compiled import compiled, entry
-from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
+from pep.pit.kernel.gap import core_gap, interval_gap
 from pep.pit.kernel.heap import heaped, no_heap, pop, push
+from pep.pit.kernel.known import (
+    ANSWERED,
+    BALLS,
+    BOUND,
+    CLEAR,
+    CLEAR_MID,
+    FINAL,
+    GAP,
+    HALF,
+    HALVED,
+    LEAF,
+    LEAF_HIGH,
+    LEAF_LOW,
+    LEAF_NUMBERS,
+    LEAF_PAIR,
+    MET_INDEX,
+    MET_PAIR,
+    MIDDLE,
+    NOBODY,
+    NODES,
+    PAIR,
+    RADIUS,
+    RUSH,
+    RUSH_MID,
+    SECOND,
+    SPAN_OF,
+    SPIN_SECOND,
+    STAGE,
+    STRAYS,
+    THIRD,
+    TOO_MANY,
+    Met,
+    Rows,
+    no_rows,
+    note,
+    rough,
+    settled,
+    with_room,
+)
 from pep.pit.kernel.law import calm_beyond, highest_rate, pair_index, rate_at
 from pep.pit.kernel.rows import Way, ball_gap
 from pep.pit.kernel.tree import (
@@ -57,176 +88,17 @@ from pep.pit.kernel.tree import (
     plant,
 )
 from pep.pit.path import CHORD, GRID
-from pep.pit.tier import HIGHEST, MOVING, TIE
+from pep.pit.tier import HIGHEST, MOVING
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pep.pit.kernel.arm import Arm, Bends
     from pep.pit.kernel.heap import Heap
     from pep.pit.kernel.rows import Field
     from pep.pit.kernel.tree import Tree
     from pep.pit.motion import Floats
 
     Whole = NDArray[np.int64]
-
-KINDS: Final = 8  # how many kinds of pairs there are
-ANSWERED: Final = 0
-TOO_MANY: Final = 1
-LOOKS: Final = 3  # at each group that did not have to be looked at
-SPARE: Final = 512  # rows beyond the first ones for which there is room at first
-
-# What holds of a body on the whole path: its radius, half its axis' length, and how strongly it bends (`arm.Bends`).
-RADIUS: Final = 0
-HALF: Final = 1
-FIRST: Final = 2
-SECOND: Final = 3
-THIRD: Final = 4
-SPIN: Final = 5
-SPIN_FIRST: Final = 6
-SPIN_SECOND: Final = 7
-TABLE: Final = 8
-
-# Whole numbers of a row: its span, its pair, and what is known of it.
-SPAN_OF: Final = 0
-PAIR: Final = 1
-STAGE: Final = 2
-ROW_WHOLE: Final = 3
-
-# Stages: the balls, the distance in the middle, what all three nodes prove; settled for good; or halved, and no row.
-BALLS: Final = 0
-MIDDLE: Final = 1
-NODES: Final = 2
-FINAL: Final = 3
-HALVED: Final = 4
-
-# Numbers of a row: proven clearance and speed, those in the middle, the index, the gap in
-# the middle, and how far the body strays from there.
-CLEAR: Final = 0
-RUSH: Final = 1
-CLEAR_MID: Final = 2
-RUSH_MID: Final = 3
-BOUND: Final = 4
-GAP: Final = 5
-STRAYS: Final = 9
-ROW_NUMBERS: Final = 10
-
-# Rows of the table of leaves.
-LEAF_LOW: Final = 0
-LEAF_HIGH: Final = 1
-LEAF_PAIR: Final = 2
-LEAF_NUMBERS: Final = 3  # the first five of a row's numbers
-LEAF: Final = 8
-
-# Columns of a place that was met, and what stands where none was.
-MET_INDEX: Final = 0
-MET_CLEARANCE: Final = 1
-MET_SPEED: Final = 2
-MET_KEY: Final = 3
-MET_PAIR: Final = 4
-MET: Final = 5
-NOBODY: Final = -1.0
-
-# What a slower speed is found by: how the arm stops, the lowest speed that is of use, and the commanded one.
-DELAY: Final = 0
-DECELERATION: Final = 1
-SLOWEST: Final = 2
-COMMANDED: Final = 3
-STOP: Final = 4
-LEVEL_LOWEST: Final = 12  # spans of 1 / 4096 of the path: enough for 1 % of the speed
-
-
-class Rows(NamedTuple):
-    """Rows, of which the first `used[0]` are in use; those in doubt about a violation, of which `used[1]` are."""
-
-    whole: Whole
-    numbers: Floats
-    doubts: Whole
-    used: Whole
-
-
-@compiled
-def no_rows(room: int) -> Rows:
-    """Room for so many rows."""
-    return Rows(
-        np.empty((room, ROW_WHOLE), np.int64),
-        np.empty((room, ROW_NUMBERS)),
-        np.empty(3 * room, np.int64),  # a row is in doubt at most once a stage
-        np.zeros(2, np.int64),
-    )
-
-
-@compiled
-def with_room(rows: Rows, room: int) -> Rows:
-    """The same rows with room for so many at least."""
-    if rows.whole.shape[0] >= room:
-        return rows
-    wide, count, doubts = no_rows(2 * room), rows.used[0], rows.used[1]
-    wide.whole[:count], wide.numbers[:count] = rows.whole[:count], rows.numbers[:count]
-    wide.doubts[:doubts] = rows.doubts[:doubts]
-    return Rows(wide.whole, wide.numbers, wide.doubts, rows.used)
-
-
-class Met(NamedTuple):
-    """Places that were met, by group and by kind; per group the row to look at next; room for `KNOTS` numbers."""
-
-    witnesses: Floats
-    violated: Floats
-    top: Whole
-    knots: Floats
-
-
-@compiled
-def none_met(count: int) -> Floats:
-    """Room for so many places, none of which was met."""
-    met = np.zeros((count, MET))
-    met[:, MET_PAIR] = NOBODY
-    return met
-
-
-@compiled
-def note(met: Floats, at: int, index: float, clearance: float, speed: float, key: int, pair: int) -> None:
-    """The place stands there when it is higher than what stands, or as high and nearer."""
-    if met[at, MET_PAIR] != NOBODY:
-        known = met[at, MET_INDEX]
-        if index < known or (index == known and clearance >= met[at, MET_CLEARANCE]):
-            return
-    met[at, MET_INDEX], met[at, MET_CLEARANCE], met[at, MET_SPEED] = index, clearance, speed
-    met[at, MET_KEY], met[at, MET_PAIR] = key, pair
-
-
-@compiled
-def settled(bound: float, best: float) -> bool:
-    """Whether a bound cannot raise the answer by more than the resolution, nor its tier."""
-    return bound <= best or (bound <= best + RESOLUTION and math.ceil(bound - TIE) <= math.ceil(best - TIE))
-
-
-@compiled
-def table_of(arm: Arm, bends: Bends) -> Floats:
-    """What holds of each body on the whole path, side by side: shape (bodies, TABLE)."""
-    table = np.empty((arm.link.shape[0], TABLE))
-    for body in range(table.shape[0]):
-        table[body, RADIUS], table[body, HALF] = arm.radius[body], arm.half[body]
-        table[body, FIRST], table[body, SECOND] = bends.first[body], bends.second[body]
-        table[body, THIRD], table[body, SPIN] = bends.third[body], bends.spin[body]
-        table[body, SPIN_FIRST], table[body, SPIN_SECOND] = bends.spin_first[body], bends.spin_second[body]
-    return table
-
-
-@compiled
-def rough(speed: float, spin: float, table: Floats, body: int, width: float) -> tuple[float, float]:
-    """What a span of that width proves by its middle alone, where the body has this speed and spin.
-
-    Returns:
-        How far any part of the body's axis is at most from where it is in the middle, metre. The sag is added, so that
-        no clearance found from this is above what `interval_gap` proves.
-        Its surface speed per unit of ds/dt at most, metre; no less than what all three nodes prove.
-    """
-    reach, bend, first, second = 0.5 * width, width * width / CHORD, table[body, FIRST], table[body, SECOND]
-    strays = min(first, speed + 0.5 * second * reach) * reach
-    fastest = min(first, speed + second * reach) + table[body, THIRD] * bend
-    turns = min(table[body, SPIN], spin + table[body, SPIN_FIRST] * reach) + table[body, SPIN_SECOND] * bend
-    return strays + second * bend + 2.0 * ROUNDING_M, fastest + table[body, RADIUS] * turns
 
 
 @compiled
@@ -313,7 +185,7 @@ def _first_rows(
 
 
 @compiled
-def _explored(
+def explored(
     tree: Tree,
     way: Way,
     table: Floats,
@@ -499,29 +371,6 @@ def _at_rest(tree: Tree, way: Way, field: Field, rows: Rows, violated: Floats, k
 
 
 @compiled
-def _ranked(met: Floats) -> Floats:
-    """The places that were met, highest first; among equals the nearest, then the earliest."""
-    some = np.flatnonzero(met[:, MET_PAIR] != NOBODY)
-    for last in range(1, some.shape[0]):  # few, and nearly in order
-        one, at = some[last], last
-        while at > 0 and _before(met, one, some[at - 1]):
-            some[at] = some[at - 1]
-            at -= 1
-        some[at] = one
-    return met[some]
-
-
-@compiled
-def _before(met: Floats, one: int, other: int) -> bool:
-    for column in range(3):
-        which = (MET_INDEX, MET_CLEARANCE, MET_KEY)[column]
-        mine, theirs = met[one, which], met[other, which]
-        if mine != theirs:
-            return mine > theirs if column == 0 else mine < theirs
-    return False
-
-
-@compiled
 def all_leaves(tree: Tree, rows: Rows, far: Floats, done: int) -> tuple[Floats, float]:
     """The first `done` leaves and the rows that were not halved, and the highest index of those."""
     whole, numbers, spans = rows.whole, rows.numbers, tree.spans
@@ -586,7 +435,7 @@ def searched(
     done = _first_rows(tree, way, table, field, pairs, profile, law, rows, heap, leaves, met.knots)
     best = floor
     while True:
-        finished, best = _explored(
+        finished, best = explored(
             tree, way, table, field, rows, heap, profile, law, met, best, math.inf, level + DEPTH, looks
         )
         if finished:
@@ -597,120 +446,3 @@ def searched(
         heap = heaps.with_room(heap, heap.used[0] + 4)
     _at_rest(tree, way, field, rows, met.violated, met.knots)
     return Room(tree, rows, heap, leaves), ANSWERED, done, best
-
-
-@compiled
-def _timed(profile: Floats, law: Floats, stop: Floats, speed: float) -> tuple[Floats, Floats]:
-    """Profile and law of the same motion at another commanded speed (`motion.Profile`, `separation.stopping`)."""
-    timing, rule = profile.copy(), law.copy()
-    way, up, down = profile[WAY], profile[ACCELERATION], profile[BRAKING]
-    timing[PEAK] = min(speed, math.sqrt(2.0 * way * up * (down / (up + down))))
-    timing[TOP] = min(0.5 * timing[PEAK] ** 2 / up / way, 1.0)
-    ramp = timing[PEAK] / stop[DECELERATION]
-    rule[BRAKE], rule[TRAVEL] = stop[DELAY] + ramp, stop[DELAY] + 0.5 * ramp
-    return timing, rule
-
-
-@compiled
-def _slower(
-    room: Room,
-    way: Way,
-    table: Floats,
-    field: Field,
-    profile: Floats,
-    law: Floats,
-    stop: Floats,
-    met: Met,
-    target: float,
-) -> float:
-    """The highest speed, to a step of the bisection, whose index is proven to be at most `target`; else -1.
-
-    What counts no more at the commanded speed counts no more at a lower one: only the other rows are asked again. The
-    rows and what was met are spent.
-    """
-    rows, heap, tree = room.rows, room.heap, room.tree
-    whole, numbers, kinds, laws, spans = rows.whole, rows.numbers, field.whole, field.numbers, tree.spans
-    over, known = np.zeros(rows.used[0], np.bool_), rows.used[0]
-    for row in range(known):
-        over[row] = numbers[row, BOUND] > target
-    met.violated[:, MET_PAIR] = 0.0  # no violation is looked for
-    proven, low, high = NOBODY, stop[SLOWEST], stop[COMMANDED]
-    for step in range(SPEED_STEPS + 1):
-        speed = low if step == 0 else 0.5 * (low + high)
-        timing, rule = _timed(profile, law, stop, speed)
-        heap.used[0], rows.used[1] = 0, 0
-        fits = True
-        for row in range(rows.used[0]):
-            if whole[row, STAGE] == HALVED or (row < known and not over[row]):
-                continue
-            span, pair = whole[row, SPAN_OF], whole[row, PAIR]
-            rate = highest_rate(spans[span, LOW] / GRID, spans[span, HIGH] / GRID, timing)
-            bound = pair_index(kinds[pair, KIND], laws, pair, numbers[row, CLEAR], numbers[row, RUSH] * rate, rule)
-            numbers[row, BOUND] = bound
-            if bound > target + TIE:
-                if whole[row, STAGE] == FINAL or heap.used[0] + 4 > heap.key.shape[0]:
-                    fits = False
-                    break
-                push(heap.key, heap.row, heap.used, bound, row)
-        if fits:
-            finished, best = _explored(
-                tree, way, table, field, rows, heap, timing, rule, met, target, target + TIE, LEVEL_LOWEST, 0
-            )
-            fits = finished and best <= target + TIE
-            for row in range(rows.used[0]):  # what could not be halved any more may still be above
-                if fits and whole[row, STAGE] == FINAL:
-                    fits = numbers[row, BOUND] <= target + TIE
-        if fits:
-            proven = low = speed
-        elif step == 0:
-            return NOBODY
-        else:
-            high = speed
-    return proven
-
-
-@entry
-def certify(
-    room: Room,
-    arm: Arm,
-    start: Floats,
-    delta: Floats,
-    field: Field,
-    pairs: Whole,
-    groups: int,
-    profile: Floats,
-    law: Floats,
-    floor: float,
-    first: int,
-    looks: int,
-    stop: Floats,
-) -> tuple[int, float, float, Floats, Floats, Floats, float]:
-    """The proven index of these pairs on this path (see `pep.pit.certify.certify`).
-
-    Args:
-        room: for the rows of the first cut at least.
-        arm, start, delta, field: the path, and all pairs.
-        pairs: which to ask about.
-        groups: how many groups of pairs there are.
-        profile, law: timing and stop.
-        floor: an index that holds anyway, at least `MOVING`.
-        first: intervals of the first cut, a power of two.
-        looks: at each group that does not decide, so that it can be told of.
-        stop: what a slower speed is found by (`STOP` numbers), or nothing when none is wanted.
-
-    Returns:
-        `ANSWERED` or `TOO_MANY`, the proven and the attained index, then rows of `MET` columns: the witnesses, highest
-        first, and the violations; then `LEAF` rows, a column for each leaf: the certificate;
-        last the highest speed at which the index of these pairs is proven to be a whole tier lower, or -1.
-    """
-    way = Way(arm, start, delta, bends_of(arm, delta))
-    table = table_of(arm, way.bends)
-    met = Met(none_met(groups), none_met(KINDS), np.empty(groups, np.int64), np.empty(KNOTS))
-    room, status, done, best = searched(room, way, table, field, pairs, profile, law, floor, first, looks, met)
-    leaves, upper = all_leaves(room.tree, room.rows, room.leaves, done)
-    upper = max(floor, best, upper)
-    witnesses, violated = _ranked(met.witnesses), _ranked(met.violated)
-    slower, target = NOBODY, math.ceil(min(upper, HIGHEST) - TIE) - 1.0
-    if stop.shape[0] == STOP and status == ANSWERED and violated.shape[0] == 0 and target >= MOVING:
-        slower = _slower(room, way, table, field, profile, law, stop, met, target)
-    return status, upper, best, witnesses, violated, leaves, slower

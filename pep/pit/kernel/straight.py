@@ -1,0 +1,183 @@
+"""The proven index of a straight joint path, and the speed at which it would be a tier lower: what Python calls."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pep.pit.certify import SPEED_STEPS
+from pep.pit.kernel.arm import bends_of
+from pep.pit.kernel.columns import (
+    ACCELERATION,
+    BRAKE,
+    BRAKING,
+    KIND,
+    PEAK,
+    TOP,
+    TRAVEL,
+    WAY,
+)
+from pep.pit.kernel.compiled import compiled, entry
+from pep.pit.kernel.gap import KNOTS
+from pep.pit.kernel.heap import push
+from pep.pit.kernel.known import (
+    ANSWERED,
+    BOUND,
+    CLEAR,
+    COMMANDED,
+    DECELERATION,
+    DELAY,
+    FINAL,
+    HALVED,
+    KINDS,
+    LEVEL_LOWEST,
+    MET_PAIR,
+    NOBODY,
+    PAIR,
+    RUSH,
+    SLOWEST,
+    SPAN_OF,
+    STAGE,
+    STOP,
+    Met,
+    none_met,
+    ranked,
+    table_of,
+)
+from pep.pit.kernel.law import highest_rate, pair_index
+from pep.pit.kernel.rows import Way
+from pep.pit.kernel.search import Room, all_leaves, explored, searched
+from pep.pit.kernel.tree import (
+    HIGH,
+    LOW,
+)
+from pep.pit.path import GRID
+from pep.pit.tier import HIGHEST, MOVING, TIE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pep.pit.kernel.arm import Arm
+    from pep.pit.kernel.rows import Field
+    from pep.pit.motion import Floats
+
+    Whole = NDArray[np.int64]
+
+
+@compiled
+def _timed(profile: Floats, law: Floats, stop: Floats, speed: float) -> tuple[Floats, Floats]:
+    """Profile and law of the same motion at another commanded speed (`motion.Profile`, `separation.stopping`)."""
+    timing, rule = profile.copy(), law.copy()
+    way, up, down = profile[WAY], profile[ACCELERATION], profile[BRAKING]
+    timing[PEAK] = min(speed, math.sqrt(2.0 * way * up * (down / (up + down))))
+    timing[TOP] = min(0.5 * timing[PEAK] ** 2 / up / way, 1.0)
+    ramp = timing[PEAK] / stop[DECELERATION]
+    rule[BRAKE], rule[TRAVEL] = stop[DELAY] + ramp, stop[DELAY] + 0.5 * ramp
+    return timing, rule
+
+
+@compiled
+def _slower(
+    room: Room,
+    way: Way,
+    table: Floats,
+    field: Field,
+    profile: Floats,
+    law: Floats,
+    stop: Floats,
+    met: Met,
+    target: float,
+) -> float:
+    """The highest speed, to a step of the bisection, whose index is proven to be at most `target`; else -1.
+
+    What counts no more at the commanded speed counts no more at a lower one: only the other rows are asked again. The
+    rows and what was met are spent.
+    """
+    rows, heap, tree = room.rows, room.heap, room.tree
+    whole, numbers, kinds, laws, spans = rows.whole, rows.numbers, field.whole, field.numbers, tree.spans
+    over, known = np.zeros(rows.used[0], np.bool_), rows.used[0]
+    for row in range(known):
+        over[row] = numbers[row, BOUND] > target
+    met.violated[:, MET_PAIR] = 0.0  # no violation is looked for
+    proven, low, high = NOBODY, stop[SLOWEST], stop[COMMANDED]
+    for step in range(SPEED_STEPS + 1):
+        speed = low if step == 0 else 0.5 * (low + high)
+        timing, rule = _timed(profile, law, stop, speed)
+        heap.used[0], rows.used[1] = 0, 0
+        fits = True
+        for row in range(rows.used[0]):
+            if whole[row, STAGE] == HALVED or (row < known and not over[row]):
+                continue
+            span, pair = whole[row, SPAN_OF], whole[row, PAIR]
+            rate = highest_rate(spans[span, LOW] / GRID, spans[span, HIGH] / GRID, timing)
+            bound = pair_index(kinds[pair, KIND], laws, pair, numbers[row, CLEAR], numbers[row, RUSH] * rate, rule)
+            numbers[row, BOUND] = bound
+            if bound > target + TIE:
+                if whole[row, STAGE] == FINAL or heap.used[0] + 4 > heap.key.shape[0]:
+                    fits = False
+                    break
+                push(heap.key, heap.row, heap.used, bound, row)
+        if fits:
+            finished, best = explored(
+                tree, way, table, field, rows, heap, timing, rule, met, target, target + TIE, LEVEL_LOWEST, 0
+            )
+            fits = finished and best <= target + TIE
+            for row in range(rows.used[0]):  # what could not be halved any more may still be above
+                if fits and whole[row, STAGE] == FINAL:
+                    fits = numbers[row, BOUND] <= target + TIE
+        if fits:
+            proven = low = speed
+        elif step == 0:
+            return NOBODY
+        else:
+            high = speed
+    return proven
+
+
+@entry
+def certify(
+    room: Room,
+    arm: Arm,
+    start: Floats,
+    delta: Floats,
+    field: Field,
+    pairs: Whole,
+    groups: int,
+    profile: Floats,
+    law: Floats,
+    floor: float,
+    first: int,
+    looks: int,
+    stop: Floats,
+) -> tuple[int, float, float, Floats, Floats, Floats, float]:
+    """The proven index of these pairs on this path (see `pep.pit.certify.certify`).
+
+    Args:
+        room: for the rows of the first cut at least.
+        arm, start, delta, field: the path, and all pairs.
+        pairs: which to ask about.
+        groups: how many groups of pairs there are.
+        profile, law: timing and stop.
+        floor: an index that holds anyway, at least `MOVING`.
+        first: intervals of the first cut, a power of two.
+        looks: at each group that does not decide, so that it can be told of.
+        stop: what a slower speed is found by (`STOP` numbers), or nothing when none is wanted.
+
+    Returns:
+        `ANSWERED` or `TOO_MANY`, the proven and the attained index, then rows of `MET` columns: the witnesses, highest
+        first, and the violations; then `LEAF` rows, a column for each leaf: the certificate;
+        last the highest speed at which the index of these pairs is proven to be a whole tier lower, or -1.
+    """
+    way = Way(arm, start, delta, bends_of(arm, delta))
+    table = table_of(arm, way.bends)
+    met = Met(none_met(groups), none_met(KINDS), np.empty(groups, np.int64), np.empty(KNOTS))
+    room, status, done, best = searched(room, way, table, field, pairs, profile, law, floor, first, looks, met)
+    leaves, upper = all_leaves(room.tree, room.rows, room.leaves, done)
+    upper = max(floor, best, upper)
+    witnesses, violated = ranked(met.witnesses), ranked(met.violated)
+    slower, target = NOBODY, math.ceil(min(upper, HIGHEST) - TIE) - 1.0
+    if stop.shape[0] == STOP and status == ANSWERED and violated.shape[0] == 0 and target >= MOVING:
+        slower = _slower(room, way, table, field, profile, law, stop, met, target)
+    return status, upper, best, witnesses, violated, leaves, slower
