@@ -113,8 +113,13 @@ def test_p12_what_is_reachable_is_the_same():
 def test_p12_only_in_a_small_box_is_a_configuration_the_only_one():
     """Both engines say so of the same boxes, whatever decides: the way, the turn or how near it is."""
     from pep.pit.inverse import stance
+    from pep.pit.kernel.compiled import entry
     from pep.pit.kernel.piece import on_path
     from pep.pit.line import _Lever, _on_path
+
+    @entry
+    def compiled(reach, q, inverse, near, within):
+        return on_path(reach, q, inverse, near, within, np.empty((6, 2)), np.empty((2, 6)))
 
     rng = np.random.default_rng(74)
     reach = ROBOT.reach[ROBOT.body_index("tcp")].copy()
@@ -124,7 +129,7 @@ def test_p12_only_in_a_small_box_is_a_configuration_the_only_one():
         inverse = np.linalg.inv(node.jacobian)
         within = 10.0 ** rng.uniform(-5, -1) * rng.uniform(0, 1, 6)
         near = node.q + rng.choice([0.5, 0.99, 1.5]) * within * rng.choice([-1, 1], 6)
-        ours = on_path(reach, node.q, inverse, near, within, np.empty((6, 2)), np.empty((2, 6)))
+        ours = compiled(reach, node.q, inverse, near, within)
         told.append(ours)
         assert ours == _on_path(_Lever(reach), node, near, within)
     assert 0.1 < np.mean(told) < 0.9

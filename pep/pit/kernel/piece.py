@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pep.pit.inverse import EXACT
-from pep.pit.kernel.compiled import compiled, entry
+from pep.pit.kernel.compiled import compiled
 from pep.pit.kernel.pose import JOINTS
 from pep.pit.line import BEND_OF_LOG, GROWTH, ROOM, ROOM_ABOVE, ROUND_UP, ROUNDS
 
@@ -180,7 +180,7 @@ def prove_derivatives(reach: Floats, bounds: Bounds, r: float, fastest: float, h
     return False
 
 
-@entry
+@compiled
 def on_path(
     reach: Floats, q: Floats, inverse: Floats, near: Floats, within: Floats, gain: Floats, room: Floats
 ) -> bool:
