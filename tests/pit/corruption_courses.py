@@ -198,6 +198,7 @@ def pieces_joined(top, rng):
     fit(len(course["edges"]) > 2)
     at = int(rng.integers(1, len(course["edges"]) - 1))
     fit(not (course["ahead"] and course["ahead"]["fast"]))
+    fit(max(number(x) for x in course["second"][at]) > 0.01)  # what hardly bends may as well be one
     del course["edges"][at], course["second"][at], course["third"][at]
 
 

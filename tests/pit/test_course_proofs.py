@@ -4,6 +4,7 @@ import json
 import math
 from collections import Counter
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pinocchio
@@ -13,8 +14,9 @@ from pep.pit import (
     JointLeg, JointPath, LineLeg, LinePath, MoveL, Person, PitError, Region, Robot, Sphere, SpeedL,
 )  # fmt: skip
 from pep.pit.checker import Code, Refused, Verified, verify
-from pep.pit.checker import check, doubt, leg, line, stance, twist, verdict
+from pep.pit.checker import check, doubt, leg, line, rows, stance, twist, verdict
 from pep.pit.checker.arm import GRID
+from pep.pit.checker.question import obstacles_of
 from pep.pit.checker.piece import Lever, Piece, contraction
 from pep.pit.checker.robot import robot_of
 from pep.pit.drive import Drive, Nowhere, line_drive
@@ -22,7 +24,10 @@ from pep.pit.driving import drive_of
 from pep.pit.effort import Effort
 from pep.pit.hold import speed_drive
 from pep.pit.proof import document, question_digest
+from pep.pit.pairs import pairs_of
 from pep.pit.proof_course import Recorded
+from pep.pit.proof_rows import order_of
+from pep.pit.question import view_around
 from pep.pit.twist import tool_pose
 from tests.pit.corruption import seal
 from tests.pit.corruption_courses import EXPECTED, KINDS, Unfit, corrupted, made
@@ -43,20 +48,22 @@ def asked(motion, scene=None, **more):
     } | more  # fmt: skip
 
 
-def random_documents(form, seed, count):
+@cache
+def documents_of(form):
+    """The first questions of this form that have an answer, with their proofs."""
     found = []
-    for k in range(20 * count):
-        one = written(random_question(np.random.default_rng([seed, *form.encode(), k]), form))
+    for k in range(20 * EACH):
+        one = written(random_question(np.random.default_rng([4711, *form.encode(), k]), form))
         if one is not None:
             found.append(one)
-        if len(found) == count:
+        if len(found) == EACH:
             return found
     raise AssertionError(form)
 
 
 @pytest.fixture(scope="module")
 def genuine():
-    return {form: random_documents(form, 4711, EACH) for form in FORMS}
+    return {form: documents_of(form) for form in FORMS}
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +81,8 @@ def refused(top):
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_every_form_verifies(genuine, form):
-    for each in genuine[form]:
+def test_every_form_verifies(form):
+    for each in documents_of(form):
         said = verify(each.text)
         assert isinstance(said, Verified), (said, each.question["motion"])
         assert (said.index, said.tier) == (each.answer.index, each.answer.tier)
@@ -98,8 +105,8 @@ def test_the_documents_are_of_every_sort(genuine):
         assert met[sort] > 0, sort
 
 
-def test_a_path_is_proven_leg_by_leg(genuine):
-    for each in genuine["joint path"] + genuine["line path"]:
+def test_a_path_is_proven_leg_by_leg():
+    for each in documents_of("joint path") + documents_of("line path"):
         legs, motion = each.top["proof"]["legs"], each.question["motion"]
         indices = [float.fromhex(leg["answer"]["index"]) for leg in legs]
         assert max(indices) == each.answer.index
@@ -233,8 +240,8 @@ def test_no_course_breaks_the_checker(texts):
         assert not (isinstance(said, Refused) and said.code is Code.CHECKER_FAILED), (k, where, said)
 
 
-def test_work_is_bounded(monkeypatch, genuine):
-    text = genuine["line"][0].text
+def test_work_is_bounded(monkeypatch):
+    text = documents_of("line")[0].text
     monkeypatch.setattr(line, "NODES_MOST", 5)
     assert verify(text).code is Code.TOO_LARGE
     monkeypatch.setattr(line, "NODES_MOST", 50_000)
@@ -388,11 +395,11 @@ def course_of(one):
 
 
 @pytest.mark.parametrize("form", ["line", "hold", "servo", "far"])
-def test_courses_and_ratios_are_those_of_the_room(genuine, form):
+def test_courses_and_ratios_are_those_of_the_room(form):
     """Bends, speeds, clearances' slack, timing and what is asked of the arm, from other code."""
     rng = np.random.default_rng(95)
     compared = 0
-    for one in genuine[form]:
+    for one in documents_of(form):
         if not one.top["proof"]["cover"]:
             continue
         asked_ = one.question
@@ -401,6 +408,11 @@ def test_courses_and_ratios_are_those_of_the_room(genuine, form):
         drive = drive_of(robot, asked_["motion"], cell, perception_age_s=age, check_time=lambda: None)
         question, theirs, whole = course_of(one)
         course, profile = drive.course, drive.profile
+        view = view_around(robot, asked_["scene"], asked_["perception_age_s"], asked_["motion"].start, cell)
+        ours = pairs_of(robot, view.scene, cell, grown_m=view.grown_m, touch=asked_["touch"])
+        order = order_of(robot, ours)
+        obstacles = obstacles_of(question.scene, question.cell, question.view, question.touch)
+        theirs_pairs = rows.pairs_of(question.robot, obstacles, question.cell)
         names = [body.name for body in robot.bodies[: robot.world_bodies]]
         for _ in range(40):
             width = GRID >> int(rng.integers(0, 5))
@@ -415,6 +427,13 @@ def test_courses_and_ratios_are_those_of_the_room(genuine, form):
             known = course.rush(np.array([low]), np.array([low + width]))[0]
             for k, name in enumerate(names):
                 assert rush[name] == pytest.approx(float(known[k]), rel=1e-5, abs=1e-7)
+            at = int(rng.integers(len(theirs_pairs)))
+            row = np.array([order.ours[at]])
+            leaf = course.examine(ours, np.array([low]), np.array([low + width]), row)
+            near = rows.clearance(theirs.course, theirs_pairs[at], low, low + width)
+            assert near == pytest.approx(float(leaf.clear_m[0]), abs=1e-7)
+            met = rows.met_at(theirs.course, theirs_pairs[at], low, low + width)
+            assert met == pytest.approx(float(leaf.clear_mid_m[0]), abs=1e-7)
             compared += 1
         effort = Effort(robot, drive, cell).ratios(profile)
         speeds = leg.Speeds(whole.way, whole.timing, whole.cuts)
@@ -533,8 +552,8 @@ def test_a_motion_of_another_question_is_not_written_down():
     assert error.value.reason == "PHYSICS_FAULT"
 
 
-def test_a_servo_target_beyond_what_the_joints_can_is_refused(genuine):
-    top = next(each.top for each in genuine["servo"])
+def test_a_servo_target_beyond_what_the_joints_can_is_refused():
+    top = documents_of("servo")[0].top
     top["question"]["motion"]["target"] = [(3.0).hex()] * 6
     assert refused(top) is Code.ANSWER_WRONG
 
