@@ -413,7 +413,7 @@ def said_to_be_too_fast(top, rng):
 @refused_by(CELL)
 def cut_short(top, rng):
     course = single(top)["course"]
-    fit(len(course["edges"]) > 2 and course["ahead"] is None)
+    fit(len(course["edges"]) > 2 and course["ahead"] is None and course["seconds"] is None)
     del course["edges"][-1], course["second"][-1], course["third"][-1]
     course["until"] = course["edges"][-1]
     course["nodes"] = [node for node in course["nodes"] if node[0] <= course["until"]]
