@@ -363,6 +363,9 @@ class World:
 
     def ask_all(self, places: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
         """The same at several joint angles and speeds: clearance and speed, each of shape (places, pairs)."""
+        if not places:  # every pair leads away, so there is no witness
+            nowhere = np.zeros((0, len(self.pairs)))
+            return nowhere, nowhere
         model, stage = self.robot.pinocchio, self.stage
         core, moving = [], []
         for q, qd in places:
