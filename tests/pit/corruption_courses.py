@@ -349,7 +349,8 @@ def person_on_the_way(top, rng):
     def step_in(scene):
         nonlocal before
         before = sum(len(person["regions"]) for person in scene["people"])
-        scene["people"].append({"type": "Person", "id": "stranger", "regions": [["torso", ball]]})
+        who = {"type": "Person", "id": "stranger", "source": "camera", "age_s": (0.0).hex()}
+        scene["people"].append(who | {"regions": [["torso", ball]]})
 
     with_scene(top, step_in, named=True)
     model = json.loads(top["question"]["model"])

@@ -64,7 +64,7 @@ def about_itself(rng):
     start = random_start(rng, 0.3)
     position, rotation = placed(start)
     axis = rng.standard_normal(3)
-    turn = pinocchio.exp3(axis / np.linalg.norm(axis) * rng.choice([0.3, 1.0, 3.0, 3.138]))
+    turn = pinocchio.exp3(axis / np.linalg.norm(axis) * rng.choice([0.3, 3.0, 3.138, 3.138]))
     return MoveL(start, (*position.tolist(), *pinocchio.log3(turn @ rotation).tolist()), 0.1, 1.0)
 
 
