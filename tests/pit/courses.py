@@ -59,12 +59,17 @@ def to_a_limit(rng):
     return MoveL(start, shifted(pose_of(start), way), 0.2, 1.0)
 
 
-def about_itself(rng):
+def half_turn(rng):
+    """Half a turn of the tool, to within less than anybody can tell which way round."""
+    return about_itself(rng, angles=(3.138,))
+
+
+def about_itself(rng, angles=(0.3, 1.0, 3.0, 3.138)):
     """A turn of the tool, some of which are half of one."""
     start = random_start(rng, 0.3)
     position, rotation = placed(start)
     axis = rng.standard_normal(3)
-    turn = pinocchio.exp3(axis / np.linalg.norm(axis) * rng.choice([0.3, 3.0, 3.138, 3.138]))
+    turn = pinocchio.exp3(axis / np.linalg.norm(axis) * rng.choice(angles))
     return MoveL(start, (*position.tolist(), *pinocchio.log3(turn @ rotation).tolist()), 0.1, 1.0)
 
 
@@ -132,7 +137,7 @@ def elsewhere(rng):
 FORMS = {
     "line": random_line, "hold": random_hold, "servo": random_servo, "line path": line_path, "joint path": joint_path,
     "far": far_line, "across": across, "limit": to_a_limit, "turn": about_itself, "short": short_line,
-    "any hold": any_hold, "uneven": uneven_hold, "elsewhere": elsewhere,
+    "any hold": any_hold, "uneven": uneven_hold, "elsewhere": elsewhere, "half turn": half_turn,
     "calm servo": calm_servo,
 }  # fmt: skip
 
