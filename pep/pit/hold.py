@@ -103,7 +103,7 @@ def speed_drive(
         return as_far_as(hold, first)
     sent, cells = ramp.way(motion.duration_s), first.cells
     late = cells.high / GRID * hold > sent
-    leading = ROOM * float(cells.first[-1].max()) / hold
+    leading = float(cells.first[-1].max()) / hold
     bending = float(cells.second[late].max()) / (hold * hold)
     plan = _planned(hold, sent, leading, bending, stop=peak * peak / (2 * cell.stop_deceleration_rad_s2))
     # 2. The same with the end of the hold on the grid, a little later rather than earlier.
@@ -141,7 +141,7 @@ def _planned(hold: float, sent: float, leading: float, bending: float, *, stop: 
         stop: seconds at full speed that the stop takes per rad/s.
     """
     # From where it takes hold the arm stops within stop * speed; an earlier one ends earlier, or the course is longer.
-    travel = max(stop * leading, stop * (leading + bending * (hold - sent)) - (hold - sent))
+    travel = max(stop * ROOM * leading, stop * (leading + bending * (hold - sent)) - (hold - sent))
     place, travel = _on_grid(hold, travel)
     for _ in range(PLANS):
         later = travel * place / (STEPS - place) - hold

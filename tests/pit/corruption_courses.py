@@ -421,6 +421,22 @@ def cut_short(top, rng):
 
 
 @refused_by(CELL)
+def last_piece_gone(top, rng):
+    """The line is still said to go to its end."""
+    course = traced(top, rng)
+    fit(len(course["edges"]) > 2 and course["ahead"] is None)
+    del course["edges"][-1], course["second"][-1], course["third"][-1]
+    course["nodes"] = [node for node in course["nodes"] if node[0] <= course["edges"][-1]]
+
+
+@refused_by(CELL)
+def until_elsewhere(top, rng):
+    course = traced(top, rng)
+    fit(course["until"] > 2)
+    course["until"] -= int(rng.integers(1, course["until"] // 2))
+
+
+@refused_by(CELL)
 def doubt_dropped(top, rng):
     course = single(top)["course"]
     fit(course["doubt"] in ("singular", "unreachable") and course["edges"])

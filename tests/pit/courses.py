@@ -59,18 +59,18 @@ def to_a_limit(rng):
     return MoveL(start, shifted(pose_of(start), way), 0.2, 1.0)
 
 
-def half_turn(rng):
-    """Half a turn of the tool, to within less than anybody can tell which way round."""
-    return about_itself(rng, angles=(3.138,))
-
-
-def about_itself(rng, angles=(0.3, 1.0, 3.0, 3.138)):
-    """A turn of the tool, some of which are half of one."""
+def about_itself(rng, turns=(0.3, 1.0, 2.5, 3.0)):
+    """A turn of the tool."""
     start = random_start(rng, 0.3)
     position, rotation = placed(start)
     axis = rng.standard_normal(3)
-    turn = pinocchio.exp3(axis / np.linalg.norm(axis) * rng.choice(angles))
+    turn = pinocchio.exp3(axis / np.linalg.norm(axis) * rng.choice(turns))
     return MoveL(start, (*position.tolist(), *pinocchio.log3(turn @ rotation).tolist()), 0.1, 1.0)
+
+
+def half_round(rng):
+    """A turn of the tool of which nobody knows which way round it goes."""
+    return about_itself(rng, (3.133, 3.138, 3.1415))
 
 
 def short_line(rng):
@@ -137,8 +137,8 @@ def elsewhere(rng):
 FORMS = {
     "line": random_line, "hold": random_hold, "servo": random_servo, "line path": line_path, "joint path": joint_path,
     "far": far_line, "across": across, "limit": to_a_limit, "turn": about_itself, "short": short_line,
-    "any hold": any_hold, "uneven": uneven_hold, "elsewhere": elsewhere, "half turn": half_turn,
-    "calm servo": calm_servo,
+    "any hold": any_hold, "uneven": uneven_hold, "elsewhere": elsewhere,
+    "calm servo": calm_servo, "half": half_round,
 }  # fmt: skip
 
 

@@ -161,6 +161,22 @@ def test_a_retreat_on_a_line():
     assert refused(covered) is Code.COVER_WRONG
 
 
+def test_a_violation_on_a_line_is_shown_where_it_is_met():
+    x, y, z = pose_of(HOME)[:3]
+    scene = replace(empty(), people=(Person("p", ((Region.HAND, Sphere((x + 0.05, y, z), 0.02)),)),))
+    one = written(asked(MoveL(HOME, shifted(pose_of(HOME), (0.1, 0, 0)), 0.2, 1.0), scene))
+    assert one.answer.violations == ("person",)
+    assert isinstance(verify(one.text), Verified)
+    ((pair, low, high),) = one.top["proof"]["met"]
+    for ends in ((0, 0), (0, 1), (high, low - 2)):
+        top = one.top
+        top["proof"]["met"] = [[pair, *ends]]
+        assert refused(top) is (Code.VIOLATION_UNFOUNDED if ends == (0, 0) else Code.MEMBER_WRONG)
+    hidden = one.top
+    hidden["answer"]["violations"] = hidden["proof"]["met"] = []
+    assert refused(hidden) is Code.VIOLATION_HIDDEN
+
+
 @pytest.mark.parametrize("stated", [None, 0.0, 0.0015, 0.003])
 def test_where_the_robot_says_its_tool_is(stated):
     move = MoveL(HOME, shifted(pose_of(HOME), (0.03, 0, 0)), 0.2, 1.0)
