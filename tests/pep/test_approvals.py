@@ -687,7 +687,7 @@ DEFECTS = {
     "another policy": (then(policy_changed), "policy_digest"),
     "another model": (world_of(model_digest="1d" * 32), "model_digest"),
     "index 51 higher": (world_of(index_milli=2_551), "index_milli"),
-    "a lower tier": (world_of(tier=Tier(2)), None),
+    "a lower tier": (world_of(tier=Tier(2), index_milli=1_900), None),
     "a higher tier": (world_of(tier=Tier(4)), "ABOVE_CEILING"),
     "start moved 3 mrad": (moved(q1=3_000), "start_urad"),
     "start moved 3 mrad back": (moved(q5=-3_000), "start_urad"),
