@@ -34,16 +34,15 @@ NO_ROWS = {"cover": [], "retreating": [], "meant": [], "met": []}
 
 
 def corrupted(document, rng) -> Corrupted:
-    """The document with one thing wrong in it, which changes what it means."""
-    names = list(KINDS)
-    while True:
-        name = names[int(rng.integers(len(names)))]
+    """The document with one thing wrong in it, which changes what it means; every document has one that applies."""
+    for name in rng.permutation(list(KINDS)):
         try:
             text = made(name, document, rng)
         except Unfit:
             continue
         if text != document:
             return Corrupted(name, text)
+    raise Unfit
 
 
 def made(name, document, rng):
@@ -508,6 +507,13 @@ def doubted_below_three(top, rng):
     course = single(top)["course"]
     fit(course["doubt"] not in (None, "joint_limit"))
     raise_to(top, rng.uniform(1, 2.99))
+
+
+@refused_by(ANSWER)
+def another_fixed_answer(top, rng):
+    """A motion that is none, or of which nothing is traced, has one answer: neither less nor more."""
+    fit(not single(top)["cover"] and motion(top)["form"] != "joint_path")
+    raise_to(top, pick(rng, {0.0, 1.0, 2.5, 3.0, 3.5, 4.0} - {index_of(top)}))
 
 
 # --- the rows ---------------------------------------------------------------------------------------------------------

@@ -28,6 +28,7 @@ AT_ONCE: Final = 1e12  # acceleration of what is under way already: it has its s
 LOOKAHEAD_LEAST_S: Final = 0.03  # PHY-20
 STILL_RAD_S: Final = 1e-6  # PHY-20: one unit of the wire
 ENVELOPE: Final = 8  # equal pieces on which the speeds of a servo target are bounded
+LONGER: Final = 2.0  # PHY-48: times its hold; the course of a held speed that breaks off is no longer
 LINEAR: Final = 3  # parts of a velocity before the angular ones
 
 
@@ -52,8 +53,8 @@ def held_speed(robot: Robot, cell: Cell, start: Six, motion: Held, row: dict[str
     uneven = "uneven_twist" if moves and turns else None
     # 1. One that cannot be followed to its end is a line that cannot.
     if row["ahead"] is not None:
-        # Its pieces are parts of the hold: of a longer course they would be longer than they may be.
-        need(seconds <= _way(up, held_s) * (1 + SAME), Code.CELL_UNPROVEN, f"{PLACE}.seconds")
+        # The finest piece is a part of the course: of a far longer one it would be longer than what it is taken for.
+        need(seconds <= LONGER * _way(up, held_s), Code.CELL_UNPROVEN, f"{PLACE}.seconds")
         return broken_off(
             robot, twist, start, row, timing=Timing(seconds, 1.0, up, AT_ONCE), push=up / seconds, tool_speed=0.0
         )
