@@ -571,7 +571,7 @@ def test_a_motion_of_another_question_is_not_written_down():
 def test_a_servo_target_beyond_what_the_joints_can_is_refused():
     top = documents_of("servo")[0].top
     top["question"]["motion"]["target"] = [(3.0).hex()] * 6
-    assert refused(top) is Code.ANSWER_WRONG
+    assert verify(seal(top)) == Refused(Code.ANSWER_WRONG, "question.motion.target")
 
 
 def test_documents_stay_small(genuine):
