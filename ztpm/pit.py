@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from policies.evidence import Contribution, ImpactFault
 
 URDF: Final = ".urdf"
+PATIENCE_S: Final = 600.0
+"""How long an answer out of files may take where the file states no limit: they do not grow old, and no arm waits."""
 MICRO: Final = 1e6
 MILLI: Final = 1e3
 
@@ -153,7 +155,8 @@ def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
     """The question that two files ask of a robot.
 
     Args:
-        scene: a scene file. For an arm with a calibration its cell's uncertainty is that of one, unless it says one.
+        scene: a scene file. What its cell does not state is as in a running one, but for the time an answer may take,
+            and for the uncertainty of an arm with a calibration.
         motion: a motion file.
         arm: the robot; its tool is the one that the scene's cell names.
 
@@ -162,8 +165,10 @@ def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
         OSError: a file that cannot be read.
     """
     stated = value_of(_text(scene).encode(), scene)
-    if arm.calibration is not None and isinstance(stated, dict) and isinstance(stated.get("cell"), dict):
-        stated["cell"].setdefault("robot_uncertainty_m", CALIBRATED_UNCERTAINTY_M)
+    if isinstance(stated, dict) and isinstance(stated.get("cell"), dict):
+        stated["cell"].setdefault("time_limit_s", PATIENCE_S)
+        if arm.calibration is not None:
+            stated["cell"].setdefault("robot_uncertainty_m", CALIBRATED_UNCERTAINTY_M)
     situation = situation_of(stated)
     what = motion_of(value_of(_text(motion).encode(), motion))
     return Asked(arm.robot(situation.cell.tool).holding(situation.held), situation, what)

@@ -12,6 +12,7 @@ from docs import generate
 from pep.pit import Robot
 from pep.pit.checker import Verified, verify
 from tests.pit import urdfs
+from ztpm.pit import PATIENCE_S, Arm, asked
 
 EXAMPLES = Path(generate.__file__).parent / "examples"
 FIRST = ["tier", "index", "clearance_mm", "contributions", "certificate", "model"]
@@ -74,6 +75,20 @@ def test_the_answer_as_json(pit, scene, motion, tier, status):
         assert said["clearance_mm"] == pytest.approx(said["contributions"][0]["clearance_mm"], abs=1e-3)
     else:
         assert said["clearance_mm"] is None
+
+
+def test_the_answer_waits_for_the_machine(changed):
+    """An arm's limit is no limit here, unless the file states one."""
+
+    def hurried(scene):
+        scene["cell"]["time_limit_s"] = 0.5
+
+    for scene, limit_s in (
+        (example("c1-glass.scene.json"), PATIENCE_S),
+        (changed("c1-glass.scene.json", hurried), 0.5),
+    ):
+        question = asked(scene, example("sweep.motion.json"), Arm("ur3e", None, None))
+        assert question.situation.cell.time_limit_s == limit_s
 
 
 def test_the_answer_for_people(pit):

@@ -24,6 +24,7 @@ from pep.rtde.dashboard import stop_program
 from pep.rtde.state import ReceivedState
 from pep.rtde.telemetry import Telemetry
 from policies.load import load_shipped
+from policies.tiers import FRESH
 from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
 from tests.pep.test_mcp import Signed
 from ztpm.tool_server import CellConfig, ToolServer
@@ -163,7 +164,7 @@ class Cell:
         async with asyncio.timeout(20):
             while True:
                 world = (await self.use(holder, "read_state", {})).structured_content["world"]
-                if (world["people"], world["objects"]) == (len(people), len(objects)):
+                if (world["people"], world["objects"], world["perception"]) == (len(people), len(objects), FRESH):
                     return
 
     def records(self, kind):

@@ -9,10 +9,11 @@ from dataclasses import replace
 import pytest
 
 from pep.governor import Governor
+from pep.mcp.guard import DECISION_META
 from pep.rtde.state import ReceivedState
 from ztpm.demo.eyes import Eyes
 from tests.pep.kit import HOST
-from tests.pep.test_cell import PATIENT, Child, decided, in_cell
+from tests.pep.test_cell import PATIENT, Child, in_cell
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(240)]
 NEAR = (1.6, -1.62, 1.25, -1.2, -1.57, 0.0)
@@ -66,7 +67,7 @@ class Motion:
 
     async def begin(self):
         holder = self.cell.holder()
-        self.cell.sensor.tell(people=[], objects=[])
+        await self.cell.see(holder)
         async with asyncio.timeout(90):
             while abs(self.eyes.now().q_rad[0] - FAR[0]) > 0.01:
                 await self.cell.see(holder)
@@ -78,8 +79,11 @@ class Motion:
                     await asyncio.sleep(0.002)
                 if not self.call.done():
                     return self
-                # A verdict lives 50 ms, and a machine that does much else may need longer to record it.
-                assert decided(self.call.result())[1] == "VERDICT_EXPIRED", self.call.result()
+                # Not this machine's day: a verdict lives 50 ms, and what the sensor says 1.2 s.
+                told = self.call.result().meta[DECISION_META]
+                unseen = [each["kind"] for each in told["contributions"]] == ["perception"]
+                assert told["reason"] == "VERDICT_EXPIRED" or unseen, told
+                await self.cell.see(holder)
 
     async def ended(self):
         """What the caller was told, the record, and the commanded speeds of all samples with their times."""
