@@ -128,7 +128,8 @@ def test_a_sequence_is_as_bad_as_its_worst_leg():
 
 
 def row(peer, load, p50, p99=None):
-    return report.row(peer, load, "", {"p50_us": p50, "min_us": p50, "p99_us": p99 or 2 * p50}, 10)
+    figures = {"p50_us": p50, "first_us": p50 + 200.0, "min_us": p50, "p99_us": p99 or 2 * p50}
+    return report.row(peer, load, "", figures, 10)
 
 
 ROWS = (
@@ -145,6 +146,8 @@ def test_ratios():
     assert ratios(ROWS) == {
         "kernel_speedup_20": 50.0,
         "assess_speedup_20": 2.0,
+        "kernel_speedup_20_first": 25.5,
+        "assess_speedup_20_first": 1.96,
         "clearance_speedup_20": 25.0,
         "stream_cycle_p50": 0.015,
         "stream_cycle_p99": 0.025,

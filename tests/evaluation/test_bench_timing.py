@@ -47,6 +47,25 @@ def test_every_cell_takes_one_turn_in_every_round():
     assert len(set(orders)) > 3, "one fixed order favours somebody"
 
 
+def test_a_turn_is_a_burst_of_calls_and_its_first_is_told_apart():
+    turns: list[str] = []
+    now = [0]
+
+    def act(name):
+        turns.append(name)
+        now[0] += 9_000 if turns[-2:-1] != [name] else 4_000  # whoever was not just asked is slow
+        return Verdict.ALLOWED
+
+    cells = [cell(lambda _, name=name: act(name), name) for name in "ab"]
+    found = measure(cells, Plan(repeats=2, rounds=3, warm_up=0, burst=4), clock=lambda: now[0])
+    assert [series.count for series in found] == [24, 24]
+    bursts = {tuple(turns[at : at + 4]) for at in range(0, len(turns), 4)}
+    assert bursts == {("a",) * 4, ("b",) * 4}
+    assert all(len(series.firsts) == 6 for series in found)
+    assert {series.figures()["p50_us"] for series in found} == {4}
+    assert all(series.figures()["first_us"] == 9 for series in found)
+
+
 def test_only_the_call_is_timed():
     now = [0]
 
@@ -66,14 +85,14 @@ def test_only_the_call_is_timed():
         judge=lambda raw: passes(10**9, Verdict.ALLOWED if raw == "raw" else Verdict.REFUSED),
     )
     (series,) = measure([measured], clock=lambda: now[0])
-    assert series.figures() == {"p50_us": 7, "min_us": 7, "p99_us": 7}
+    assert series.figures() == {"p50_us": 7, "first_us": 7, "min_us": 7, "p99_us": 7}
 
 
 def test_figures():
     series = Series(passes=[[1_000, 2_000, 9_000], [4_000, 5_000, 6_000], [3_000, 3_000, 100_000]])
-    assert series.figures() == {"p50_us": 4, "min_us": 2, "p99_us": 100}
+    assert series.figures() == {"p50_us": 4, "first_us": 4, "min_us": 2, "p99_us": 100}
     long = Series(passes=[[n * 1_000 for n in range(1, 201)]])
-    assert long.figures() == {"p50_us": 100.5, "min_us": 100.5, "p99_us": 198}
+    assert long.figures() == {"p50_us": 100.5, "first_us": 100.5, "min_us": 100.5, "p99_us": 198}
 
 
 @pytest.mark.parametrize("late", [0, 3, 7, 20])

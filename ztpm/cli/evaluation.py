@@ -120,11 +120,10 @@ def bench_pit(
 
     from evaluation.bench.pit import plot as plots
     from evaluation.bench.pit.report import ratios_line, tables
-    from evaluation.bench.pit.run import FULL, run
-    from evaluation.bench.timing import Plan
+    from evaluation.bench.pit.run import FULL, QUICK, run
 
     few = partial(run, sizes=(5,), questions=2)
-    plan = Plan(repeats=1, rounds=3, warm_up=1) if quick else FULL
+    plan = QUICK if quick else FULL
     result = _measured(few if quick else run, plots.plot, plan, seed=seed, plot=plot, as_json=as_json)
     remarks = [f"{row.peer}: {row.why}" for row in result.rows if row.load is None]
     _tell(result, tables, ratios_line, remarks=remarks, as_json=as_json)

@@ -56,6 +56,7 @@ class Row:
     Attributes:
         peer, load: what it is of; the workload is None for a peer that is not installed.
         p50_us, min_us, p99_us: median over all calls, smallest median of a pass, 99th percentile.
+        first_us: median over the calls that began a turn: somebody else was asked just before.
         cycles_p50, cycles_p99: the same in cycles of 2 ms.
         target_p50, target_p99: what we want of these, in cycles, or None.
         n: calls.
@@ -66,6 +67,7 @@ class Row:
     peer: str
     load: str | None
     p50_us: float | None = None
+    first_us: float | None = None
     min_us: float | None = None
     p99_us: float | None = None
     cycles_p50: float | None = None
@@ -93,6 +95,7 @@ def row(peer: str, load: str, checks: str, figures: Mapping[str, float], n: int)
         peer,
         load,
         p50_us=round(p50, 1),
+        first_us=round(figures["first_us"], 1),
         min_us=round(figures["min_us"], 1),
         p99_us=round(p99, 1),
         cycles_p50=round(p50 / CYCLE_US, 4),
@@ -135,17 +138,21 @@ class Result:
 
 
 def ratios(rows: tuple[Row, ...]) -> dict[str, float | None]:
-    """How many times faster than sampling, and shares of the controller's cycle; None for what was not measured."""
+    """How many times faster than sampling, and shares of the controller's cycle; None for what was not measured.
+
+    `_first`: of the calls before which somebody else was asked, who left the processor's caches as theirs.
+    """
     by = {(each.peer, each.load): each for each in rows if each.p50_us is not None}
     sampling = by.get((SAMPLED, AMONG_20))
 
-    def faster(peer: str) -> float | None:
+    def faster(peer: str, figure: str = "p50_us") -> float | None:
         ours = by.get((peer, AMONG_20))
-        if ours is None or sampling is None or not ours.p50_us or sampling.p50_us is None:
+        if ours is None or sampling is None:
             return None
-        return round(sampling.p50_us / ours.p50_us, 2)
+        return round(float(getattr(sampling, figure) / getattr(ours, figure)), 2)
 
     found = {name: faster(peer) for name, (peer, _) in SPEEDUPS.items()}
+    found |= {f"{name}_first": faster(peer, "first_us") for name, (peer, _) in SPEEDUPS.items()}
     found["clearance_speedup_20"] = faster(RULER)
     steps = [by[ASSESS, load] for load in (SPEED_STEP, SERVO_STEP) if (ASSESS, load) in by]
     for name in ("p50", "p99"):
@@ -165,17 +172,19 @@ def tables(result: Result) -> Iterator[Table]:
     durations = Table(title="milliseconds, and cycles of 2 ms", title_justify="left", box=None, pad_edge=False)
     for heading in ("of what", "by"):
         durations.add_column(heading)
-    for heading in ("p50 ms", "p99 ms", "cycles p50", "wanted", "cycles p99", "wanted"):
+    for heading in ("p50 ms", "first ms", "p99 ms", "cycles p50", "wanted", "cycles p99", "wanted"):
         durations.add_column(heading, justify="right")
     durations.add_column("")
     measured = [each for each in result.rows if each.load is not None]
     for each in measured:
         assert each.p50_us is not None
+        assert each.first_us is not None
         assert each.p99_us is not None
         durations.add_row(
             each.load,
             each.peer,
             f"{each.p50_us / 1_000:.3f}",
+            f"{each.first_us / 1_000:.3f}",
             f"{each.p99_us / 1_000:.3f}",
             f"{each.cycles_p50:.3f}",
             "" if each.target_p50 is None else f"{each.target_p50:.3f}",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import time
+from dataclasses import replace
 from importlib import metadata
 from typing import TYPE_CHECKING, Final
 
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 
     from evaluation.bench.pit.cells import Cell
 
-FULL: Final = Plan(repeats=3, rounds=24, warm_up=1)
+FULL: Final = Plan(repeats=3, rounds=3, warm_up=1, burst=8)
+QUICK: Final = Plan(repeats=1, rounds=2, warm_up=1, burst=4)
 STREAMED: Final = 10
 """Steps of a stream are asked so many times more often: their 99th percentile is what counts."""
 QUESTIONS: Final = 8
@@ -65,7 +67,7 @@ def run(
         for cell in group:
             timing.prove(cell)
     order = random.Random(seed)  # noqa: S311 - turns
-    for some, often in ((groups, plan), (streamed, Plan(plan.repeats, plan.rounds * STREAMED, plan.warm_up))):
+    for some, often in ((groups, plan), (streamed, replace(plan, rounds=plan.rounds * STREAMED))):
         told("measuring")
         found = timing.measure(some, often, clock_ns=time.perf_counter_ns, order=order)
         for group, series in zip(some, found, strict=True):
