@@ -1,0 +1,306 @@
+"""What travels in a motion lease: several connections of one program, side by side, and the beat that keeps it alive.
+
+    program --TCP--> `ztpm rtde run` == one TCP connection, frames of one session ==> gateway --TCP--> robot
+
+Each message of the session (`capabilities.frames`) is one word of this module: a connection is opened to one of the
+controller's ports, bytes go both ways, either end closes it. Between whiles there are beats. A carriage neither loses
+nor reorders, so nothing here is numbered or repeated. Whoever says what has no meaning has ended the lease.
+
+No sockets here: bytes in, bytes out.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
+
+from capabilities.caps import DEFAULT
+from capabilities.frames import OVERHEAD_BYTES
+
+if TYPE_CHECKING:
+    from capabilities.caps import Caps
+
+CONNECTIONS: Final = 16
+"""At once in one lease: ur_rtde's four interfaces have six, and a reconnect may come before the old one's end."""
+REASON_BYTES: Final = 64
+_LENGTH: Final = struct.Struct(">I")
+_WORD: Final = struct.Struct(">BB")
+_PORT_BYTES: Final = 2
+
+
+class CarriageFault(StrEnum):
+    """What ends a lease that is carried so."""
+
+    MALFORMED = "CARRIAGE_MALFORMED"
+    TOO_LONG = "CARRIAGE_TOO_LONG"
+    OUT_OF_PLACE = "CARRIAGE_OUT_OF_PLACE"
+    TOO_MANY = "CARRIAGE_TOO_MANY"
+
+
+class CarriageError(ValueError):
+    """Bytes that are no word, or a word that has no meaning here; `code` says why."""
+
+    def __init__(self, code: CarriageFault, detail: str) -> None:
+        super().__init__(detail)
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class Beat:
+    """Program's side and gateway's: still here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Open:
+    """Program's side: connect this line to that port of the controller."""
+
+    line: int
+    port: int
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """Gateway's: it is."""
+
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """Gateway's: it is not, for this reason code."""
+
+    line: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bytes:
+    """Either's: these bytes, at least one, on an open line."""
+
+    line: int
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """Either's: nothing more comes on the line, nor is wanted. Its number is free once both have said so."""
+
+    line: int
+
+
+Word: TypeAlias = Beat | Open | Opened | Refused | Bytes | Closed
+
+
+class _Kind(IntEnum):
+    BEAT = 0
+    OPEN = 1
+    OPENED = 2
+    REFUSED = 3
+    BYTES = 4
+    CLOSED = 5
+
+
+HEAD_BYTES: Final = _WORD.size
+"""Bytes of a message that are not content."""
+
+
+def encode(word: Word) -> bytes:
+    """The message that says `word`; `decode` gives it back.
+
+    Raises:
+        CarriageError: a line or port of no number, no content, or a reason that is no code.
+    """
+    match word:
+        case Beat():
+            return _packed(_Kind.BEAT, 0)
+        case Open(line, port):
+            if not 0 < port <= 0xFFFF:
+                raise CarriageError(CarriageFault.MALFORMED, f"port {port}")
+            return _packed(_Kind.OPEN, line) + port.to_bytes(_PORT_BYTES, "big")
+        case Opened(line):
+            return _packed(_Kind.OPENED, line)
+        case Refused(line, reason):
+            if not _is_code(reason):
+                raise CarriageError(CarriageFault.MALFORMED, "no reason code")
+            return _packed(_Kind.REFUSED, line) + reason.encode()
+        case Bytes(line, content):
+            if not content:
+                raise CarriageError(CarriageFault.MALFORMED, "no bytes")
+            return _packed(_Kind.BYTES, line) + content
+        case Closed(line):
+            return _packed(_Kind.CLOSED, line)
+        case _:
+            assert_never(word)
+
+
+def decode(message: bytes) -> Word:
+    """The word that `message` says, in its one spelling.
+
+    Raises:
+        CarriageError: it says none.
+    """
+    if len(message) < HEAD_BYTES:
+        raise CarriageError(CarriageFault.MALFORMED, "cut short")
+    kind, line = _WORD.unpack_from(message)
+    rest = message[HEAD_BYTES:]
+    match kind, len(rest):
+        case _Kind.BEAT, 0 if line == 0:
+            return Beat()
+        case _Kind.OPEN, length if length == _PORT_BYTES and any(rest):
+            return Open(line, int.from_bytes(rest, "big"))
+        case _Kind.OPENED, 0:
+            return Opened(line)
+        case _Kind.REFUSED, _ if rest.isascii() and _is_code(rest.decode()):
+            return Refused(line, rest.decode())
+        case _Kind.BYTES, length if length > 0:
+            return Bytes(line, rest)
+        case _Kind.CLOSED, 0:
+            return Closed(line)
+        case _:
+            raise CarriageError(CarriageFault.MALFORMED, f"no word of kind {kind} with {len(rest)} bytes")
+
+
+def _packed(kind: int, line: int) -> bytes:
+    if not 0 <= line <= 0xFF:
+        raise CarriageError(CarriageFault.MALFORMED, f"line {line}")
+    return _WORD.pack(kind, line)
+
+
+def _is_code(reason: str) -> bool:
+    plain = reason.isascii() and reason.replace("_", "").isalnum() and reason == reason.upper()
+    return plain and 0 < len(reason) <= REASON_BYTES
+
+
+class Lines:
+    """Which lines are open, at either end of a lease: what may be said next, and nothing else.
+
+    A number is used again only after both ends have closed its line, so that bytes under way never reach the next
+    connection of that number.
+
+    Args:
+        asking: whether this is the program's end, which asks for lines; the other one opens or refuses them.
+    """
+
+    def __init__(self, *, asking: bool) -> None:
+        self._asking = asking
+        self._state: dict[int, _Line] = {}
+
+    @property
+    def open(self) -> frozenset[int]:
+        """Lines on which bytes may come: neither end has closed them."""
+        return self._in(_Line.OPEN)
+
+    @property
+    def leaving(self) -> frozenset[int]:
+        """Lines that the other end has closed, and this one has not yet."""
+        return self._in(_Line.LEAVING)
+
+    def _in(self, wanted: _Line) -> frozenset[int]:
+        return frozenset(line for line, state in self._state.items() if state is wanted)
+
+    def free(self) -> int:
+        """The lowest number that is not in use.
+
+        Raises:
+            CarriageError: `TOO_MANY`.
+        """
+        for line in range(CONNECTIONS):
+            if line not in self._state:
+                return line
+        raise CarriageError(CarriageFault.TOO_MANY, f"{CONNECTIONS} lines are in use")
+
+    def said(self, word: Word) -> bool:
+        """This end says `word`; whether it is still worth saying: the other end may have closed the line just now.
+
+        Raises:
+            CarriageError: it has no meaning here.
+        """
+        return self._next(word, own=True)
+
+    def heard(self, word: Word) -> bool:
+        """The other end said `word`; whether it is to be acted on: this end may have closed the line just before.
+
+        Raises:
+            CarriageError: it has no meaning here.
+        """
+        return self._next(word, own=False)
+
+    def _next(self, word: Word, *, own: bool) -> bool:
+        if isinstance(word, Beat):
+            return True
+        state, asks = self._state.get(word.line), own is self._asking
+        closing, other = (_Line.CLOSING, _Line.LEAVING) if own else (_Line.LEAVING, _Line.CLOSING)
+        match word:
+            case Open() if asks and state is None:
+                if len(self._state) >= CONNECTIONS:
+                    raise CarriageError(CarriageFault.TOO_MANY, f"more than {CONNECTIONS} lines")
+                self._state[word.line] = _Line.ASKED
+                return True
+            case Opened() if not asks and state is _Line.ASKED:
+                self._state[word.line] = _Line.OPEN
+                return True
+            case Refused() if not asks and state is _Line.ASKED:
+                del self._state[word.line]
+                return True
+            case Bytes() if state is _Line.OPEN:
+                return True
+            case Bytes() if state is other:  # they crossed the closing of the end that no longer wants them
+                return False
+            case Closed() if state is _Line.OPEN:
+                self._state[word.line] = closing
+                return True
+            case Closed() if state is other:
+                del self._state[word.line]
+                return True
+            case _:
+                raise CarriageError(CarriageFault.OUT_OF_PLACE, f"{type(word).__name__} on line {word.line}")
+
+
+class _Line(StrEnum):
+    ASKED = "asked"
+    OPEN = "open"
+    CLOSING = "closing"
+    """This end has closed it."""
+    LEAVING = "leaving"
+    """The other end has closed it."""
+
+
+class Cutter:
+    """Cuts a byte stream into the session's frames, however it was torn: each after its length in four bytes.
+
+    Args:
+        caps: the largest message.
+    """
+
+    def __init__(self, caps: Caps = DEFAULT) -> None:
+        self._most = caps.frame_bytes + OVERHEAD_BYTES
+        self._held = bytearray()
+
+    def feed(self, received: bytes) -> list[bytes]:
+        """The frames completed by `received`, in order.
+
+        Raises:
+            CarriageError: a length that no frame has, as soon as it is there.
+        """
+        held = self._held
+        held += received
+        found: list[bytes] = []
+        at = 0
+        while len(held) - at >= _LENGTH.size:
+            (length,) = _LENGTH.unpack_from(held, at)
+            if not OVERHEAD_BYTES <= length <= self._most:
+                raise CarriageError(CarriageFault.TOO_LONG, f"a frame of {length} bytes")
+            end = at + _LENGTH.size + length
+            if len(held) < end:
+                break
+            found.append(bytes(held[at + _LENGTH.size : end]))
+            at = end
+        del held[:at]
+        return found
+
+
+def delimited(frame: bytes) -> bytes:
+    """The frame as it goes over the connection."""
+    return _LENGTH.pack(len(frame)) + frame

@@ -1,0 +1,220 @@
+"""What a lease carries: one spelling of each word, two ends that agree, and nothing out of its place."""
+
+from collections import deque
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from capabilities.caps import DEFAULT
+from capabilities.frames import OVERHEAD_BYTES
+from pep.rtde.carriage import (
+    CONNECTIONS,
+    HEAD_BYTES,
+    Beat,
+    Bytes,
+    CarriageError,
+    CarriageFault,
+    Closed,
+    Cutter,
+    Lines,
+    Open,
+    Opened,
+    Refused,
+    decode,
+    delimited,
+    encode,
+)
+
+LINE = st.integers(0, 255)
+WORDS = st.one_of(
+    st.just(Beat()),
+    st.builds(Open, LINE, st.integers(1, 0xFFFF)),
+    st.builds(Opened, LINE),
+    st.builds(Refused, LINE, st.sampled_from(["LEASE_HELD", "A", "X9_" * 21])),
+    st.builds(Bytes, LINE, st.binary(min_size=1, max_size=300)),
+    st.builds(Closed, LINE),
+)
+
+
+@given(WORDS)
+def test_every_word_comes_back(word):
+    assert decode(encode(word)) == word
+
+
+@given(st.binary(max_size=80))
+def test_what_is_read_has_one_spelling(message):
+    try:
+        word = decode(message)
+    except CarriageError as error:
+        assert error.code is CarriageFault.MALFORMED
+        return
+    assert encode(word) == message
+
+
+@pytest.mark.parametrize(
+    "word",
+    [Open(0, 0), Open(0, 65_536), Open(256, 1), Open(-1, 1), Bytes(0, b""), Refused(0, ""), Refused(0, "no"),
+     Refused(0, "X" * 65), Refused(0, "Ä"), Refused(0, "A B"), Closed(256)],
+)  # fmt: skip
+def test_what_no_message_says_is_refused(word):
+    with pytest.raises(CarriageError) as refused:
+        encode(word)
+    assert refused.value.code is CarriageFault.MALFORMED
+
+
+@given(st.lists(st.binary(min_size=OVERHEAD_BYTES, max_size=200), max_size=6), st.data())
+def test_frames_come_whole_however_the_stream_is_torn(frames, data):
+    stream, cutter, found = b"".join(map(delimited, frames)), Cutter(), []
+    while stream:
+        cut = data.draw(st.integers(1, len(stream)))
+        found += cutter.feed(stream[:cut])
+        stream = stream[cut:]
+    assert found == frames
+
+
+@pytest.mark.parametrize("length", [0, OVERHEAD_BYTES - 1, DEFAULT.frame_bytes + OVERHEAD_BYTES + 1, 2**32 - 1])
+def test_a_length_that_no_frame_has_is_refused_before_its_bytes_are_waited_for(length):
+    with pytest.raises(CarriageError) as refused:
+        Cutter().feed(length.to_bytes(4, "big"))
+    assert refused.value.code is CarriageFault.TOO_LONG
+
+
+def test_the_largest_package_of_the_controller_fits_a_word():
+    assert DEFAULT.frame_bytes - HEAD_BYTES >= 4096  # its longest request; what comes back may be cut
+
+
+def opened(line=0):
+    """Both ends, with one line open."""
+    program, gateway = Lines(asking=True), Lines(asking=False)
+    assert program.said(Open(line, 30004))
+    assert gateway.heard(Open(line, 30004))
+    assert gateway.said(Opened(line))
+    assert program.heard(Opened(line))
+    return program, gateway
+
+
+def test_bytes_that_cross_a_closing_are_dropped_and_the_number_waits_for_both():
+    program, gateway = opened()
+    assert program.said(Closed(0))
+    assert gateway.said(Bytes(0, b"late"))  # it has not heard yet
+    assert not program.heard(Bytes(0, b"late"))
+    assert program.free() == 1
+    assert gateway.heard(Closed(0))
+    assert not gateway.said(Bytes(0, b"later"))  # not worth saying
+    assert gateway.said(Closed(0))
+    assert program.heard(Closed(0))
+    assert program.free() == 0
+
+
+@pytest.mark.parametrize(
+    ("asking", "word"),
+    [
+        (False, Open(0, 30004)),  # in use
+        (False, Opened(0)),  # the gateway's word
+        (False, Refused(1, "NO")),
+        (False, Bytes(1, b"x")),  # never opened
+        (False, Closed(1)),
+        (True, Open(1, 30004)),  # the program's word
+        (True, Opened(0)),  # it is already
+        (True, Opened(1)),  # never asked for
+        (True, Refused(0, "NO")),
+    ],
+)
+def test_a_word_out_of_place_ends_the_lease(asking, word):
+    program, gateway = opened()
+    end = program if asking else gateway
+    with pytest.raises(CarriageError) as refused:
+        end.heard(word)
+    assert refused.value.code is CarriageFault.OUT_OF_PLACE
+
+
+def test_nothing_comes_on_a_line_before_it_is_opened_or_after_it_was_closed():
+    gateway = Lines(asking=False)
+    gateway.heard(Open(0, 30004))
+    for word in (Bytes(0, b"x"), Closed(0), Open(0, 29999)):
+        with pytest.raises(CarriageError):
+            gateway.heard(word)
+    program, gateway = opened()
+    gateway.heard(Closed(0))
+    for word in (Bytes(0, b"x"), Closed(0)):
+        with pytest.raises(CarriageError):
+            gateway.heard(word)
+
+
+def test_so_many_lines_and_no_more():
+    gateway = Lines(asking=False)
+    for line in range(CONNECTIONS):
+        assert gateway.heard(Open(line, 30004))
+    with pytest.raises(CarriageError) as refused:
+        gateway.heard(Open(CONNECTIONS, 30004))
+    assert refused.value.code is CarriageFault.TOO_MANY
+    with pytest.raises(CarriageError):
+        gateway.free()
+
+
+class TwoEnds(RuleBasedStateMachine):
+    """Both ends over a connection that delays but neither loses nor reorders: neither ever hears what it must not."""
+
+    def __init__(self):
+        super().__init__()
+        self.program, self.gateway = Lines(asking=True), Lines(asking=False)
+        self.to_gateway, self.to_program = deque(), deque()
+        self.asked, self.wire = set(), {}
+
+    def say(self, end, word):
+        queue = self.to_gateway if end is self.program else self.to_program
+        if end.said(word):
+            queue.append(word)
+
+    @rule()
+    def ask(self):
+        try:
+            line = self.program.free()
+        except CarriageError:
+            return
+        self.say(self.program, Open(line, 30004))
+
+    @precondition(lambda self: self.to_gateway)
+    @rule(allowed=st.booleans())
+    def gateway_hears(self, allowed):
+        word = self.to_gateway.popleft()
+        self.gateway.heard(word)
+        if isinstance(word, Open):
+            self.say(self.gateway, Opened(word.line) if allowed else Refused(word.line, "NO"))
+
+    @precondition(lambda self: self.to_program)
+    @rule()
+    def program_hears(self):
+        self.program.heard(self.to_program.popleft())
+
+    @precondition(lambda self: self.program.open)
+    @rule(data=st.data(), close=st.booleans())
+    def program_says(self, data, close):
+        line = data.draw(st.sampled_from(sorted(self.program.open)))
+        self.say(self.program, Closed(line) if close else Bytes(line, b"x"))
+
+    @precondition(lambda self: self.gateway.open)
+    @rule(data=st.data(), close=st.booleans())
+    def gateway_says(self, data, close):
+        line = data.draw(st.sampled_from(sorted(self.gateway.open)))
+        self.say(self.gateway, Closed(line) if close else Bytes(line, b"x"))
+
+    @precondition(lambda self: self.program.leaving)
+    @rule()
+    def program_closes_too(self):
+        self.say(self.program, Closed(min(self.program.leaving)))
+
+    @precondition(lambda self: self.gateway.leaving)
+    @rule()
+    def gateway_closes_too(self):
+        self.say(self.gateway, Closed(min(self.gateway.leaving)))
+
+    @invariant()
+    def both_agree_when_nothing_is_under_way(self):
+        if not self.to_gateway and not self.to_program:
+            assert self.program.open == self.gateway.open
+
+
+test_two_ends = TwoEnds.TestCase
