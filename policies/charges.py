@@ -151,6 +151,7 @@ CHARGES: Final[Mapping[str, Charge]] = MappingProxyType(
         Reason.APPROVAL_TIMEOUT: _WAITING,
         Reason.ASK_BUDGET_SPENT: _SLIP,
         Reason.BUSY: _WAITING,
+        Reason.LEASE_HELD: _WAITING,
         Reason.VERDICT_EXPIRED: _HOUSE,
         Reason.NOT_WHAT_WAS_DECIDED: _WRONG,
         Reason.RECORD_FAILED: _HOUSE,

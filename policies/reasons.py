@@ -290,6 +290,9 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         ),
         Reason.APPROVAL_TIMEOUT: ReasonRow("Nobody answered in time.", "Ask again while an approver is present."),
         Reason.BUSY: ReasonRow("A motion is not finished.", "Wait until it ends, or stop it.", ("TEA-6", "TEA-4")),
+        Reason.LEASE_HELD: ReasonRow(
+            "Somebody else holds the motion lease of this robot.", "Ask again when their lease is over."
+        ),
         Reason.VERDICT_EXPIRED: ReasonRow("The decision was too old to act on.", "Send the request again."),
         Reason.NOT_WHAT_WAS_DECIDED: ReasonRow("What was about to be sent is not what was decided.", _REPORT),
         Reason.RECORD_FAILED: ReasonRow("The decision could not be recorded.", _REPORT),

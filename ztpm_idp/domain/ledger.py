@@ -26,7 +26,18 @@ FIRST_PREV: Final = "0" * 64
 """`prev` of the first entry of a chain."""
 VERSION: Final = 1
 RECORD_KINDS: Final = frozenset(
-    {"decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired", "incident"}
+    {
+        "decision",
+        "outcome",
+        "refusal",
+        "ask",
+        "ask-answered",
+        "ask-refused",
+        "ask-expired",
+        "incident",
+        "lease",
+        "lease-ended",
+    }
 )
 RECORD_FIELDS: Final = frozenset({"v", "pep", "seq", "prev", "at_ms", "kind", "body"})
 

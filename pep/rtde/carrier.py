@@ -1,0 +1,154 @@
+"""One end of a carriage over a connection: words in, words out, a beat, and one word when it is over.
+
+The same object serves the program's end and the gateway's. It runs in an event loop and is used in that loop alone.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Final
+
+from capabilities.caps import DEFAULT
+from capabilities.errors import Fault
+from capabilities.frames import End
+from pep.rtde.carriage import HEAD_BYTES, Beat, Bytes, CarriageError, Cutter, Lines, decode, delimited, encode
+from pep.rtde.lease import BEAT_MS, SILENCE_MS, Ending
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.frames import Session
+    from pep.ports import Clock
+    from pep.rtde.carriage import Word
+
+MOST_BYTES: Final = DEFAULT.frame_bytes - HEAD_BYTES
+"""Bytes of a connection in one word."""
+
+
+class Carrier(asyncio.Protocol):
+    """One end.
+
+    Args:
+        session: this end of it.
+        asking: whether this is the program's end.
+        clock: both clocks.
+        heard: is given each word that is to be acted on, beats included. What it raises as `CarriageError` ends the
+            carriage.
+        ended: is told once, and nothing after it; then the connection is closed already.
+        flowing: is told when the other end takes no more (False), and when it does again (True).
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        asking: bool,
+        clock: Clock,
+        heard: Callable[[Word], None],
+        ended: Callable[[Ending], None],
+        flowing: Callable[[bool], None],
+    ) -> None:
+        self._session = session
+        self._lines = Lines(asking=asking)
+        self._clock = clock
+        self._heard = heard
+        self._ended = ended
+        self._flowing = flowing
+        self._cutter = Cutter()
+        self._transport: asyncio.Transport | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._heard_ms = clock.monotonic_ms()
+        self._over = False
+
+    @property
+    def lines(self) -> Lines:
+        """Which lines are open. To be looked at, not to be told anything."""
+        return self._lines
+
+    def say(self, word: Word) -> None:
+        """Send a word; bytes in as many words as they need. After the end, nothing happens.
+
+        Raises:
+            CarriageError: it has no meaning now.
+        """
+        if isinstance(word, Bytes) and len(word.content) > MOST_BYTES:
+            for at in range(0, len(word.content), MOST_BYTES):
+                self.say(Bytes(word.line, word.content[at : at + MOST_BYTES]))
+            return
+        if not self._over and self._lines.said(word):
+            self._send(self._session.seal(encode(word), at=self._clock.wall_s()))
+
+    def close(self, ending: Ending = Ending.CLOSED) -> None:
+        """End it, and say so to the other end."""
+        if not self._over:
+            self._send(self._session.close(at=self._clock.wall_s()))
+        self._end(ending)
+
+    # ---- asyncio
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The connection is there."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._beat()
+
+    def data_received(self, data: bytes) -> None:
+        """Frames, or parts of some."""
+        try:
+            for frame in self._cutter.feed(data):
+                self._take(frame)
+                if self._over:
+                    return
+        except CarriageError:
+            self.close(Ending.MALFORMED)
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+        """Gone without a word."""
+        self._end(Ending.CUT)
+
+    def pause_writing(self) -> None:
+        """The other end reads too slowly."""
+        self._flowing(False)  # noqa: FBT003 - the one argument there is
+
+    def resume_writing(self) -> None:
+        """It reads again."""
+        self._flowing(True)  # noqa: FBT003 - the one argument there is
+
+    # ---- inside
+
+    def _take(self, frame: bytes) -> None:
+        match self._session.open(frame, at=self._clock.wall_s()):
+            case Fault():
+                self.close(Ending.MALFORMED)
+            case End():
+                self._end(Ending.CLOSED)
+            case message:
+                self._heard_ms = self._clock.monotonic_ms()
+                word = decode(message.body)
+                if self._lines.heard(word):
+                    self._heard(word)
+
+    def _send(self, frame: bytes | Fault) -> None:
+        if isinstance(frame, Fault):  # the session's time is over
+            self._end(Ending.AUTHORITY)
+        elif self._transport is not None and not self._transport.is_closing():
+            self._transport.write(delimited(frame))
+
+    def _beat(self) -> None:
+        if self._over:
+            return
+        if self._clock.monotonic_ms() - self._heard_ms > SILENCE_MS:
+            self.close(Ending.SILENT)
+            return
+        self.say(Beat())
+        self._timer = asyncio.get_running_loop().call_later(BEAT_MS / 1000, self._beat)
+
+    def _end(self, ending: Ending) -> None:
+        if self._over:
+            return
+        self._over = True
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._transport is not None:
+            self._transport.close()
+        self._ended(ending)

@@ -1,0 +1,215 @@
+"""The controller's ports as one program sees them: fixed numbers, on an address of its own, carried in its lease.
+
+An unmodified ur_rtde program connects here as if this were the robot. Only processes of one user are let in: the
+address is on this machine, and a user id is one domain of trust (SECURITY.md).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.carriage import Bytes, CarriageError, Closed, Open, Opened, Refused
+from pep.rtde.carrier import Carrier
+from ztpm.peer import user_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.frames import Session
+    from pep.ports import Clock
+    from pep.rtde.carriage import Word
+    from pep.rtde.lease import Ending
+
+PORTS: Final = (29999, 30001, 30002, 30003, 30004, 30011, 30012, 30013)
+"""Of a UR controller, that a client library has reason to ask for."""
+UNREAD_BYTES: Final = 1 << 20
+"""So much is kept for a connection that does not read; more is dropped, whole frames at a time, as a controller does.
+
+ur_rtde never reads what port 30003 sends it 500 times a second.
+"""
+
+
+class ProgramPorts:
+    """The ports, and the carriage behind them.
+
+    Args:
+        session: the program's end of it.
+        lease_id: of the lease.
+        clock: both clocks.
+        user: the id of the one user whose processes may connect.
+        ended: is told once when the lease is over; every connection is closed then.
+    """
+
+    def __init__(
+        self, session: Session, lease_id: bytes, *, clock: Clock, user: int, ended: Callable[[Ending], None]
+    ) -> None:
+        self._lease_id = lease_id
+        self._user = user
+        self._tell = ended
+        self._carrier = Carrier(
+            session, asking=True, clock=clock, heard=self._heard, ended=self._ended, flowing=self._flow
+        )
+        self._lines: dict[int, _Connection] = {}
+        self._flowing = True
+        self._servers: list[asyncio.Server] = []
+
+    async def begin(self, *, gateway: tuple[str, int], host: str, ports: tuple[int, ...] = PORTS) -> None:
+        """Carry the lease to the gateway, and listen.
+
+        Args:
+            gateway: host and port of its carriages.
+            host: address on this machine.
+            ports: to listen on; each is that of the controller.
+
+        Raises:
+            OSError: the gateway cannot be reached, or an address cannot be had.
+        """
+        loop = asyncio.get_running_loop()
+        for port in ports:
+            self._servers.append(await loop.create_server(lambda port=port: _Connection(self, port), host, port))  # type: ignore[misc]
+        transport, _ = await loop.create_connection(lambda: _First(self._lease_id, self._carrier), *gateway)
+        assert isinstance(transport, asyncio.Transport)
+
+    def close(self) -> None:
+        """The lease is given back."""
+        self._carrier.close()
+
+    # ---- the program's connections
+
+    def asks(self, connection: _Connection, port: int) -> int | None:
+        """The line of a new connection; None when it may have none."""
+        if connection.user() != self._user:
+            return None
+        try:
+            line = self._carrier.lines.free()
+            self._carrier.say(Open(line, port))
+        except CarriageError:
+            return None
+        self._lines[line] = connection
+        return line
+
+    def says(self, line: int, content: bytes) -> None:
+        """The program's bytes, on an open line."""
+        self._carrier.say(Bytes(line, content))
+
+    def leaves(self, line: int) -> None:
+        """The program has closed it. One that is not open yet is closed when it is."""
+        if line in self._carrier.lines.open:
+            self._carrier.say(Closed(line))
+
+    @property
+    def flowing(self) -> bool:
+        """Whether the gateway takes more."""
+        return self._flowing
+
+    # ---- the carrier's words
+
+    def _heard(self, word: Word) -> None:
+        match word:
+            case Opened(line):
+                self._lines[line].opened()
+            case Refused(line, _):
+                self._lines.pop(line).gone()
+            case Bytes(line, content):
+                self._lines[line].take(content)
+            case Closed(line):
+                self._lines.pop(line).gone()
+                if line in self._carrier.lines.leaving:
+                    self._carrier.say(Closed(line))
+            case _:
+                pass
+
+    def _flow(self, flowing: bool) -> None:  # noqa: FBT001 - the carrier's callback
+        self._flowing = flowing
+        for connection in self._lines.values():
+            connection.pace()
+
+    def _ended(self, ending: Ending) -> None:
+        for server in self._servers:
+            server.close()
+        lines, self._lines = self._lines, {}
+        for connection in lines.values():
+            connection.gone()
+        self._tell(ending)
+
+
+class _First(asyncio.Protocol):
+    """Says which lease this is, and leaves the connection to its carrier."""
+
+    def __init__(self, lease_id: bytes, carrier: Carrier) -> None:
+        self._lease_id = lease_id
+        self._carrier = carrier
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        transport.write(self._lease_id)
+        transport.set_protocol(self._carrier)
+        self._carrier.connection_made(transport)
+
+
+class _Connection(asyncio.Protocol):
+    """One connection of the program to one port."""
+
+    def __init__(self, ports: ProgramPorts, port: int) -> None:
+        self._ports = ports
+        self._port = port
+        self._line: int | None = None
+        self._early: list[bytes] | None = []
+        self._left = False
+
+    def user(self) -> int | None:
+        """The user whose process it is."""
+        return user_of(self._transport.get_extra_info("socket"))
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        transport.set_write_buffer_limits(high=UNREAD_BYTES)
+        self._line = self._ports.asks(self, self._port)
+        if self._line is None:
+            transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        if self._early is not None:
+            self._early.append(data)
+            self._transport.pause_reading()
+        elif self._line is not None:
+            self._ports.says(self._line, data)
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+        self._left = True
+        if self._line is not None and self._early is None:
+            self._ports.leaves(self._line)
+
+    def opened(self) -> None:
+        """Bytes may go both ways."""
+        early, self._early = self._early or [], None
+        assert self._line is not None
+        for content in early:
+            self._ports.says(self._line, content)
+        if self._left:
+            self._ports.leaves(self._line)
+        else:
+            self.pace()
+
+    def pace(self) -> None:
+        """Read as long as the gateway takes what is read."""
+        if self._early is None and not self._transport.is_closing():
+            if self._ports.flowing:
+                self._transport.resume_reading()
+            else:
+                self._transport.pause_reading()
+
+    def take(self, content: bytes) -> None:
+        """Whole frames for the program; dropped where it does not read."""
+        if self._transport.get_write_buffer_size() < UNREAD_BYTES:
+            self._transport.write(content)
+
+    def gone(self) -> None:
+        """The port has closed it, or the lease is over. Who has not read by now does not wait for the rest."""
+        self._line = None
+        if self._transport.get_write_buffer_size():
+            self._transport.abort()
+        else:
+            self._transport.close()
