@@ -15,7 +15,7 @@ import pytest
 
 TESTS = Path(__file__).parents[1]
 SPEC = (TESTS.parent / "docs" / "spec.md").read_text()
-ID = re.compile(r"\*\*\[([A-Z]{3}-\d+)\]")
+ID = re.compile(r"\*\*\[([A-Z]{3,4}-\d+)\]")
 TOKEN_PARTS = ("## 1. ", "## 4. ")
 """Parts 1 to 3: from the first of these headings up to the second."""
 

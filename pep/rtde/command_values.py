@@ -1,0 +1,478 @@
+"""What ur_rtde's control interface can ask for, as values: one type for each command, its units in the names.
+
+A pose is x, y, z in metres and a rotation vector in radians, in the robot's base frame. What a command carries on the
+wire and the control script does not use is not here: a value says what the robot will do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TypeAlias
+
+Three: TypeAlias = tuple[float, float, float]
+Six: TypeAlias = tuple[float, float, float, float, float, float]
+Axes: TypeAlias = tuple[bool, bool, bool, bool, bool, bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Clear:
+    """No command stands; also what keeps the watchdog content."""
+
+
+# ----------------------------------------------------------------------------------------------------- moves to a place
+
+
+@dataclass(frozen=True, slots=True)
+class MoveJ:
+    """To joint angles, straight in joint space."""
+
+    q_rad: Six
+    speed_rad_s: float
+    acceleration_rad_s2: float
+    asynchronous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MoveJIk:
+    """To a pose, straight in joint space."""
+
+    pose_m_rad: Six
+    speed_rad_s: float
+    acceleration_rad_s2: float
+    asynchronous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MoveL:
+    """To a pose, straight in tool space."""
+
+    pose_m_rad: Six
+    speed_m_s: float
+    acceleration_m_s2: float
+    asynchronous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MoveLFk:
+    """To joint angles, straight in tool space."""
+
+    q_rad: Six
+    speed_m_s: float
+    acceleration_m_s2: float
+    asynchronous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MovePath:
+    """Along the path that stands in the control script that was uploaded last."""
+
+    asynchronous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class MoveUntilContact:
+    """With a tool speed until something is touched, then back to where it was touched."""
+
+    xd_m_s_rad_s: Six
+    direction: Six
+    acceleration_m_s2: float
+
+
+# -------------------------------------------------------------------------------------------- moves that somebody holds
+
+
+@dataclass(frozen=True, slots=True)
+class ServoJ:
+    """Towards joint angles, for the next `time_s`."""
+
+    q_rad: Six
+    time_s: float
+    lookahead_s: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServoL:
+    """Towards a pose, for the next `time_s`; the script solves for the joints in each cycle."""
+
+    pose_m_rad: Six
+    time_s: float
+    lookahead_s: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServoC:
+    """Towards a pose on circles. It goes on when the command is cleared."""
+
+    pose_m_rad: Six
+    speed_m_s: float
+    acceleration_m_s2: float
+    blend_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedJ:
+    """With joint speeds, for `time_s`; 0 is for ever."""
+
+    qd_rad_s: Six
+    acceleration_rad_s2: float
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedL:
+    """With a tool speed, for `time_s`; 0 is for ever."""
+
+    xd_m_s_rad_s: Six
+    acceleration_m_s2: float
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class DirectTorque:
+    """With joint torques. The friction scales that ur_rtde sends are not used by its script."""
+
+    torque_nm: Six
+
+
+class JogFrame(Enum):
+    """What a jog's speed is in."""
+
+    BASE = 0
+    TOOL = 1
+    CUSTOM = 2
+
+
+@dataclass(frozen=True, slots=True)
+class JogStart:
+    """With a tool speed in a frame, until `JogStop`."""
+
+    xd_m_s_rad_s: Six
+    frame: JogFrame
+    acceleration_m_s2: float
+    custom_frame_m_rad: Six
+
+
+@dataclass(frozen=True, slots=True)
+class ForceMode:
+    """With forces along the selected axes of a frame.
+
+    Attributes:
+        type: 1 to 3, as URScript's `force_mode` has it.
+        wrench_n_nm: along and about each selected axis.
+        limits: of a selected axis its speed [m/s, rad/s], of another its deviation [m, rad].
+    """
+
+    task_frame_m_rad: Six
+    selection: Axes
+    wrench_n_nm: Six
+    type: int
+    limits: Six
+
+
+@dataclass(frozen=True, slots=True)
+class TeachMode:
+    """A person may push the arm."""
+
+
+@dataclass(frozen=True, slots=True)
+class FreedriveMode:
+    """A person may push the arm along the free axes of a frame."""
+
+    free_axes: Axes
+    feature_m_rad: Six
+
+
+# ---------------------------------------------------------------------------------------------------------------- stops
+
+
+@dataclass(frozen=True, slots=True)
+class StopJ:
+    """Ends a move. The script may brake in tool space all the same: which of the two, an earlier stop has left."""
+
+    deceleration_rad_s2: float
+    asynchronous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StopL:
+    """Ends a move. The script may brake in joint space all the same: which of the two, an earlier stop has left."""
+
+    deceleration_m_s2: float
+    asynchronous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedStop:
+    """Ends `SpeedJ` [rad/s2] or `SpeedL` [m/s2]."""
+
+    deceleration: float
+
+
+@dataclass(frozen=True, slots=True)
+class ServoStop:
+    """Ends `ServoJ`, `ServoL` and `ServoC`; brakes in tool space."""
+
+    deceleration_m_s2: float
+
+
+class Ending(Enum):
+    """Stops without parameters, by command id."""
+
+    FORCE_MODE = 7
+    TEACH_MODE = 19
+    PROTECTIVE_STOP = 31
+    JOG = 42
+    FREEDRIVE_MODE = 53
+    PROGRAM = 255
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """Ends what its name says; the protective stop ends everything."""
+
+    what: Ending
+
+
+# -------------------------------------------------------------------------- what later commands, and the robot, rely on
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroForceSensor:
+    """What the sensor reads now is nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetPayload:
+    """Mass and its centre; a centre of zeros keeps the one there is."""
+
+    mass_kg: float
+    centre_m: Three
+
+
+@dataclass(frozen=True, slots=True)
+class SetTargetPayload:
+    """Mass, its centre (zeros keep the one there is) and its inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz."""
+
+    mass_kg: float
+    centre_m: Three
+    inertia_kg_m2: Six
+
+
+@dataclass(frozen=True, slots=True)
+class SetTcp:
+    """Where the tool centre is on the flange."""
+
+    pose_m_rad: Six
+
+
+@dataclass(frozen=True, slots=True)
+class SetGravity:
+    """Which way is down, and how much."""
+
+    acceleration_m_s2: Three
+
+
+@dataclass(frozen=True, slots=True)
+class SetForceDamping:
+    """Of force mode, 0 to 1."""
+
+    damping: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetForceGain:
+    """Of force mode, 0 to 2."""
+
+    scaling: float
+
+
+@dataclass(frozen=True, slots=True)
+class ForceInput:
+    """Whether the force mode believes what a client writes, and what hangs on that sensor."""
+
+    enable: bool
+    mass_kg: float
+    offset_m: Three
+    centre_m: Three
+
+
+@dataclass(frozen=True, slots=True)
+class ExternalForceSensor:
+    """Whether there is a sensor that is not the robot's own, and what hangs on it."""
+
+    enable: bool
+    mass_kg: float
+    offset_m: Three
+    centre_m: Three
+
+
+@dataclass(frozen=True, slots=True)
+class SetExternalWrench:
+    """What such a sensor would say. The controller takes it from its variable, whatever command stands."""
+
+    wrench_n_nm: Six
+
+
+@dataclass(frozen=True, slots=True)
+class SetWatchdog:
+    """The program ends when the command register is written less often than this."""
+
+    least_hz: float
+
+
+@dataclass(frozen=True, slots=True)
+class StartContactDetection:
+    """From now on the arm goes back to where it touches something, by itself; zeros are the way it moves."""
+
+    direction: Six
+
+
+@dataclass(frozen=True, slots=True)
+class StopContactDetection:
+    """No more; answers whether it was touched."""
+
+
+# -------------------------------------------------------------------------------------------------------------- getters
+
+
+class Reading(Enum):
+    """Questions without parameters, by command id."""
+
+    STEP_TIME = 26
+    TARGET_WAYPOINT = 28
+    JOINT_TORQUES = 38
+    TCP_OFFSET = 40
+    FORWARD_KINEMATICS = 43
+    STEADY = 47
+    FREEDRIVE_STATUS = 54
+    FLANGE_POSE = 58
+    CONTACT = 64
+    MASS_MATRIX = 67
+    CORIOLIS_TORQUES = 68
+    TARGET_JOINT_ACCELERATIONS = 69
+    JACOBIAN = 70
+    JACOBIAN_TIME_DERIVATIVE = 71
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """One of these questions. What ur_rtde sends along with those about the dynamics is not used by its script."""
+
+    what: Reading
+
+
+@dataclass(frozen=True, slots=True)
+class ToolContact:
+    """For how many cycles there has been a contact from this direction."""
+
+    direction: Six
+
+
+@dataclass(frozen=True, slots=True)
+class JointHistory:
+    """Joint angles of some cycles ago."""
+
+    steps: int
+
+
+@dataclass(frozen=True, slots=True)
+class InverseKinematics:
+    """Joint angles of a pose near to others."""
+
+    pose_m_rad: Six
+    near_rad: Six
+    position_error_m: float
+    orientation_error_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class InverseKinematicsNearest:
+    """Joint angles of a pose near to those now."""
+
+    pose_m_rad: Six
+
+
+@dataclass(frozen=True, slots=True)
+class Reachable:
+    """Whether there are joint angles of a pose near to others."""
+
+    pose_m_rad: Six
+    near_rad: Six
+    position_error_m: float
+    orientation_error_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class ReachableNearest:
+    """Whether there are joint angles of a pose near to those now."""
+
+    pose_m_rad: Six
+
+
+@dataclass(frozen=True, slots=True)
+class PoseWithinLimits:
+    """Whether the safety limits hold a pose."""
+
+    pose_m_rad: Six
+
+
+@dataclass(frozen=True, slots=True)
+class JointsWithinLimits:
+    """Whether the safety limits hold joint angles."""
+
+    q_rad: Six
+
+
+@dataclass(frozen=True, slots=True)
+class PoseTrans:
+    """One pose after another."""
+
+    from_m_rad: Six
+    from_to_m_rad: Six
+
+
+@dataclass(frozen=True, slots=True)
+class ForwardKinematics:
+    """The pose of joint angles and a tool centre."""
+
+    q_rad: Six
+    tcp_m_rad: Six
+
+
+Move: TypeAlias = MoveJ | MoveJIk | MoveL | MoveLFk | MovePath | MoveUntilContact
+Held: TypeAlias = (
+    ServoJ | ServoL | ServoC | SpeedJ | SpeedL | DirectTorque | JogStart | ForceMode | TeachMode | FreedriveMode
+)
+Stop: TypeAlias = StopJ | StopL | SpeedStop | ServoStop | End
+Setting: TypeAlias = (
+    ZeroForceSensor
+    | SetPayload
+    | SetTargetPayload
+    | SetTcp
+    | SetGravity
+    | SetForceDamping
+    | SetForceGain
+    | ForceInput
+    | ExternalForceSensor
+    | SetExternalWrench
+    | SetWatchdog
+    | StartContactDetection
+    | StopContactDetection
+)
+Question: TypeAlias = (
+    Read
+    | ToolContact
+    | JointHistory
+    | InverseKinematics
+    | InverseKinematicsNearest
+    | Reachable
+    | ReachableNearest
+    | PoseWithinLimits
+    | JointsWithinLimits
+    | PoseTrans
+    | ForwardKinematics
+)
+Command: TypeAlias = Clear | Move | Held | Stop | Setting | Question
