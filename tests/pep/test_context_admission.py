@@ -315,7 +315,9 @@ def test_an_obligation_that_nobody_fulfils_voids_the_permit(obligation):
         f'obligation = ["record", "{obligation}"]\npit_bound = "none"\n'
     )
     point = Point(CHAIN, policies=load(text))
-    assert refused_for(admitted(point, document())) is Reason.POLICY_ERROR
+    found = admitted(point, document())
+    assert refused_for(found) is Reason.OBLIGATION_UNMET
+    assert found.decision.findings[0].detail == {"obligation": obligation}
     assert point.flow.label(point.context(CHAIN)) == own(Holder.of(CHAIN.leaf))
 
 
