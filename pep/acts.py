@@ -58,18 +58,22 @@ def act_of(request: Request, *, agent: str, at_ms: int, start_urad: Angles) -> A
     numbers = tuple(value.value for value in request.values)
     if len(start_urad) != JOINTS:
         return act
-    if request.operation == MOVE_JOINT.name:
-        points: tuple[Angles, ...] = (numbers[:JOINTS],)
-    elif request.operation == MOVE_PATH.name:
-        points = waypoints_of(numbers[:-2])
-    elif request.operation == SPEED_JOINT.name:
+    if request.operation == SPEED_JOINT.name:
         *speeds, acceleration, duration_ms = numbers
         end = tuple(q + qd * duration_ms // Unit.MILLISECOND.per_si for q, qd in zip(start_urad, speeds, strict=True))
         fastest = max((abs(qd) for qd in speeds), default=0)
         return replace(act, start_urad=start_urad, points=(end,), speed=fastest, acceleration=acceleration)
-    else:
+    points = targets_of(request.operation, numbers)
+    if not points:
         return act
     return replace(act, start_urad=start_urad, points=points, speed=numbers[-2], acceleration=numbers[-1])
+
+
+def targets_of(operation: str, numbers: Angles) -> tuple[Angles, ...]:
+    """Where the operation with these numbers sends the arm, waypoint by waypoint; () when they name no place of it."""
+    if operation == MOVE_JOINT.name:
+        return (numbers[:JOINTS],)
+    return waypoints_of(numbers) if operation == MOVE_PATH.name else ()
 
 
 @dataclass(frozen=True, slots=True)

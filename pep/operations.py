@@ -48,26 +48,22 @@ class Operation:
     kind: Kind
 
 
-MOVE_JOINT: Final = Operation(
-    ROBOT,
-    "move_joint",
-    (
-        *(Parameter(f"q{i}", Unit.MICRORADIAN) for i in range(6)),
-        Parameter("speed", Unit.MICRORADIAN_PER_SECOND),
-        Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
-    ),
-    Kind.MOTION,
-)
+JOINTS: Final = 6
 WAYPOINTS: Final = 4
 """Waypoints of a path: with them a token that limits each still fits its carriage. A shorter path repeats its last."""
-JOINTS: Final = 6
+_LEADING_AXIS: Final = (
+    Parameter("speed", Unit.MICRORADIAN_PER_SECOND),
+    Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
+)
+MOVE_JOINT: Final = Operation(
+    ROBOT, "move_joint", (*(Parameter(f"q{i}", Unit.MICRORADIAN) for i in range(JOINTS)), *_LEADING_AXIS), Kind.MOTION
+)
 MOVE_PATH: Final = Operation(
     ROBOT,
     "move_path",
     (
         *(Parameter(f"p{leg}_q{i}", Unit.MICRORADIAN) for leg in range(WAYPOINTS) for i in range(JOINTS)),
-        Parameter("speed", Unit.MICRORADIAN_PER_SECOND),
-        Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
+        *_LEADING_AXIS,
     ),
     Kind.MOTION,
 )
@@ -86,7 +82,7 @@ SPEED_JOINT: Final = Operation(
     ROBOT,
     "speed_joint",
     (
-        *(Parameter(f"qd{i}", Unit.MICRORADIAN_PER_SECOND) for i in range(6)),
+        *(Parameter(f"qd{i}", Unit.MICRORADIAN_PER_SECOND) for i in range(JOINTS)),
         Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
         Parameter("duration", Unit.MILLISECOND),
     ),

@@ -98,7 +98,7 @@ def compose(
         index_milli=decision.index or 0,
         reasons=reasons_of(decision),
         contributors=tuple(
-            Contributor(c.kind, c.link, c.object, c.index_milli, c.clearance_um, c.speed_um_s)
+            Contributor(c.kind, c.link, c.object, c.index_milli, c.clearance_um, c.speed_um_s, c.source)
             for c in (() if seen is None else seen.contributions[:CONTRIBUTORS])
         ),
         perception="missing" if seen is None else seen.perception,

@@ -12,8 +12,8 @@ from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from capabilities.scope import Tier
-from pep.acts import act_of, joined
-from pep.operations import JOINTS, MOVE_JOINT, MOVE_PATH, SPEED_JOINT, waypoints_of
+from pep.acts import act_of, joined, targets_of
+from pep.operations import MOVE_JOINT, MOVE_PATH, SPEED_JOINT
 from pep.ports import Together
 from policies.conduct import SequenceReading
 from policies.evidence import ImpactReading, RobotReading
@@ -48,7 +48,7 @@ class Sequence:
         self._clock = clock
         self._lock = threading.Lock()
         self._acts: deque[Act] = deque(maxlen=ACTS_KEPT)
-        self._stands_urad: tuple[int, ...] | None = None
+        self._stands_urad: Angles | None = None
 
     def joined(self, request: Request, *, impact: object) -> Joined | None:
         """What the request makes together with the acts before it, to be assessed as one; None when that is itself.
@@ -119,15 +119,10 @@ class Sequence:
 
     def ended(self, request: Request, *, arrived: bool) -> None:
         """The request's effect is over; an arm that arrived stands at its target, any other anywhere."""
-        numbers = tuple(value.value for value in request.values)
-        target: tuple[int, ...] | None = None
-        if request.operation == MOVE_JOINT.name:
-            target = numbers[:JOINTS]
-        elif request.operation == MOVE_PATH.name:
-            target = waypoints_of(numbers[:-2])[-1]
-        if arrived and target is not None:
+        targets = targets_of(request.operation, tuple(value.value for value in request.values))
+        if arrived and targets:
             with self._lock:
-                self._stands_urad = target
+                self._stands_urad = targets[-1]
 
     def looked(self) -> None:
         """Where the arm stands was told to whoever asks next: what is asked from now on begins there."""
@@ -158,13 +153,9 @@ def _alternations(acts: tuple[Act, ...]) -> int:
     """
     places: dict[tuple[str, ...], list[Angles]] = {}
     for act in acts:
-        name = act.operation[1]
-        if name in (MOVE_JOINT.name, MOVE_PATH.name):
-            numbers = tuple(value for _, _, value in act.values[:-2])
-            points = waypoints_of(numbers) if name == MOVE_PATH.name else (numbers,)
-            places.setdefault(("arm",), []).extend(points)
-        else:
-            places.setdefault(act.operation, []).append(tuple(value for _, _, value in act.values))
+        numbers = tuple(value for _, _, value in act.values)
+        targets = targets_of(act.operation[1], numbers)
+        places.setdefault(("arm",) if targets else act.operation, []).extend(targets or (numbers,))
     return sum(
         _undoes(before, there, back)
         for each in places.values()

@@ -136,12 +136,7 @@ class CellPhysics:
         return age_ms <= max(reckoned_ms, impact.perception_age_ms)
 
     def _impact(
-        self,
-        request: Request,
-        look: Look,
-        touch: frozenset[str],
-        *,
-        allowance_ms: int,
+        self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
     ) -> ImpactReading | ImpactFault:
         try:
             return self._assess(request, look, touch, allowance_ms=allowance_ms)
@@ -153,12 +148,7 @@ class CellPhysics:
             return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
 
     def _assess(
-        self,
-        request: Request,
-        look: Look,
-        touch: frozenset[str],
-        *,
-        allowance_ms: int,
+        self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
     ) -> ImpactReading | ImpactFault:
         if not self._clock.wall_s() < self._valid_until_s:
             return ImpactFault(Reason.PHYSICS_FAULT, "the signed cell file has expired")

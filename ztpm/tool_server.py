@@ -173,7 +173,7 @@ class ToolServer:
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
-        chosen()  # compiled before anybody may ask: half a minute the very first time, a second from then on
+        chosen()  # compiled before anybody may ask: a minute or more the very first time, a second from then on
         self.robot = robot = read_robot(config, tool=survey.tool)
         holding = Holding(robot, self.cell)
         gripper = RobotiqGripper(config.robot_host)

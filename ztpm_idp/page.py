@@ -139,6 +139,7 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
             (
                 c.kind,
                 c.object or "(none)",
+                c.source or "no sensor",
                 c.link or "(none)",
                 f"{Decimal(c.index_milli).scaleb(-3):f}",
                 _figure("", c.clearance_um, Unit.MICROMETRE),

@@ -35,7 +35,10 @@ APPROVERS_OF_TIER: Final = {Tier.SAFETY_CRITICAL: 2}
 
 @dataclass(frozen=True, slots=True)
 class Contributor:
-    """One thing that raised the index: kind, link and object, index in thousandths, clearance and speed there."""
+    """One thing that raised the index: kind, link and object, index in thousandths, clearance and speed there.
+
+    `source` is who says that the object is there: a sensor, or "" for the signed cell file and the robot itself.
+    """
 
     kind: str
     link: str
@@ -43,6 +46,7 @@ class Contributor:
     index_milli: int
     clearance_um: int
     speed_um_s: int
+    source: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +136,7 @@ def sign(ask: Ask, key: PrivateKey) -> str:
                 "index_milli": c.index_milli,
                 "clearance_um": c.clearance_um,
                 "speed_um_s": c.speed_um_s,
+                **({"source": c.source} if c.source else {}),
             }
             for c in ask.contributors
         ],
@@ -211,7 +216,10 @@ def _reason(value: object) -> str:
 
 
 def _contributor(value: object) -> Contributor:
-    claims = Claims(value, "kind", "link", "object", "index_milli", "clearance_um", "speed_um_s")
+    """One contributor. Where no sensor speaks the member is left out, so that it has one spelling."""
+    said = isinstance(value, dict) and "source" in value
+    names = ("source",) if said else ()
+    claims = Claims(value, "kind", "link", "object", "index_milli", "clearance_um", "speed_um_s", *names)
     return Contributor(
         kind=claims.name("kind"),
         link=claims.name_or_empty("link"),
@@ -219,4 +227,5 @@ def _contributor(value: object) -> Contributor:
         index_milli=claims.integer("index_milli", high=4_000),
         clearance_um=claims.integer("clearance_um", low=-INT_LIMIT),
         speed_um_s=claims.integer("speed_um_s"),
+        source=claims.name("source") if said else "",
     )

@@ -251,9 +251,10 @@ class Admission:
             return self._refused(
                 request, case, denial(decision, Reason.BODY_TOO_LARGE if large else Reason.BODY_MALFORMED)
             )
-        if any(obligation.kind is not ObligationKind.RECORD for obligation in decision.obligations):
+        undone = next((owed.kind for owed in decision.obligations if owed.kind is not ObligationKind.RECORD), None)
+        if undone is not None:
             # nothing here watches, lowers or tells: a PERMIT that asks for it does not count
-            return self._refused(request, case, denial(decision, Reason.POLICY_ERROR))
+            return self._refused(request, case, denial(decision, Reason.OBLIGATION_UNMET, obligation=str(undone)))
         taken = case.claim()
         if taken is not None:
             return self._refused(request, case, denial(decision, taken))

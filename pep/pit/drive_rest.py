@@ -113,17 +113,8 @@ class LegsRest:
     def __init__(self, legs: Iterable[Rest], check_time: Callable[[], None]) -> None:
         """The legs in order; each is looked at only when it has to be."""
         self._legs = iter(legs)
-        self._time = check_time
+        self.check_time = check_time  # of every leg that is asked
         self._known: list[tuple[Rest, Remaining | None]] = []
-
-    @property
-    def check_time(self) -> Callable[[], None]:
-        """Raises once the time for an answer is over; of every leg."""
-        return self._time
-
-    @check_time.setter
-    def check_time(self, check_time: Callable[[], None]) -> None:
-        self._time = check_time
 
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
         """The leg that the arm is on is prepared; those behind it will be when they are asked about."""
@@ -147,7 +138,7 @@ class LegsRest:
         """Of what `ask` says of each leg, as long as it also says that the next one counts."""
         found: list[Remaining] = []
         for leg, early in self._reached():
-            leg.check_time = self._time
+            leg.check_time = self.check_time
             answer, on = (early, True) if early is not None else ask(leg)
             found.append(answer)
             if not answer.holds:

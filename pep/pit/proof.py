@@ -35,7 +35,7 @@ from pep.pit.pairs import pairs_of
 from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path
 from pep.pit.proof_course import SLACK, Recorded, followed, untraced
-from pep.pit.proof_motion import motion_text
+from pep.pit.proof_motion import hex_of, motion_text
 from pep.pit.proof_rows import DIGITS, Claimed, Rows
 from pep.pit.question import as_run, view_around
 from pep.pit.separation import stopping
@@ -89,8 +89,6 @@ CELL_NUMBERS: Final = (
     "retreat_tolerance_m",
 )
 """The cell's numbers on which a path's index depends; what stands in the cell is in the scene."""
-
-
 NO_ROWS: Final[dict[str, Any]] = {"cover": [], "retreating": [], "meant": [], "met": []}
 
 
@@ -129,23 +127,22 @@ def document(
     if same != (robot.model_digest, view.scene.digest, motion.start, view.age_s, view.perception):
         raise ProofError("PARAMETERS_WRONG", "the answer to another question")
     question = _question(robot, view, motion, cell, touch)
-    asked = _Asked(robot, view, cell, touch)
-    claim: dict[str, Any]
+    prover = _Prover(robot, view, cell, touch)
     match motion:
         case JointPath() | LinePath():
             if not isinstance(answer.certificate, LegsCertificate):
                 raise ProofError("PARAMETERS_WRONG", "the answer to another question")
             legs = [
                 _leg(said, proof, torque)
-                for said, (proof, torque) in zip(answer.certificate.answers, asked.legs(motion, answer), strict=True)
+                for said, (proof, torque) in zip(answer.certificate.answers, prover.legs(motion, answer), strict=True)
             ]
             proof: dict[str, Any] = {"legs": legs}
             torque = max((float.fromhex(leg["answer"]["torque"]) for leg in legs), default=0.0)
         case MoveJ() | SpeedJ():
-            proof, torque = asked.straight(motion, answer)
+            proof, torque = prover.straight(motion, answer)
         case MoveL() | SpeedL() | ServoJ():
             drive = drive_of(robot, motion, cell, perception_age_s=view.stopping_age_s, check_time=lambda: None)
-            proof, torque = asked.driven(motion.start, drive, motion, answer)
+            proof, torque = prover.driven(motion.start, drive, motion, answer)
         case _:
             assert_never(motion)
     claim = _claim(answer, torque) | {
@@ -181,21 +178,16 @@ def question_digest(
 _NOTHING: Final[dict[str, Any]] = NO_ROWS | {"cut": DIGITS[0]}
 
 
-def _hex(number: float) -> str:
-    """The exact spelling of a number."""
-    return float(number).hex()
-
-
 def _claim(answer: Assessment, torque: float) -> dict[str, Any]:
     violations = sorted(str(each) for each in answer.violations)
-    return {"index": _hex(answer.index), "violations": violations, "torque": _hex(torque)}
+    return {"index": hex_of(answer.index), "violations": violations, "torque": hex_of(torque)}
 
 
 def _leg(said: Assessment, proof: dict[str, Any], torque: float) -> dict[str, Any]:
     return {"answer": _claim(said, torque), "proof": proof}
 
 
-class _Asked:
+class _Prover:
     """Everything that was asked but the motion, and the proof of a leg's answer to it."""
 
     def __init__(self, robot: Robot, view: View, cell: CellParameters, touch: frozenset[str]) -> None:
@@ -270,14 +262,14 @@ def _asked(answer: Assessment, count: int) -> NDArray[np.bool_]:
 
 
 def _question(robot: Robot, view: View, motion: Moving, cell: CellParameters, touch: frozenset[str]) -> dict[str, Any]:
-    numbers: dict[str, Any] = {name: _hex(getattr(cell, name)) for name in CELL_NUMBERS}
-    numbers["payload_kg"] = None if cell.payload_kg is None else _hex(cell.payload_kg)
+    numbers: dict[str, Any] = {name: hex_of(getattr(cell, name)) for name in CELL_NUMBERS}
+    numbers["payload_kg"] = None if cell.payload_kg is None else hex_of(cell.payload_kg)
     numbers["contacts"] = sorted([contact.object, contact.by] for contact in cell.contacts)
     return {
         "model": robot.content,
         "scene": view.scene.content,
         "cell": numbers,
-        "age_s": None if view.age_s is None else _hex(view.age_s),
+        "age_s": None if view.age_s is None else hex_of(view.age_s),
         "touch": sorted(touch),
         "motion": motion_text(motion),
     }

@@ -19,7 +19,7 @@ from pep.pit.inverse import reaching, stance
 from pep.pit.line import ASKED_POSES, FINEST, FIRST_PIECES, trace
 from pep.pit.motion import LineLeg, MoveL, Profile, ServoJ, SpeedL
 from pep.pit.path import GRID
-from pep.pit.proof_motion import hexed
+from pep.pit.proof_motion import hex_of, hexed
 from pep.pit.twist import Twist, tool_pose, turn_of
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class Recorded(Course):
             "third": [hexed(row) for row in cells.third[line]],
             "nodes": [[key, hexed(self.q(key / GRID))] for key in sorted(keys)],
             "until": until,
-            "seconds": None if seconds is None else float(seconds).hex(),
+            "seconds": None if seconds is None else hex_of(seconds),
         }
 
 
@@ -158,7 +158,7 @@ def untraced(
             seconds = up * ramp * (held - 0.5 * ramp)
             full = seconds * np.array(velocity)
             twist = Twist(*tool_pose(robot, at), full[:3], full[3:])
-            told |= {"seconds": seconds.hex()}
+            told |= {"seconds": hex_of(seconds)}
             profile = Profile(seconds, 1.0, up, AT_ONCE)
         case MoveL() | LineLeg():
             twist = Twist.between(robot, start, motion.target)

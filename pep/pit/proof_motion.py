@@ -13,13 +13,14 @@ Moving: TypeAlias = MoveJ | SpeedJ | MoveL | SpeedL | ServoJ | JointPath | LineP
 """Motions of the whole arm."""
 
 
+def hex_of(number: float) -> str:
+    """The exact spelling of a number."""
+    return float(number).hex()
+
+
 def hexed(numbers: Iterable[float]) -> list[str]:
     """The exact spelling of each number."""
-    return [float(number).hex() for number in numbers]
-
-
-def _hex(number: float) -> str:
-    return float(number).hex()
+    return [hex_of(number) for number in numbers]
 
 
 def motion_text(motion: Moving) -> dict[str, Any]:
@@ -30,24 +31,24 @@ def motion_text(motion: Moving) -> dict[str, Any]:
                 "form": "move_j",
                 "start": hexed(start),
                 "target": hexed(target),
-                "speed_rad_s": _hex(speed),
-                "acceleration_rad_s2": _hex(acceleration),
+                "speed_rad_s": hex_of(speed),
+                "acceleration_rad_s2": hex_of(acceleration),
             }
         case SpeedJ(start, speeds, acceleration, duration):
             return {
                 "form": "speed_j",
                 "start": hexed(start),
                 "qd_rad_s": hexed(speeds),
-                "acceleration_rad_s2": _hex(acceleration),
-                "duration_s": _hex(duration),
+                "acceleration_rad_s2": hex_of(acceleration),
+                "duration_s": hex_of(duration),
             }
         case MoveL(start, target, speed, acceleration, stated):
             return {
                 "form": "move_l",
                 "start": hexed(start),
                 "target": hexed(target),
-                "speed_m_s": _hex(speed),
-                "acceleration_m_s2": _hex(acceleration),
+                "speed_m_s": hex_of(speed),
+                "acceleration_m_s2": hex_of(acceleration),
                 "stated_start": None if stated is None else hexed(stated),
             }
         case SpeedL(start, twist, acceleration, duration):
@@ -55,8 +56,8 @@ def motion_text(motion: Moving) -> dict[str, Any]:
                 "form": "speed_l",
                 "start": hexed(start),
                 "twist": hexed(twist),
-                "acceleration_m_s2": _hex(acceleration),
-                "duration_s": _hex(duration),
+                "acceleration_m_s2": hex_of(acceleration),
+                "duration_s": hex_of(duration),
             }
         case ServoJ(start, speeds, target, period, lookahead):
             return {
@@ -64,8 +65,8 @@ def motion_text(motion: Moving) -> dict[str, Any]:
                 "start": hexed(start),
                 "qd_rad_s": hexed(speeds),
                 "target": hexed(target),
-                "period_s": _hex(period),
-                "lookahead_s": _hex(lookahead),
+                "period_s": hex_of(period),
+                "lookahead_s": hex_of(lookahead),
             }
         case JointPath(start, joint_legs):
             return {
@@ -74,8 +75,8 @@ def motion_text(motion: Moving) -> dict[str, Any]:
                 "legs": [
                     {
                         "target": hexed(leg.target),
-                        "speed_rad_s": _hex(leg.speed_rad_s),
-                        "acceleration_rad_s2": _hex(leg.acceleration_rad_s2),
+                        "speed_rad_s": hex_of(leg.speed_rad_s),
+                        "acceleration_rad_s2": hex_of(leg.acceleration_rad_s2),
                     }
                     for leg in joint_legs
                 ],
@@ -87,8 +88,8 @@ def motion_text(motion: Moving) -> dict[str, Any]:
                 "legs": [
                     {
                         "target": hexed(leg.target),
-                        "speed_m_s": _hex(leg.speed_m_s),
-                        "acceleration_m_s2": _hex(leg.acceleration_m_s2),
+                        "speed_m_s": hex_of(leg.speed_m_s),
+                        "acceleration_m_s2": hex_of(leg.acceleration_m_s2),
                     }
                     for leg in line_legs
                 ],

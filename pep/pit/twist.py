@@ -98,10 +98,6 @@ class Twist:
         """Linear and angular velocity per unit of s (6,)."""
         return np.concatenate([self.line, self.turn])
 
-    def shortened(self, share: float) -> Twist:
-        """The first `share` of it, as a whole."""
-        return Twist(self.position, self.rotation, share * self.line, share * self.turn)
-
     def at(self, s: float) -> tuple[Floats, Floats]:
         """Position and rotation at `s`."""
         return self.position + s * self.line, turned_by(s * self.turn) @ self.rotation

@@ -17,21 +17,18 @@ from capabilities.errors import BadKeyError, Fault, FaultCode
 from capabilities.mint import mint
 from capabilities.rotation import KeyRecord, KeyRing, Refused, State, Why
 from capabilities.rotation_json import ring_from_json, ring_to_json
-from capabilities.scope import Range, Restriction
 from capabilities.statements import trust
 from capabilities.succession import check_bundle, succeed
 from capabilities.trust import TrustBundle
 from capabilities.windows import KEYS_OF_A_ROLE, Role
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.world import (
-    CELL,
     ISSUER,
     NOW,
     SCOPE,
     SLOWER,
     SPONSOR,
     TOKEN_ID,
-    VIEW,
     check,
     grant_to,
     key_of,

@@ -110,7 +110,10 @@ ASKED = ask.Ask(
     tier=Tier.HIGH_CONSEQUENCE,
     index_milli=2_900,
     reasons=("TIER_NEEDS_APPROVAL",),
-    contributors=(ask.Contributor("person", "wrist_3", "person-1/torso", 2_900, 410_000, 90_000),),
+    contributors=(
+        ask.Contributor("person", "wrist_3", "person-1/torso", 2_900, 410_000, 90_000, "camera-1"),
+        ask.Contributor("rigid", "gripper", "table", 1_100, 90_000, 90_000),
+    ),
     perception="fresh",
     perception_age_ms=40,
     approvers=1,
@@ -954,6 +957,15 @@ def test_a_frame_names_each_once():
             code_of(observation, sealed.sign("observation", {**claims, member: claims[member] * 2}, SIGNER))
             is FaultCode.STATEMENT_MALFORMED
         )
+
+
+@pytest.mark.clause("STM-5")
+@pytest.mark.parametrize("source", ["", None, 1, "two words"])
+def test_what_no_sensor_speaks_of_has_no_source(source):
+    claims = claims_of(ask)
+    assert ["source" in each for each in claims["contributors"]] == [True, False]
+    claims["contributors"][1]["source"] = source
+    assert code_of(ask, sealed.sign("ask", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-1")

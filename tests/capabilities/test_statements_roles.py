@@ -12,7 +12,7 @@ import pytest
 
 from capabilities import keys, statements
 from capabilities.caps import DEFAULT
-from capabilities.errors import FaultCode, StatementError
+from capabilities.errors import FaultCode
 from capabilities.statements import attestation, message, vote
 from capabilities.statements.roles import SIGNER_OF, Signer
 from tests.capabilities.test_keys import curve_of

@@ -1,5 +1,4 @@
 import json
-import os
 from dataclasses import dataclass, field
 
 import pytest

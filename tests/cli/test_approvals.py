@@ -39,6 +39,7 @@ SHOWN = {
             "index_milli": 2_345,
             "clearance_um": 312_000,
             "speed_um_s": 240_000,
+            "source": "camera-1",
         }
     ],
     "perception": "fresh",
@@ -167,6 +168,7 @@ def test_show_shows_every_member_that_the_vote_binds(run, who, double):
         "2.345",
         "312 mm",
         "240 mm/s",
+        "camera-1",
         "TIER_NEEDS_APPROVAL",
         DIGEST,
         "11" * 32,

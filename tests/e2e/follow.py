@@ -10,7 +10,6 @@ from pathlib import Path
 
 import httpx2
 
-from capabilities import keys
 from capabilities.trust import TrustBundle
 from capabilities.caps import DEFAULT
 from pep.clock import SystemClock

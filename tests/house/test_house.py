@@ -56,6 +56,19 @@ def test_banned_words_stay_out_of_identifiers() -> None:
     assert found == []
 
 
+def test_each_clause_of_physics_has_a_number_of_its_own() -> None:
+    """And whoever cites one, in whatever file, cites one that there is."""
+    clauses = re.findall(r"\*\*(PHY-\d+)", (TOP / "docs" / "physics.md").read_text())
+    assert len(clauses) == len(set(clauses)) > 30
+    cited = {
+        number: str(path.relative_to(TOP))
+        for path in tracked()
+        if path.suffix in {".py", ".md", ".toml", ".js"}
+        for number in re.findall(r"PHY-\d+", path.read_text())
+    }
+    assert {number: path for number, path in cited.items() if number not in clauses} == {}
+
+
 def test_top_level_names_belong_to_us() -> None:
     """`capabilities`, `pep`, `policies` are plain words: no other installed distribution may claim them."""
     owners = importlib.metadata.packages_distributions()

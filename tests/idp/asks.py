@@ -65,7 +65,7 @@ class Cell:
             tier=Tier(3),
             index_milli=2_640,
             reasons=("TIER_NEEDS_APPROVAL",),
-            contributors=(ask.Contributor("person-ssm", "forearm", "person-7", 2_640, 412_000, 250_000),),
+            contributors=(ask.Contributor("person-ssm", "forearm", "person-7", 2_640, 412_000, 250_000, SENSOR),),
             perception="fresh",
             perception_age_ms=38,
             approvers=1,

@@ -17,7 +17,7 @@ from capabilities.scope import Tier
 from capabilities.statements import ask, vote
 from capabilities.units import INT_LIMIT, Quantity, Unit
 from policies.reasons import REASONS, Reason
-from tests.idp.asks import AGENT, PEP, Cell
+from tests.idp.asks import AGENT, PEP, SENSOR, Cell
 from tests.idp.world import AUDIENCE, ISSUER
 from ztpm_idp import page
 from ztpm_idp.domain.asks import Answer, Asked, AskRecord, AskState, VoteRecord
@@ -76,7 +76,7 @@ def test_everything_that_an_approval_binds_is_on_the_page(cell):
     for value in (
         stated.ask_id, stated.nonce, stated.pep, stated.audience, stated.issuer, stated.sponsor, stated.token_id, stated.agent,
         stated.agent_key, stated.object, stated.operation, stated.request_digest, stated.model_digest, stated.policy_digest,
-        stated.scene_digest, "2.640", "2640 thousandths", "at most 2.690", "3 (high consequence)", "person-ssm", "person-7", "forearm",
+        stated.scene_digest, "2.640", "2640 thousandths", "at most 2.690", "3 (high consequence)", "person-ssm", "person-7", "forearm", SENSOR,
         "412.000 mm", "412000 um", "250.000 mm/s", "250000 um_s", "38 ms", "0.038 s", "TIER_NEEDS_APPROVAL",
         REASONS[Reason.TIER_NEEDS_APPROVAL].text, "NOBODY_KNOWS_THIS", vote.digest_of(text), "1 person must approve", "10 min 0 s left",
         "2027-01-15 08:00:00 UTC", "2027-01-15 08:10:00 UTC", "2 mrad", "nobody has answered", f"ztpm approvals approve {stated.ask_id}",
@@ -122,6 +122,13 @@ def test_what_was_not_seen_is_said_first(cell, perception):
     seen = Reader(fetched(cell, ask_id).text).text
     assert seen.index("Approve only if you yourself see the cell clear") < seen.index("What would happen")
     assert f"approve {ask_id} --sees-clear" in seen
+
+
+def test_what_no_sensor_speaks_of_is_not_put_in_a_sensors_mouth(cell):
+    own = ask.Contributor("joint", "wrist_3", "joint_speed", 1_200, 0, 90_000)
+    ask_id, _ = cell.taken(contributors=(own,))
+    seen = Reader(fetched(cell, ask_id).text).text
+    assert "joint_speed no sensor wrist_3" in seen and SENSOR not in seen
 
 
 def test_an_ask_without_parameters_start_or_contributors(cell):
@@ -176,7 +183,7 @@ NUMBERS = dict(
     tier=Tier(4),
     index_milli=4_000,
     reasons=(HOSTILE,),
-    contributors=(ask.Contributor(HOSTILE, HOSTILE, HOSTILE, 0, -INT_LIMIT, INT_LIMIT),),
+    contributors=(ask.Contributor(HOSTILE, HOSTILE, HOSTILE, 0, -INT_LIMIT, INT_LIMIT, HOSTILE),),
     perception="missing",
     perception_age_ms=INT_LIMIT,
     approvers=2,

@@ -16,8 +16,6 @@ from tests.idp.asks import Cell
 from tests.idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti
 from ztpm_idp.client import ClientError, ProofAuth, delegate_request, issue_request
 
-SECOND_KEY = keys.b64u(keys.public_raw(keys.generate()))
-
 
 def good_bodies(world):
     """One good request for each endpoint that takes a body: path, body, who may, who may not."""

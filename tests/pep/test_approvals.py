@@ -21,7 +21,7 @@ from policies.policy import PolicySet
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE, MOVE, FailingJournal, Person, Rig, full_scope, reading
 
-PERSON = Contribution("person", 2_500, "wrist_3", "dave", 100, 400_000, 200_000)
+PERSON = Contribution("person", 2_500, "wrist_3", "dave", 100, 400_000, 200_000, "camera-1")
 BOX = Contribution("rigid", 800, "gripper", "box", 100, 100_000, 200_000)
 NEAR = reading(3, 2_500, contributions=(PERSON, BOX))
 
@@ -144,7 +144,10 @@ def test_what_is_asked_is_what_was_decided_on(rig):
         2_500,
         ("TIER_NEEDS_APPROVAL", "SEQUENCE_NEEDS_APPROVAL"),
     )
-    assert [(c.kind, c.object) for c in asked.contributors] == [("person", "dave"), ("rigid", "box")]
+    assert [(c.kind, c.object, c.source) for c in asked.contributors] == [
+        ("person", "dave", "camera-1"),
+        ("rigid", "box", ""),
+    ]
     assert (asked.start_urad, asked.model_digest, asked.policy_digest) == (
         NEAR.start_urad,
         NEAR.model_digest,

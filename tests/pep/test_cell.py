@@ -15,7 +15,6 @@ from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 
 from capabilities import keys
-from capabilities.scope import Tier
 from capabilities.statements.registry import SensorEntry, ToolEntry
 from pep.mcp.arm import tool_definitions
 from pep.mcp.guard import DECISION_META

@@ -12,7 +12,7 @@ from capabilities.caps import DEFAULT as CAPS
 from capabilities.errors import Fault, FaultCode
 from capabilities.statements import intent as intent_statement
 from capabilities.units import INT_LIMIT
-from pep.authority import NO_TOKEN, NOBODY, Credentials
+from pep.authority import NOBODY, Credentials
 from pep.context import receipts
 from pep.context.admission import Admitted, Refused, Released
 from pep.context.arguments import Known, Presented, arguments
@@ -22,7 +22,6 @@ from pep.context.value import ValueFault
 from pep.errors import PepFault, ReplayStoreError
 from pep.record import FileJournal
 from pep.records import unfinished
-from pep.replay import ReplayCache
 from policies import replay as recorded
 from policies.labels import Integrity, Source, joined
 from policies.load import load, load_shipped
@@ -32,7 +31,7 @@ from policies.reasons import Reason
 from policies.said import ItemKind, ItemReading
 from tests.capabilities.world import CELL, NOW, key_of, move
 from tests.pep.context_kit import (
-    ADMITTERS, CURATED, UNVOUCHED, Journal, Point, chain_to, document, for_intent, held, replaced, response, said, wanted,
+    ADMITTERS, CURATED, UNVOUCHED, Point, chain_to, document, for_intent, held, replaced, response, said, wanted,
 )  # fmt: skip
 from tests.pep.kit import ManualClock
 
@@ -315,7 +314,9 @@ def test_an_obligation_that_nobody_fulfils_voids_the_permit(obligation):
         f'obligation = ["record", "{obligation}"]\npit_bound = "none"\n'
     )
     point = Point(CHAIN, policies=load(text))
-    assert refused_for(admitted(point, document())) is Reason.POLICY_ERROR
+    found = admitted(point, document())
+    assert refused_for(found) is Reason.OBLIGATION_UNMET
+    assert found.decision.findings[0].detail == {"obligation": obligation}
     assert point.flow.label(point.context(CHAIN)) == own(Holder.of(CHAIN.leaf))
 
 

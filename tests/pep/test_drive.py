@@ -601,12 +601,6 @@ NOT_SO_FAST = Rest(holds=False, index_milli=2_100, cause="person", fault="", age
 SLOW_IS_WELL = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20, pace=0.4)
 
 
-def judged_by(world, told):
-    """What is judged from now on; a view that always shows something else is judged at every look."""
-    world.rest = told
-    world.seen = Seen((), 20)
-
-
 def test_a_move_is_slowed_and_arrives_and_the_slider_is_where_it_was(world):
     world.arm.slider = world.arm.scaling = 0.9  # where a person has it
     speeds = []

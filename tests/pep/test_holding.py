@@ -10,7 +10,6 @@ from pep.errors import PepFault, RobotError
 from pep.holding import Holding
 from pep.pit import CellParameters, Robot, Scene, Sphere, Thing
 from pep.pit.cell import Part
-from pep.pit.kinematics import link_frames
 from pep.rtde.gripper import Grip
 from pep.world import tool_position
 from ztpm import robot as composition

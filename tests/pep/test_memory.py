@@ -11,7 +11,7 @@ from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault, FaultCode
-from capabilities.scope import Grant, Tier
+from capabilities.scope import Grant
 from capabilities.statements import memory as statement
 from capabilities.verify import Verifier
 from pep.context import memory as module

@@ -1,6 +1,5 @@
 """What a tool answered, bound to its call; and receipts in `_meta`, coming with a call and going with its result."""
 
-import asyncio
 import json
 from dataclasses import replace
 from importlib import resources

@@ -1,7 +1,6 @@
 """Salami slicing, with real physics, gate and signed frames: a sweep that needs a person, cut into steps that would not."""
 
 import asyncio
-from dataclasses import replace
 
 import pytest
 

@@ -76,7 +76,7 @@ class Between:
         swell += stage.radius * (self.spin_second * fast**3 + 3 * self.spin_first * fast * gain)
         swell *= square
         most = self.first * fast + stage.radius * self.spin * fast
-        bodies, counted = len(stage.moving), len(stage.moving) + len(stage.apart)
+        counted = len(stage.moving) + len(stage.apart)
         speed = np.maximum(shots.speed[at], shots.speed[next_]) + swell[:, :counted]
         points = np.maximum(shots.points[at], shots.points[next_]) + swell[:, counted:]
         # Faces are straight: the nearer end, and the bend. Everything else by the planes of both samples.

@@ -192,8 +192,7 @@ class World:
 
     def ratios(self, fastest=None):
         """Each quantity by its limit, as far as it was seen; joint speed and acceleration as they are commanded."""
-        cell, timing, share = self.cell, self.run.timing, np.abs(self.run.unit)
-        motion = self.motion
+        timing, share, motion = self.run.timing, np.abs(self.run.unit), self.motion
         asked = motion.speed_rad_s if isinstance(motion, MoveJ) else np.abs(motion.qd_rad_s).max()
         wanted, got = ((share * v / SPEED_LIMITS).max() for v in (asked, timing.peak))
         return {

@@ -32,7 +32,6 @@ from pep.pit import (
     Robot,
     Sphere,
     SpeedJ,
-    Thing,
     Workspace,
     Zone,
     assess,

@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio
 import pytest
 
-from pep.pit import Box, MoveL, Sphere, Thing, Workspace, assess
+from pep.pit import MoveL, Sphere, Thing, Workspace, assess
 from pep.pit.certify import RESOLUTION
-from pep.pit.drive import Drive, line_drive
+from pep.pit.drive import line_drive
 from pep.pit.driven import CourseCertificate
 from pep.pit.effort import Effort
 from pep.pit.inverse import stance
@@ -21,7 +21,7 @@ from pep.pit.path import GRID
 from pep.pit.twist import Twist, turn_of, turned_by
 from policies.evidence import ImpactFault
 from policies.reasons import Reason
-from tests.pit.lines import MODEL, Sampled, marched, placed, pose_of, random_line, random_start, random_way
+from tests.pit.lines import MODEL, Sampled, marched, placed, pose_of, random_line
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, with_glass, with_person
 
 NAN, INF = math.nan, math.inf

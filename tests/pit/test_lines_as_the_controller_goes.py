@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from pep.pit import MoveL, ServoJ, SpeedL
 from pep.pit.drive import Drive
 from pep.pit.driving import drive_of
 from pep.pit.effort import Effort

@@ -45,7 +45,7 @@ from pep.pit.slowing import paced, steps
 from pep.pit.twist import Twist, turn_of
 from policies.evidence import ImpactFault
 from tests.pit import twin
-from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, at_time, empty, random_move, random_scene, tcp
+from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, at_time, empty, random_move, tcp
 from tests.pit.test_soundness import dense_index
 
 AGE = 0.1

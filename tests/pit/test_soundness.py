@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pep.pit import Box, Capsule, CellParameters, MoveJ, Person, Robot, Scene, Sphere, Workspace, assess
+from pep.pit import Box, Capsule, CellParameters, MoveJ, Person, Scene, Sphere, Workspace, assess
 from pep.pit.certify import RESOLUTION
 from pep.pit.motion import profile_of
 from pep.pit.oracle import World

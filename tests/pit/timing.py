@@ -1,4 +1,4 @@
-"""A straight joint motion in time: a trapezoid of the leading axis (docs/physics.md, PHY-8), written down once more."""
+"""A straight joint motion in time: a trapezoid of the leading axis (docs/physics.md, PHY-9), written down once more."""
 
 from __future__ import annotations
 

@@ -16,7 +16,6 @@ from policies.reasons import PRECEDENCE
 from policies.row import Attack, Defence
 from tests.policies.world import VECTORS
 
-PRIMITIVES = Path(policies.__file__).parent / "primitives"
 EXPECTED = [
     f"{domain}-{i}"
     for domain, n in (("AID", 5), ("CII", 6), ("TEA", 6), ("CATP", 4), ("ABG", 4))

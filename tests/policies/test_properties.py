@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from capabilities.scope import Tier
 from policies import (
-    CATALOG,
     NOT_COLLECTED,
     ROWS,
     ApprovalReading,

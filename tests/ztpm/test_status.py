@@ -8,6 +8,7 @@ from dataclasses import replace
 import httpx2
 import pytest
 
+from policies.model import ObligationKind
 from ztpm.status.decisions import Decided, Decisions, OpenAsk
 from ztpm.status.markup import Markup, tag, text
 from ztpm.status.page import render
@@ -51,7 +52,8 @@ def test_everything_is_on_the_page():
     page = render(PICTURE)
     for shown in (
         "tool server", "1 min 15 s", "does not run", "57.3°", "moving", "running", "normal", "fresh", "camera-2", "p1",
-        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", "denies in 30 s", "notify, re-attest",
+        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", "denies in 30 s",
+        "a person has to see this, attest the agent again",
         f"http://127.77.0.11:8700/ztpm/approvals/{'ab' * 16}/page", f"ztpm approvals approve {'ab' * 16} --data /cell --as NAME",
     ):  # fmt: skip
         assert shown in page
@@ -147,9 +149,13 @@ def test_the_kernel_says_whose_connection_it_is(tmp_path):
 
 def test_what_a_decision_obliges_people_to_is_read_from_its_record(tmp_path):
     journal = tmp_path / "journal"
-    decision = {"effect": "DENY", "reason": "TOOL_DEFINITION_CHANGED", "obligations": ["notify", "record", "watch"]}
+    decision = {
+        "effect": "DENY",
+        "reason": "TOOL_DEFINITION_CHANGED",
+        "obligations": [str(kind) for kind in ObligationKind],
+    }
     body = {"decision": decision, "request": {"id": "r1", "operation": "move_joint"}}
     journal.write_text(json.dumps({"kind": "decision", "at_ms": 1, "body": body}) + "\n", encoding="utf-8")
     decisions = Decisions(journal)
     decisions.follow()
-    assert [decided.owed for decided in decisions.newest()] == [("notify",)]
+    assert [decided.owed for decided in decisions.newest()] == [("notify", "re-attest", "lower trust")]

@@ -7,7 +7,10 @@ from collections import OrderedDict, deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
+from policies.model import ObligationKind
+
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
 KEPT: Final = 20
@@ -19,8 +22,13 @@ FIRST_BYTES: Final = 4_194_304
 READ_BYTES: Final = 4_194_304
 """How much is read at once afterwards."""
 
-OWED: Final = frozenset({"notify", "re-attest", "lower trust"})
-"""Obligations that are fulfilled elsewhere than at the enforcement point: this page is where people are notified."""
+OWED: Final[Mapping[str, str]] = {
+    ObligationKind.NOTIFY: "a person has to see this",
+    ObligationKind.REATTEST: "attest the agent again",
+    ObligationKind.LOWER_TRUST: "lower the sender's trust",
+}
+"""Obligations that are fulfilled elsewhere than at the enforcement point, in the words of this page, where people are
+notified."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +43,7 @@ class Decided:
         effect, reason: PERMIT, DENY or DEFER, and why.
         tier: or None.
         outcome: what came of a PERMIT: "done", "failed", "refused", "cancelled", "unknown"; "" when nothing has yet.
-        owed: what people or the identity provider have to do because of it: "notify", "re-attest", "lower trust".
+        owed: what people or the identity provider have to do because of it, each a key of `OWED`.
     """
 
     at_ms: int

@@ -6,6 +6,8 @@ import datetime as dt
 import math
 from typing import TYPE_CHECKING, Any, Final
 
+from policies.model import ObligationKind
+from ztpm.status.decisions import OWED
 from ztpm.status.markup import Markup, tag, text
 
 if TYPE_CHECKING:
@@ -192,8 +194,6 @@ def _agents(picture: Picture) -> Markup:
     return _section("Agents", _table(("agent", "trust"), rows, numbers=(1,)))
 
 
-NOTIFY: Final = "notify"
-"""What a person has to see, and sees here."""
 EFFECTS: Final = {"PERMIT": "good", "DENY": "bad", "DEFER": "wait"}
 
 
@@ -209,7 +209,11 @@ def _decisions(picture: Picture) -> Markup:
             decided.agent or text(tag("span", "nobody known", class_="dim")),
             decided.operation,
             decided.outcome,
-            tag("span", ", ".join(decided.owed), class_="wait" if NOTIFY in decided.owed else ""),
+            tag(
+                "span",
+                ", ".join(OWED.get(kind, kind) for kind in decided.owed),
+                class_="wait" if ObligationKind.NOTIFY in decided.owed else "",
+            ),
         )
         for decided in picture.decisions
     ]

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 VERSION: Final = "ztpm-pit-proof/1"
 CUT_MOST: Final = 1024  # intervals on which speeds of the whole path are bounded; bounds the work
-NO_PROOF: Final[dict[str, Any]] = {"cover": [], "cut": "0", "retreating": [], "meant": [], "met": []}
 NO_ROWS: Final[dict[str, Any]] = {"cover": [], "retreating": [], "meant": [], "met": []}
+NO_PROOF: Final[dict[str, Any]] = NO_ROWS | {"cut": "0"}
 TORQUE_MOST: Final = 1e6  # a ratio larger than this is none
 WORDS_MOST: Final = len(VIOLABLE) + 2  # of violations: and joint_limit, and unreachable
 

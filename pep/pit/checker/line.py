@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from pep.pit.checker.arm import GRID
+from pep.pit.checker.motion import ANGLE_MOST_RAD
 from pep.pit.checker.piece import OFF, Lever, Piece, contraction
 from pep.pit.checker.robot import JOINTS
 from pep.pit.checker.stance import stance, times
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 PIECES_MOST: Final = 1024  # of one line; bounds the work
 NODES_MOST: Final = 50_000  # of one line; likewise
 BOUND_MOST: Final = 1e12  # of a derivative of a joint, rad; what is larger proves nothing
-ANGLE_MOST_RAD: Final = 1e4  # no joint turns farther
 PLACE: Final = "proof.course"
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pep.pit.checker.twist import Pose
 
 INVERSE_OFF: Final = 1e-9  # largest entry of 1 - G J that an inverse may leave: rounding, far from any singularity
-LINEAR: Final = 3  # rows of a Jacobian before the angular ones
+LINEAR: Final = 3  # parts of a velocity, and rows of a Jacobian, before the angular ones
 
 Six = tuple[float, ...]
 Matrix = tuple[Six, ...]  # six rows of six
@@ -51,10 +51,8 @@ class Stance:
         """Derivative of the Jacobian while the joints turn at these rates; six rows."""
         point = self.pose[0]
         turning = [(x * r, y * r, z * r) for (x, y, z), r in zip(self.axes, rates, strict=True)]
-        spins, moments = (
-            [ORIGIN],
-            [ORIGIN],
-        )  # of the link that carries each axis; the velocity of p is spin x p + moment
+        # Of the link that carries each axis; the velocity of p is spin x p + moment.
+        spins, moments = [ORIGIN], [ORIGIN]
         for joint in range(JOINTS):
             spins.append(plus(spins[joint], turning[joint]))
             moments.append(plus(moments[joint], cross(self.origins[joint], turning[joint])))

@@ -13,6 +13,7 @@ from pep.pit.checker.laws import HIGHEST, SAME
 from pep.pit.checker.line import PLACE, Bounds
 from pep.pit.checker.motion import Timing
 from pep.pit.checker.robot import JOINTS
+from pep.pit.checker.stance import LINEAR
 from pep.pit.checker.text import exact, whole
 from pep.pit.checker.twist import Twist
 from pep.pit.checker.verdict import Code, need
@@ -29,7 +30,6 @@ LOOKAHEAD_LEAST_S: Final = 0.03  # PHY-20
 STILL_RAD_S: Final = 1e-6  # PHY-20: one unit of the wire
 ENVELOPE: Final = 8  # equal pieces on which the speeds of a servo target are bounded
 LONGER: Final = 2.0  # PHY-48: times its hold; the course of a held speed that breaks off is no longer
-LINEAR: Final = 3  # parts of a velocity before the angular ones
 
 
 def held_speed(robot: Robot, cell: Cell, start: Six, motion: Held, row: dict[str, Any]) -> Drive | Fixed:

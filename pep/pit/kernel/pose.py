@@ -195,14 +195,21 @@ def goal_at(line: Line, s: float, position: Floats, rotation: Floats, room: Floa
 
 
 @compiled
+def pivot_of(matrix: Floats, k: int) -> int:
+    """The row from `k` on with the largest entry in column `k` of `matrix` (6, 6); -1 where there is none but 0."""
+    best, pivot = abs(matrix[k, k]), k
+    for i in range(k + 1, JOINTS):
+        if abs(matrix[i, k]) > best:
+            best, pivot = abs(matrix[i, k]), i
+    return pivot if best > 0.0 else -1
+
+
+@compiled
 def divided(matrix: Floats, right: Floats) -> bool:
     """`right` (6,) is the solution of `matrix` (6, 6), which is used up; False where there is none."""
     for k in range(JOINTS):
-        best, pivot = abs(matrix[k, k]), k
-        for i in range(k + 1, JOINTS):
-            if abs(matrix[i, k]) > best:
-                best, pivot = abs(matrix[i, k]), i
-        if not best > 0.0:
+        pivot = pivot_of(matrix, k)
+        if pivot < 0:
             return False
         if pivot != k:
             for j in range(k, JOINTS):
@@ -229,11 +236,8 @@ def inverted(matrix: Floats, inverse: Floats, room: Floats) -> bool:
         for j in range(JOINTS):
             room[i, j], inverse[i, j] = matrix[i, j], 1.0 if i == j else 0.0
     for k in range(JOINTS):
-        best, pivot = abs(room[k, k]), k
-        for i in range(k + 1, JOINTS):
-            if abs(room[i, k]) > best:
-                best, pivot = abs(room[i, k]), i
-        if not best > 0.0:
+        pivot = pivot_of(room, k)
+        if pivot < 0:
             return False
         if pivot != k:
             for j in range(JOINTS):

@@ -15,7 +15,6 @@ from typing import Any
 
 from capabilities.caps import DEFAULT
 from capabilities.carriage import token_from_text, token_to_text
-from capabilities.chain import Chain
 from capabilities.errors import Fault
 from capabilities.scope_json import scope_from_json, scope_to_json
 from capabilities.verify import Verifier

@@ -11,16 +11,11 @@ from capabilities.scope import Grant, Limit, OneOf, Range, Scope, Tier
 from capabilities.units import Parameter, Unit
 from tests.vectors.tokens.cases import Case, Faulty, Group, Permitted, group
 from tests.vectors.tokens.ordinary import (
-    FORCE,
-    MOVE,
     NOW,
     Q0,
-    Q1,
-    SCOPE,
     SLOWER,
     SMALL,
     SPEED,
-    WIDTH,
     authority,
     hop,
     one_operation,

@@ -17,7 +17,6 @@ from tests.vectors.tokens.ordinary import (
     LESS,
     MOVE,
     NOW,
-    OTHER_CELL,
     Q0,
     Q1,
     READ,
@@ -30,7 +29,6 @@ from tests.vectors.tokens.ordinary import (
     authority,
     hop,
     hop_id_of,
-    term,
 )
 from tests.vectors.tokens.sealing import raw_of
 

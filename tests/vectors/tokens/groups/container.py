@@ -9,7 +9,7 @@ from dataclasses import replace
 import biscuit_auth
 
 from capabilities.errors import FaultCode
-from tests.vectors.tokens.cases import Accepted, Case, Faulty, Group, Made, Permitted, faults, group
+from tests.vectors.tokens.cases import Accepted, Case, Faulty, Group, Permitted, faults, group
 from tests.vectors.tokens.ordinary import (
     CELL,
     LESS,
@@ -411,4 +411,3 @@ CANONICAL = group(
 )
 
 GROUPS: tuple[Group, ...] = (SIZE, STRUCTURE, SIGNATURES, ATTESTED, CANONICAL)
-Maker = Callable[[], Made]

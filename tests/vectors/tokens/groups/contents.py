@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from capabilities.errors import FaultCode
-from tests.vectors.tokens.cases import Accepted, Case, Case, Faulty, Group, Made, faults, group
+from tests.vectors.tokens.cases import Accepted, Case, Case, Group, Made, faults, group
 from tests.vectors.tokens.ordinary import (
     CELL,
     ISSUER,
@@ -16,8 +16,6 @@ from tests.vectors.tokens.ordinary import (
     Says,
     Terms,
     authority,
-    authority_payload,
-    compiled,
     hop,
     hexed,
     member,
@@ -29,7 +27,7 @@ from tests.vectors.tokens.ordinary import (
     term,
     without,
 )
-from tests.vectors.tokens.sealing import Sealed, append, cut, inner, put, raw_of, seal, varint
+from tests.vectors.tokens.sealing import Sealed, append, cut, inner, put, raw_of, varint
 
 WRONG = FaultCode.WRONG_PROFILE
 BROKEN = FaultCode.CHAIN_BROKEN

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from capabilities.errors import FaultCode
@@ -15,7 +14,6 @@ from tests.vectors.tokens.ordinary import (
     NOW,
     Q0,
     READ,
-    SCOPE,
     SLOWER,
     SMALL,
     SPEED,
