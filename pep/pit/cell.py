@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 from pep.pit.errors import CellError
-from pep.pit.scene import Box, Capsule, Convex, Scene, Shape, Sphere, Vector, Workspace
+from pep.pit.scene import Box, Capsule, Convex, Scene, Shape, Sphere, Thing, Vector, Workspace, Zone
 from pep.pit.strict import STRICT, FormError, read_table, read_toml
 from pep.stopping import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
 
@@ -113,7 +113,7 @@ TABLE: Final = StaticObject(
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class CellParameters:
     """Everything about a cell that is not the robot and not what a sensor sees now. SI units, unit in each name."""
 
@@ -226,11 +226,21 @@ class CellParameters:
 
     def defect(self) -> str | None:
         """What makes these parameters unfit, or None: each number is finite, at least 0, above 0 where it divides."""
-        return _defect(self)
+        return self._defect
+
+    @cached_property
+    def _defect(self) -> str | None:  # asked with every question, and a cell has one
+        return _defect_of(self)
+
+    @cached_property
+    def surveyed(self) -> Scene:
+        """What is known without any perception: the surveyed part of the cell."""
+        surveyed = tuple(Thing(o.name, o.kind, o.shape, self.surveyed_uncertainty_m) for o in self.objects)
+        zones = tuple(Zone(z.name, z.shape, z.tier) for z in self.zones)
+        return Scene(objects=surveyed, zones=zones, workspace=self.workspace)
 
 
-@lru_cache(maxsize=64)  # asked with every question, and a cell has one
-def _defect(cell: CellParameters) -> str | None:
+def _defect_of(cell: CellParameters) -> str | None:
     dividing = {
         "stop_deceleration_rad_s2",
         "person_speed_m_s",

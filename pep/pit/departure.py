@@ -36,12 +36,11 @@ class JointLimits:
 
 def joint_limits(robot: Robot, start: Floats, target: Floats) -> JointLimits:
     """How a move between these joint angles (rad) stands to the limits."""
-    before, after = robot.beyond_rad(start), robot.beyond_rad(target)
+    before, after = robot.beyond_rad(np.array([start, target])).tolist()
     # From beyond one limit to beyond the other is no retreat, however the two excesses compare.
-    crossed = before * after < 0
-    worse = ~(np.abs(after) <= np.abs(before)) | crossed
-    joint = robot.model.joints[int(worse.argmax())].name
-    return JointLimits(broken=bool(worse.any()), retreating=bool((before != 0).any()), joint=joint)
+    worse = [not (abs(then) <= abs(now) and now * then >= 0) for now, then in zip(before, after, strict=True)]
+    joint = robot.model.joints[worse.index(True) if any(worse) else 0].name
+    return JointLimits(broken=any(worse), retreating=any(before), joint=joint)
 
 
 def slow_enough(cell: CellParameters, *, joint_speed_rad_s: float, speed_m_s: float) -> bool:

@@ -56,7 +56,6 @@ class Effort:
         speeds = self.surface_speed_m_s(profile)
         forward, backward = (each * stretched**2 for each in drive.push)
         rate = profile.rate(drive.course.cells.mid / GRID)
-        torque = self._torques.ratio(rate, forward=forward, backward=backward)
         tool = float(speeds[robot.body_index("tcp")])
         # A short line never reaches a forbidden speed, but asking for one is asking to break the limit.
         asked = drive.tool_speed_m_s * profile.speed_rad_s / drive.profile.speed_rad_s
@@ -64,5 +63,11 @@ class Effort:
         return (
             Ratio("joint_speed", float(joint.max())),
             Ratio("acceleration", float(hardest.max())),
-            *body_ratios(robot, cell, speeds, tool_speed_m_s=tool, torque=torque),
+            *body_ratios(
+                robot,
+                cell,
+                speeds,
+                tool_speed_m_s=tool,
+                torque=lambda: self._torques.ratio(rate, forward=forward, backward=backward),
+            ),
         )

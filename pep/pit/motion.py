@@ -267,15 +267,16 @@ class Profile:
 
     def rate(self, s: Floats) -> Floats:
         """ds/dt at path parameter `s`, 1/s: speed rises with the root of the way made, and falls likewise."""
-        up = np.sqrt(2 * self.acceleration_rad_s2 * self.way_rad * np.clip(s, 0, None))
-        down = np.sqrt(2 * self.braking_rad_s2 * self.way_rad * np.clip(1 - s, 0, None))
+        up = np.sqrt(2 * self.acceleration_rad_s2 * self.way_rad * np.maximum(s, 0))
+        down = np.sqrt(2 * self.braking_rad_s2 * self.way_rad * np.maximum(1 - s, 0))
         return np.asarray(np.minimum(self.peak_rad_s, np.minimum(up, down)) / self.way_rad)
 
     def highest_rate(self, low: Floats, high: Floats) -> Floats:
         """Supremum of ds/dt on [low, high]: the rate rises until the peak and never rises again."""
         top = self.top
         spanned = (low <= top) & (top <= high)
-        return np.asarray(np.where(spanned, self.peak_rad_s / self.way_rad, self.rate(np.clip(top, low, high))))
+        nearest = np.minimum(np.maximum(top, low), high)
+        return np.asarray(np.where(spanned, self.peak_rad_s / self.way_rad, self.rate(nearest)))
 
     def at(self, t_s: float) -> tuple[float, float]:
         """(s, ds/dt) at time `t_s` after the start, from the time domain: shares nothing with `rate` but the peak."""

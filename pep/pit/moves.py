@@ -210,7 +210,7 @@ class MoveQuestion:
         def falls(speed: float) -> bool:
             nonlocal leaves
             profile = profile_of(self.move, speed)
-            if profile is None or (asks and max(r.index for r in demands.ratios(profile)) > target):
+            if profile is None or (asks and not demands.at_most(profile, target)):
                 return False
             meant = self._with_meant(path, pairs, profile)
             fit = self.engine.fits(
@@ -233,7 +233,7 @@ class MoveQuestion:
         def falls(speed: float) -> bool:
             self.check_time()
             profile = profile_of(self.move, speed)
-            return profile is not None and max(r.index for r in demands.ratios(profile)) <= target
+            return profile is not None and demands.at_most(profile, target)
 
         of_arm = highest_speed(falls, slowest=SLOWEST_RAD_S, fastest=self.move.speed_rad_s)
         return None if of_arm is None else min(of_pairs, of_arm)

@@ -8,6 +8,8 @@ stays in force. `Demands` asks it of a straight joint path, `pep.pit.effort` of 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +21,8 @@ from pep.pit.tier import ratio_index
 from pep.pit.torques import Torques, carried_kg
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from pep.pit.cell import CellParameters
     from pep.pit.motion import Floats, Profile
     from pep.pit.path import Path
@@ -46,6 +50,7 @@ class Ratio:
         return ratio_index(self.ratio)
 
 
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
 def speed_shares(robot: Robot, cell: CellParameters) -> Floats:
     """Per quantity (speed of tool, elbow, momentum) and body, the part of its limit that 1 m/s takes, (3, bodies)."""
     tcp = robot.body_index("tcp")
@@ -58,29 +63,28 @@ def speed_shares(robot: Robot, cell: CellParameters) -> Floats:
     shares[MOMENTUM] = [masses.get(body.name, 0.0) for body in robot.bodies]
     shares[MOMENTUM, tcp] += carried_kg(robot, cell)
     shares[MOMENTUM] /= cell.momentum_limit_kg_m_s
+    shares.setflags(write=False)
     return shares
 
 
 def body_ratios(
-    robot: Robot, cell: CellParameters, speeds_m_s: Floats, *, tool_speed_m_s: float, torque: float
-) -> tuple[Ratio, ...]:
-    """What any motion asks of the arm's bodies, whatever its path.
+    robot: Robot, cell: CellParameters, speeds_m_s: Floats, *, tool_speed_m_s: float, torque: Callable[[], float]
+) -> Iterator[Ratio]:
+    """What any motion asks of the arm's bodies, whatever its path: one after the other, as they are asked for.
 
     Args:
         robot: the arm.
         cell: its limits.
         speeds_m_s: proven bound on the surface speed of every body, (bodies,).
         tool_speed_m_s: of the tool point, held against its limit.
-        torque: the worst by limit.
+        torque: computes the worst by limit.
     """
     _, elbow, momentum = (speed_shares(robot, cell) @ speeds_m_s).tolist()
-    return (
-        Ratio("tcp_speed", tool_speed_m_s / cell.tcp_speed_limit_m_s),
-        Ratio("elbow_speed", elbow),
-        Ratio("momentum", momentum),
-        Ratio("torque", torque),
-        Ratio("payload", (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg),
-    )
+    yield Ratio("tcp_speed", tool_speed_m_s / cell.tcp_speed_limit_m_s)
+    yield Ratio("elbow_speed", elbow)
+    yield Ratio("momentum", momentum)
+    yield Ratio("torque", torque())
+    yield Ratio("payload", (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg)
 
 
 class Demands:
@@ -90,10 +94,11 @@ class Demands:
         """Torque and speed terms at the path's nodes."""
         self._robot, self._cell = path.robot, cell
         self._intervals = Intervals(path, speed_shares(path.robot, cell))
-        self._delta = path.delta
+        self._ways = np.abs(path.delta).tolist()
+        self._limits = path.robot.speed_limits_rad_s.tolist()
         self._node_s = np.append(self._intervals.low, GRID) / GRID
         q = path.start + self._node_s[:, None] * path.delta
-        self._torques = Torques(path.robot, cell, q, np.tile(path.delta, (len(q), 1)), np.zeros_like(q))
+        self._torques = Torques(path.robot, cell, q, np.repeat(path.delta[None], len(q), axis=0), np.zeros_like(q))
 
     def speeds(self, profile: Profile) -> Speeds:
         """Proven bounds on the surface speed of every body, and the intervals on which they are proven."""
@@ -105,20 +110,31 @@ class Demands:
 
     def ratios(self, profile: Profile) -> tuple[Ratio, ...]:
         """Every quantity of this move under this profile against its limit."""
+        return tuple(self._each(profile))
+
+    def at_most(self, profile: Profile, index: float) -> bool:
+        """Whether no ratio has a higher index; the dearest are only asked for where the others have none."""
+        return all(ratio.index <= index for ratio in self._each(profile))
+
+    def _each(self, profile: Profile) -> Iterator[Ratio]:
         robot = self._robot
-        share = np.abs(self._delta) / profile.way_rad
-        joint = float((share * profile.peak_rad_s / robot.speed_limits_rad_s).max())
-        asked = float((share * profile.speed_rad_s / robot.speed_limits_rad_s).max())
+        shares = [way / profile.way_rad for way in self._ways]
+        asked = max(map(_by_limit, shares, repeat(profile.speed_rad_s), self._limits))
+        joint = max(map(_by_limit, shares, repeat(profile.peak_rad_s), self._limits))
+        # A short move never reaches a forbidden speed, but asking for one is asking to break the limit.
+        yield Ratio("joint_speed", asked if asked > 1 else joint)
+        yield Ratio("acceleration", profile.acceleration_rad_s2 / robot.model.acceleration_limit_rad_s2)
         speeds = self.surface_speed_m_s(profile)
-        torque = self._torques.ratio(
+        tool = float(speeds[robot.body_index("tcp")])
+        yield from body_ratios(robot, self._cell, speeds, tool_speed_m_s=tool, torque=lambda: self._torque(profile))
+
+    def _torque(self, profile: Profile) -> float:
+        return self._torques.ratio(
             profile.rate(self._node_s),
             forward=profile.acceleration_rad_s2 / profile.way_rad,
             backward=profile.braking_rad_s2 / profile.way_rad,
         )
-        tool = float(speeds[robot.body_index("tcp")])
-        return (
-            # A short move never reaches a forbidden speed, but asking for one is asking to break the limit.
-            Ratio("joint_speed", asked if asked > 1 else joint),
-            Ratio("acceleration", profile.acceleration_rad_s2 / robot.model.acceleration_limit_rad_s2),
-            *body_ratios(robot, self._cell, speeds, tool_speed_m_s=tool, torque=torque),
-        )
+
+
+def _by_limit(share: float, speed: float, limit: float) -> float:
+    return share * speed / limit

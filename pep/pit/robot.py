@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,8 @@ from pep.pit.model import JOINTS, PAYLOAD, TOOL_PAIR, LinkCapsule, Model, Tool, 
 from pep.pit.strict import FormError, read_table, read_toml
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from pep.pit.calibration import Calibration
@@ -122,10 +124,10 @@ class Robot:
         """The text whose SHA-256 is `model_digest`: everything that the robot is, every float exact."""
         return _content(self.model, self.tool, self.held)
 
-    @property
+    @cached_property
     def position_ranges_rad(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest angle of each joint, each of shape (6,)."""
-        low, high = np.array([j.range_rad for j in self.model.joints]).T
+        low, high = _fixed([j.range_rad for j in self.model.joints]).T
         return low, high
 
     def beyond_rad(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -133,17 +135,17 @@ class Robot:
         low, high = self.position_ranges_rad
         return np.asarray(np.maximum(q - high, 0) + np.minimum(q - low, 0))
 
-    @property
+    @cached_property
     def speed_limits_rad_s(self) -> NDArray[np.float64]:
         """Joint speed limits."""
-        return np.array([j.speed_limit_rad_s for j in self.model.joints])
+        return _fixed([j.speed_limit_rad_s for j in self.model.joints])
 
-    @property
+    @cached_property
     def torque_limits_nm(self) -> NDArray[np.float64]:
         """Joint torque limits."""
-        return np.array([j.torque_limit_nm for j in self.model.joints])
+        return _fixed([j.torque_limit_nm for j in self.model.joints])
 
-    @property
+    @cached_property
     def moving_mass_kg(self) -> float:
         """Mass of links 1 to 6."""
         return sum(j.mass_kg for j in self.model.joints)
@@ -154,10 +156,18 @@ class Robot:
         Raises:
             KeyError: no such body.
         """
-        for index, body in enumerate(self.bodies):
-            if body.name == name and body.reference == 0:
-                return index
-        raise KeyError(name)
+        return self._index_of[name]
+
+    @cached_property
+    def _index_of(self) -> dict[str, int]:
+        return {body.name: index for index, body in reversed([*enumerate(self.bodies)]) if body.reference == 0}
+
+
+def _fixed(numbers: Sequence[object]) -> NDArray[np.float64]:
+    """An array that nobody changes."""
+    array = np.array(numbers)
+    array.setflags(write=False)
+    return array
 
 
 @lru_cache(maxsize=64)  # shipped models and the calibrations of one site

@@ -11,6 +11,7 @@ import json
 import math
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final, Literal, assert_never
 
 from capabilities.statements import observation as wire
@@ -64,7 +65,7 @@ LIMBS: Final = frozenset({Region.UPPER_ARM, Region.LOWER_ARM, Region.HAND})
 """A person without any of these was tracked as a trunk only: the arms may be anywhere."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Person:
     """A person as capsules and spheres, each standing for a body region.
 
@@ -83,8 +84,13 @@ class Person:
         """Whether any part of an arm is among the regions."""
         return any(region in LIMBS for region, _ in self.regions)
 
+    @cached_property
+    def content(self) -> str:
+        """Its part of a scene's content."""
+        return _record(self)
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)
 class Thing:
     """An object.
 
@@ -100,6 +106,11 @@ class Thing:
     uncertainty_m: float
     source: str = CELL_FILE
     age_s: float = 0.0
+
+    @cached_property
+    def content(self) -> str:
+        """Its part of a scene's content."""
+        return _record(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +135,9 @@ class Workspace:
     high_m: Vector
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Scene:
-    """Everything around the arm.
+    """Everything around the arm. What follows from it alone is computed once: it never changes.
 
     Attributes:
         people, objects, zones, workspace: as above; no workspace means no such limit.
@@ -142,9 +153,7 @@ class Scene:
     @staticmethod
     def of_cell(cell: CellParameters) -> Scene:
         """What is known without any perception: the surveyed part of the cell."""
-        surveyed = tuple(Thing(o.name, o.kind, o.shape, cell.surveyed_uncertainty_m) for o in cell.objects)
-        zones = tuple(Zone(z.name, z.shape, z.tier) for z in cell.zones)
-        return Scene(objects=surveyed, zones=zones, workspace=cell.workspace)
+        return cell.surveyed
 
     @staticmethod
     def from_observation(observation: wire.Observation, cell: CellParameters) -> Scene:
@@ -185,12 +194,12 @@ class Scene:
         late = [each for each in self.seen if each.age_s > 0]
         return max(late, key=lambda each: each.age_s, default=None)
 
-    @property
+    @cached_property
     def seen(self) -> tuple[Person | Thing, ...]:
         """People, then objects."""
         return (*self.people, *self.objects)
 
-    @property
+    @cached_property
     def solid_shapes(self) -> tuple[Shape, ...]:
         """Shapes of objects, then of zones."""
         return (*(o.shape for o in self.objects), *(z.shape for z in self.zones))
@@ -198,9 +207,9 @@ class Scene:
     @property
     def content(self) -> str:
         """The text whose SHA-256 is `digest`: everything in the scene, exact to the last bit of each number."""
-        return _text(self)
+        return _record(self)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """SHA-256 (hex) of `content`."""
         return hashlib.sha256(self.content.encode()).hexdigest()
@@ -211,6 +220,10 @@ class Scene:
         A number that is not finite, a body without extent or an oversized list would all end in a false "clear" or in
         no answer.
         """
+        return self._defect
+
+    @cached_property
+    def _defect(self) -> str | None:
         if len(self.people) > PEOPLE_LIMIT or len(self.objects) + len(self.zones) > THINGS_LIMIT:
             return "too many people, objects or zones"
         for person in self.people:
@@ -244,19 +257,26 @@ def _text(value: object) -> str:
         if set(map(type, value)) == {float}:  # most of a scene; the loop is the interpreter's own
             return '["' + '","'.join(map(float.hex, value)) + '"]'
         return f"[{','.join(map(_text, value))}]"
-    if value is None or isinstance(value, (bool, int, str)):
-        return json.dumps(value)
-    members = (
-        f'"{name}":' + (f'"{type(value).__name__}"' if name == "type" else _text(getattr(value, name)))
-        for name in _MEMBERS[type(value)]
-    )
+    if value is None or isinstance(value, (str, bool, int)):
+        return _JSON(value)
+    return value.content if isinstance(value, Person | Thing) else _record(value)  # most of them stay as they are
+
+
+def _record(value: object) -> str:
+    members = [opening + (_text(getattr(value, name)) if name else "") for name, opening in _MEMBERS[type(value)]]
     return f"{{{','.join(members)}}}"
 
 
-_MEMBERS: Final[dict[type, tuple[str, ...]]] = {
-    kind: tuple(sorted(["type", *(field.name for field in fields(kind))]))
-    for kind in (Box, Capsule, Convex, Person, Scene, Sphere, Thing, Workspace, Zone)
+_JSON: Final = json.JSONEncoder().encode
+_KINDS: Final = (Box, Capsule, Convex, Person, Scene, Sphere, Thing, Workspace, Zone)
+_MEMBERS: Final[dict[type, tuple[tuple[str, str], ...]]] = {
+    kind: tuple(
+        ("", f'"type":"{kind.__name__}"') if name == "type" else (name, f'"{name}":')
+        for name in sorted(["type", *(field.name for field in fields(kind))])
+    )
+    for kind in _KINDS
 }
+"""Per record its members in order: what is asked of the value (nothing for its type), and the text before that."""
 
 
 def _person(observed: wire.ObservedPerson, source: str) -> Person:

@@ -61,6 +61,7 @@ class Intervals:
         step = int((high - low)[0]) // FINER
         self.low = np.arange(0, GRID, step, dtype=np.int64)
         self._high = self.low + step
+        self._ends = self.low / GRID, self._high / GRID
         self._rush = path.rush(self.low, self._high)
         self._least = step >> DEPTH
         self._last: tuple[Profile, Speeds] | None = None
@@ -73,8 +74,9 @@ class Intervals:
 
     def _settled(self, profile: Profile) -> Speeds:
         low, high, rush = self.low, self._high, self._rush
+        fastest = profile.highest_rate(*self._ends)
         while True:
-            bound = rush * profile.highest_rate(low / GRID, high / GRID)[:, None]
+            bound = rush * fastest[:, None]
             most = np.asarray(bound.max(axis=0))
             found = Speeds(low, high, rush, most)
             if not (self._shares @ most > CALM_RATIO).any():
@@ -92,6 +94,7 @@ class Intervals:
             )
             order = np.argsort(parts[0])
             low, high, rush = parts[0][order], parts[1][order], parts[2][order]
+            fastest = profile.highest_rate(low / GRID, high / GRID)
 
     def _attained(self, low: Keys, high: Keys, rush: Floats, profile: Profile) -> Floats:
         """Speeds that points reach on each interval, (n, bodies): the fastest node's, at the slower end's rate.

@@ -77,8 +77,9 @@ class Torques:
             forward: greatest s'' that speeds up, 1/s^2.
             backward: greatest that slows down.
         """
-        moving = self._hold + self._swing * (rate**2)[:, None]
-        both = np.stack([self._hold, moving])
+        both = np.empty((2, *self._hold.shape))
+        both[0] = self._hold
+        both[1] = self._hold + self._swing * (rate**2)[:, None]
         hardest = np.maximum(np.abs(both + self._push * forward), np.abs(both - self._push * backward))
         worst = float((hardest / self._limits_nm).max(initial=0))
         return math.inf if math.isnan(worst) else worst
