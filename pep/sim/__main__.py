@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from pep.rtde.messages import ControlVersion
-from pep.sim.drive import SLIDER_CHANGE_PER_S
+from pep.sim.faults import FaultError, Faults
 from pep.sim.server import HOME, Settings, Simulator
 from pep.stopping import STOP_DECELERATION_RAD_S2
 
@@ -98,38 +98,12 @@ def _version(text: str) -> ControlVersion:
 
 
 def _obey(simulator: Simulator, end: Callable[[], None]) -> None:
-    controller = simulator.controller
-
-    def protective_stop() -> None:
-        controller.robot.alarm = "asked for"
-
-    def slider(change_per_s: float) -> Callable[[], None]:
-        def let() -> None:
-            controller.robot.drive.slider_change_per_s = change_per_s
-
-        return let
-
-    def switch(remote: bool) -> Callable[[], None]:  # noqa: FBT001
-        def turn() -> None:
-            controller.remote = remote
-
-        return turn
-
-    faults: dict[str, Callable[[], None]] = {
-        "protective_stop": lambda: controller.ask(protective_stop),
-        "emergency_stop": lambda: controller.ask(controller.emergency_stop),
-        "release_emergency_stop": lambda: controller.ask(controller.release_emergency_stop),
-        "drop_connections": simulator.drop,
-        "local_control": lambda: controller.ask(switch(remote=False)),
-        "slider_stuck": lambda: controller.ask(slider(0.0)),
-        "slider_free": lambda: controller.ask(slider(SLIDER_CHANGE_PER_S)),
-        "remote_control": lambda: controller.ask(switch(remote=True)),
-    }
+    faults = Faults(simulator)
     for line in _standard_input():
         try:
-            faults[json.loads(line)["fault"]]()
-        except (ValueError, KeyError, TypeError):
-            sys.stderr.write(f"pep.sim: no such fault; known: {', '.join(faults)}\n")
+            faults.inject(line)
+        except FaultError as error:
+            sys.stderr.write(f"pep.sim: {error}\n")
     end()
 
 

@@ -1,4 +1,4 @@
-"""The arm's kinematics, limits and static torques, read from the robot's data file."""
+"""The arm's kinematics, limits and masses, read from the robot's data file."""
 
 from __future__ import annotations
 
@@ -21,16 +21,28 @@ Joints: TypeAlias = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
+class Body:
+    """A link, or what the tool carries: mass [kg], centre of mass [m], inertia about it [kg m2], in the link's frame.
+
+    The inertia has URScript's order: Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
+    """
+
+    mass_kg: float
+    com_m: Triple
+    inertia_kg_m2: Sequence[float]
+
+
+@dataclass(frozen=True, slots=True)
 class Joint:
-    """One revolute joint: where it stands in its parent's frame, what it can do, what it carries."""
+    """One revolute joint: where it stands in its parent's frame, what it can do, and its link."""
 
     offset_m: Triple
     rpy_rad: Triple
     turn: Rotation
     position_limit_rad: float
     speed_limit_rad_s: float
-    mass_kg: float
-    com_m: Triple
+    torque_limit_nm: float
+    body: Body
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +65,10 @@ class Arm:
                 turn=from_rpy(*_triple(one["rpy_rad"])),
                 position_limit_rad=float(one["position_limit_rad"]),
                 speed_limit_rad_s=float(one["speed_limit_rad_s"]),
-                mass_kg=float(one["mass_kg"]),
-                com_m=_triple(one["com_m"]),
+                torque_limit_nm=float(one["torque_limit_nm"]),
+                body=Body(
+                    float(one["mass_kg"]), _triple(one["com_m"]), (*_triple(one["inertia_kg_m2"]), 0.0, 0.0, 0.0)
+                ),
             )
             for one in told["joints"]
         )
@@ -92,25 +106,7 @@ class Arm:
     def twist(self, frames: Sequence[Frame], qd: Sequence[float], tcp: Frame) -> tuple[float, ...]:
         """Speed of the tool centre point: m/s, then rad/s."""
         columns = self.columns(frames, tcp)
-        return tuple(sum(columns[j][i] * qd[j] for j in range(AXES)) for i in range(6))
-
-    def static_torques(self, frames: Sequence[Frame], payload_kg: float, payload_com_m: Triple) -> Joints:
-        """Joint torques [Nm] that hold the arm and its payload still against gravity along -z of the base."""
-        loads = [
-            (add(origin, rotate(r, joint.com_m)), joint.mass_kg)
-            for joint, (origin, r) in zip(self.joints, frames, strict=True)
-        ]
-        origin, r = frames[-1]
-        loads.append((add(origin, rotate(r, payload_com_m)), payload_kg))
-        torques: list[float] = []
-        for j, (origin, r) in enumerate(frames):
-            axis = (r[2], r[5], r[8])
-            total = 0.0
-            for (x, y, z), mass in loads[j:]:
-                lever = cross(axis, (x - origin[0], y - origin[1], z - origin[2]))
-                total += mass * GRAVITY_M_S2 * lever[2]
-            torques.append(total)
-        return tuple(torques)
+        return tuple(sum(column[i] * speed for column, speed in zip(columns, qd, strict=True)) for i in range(6))
 
     def reach(self, target: Frame, near: Sequence[float], tcp: Frame, *, tolerance: float = 1e-10) -> Joints | None:
         """Joint angles [rad] that bring the tool to `target`, found from `near`, or None when none is found from there.
@@ -121,10 +117,10 @@ class Arm:
         q = list(near)
         for _ in range(80):
             frames = self.frames(q)
-            miss = _miss(target, chain(frames[-1], tcp))
-            if max(map(abs, miss)) <= tolerance:
+            away = miss(target, chain(frames[-1], tcp))
+            if max(map(abs, away)) <= tolerance:
                 return self._within_limits(q)
-            step = damped(self.columns(frames, tcp), miss, damping=1e-4)
+            step = damped(self.columns(frames, tcp), away, damping=1e-4)
             longest = max(map(abs, step))
             scale = min(1.0, 0.5 / longest) if longest > 0.0 else 1.0  # half a radian a step keeps the branch of `near`
             q = [a + scale * b for a, b in zip(q, step, strict=True)]
@@ -157,7 +153,8 @@ class Arm:
         return a, d, (half, 0.0, 0.0, half, -half, 0.0)
 
 
-def _miss(target: Frame, reached: Frame) -> tuple[float, ...]:
+def miss(target: Frame, reached: Frame) -> tuple[float, ...]:
+    """The way from `reached` to `target`: m, then a rotation vector."""
     (x, y, z), rotation = reached
     turn = to_vector(compose(target[1], transpose(rotation)))
     return (target[0][0] - x, target[0][1] - y, target[0][2] - z, *turn)

@@ -27,8 +27,19 @@ MAX_INBOX: Final = 4096  # writes waiting for the next tick; a connection that o
 ANSWER_DEADLINE_S: Final = 5.0  # for a question to the tick thread; it answers within one tick unless the host stalls
 UNLOCK_AFTER_S: Final = 5.0  # a protective stop cannot be released sooner, as on the real controller
 POWER_STEP_S: Final = 0.5  # time for each step of powering up; the real one takes longer, clients poll for up to 30 s
+_LADDER: Final = (RobotMode.POWER_OFF, RobotMode.BOOTING, RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
+_NO_POWER: Final = frozenset(
+    [SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.VIOLATION, SafetyMode.FAULT]
+)
 
 T = TypeVar("T")
+
+
+class Refusal(Enum):
+    """Why a program is not taken."""
+
+    LOCAL = "the controller is in local control"
+    NOT_READY = "the robot is not ready to run a program"
 
 
 class Event(Enum):
@@ -108,6 +119,8 @@ class Controller:
             robot.drive.advance(TICK_S)
         except MotionError as error:
             robot.alarm = str(error)
+        if robot.overloaded:
+            robot.alarm = "a joint would need more torque than it has"
         if robot.alarm is not None:
             self._protective_stop(robot.alarm)
         self._settle()
@@ -145,21 +158,21 @@ class Controller:
 
     # -- programs; called in the tick thread
 
-    def load(self, compiled: Compiled) -> str | None:
+    def load(self, compiled: Compiled) -> Refusal | None:
         """Runs a program as soon as the arm is still, in place of the one that runs; the refusal when it cannot.
 
         A secondary program runs at once, beside whatever runs.
         """
         robot = self.robot
         if not self.remote:
-            return "the controller is in local control"
+            return Refusal.LOCAL
         if compiled.secondary:
             ending = Execution(compiled, robot).run_through()
             if ending.why is Ended.FAILED:
                 self.on_exception(ending.line, ending.text)
             return None
         if robot.mode is not RobotMode.RUNNING or robot.safety is not SafetyMode.NORMAL:
-            return "the robot is not ready to run a program"
+            return Refusal.NOT_READY
         self._end()
         self._next = compiled
         self._settle()
@@ -208,23 +221,43 @@ class Controller:
     def _protective_stop(self, reason: str) -> None:
         robot = self.robot
         robot.alarm = None
-        if robot.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
+        if robot.safety in _NO_POWER:
             return
         robot.safety = SafetyMode.PROTECTIVE_STOP
         self._stopped_at = robot.step
         self.on_exception(0, f"protective stop: {reason}")
-        if not self.pause():
-            robot.drive.halt()
+        self._hold()
 
-    def emergency_stop(self) -> None:
-        """The button is pressed: the arm brakes, the program is over, the power goes."""
-        self.robot.safety = SafetyMode.ROBOT_EMERGENCY_STOP
+    def _hold(self) -> None:
+        if not self.pause():
+            self.robot.drive.halt()
+
+    def emergency_stop(self, safety: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
+        """A button, or the safety system itself: the arm brakes, the program is over, the power goes."""
+        self.robot.safety = safety
         self.power_off()
 
     def release_emergency_stop(self) -> None:
         """The button is pulled out; power stays off."""
-        if self.robot.safety is SafetyMode.ROBOT_EMERGENCY_STOP:
+        if self.robot.safety in (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP):
             self.robot.safety = SafetyMode.NORMAL
+
+    def safeguard_stop(self) -> None:
+        """A safeguard input opens: the arm brakes, the program waits, the power stays."""
+        if self.robot.safety is SafetyMode.NORMAL:
+            self.robot.safety = SafetyMode.SAFEGUARD_STOP
+            self._hold()
+
+    def release_safeguard_stop(self) -> None:
+        """The input closes; the program goes on when somebody plays it."""
+        if self.robot.safety is SafetyMode.SAFEGUARD_STOP:
+            self.robot.safety = SafetyMode.NORMAL
+
+    def restart_safety(self) -> None:
+        """After a violation or a fault: the safety system starts anew, without power. No button is pulled out by it."""
+        if self.robot.safety in (SafetyMode.VIOLATION, SafetyMode.FAULT):
+            self.robot.safety = SafetyMode.NORMAL
+        self.power_off()
 
     def unlock_protective_stop(self) -> bool:
         """Releases a protective stop that is old enough; whether it did, or there was none."""
@@ -238,12 +271,12 @@ class Controller:
 
     def power_on(self) -> None:
         """Towards power, brakes still closed."""
-        if self.robot.mode is RobotMode.POWER_OFF and self.robot.safety is not SafetyMode.ROBOT_EMERGENCY_STOP:
+        if self.robot.mode is RobotMode.POWER_OFF and self.robot.safety not in _NO_POWER:
             self._aim_power(RobotMode.IDLE)
 
     def brake_release(self) -> None:
         """Towards running, from whatever mode."""
-        if self.robot.mode is not RobotMode.RUNNING and self.robot.safety is not SafetyMode.ROBOT_EMERGENCY_STOP:
+        if self.robot.mode is not RobotMode.RUNNING and self.robot.safety not in _NO_POWER:
             self._aim_power(RobotMode.RUNNING)
 
     def power_off(self) -> None:
@@ -264,8 +297,7 @@ class Controller:
                 robot.mode = RobotMode.POWER_OFF
             return
         if robot.step >= self._power_due:
-            ladder = (RobotMode.POWER_OFF, RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
-            robot.mode = ladder[ladder.index(robot.mode) + 1]
+            robot.mode = _LADDER[_LADDER.index(robot.mode) + 1]
             self._aim_power(self._power_goal)
 
 

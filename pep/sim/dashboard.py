@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING, Final
 
 from pep.sim.recognition import ANSWER, QUESTION
-from pep.sim.robot import RobotMode, RuntimeState
+from pep.sim.robot import RuntimeState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -171,12 +171,7 @@ class Dashboard:
         return TOO_SOON
 
     def _restart_safety(self) -> str:
-        def restart() -> None:
-            self._controller.release_emergency_stop()
-            if self._controller.robot.mode is not RobotMode.POWER_OFF:
-                self._controller.power_off()
-
-        self._controller.ask(restart)
+        self._controller.ask(self._controller.restart_safety)
         return "Restarting safety"
 
     def _set_role(self, role: str) -> str:

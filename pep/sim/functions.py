@@ -2,8 +2,8 @@
 
 Those that take time are written in `pep.sim.moves`, all others here.
 
-A row whose call is `_not_simulated` exists so that programs naming it load as on a real controller; calling it ends the
-program with a runtime exception, since there is no physics here to answer it truthfully.
+Nothing is ever in this arm's way: force mode, freedrive and teaching are taken, checked and answered as by a robot that
+nobody pushes, which holds still.
 """
 
 # ruff: noqa: PLR0917  the signatures are URScript's
@@ -13,10 +13,11 @@ from __future__ import annotations
 import inspect
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final
 
 from pep.rtde.variables import FIRST_BIT, INPUTS
 from pep.sim import moves
+from pep.sim.motion import ZERO
 from pep.sim.robot import TICK_S
 from pep.sim.spatial import to_frame, to_pose
 from pep.sim.values import (
@@ -127,17 +128,18 @@ def _within_limits(run: Execution, target: Value) -> bool:
 
 
 def _set_payload(run: Execution, m: Value, cog: Value = None) -> None:
+    run.robot.set_payload(_mass(run, m), run.robot.payload_cog_m if cog is None else _three(cog, "cog"))
+
+
+def _mass(run: Execution, m: Value) -> float:
     mass = number(m, "m")
     if not 0.0 <= mass <= run.robot.arm.payload_limit_kg:
         raise ScriptRuntimeError("a payload outside the limits")
-    centre = run.robot.payload_cog_m if cog is None else _three(cog, "cog")
-    run.robot.set_payload(mass, centre)
+    return mass
 
 
 def _set_target_payload(run: Execution, m: Value, cog: Value, inertia: Value = None) -> None:
-    _set_payload(run, m, cog)
-    if inertia is not None:
-        run.robot.payload_inertia = six(inertia, "inertia")
+    run.robot.set_payload(_mass(run, m), _three(cog, "cog"), ZERO if inertia is None else six(inertia, "inertia"))
 
 
 def _three(value: Value, name: str) -> tuple[float, float, float]:
@@ -153,7 +155,54 @@ def _set_tcp(run: Execution, pose: Value, tcp_name: Value = "") -> None:
 
 
 def _set_gravity(run: Execution, d: Value) -> None:
-    run.robot.gravity = _three(d, "d")
+    run.robot.set_gravity(_three(d, "d"))
+
+
+def _force_mode(
+    run: Execution, task_frame: Value, selection_vector: Value, wrench: Value, type_: Value, limits: Value
+) -> None:
+    del run
+    for value, name in ((task_frame, "task_frame"), (wrench, "wrench"), (limits, "limits")):
+        six(value, name)
+    if any(each not in (0, 1) for each in six(selection_vector, "selection_vector")):
+        raise ScriptRuntimeError("an axis is compliant (1) or not (0)")
+    if type_ not in (1, 2, 3):
+        raise ScriptRuntimeError("a force mode type that does not exist")
+
+
+def _freedrive(run: Execution, axes: Value = None, feature: Value = None) -> None:
+    del run
+    if axes is not None and any(each not in (0, 1) for each in six(axes, "freeAxes")):
+        raise ScriptRuntimeError("an axis is free (1) or not (0)")
+    if feature is not None and feature not in ("base", "tool"):
+        six(feature, "feature")
+
+
+def _scale(low: float, high: float) -> Callable[..., None]:
+    def call(run: Execution, value: Value) -> None:
+        del run
+        if not low <= number(value, "value") <= high:
+            raise ScriptRuntimeError(f"a value outside {low} to {high}")
+
+    return call
+
+
+def _force_input(run: Execution, enable: Value, mass: Value = 0.0, offset: Value = None, cog: Value = None) -> None:
+    """The wrench comes from a client; unless a watchdog is set, the program pauses when it comes below 10 Hz."""
+    _mass(run, mass)
+    for value in (offset, cog):
+        if value is not None:
+            _three(value, "sensor")
+    run.robot.force_from_client = bool(enable)
+    run.watch_force(enabled=bool(enable))
+
+
+def _tool_contact(run: Execution, direction: Value = None) -> int:
+    """Steps back to just before the tool touched, whatever the direction; 0 when it touches nothing."""
+    if direction is not None:
+        six(direction, "direction")
+    robot = run.robot
+    return 0 if robot.touched_at is None else min(robot.step - robot.touched_at + 1, len(robot.drive.history))
 
 
 def _set_digital_out(shift: int, count: int) -> Callable[..., None]:
@@ -259,11 +308,6 @@ def _plain(call: Callable[..., Value]) -> Callable[..., Value]:
     return wrapped
 
 
-def _not_simulated(run: Execution, *arguments: Value, **named: Value) -> NoReturn:
-    del run, arguments, named
-    raise ScriptRuntimeError("this function is not simulated")
-
-
 def _nothing(run: Execution, *arguments: Value, **named: Value) -> None:
     """A setting that changes nothing observable on an arm without contact, force or hand guidance."""
     del run, arguments, named
@@ -284,6 +328,7 @@ def _row(name: str, parameters: str, call: Callable[..., Any]) -> Function:
     )
 
 
+_SENSOR: Final = "[sensor_mass] [sensor_measuring_offset] [sensor_cog]"
 _IK: Final = "x [qnear] [maxPositionError] [maxOrientationError] [tcp]"
 
 FUNCTIONS: Final[dict[str, Function]] = {
@@ -294,6 +339,7 @@ FUNCTIONS: Final[dict[str, Function]] = {
         _row("movel", "pose [a] [v] [t] [r]", moves.movel),
         _row("speedj", "qd [a] [t]", moves.speedj),
         _row("speedl", "xd [a] [t] [aRot]", moves.speedl),
+        _row("servoc", "pose [a] [v] [r]", moves.servoc),
         _row("servoj", "q [a] [v] [t] [lookahead_time] [gain]", moves.servoj),
         _row("stopj", "[a]", moves.stopj),
         _row("stopl", "[a] [aRot]", moves.stopl),
@@ -310,17 +356,20 @@ FUNCTIONS: Final[dict[str, Function]] = {
         _row("get_actual_joint_positions_history", "[steps]", _history),
         _row("get_actual_tcp_pose", "", lambda run: Pose(run.robot.tool_pose)),
         _row("get_target_tcp_pose", "", lambda run: Pose(run.robot.tool_pose)),
-        _row("get_target_waypoint", "", lambda run: Pose(run.robot.tool_pose)),
+        _row("get_target_waypoint", "", lambda run: Pose(run.robot.waypoint)),
         _row("get_actual_tool_flange_pose", "", lambda run: Pose(to_pose(run.robot.flange()))),
         _row("get_actual_tcp_speed", "", lambda run: Pose(run.robot.tool_speed())),
         _row("get_target_tcp_speed", "", lambda run: Pose(run.robot.tool_speed())),
-        _row("get_joint_torques", "", lambda run: Vector(run.robot.holding_torques())),
+        # Corrected by what the robot itself needs, as the vendor's manual says; there is nothing else here.
+        _row("get_joint_torques", "", lambda run: Vector(ZERO)),  # noqa: ARG005
+        _row("get_tcp_force", "", lambda run: Pose(run.robot.tool_force())),
+        _row("force", "", lambda run: math.hypot(*run.robot.tool_force()[:3])),
         _row("get_forward_kin", "[q] [tcp]", _forward),
         _row("get_inverse_kin", _IK, _inverse),
         _row("get_inverse_kin_has_solution", _IK, _has_inverse),
         _row("is_within_safety_limits", "pose", _within_limits),
-        _row("tool_contact", "[direction]", lambda run, direction=None: 0),  # noqa: ARG005  nothing to touch
-        _row("get_freedrive_status", "", lambda run: 0),  # noqa: ARG005  never in freedrive
+        _row("tool_contact", "[direction]", _tool_contact),
+        _row("get_freedrive_status", "", lambda run: 0),  # noqa: ARG005  normal: no singularity is near
         # settings
         _row("set_tcp", "pose [tcp_name]", _set_tcp),
         _row("get_tcp_offset", "", lambda run: Pose(to_pose(run.robot.tcp))),
@@ -335,11 +384,16 @@ FUNCTIONS: Final[dict[str, Function]] = {
         _row("set_configurable_digital_out", "n b", _set_digital_out(8, 8)),
         _row("set_tool_digital_out", "n b", _set_digital_out(16, 2)),
         _row("zero_ftsensor", "", _nothing),
-        _row("force_mode_set_damping", "damping", _nothing),
-        _row("force_mode_set_gain_scaling", "scaling", _nothing),
+        _row("force_mode", "task_frame selection_vector wrench type limits", _force_mode),
+        _row("force_mode_set_damping", "damping", _scale(0.0, 1.0)),
+        _row("force_mode_set_gain_scaling", "scaling", _scale(0.0, 2.0)),
         _row("end_force_mode", "", _nothing),
+        _row("teach_mode", "", _nothing),
         _row("end_teach_mode", "", _nothing),
+        _row("freedrive_mode", "[freeAxes] [feature]", _freedrive),
         _row("end_freedrive_mode", "", _nothing),
+        _row("ft_rtde_input_enable", f"enable {_SENSOR}", _force_input),
+        _row("enable_external_ft_sensor", f"enable {_SENSOR}", _force_input),
         # registers
         _row("read_input_integer_register", "address", _reader("input_int")),
         _row("read_input_float_register", "address", _reader("input_double")),
@@ -370,14 +424,5 @@ FUNCTIONS: Final[dict[str, Function]] = {
         _row("to_str", "val", _plain(_text)),
         _row("str_cat", "op1 op2", _plain(lambda a, b: _text(a) + _text(b))),
         _row("textmsg", "s1 [s2]", _textmsg),
-        # known by name only
-        _row("force_mode", "task_frame selection_vector wrench type limits", _not_simulated),
-        _row("teach_mode", "", _not_simulated),
-        _row("freedrive_mode", "[freeAxes] [feature]", _not_simulated),
-        _row("servoc", "pose [a] [v] [r]", _not_simulated),
-        _row("ft_rtde_input_enable", "enable [sensor_mass] [sensor_measuring_offset] [sensor_cog]", _not_simulated),
-        _row(
-            "enable_external_ft_sensor", "enable [sensor_mass] [sensor_measuring_offset] [sensor_cog]", _not_simulated
-        ),
     )
 }

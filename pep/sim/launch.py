@@ -86,10 +86,10 @@ class Controller:
             taken = str(told.get("address"))
         raise LaunchError(f"{taken} cannot be listened on")
 
-    def fault(self, name: str) -> None:
-        """Injects one of the faults that `python -m pep.sim --commands` knows."""
+    def fault(self, name: str, **details: object) -> None:
+        """Injects one of the faults of `pep.sim.faults`."""
         assert self.process.stdin is not None
-        self.process.stdin.write(json.dumps({"fault": name}) + "\n")
+        self.process.stdin.write(json.dumps({"fault": name, **details}) + "\n")
         self.process.stdin.flush()
 
     def stop(self) -> int:

@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from pep.sim.arm import AXES, damped
-from pep.sim.spatial import Frame, add, compose, from_vector, to_vector, transpose
+from pep.sim.arm import AXES, damped, miss
+from pep.sim.spatial import Frame, add, chain, compose, from_vector, to_vector, transpose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -97,7 +97,7 @@ def _along(start: Sequence[float], direction: Sequence[float], length: float) ->
 
 
 class MoveJoints:
-    """Straight in joint space to `target`, rest to rest.
+    """Straight in joint space to `target`, rest to rest; `target` can be read.
 
     Args:
         arm: for its speed limits; the whole motion is slowed so that no axis exceeds its own.
@@ -121,14 +121,14 @@ class MoveJoints:
         if not arm.inside(target):
             raise MotionError("the target lies outside the joint limits")
         self._arm = arm
-        self._target = target
+        self.target = target
         self._asked = (speed_rad_s, acceleration_rad_s2, duration_s)
         self.restart(start)
 
     def restart(self, q: Joints) -> None:
         """Plans again from rest at `q`."""
         speed, acceleration, duration = self._asked
-        travel = tuple(b - a for a, b in zip(q, self._target, strict=True))
+        travel = tuple(b - a for a, b in zip(q, self.target, strict=True))
         leading = max(map(abs, travel))
         direction = _scaled(travel, 1.0 / leading) if leading > 0.0 else ZERO
         if duration > 0.0 and leading > 0.0:
@@ -145,7 +145,7 @@ class MoveJoints:
         del now
         self._t += dt_s * scaling
         if self._t >= self.profile.duration_s:
-            return Kinetic(self._target, ZERO, ZERO), True
+            return Kinetic(self.target, ZERO, ZERO), True
         length, speed, acceleration = self.profile.at(self._t)
         direction = self._direction
         qd, qdd = _scaled(direction, speed * scaling), _scaled(direction, acceleration * scaling * scaling)
@@ -264,7 +264,7 @@ class ServoJoints:
 
 
 class MoveTool:
-    """Straight in space to a pose, rest to rest, the joints solved afresh each tick.
+    """Straight in space to a pose, rest to rest, the joints solved afresh each tick; `target` can be read.
 
     Args:
         arm: the kinematics.
@@ -280,7 +280,7 @@ class MoveTool:
     def __init__(
         self, arm: Arm, tcp: Frame, start: Joints, target: Frame, *, speed_m_s: float, acceleration_m_s2: float
     ) -> None:
-        self._arm, self._tcp, self._target = arm, tcp, target
+        self._arm, self._tcp, self.target = arm, tcp, target
         self._asked = (speed_m_s, acceleration_m_s2)
         self.restart(start)
 
@@ -288,9 +288,9 @@ class MoveTool:
         """Plans again from rest at `q`."""
         self._from = self._arm.tool(q, self._tcp)
         (x, y, z), rotation = self._from
-        a, b, c = self._target[0]
+        a, b, c = self.target[0]
         self._line = (a - x, b - y, c - z)
-        self._turn = to_vector(compose(self._target[1], transpose(rotation)))
+        self._turn = to_vector(compose(self.target[1], transpose(rotation)))
         self._length = max(math.hypot(*self._line), math.hypot(*self._turn) * self.TURN_LEVER_M)
         self.profile = Trapezoid(self._length, *self._asked)
         self._t = 0.0
@@ -316,6 +316,52 @@ class MoveTool:
             raise MotionError("the line asks a joint for more than its speed limit")
         qdd = tuple((b - a) / dt_s for a, b in zip(now.qd, qd, strict=True))
         return (Kinetic(q, ZERO, ZERO), True) if done else (Kinetic(q, qd, qdd), False)
+
+
+class ServoTool:
+    """Follows a tool pose that is set again and again, on the straight way to it. Never complete by itself.
+
+    The real servoc bends its way inside the blend radius; here the turn is as sharp as `acceleration_m_s2` lets it be.
+    """
+
+    NEAR_S = 0.008  # the time constant of the last tenth of a millimetre: four ticks, so that it does not chatter
+
+    def __init__(self, arm: Arm, tcp: Frame, now: Kinetic) -> None:
+        self._arm, self._tcp = arm, tcp
+        self._twist: Sequence[float] = arm.twist(arm.frames(now.q), now.qd, tcp)
+        self.target = arm.tool(now.q, tcp)
+        self.speed_m_s = self.acceleration_m_s2 = 0.1
+
+    def aim(self, target: Frame, *, speed_m_s: float, acceleration_m_s2: float) -> None:
+        """A new pose from now on."""
+        self.target, self.speed_m_s, self.acceleration_m_s2 = target, speed_m_s, acceleration_m_s2
+
+    def restart(self, q: Joints) -> None:
+        """From rest."""
+        del q
+        self._twist = ZERO
+
+    def left_m(self, now: Kinetic) -> float:
+        """How far the target is; a turn counts as its arc at `MoveTool.TURN_LEVER_M`."""
+        return _distance(miss(self.target, self._arm.tool(now.q, self._tcp)))
+
+    def advance(self, now: Kinetic, dt_s: float, scaling: float) -> tuple[Kinetic, bool]:
+        """One sample on; near a singularity the tool is slower than asked, the joints never faster than they may."""
+        frames = self._arm.frames(now.q)
+        away = miss(self.target, chain(frames[-1], self._tcp))
+        left, ramp = _distance(away), self.acceleration_m_s2
+        speed = min(self.speed_m_s * scaling, math.sqrt(2.0 * ramp * left), left / self.NEAR_S)
+        wanted = _scaled(away, speed / left) if left > 0.0 else ZERO
+        gap = [w - v for v, w in zip(self._twist, wanted, strict=True)]
+        longest = max(map(abs, gap))
+        part = min(1.0, ramp * dt_s / longest) if longest > 0.0 else 0.0
+        self._twist = _along(self._twist, gap, part)
+        qd = _capped(self._arm, damped(self._arm.columns(frames, self._tcp), self._twist, damping=1e-3))
+        return _towards(now, qd, self._arm.acceleration_limit_rad_s2, dt_s), False
+
+
+def _distance(twist: Sequence[float]) -> float:
+    return max(math.hypot(*twist[:3]), math.hypot(*twist[3:]) * MoveTool.TURN_LEVER_M)
 
 
 def _capped(arm: Arm, qd: Joints) -> Joints:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 STEPS_PER_TICK: Final = 20_000  # loop turns and calls in one tick; the controller calls more an infinite loop
 MAX_THREADS: Final = 50
+FORCE_INPUT, FORCE_INPUT_HZ = "external_force_torque", 10.0  # URScript manual, enable_external_ft_sensor
 
 Steps: TypeAlias = Generator[None, None, Any]
 
@@ -209,6 +210,13 @@ class Execution:
             self._watchdog = None
         else:
             self._watchdog = _Watchdog(variable, 1.0 / (min_frequency_hz * TICK_S), self.robot.step, pauses)
+
+    def watch_force(self, *, enabled: bool) -> None:
+        """The vendor's own watchdog over a wrench that a client feeds in: none but where no other is set."""
+        if enabled and self._watchdog is None:
+            self.watch(FORCE_INPUT, FORCE_INPUT_HZ, pauses=True)
+        elif not enabled and self._watchdog is not None and self._watchdog.variable == FORCE_INPUT:
+            self._watchdog = None
 
     # -- inside
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from pep.rtde.variables import INPUTS, OUTPUTS, WIDTH, VariableType
-from pep.sim.arm import AXES, GRAVITY_M_S2
+from pep.sim.arm import AXES, GRAVITY_M_S2, Body
 from pep.sim.drive import Drive
-from pep.sim.motion import ZERO
+from pep.sim.dynamics import joint_torques, linear_momentum
+from pep.sim.motion import ZERO, Brake, MoveJoints, MoveTool
 from pep.sim.spatial import IDENTITY, Frame, Triple, chain, rotate, to_frame, to_pose, transpose
 
 if TYPE_CHECKING:
@@ -19,16 +21,19 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+FLANGE: Final[Frame] = ((0.0, 0.0, 0.0), IDENTITY)
 TICK_S: Final = 0.002  # e-Series control and RTDE rate, 500 Hz
 FIRST_STEP: Final = 50_000  # 100 s of uptime: the vendor's client waits while the timestamp is below 40 s
 MAIN_VOLTAGE_V: Final = 48.0  # nominal supply of the arm
 TEMPERATURE_C: Final = 25.0
-JOINT_RUNNING, JOINT_IDLE, JOINT_OFF = 253, 255, 239  # RTDE joint_mode
+ANALOG_FULL: Final = (0.020, 10.0)  # A and V at full scale of an output, e-Series user manual
+JOINT_RUNNING, JOINT_IDLE, JOINT_OFF, JOINT_BOOTING = 253, 255, 239, 247  # RTDE joint_mode
 
 
 class RobotMode(IntEnum):
     """RTDE robot_mode."""
 
+    BOOTING = 2
     POWER_OFF = 3
     POWER_ON = 4
     IDLE = 5
@@ -40,7 +45,11 @@ class SafetyMode(IntEnum):
 
     NORMAL = 1
     PROTECTIVE_STOP = 3
+    SAFEGUARD_STOP = 5
+    SYSTEM_EMERGENCY_STOP = 6
     ROBOT_EMERGENCY_STOP = 7
+    VIOLATION = 8
+    FAULT = 9
 
 
 class RuntimeState(IntEnum):
@@ -54,11 +63,16 @@ class RuntimeState(IntEnum):
     RESUMING = 5
 
 
-_SAFETY_BITS: Final = {
+_SAFETY_BITS: Final = {  # RTDE guide, safety_status_bits; bit 10: stopped due to safety
     SafetyMode.NORMAL: 1 << 0,
     SafetyMode.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
+    SafetyMode.SAFEGUARD_STOP: 1 << 4 | 1 << 10,
+    SafetyMode.SYSTEM_EMERGENCY_STOP: 1 << 5 | 1 << 7 | 1 << 10,
     SafetyMode.ROBOT_EMERGENCY_STOP: 1 << 6 | 1 << 7 | 1 << 10,
+    SafetyMode.VIOLATION: 1 << 8 | 1 << 10,
+    SafetyMode.FAULT: 1 << 9 | 1 << 10,
 }
+POWERED: Final = frozenset([RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING])
 
 
 class Robot:
@@ -77,13 +91,17 @@ class Robot:
         self.mode = RobotMode.RUNNING
         self.safety = SafetyMode.NORMAL
         self.runtime = RuntimeState.STOPPED
-        self.tcp: Frame = ((0.0, 0.0, 0.0), IDENTITY)
+        self.tcp = FLANGE
         self.payload_kg = 0.0
         self.payload_cog_m: Triple = (0.0, 0.0, 0.0)
         self.payload_inertia: tuple[float, ...] = ZERO
         self.gravity: Triple = (0.0, 0.0, GRAVITY_M_S2)
         self.digital_out = 0
+        self.analog_domain = 3  # a bit for each analog output: 1 volts, 0 amperes
+        self._analog_level = [0.0, 0.0]  # of full scale
         self.alarm: str | None = None  # a protective stop that a program or the drive asks for
+        self.touched_at: int | None = None  # step since which the tool touches something
+        self.force_from_client = False  # the wrench at the tool is what external_force_torque says
         self.values: dict[str, Value] = {name: _zero(kind) for name, kind in (OUTPUTS | INPUTS).items()}
         self.written_at: dict[str, int] = {}
         self.computed = self._computed()
@@ -141,7 +159,13 @@ class Robot:
         for channel in (0, 1):  # an unmasked channel may hold anything: ur_rtde leaves it uninitialised
             level = self._plain(f"standard_analog_output_{channel}")
             if isinstance(channels, int) and channels >> channel & 1 and 0.0 <= level <= 1.0:
-                self.values[f"standard_analog_output{channel}"] = level
+                voltage = int(self._plain("standard_analog_output_type")) >> channel & 1
+                self.analog_domain = self.analog_domain & ~(1 << channel) | voltage << channel
+                self._analog_level[channel] = level
+
+    def analog_out(self, channel: int) -> float:
+        """What stands at an analog output: V, or A."""
+        return self._analog_level[channel] * ANALOG_FULL[self.analog_domain >> channel & 1]
 
     def set_digital_out(self, mask: int, bits: int) -> None:
         """The masked outputs take the given levels."""
@@ -165,26 +189,32 @@ class Robot:
             "target_TCP_pose": lambda: self.tool_pose,
             "actual_TCP_speed": self.tool_speed,
             "target_TCP_speed": self.tool_speed,
-            "target_moment": self.holding_torques,
-            "elbow_position": lambda: self.frames[2][0],
-            "actual_tool_accelerometer": self._accelerometer,
+            "target_moment": self.torques,
+            "actual_TCP_force": self.tool_force,
+            "ft_raw_wrench": self.tool_force,
+            "tcp_force_scalar": lambda: math.hypot(*self.tool_force()[:3]),
+            "actual_momentum": self.momentum,
+            "elbow_position": lambda: self.elbow()[0],
+            "elbow_velocity": lambda: self.elbow()[1],
+            "actual_tool_accelerometer": self.accelerometer,
             "tcp_offset": lambda: to_pose(self.tcp),
             "payload": lambda: self.payload_kg,
             "payload_cog": lambda: self.payload_cog_m,
             "payload_inertia": lambda: self.payload_inertia,
             "target_gravity": lambda: self.gravity,
             "robot_mode": lambda: self.mode,
-            "joint_mode": lambda: (_JOINT_MODES[self.mode],) * AXES,
+            "joint_mode": lambda: (self.joint_mode,) * AXES,
             "safety_mode": lambda: self.safety,
             "safety_status": lambda: self.safety,
             "safety_status_bits": lambda: _SAFETY_BITS[self.safety],
-            "robot_status_bits": lambda: (
-                (self.mode >= RobotMode.POWER_ON) | (self.runtime is RuntimeState.PLAYING) << 1
-            ),
+            "robot_status_bits": lambda: (self.mode in POWERED) | (self.runtime is RuntimeState.PLAYING) << 1,
             "runtime_state": lambda: self.runtime,
             "speed_scaling": lambda: drive.scaling,
             "target_speed_fraction": lambda: drive.slider,
             "actual_digital_output_bits": lambda: self.digital_out,
+            "standard_analog_output0": lambda: self.analog_out(0),
+            "standard_analog_output1": lambda: self.analog_out(1),
+            "analog_io_types": lambda: self.analog_domain << 2,
             "actual_main_voltage": lambda: MAIN_VOLTAGE_V,
             "actual_robot_voltage": lambda: MAIN_VOLTAGE_V,
             "actual_joint_voltage": lambda: (MAIN_VOLTAGE_V,) * AXES,
@@ -195,25 +225,69 @@ class Robot:
         """Velocity of the tool centre point: m/s, then rad/s."""
         return self.once(_tool_speed)
 
-    def holding_torques(self) -> Joints:
-        """Torques [Nm] against gravity; a model without friction, inertia or contact."""
-        return self.once(_holding_torques)
+    def torques(self) -> Joints:
+        """Torques [Nm] that the motion takes; a model without friction or contact."""
+        return self.once(_torques)
+
+    @property
+    def overloaded(self) -> bool:
+        """Whether a motion, other than a stop, asks a joint for more torque than it has."""
+        if self.drive.motion is None or isinstance(self.drive.motion, Brake):
+            return False
+        return any(
+            abs(torque) > joint.torque_limit_nm for torque, joint in zip(self.torques(), self.arm.joints, strict=True)
+        )
+
+    def tool_force(self) -> tuple[float, ...]:
+        """The wrench at the tool: what a client feeds in, once that is enabled; else none, as nothing is touched."""
+        fed = self.values["external_force_torque"]
+        return fed if self.force_from_client and isinstance(fed, tuple) else ZERO
+
+    @property
+    def waypoint(self) -> tuple[float, ...]:
+        """Where the move under way leads, as a pose; without one where the tool is."""
+        match self.drive.motion:
+            case MoveJoints(target=target):
+                return self.forward(target, self.tcp)
+            case MoveTool(target=target):
+                return to_pose(target)
+            case _:
+                return self.tool_pose
 
     def flange(self) -> Frame:
         """The tool flange in the base frame."""
         return self.frames[-1]
 
-    def _accelerometer(self) -> Triple:
+    def accelerometer(self) -> Triple:
+        """What the tool's accelerometer says, at rest or not [m/s2]."""
         return self.once(_accelerometer)
+
+    def momentum(self) -> float:
+        """The norm of the linear momentum [kg m/s]."""
+        return self.once(_momentum)
+
+    def elbow(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Position and velocity of the elbow."""
+        return self.once(_elbow)
+
+    @property
+    def joint_mode(self) -> int:
+        """RTDE joint_mode, the same for every joint."""
+        return _JOINT_MODES[self.mode]
 
     def set_tcp(self, pose: tuple[float, ...]) -> None:
         """The tool centre point from now on, in the flange frame."""
         self.tcp = to_frame(pose)
         self.changed()
 
-    def set_payload(self, mass_kg: float, cog_m: Triple) -> None:
-        """What the tool carries from now on; the centre of mass in the flange frame."""
-        self.payload_kg, self.payload_cog_m = mass_kg, cog_m
+    def set_payload(self, mass_kg: float, cog_m: Triple, inertia_kg_m2: tuple[float, ...] = ZERO) -> None:
+        """What the tool carries from now on; centre of mass, and inertia about it, in the flange frame."""
+        self.payload_kg, self.payload_cog_m, self.payload_inertia = mass_kg, cog_m, inertia_kg_m2
+        self.changed()
+
+    def set_gravity(self, lift_m_s2: Triple) -> None:
+        """The acceleration that holds against gravity, in the base frame."""
+        self.gravity = lift_m_s2
         self.changed()
 
     def forward(self, q: Joints, tcp: Frame) -> tuple[float, ...]:
@@ -222,6 +296,7 @@ class Robot:
 
 
 _JOINT_MODES: Final = {
+    RobotMode.BOOTING: JOINT_BOOTING,
     RobotMode.POWER_OFF: JOINT_OFF,
     RobotMode.POWER_ON: JOINT_IDLE,
     RobotMode.IDLE: JOINT_IDLE,
@@ -246,12 +321,22 @@ def _tool_speed(robot: Robot) -> tuple[float, ...]:
     return ZERO if now.at_rest else robot.arm.twist(robot.frames, now.qd, robot.tcp)
 
 
-def _holding_torques(robot: Robot) -> Joints:
-    return robot.arm.static_torques(robot.frames, robot.payload_kg, robot.payload_cog_m)
+def _torques(robot: Robot) -> Joints:
+    load = Body(robot.payload_kg, robot.payload_cog_m, robot.payload_inertia)
+    return joint_torques(robot.arm, robot.frames, robot.drive.now, load, robot.gravity)
+
+
+def _momentum(robot: Robot) -> float:
+    return linear_momentum(robot.arm, robot.frames, robot.drive.now.qd, robot.payload_kg, robot.payload_cog_m)
+
+
+def _elbow(robot: Robot) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    frames = robot.frames[:3]
+    return frames[2][0], robot.arm.twist(frames, robot.drive.now.qd[:3], FLANGE)[:3]
 
 
 def _accelerometer(robot: Robot) -> Triple:
-    return rotate(transpose(robot.frames[-1][1]), (0.0, 0.0, GRAVITY_M_S2))
+    return rotate(transpose(robot.frames[-1][1]), robot.gravity)
 
 
 def _zero(kind: VariableType) -> Value:

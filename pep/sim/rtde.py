@@ -29,6 +29,8 @@ from pep.rtde.messages import (
 from pep.rtde.variables import INPUTS, OUTPUTS, OUTPUTS_SINCE, WIDTH, VariableType
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from pep.rtde.messages import Answer, Request
     from pep.sim.controller import Controller
     from pep.sim.sockets import Connection
@@ -75,7 +77,11 @@ class _Stream:
         return self._head + self._recipe.pack_flat(flat)
 
 
-class _Client:
+class _Owner:
+    """Whom an input belongs to."""
+
+
+class _Client(_Owner):
     """What one connection has set up."""
 
     def __init__(self, connection: Connection) -> None:
@@ -97,7 +103,8 @@ class RtdeServer:
     def __init__(self, controller: Controller, version: ControlVersion) -> None:
         self._controller = controller
         self._version = version
-        self._owners: dict[str, _Client] = {}
+        self._owners: dict[str, _Owner] = {}
+        self._field_bus = _Owner()
         self._clients: set[_Client] = set()
         self._lock = threading.Lock()
         self._streaming: tuple[_Client, ...] = ()
@@ -118,12 +125,22 @@ class RtdeServer:
         finally:
             self._leave(client)
 
+    def occupy(self, names: Iterable[str]) -> None:
+        """These inputs are a field bus's from now on, and nobody else's."""
+        with self._lock:
+            self._owners |= dict.fromkeys(names, self._field_bus)
+
+    def vacate(self) -> None:
+        """The field bus gives its inputs up."""
+        with self._lock:
+            self._owners = {name: owner for name, owner in self._owners.items() if owner is not self._field_bus}
+
     def publish(self) -> None:
         """Sends every package that is due; called at the end of each tick."""
         step = self._controller.robot.step
         for client in self._streaming:
             stream = client.started
-            if stream is not None and stream.due(step):
+            if stream is not None and stream.due(step) and not client.connection.starved:
                 client.connection.send(stream.frame(self._controller))
             else:
                 client.connection.flush()

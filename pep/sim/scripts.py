@@ -1,14 +1,15 @@
-"""The script ports (30001 primary, 30002 secondary, 30003 real-time): state goes out, programs come in."""
+"""The primary, secondary and real-time ports: state goes out, programs come in, except at their read-only twins."""
 
 from __future__ import annotations
 
 import codecs
 from typing import TYPE_CHECKING, Final
 
+from pep.rtde.primary_frames import READ_ONLY
 from pep.rtde.urscript import ProgramStream, ScriptError
 from pep.sim.compiler import CompileError, compile_text
+from pep.sim.controller import Refusal
 from pep.sim.primary import (
-    READ_ONLY,
     error_message,
     exception_message,
     key_message,
@@ -29,7 +30,7 @@ STATE_EVERY: Final = 50  # ticks: 10 Hz
 
 
 class ScriptServer:
-    """Serves the three ports of one controller.
+    """Serves the three ports of one controller, 30001 to 30003, and their read-only twins, 30011 to 30013.
 
     Args:
         controller: what the programs run on.
@@ -39,9 +40,9 @@ class ScriptServer:
     def __init__(self, controller: Controller, version: ControlVersion) -> None:
         self._controller = controller
         self._version = version
-        self.primary: Port | None = None
-        self.secondary: Port | None = None
-        self.realtime: Port | None = None
+        self.telling: list[Port] = []  # primary: state and what programs do
+        self.stating: list[Port] = []  # secondary: state alone
+        self.realtime: list[Port] = []
         controller.on_event = self._event
         controller.on_exception = self._exception
         self._commands: dict[str, Callable[[], object]] = {
@@ -54,9 +55,24 @@ class ScriptServer:
 
     def greet_and_serve(self, connection: Connection) -> None:
         """Talks to one client of 30001 or 30002."""
-        connection.send(version_message(self._version))
-        connection.send(self._controller.ask(lambda: state_message(self._controller.robot)))
+        self._greet(connection)
         self.serve(connection)
+
+    def greet_and_refuse(self, connection: Connection) -> None:
+        """Talks to one client of 30011; whatever it sends is answered with the code for that."""
+        self._greet(connection)
+        while connection.receive():
+            connection.send(error_message(READ_ONLY))
+
+    def greet_and_ignore(self, connection: Connection) -> None:
+        """Talks to one client of 30012."""
+        self._greet(connection)
+        self.ignore(connection)
+
+    def ignore(self, connection: Connection) -> None:
+        """Hears a client out, and does nothing."""
+        while connection.receive():
+            pass
 
     def serve(self, connection: Connection) -> None:
         """Runs what one client sends, until it leaves, sends what is no text, or a program without end."""
@@ -75,14 +91,13 @@ class ScriptServer:
         """Sends what is due; called at the end of each tick."""
         robot = self._controller.robot
         if robot.step % STATE_EVERY == 0:
-            watching = [c for port in (self.primary, self.secondary) if port is not None for c in port.connections()]
+            watching = [c for port in (*self.telling, *self.stating) for c in port.connections()]
             if watching:
                 frame = state_message(robot)
                 for connection in watching:
                     connection.send(frame)
-        listening = self.realtime.connections() if self.realtime is not None else ()
         frame = b""
-        for connection in listening:
+        for connection in (c for port in self.realtime for c in port.connections()):
             if connection.behind:  # ur_rtde never reads this port
                 connection.flush()
                 continue
@@ -99,8 +114,17 @@ class ScriptServer:
         except (ScriptError, CompileError) as error:
             self._exception(error.line, str(error))
             return
-        if self._controller.ask(lambda: self._controller.load(compiled)) is not None:
-            self._tell(error_message(READ_ONLY))
+        match self._controller.ask(lambda: self._controller.load(compiled)):
+            case Refusal.LOCAL:
+                self._tell(error_message(READ_ONLY))
+            case Refusal.NOT_READY as refusal:
+                self._exception(0, refusal.value)
+            case None:
+                pass
+
+    def _greet(self, connection: Connection) -> None:
+        connection.send(version_message(self._version))
+        connection.send(self._controller.ask(lambda: state_message(self._controller.robot)))
 
     def _event(self, event: Event, name: str) -> None:
         self._tell(key_message(event.value, name))
@@ -109,5 +133,6 @@ class ScriptServer:
         self._tell(exception_message(line, text))
 
     def _tell(self, message: bytes) -> None:
-        for connection in self.primary.connections() if self.primary is not None else ():
-            connection.send(message)
+        for port in self.telling:
+            for connection in port.connections():
+                connection.send(message)

@@ -18,7 +18,7 @@ from pep.sim.gripper import MAX_LINE, Gripper
 from pep.sim.robot import TICK_S, Robot
 from pep.sim.rtde import RtdeServer
 from pep.sim.scripts import ScriptServer
-from pep.sim.sockets import Connection, Port
+from pep.sim.sockets import Connection, Delivery, Port
 from pep.stopping import STOP_DECELERATION_RAD_S2
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pep.sim.arm import Joints
 
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE, GRIPPER = 29999, 30001, 30002, 30003, 30004, 63352
+READ_ONLY: Final = 10  # to a port's number, gives that of its read-only twin
 HOME: Final[Joints] = (0.0, -1.5708, 1.5708, -1.5708, -1.5708, 0.0)  # upright, elbow bent, tool down
 SLIP_S: Final = 0.05  # a host that stalls longer than this loses ticks; below it they are made up for at once
 SWITCH_S: Final = 0.0005  # how long a connection thread may keep the tick thread waiting for the interpreter
@@ -79,16 +80,21 @@ class Simulator:
         self.controller = controller = Controller(robot, gripper)
         dashboard = Dashboard(controller, version, shutdown)
         scripts = ScriptServer(controller, version)
-        rtde = RtdeServer(controller, version)
-        controller.listeners += [rtde.publish, scripts.publish]
+        self.rtde = rtde = RtdeServer(controller, version)
+        controller.listeners += [rtde.publish, scripts.publish, self._deliver]
+        self._host = settings.host
         self.ports: list[Port] = []
+        self.delivery = Delivery()
         try:
-            self._listen(settings.host, DASHBOARD, dashboard.serve)
-            scripts.primary = self._listen(settings.host, PRIMARY, scripts.greet_and_serve)
-            scripts.secondary = self._listen(settings.host, SECONDARY, scripts.greet_and_serve)
-            scripts.realtime = self._listen(settings.host, REALTIME, scripts.serve, lossy=True)
-            self._listen(settings.host, RTDE, rtde.serve)
-            self._listen(settings.host, GRIPPER, self._serve_gripper)
+            self._listen(DASHBOARD, dashboard.serve)
+            scripts.telling.append(self._listen(PRIMARY, scripts.greet_and_serve))
+            scripts.telling.append(self._listen(PRIMARY + READ_ONLY, scripts.greet_and_refuse))
+            scripts.stating.append(self._listen(SECONDARY, scripts.greet_and_serve))
+            scripts.stating.append(self._listen(SECONDARY + READ_ONLY, scripts.greet_and_ignore))
+            scripts.realtime.append(self._listen(REALTIME, scripts.serve, lossy=True))
+            scripts.realtime.append(self._listen(REALTIME + READ_ONLY, scripts.ignore, lossy=True))
+            self._listen(RTDE, rtde.serve)
+            self._listen(GRIPPER, self._serve_gripper)
         except OSError:
             self._close()
             raise
@@ -105,14 +111,20 @@ class Simulator:
         self._close()
         self.clock.stop()
 
+    def _deliver(self) -> None:
+        if self.delivery.touched:
+            for port in self.ports:
+                for connection in port.connections():
+                    connection.deliver()
+
     def drop(self) -> None:
         """Closes every connection, as a pulled cable and plugged-in again would."""
         for port in self.ports:
             for connection in port.connections():
                 connection.close()
 
-    def _listen(self, host: str, number: int, serve: Callable[[Connection], None], *, lossy: bool = False) -> Port:
-        port = Port(host, number, serve, lossy=lossy)
+    def _listen(self, number: int, serve: Callable[[Connection], None], *, lossy: bool = False) -> Port:
+        port = Port(self._host, number, serve, self.delivery, lossy=lossy)
         self.ports.append(port)
         return port
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import socket
 import threading
 import time
+from collections import deque
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -16,6 +18,29 @@ MAX_BACKLOG: Final = 16 * 1024 * 1024  # bytes a reader may fall behind
 PATIENCE_S: Final = 10.0  # a client that does not read for this long is disconnected, as by the real controller
 CHUNK: Final = 65_536
 LOSSY_BUFFER: Final = 65_536
+TEAR_S: Final = 0.002  # between the halves of a torn message: one tick
+
+
+@dataclass(slots=True)
+class Delivery:
+    """How what a controller sends goes out: at once and whole, until a fault is asked for.
+
+    Attributes:
+        delay_s: how much later.
+        torn: whether every message comes in two halves, a tick apart.
+        bytes_per_tick: how much each connection gets in a tick, if that is bounded.
+        touched: whether any of them was ever asked for.
+    """
+
+    delay_s: float = 0.0
+    torn: bool = False
+    bytes_per_tick: int | None = None
+    touched: bool = False
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong with it."""
+        return not self.delay_s and not self.torn and self.bytes_per_tick is None
 
 
 class Connection:
@@ -23,10 +48,11 @@ class Connection:
 
     Args:
         sock: the accepted socket.
+        delivery: read at every message.
         lossy: whether what a slow reader cannot take is dropped, whole messages at a time, instead of ending it.
     """
 
-    def __init__(self, sock: socket.socket, *, lossy: bool) -> None:
+    def __init__(self, sock: socket.socket, delivery: Delivery, *, lossy: bool) -> None:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if lossy:  # a reader that never reads is noticed early, and costs nothing from then on
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, LOSSY_BUFFER)
@@ -35,6 +61,8 @@ class Connection:
         self._lock = threading.Lock()
         self._backlog = bytearray()
         self._behind_since = 0.0
+        self._delivery = delivery
+        self._waiting: deque[tuple[float, bytes]] = deque()  # what a fault holds back, and until when
         self.open = True
 
     def receive(self) -> bytes:
@@ -48,15 +76,37 @@ class Connection:
         with self._lock:
             if not self.open:
                 return
-            if self._backlog:
-                if not self._lossy:
-                    self._backlog += message
-                self._push()
+            delivery = self._delivery
+            if delivery.sound and not self._waiting:
+                self._send(message)
                 return
-            sent = self._try(message)
-            if sent < len(message) and (sent or not self._lossy):  # a message that has begun must be finished
-                self._backlog += message[sent:]
-                self._behind_since = time.monotonic()
+            due, half = time.monotonic() + delivery.delay_s, len(message) // 2 if delivery.torn else 0
+            if half:
+                self._waiting.append((due, message[:half]))
+            self._waiting.append((due + TEAR_S if half else due, message[half:]))
+
+    def deliver(self) -> None:
+        """What a fault held back goes out as far as it is due; called once a tick."""
+        with self._lock:
+            left = self._delivery.bytes_per_tick or MAX_BACKLOG
+            now = time.monotonic()
+            while self._waiting and self._waiting[0][0] <= now and left > 0:
+                due, message = self._waiting.popleft()
+                if len(message) > left:
+                    self._waiting.appendleft((due, message[left:]))
+                self._send(message[:left])
+                left -= len(message)
+
+    def _send(self, message: bytes) -> None:
+        if self._backlog:
+            if not self._lossy:
+                self._backlog += message
+            self._push()
+            return
+        sent = self._try(message)
+        if sent < len(message) and (sent or not self._lossy):  # a message that has begun must be finished
+            self._backlog += message[sent:]
+            self._behind_since = time.monotonic()
 
     def flush(self) -> None:
         """What waited goes out as far as it can; a reader that is too far or too long behind is disconnected."""
@@ -66,8 +116,13 @@ class Connection:
 
     @property
     def behind(self) -> bool:
-        """Whether the reader has not taken all it was sent."""
-        return bool(self._backlog)
+        """Whether the reader has not taken, or has not been given, all it was sent."""
+        return bool(self._backlog) or self.starved
+
+    @property
+    def starved(self) -> bool:
+        """Whether a fault lets less out than is sent; what is newer is skipped then."""
+        return self._delivery.bytes_per_tick is not None and bool(self._waiting)
 
     def close(self) -> None:
         """No more is received or sent; a thread waiting in `receive` returns."""
@@ -107,15 +162,19 @@ class Port:
         host: IPv4 address to listen on.
         number: the port.
         serve: talks to one connection until it is over; runs in a thread of its own.
+        delivery: see `Connection`.
         lossy: see `Connection`.
 
     Raises:
         OSError: the port cannot be had; its `filename` names host and port.
     """
 
-    def __init__(self, host: str, number: int, serve: Callable[[Connection], None], *, lossy: bool = False) -> None:
+    def __init__(
+        self, host: str, number: int, serve: Callable[[Connection], None], delivery: Delivery, *, lossy: bool = False
+    ) -> None:
         self.number = number
         self._serve = serve
+        self._delivery = delivery
         self._lossy = lossy
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._connections: set[Connection] = set()
@@ -152,7 +211,7 @@ class Port:
                 accepted, _ = self._socket.accept()
             except OSError:
                 return
-            connection = Connection(accepted, lossy=self._lossy)
+            connection = Connection(accepted, self._delivery, lossy=self._lossy)
             with self._lock:
                 full = len(self._connections) >= MAX_CONNECTIONS
                 if not full:

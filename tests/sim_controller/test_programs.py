@@ -249,7 +249,7 @@ def test_a_thread_that_ends_inside_a_critical_section_blocks_nobody():
         ("stopj(-1)", 2),
         ("write_output_integer_register(48, 1)", 2),
         ("write_output_integer_register(0, 1.5)", 2),
-        ("force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], 2, [0, 0, 0, 0, 0, 0])", 2),
+        ("force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0], 4, [0, 0, 0, 0, 0, 0])", 2),
         ("thread t1():\nwhile True:\nsync()\nend\nend\nwhile True:\nh = run t1()\nend", 8),
     ],
 )
@@ -317,5 +317,5 @@ def test_unmasked_and_impossible_inputs_change_nothing():
     )
     bench.tick()
     assert bench.robot.drive.slider == 1.0
-    assert bench.robot.read("standard_analog_output0") == 0.5
+    assert bench.robot.read("standard_analog_output0") == 0.010  # half of 20 mA
     assert bench.robot.read("standard_analog_output1") == 0.0
