@@ -6,7 +6,8 @@ import math
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, assert_never
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, TypeVar, assert_never
 
 import numpy as np
 
@@ -48,11 +49,11 @@ from policies.reasons import Reason
 from policies.tiers import FRESH
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from pep.context.frames import Frames, Look
     from pep.holding import Holding
-    from pep.pit import CellParameters, Motion, Robot
+    from pep.pit import CellParameters, Motion, Remaining, Robot
     from pep.ports import Clock
     from pep.rtde.state import JointState, RobotState
     from policies.model import Request
@@ -62,6 +63,8 @@ MOTIONS_KEPT: Final = 64
 MILLI: Final = 1_000
 ALLOWANCE: Final = 1.5
 """A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
+
+T = TypeVar("T")
 
 
 class CellPhysics:
@@ -104,7 +107,7 @@ class CellPhysics:
         allowance_ms = 0
         while True:
             look = self._frames.look()
-            impact = self._impact(request, look, touch, allowance_ms=allowance_ms)
+            impact = _told(partial(self._assess, request, look, touch, allowance_ms=allowance_ms))
             now_ms = self._clock.monotonic_ms()
             if self._in_time(impact, look, now_ms):
                 break
@@ -134,18 +137,6 @@ class CellPhysics:
         # A fresh view reckons with this reaction anyway (PHY-2); in an older one people have grown with its age.
         reckoned_ms = int(self._cell.watch_age_limit_s * 1000) if fresh else 0
         return age_ms <= max(reckoned_ms, impact.perception_age_ms)
-
-    def _impact(
-        self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
-    ) -> ImpactReading | ImpactFault:
-        try:
-            return self._assess(request, look, touch, allowance_ms=allowance_ms)
-        except RobotError as error:
-            return ImpactFault(Reason.PHYSICS_FAULT, str(error.code))
-        except SceneError as error:
-            return ImpactFault(Reason.PERCEPTION_INVALID, error.detail)
-        except Exception as error:  # noqa: BLE001 - whatever breaks in physics is a fault, never a tier
-            return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
 
     def _assess(
         self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
@@ -187,37 +178,33 @@ class CellPhysics:
         self, request: Request, *, start_urad: tuple[int, ...], touch: frozenset[str]
     ) -> Together | ImpactFault:
         """What is left, from where the arm is, of a straight move that began there: what lies behind is done."""
+        return _told(partial(self._together, request, start_urad, touch))
+
+    def _together(self, request: Request, start_urad: tuple[int, ...], touch: frozenset[str]) -> Together | ImpactFault:
         cell = replace(self._cell, watch_time_limit_s=self._cell.time_limit_s)  # nothing moves yet
-        try:
-            sight = self._sight(self._frames.look(), allowance_ms=0)
-            if isinstance(sight, ImpactFault):
-                return sight
-            state = self._state.read()
-            start = tuple(si(angle, Unit.MICRORADIAN) for angle in start_urad)
-            motion = _motion(request, replace(state, q_rad=start), self._holding.robot, cell)
-            if motion is None:
-                return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
-            for tier in Tier:
-                rest = remaining(
-                    self._holding.robot,
-                    sight.scene,
-                    motion,
-                    cell,
-                    at_rad=state.q_rad,  # type: ignore[arg-type]  # six, counted where they were read
-                    authorised_milli=tier * MILLI,
-                    perception_age_s=sight.age_s,
-                    touch=touch,
-                )
-                if isinstance(rest, ImpactFault):
-                    return rest
-                if rest.holds:
-                    return Together(rest.index_milli)
-        except RobotError as error:
-            return ImpactFault(Reason.PHYSICS_FAULT, str(error.code))
-        except SceneError as error:
-            return ImpactFault(Reason.PERCEPTION_INVALID, error.detail)
-        except Exception as error:  # noqa: BLE001 - whatever breaks in physics is a fault, never a tier
-            return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
+        sight = self._sight(self._frames.look(), allowance_ms=0)
+        if isinstance(sight, ImpactFault):
+            return sight
+        state = self._state.read()
+        start = tuple(si(angle, Unit.MICRORADIAN) for angle in start_urad)
+        motion = _motion(request, replace(state, q_rad=start), self._holding.robot, cell)
+        if motion is None:
+            return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
+        for tier in Tier:
+            rest = remaining(
+                self._holding.robot,
+                sight.scene,
+                motion,
+                cell,
+                at_rad=state.q_rad,  # type: ignore[arg-type]  # six, counted where they were read
+                authorised_milli=tier * MILLI,
+                perception_age_s=sight.age_s,
+                touch=touch,
+            )
+            if isinstance(rest, ImpactFault):
+                return rest
+            if rest.holds:
+                return Together(rest.index_milli)
         return Together(max(Tier) * MILLI)
 
     def start_of(self, request_id: str) -> tuple[float, ...] | None:
@@ -249,15 +236,16 @@ class CellPhysics:
         """
         look = self._frames.look()
         age_ms = look.age_ms(look.taken_ms)
-        try:
+
+        def ask() -> Remaining | ImpactFault:
             sight = self._sight(look, allowance_ms=0)
             with self._lock:
                 motion = self._motions.get(request.request_id)
             if isinstance(sight, ImpactFault):
-                return Rest(holds=False, index_milli=None, cause=sight.detail, fault=sight.reason, age_ms=age_ms)
+                return sight
             if motion is None:
-                return Rest(holds=False, index_milli=None, cause="", fault=Reason.PHYSICS_FAULT, age_ms=age_ms)
-            rest = remaining(
+                return ImpactFault(Reason.PHYSICS_FAULT, "")
+            return remaining(
                 self._holding.robot,
                 sight.scene,
                 motion,
@@ -268,13 +256,8 @@ class CellPhysics:
                 touch=touch,
                 running=running,
             )
-        except SceneError as error:
-            return Rest(
-                holds=False, index_milli=None, cause=error.detail, fault=Reason.PERCEPTION_INVALID, age_ms=age_ms
-            )
-        except Exception as error:  # noqa: BLE001 - whatever breaks in physics is a fault, never a tier
-            broken = type(error).__name__
-            return Rest(holds=False, index_milli=None, cause=broken, fault=Reason.PHYSICS_FAULT, age_ms=age_ms)
+
+        rest = _told(ask)
         if isinstance(rest, ImpactFault):
             return Rest(holds=False, index_milli=None, cause=rest.detail, fault=rest.reason, age_ms=age_ms)
         view = look.view()
@@ -356,6 +339,18 @@ class _Sight:
 
     scene: Scene | None
     age_s: float | None
+
+
+def _told(ask: Callable[[], T]) -> T | ImpactFault:
+    """What physics says. Whatever breaks in it is a fault, never a tier."""
+    try:
+        return ask()
+    except RobotError as error:
+        return ImpactFault(Reason.PHYSICS_FAULT, str(error.code))
+    except SceneError as error:
+        return ImpactFault(Reason.PERCEPTION_INVALID, error.detail)
+    except Exception as error:  # noqa: BLE001 - a narrower net would let something through
+        return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
 
 
 def scene_of(seen: Seen, cell: CellParameters) -> Scene:

@@ -12,12 +12,14 @@ from capabilities.statements import observation
 from capabilities.statements import observation as wire
 from pep.context.frames import FRAME_BYTES, Distrusted, Frame, FrameFault, Frames, Rejected, Seen, Unseen
 from pep.context.witness import contradicted
+from pep.errors import PepFault, RobotError
 from pep.perception import Receiver
-from pep.pit import CellParameters, Robot, observed, standing_adult
+from pep.pit import CellParameters, Robot, SceneError, observed, standing_adult
 from pep.rtde.state import JointState
 from pep.sim.sensor import Sensor, obey
 from pep.holding import Holding
 from pep.world import CellPhysics
+from policies.evidence import ImpactReading
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE, CALIBRATION, MOVE, ManualClock, Registry
 from pep.mcp.mapping import ARM_TOOLS, to_request
@@ -624,6 +626,28 @@ def test_what_is_left_of_a_distrusted_view_is_a_fault(world):
 def test_what_breaks_while_judging_what_is_left_is_a_fault(world):
     rest = physics(world).left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset(), running=None)
     assert (rest.holds, rest.fault) == (False, Reason.PHYSICS_FAULT)
+
+
+@pytest.mark.parametrize(
+    ("broken", "reason"),
+    [
+        (SceneError("PERCEPTION_INVALID", "of no kind"), Reason.PERCEPTION_INVALID),
+        (RobotError(PepFault.ROBOT_STALLED), Reason.PHYSICS_FAULT),
+        (ZeroDivisionError(), Reason.PHYSICS_FAULT),
+    ],
+    ids=lambda each: type(each).__name__,
+)
+def test_what_breaks_in_any_question_is_a_fault_of_its_own_reason(world, monkeypatch, broken, reason):
+    def breaks(*_):
+        raise broken
+
+    asked = physics(world, robot=ARM)
+    assert isinstance(asked.assess(request(), touch=frozenset()).impact, ImpactReading)  # its motion is known from here on
+    monkeypatch.setattr("pep.world.scene_of", breaks)
+    assert asked.assess(request(), touch=frozenset()).impact.reason == reason
+    assert asked.together(request(), start_urad=(0,) * 6, touch=frozenset()).reason == reason
+    rest = asked.left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset(), running=None)
+    assert (rest.holds, rest.fault) == (False, reason)
 
 
 def test_summary_counts(world):

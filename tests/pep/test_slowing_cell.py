@@ -11,9 +11,9 @@ import pytest
 from pep.governor import Governor
 from pep.mcp.guard import DECISION_META
 from pep.rtde.state import ReceivedState
-from ztpm.demo.eyes import Eyes
 from tests.pep.kit import HOST
 from tests.pep.test_cell import PATIENT, Child, in_cell
+from tests.pep.test_watch_cell import eyes, seen  # noqa: F401 - a fixture, over this module's controller
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(240)]
 NEAR = (1.6, -1.62, 1.25, -1.2, -1.57, 0.0)
@@ -45,18 +45,6 @@ def controller():
     child = Child("pep.sim", "--host", HOST, "--joints=" + ",".join(map(str, FAR)), "--commands")
     yield child
     child.end()
-
-
-@pytest.fixture
-def eyes(controller):
-    with Eyes(HOST) as eyes:
-        yield eyes
-
-
-async def seen(what, within_s=30.0):
-    async with asyncio.timeout(within_s):
-        while not what():
-            await asyncio.sleep(0.002)
 
 
 class Motion:

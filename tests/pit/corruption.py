@@ -102,6 +102,27 @@ def with_scene(top, change, *, named):
         top["answer"]["scene"] = hashlib.sha256(top["question"]["scene"].encode()).hexdigest()
 
 
+def step_in(top, center, proofs):
+    """Somebody more stands around this point; in each of the proofs every pair with them, last of all people, has a row."""
+    ball = {"type": "Sphere", "center_m": center, "radius_m": (0.15).hex()}
+    who = {"type": "Person", "id": "stranger", "source": "camera", "age_s": (0.0).hex(), "regions": [["torso", ball]]}
+    before = 0
+
+    def appear(scene):
+        nonlocal before
+        before = sum(len(person["regions"]) for person in scene["people"])
+        scene["people"].append(who)
+
+    with_scene(top, appear, named=True)
+    count = len(robot_of(top["question"]["model"]).moving)
+    at = before * count
+    for proof in proofs:
+        proof["cover"][at:at] = ["0"] * count
+        for name in ("retreating", "meant"):
+            proof[name] = [n + count if n >= at else n for n in proof[name]]
+        proof["met"] = [[n + count if n >= at else n, *where] for n, *where in proof["met"]]
+
+
 def tool_point(top):
     """Where the tool point is in the middle of the path."""
     robot = robot_of(top["question"]["model"])
@@ -371,22 +392,7 @@ def obstacle_moved_onto_the_arm(top, rng):
 def person_appears(top, rng):
     """In the arm's way, with all digests renewed and intervals for every pair."""
     fit(index_of(top) < 3.9 and top["proof"]["cover"])
-    ball = {"type": "Sphere", "center_m": tool_point(top), "radius_m": (0.15).hex()}
-    before = 0
-
-    def step_in(scene):
-        nonlocal before
-        before = sum(len(person["regions"]) for person in scene["people"])
-        who = {"type": "Person", "id": "stranger", "source": "camera", "age_s": (0.0).hex()}
-        scene["people"].append(who | {"regions": [["torso", ball]]})
-
-    with_scene(top, step_in, named=True)
-    count = len(robot_of(top["question"]["model"]).moving)
-    at = before * count
-    top["proof"]["cover"][at:at] = ["0"] * count
-    for name in ("retreating", "meant"):
-        top["proof"][name] = [n + count if n >= at else n for n in top["proof"][name]]
-    top["proof"]["met"] = [[n + count if n >= at else n, node] for n, node in top["proof"]["met"]]
+    step_in(top, tool_point(top), [top["proof"]])
 
 
 @resealed

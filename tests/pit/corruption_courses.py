@@ -13,10 +13,12 @@ from itertools import pairwise
 import numpy as np
 
 from pep.pit.checker import Code
+from pep.pit.checker.check import NO_ROWS
+from pep.pit.checker.drive import NOT_TRACED
 from pep.pit.inverse import reaching, solved
 from pep.pit.path import GRID
 from pep.pit.twist import turned_by
-from tests.pit.corruption import Corrupted, Unfit, fit, index_of, pick, seal, with_model, with_scene
+from tests.pit.corruption import Corrupted, Unfit, fit, index_of, pick, seal, step_in, with_model
 from tests.pit.courses import courses_of
 from tests.pit.lines import placed
 from tests.pit.scenes import ROBOT
@@ -26,11 +28,6 @@ OFF, LOST, CELL, MEMBER = Code.NODE_OFF, Code.NODE_MISSING, Code.CELL_UNPROVEN, 
 DOUBT, ROW, FLOOR, ANSWER = Code.DOUBT_UNFOUNDED, Code.ROW_EXCEEDS, Code.FLOOR_EXCEEDS, Code.ANSWER_WRONG
 LEGS, MET, HIDDEN, COVER = Code.LEGS_WRONG, Code.VIOLATION_UNFOUNDED, Code.VIOLATION_HIDDEN, Code.COVER_WRONG
 MEANT, RETREAT, TIER = Code.MEANT_UNPROVEN, Code.RETREAT_UNPROVEN, Code.TIER_WRONG
-NOT_TRACED = {
-    "doubt": None, "edges": [], "second": [], "third": [], "nodes": [], "until": 0, "ahead": None, "angles": [],
-    "seconds": None,
-}  # fmt: skip
-NO_ROWS = {"cover": [], "retreating": [], "meant": [], "met": []}
 
 
 def corrupted(document, rng) -> Corrupted:
@@ -338,29 +335,8 @@ def person_on_the_way(top, rng):
     fit(index_of(top) < 3.9 and "person" not in top["answer"]["violations"])
     fit(all(each["cover"] for each in courses_of(top)))
     _, q = leg["course"]["nodes"][len(leg["course"]["nodes"]) // 2]
-    ball = {
-        "type": "Sphere",
-        "center_m": [float(x).hex() for x in _pose([number(x) for x in q])[0]],
-        "radius_m": (0.15).hex(),
-    }
-    before = 0
-
-    def step_in(scene):
-        nonlocal before
-        before = sum(len(person["regions"]) for person in scene["people"])
-        who = {"type": "Person", "id": "stranger", "source": "camera", "age_s": (0.0).hex()}
-        scene["people"].append(who | {"regions": [["torso", ball]]})
-
-    with_scene(top, step_in, named=True)
-    model = json.loads(top["question"]["model"])
-    tool = next(each for each in model["tools"] if each["name"] == model["mounted_tool"])
-    count = sum(each["link"] > 0 for each in model["capsules"]) + len(tool["capsules"]) + ("held" in model)
-    for each in courses_of(top):
-        at = before * count
-        each["cover"][at:at] = ["0"] * count
-        for name in ("retreating", "meant"):
-            each[name] = [n + count if n >= at else n for n in each[name]]
-        each["met"] = [[n + count if n >= at else n, *ends] for n, *ends in each["met"]]
+    center = [float(x).hex() for x in _pose([number(x) for x in q])[0]]
+    step_in(top, center, courses_of(top))
 
 
 # --- the end of a course ----------------------------------------------------------------------------------------------

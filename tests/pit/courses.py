@@ -20,13 +20,11 @@ from pep.pit import (
     MoveL,
     ServoJ,
     SpeedL,
-    Workspace,
-    Zone,
     assess,
 )
 from pep.pit.proof import document
 from tests.pit.lines import placed, pose_of, random_hold, random_line, random_servo, random_start, random_way
-from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, random_move, random_scene, random_shape
+from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, random_bounds, random_move, random_scene
 
 PART = Held("part", Capsule((0.0, 0.0, 0.18), (0.0, 0.05, 0.2), 0.03), 0.4, blunt=True)
 PATIENT = replace(CELL, time_limit_s=60.0)  # other work on the machine is no part of these questions
@@ -148,10 +146,7 @@ def random_question(rng, form):
     scene = random_scene(
         rng, things=int(rng.integers(0, 5)), regions=int(rng.integers(0, 4)), zones=int(rng.integers(0, 3))
     )
-    if rng.random() < 0.25:
-        scene = replace(scene, workspace=Workspace((-0.8, -0.8, -0.3), (0.8, 0.8, 1.0)))
-    if rng.random() < 0.25:
-        scene = replace(scene, zones=(*scene.zones, Zone("hard", random_shape(rng), None)))
+    scene = random_bounds(rng, scene, 0.25)
     robot, cell, touch = ROBOT, PATIENT, NOTHING
     if rng.random() < 0.25:
         robot = ROBOT.holding(PART)

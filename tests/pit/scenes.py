@@ -19,6 +19,7 @@ from pep.pit import (
     Scene,
     Sphere,
     Thing,
+    Workspace,
     Zone,
     adult_at_distance,
 )
@@ -57,6 +58,12 @@ def with_glass():
 
 def with_person(distance=0.5, bearing=FRONT):
     return replace(empty(), people=(adult_at_distance(distance, bearing_rad=bearing),))
+
+
+def along(move, share):
+    """Joint angles after that share of a straight move's way."""
+    start, target = np.array(move.start), np.array(move.target)
+    return tuple((start + share * (target - start)).tolist())
 
 
 def at_time(path, profile, time_s):
@@ -106,6 +113,15 @@ def random_shape(rng, kinds="csb", near=0.25, far=0.9):
             turn = rng.standard_normal(4)
             turn /= np.linalg.norm(turn)
             return Box(tuple(center), tuple(rng.uniform(0.02, 0.07, 3).tolist()), tuple(turn.tolist()))
+
+
+def random_bounds(rng, scene, share):
+    """The scene with a workspace and a hard zone, each in this share of all cases."""
+    if rng.random() < share:
+        scene = replace(scene, workspace=Workspace((-0.8, -0.8, -0.3), (0.8, 0.8, 1.0)))
+    if rng.random() < share:
+        scene = replace(scene, zones=(*scene.zones, Zone("hard", random_shape(rng), None)))
+    return scene
 
 
 def random_convex(rng, center):

@@ -67,6 +67,7 @@ from tests.pit.scenes import (
     SEED,
     aged,
     empty,
+    random_bounds,
     random_move,
     random_scene,
     random_shape,
@@ -138,10 +139,7 @@ def random_question(rng):
     scene = random_scene(
         rng, things=int(rng.integers(0, 6)), regions=int(rng.integers(0, 5)), zones=int(rng.integers(0, 3))
     )
-    if rng.random() < 0.3:
-        scene = replace(scene, workspace=Workspace((-0.8, -0.8, -0.3), (0.8, 0.8, 1.0)))
-    if rng.random() < 0.3:
-        scene = replace(scene, zones=(*scene.zones, Zone("hard", random_shape(rng), None)))
+    scene = random_bounds(rng, scene, 0.3)
     if rng.random() < 0.1:
         scene = replace(scene, complete=False)
     move = random_move(rng, amplitude=float(rng.choice([0.05, 0.3, 1.0, 2.0])))

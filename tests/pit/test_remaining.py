@@ -34,6 +34,7 @@ from tests.pit.scenes import (
     NOTHING,
     ROBOT,
     SEED,
+    along,
     empty,
     random_move,
     random_scene,
@@ -47,11 +48,6 @@ from tests.pit.test_soundness import dense_index
 NAN, INF = math.nan, math.inf
 AGE = 0.1
 STOPPED = frozenset({"person", "self", "workspace", "zone"})
-
-
-def along(move, share):
-    start, target = np.array(move.start), np.array(move.target)
-    return tuple((start + share * (target - start)).tolist())
 
 
 PATIENT = replace(CELL, watch_time_limit_s=30.0, time_limit_s=30.0)  # the tests share the machine

@@ -45,7 +45,7 @@ from pep.pit.slowing import paced, steps
 from pep.pit.twist import Twist, turn_of
 from policies.evidence import ImpactFault
 from tests.pit import twin
-from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, at_time, empty, random_move, tcp
+from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, along, at_time, empty, random_move, tcp
 from tests.pit.test_soundness import dense_index
 
 AGE = 0.1
@@ -54,11 +54,6 @@ PATIENT = replace(
 )  # the tests share the machine
 LEFT, RIGHT = (-2.0, *HOME[1:]), (0.6, *HOME[1:])
 FAST = MoveJ(LEFT, RIGHT, 0.9, 1.4)
-
-
-def along(move, share):
-    start, target = np.array(move.start), np.array(move.target)
-    return tuple((start + share * (target - start)).tolist())
 
 
 def left(scene, move, share=0.0, authorised=1000, *, running=1.0, cell=PATIENT, age=AGE, at=None, **more):

@@ -268,7 +268,7 @@ def _show(asked: Mapping[str, Any]) -> None:
                 lines = [f"{v['name']} = {v['value']} {v['unit']}" for v in value]
             case "contributors":
                 lines = [
-                    f"{c['kind']} {c['object']} near {c['link']}, seen by {c['source'] or 'no sensor'}: "
+                    f"{c['kind']} {c['object']} near {c['link']}, said by {c['source'] or 'no sensor'}: "
                     f"index {_index(c['index_milli'])}, "
                     f"clearance {c['clearance_um'] / 1000:.0f} mm, {c['speed_um_s'] / 1000:.0f} mm/s"
                     for c in value
