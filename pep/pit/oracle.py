@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import math
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, assert_never
 
@@ -97,54 +97,59 @@ def cross_check(
     """
     world = World(path.robot, scene, pairs)
     watched: list[Witness] = [*certified.witnesses[:1], *certified.violated.values()]
-    every = np.arange(len(pairs))
+    # Nobody can foresee the later places. Only what the balls around both do not settle there needs a distance.
     at = [profile.at(profile.time_of(w.s)) for w in watched]
-    clearance, speed = world.ask_all([(path.q(s), path.delta * rate) for s, rate in at])
-    for witness, measured, moving in zip(watched, clearance, speed, strict=True):
+    at += [profile.at(share * profile.duration_s) for share in fractions(seed)]
+    asked = np.zeros(len(pairs), dtype=bool)
+    asked[rows] = True
+    clearance, speed, measured = world.at_least(
+        [(path.q(s), path.delta * rate) for s, rate in at],
+        exactly=len(watched),
+        settled=lambda near, moving: _settled(pairs, stop, certified, near, moving) | ~asked,
+    )
+    every = np.arange(len(pairs))
+    for witness, met, moving in zip(watched, clearance, speed, strict=False):
         kernel = path.clearance_at(pairs, witness.key, every)
         kernel[witness.pair] = witness.clearance_m
-        if not (np.abs(measured - kernel) <= DISTANCE_TOLERANCE_M).all():
+        if not (np.abs(met - kernel) <= DISTANCE_TOLERANCE_M).all():
             return Disagreement("clearance at the witness")
         if witness.index > 0 and not abs(moving[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
             return Disagreement("speed at the witness")
-    known = judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
-    if isinstance(known, Disagreement):
-        return known
-    # Nobody can foresee these places. Only what the balls around both do not settle there needs a distance.
-    unforeseen = [profile.at(share * profile.duration_s) for share in fractions(seed)]
-    places = [(path.q(s), path.delta * rate) for s, rate in unforeseen]
-    clearance, speed = world.at_least(
-        places, settled=lambda near, moving: _settled(pairs, stop, certified, near, moving)
-    )
-    found = judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
-    if isinstance(found, Disagreement):
-        return found
-    return Agreement(known.asked + found.asked, max(known.highest, found.highest))
+    # What was settled is neither above the answer nor a violation: farther off it is still less so.
+    known = measured & asked
+    pair = np.nonzero(known)[1]
+    found = _held_against(pairs, stop, certified, pair, clearance=clearance[known], speed=speed[known])
+    return found if isinstance(found, Disagreement) else Agreement(len(at), found)
 
 
 def _settled(pairs: Pairs, stop: Stopping, certified: Certified, near: Floats, speed: Floats) -> NDArray[np.bool_]:
     """Which pairs (places, pairs) with a clearance of at least `near` are neither above the answer nor a violation."""
-    asked = np.tile(np.arange(len(pairs)), len(near))
-    index = pairs.index(asked, near.ravel(), speed.ravel(), stop)
-    clear = near.ravel() >= pairs.violated_below[asked]
-    return np.asarray((clear & (index <= certified.upper)).reshape(near.shape))
+    asked = np.arange(near.size) % len(pairs)
+    index = pairs.index(asked, near.ravel(), speed.ravel(), stop).reshape(near.shape)
+    return np.asarray((near >= pairs.violated_below) & (index <= certified.upper))
 
 
 def judged(
     pairs: Pairs, stop: Stopping, certified: Certified, rows: NDArray[np.intp], *, clearance: Floats, speed: Floats
 ) -> Agreement | Disagreement:
     """Whether the certified answer holds for what was measured of `rows`, both of shape (places, rows)."""
-    if not clearance.size:
-        return Agreement(0, 0.0)
     asked = np.tile(rows, len(clearance))
-    near = clearance.ravel() + DISTANCE_TOLERANCE_M
-    highest = float(pairs.index(asked, near, speed.ravel(), stop).max(initial=0))
+    found = _held_against(pairs, stop, certified, asked, clearance=clearance.ravel(), speed=speed.ravel())
+    return found if isinstance(found, Disagreement) else Agreement(len(clearance), found)
+
+
+def _held_against(
+    pairs: Pairs, stop: Stopping, certified: Certified, asked: NDArray[np.intp], *, clearance: Floats, speed: Floats
+) -> float | Disagreement:
+    """The highest index of what was measured of these pairs, one by one, when the certified answer holds for it."""
+    near = clearance + DISTANCE_TOLERANCE_M
+    highest = float(pairs.index(asked, near, speed, stop).max(initial=0))
     if not highest <= certified.upper + INDEX_TOLERANCE:
         return Disagreement("index above the certified one")
     below = near + VIOLATION_RESOLUTION_M < pairs.violated_below[asked]
     if any(pairs.kind_of(int(row)) not in certified.violated for row in asked[below]):
         return Disagreement("a violation that was not found")
-    return Agreement(len(clearance), highest)
+    return highest
 
 
 def cross_check_rest(path: Path, pairs: Pairs, scene: Scene, clearance: Floats) -> Agreement | Disagreement:
@@ -173,11 +178,14 @@ def _placement(a: Vector, b: Vector) -> tuple[Any, float]:
     return pinocchio.SE3(turn.toRotationMatrix(), (start + end) / 2), length
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Core:
     """A shape of radius 0 for coal: its kind and size, its pose, and the radius that is left out.
 
     Each set of `corners` is a kind of its own: coal's polytopes keep theirs.
+
+    Attributes:
+        ball: centre (three numbers) and radius of a ball around the core, and the radius that is left out.
     """
 
     kind: str
@@ -185,6 +193,17 @@ class _Core:
     pose: Any
     radius: float
     corners: tuple[Vector, ...] = ()
+    ball: tuple[float, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """The ball follows from the rest."""
+        if self.corners:
+            corners = np.array(self.corners)
+            center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+            around = float(np.linalg.norm(corners - center, axis=1).max()) + POINT_M
+        else:
+            center, around = self.pose.translation, math.hypot(*self.size)
+        object.__setattr__(self, "ball", (*center.tolist(), around, self.radius))
 
     def built(self) -> Any:
         """A shape of coal's of this kind and size."""
@@ -197,15 +216,6 @@ class _Core:
                 return _polytope(self.corners)
             case _:
                 return coal.Box(*(2 * half for half in self.size))
-
-    @property
-    def ball(self) -> tuple[Floats, float]:
-        """Centre and radius of a ball around the core."""
-        if self.corners:
-            corners = np.array(self.corners)
-            center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-            return center, float(np.linalg.norm(corners - center, axis=1).max()) + POINT_M
-        return np.array(self.pose.translation), math.hypot(*self.size)
 
     def put_into(self, body: Any) -> None:
         """The body of the same kind has this size and pose from now on."""
@@ -256,18 +266,24 @@ class _Stage:
     Attributes:
         geometry, found: pinocchio's geometry model and its data.
         data: pinocchio's kinematic data.
-        things: index of each thing's body.
+        distances: of each pair, where coal writes what it found.
+        turns, origins: of each link, where pinocchio writes its pose.
+        things: each thing's body.
+        placed: what each of these stands for now; None while it is half placed.
         own_radius: radii of the arm's own pairs, which stand last.
         own_body, own_link, own_center, own_half: of the arm's own pairs: the moving body, and the capsule it must mind:
             its link, its middle there and half its axis.
         link, reference, ends, radius, half: of the robot's bodies.
-        holds: the scene whose things stand there.
     """
 
     geometry: Any
     found: Any
     data: Any
-    things: tuple[int, ...]
+    distances: tuple[Any, ...]
+    turns: tuple[Floats, ...]
+    origins: tuple[Floats, ...]
+    things: tuple[Any, ...]
+    placed: list[_Core | None]
     own_radius: Floats
     own_body: NDArray[np.intp]
     own_link: NDArray[np.intp]
@@ -278,7 +294,14 @@ class _Stage:
     ends: Floats
     radius: Floats
     half: Floats
-    holds: dict[str, Scene]
+
+    def put(self, cores: Sequence[_Core]) -> None:
+        """These things stand there; what stood there before is not touched."""
+        for k, core in enumerate(cores):
+            if self.placed[k] is not core:
+                self.placed[k] = None
+                core.put_into(self.things[k])
+                self.placed[k] = core
 
 
 def _built(robot: Robot, kinds: tuple[Kind, ...]) -> _Stage:
@@ -306,12 +329,17 @@ def _built(robot: Robot, kinds: tuple[Kind, ...]) -> _Stage:
         geometry.addCollisionPair(pinocchio.CollisionPair(on_robot[capsule.name], on_robot[body.name]))
         own.append(capsule.radius_m + body.radius_m)
     ends = np.array([(b.a_m, b.b_m) for b in robot.bodies])
+    found, data = geometry.createData(), robot.pinocchio.createData()
     inner = np.array([(capsule.a_m, capsule.b_m) for _, capsule in robot.self_pairs])
     return _Stage(
         geometry=geometry,
-        found=geometry.createData(),
-        data=robot.pinocchio.createData(),
-        things=things,
+        found=found,
+        data=data,
+        distances=tuple(found.distanceResults),
+        turns=tuple(frame.rotation for frame in data.oMi),
+        origins=tuple(frame.translation for frame in data.oMi),
+        things=tuple(geometry.geometryObjects[thing] for thing in things),
+        placed=[None] * len(things),
         own_radius=np.array(own),
         own_body=np.array([index for index, _ in robot.self_pairs], dtype=np.intp),
         own_link=np.array([capsule.link for _, capsule in robot.self_pairs], dtype=np.intp),
@@ -322,7 +350,6 @@ def _built(robot: Robot, kinds: tuple[Kind, ...]) -> _Stage:
         ends=ends,
         radius=np.array([b.radius_m for b in robot.bodies]),
         half=0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1),
-        holds={},
     )
 
 
@@ -343,17 +370,11 @@ class World:
         self.robot, self.scene, self.pairs = robot, scene, pairs
         cores = [_core(shape) for person in scene.people for _, shape in person.regions]
         cores += [_core(shape) for shape in scene.solid_shapes]
-        self.stage = _STAGES.of(robot, tuple((core.kind, core.corners) for core in cores))
-        if self.stage.holds.get("scene") is not scene:
-            self.stage.holds.clear()  # half placed it holds none
-            for core, body in zip(cores, self.stage.things, strict=True):
-                core.put_into(self.stage.geometry.geometryObjects[body])
-            self.stage.holds["scene"] = scene
+        self.stage = _STAGES.of(robot, tuple([(core.kind, core.corners) for core in cores]))
+        self.stage.put(cores)
+        balls = np.array([core.ball for core in cores]).reshape(-1, 5)
+        self.centers, self.around, left_out = balls[:, :3], balls[:, 3], balls[:, 4]
         moving = self.stage.radius[: robot.world_bodies]
-        left_out = np.array([core.radius for core in cores])
-        balls = [core.ball for core in cores]
-        self.centers = np.array([center for center, _ in balls]).reshape(-1, 3)
-        self.around = np.array([radius for _, radius in balls])
         self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
 
     def ask(self, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
@@ -363,89 +384,104 @@ class World:
 
     def ask_all(self, places: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
         """The same at several joint angles and speeds: clearance and speed, each of shape (places, pairs)."""
-        if not places:  # every pair leads away, so there is no witness
-            nowhere = np.zeros((0, len(self.pairs)))
-            return nowhere, nowhere
-        model, stage = self.robot.pinocchio, self.stage
-        core, moving = [], []
-        for q, qd in places:
-            moving.append(self._moved(q, qd))
-            pinocchio.computeDistances(model, stage.data, stage.geometry, stage.found, q)
-            core.append([result.min_distance for result in stage.found.distanceResults])
-        ends, _, speed = self._motion(moving)
-        clearance = np.maximum(np.array(core), 0) - self.radius
-        return np.concatenate([clearance, *self._faces(ends)], axis=1), speed[:, self.pairs.body]
+        ends, _, _, speed = self._motion(places)
+        near = self._unmeasured(ends)
+        for row, (q, _) in zip(near, places, strict=True):
+            self._measure(row, q)
+        return near, speed[:, self.pairs.body]
 
     def at_least(
-        self, places: Sequence[tuple[Floats, Floats]], settled: Callable[[Floats, Floats], NDArray[np.bool_]]
-    ) -> tuple[Floats, Floats]:
+        self,
+        places: Sequence[tuple[Floats, Floats]],
+        *,
+        exactly: int,
+        settled: Callable[[Floats, Floats], NDArray[np.bool_]],
+    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """What `ask_all` answers, where `settled` wants to know; elsewhere a clearance that is no greater.
 
         Args:
             places: joint angles and speeds.
-            settled: of clearances and speeds, each (places, pairs), those of which it is enough to know that the
-                clearance is no smaller.
+            exactly: at so many of them, the first ones, every pair is measured.
+            settled: of clearances and speeds at the others, each (places, pairs), those of which it is enough to know
+                that the clearance is no smaller.
+
+        Returns:
+            Clearance, speed, and which clearances were measured, each of shape (places, pairs).
         """
-        model, stage = self.robot.pinocchio, self.stage
-        moving = [self._moved(q, qd) for q, qd in places]
-        ends, frames, speed = self._motion(moving)
-        near = np.concatenate([self._balls(ends, frames), *self._faces(ends)], axis=1)
-        speed = speed[:, self.pairs.body]
-        asked = ~settled(near, speed)[:, : len(self.radius)]
-        for place in np.flatnonzero(asked.any(axis=1)).tolist():
-            pinocchio.updateGeometryPlacements(model, stage.data, stage.geometry, stage.found, places[place][0])
-            for pair in np.flatnonzero(asked[place]).tolist():
-                core = pinocchio.computeDistance(stage.geometry, stage.found, pair).min_distance
-                near[place, pair] = max(core, 0.0) - self.radius[pair]
-        return near, speed
+        ends, turns, origins, speed = self._motion(places)
+        near, speed, cores = self._unmeasured(ends), speed[:, self.pairs.body], len(self.radius)
+        later = slice(exactly, None)
+        near[later, :cores] = self._balls(ends[later], turns[later], origins[later])
+        measured = np.ones(near.shape, dtype=bool)
+        measured[later] = ~settled(near[later], speed[later])
+        for place, (q, _) in enumerate(places):
+            if place < exactly:
+                self._measure(near[place], q)
+            elif (which := np.flatnonzero(measured[place, :cores])).size:
+                self._measure_these(near[place], q, which)
+        return near, speed, measured
 
-    def _moved(self, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
-        """Poses (links, 4, 4) and velocities (links, 6) of all links, by pinocchio."""
-        data = self.stage.data
-        pinocchio.forwardKinematics(self.robot.pinocchio, data, q, qd)
-        # copied at once: they are views of what the next place overwrites
-        return np.array([frame.homogeneous for frame in data.oMi]), np.array([velocity.vector for velocity in data.v])
+    def _unmeasured(self, ends: Floats) -> Floats:
+        """Room for the clearances of all pairs, those from the faces of the room already there."""
+        near = np.empty((len(ends), len(self.pairs)))
+        near[:, len(self.radius) :] = self._faces(ends)
+        return near
 
-    def _balls(self, ends: Floats, frames: Floats) -> Floats:
+    def _measure(self, near: Floats, q: Floats) -> None:
+        """Coal's clearances of all pairs of cores stand in `near`, (pairs,)."""
+        stage = self.stage
+        pinocchio.computeDistances(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
+        found = np.array([result.min_distance for result in stage.distances])
+        near[: len(found)] = np.maximum(found, 0.0) - self.radius
+
+    def _measure_these(self, near: Floats, q: Floats, which: NDArray[np.intp]) -> None:
+        """Of these pairs alone."""
+        stage, measure = self.stage, pinocchio.computeDistance
+        pinocchio.updateGeometryPlacements(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
+        found = [measure(stage.geometry, stage.found, pair).min_distance for pair in which.tolist()]
+        near[which] = np.maximum(found, 0.0) - self.radius[which]
+
+    def _balls(self, ends: Floats, turns: Floats, origins: Floats) -> Floats:
         """Clearance of the balls around all bodies' and things' cores, (places, pairs of bodies): at most their own."""
         stage, count = self.stage, self.robot.world_bodies
-        centers = ends.mean(axis=2)
+        centers = 0.5 * (ends[:, :, 0] + ends[:, :, 1])
         away = centers[:, None, :count] - self.centers[:, None]
         apart = np.sqrt(np.einsum("ptbi,ptbi->ptb", away, away)) - self.around[:, None] - stage.half[:count]
-        own = np.einsum("pkij,kj->pki", frames[:, stage.own_link, :3, :3], stage.own_center)
-        inner = own + frames[..., :3, 3][:, stage.own_link] - centers[:, stage.own_body]
+        own = np.einsum("pkij,kj->pki", turns[:, stage.own_link], stage.own_center)
+        inner = own + origins[:, stage.own_link] - centers[:, stage.own_body]
         apart_own = np.sqrt(np.einsum("pki,pki->pk", inner, inner)) - stage.own_half - stage.half[stage.own_body]
-        return np.asarray(np.concatenate([apart.reshape(len(ends), -1), apart_own], axis=1) - self.radius)
+        return np.asarray(np.concatenate([apart.reshape(len(ends), apart[0].size), apart_own], axis=1) - self.radius)
 
-    def _faces(self, ends: Floats) -> list[Floats]:
-        """Clearance from each face of the room, (places, moving bodies) each."""
+    def _faces(self, ends: Floats) -> Floats:
+        """Clearance from each face of the room, (places, faces times moving bodies)."""
         workspace = self.scene.workspace
         if workspace is None:
-            return []
+            return np.empty((len(ends), 0))
         bodies = slice(0, self.robot.world_bodies)
         high = np.array(workspace.high_m) - ends[:, bodies].max(axis=2)
         low = ends[:, bodies].min(axis=2) - np.array(workspace.low_m)
         radius = self.stage.radius[bodies]
-        return [room[:, :, axis] - radius for axis in range(3) for room in (high, low)]
+        return np.concatenate([room[:, :, axis] - radius for axis in range(3) for room in (high, low)], axis=1)
 
-    def _motion(self, moved: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats]:
-        """World positions of all bodies' ends, poses of the links, and surface speeds relative to reference links.
+    def _motion(self, places: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats, Floats]:
+        """Where all bodies' ends are, how the links are turned and where, and surface speeds relative to references.
 
-        Args:
-            moved: per place the poses (links, 4, 4) and the velocities (links, 6), linear then angular, in the links'
-                own frames.
+        Pinocchio's Jacobian has a column per joint: the turning, and the speed of what is at the base's origin, that it
+        gives all links behind it.
         """
-        poses, velocities = np.array([pose for pose, _ in moved]), np.array([velocity for _, velocity in moved])
-        rotation, origin = poses[..., :3, :3], poses[..., :3, 3]
-        linear = np.einsum("pkij,pkj->pki", rotation, velocities[..., :3])
-        angular = np.einsum("pkij,pkj->pki", rotation, velocities[..., 3:])
-        link, reference = self.stage.link, self.stage.reference
-        ends = np.einsum("pbij,bej->pbei", rotation[:, link], self.stage.ends) + origin[:, link, None]
-
-        def velocity(of: NDArray[np.intp]) -> Floats:
-            arm = ends - origin[:, of, None]
-            return np.asarray(linear[:, of, None] + np.cross(angular[:, of, None], arm))
-
-        relative = velocity(link) - velocity(reference)
-        spin = np.linalg.norm(angular[:, link] - angular[:, reference], axis=2)
-        return ends, poses, np.linalg.norm(relative, axis=3).max(axis=2) + self.stage.radius * spin
+        model, stage = self.robot.pinocchio, self.stage
+        count, links = len(places), len(stage.turns)
+        turns, origins = np.empty((count, links, 3, 3)), np.empty((count, links, 3))
+        gives, twists = np.empty((count, links - 1, 6)), np.zeros((count, links, 6))
+        for k, (q, qd) in enumerate(places):
+            columns = pinocchio.computeJointJacobians(model, stage.data, q)
+            turns[k], origins[k] = stage.turns, stage.origins
+            np.multiply(columns.T, qd[:, None], out=gives[k])
+        np.cumsum(gives, axis=1, out=twists[:, 1:])
+        link, reference = stage.link, stage.reference
+        ends = np.einsum("pbij,bej->pbei", turns[:, link], stage.ends) + origins[:, link, None]
+        relative = (twists[:, link] - twists[:, reference])[:, :, None]
+        (x, y, z), (u, v, w, a, b, c) = np.moveaxis(ends, -1, 0), np.moveaxis(relative, -1, 0)
+        square = (u + b * z - c * y) ** 2 + (v + c * x - a * z) ** 2 + (w + a * y - b * x) ** 2
+        spin = np.sqrt(a * a + b * b + c * c)[:, :, 0]
+        return ends, turns, origins, np.sqrt(square.max(axis=2)) + stage.radius * spin

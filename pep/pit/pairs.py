@@ -7,15 +7,16 @@ from collections import deque
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from itertools import chain
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from pep.pit.contact import LIMITS, harm_speed_m_s, limit_speed_m_s
 from pep.pit.kinematics import layout
 from pep.pit.model import PAYLOAD
-from pep.pit.scene import Capsule, Sphere
-from pep.pit.solids import cores_of, planes_of, with_planes
+from pep.pit.scene import Capsule, Region
+from pep.pit.solids import planes_of, solids_of, solids_of_planes
 from pep.pit.tier import meant_index, person_index, thing_index, zone_index
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from pep.pit.robot import Robot
     from pep.pit.scene import Scene, Shape
     from pep.pit.separation import Stopping
+    from pep.pit.solids import Solids
 
 
 class Kind(StrEnum):
@@ -49,28 +51,32 @@ VIOLABLE: Final = (Kind.PERSON, Kind.SELF, Kind.WORKSPACE, Kind.HARD_ZONE)
 
 KINDS_IN_ORDER: Final = tuple(Kind)
 _CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
-_VIOLABLE: Final = np.array([kind in VIOLABLE for kind in KINDS_IN_ORDER])
-_ANYWHERE: Final = Sphere((0.0, 0.0, 0.0), 1.0)  # of what carries its own geometry
 SCENES_KEPT: Final = 4  # with people where they are seen and where they may have come meanwhile
 NO_HARM: Final = np.inf  # of what is no person: no speed or force harms it in that sense
+NEVER: Final = -np.inf  # clearance below which a pair is a violation that cannot be one
 
 
-@dataclass(frozen=True, slots=True)
-class _Column:
+class _Column(NamedTuple):
     """One obstacle before it is paired with bodies."""
 
-    kind: Kind
+    kind: int
     name: str
-    shape: Shape
-    uncertainty_m: float
+    law: _Law
+    source: str = ""
+    touched_by: frozenset[str] = frozenset()
+
+
+class _Law(NamedTuple):
+    """The numbers of one obstacle: the columns of these names in `Pairs`."""
+
+    uncertainty: float
     harm_speed: float = NO_HARM
     limit_speed: float = NO_HARM
     force_limit: float = NO_HARM
     intrusion: float = 0.0
     band: float = 1.0
     declared: float = 0.0
-    source: str = ""
-    touched_by: frozenset[str] = frozenset()
+    violated_below: float = NEVER
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +146,7 @@ class Pairs:
             return self
         kind = self.kind.copy()
         kind[rows] = _CODE[Kind.MEANT]
-        return replace(self, kind=kind, group=_groups(kind, self.names))
+        return replace(self, kind=kind, group=_groups(kind.tolist(), self.names))
 
     def index(self, rows: NDArray[np.intp], clearance: Floats, speed: Floats, stop: Stopping) -> Floats:
         """The index of these pairs at these clearances (m) and surface speeds (m/s)."""
@@ -208,49 +214,27 @@ def pairs_of(
 
 
 def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, touch: frozenset[str]) -> Pairs:
-    things = _columns(robot, scene, cell, grown_m, touch)
-    inner = _own(robot)
-    planes = planes_of(scene)
-    # One row per thing and moving body, then the arm's own pairs, then one per face of the room and moving body.
-    moving, own = np.arange(robot.world_bodies), len(inner.names)
-    face = _Column(Kind.WORKSPACE, "workspace", _ANYWHERE, cell.robot_uncertainty_m, band=cell.rigid_band_m)
-    columns = [*things, *(_Column(Kind.SELF, name, _ANYWHERE, 0.0, band=cell.rigid_band_m) for name in inner.names)]
-    columns += [face] * len(planes)
-    times = np.array([len(moving)] * len(things) + [1] * own + [len(moving)] * len(planes), dtype=np.intp)
-    column = np.repeat(np.arange(len(columns)), times)
-    bodies = np.concatenate([np.tile(moving, len(things)), inner.body, np.tile(moving, len(planes))])
-    cores, radius = cores_of([each.shape for each in things])
-    cores, radius = cores.take(column[: len(moving) * len(things)]), np.repeat(radius, len(moving))
-    cores, radius = cores.and_then(inner.cores), np.concatenate([radius, inner.radius])
-    if planes:
-        cores, radius = with_planes(cores, radius, planes, len(moving))
-
-    def spread(values: list[float]) -> Floats:
-        return np.array(values, dtype=float)[column]
-
-    names, sources = [each.name for each in columns], [each.source for each in columns]
-    kinds = np.array([_CODE[each.kind] for each in columns], dtype=np.intp)
-    kind = kinds[column]
-    below = np.where(_VIOLABLE[kind], 0.0, -np.inf)
-    below = np.where(kind == _CODE[Kind.SELF], -cell.self_overlap_m, below)
+    things, shapes = _columns(robot, scene, cell, grown_m, touch), _shapes(scene)
+    inner, planes = _own(robot), planes_of(scene)
+    face = _Law(cell.robot_uncertainty_m, band=cell.rigid_band_m, violated_below=0.0)
+    columns = [*things, *_own_columns(robot, cell), *[_Column(_CODE[Kind.WORKSPACE], "workspace", face)] * len(planes)]
+    rows = _rows(robot, len(things), len(planes))
+    solids = solids_of(shapes).and_then(inner.solids, solids_of_planes(planes)).take(rows.column)
+    numbers = np.fromiter(chain.from_iterable([each.law for each in columns]), float).reshape(-1, len(_Law._fields))
+    laws = numbers.T.take(rows.column, axis=1)
+    kinds, names = [each.kind for each in columns], [each.name for each in columns]
+    sources = [each.source for each in columns]
     return Pairs(
-        body=bodies,
-        cores=cores,
-        radius=radius,
-        radii=radius + layout(robot).radius[bodies],
-        kind=kind,
-        uncertainty=spread([each.uncertainty_m for each in columns]),
-        harm_speed=spread([each.harm_speed for each in columns]),
-        limit_speed=spread([each.limit_speed for each in columns]),
-        force_limit=spread([each.force_limit for each in columns]),
-        intrusion=spread([each.intrusion for each in columns]),
-        band=spread([each.band for each in columns]),
-        declared=spread([each.declared for each in columns]),
-        violated_below=below,
-        names=tuple(names[each] for each in column.tolist()),
-        sources=tuple(sources[each] for each in column.tolist()),
-        group=_groups(kinds, names)[column],
-        touchable=_touchable(robot, things, len(column)),
+        body=rows.body,
+        cores=solids.cores,
+        radius=solids.radius,
+        radii=solids.radius + rows.radius,
+        kind=np.array(kinds, dtype=np.intp)[rows.column],
+        **dict(zip(_Law._fields, laws, strict=True)),
+        names=tuple(map(names.__getitem__, rows.order)),
+        sources=tuple(map(sources.__getitem__, rows.order)),
+        group=_groups(kinds, names)[rows.column],
+        touchable=_touchable(robot, things, len(rows.column)),
         contact_speed=cell.contact_speed_m_s,
         warn_band=cell.warn_band_m,
         penetration_band=cell.penetration_band_m,
@@ -258,12 +242,40 @@ def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, to
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Rows:
+    """Which obstacle and which body each row is of.
+
+    One row per thing and moving body, then the arm's own pairs, then one per face of the room and moving body.
+
+    Attributes:
+        column, body: of each row, the obstacle's and the body's index.
+        order: `column` as whole numbers.
+        radius: of each row's body, metre.
+    """
+
+    column: NDArray[np.intp]
+    order: tuple[int, ...]
+    body: NDArray[np.intp]
+    radius: Floats
+
+
+@lru_cache(maxsize=64)  # people come and go: a handful of numbers in a cell
+def _rows(robot: Robot, things: int, planes: int) -> _Rows:
+    moving, inner = np.arange(robot.world_bodies), _own(robot)
+    times = np.array([len(moving)] * things + [1] * len(inner.names) + [len(moving)] * planes, dtype=np.intp)
+    column = np.repeat(np.arange(len(times)), times)
+    body = np.concatenate([np.tile(moving, things), inner.body, np.tile(moving, planes)])
+    for array in (column, body):
+        array.setflags(write=False)
+    return _Rows(column, tuple(column.tolist()), body, layout(robot).radius[body])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Own:
     """The arm's own pairs: the moving bodies, and what they must stay apart from, at rest in their reference frames."""
 
     body: NDArray[np.intp]
-    cores: Cores
-    radius: Floats
+    solids: Solids
     names: tuple[str, ...]
 
 
@@ -271,7 +283,13 @@ class _Own:
 def _own(robot: Robot) -> _Own:
     shapes = [Capsule(capsule.a_m, capsule.b_m, capsule.radius_m) for _, capsule in robot.self_pairs]
     body = np.array([index for index, _ in robot.self_pairs], dtype=np.intp)
-    return _Own(body, *cores_of(shapes), tuple(capsule.name for _, capsule in robot.self_pairs))
+    return _Own(body, solids_of(shapes), tuple(capsule.name for _, capsule in robot.self_pairs))
+
+
+@lru_cache(maxsize=64)  # likewise
+def _own_columns(robot: Robot, cell: CellParameters) -> tuple[_Column, ...]:
+    law = _Law(0.0, band=cell.rigid_band_m, violated_below=-cell.self_overlap_m)
+    return tuple(_Column(_CODE[Kind.SELF], name, law) for name in _own(robot).names)
 
 
 def _touchable(robot: Robot, things: list[_Column], count: int) -> NDArray[np.bool_]:
@@ -291,52 +309,48 @@ def _part(robot: Robot, body: str) -> str:
     return "tool" if any(body == capsule.name for capsule in robot.tool.capsules) else ""
 
 
+def _shapes(scene: Scene) -> list[Shape]:
+    """Of people, objects and zones: the order of `_columns`."""
+    return [*(shape for person in scene.people for _, shape in person.regions), *scene.solid_shapes]
+
+
 def _columns(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, touch: frozenset[str]) -> list[_Column]:
     columns: list[_Column] = []
+    bears = _bears(robot, cell) if scene.people else {}
     for person in scene.people:
         walked_m = grown_m + cell.person_speed_m_s * person.age_s  # PHY-23
         person_z = cell.person_uncertainty_m + cell.robot_uncertainty_m + walked_m
         intrusion = cell.intrusion_tracked_m if person.limbs_tracked else cell.intrusion_untracked_m
-        for region, shape in person.regions:
-            harm = harm_speed_m_s(region, robot, cell)
-            force = LIMITS[region].force_n
-            limit = limit_speed_m_s(region, robot, cell)
-            columns.append(
-                _Column(
-                    Kind.PERSON,
-                    f"{person.id}/{region}",
-                    shape,
-                    person_z,
-                    harm,
-                    limit,
-                    force,
-                    intrusion,
-                    source=person.source,
-                )
-            )
+        for region, _ in person.regions:
+            law = _Law(person_z, *bears[region], intrusion=intrusion, violated_below=0.0)
+            columns.append(_Column(_CODE[Kind.PERSON], f"{person.id}/{region}", law, person.source))
     for thing in scene.objects:
         kind, band = (Kind.FRAGILE, cell.fragile_band_m) if thing.kind == "fragile" else (Kind.RIGID, cell.rigid_band_m)
-        uncertainty = thing.uncertainty_m + cell.robot_uncertainty_m
         by = frozenset(c.by for c in cell.contacts if c.object == thing.id and thing.id in touch)
-        columns.append(_Column(kind, thing.id, thing.shape, uncertainty, band=band, source=thing.source, touched_by=by))
+        law = _Law(thing.uncertainty_m + cell.robot_uncertainty_m, band=band)
+        columns.append(_Column(_CODE[kind], thing.id, law, thing.source, by))
     for zone in scene.zones:
-        kind = Kind.HARD_ZONE if zone.tier is None else Kind.ZONE
-        declared = 0.0 if zone.tier is None else float(zone.tier)
-        columns.append(
-            _Column(
-                kind,
-                zone.id,
-                zone.shape,
-                cell.robot_uncertainty_m,
-                band=cell.rigid_band_m,
-                declared=declared,
-                source=zone.source,
-            )
+        hard = zone.tier is None
+        law = _Law(
+            cell.robot_uncertainty_m,
+            band=cell.rigid_band_m,
+            declared=0.0 if zone.tier is None else float(zone.tier),
+            violated_below=0.0 if hard else NEVER,
         )
+        columns.append(_Column(_CODE[Kind.HARD_ZONE if hard else Kind.ZONE], zone.id, law, zone.source))
     return columns
 
 
-def _groups(kind: NDArray[np.intp], names: Sequence[str]) -> NDArray[np.intp]:
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+def _bears(robot: Robot, cell: CellParameters) -> dict[Region, tuple[float, float, float]]:
+    """What each region bears: the speed that harms it, the one that reaches its limit, and its force."""
+    return {
+        region: (harm_speed_m_s(region, robot, cell), limit_speed_m_s(region, robot, cell), LIMITS[region].force_n)
+        for region in Region
+    }
+
+
+def _groups(kinds: Sequence[int], names: Sequence[str]) -> NDArray[np.intp]:
     numbers: dict[tuple[int, str], int] = {}
-    keys = zip(kind.tolist(), names, strict=True)
+    keys = zip(kinds, names, strict=True)
     return np.array([numbers.setdefault(key, len(numbers)) for key in keys], dtype=np.intp)

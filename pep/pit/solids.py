@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, assert_never
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
+from typing import TYPE_CHECKING, Final, assert_never
 
 import numpy as np
 
@@ -13,6 +16,8 @@ from pep.pit.scene import Box, Capsule, Convex, Sphere
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from pep.pit.hull import Hull
     from pep.pit.motion import Floats
     from pep.pit.scene import Scene, Shape, Vector
@@ -21,38 +26,95 @@ if TYPE_CHECKING:
 Plane = tuple["Vector", float]
 """Outward normal and offset."""
 
+# Columns of the numbers of a core.
+_IS_SEGMENT, _IS_BOX, _A, _B, _AXES, _HALF, _OFFSET, _RADIUS = 0, 1, 2, 5, 8, 17, 20, 21
+_NO_POINT: Final = (0.0, 0.0, 0.0)
+_NO_TURN: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+_SEGMENT: Final = (1.0, 0.0)
+_BOX: Final = (0.0, 1.0)
+_NEITHER: Final = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solids:
+    """Shapes as numbers, one row each, which cost less to join and to take rows of than cores.
+
+    Attributes:
+        numbers: everything but polytopes' corners, (n, columns).
+        hull, hulls: as of `Cores`.
+    """
+
+    numbers: Floats
+    hull: NDArray[np.intp]
+    hulls: tuple[Hull, ...] = ()
+
+    def and_then(self, *more: Solids) -> Solids:
+        """These rows, then those, which are no polytopes."""
+        every = (self, *more)
+        return Solids(
+            np.concatenate([each.numbers for each in every]), np.concatenate([each.hull for each in every]), self.hulls
+        )
+
+    def take(self, rows: NDArray[np.intp]) -> Solids:
+        """These rows."""
+        return Solids(self.numbers[rows], self.hull[rows], self.hulls)
+
+    @property
+    def radius(self) -> Floats:
+        """Of each row, metre."""
+        return self.numbers[:, _RADIUS]
+
+    @property
+    def cores(self) -> Cores:
+        """Core of each row."""
+        numbers = self.numbers
+        return Cores(
+            numbers[:, _IS_SEGMENT] > 0,
+            numbers[:, _IS_BOX] > 0,
+            numbers[:, _A:_B],
+            numbers[:, _B:_AXES],
+            numbers[:, _AXES:_HALF].reshape(-1, 3, 3),
+            numbers[:, _HALF:_OFFSET],
+            numbers[:, _OFFSET],
+            self.hull,
+            self.hulls,
+        )
+
 
 def cores_of(shapes: Sequence[Shape]) -> tuple[Cores, Floats]:
     """Core and radius of each shape."""
-    n = len(shapes)
-    is_box = np.zeros(n, dtype=bool)
-    a, b, half, radius = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n)
-    axes = np.tile(np.eye(3), (n, 1, 1))
-    hull = np.full(n, NONE, dtype=np.intp)
+    solids = solids_of(shapes)
+    return solids.cores, solids.radius
+
+
+def solids_of(shapes: Sequence[Shape]) -> Solids:
+    """The shapes as numbers."""
+    hull = np.full(len(shapes), NONE, dtype=np.intp)
     hulls: list[Hull] = []
     last: Shape | None = None
     for k, shape in enumerate(shapes):
-        if shape is last:  # rows of one obstacle stand together
-            is_box[k], a[k], b[k], half[k], axes[k], radius[k], hull[k] = (
-                is_box[k - 1], a[k - 1], b[k - 1], half[k - 1], axes[k - 1], radius[k - 1], hull[k - 1],
-            )  # fmt: skip
-            continue
+        if isinstance(shape, Convex):
+            if shape is not last:  # rows of one obstacle stand together
+                hulls.append(hull_of(shape.vertices_m))
+            hull[k] = len(hulls) - 1
         last = shape
-        match shape:
-            case Capsule(start, end, r):
-                a[k], b[k], radius[k] = start, end, r
-            case Sphere(center, r):
-                a[k], b[k], radius[k] = center, center, r
-            case Box(center, extent, quaternion):
-                is_box[k] = True
-                a[k], b[k], half[k], axes[k] = center, center, extent, rotation_of(quaternion)
-            case Convex(vertices, r):
-                hull[k], radius[k] = len(hulls), r
-                hulls.append(hull_of(vertices))
-            case _:
-                assert_never(shape)
-    is_segment = ~is_box & (hull == NONE)
-    return Cores(is_segment, is_box, a, b, axes, half, np.zeros(n), hull, tuple(hulls)), radius
+    numbers = np.fromiter(chain.from_iterable(map(_numbers_of, shapes)), float)
+    return Solids(numbers.reshape(-1, _RADIUS + 1), hull, tuple(hulls))
+
+
+@lru_cache(maxsize=4096)  # all that stands in a few cells; people move and drop out
+def _numbers_of(shape: Shape) -> tuple[float, ...]:
+    match shape:
+        case Capsule(start, end, radius):
+            return (*_SEGMENT, *start, *end, *_NO_TURN, *_NO_POINT, 0.0, radius)
+        case Sphere(center, radius):
+            return (*_SEGMENT, *center, *center, *_NO_TURN, *_NO_POINT, 0.0, radius)
+        case Box(center, half, quaternion):
+            return (*_BOX, *center, *center, *rotation_of(quaternion).ravel().tolist(), *half, 0.0, 0.0)
+        case Convex(_, radius):
+            return (*_NEITHER, *_NO_POINT, *_NO_POINT, *_NO_TURN, *_NO_POINT, 0.0, radius)
+        case _:
+            assert_never(shape)
 
 
 def rotation_of(quaternion: Quaternion) -> Floats:
@@ -80,20 +142,10 @@ def planes_of(scene: Scene) -> list[Plane]:
     return faces
 
 
-def with_planes(cores: Cores, radius: Floats, planes: list[Plane], each: int) -> tuple[Cores, Floats]:
-    """The rows with `each` more rows of every plane behind them; a plane has no radius."""
-    n = each * len(planes)
-    normal = np.repeat(np.array([p[0] for p in planes]), each, axis=0)
-    offset = np.repeat(np.array([p[1] for p in planes]), each)
-
-    faces = Cores(
-        np.zeros(n, dtype=bool),
-        np.zeros(n, dtype=bool),
-        normal,
-        normal,
-        np.zeros((n, 3, 3)),
-        np.zeros((n, 3)),
-        offset,
-        np.full(n, NONE, dtype=np.intp),
-    )
-    return cores.and_then(faces), np.concatenate([radius, np.zeros(n)])
+def solids_of_planes(planes: Sequence[Plane]) -> Solids:
+    """Planes as numbers; a plane has no radius."""
+    numbers = np.zeros((len(planes), _RADIUS + 1))
+    if planes:
+        numbers[:, _A:_B] = numbers[:, _B:_AXES] = [normal for normal, _ in planes]
+        numbers[:, _OFFSET] = [offset for _, offset in planes]
+    return Solids(numbers, np.full(len(planes), NONE, dtype=np.intp))
