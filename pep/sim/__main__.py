@@ -1,8 +1,8 @@
 """`python -m pep.sim`: a simulated UR3e controller in a process of its own.
 
-Prints one JSON line when every port listens, and another with its timing when it ends. SIGTERM and SIGINT end it,
-and so does a client's `shutdown`. With `--commands` it also reads faults as JSON lines from standard input, and ends
-when that does.
+Prints one JSON line when every port listens, and another with its timing when it ends; with `--words` both are for
+people. SIGTERM and SIGINT end it, and so does a client's `shutdown`. With `--commands` it also reads faults as JSON
+lines (`pep.sim.faults`) from standard input, and ends when that does.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ EXIT_FAILED, EXIT_USAGE = 1, 2
 def main(arguments: list[str] | None = None) -> int:
     """Runs until told to end; exit status 0 after a clean end, 1 after a failure, 2 for settings that cannot be."""
     options = _parser().parse_args(arguments)
-    over = threading.Event()
+    over, say = threading.Event(), _tell if options.words else _say
     settings = Settings(
         host=options.host,
         joints=options.joints,
         stop_deceleration_rad_s2=options.stop_deceleration,
-        version=options.version,
+        version=options.polyscope,
         object_width_m=options.gripper_object,
     )
     try:
         simulator = Simulator(settings, over.set)
     except OSError as error:
-        _say({"ready": False, "error": "PORT_UNAVAILABLE", "address": error.filename})
+        say({"ready": False, "error": "PORT_UNAVAILABLE", "address": error.filename})
         sys.stderr.write(f"pep.sim: cannot listen on {error.filename}: {error.strerror}\n")
         return EXIT_FAILED
     except ValueError as error:
-        _say({"ready": False, "error": "SETTINGS"})
+        say({"ready": False, "error": "SETTINGS"})
         sys.stderr.write(f"pep.sim: {error}\n")
         return EXIT_USAGE
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -56,11 +56,13 @@ def main(arguments: list[str] | None = None) -> int:
     simulator.start()
     if options.commands:
         threading.Thread(target=_obey, args=(simulator, over.set), name="commands", daemon=True).start()
-    _say({"ready": True, "host": options.host, "ports": [port.number for port in simulator.ports]})
+    version = f"{options.polyscope.major}.{options.polyscope.minor}"
+    ports = [port.number for port in simulator.ports]
+    say({"ready": True, "host": options.host, "polyscope": version, "ports": ports})
     over.wait()
     simulator.stop()
     with suppress(BrokenPipeError):  # nobody may be left to hear it
-        _say({"ready": False, **simulator.clock.report()})
+        say({"ready": False, **simulator.clock.report()})
     if simulator.clock.error is not None:
         traceback.print_exception(simulator.clock.error)
         return EXIT_FAILED
@@ -77,7 +79,8 @@ def _parser() -> argparse.ArgumentParser:
         default=STOP_DECELERATION_RAD_S2,
         help="of stops that do not say their own [rad/s2]",
     )
-    parser.add_argument("--version", type=_version, default="5.11.6.1010327", help="PolyScope 5.11 to 5.22")
+    parser.add_argument("--polyscope", type=_version, default="5.11.6.1010327", help="PolyScope version, 5.11 to 5.22")
+    parser.add_argument("--words", action="store_true", help="say it in words instead of JSON")
     parser.add_argument("--gripper-object", type=float, default=None, help="width between the gripper's fingers [m]")
     parser.add_argument("--commands", action="store_true", help="read faults from standard input; end with it")
     return parser
@@ -113,6 +116,14 @@ def _standard_input() -> Iterator[str]:
     while received := os.read(sys.stdin.fileno(), 4096):
         *lines, held = (held + received).split(b"\n")
         yield from (line.decode("utf-8", "replace") for line in lines)
+
+
+def _tell(told: dict[str, object]) -> None:
+    if told["ready"]:
+        text = f"A simulated UR3e with PolyScope {told['polyscope']} listens on {told['host']}. Ctrl-C ends it."
+    else:
+        text = "; ".join(f"{name} {value}" for name, value in told.items() if name != "ready")
+    print(text, flush=True)  # noqa: T201  standard output is this program's interface
 
 
 def _say(told: dict[str, object]) -> None:

@@ -64,7 +64,7 @@ class Controller:
         if joints is not None:
             options.append("--joints=" + ",".join(repr(float(angle)) for angle in joints))
         if version is not None:
-            options.append(f"--version={version}")
+            options.append(f"--polyscope={version}")
         if gripper_object_m is not None:
             options.append(f"--gripper-object={gripper_object_m}")
         taken = ""

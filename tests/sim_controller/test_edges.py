@@ -513,7 +513,7 @@ def test_a_port_that_is_taken_is_named(cell):
         ["--joints=9,0,0,0,0,0"],
         ["--joints=nan,0,0,0,0,0"],
         ["--stop-deceleration=0"],
-        ["--version=5.23"],
+        ["--polyscope=5.23"],
         ["--joints=1,2"],
     ],
 )

@@ -39,6 +39,9 @@ def serve(config: Annotated[Path, typer.Option("--config", exists=True, dir_okay
 def sim(
     host: Annotated[str, typer.Option(help="Loopback address to listen on.")] = "127.0.0.1",
     joints: Annotated[str, typer.Option(help="First configuration: six angles in rad, comma separated.")] = "",
+    polyscope: Annotated[str, typer.Option(help="PolyScope version to be, 5.11 to 5.22.")] = "",
+    as_json: Annotated[bool, typer.Option("--json", help="Say when it is ready, and its timing, as JSON.")] = False,  # noqa: FBT002
 ) -> None:
     """Run a simulated UR3e controller that real clients can talk to."""
-    _become("pep.sim", "--host", host, *([f"--joints={joints}"] if joints else []))
+    options = [f"--{name}={value}" for name, value in (("joints", joints), ("polyscope", polyscope)) if value]
+    _become("pep.sim", "--host", host, *options, *([] if as_json else ["--words"]))

@@ -1,0 +1,152 @@
+"""What ur_rtde 1.6.5 and its script do wrong on a robot, they do on the simulated one: each shown by the real client."""
+
+import json
+import math
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from pep.sim.launch import Controller
+from tests.sim_controller.cell import HOME, until
+
+rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
+rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
+rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")
+
+pytestmark = pytest.mark.e2e
+
+PLAYING = 2
+
+MOVE_AND_HANG = """
+import json, sys, time, rtde_control
+control = rtde_control.RTDEControlInterface(sys.argv[1])
+getattr(control, sys.argv[2])(*json.loads(sys.argv[3]))
+print("moving", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize(
+    ("method", "arguments", "axis"),
+    [("speedL", [[0, 0, 0.02, 0, 0, 0], 0.5, 0.0], 2), ("jogStart", [[0, 0, 0.02, 0, 0, 0]], 2)],
+)
+def test_a_stream_outlives_its_client(cell, receive, method, arguments, axis):
+    """Defect 1, beside `speedJ`, which is shown in test_ur_rtde."""
+    command = [sys.executable, "-c", MOVE_AND_HANG, cell.host, method, json.dumps(arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as client:
+        try:
+            assert client.stdout.readline() == "moving\n"
+            until(lambda: receive.getActualTCPSpeed()[axis] == pytest.approx(0.02, abs=1e-3))
+        finally:
+            client.send_signal(signal.SIGKILL)
+    since = receive.getTimestamp()
+    until(lambda: receive.getTimestamp() - since > 1.0)
+    assert receive.getActualTCPSpeed()[axis] == pytest.approx(0.02, abs=1e-3)
+    assert receive.getRuntimeState() == PLAYING
+
+
+def test_servoc_outlives_its_client_too(cell, receive):
+    pose = receive.getActualTCPPose()
+    goal = [pose[0], pose[1], pose[2] + 0.1, *pose[3:]]
+    command = [sys.executable, "-c", MOVE_AND_HANG, cell.host, "servoC", json.dumps([goal, 0.05, 0.5, 0.0])]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as client:
+        assert client.stdout.readline() == "moving\n"
+        until(lambda: receive.getActualTCPSpeed()[2] > 0.04)
+        client.kill()
+    until(lambda: math.dist(receive.getActualTCPPose()[:3], goal[:3]) < 1e-4)
+
+
+def test_servoc_poisons_the_handshake(control, receive):
+    """Defect 2: the client never clears the command, so the script never sees the next: a stop is not executed."""
+    pose = receive.getActualTCPPose()
+    goal = [pose[0], pose[1], pose[2] + 0.12, *pose[3:]]
+    assert control.servoC(goal, 0.05, 0.5, 0.0)
+    until(lambda: receive.getActualTCPSpeed()[2] == pytest.approx(0.05, abs=1e-3))
+    begun = time.monotonic()
+    control.stopL(10.0)
+    assert time.monotonic() - begun > 3.0  # it waited for a script that was ready for nothing
+    assert receive.getActualTCPSpeed()[2] > 0.01 or math.dist(receive.getActualTCPPose()[:3], goal[:3]) < 1e-3
+    assert control.isProgramRunning()
+
+
+@pytest.mark.parametrize("version", ["5.11", "5.22"])
+def test_the_upper_registers_work_below_5_23(version):
+    """Defect 3 begins with PolyScope 5.23, which is not simulated."""
+    with Controller.start(joints=HOME, version=version) as cell:
+        control = rtde_control.RTDEControlInterface(
+            cell.host,
+            500.0,
+            rtde_control.RTDEControlInterface.FLAG_UPLOAD_SCRIPT
+            | rtde_control.RTDEControlInterface.FLAG_UPPER_RANGE_REGISTERS,
+        )
+        receive = rtde_receive.RTDEReceiveInterface(cell.host)
+        lower = rtde_io.RTDEIOInterface(cell.host)
+        assert control.moveJ([0.1, *HOME[1:]], 2.0, 8.0)
+        until(lambda: receive.getActualQ()[0] == pytest.approx(0.1, abs=1e-5))
+        for client in (lower, control, receive):
+            client.disconnect()
+
+
+def test_a_getter_without_a_wait_gives_what_another_asked_for(control):
+    """Defect 4."""
+    pose = control.getForwardKinematics()
+    assert control.getStepTime() == pytest.approx(pose[0])
+    until(lambda: control.getStepTime() == pytest.approx(0.002))
+
+
+def test_packages_of_the_wrong_length_change_nothing(control, receive):
+    """Defect 5: `setExternalForceTorque` sends 52 bytes for 56. What the controller of a robot does is not known."""
+    before = receive.getRuntimeState()
+    for _ in range(50):
+        assert control.setExternalForceTorque([1.0] * 6)
+    assert receive.getRuntimeState() == before == PLAYING
+    assert receive.getActualTCPForce() == [0.0] * 6
+    assert control.moveJ([0.05, *HOME[1:]], 2.0, 8.0)
+
+
+def test_a_synchronous_stopl_stops_the_joints_until_an_asynchronous_stop_came(control, receive):
+    """Defect 6: the type of the stop is shared, and only an asynchronous one sets it."""
+
+    def slowed(stop):
+        assert control.moveJ([receive.getActualQ()[0] + 2.0, *HOME[1:]], 0.6, 8.0, True)
+        until(lambda: receive.getActualQd()[0] == pytest.approx(0.6))
+        stop()
+        until(lambda: receive.getActualQd()[0] < 0.6 - 1e-6, pause_s=0.0005)
+        return abs(receive.getTargetQdd()[0])
+
+    first = slowed(lambda: control.stopL(1.0, False))
+    until(lambda: receive.getActualQd() == [0.0] * 6)
+    slowed(lambda: control.stopL(1.0, True))
+    until(lambda: receive.getActualQd() == [0.0] * 6)
+    until(lambda: control.getAsyncOperationProgress() < 0)
+    last = slowed(lambda: control.stopL(1.0, False))
+    assert first in (0.0, pytest.approx(1.0))  # rad/s2, of the leading joint
+    assert last == 0.0 or last > 1.5  # 1 m/s2 at the tool's distance from the axis
+
+
+def test_what_a_command_register_holds_is_obeyed_by_the_next_script(control, receive):
+    """After `directTorque` the script of PolyScope before 5.26 ends, and so does every later one, until it is cleared."""
+    assert control.directTorque([0.0] * 6)
+    until(lambda: receive.getRuntimeState() == 1)
+    control.reuploadScript()
+    until(lambda: receive.getRuntimeState() == 1)
+    assert not control.moveJ([0.1, *HOME[1:]], 1.0, 1.0)
+    control.kickWatchdog()
+    control.reuploadScript()
+    until(control.isProgramRunning)
+    assert control.moveJ([0.1, *HOME[1:]], 1.0, 4.0)
+
+
+def test_the_analog_channel_that_is_not_named_stays(cell, receive):
+    """Defect 8: the client sends uninitialised memory for it."""
+    io = rtde_io.RTDEIOInterface(cell.host)
+    assert io.setAnalogOutputVoltage(0, 0.75)
+    until(lambda: receive.getStandardAnalogOutput0() == pytest.approx(7.5))
+    for level in (0.1, 0.2, 0.3):
+        assert io.setAnalogOutputVoltage(1, level)
+        until(lambda level=level: receive.getStandardAnalogOutput1() == pytest.approx(10 * level))
+        assert receive.getStandardAnalogOutput0() == pytest.approx(7.5)
+    io.disconnect()
