@@ -68,7 +68,16 @@ class Slower(NamedTuple):
     commanded_rad_s: float
 
 
-@dataclass(frozen=True, slots=True)
+class Proof(NamedTuple):
+    """The certificate: rows of a pair, an interval in 1 / GRID and the index proven there, which cover the path."""
+
+    pair: NDArray[np.intp]
+    low: NDArray[np.int64]
+    high: NDArray[np.int64]
+    index: Floats  # type: ignore[assignment]  # not a tuple's, as of a witness
+
+
+@dataclass(frozen=True)
 class Certified:
     """The answer of the search.
 
@@ -77,7 +86,7 @@ class Certified:
         attained: the highest index that was met, `upper` minus at most the resolution unless the depth ran out.
         witnesses: per obstacle (kind and name) the point with the highest index met, highest first.
         violated: per violated kind the point with the deepest clearance met.
-        leaves: the certificate.
+        leaves: the rows of the search that were not halved; `proof` has what an engine need not write down.
         leaf_index: the proven index of each leaf.
         slower: the highest commanded speed, to a step of the bisection, at which the index of these pairs is proven to
             be a whole tier lower, rad/s; None where there is none, or no engine was asked for it.
@@ -90,6 +99,11 @@ class Certified:
     leaves: Leaves
     leaf_index: Floats
     slower: float | None = None
+
+    @property
+    def proof(self) -> Proof:
+        """The certificate: for every pair its intervals cover the whole path."""
+        return Proof(self.leaves.pair, self.leaves.low, self.leaves.high, self.leaf_index)
 
 
 def first_cut(path: Route, pairs: Pairs, rows: NDArray[np.intp], *, since: int = 0) -> Leaves:

@@ -154,9 +154,7 @@ class MoveQuestion:
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
             contact_ratio=self.engine.blow_ratio(path, pairs, profile, stop, check_time=self.check_time),
-            certificate=Certificate(
-                certified.leaves.pair, certified.leaves.low, certified.leaves.high, certified.leaf_index
-            ),
+            certificate=Certificate(*certified.proof),
         )
 
     def _stop(self, profile: Profile) -> Stopping:

@@ -449,7 +449,7 @@ def break_compiled_boxes(monkeypatch):
 
     def smaller(pairs):
         field = true(pairs)
-        field.numbers[:, columns.HALF : columns.OFFSET] -= 0.005
+        field.numbers[:, columns.HALF : columns.HALF + 3] -= 0.005
         return field
 
     monkeypatch.setattr(engine, "packed", smaller)

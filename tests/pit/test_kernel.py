@@ -159,12 +159,12 @@ def test_every_obstacle_that_raises_the_index_has_a_witness_that_is_true():
             assert abs(speed[0] * rate[0] - witness.speed_m_s) <= 1e-9
 
 
-def test_leaves_cover_the_path_for_every_pair_and_hold_when_the_other_engine_examines_them():
+def test_the_proof_covers_the_path_for_every_pair_and_holds_when_the_other_engine_examines_them():
     for each in asked(34, 20):
         found = each.certified(KERNEL)
-        leaves = found.leaves
-        order = np.lexsort((leaves.low, leaves.pair))
-        low, high, pair = leaves.low[order], leaves.high[order], leaves.pair[order]
+        proof = found.proof
+        order = np.lexsort((proof.low, proof.pair))
+        low, high, pair = proof.low[order], proof.high[order], proof.pair[order]
         first = np.flatnonzero(np.r_[True, pair[1:] != pair[:-1]])
         last = np.r_[first[1:] - 1, len(pair) - 1]
         assert (pair[first] == each.rows).all()
@@ -173,11 +173,11 @@ def test_leaves_cover_the_path_for_every_pair_and_hold_when_the_other_engine_exa
         inside = np.ones(len(pair), dtype=bool)
         inside[first] = False
         assert (low[inside] == high[np.flatnonzero(inside) - 1]).all()
-        again = each.numpy.examine(each.pairs, leaves.low, leaves.high, leaves.pair)
-        rate = each.profile.highest_rate(leaves.low / GRID, leaves.high / GRID)
-        bound = each.pairs.index(leaves.pair, again.clear_m, again.rush * rate, each.stop)
-        assert (bound <= found.leaf_index + 1e-9).all()
-        assert found.leaf_index.max() <= found.upper + 1e-12
+        again = each.numpy.examine(each.pairs, proof.low, proof.high, proof.pair)
+        rate = each.profile.highest_rate(proof.low / GRID, proof.high / GRID)
+        bound = each.pairs.index(proof.pair, again.clear_m, again.rush * rate, each.stop)
+        assert (bound <= proof.index + 1e-9).all()
+        assert proof.index.max() <= found.upper + 1e-12
 
 
 def test_a_floor_settles_what_lies_below_it():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from pep.pit.kernel.compiled import compiled, entry
+from pep.pit.kernel.compiled import compiled, entry, lent, merged
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -99,27 +99,27 @@ def more_nodes(nodes: Nodes) -> Nodes:
 @entry
 def bends_of(arm: Arm, delta: Floats) -> Bends:
     """How strongly each body can move and leave a chord of the path (derivation: `pep.pit.kinematics`)."""
-    bodies = arm.link.shape[0]
-    bends = Bends(
-        np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies), np.zeros(bodies)
-    )
+    links, references, reaches = arm.link, arm.reference, arm.reach
+    bodies = links.shape[0]
+    first, second, third = np.zeros(bodies), np.zeros(bodies), np.zeros(bodies)
+    spin, spin_first, spin_second = np.zeros(bodies), np.zeros(bodies), np.zeros(bodies)
     for body in range(bodies):
         inner = 0.0
-        for joint in range(arm.reference[body], arm.link[body]):
+        for joint in range(references[body], links[body]):
             share = abs(delta[joint])
             outer = inner + share
-            reach = arm.reach[body, joint]
-            bends.first[body] += reach * share
-            bends.second[body] += reach * (outer**2 - inner**2)
-            bends.third[body] += reach * (outer**3 - inner**3)  # third power: third derivative
-            bends.spin[body] += share
-            bends.spin_first[body] += share * inner
-            bends.spin_second[body] += share * inner**2
+            reach = reaches[body, joint]
+            first[body] += reach * share
+            second[body] += reach * (outer**2 - inner**2)
+            third[body] += reach * (outer**3 - inner**3)  # third power: third derivative
+            spin[body] += share
+            spin_first[body] += share * inner
+            spin_second[body] += share * inner**2
             inner = outer
-    return bends
+    return Bends(first, second, third, spin, spin_first, spin_second)
 
 
-@compiled
+@lent
 def pose(nodes: Nodes, at: int, arm: Arm, q: Floats, delta: Floats) -> None:
     """The link frames at `q` stand in row `at`; no body is placed there yet."""
     frames, turning, known = nodes.frames, nodes.turning, nodes.known
@@ -131,27 +131,34 @@ def pose(nodes: Nodes, at: int, arm: Arm, q: Floats, delta: Floats) -> None:
             frames[at, 0, i, j] = 1.0 if i == j else 0.0
         turning[at, 0, 0, i] = 0.0
         turning[at, 0, 1, i] = 0.0
+    # The last link's frame and turning as plain numbers: out of the arrays they would be read again at each step.
+    ax, ay, az, bx, by, bz, cx, cy, cz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+    ox = oy = oz = sx = sy = sz = mx = my = mz = 0.0
     for k in range(LINKS - 1):
         c, sine, rate = math.cos(q[k]), math.sin(q[k]), delta[k]
-        for i in range(3):
-            x, y, z = frames[at, k, i, 0], frames[at, k, i, 1], frames[at, k, i, 2]
-            first = x * rotations[k, 0, 0] + y * rotations[k, 1, 0] + z * rotations[k, 2, 0]
-            second = x * rotations[k, 0, 1] + y * rotations[k, 1, 1] + z * rotations[k, 2, 1]
-            frames[at, k + 1, i, 0] = first * c + second * sine
-            frames[at, k + 1, i, 1] = second * c - first * sine
-            frames[at, k + 1, i, 2] = x * rotations[k, 0, 2] + y * rotations[k, 1, 2] + z * rotations[k, 2, 2]
-            frames[at, k + 1, i, 3] = frames[at, k, i, 3] + x * offsets[k, 0] + y * offsets[k, 1] + z * offsets[k, 2]
-        wx, wy, wz = frames[at, k + 1, 0, 2] * rate, frames[at, k + 1, 1, 2] * rate, frames[at, k + 1, 2, 2] * rate
-        ox, oy, oz = frames[at, k + 1, 0, 3], frames[at, k + 1, 1, 3], frames[at, k + 1, 2, 3]
-        turning[at, k + 1, 0, 0] = turning[at, k, 0, 0] + wx
-        turning[at, k + 1, 0, 1] = turning[at, k, 0, 1] + wy
-        turning[at, k + 1, 0, 2] = turning[at, k, 0, 2] + wz
-        turning[at, k + 1, 1, 0] = turning[at, k, 1, 0] + wy * oz - wz * oy
-        turning[at, k + 1, 1, 1] = turning[at, k, 1, 1] + wz * ox - wx * oz
-        turning[at, k + 1, 1, 2] = turning[at, k, 1, 2] + wx * oy - wy * ox
+        x, y, z = offsets[k, 0], offsets[k, 1], offsets[k, 2]
+        ox, oy, oz = ox + ax * x + ay * y + az * z, oy + bx * x + by * y + bz * z, oz + cx * x + cy * y + cz * z
+        x, y, z = rotations[k, 0, 0], rotations[k, 1, 0], rotations[k, 2, 0]
+        fa, fb, fc = ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z
+        x, y, z = rotations[k, 0, 1], rotations[k, 1, 1], rotations[k, 2, 1]
+        ga, gb, gc = ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z
+        x, y, z = rotations[k, 0, 2], rotations[k, 1, 2], rotations[k, 2, 2]
+        az, bz, cz = ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z
+        ax, ay = fa * c + ga * sine, ga * c - fa * sine
+        bx, by = fb * c + gb * sine, gb * c - fb * sine
+        cx, cy = fc * c + gc * sine, gc * c - fc * sine
+        to = k + 1
+        frames[at, to, 0, 0], frames[at, to, 0, 1], frames[at, to, 0, 2], frames[at, to, 0, 3] = ax, ay, az, ox
+        frames[at, to, 1, 0], frames[at, to, 1, 1], frames[at, to, 1, 2], frames[at, to, 1, 3] = bx, by, bz, oy
+        frames[at, to, 2, 0], frames[at, to, 2, 1], frames[at, to, 2, 2], frames[at, to, 2, 3] = cx, cy, cz, oz
+        wx, wy, wz = az * rate, bz * rate, cz * rate
+        sx, sy, sz = sx + wx, sy + wy, sz + wz
+        mx, my, mz = mx + wy * oz - wz * oy, my + wz * ox - wx * oz, mz + wx * oy - wy * ox
+        turning[at, to, 0, 0], turning[at, to, 0, 1], turning[at, to, 0, 2] = sx, sy, sz
+        turning[at, to, 1, 0], turning[at, to, 1, 1], turning[at, to, 1, 2] = mx, my, mz
 
 
-@compiled
+@lent
 def place(nodes: Nodes, at: int, arm: Arm, body: int) -> None:
     """The body stands in row `at`, in its reference link's frame, with its speed and spin."""
     if not nodes.known[at, body]:
@@ -161,7 +168,7 @@ def place(nodes: Nodes, at: int, arm: Arm, body: int) -> None:
         )  # fmt: skip
 
 
-@compiled
+@lent
 def place_all(nodes: Nodes, at: int, arm: Arm, bodies: Whole) -> None:
     """All these bodies stand there."""
     frames, turning, ends, speed = nodes.frames, nodes.turning, nodes.ends, nodes.speed
@@ -171,7 +178,7 @@ def place_all(nodes: Nodes, at: int, arm: Arm, bodies: Whole) -> None:
             put(frames, turning, ends, speed, spin, known, link, reference, own, at, bodies[each])
 
 
-@compiled
+@merged
 def put(
     frames: Floats,
     turning: Floats,

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 from typing import Final
 
-# Columns of the pairs' numbers.
-A: Final = 0  # first end, centre, or a plane's outward normal: three columns
-B: Final = 3  # second end: three columns
-AXES: Final = 6  # of a box, row by row of the matrix whose columns they are: nine columns
-HALF: Final = 15  # of a box: three columns
-OFFSET: Final = 18  # of a plane
-CENTER: Final = 19  # of the ball around the core: three columns
-AROUND: Final = 22  # radius of that ball
-RADII: Final = 23  # the pair's radii together
-UNCERTAINTY: Final = 24
-HARM_SPEED: Final = 25
-LIMIT_SPEED: Final = 26
-INTRUSION: Final = 27
-BAND: Final = 28
-DECLARED: Final = 29
-VIOLATED_BELOW: Final = 30
-NUMBERS: Final = 31
+# Columns of the pairs' numbers. What is asked of every pair on every span stands first, beside each other.
+CENTER: Final = 0  # of the ball around the core: three columns
+AROUND: Final = 3  # radius of that ball
+RADII: Final = 4  # the pair's radii together
+VIOLATED_BELOW: Final = 5
+CALM: Final = 6  # clearance from which on it counts no more than any motion, but for what the stop adds
+UNCERTAINTY: Final = 7
+BAND: Final = 8
+INTRUSION: Final = 9
+HARM_SPEED: Final = 10
+LIMIT_SPEED: Final = 11
+DECLARED: Final = 12
+A: Final = 13  # first end, centre, or a plane's outward normal: three columns
+B: Final = 16  # second end: three columns
+OFFSET: Final = 19  # of a plane
+AXES: Final = 20  # of a box, row by row of the matrix whose columns they are: nine columns
+HALF: Final = 29  # of a box: three columns
+NUMBERS: Final = 32
 
 # Columns of the pairs' whole numbers.
 BODY: Final = 0

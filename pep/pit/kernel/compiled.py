@@ -1,4 +1,4 @@
-"""Two ways to compile, for the whole kernel."""
+"""The ways to compile, for the whole kernel."""
 
 from __future__ import annotations
 
@@ -37,6 +37,20 @@ def compiled(function: F) -> F:
     fast-math: the bounds rest on the order of operations.
     """
     return cast("F", _made(no_cpython_wrapper=True)(function))
+
+
+def lent(function: F) -> F:
+    """The same for what only uses the arrays that it is given, and neither makes nor returns one.
+
+    It counts no references, which its callers hold: around a call that computes one distance they would cost more than
+    the distance. Numba refuses to compile it when it makes an array.
+    """
+    return cast("F", _made(no_cpython_wrapper=True, _nrt=False)(function))
+
+
+def merged(function: F) -> F:
+    """The same again, written out where it is called: for what is called with many arrays, since all are copied."""
+    return cast("F", _made(no_cpython_wrapper=True, _nrt=False, inline="always")(function))
 
 
 def entry(function: F) -> F:

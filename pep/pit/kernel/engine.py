@@ -12,14 +12,15 @@ import numpy as np
 
 from pep.pit.blow import DEPTH, RESOLUTION
 from pep.pit.cell import CellParameters
-from pep.pit.certify import FIRST_CUT_LEAST, ROWS_MOST, Certified, Fit, Slower, Witness
+from pep.pit.certify import FIRST_CUT_LEAST, ROWS_MOST, Fit, Slower
 from pep.pit.errors import PitError, WorkLimitError
 from pep.pit.kernel import columns
+from pep.pit.kernel.answer import Answer, Found
 from pep.pit.kernel.arm import Arm, bends_of
 from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, rushes
-from pep.pit.kernel.known import KINDS, LEAF_NUMBERS, LOOKS, NOBODY, SPARE, TOO_MANY
+from pep.pit.kernel.known import KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
+from pep.pit.kernel.room import room_for
 from pep.pit.kernel.rows import Field, Rows, Way
-from pep.pit.kernel.search import room_for
 from pep.pit.kernel.straight import certify
 from pep.pit.kinematics import layout
 from pep.pit.motion import MoveJ, profile_of
@@ -36,13 +37,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.kernel.halving import Known
-    from pep.pit.kernel.search import Room
+    from pep.pit.kernel.room import Room
     from pep.pit.motion import Floats, Profile, Straight
     from pep.pit.pairs import Pairs
     from pep.pit.path import Keys
     from pep.pit.separation import Stopping
 
-PACKS_KEPT: Final = 4  # a scene's pairs, and those of a slower speed
+PACKS_KEPT: Final = 16  # some scenes' pairs, and those of slower speeds: 80 kB each
 
 _NO_STOP: Final = np.empty(0)
 
@@ -159,11 +160,11 @@ class CompiledPath(Path):
         check_time: Callable[[], None],
         told: bool = True,
         slower: Slower | None = None,
-    ) -> Certified:
+    ) -> Answer:
         """As `pep.pit.certify.certify`; `told`: with a witness for each obstacle that may raise the index."""
         if len(rows) * FIRST_CUT_LEAST > ROWS_MOST:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
-        status, upper, attained, witnesses, violated, leaves, falls = certify(
+        status, upper, attained, witnesses, violated, leaves, far, falls = certify(
             _ROOMS.of(self._arm, len(rows)),
             self._arm,
             self.start,
@@ -181,13 +182,10 @@ class CompiledPath(Path):
         check_time()
         if status == TOO_MANY:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
-        return Certified(
+        return Answer(
+            Found(pairs, rows, witnesses, violated, leaves, far),
             upper=upper,
             attained=attained,
-            witnesses=_witnesses(witnesses),
-            violated={pairs.kind_of(w.pair): w for w in _witnesses(violated)},
-            leaves=Leaves(*leaves[:LEAF_NUMBERS].astype(np.int64), *leaves[LEAF_NUMBERS:-1]),
-            leaf_index=leaves[-1],
             slower=None if falls == NOBODY else falls,
         )
 
@@ -271,12 +269,12 @@ def packed(pairs: Pairs) -> Field:
     if cores.hulls:
         raise PitError("PHYSICS_FAULT", "the kernel knows no polytopes")
     numbers = np.empty((count, columns.NUMBERS))
-    numbers[:, columns.A : columns.B] = cores.a
-    numbers[:, columns.B : columns.AXES] = cores.b
-    numbers[:, columns.AXES : columns.HALF] = cores.axes.reshape(count, -1)
-    numbers[:, columns.HALF : columns.OFFSET] = cores.half
+    numbers[:, columns.A : columns.A + 3] = cores.a
+    numbers[:, columns.B : columns.B + 3] = cores.b
+    numbers[:, columns.AXES : columns.AXES + 9] = cores.axes.reshape(count, -1)
+    numbers[:, columns.HALF : columns.HALF + 3] = cores.half
     numbers[:, columns.OFFSET] = cores.offset
-    numbers[:, columns.CENTER : columns.AROUND] = 0.5 * (cores.a + cores.b)
+    numbers[:, columns.CENTER : columns.CENTER + 3] = 0.5 * (cores.a + cores.b)
     away = np.where(cores.is_box[:, None], cores.half, 0.5 * (cores.b - cores.a))
     numbers[:, columns.AROUND] = np.sqrt(np.einsum("ni,ni->n", away, away))
     numbers[:, columns.RADII] = pairs.radii
@@ -285,6 +283,9 @@ def packed(pairs: Pairs) -> Field:
     numbers[:, columns.LIMIT_SPEED] = pairs.limit_speed
     numbers[:, columns.INTRUSION] = pairs.intrusion
     numbers[:, columns.BAND] = pairs.band
+    numbers[:, columns.CALM] = pairs.uncertainty + np.where(
+        pairs.kind == columns.PERSON, pairs.intrusion + pairs.warn_band, pairs.band
+    )
     numbers[:, columns.DECLARED] = pairs.declared
     numbers[:, columns.VIOLATED_BELOW] = pairs.violated_below
     whole = np.empty((count, columns.WHOLE), dtype=np.int64)
@@ -332,7 +333,3 @@ def _rows(leaves: Leaves) -> Rows:
         leaves.rush_mid,
         np.zeros(len(leaves)),
     )
-
-
-def _witnesses(met: Floats) -> tuple[Witness, ...]:
-    return tuple([Witness(int(key), int(pair), index, gap, speed) for index, gap, speed, key, pair in met.tolist()])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from pep.pit.clearance import APART_M, CORNERS, PARALLEL, ROUNDING_M, TINY
 from pep.pit.kernel.columns import AXES, BOX, HALF, OFFSET, PLANE, RADII, SEGMENT, A, B
-from pep.pit.kernel.compiled import compiled
+from pep.pit.kernel.compiled import lent, merged
 
 if TYPE_CHECKING:
     from pep.pit.motion import Floats
@@ -18,12 +18,12 @@ Gap: TypeAlias = tuple[float, float, float, float]
 """Distance of two cores, metre, and the unit direction from obstacle to body; 0 where they meet."""
 
 
-@compiled
+@lent
 def _clip(x: float, low: float, high: float) -> float:
     return low if x < low else (min(x, high))
 
 
-@compiled
+@lent
 def _directed(x: float, y: float, z: float) -> Gap:
     """The gap between two points that are this vector apart."""
     distance = math.sqrt(x * x + y * y + z * z)
@@ -32,7 +32,7 @@ def _directed(x: float, y: float, z: float) -> Gap:
     return distance, x / distance, y / distance, z / distance
 
 
-@compiled
+@lent
 def _segment(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
     """Gap between the axis and an obstacle's segment."""
     px, py, pz = ends[at, body, 0, 0], ends[at, body, 0, 1], ends[at, body, 0, 2]
@@ -58,13 +58,13 @@ def _segment(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Ga
     return _directed(wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz)
 
 
-@compiled
+@lent
 def _out(x: float, half: float) -> float:
     """How far outside of [-half, half]."""
     return x - half if x > half else (x + half if x < -half else 0.0)
 
 
-@compiled
+@lent
 def _box(ends: Floats, at: int, body: int, numbers: Floats, pair: int, knots: Floats) -> Gap:
     """Gap between the axis and an obstacle's box: the exact root of a piecewise linear derivative."""
     m = AXES
@@ -120,7 +120,7 @@ def _box(ends: Floats, at: int, body: int, numbers: Floats, pair: int, knots: Fl
     )
 
 
-@compiled
+@lent
 def _plane(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
     """Gap between the axis and a plane's forbidden side; negative beyond it."""
     nx, ny, nz = numbers[pair, A], numbers[pair, A + 1], numbers[pair, A + 2]
@@ -129,7 +129,7 @@ def _plane(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
     return numbers[pair, OFFSET] - max(first, second), -nx, -ny, -nz
 
 
-@compiled
+@merged
 def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape: int, knots: Floats) -> Gap:
     """Gap between a body's axis, as placed in row `at`, and a pair's core; `knots` is room for `KNOTS` numbers."""
     if shape == SEGMENT:
@@ -139,7 +139,7 @@ def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape
     return _plane(ends, at, body, numbers, pair)
 
 
-@compiled
+@lent
 def _support(numbers: Floats, pair: int, shape: int, x: float, y: float, z: float) -> float:
     """Largest extent of the core along a direction; for a plane, of the forbidden side."""
     if shape == SEGMENT:
@@ -155,14 +155,14 @@ def _support(numbers: Floats, pair: int, shape: int, x: float, y: float, z: floa
     return -numbers[pair, OFFSET]
 
 
-@compiled
+@lent
 def _ahead(ends: Floats, at: int, body: int, x: float, y: float, z: float) -> float:
     """Least extent of the axis along a direction."""
     first = ends[at, body, 0, 0] * x + ends[at, body, 0, 1] * y + ends[at, body, 0, 2] * z
     return min(first, ends[at, body, 1, 0] * x + ends[at, body, 1, 1] * y + ends[at, body, 1, 2] * z)
 
 
-@compiled
+@lent
 def interval_gap(
     ends: Floats,
     low: int,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pep.pit.kernel.compiled import compiled
+from pep.pit.kernel.compiled import compiled, lent
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,12 +23,6 @@ class Heap(NamedTuple):
 
 
 @compiled
-def no_heap(room: int) -> Heap:
-    """An empty heap with room for so many rows."""
-    return Heap(np.empty(room), np.empty(room, np.int64), np.zeros(1, np.int64))
-
-
-@compiled
 def with_room(heap: Heap, room: int) -> Heap:
     """The same with room for so many rows at least."""
     if heap.key.shape[0] >= room:
@@ -39,7 +33,7 @@ def with_room(heap: Heap, room: int) -> Heap:
     return wide
 
 
-@compiled
+@lent
 def push(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], key: float, row: int) -> None:
     """The row is in the heap; there is room for it."""
     at = count[0]
@@ -53,7 +47,7 @@ def push(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], key: f
     keys[at], rows[at] = key, row
 
 
-@compiled
+@lent
 def heaped(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], first: Floats) -> None:
     """The rows 0, 1 ... with these keys are the heap; there is room for them."""
     count[0] = first.shape[0]
@@ -63,7 +57,13 @@ def heaped(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], firs
         _sift(keys, rows, first.shape[0], at, keys[at], rows[at])
 
 
-@compiled
+@lent
+def lower(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], key: float) -> None:
+    """The first row has this key from now on, no higher than before."""
+    _sift(keys, rows, count[0], 0, key, rows[0])
+
+
+@lent
 def pop(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64]) -> None:
     """The first row is no longer in the heap, which is not empty."""
     last = count[0] - 1
@@ -71,7 +71,7 @@ def pop(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64]) -> None
     _sift(keys, rows, last, 0, keys[last], rows[last])
 
 
-@compiled
+@lent
 def _sift(keys: Floats, rows: NDArray[np.int64], count: int, at: int, key: float, row: int) -> None:
     """The row stands at `at` or below, and what is above it there is higher."""
     while True:
@@ -80,7 +80,7 @@ def _sift(keys: Floats, rows: NDArray[np.int64], count: int, at: int, key: float
             break
         if below + 1 < count and keys[below + 1] > keys[below]:
             below += 1
-        if keys[below] <= key:
+        if keys[below] < key:  # among equals the one that was looked at least
             break
         keys[at], rows[at] = keys[below], rows[below]
         at = below

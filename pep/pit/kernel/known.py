@@ -9,7 +9,7 @@ import numpy as np
 
 from pep.pit.certify import RESOLUTION
 from pep.pit.clearance import ROUNDING_M
-from pep.pit.kernel.compiled import compiled
+from pep.pit.kernel.compiled import compiled, lent
 from pep.pit.path import CHORD
 from pep.pit.tier import TIE
 
@@ -51,16 +51,17 @@ NODES: Final = 2
 FINAL: Final = 3
 HALVED: Final = 4
 
-# Numbers of a row: proven clearance and speed, those in the middle, the index, the gap in
-# the middle, and how far the body strays from there.
+STAGES_IN_DOUBT: Final = 3  # a row is in doubt at most once a stage
+
+# Numbers of a row: proven clearance and speed, those in the middle, the index, the direction in the middle.
 CLEAR: Final = 0
 RUSH: Final = 1
 CLEAR_MID: Final = 2
 RUSH_MID: Final = 3
 BOUND: Final = 4
-GAP: Final = 5
-STRAYS: Final = 9
-ROW_NUMBERS: Final = 10
+AWAY: Final = 5  # three columns
+STRAYS: Final = 5  # before the direction is known: how far the body strays from the middle
+ROW_NUMBERS: Final = 8
 
 # Rows of the table of leaves.
 LEAF_LOW: Final = 0
@@ -97,29 +98,19 @@ class Rows(NamedTuple):
 
 
 @compiled
-def no_rows(room: int) -> Rows:
-    """Room for so many rows."""
-    return Rows(
-        np.empty((room, ROW_WHOLE), np.int64),
-        np.empty((room, ROW_NUMBERS)),
-        np.empty(3 * room, np.int64),  # a row is in doubt at most once a stage
-        np.zeros(2, np.int64),
-    )
-
-
-@compiled
 def with_room(rows: Rows, room: int) -> Rows:
     """The same rows with room for so many at least."""
     if rows.whole.shape[0] >= room:
         return rows
-    wide, count, doubts = no_rows(2 * room), rows.used[0], rows.used[1]
-    wide.whole[:count], wide.numbers[:count] = rows.whole[:count], rows.numbers[:count]
-    wide.doubts[:doubts] = rows.doubts[:doubts]
-    return Rows(wide.whole, wide.numbers, wide.doubts, rows.used)
+    whole, numbers = np.empty((2 * room, ROW_WHOLE), np.int64), np.empty((2 * room, ROW_NUMBERS))
+    doubts, count, in_doubt = np.empty(STAGES_IN_DOUBT * 2 * room, np.int64), rows.used[0], rows.used[1]
+    whole[:count], numbers[:count] = rows.whole[:count], rows.numbers[:count]
+    doubts[:in_doubt] = rows.doubts[:in_doubt]
+    return Rows(whole, numbers, doubts, rows.used)
 
 
 class Met(NamedTuple):
-    """Places that were met, by group and by kind; per group the row to look at next; room for `KNOTS` numbers."""
+    """Places that were met, by group and by kind; per group the rows to look at; room for `KNOTS` numbers."""
 
     witnesses: Floats
     violated: Floats
@@ -135,7 +126,7 @@ def none_met(count: int) -> Floats:
     return met
 
 
-@compiled
+@lent
 def note(met: Floats, at: int, index: float, clearance: float, speed: float, key: int, pair: int) -> None:
     """The place stands there when it is higher than what stands, or as high and nearer."""
     if met[at, MET_PAIR] != NOBODY:
@@ -146,7 +137,7 @@ def note(met: Floats, at: int, index: float, clearance: float, speed: float, key
     met[at, MET_KEY], met[at, MET_PAIR] = key, pair
 
 
-@compiled
+@lent
 def settled(bound: float, best: float) -> bool:
     """Whether a bound cannot raise the answer by more than the resolution, nor its tier."""
     return bound <= best or (bound <= best + RESOLUTION and math.ceil(bound - TIE) <= math.ceil(best - TIE))
@@ -155,16 +146,18 @@ def settled(bound: float, best: float) -> bool:
 @compiled
 def table_of(arm: Arm, bends: Bends) -> Floats:
     """What holds of each body on the whole path, side by side: shape (bodies, TABLE)."""
-    table = np.empty((arm.link.shape[0], TABLE))
+    table, radius, half = np.empty((arm.link.shape[0], TABLE)), arm.radius, arm.half
+    first, second, third = bends.first, bends.second, bends.third
+    spin, spin_first, spin_second = bends.spin, bends.spin_first, bends.spin_second
     for body in range(table.shape[0]):
-        table[body, RADIUS], table[body, HALF] = arm.radius[body], arm.half[body]
-        table[body, FIRST], table[body, SECOND] = bends.first[body], bends.second[body]
-        table[body, THIRD], table[body, SPIN] = bends.third[body], bends.spin[body]
-        table[body, SPIN_FIRST], table[body, SPIN_SECOND] = bends.spin_first[body], bends.spin_second[body]
+        table[body, RADIUS], table[body, HALF] = radius[body], half[body]
+        table[body, FIRST], table[body, SECOND], table[body, THIRD] = first[body], second[body], third[body]
+        table[body, SPIN], table[body, SPIN_FIRST] = spin[body], spin_first[body]
+        table[body, SPIN_SECOND] = spin_second[body]
     return table
 
 
-@compiled
+@lent
 def rough(speed: float, spin: float, table: Floats, body: int, width: float) -> tuple[float, float]:
     """What a span of that width proves by its middle alone, where the body has this speed and spin.
 
@@ -193,7 +186,7 @@ def ranked(met: Floats) -> Floats:
     return met[some]
 
 
-@compiled
+@lent
 def _before(met: Floats, one: int, other: int) -> bool:
     for column in range(3):
         which = (MET_INDEX, MET_CLEARANCE, MET_KEY)[column]

@@ -10,6 +10,7 @@ from pep.pit.kernel.columns import (
     BAND,
     BRAKE,
     BRAKING,
+    CALM,
     CONTACT_SPEED,
     DECLARED,
     HARM_SPEED,
@@ -28,7 +29,7 @@ from pep.pit.kernel.columns import (
     WAY,
     ZONE,
 )
-from pep.pit.kernel.compiled import compiled
+from pep.pit.kernel.compiled import lent
 from pep.pit.tier import LEAST_TRAVEL_M
 from pep.pit.tier import MEANT as MEANT_INDEX
 
@@ -36,12 +37,12 @@ if TYPE_CHECKING:
     from pep.pit.motion import Floats
 
 
-@compiled
+@lent
 def _share(x: float) -> float:
     return 0.0 if x < 0.0 else (min(x, 1.0))
 
 
-@compiled
+@lent
 def pair_index(kind: int, numbers: Floats, pair: int, clearance: float, speed: float, law: Floats) -> float:
     """Index of a pair at this clearance (m) and surface speed (m/s).
 
@@ -79,16 +80,16 @@ def pair_index(kind: int, numbers: Floats, pair: int, clearance: float, speed: f
     return index
 
 
-@compiled
+@lent
 def calm_beyond(kind: int, numbers: Floats, pair: int, speed: float, law: Floats) -> float:
     """Clearance (m) from which on the pair's index is no more than that of any motion, at up to this speed."""
     if kind == PERSON:
-        approach = law[PERSON_SPEED] * (law[REACTION] + law[BRAKE]) + numbers[pair, INTRUSION]
-        return numbers[pair, UNCERTAINTY] + approach + speed * (law[REACTION] + law[TRAVEL]) + law[WARN_BAND]
-    return numbers[pair, UNCERTAINTY] + speed * law[TRAVEL] + numbers[pair, BAND]
+        approach = law[PERSON_SPEED] * (law[REACTION] + law[BRAKE])
+        return numbers[pair, CALM] + approach + speed * (law[REACTION] + law[TRAVEL])
+    return numbers[pair, CALM] + speed * law[TRAVEL]
 
 
-@compiled
+@lent
 def blow_of(numbers: Floats, pair: int, clearance: float, speed: float, law: Floats) -> float:
     """Speed by the region's limit speed where the region could be met, else 0."""
     approach = law[PERSON_SPEED] * (law[REACTION] + law[BRAKE]) + numbers[pair, INTRUSION]
@@ -96,7 +97,7 @@ def blow_of(numbers: Floats, pair: int, clearance: float, speed: float, law: Flo
     return speed / numbers[pair, LIMIT_SPEED] if clearance - numbers[pair, UNCERTAINTY] < protective else 0.0
 
 
-@compiled
+@lent
 def rate_at(s: float, profile: Floats) -> float:
     """ds/dt at path parameter `s`, 1/s."""
     up = math.sqrt(2.0 * profile[ACCELERATION] * profile[WAY] * max(s, 0.0))
@@ -104,7 +105,7 @@ def rate_at(s: float, profile: Floats) -> float:
     return min(profile[PEAK], up, down) / profile[WAY]
 
 
-@compiled
+@lent
 def highest_rate(low: float, high: float, profile: Floats) -> float:
     """Supremum of ds/dt on [low, high]."""
     top = profile[TOP]

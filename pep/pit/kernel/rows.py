@@ -10,7 +10,7 @@ import numpy as np
 from pep.pit.clearance import ROUNDING_M
 from pep.pit.kernel.arm import more_nodes, place, pose
 from pep.pit.kernel.columns import AROUND, BODY, CENTER, RADII, SHAPE
-from pep.pit.kernel.compiled import compiled
+from pep.pit.kernel.compiled import compiled, lent
 from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
 from pep.pit.path import CHORD, GRID
 
@@ -109,7 +109,7 @@ def configuration(nodes: Nodes, used: int, way: Way, key: int) -> Nodes:
     return nodes
 
 
-@compiled
+@lent
 def rush_between(nodes: Nodes, low: int, mid: int, high: int, way: Way, body: int, width: float) -> float:
     """Bound on the body's surface speed per unit of ds/dt on an interval of that width; it is placed at all three."""
     bend = width * width / CHORD
@@ -119,7 +119,7 @@ def rush_between(nodes: Nodes, low: int, mid: int, high: int, way: Way, body: in
     return speed + way.arm.radius[body] * (spin + way.bends.spin_second[body] * bend)
 
 
-@compiled
+@lent
 def rush_at_most(way: Way, body: int, width: float) -> float:
     """A bound on `rush_between` that needs no configuration."""
     bend = width * width / CHORD
@@ -127,7 +127,7 @@ def rush_at_most(way: Way, body: int, width: float) -> float:
     return speed + way.arm.radius[body] * (way.bends.spin[body] + way.bends.spin_second[body] * bend)
 
 
-@compiled
+@lent
 def strays_at_most(way: Way, body: int, width: float) -> float:
     """How far any part of the body's axis is from where it is in the middle of an interval of that width, metre.
 
@@ -137,7 +137,7 @@ def strays_at_most(way: Way, body: int, width: float) -> float:
     return 0.5 * way.bends.first[body] * width + way.bends.second[body] * width * width / CHORD + 2.0 * ROUNDING_M
 
 
-@compiled
+@lent
 def ball_gap(ends: Floats, at: int, body: int, half: Floats, numbers: Floats, pair: int) -> float:
     """Clearance of the balls around both cores, radii taken off; the body is placed at `at`. Nothing for planes."""
     x = 0.5 * (ends[at, body, 0, 0] + ends[at, body, 1, 0]) - numbers[pair, CENTER]

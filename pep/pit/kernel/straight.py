@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,21 +46,22 @@ from pep.pit.kernel.known import (
     ranked,
     table_of,
 )
-from pep.pit.kernel.law import highest_rate, pair_index
+from pep.pit.kernel.law import pair_index
+from pep.pit.kernel.room import laid_out
 from pep.pit.kernel.rows import Way
-from pep.pit.kernel.search import Room, all_leaves, explored, searched
-from pep.pit.kernel.tree import (
-    HIGH,
-    LOW,
-)
-from pep.pit.path import GRID
+from pep.pit.kernel.search import explored, leaves_of, searched
+from pep.pit.kernel.tree import HIGHEST_RATE, SPANS, rate
 from pep.pit.tier import HIGHEST, MOVING, TIE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.kernel.arm import Arm
+    from pep.pit.kernel.heap import Heap
+    from pep.pit.kernel.known import Rows
+    from pep.pit.kernel.room import Room
     from pep.pit.kernel.rows import Field
+    from pep.pit.kernel.tree import Tree
     from pep.pit.motion import Floats
 
     Whole = NDArray[np.int64]
@@ -80,7 +81,9 @@ def _timed(profile: Floats, law: Floats, stop: Floats, speed: float) -> tuple[Fl
 
 @compiled
 def _slower(
-    room: Room,
+    tree: Tree,
+    rows: Rows,
+    heap: Heap,
     way: Way,
     table: Floats,
     field: Field,
@@ -95,8 +98,8 @@ def _slower(
     What counts no more at the commanded speed counts no more at a lower one: only the other rows are asked again. The
     rows and what was met are spent.
     """
-    rows, heap, tree = room.rows, room.heap, room.tree
-    whole, numbers, kinds, laws, spans = rows.whole, rows.numbers, field.whole, field.numbers, tree.spans
+    whole, numbers, kinds, laws = rows.whole, rows.numbers, field.whole, field.numbers
+    spans, rates = tree.spans, tree.rates
     over, known = np.zeros(rows.used[0], np.bool_), rows.used[0]
     for row in range(known):
         over[row] = numbers[row, BOUND] > target
@@ -106,13 +109,15 @@ def _slower(
         speed = low if step == 0 else 0.5 * (low + high)
         timing, rule = _timed(profile, law, stop, speed)
         heap.used[0], rows.used[1] = 0, 0
+        for span in range(tree.counts[SPANS]):
+            rate(spans, rates, span, timing)
         fits = True
         for row in range(rows.used[0]):
             if whole[row, STAGE] == HALVED or (row < known and not over[row]):
                 continue
             span, pair = whole[row, SPAN_OF], whole[row, PAIR]
-            rate = highest_rate(spans[span, LOW] / GRID, spans[span, HIGH] / GRID, timing)
-            bound = pair_index(kinds[pair, KIND], laws, pair, numbers[row, CLEAR], numbers[row, RUSH] * rate, rule)
+            speed_most = numbers[row, RUSH] * rates[span, HIGHEST_RATE]
+            bound = pair_index(kinds[pair, KIND], laws, pair, numbers[row, CLEAR], speed_most, rule)
             numbers[row, BOUND] = bound
             if bound > target + TIE:
                 if whole[row, STAGE] == FINAL or heap.used[0] + 4 > heap.key.shape[0]:
@@ -151,7 +156,7 @@ def certify(
     first: int,
     looks: int,
     stop: Floats,
-) -> tuple[int, float, float, Floats, Floats, Floats, float]:
+) -> tuple[int, float, float, Floats, Floats, Floats, Any, float]:
     """The proven index of these pairs on this path (see `pep.pit.certify.certify`).
 
     Args:
@@ -167,17 +172,21 @@ def certify(
 
     Returns:
         `ANSWERED` or `TOO_MANY`, the proven and the attained index, then rows of `MET` columns: the witnesses, highest
-        first, and the violations; then `LEAF` rows, a column for each leaf: the certificate;
+        first, and the violations; then `LEAF` rows, a column for each leaf, and which rows of the first cut (spans,
+        pairs) are far apart and count no more than any motion: the certificate;
         last the highest speed at which the index of these pairs is proven to be a whole tier lower, or -1.
     """
     way = Way(arm, start, delta, bends_of(arm, delta))
     table = table_of(arm, way.bends)
-    met = Met(none_met(groups), none_met(KINDS), np.empty(groups, np.int64), np.empty(KNOTS))
-    room, status, done, best = searched(room, way, table, field, pairs, profile, law, floor, first, looks, met)
-    leaves, upper = all_leaves(room.tree, room.rows, room.leaves, done)
+    met = Met(none_met(groups), none_met(KINDS), np.empty((groups, looks), np.int64), np.empty(KNOTS))
+    tree, rows, heap = laid_out(room, table.shape[0], start.shape[0])
+    tree, rows, heap, far, status, best = searched(
+        tree, rows, heap, way, table, field, pairs, profile, law, floor, first, looks, met
+    )
+    leaves, upper = leaves_of(tree, rows)
     upper = max(floor, best, upper)
     witnesses, violated = ranked(met.witnesses), ranked(met.violated)
     slower, target = NOBODY, math.ceil(min(upper, HIGHEST) - TIE) - 1.0
     if stop.shape[0] == STOP and status == ANSWERED and violated.shape[0] == 0 and target >= MOVING:
-        slower = _slower(room, way, table, field, profile, law, stop, met, target)
-    return status, upper, best, witnesses, violated, leaves, slower
+        slower = _slower(tree, rows, heap, way, table, field, profile, law, stop, met, target)
+    return status, upper, best, witnesses, violated, leaves, far, slower

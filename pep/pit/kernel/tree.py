@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from pep.pit.kernel.arm import more_nodes, no_nodes, pose
-from pep.pit.kernel.compiled import compiled
+from pep.pit.kernel.arm import more_nodes, pose
+from pep.pit.kernel.compiled import compiled, lent
+from pep.pit.kernel.law import highest_rate, rate_at
 from pep.pit.path import GRID
 
 if TYPE_CHECKING:
@@ -32,6 +33,11 @@ SPAN: Final = 7
 WHOLE_LEAF: Final = -1  # in `LEFT`: not halved
 NODES_FIRST: Final = 128  # room for configurations at first; most questions need fewer
 
+# Rates of a span: the highest on it, and that in its middle.
+HIGHEST_RATE: Final = 0
+MIDDLE_RATE: Final = 1
+RATES: Final = 2
+
 # Counters of a tree.
 NODES: Final = 0
 SPANS: Final = 1
@@ -42,74 +48,90 @@ class Tree(NamedTuple):
 
     Attributes:
         nodes: the configurations.
+        key: shape (n,), of each configuration, in 1 / GRID.
+        posed: shape (n,), whether the links stand there yet.
         spans: shape (n, SPAN).
+        rates: shape (n, RATES), ds/dt on each span, 1/s.
         counts: how many nodes and spans are in use.
         q: room for one configuration.
     """
 
     nodes: Nodes
+    key: Whole
+    posed: Any
     spans: Whole
+    rates: Floats
     counts: Whole
     q: Floats
 
 
-@compiled
-def no_tree(bodies: int, joints: int) -> Tree:
-    """Room for a tree."""
-    return Tree(
-        no_nodes(NODES_FIRST, bodies),
-        np.empty((NODES_FIRST, SPAN), np.int64),
-        np.zeros(2, np.int64),
-        np.empty(joints),
-    )
-
-
-@compiled
-def plant(tree: Tree, way: Way, first: int, level: int) -> None:
-    """The tree is `first` equal spans, 2 to the power of `level`, with all their configurations."""
+@lent
+def plant(tree: Tree, way: Way, profile: Floats, first: int, level: int) -> None:
+    """The tree is `first` equal spans, 2 to the power of `level`; the arm stands in their middles."""
     tree.counts[NODES] = 0
-    step = GRID // first
+    step, spans, rates = GRID // first, tree.spans, tree.rates
     for k in range(first + 1):
-        node_at(tree, way, k * step)
-    spans = tree.spans
+        _node_at(tree, k * step)
     for k in range(first):
         spans[k, LOW], spans[k, HIGH], spans[k, LEFT], spans[k, LEVEL] = k * step, (k + 1) * step, WHOLE_LEAF, level
         spans[k, AT_LOW], spans[k, AT_HIGH] = k, k + 1
-        spans[k, AT_MID] = node_at(tree, way, k * step + step // 2)
+        spans[k, AT_MID] = _node_at(tree, k * step + step // 2)
+        stand(tree, way, spans[k, AT_MID])
+        rate(spans, rates, k, profile)
     tree.counts[SPANS] = first
 
 
-@compiled
-def node_at(tree: Tree, way: Way, key: int) -> int:
-    """Where the configuration at `key`, a new one, stands from now on; there is room for it."""
+@lent
+def _node_at(tree: Tree, key: int) -> int:
+    """Where the configuration at `key`, a new one, will stand; there is room for it."""
     used = tree.counts[NODES]
-    for joint in range(tree.q.shape[0]):
-        tree.q[joint] = way.start[joint] + key / GRID * way.delta[joint]
-    pose(tree.nodes, used, way.arm, tree.q, way.delta)
+    tree.key[used], tree.posed[used] = key, False
     tree.counts[NODES] = used + 1
     return used
+
+
+@lent
+def stand(tree: Tree, way: Way, node: int) -> None:
+    """The links stand there; no body is placed yet."""
+    s = tree.key[node] / GRID
+    for joint in range(tree.q.shape[0]):
+        tree.q[joint] = way.start[joint] + s * way.delta[joint]
+    pose(tree.nodes, node, way.arm, tree.q, way.delta)
+    tree.posed[node] = True
+
+
+@lent
+def rate(spans: Whole, rates: Floats, span: int, profile: Floats) -> None:
+    """The span's rates are this profile's."""
+    low, high = spans[span, LOW], spans[span, HIGH]
+    rates[span, HIGHEST_RATE] = highest_rate(low / GRID, high / GRID, profile)
+    rates[span, MIDDLE_RATE] = rate_at((low + high) // 2 / GRID, profile)
 
 
 @compiled
 def with_room(tree: Tree) -> Tree:
     """The same tree with room for another span's halves."""
-    nodes, spans = tree.nodes, tree.spans
-    if tree.counts[NODES] + 2 > nodes.speed.shape[0]:
+    nodes, key, posed, spans, rates = tree.nodes, tree.key, tree.posed, tree.spans, tree.rates
+    count = nodes.speed.shape[0]
+    if tree.counts[NODES] + 2 > count:
         nodes = more_nodes(nodes)
-    if tree.counts[SPANS] + 2 > spans.shape[0]:
-        spans = np.empty((2 * tree.spans.shape[0], SPAN), np.int64)
-        spans[: tree.spans.shape[0]] = tree.spans
-    return Tree(nodes, spans, tree.counts, tree.q)
+        key, posed = np.empty(2 * count, np.int64), np.empty(2 * count, np.bool_)
+        key[:count], posed[:count] = tree.key, tree.posed
+    count = spans.shape[0]
+    if tree.counts[SPANS] + 2 > count:
+        spans, rates = np.empty((2 * count, SPAN), np.int64), np.empty((2 * count, RATES))
+        spans[:count], rates[:count] = tree.spans, tree.rates
+    return Tree(nodes, key, posed, spans, rates, tree.counts, tree.q)
 
 
-@compiled
+@lent
 def is_full(tree: Tree) -> bool:
     """Whether there is no room for another span's halves."""
     return tree.counts[NODES] + 2 > tree.nodes.speed.shape[0] or tree.counts[SPANS] + 2 > tree.spans.shape[0]
 
 
-@compiled
-def halve(tree: Tree, way: Way, span: int) -> int:
+@lent
+def halve(tree: Tree, way: Way, profile: Floats, span: int) -> int:
     """The first half of the span, which the second follows; there is room for them."""
     spans = tree.spans
     if spans[span, LEFT] != WHOLE_LEAF:
@@ -123,7 +145,9 @@ def halve(tree: Tree, way: Way, span: int) -> int:
         spans[at, LOW], spans[at, HIGH], spans[at, LEFT], spans[at, LEVEL] = begin, end, WHOLE_LEAF, level
         spans[at, AT_LOW] = spans[span, AT_LOW] if side == 0 else spans[span, AT_MID]
         spans[at, AT_HIGH] = spans[span, AT_MID] if side == 0 else spans[span, AT_HIGH]
-        spans[at, AT_MID] = node_at(tree, way, (begin + end) // 2)
+        spans[at, AT_MID] = _node_at(tree, (begin + end) // 2)
+        stand(tree, way, spans[at, AT_MID])
+        rate(spans, tree.rates, at, profile)
     spans[span, LEFT] = left
     tree.counts[SPANS] = left + 2
     return left

@@ -1,0 +1,81 @@
+"""What a search works in: kept from one to the next, since fresh memory costs more than the search.
+
+It is three blocks, whatever lies in them: of each array that is handed over, Python counts references and numba reads
+the shape, and that costs as much as ten rows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from pep.pit.kernel.arm import LINKS, Nodes
+from pep.pit.kernel.compiled import compiled
+from pep.pit.kernel.heap import Heap
+from pep.pit.kernel.known import ROW_NUMBERS, ROW_WHOLE, STAGES_IN_DOUBT, Rows
+from pep.pit.kernel.tree import RATES, SPAN, Tree
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pep.pit.motion import Floats
+
+NODES_FIRST: Final = 128  # room for configurations at first; most questions need fewer
+COUNTERS: Final = 5  # of rows, doubts, the heap, nodes and spans
+_FRAME: Final = 12  # 3 x 4
+_TURNING: Final = 6  # 2 x 3
+_PLACED: Final = 8  # both ends, 2 x 3, speed and spin
+
+
+class Room(NamedTuple):
+    """Memory for so many rows; the rest follows from the number of bodies and joints."""
+
+    numbers: Floats
+    whole: NDArray[np.int64]
+    flags: Any
+    rows: int
+
+
+def room_for(bodies: int, joints: int, rows: int) -> Room:
+    """Room for so many rows of an arm with so many bodies and joints."""
+    node = LINKS * (_FRAME + _TURNING) + _PLACED * bodies
+    return Room(
+        np.empty(rows * (ROW_NUMBERS + 1) + NODES_FIRST * (RATES + node) + joints),
+        np.empty(COUNTERS + rows * (ROW_WHOLE + STAGES_IN_DOUBT + 1) + NODES_FIRST * (SPAN + 1), np.int64),
+        np.empty(NODES_FIRST * (bodies + 1), np.bool_),
+        rows,
+    )
+
+
+@compiled
+def laid_out(room: Room, bodies: int, joints: int) -> tuple[Tree, Rows, Heap]:
+    """An empty tree, no rows and an empty heap in this room, which was made for such an arm."""
+    count, rows, numbers, whole, flags = NODES_FIRST, room.rows, room.numbers, room.whole, room.flags
+    whole[:COUNTERS] = 0
+    at = COUNTERS
+    row_whole, at = whole[at : at + ROW_WHOLE * rows].reshape((rows, ROW_WHOLE)), at + ROW_WHOLE * rows
+    doubts, at = whole[at : at + STAGES_IN_DOUBT * rows], at + STAGES_IN_DOUBT * rows
+    heap_row, at = whole[at : at + rows], at + rows
+    key, at = whole[at : at + count], at + count
+    spans = whole[at : at + SPAN * count].reshape((count, SPAN))
+    at = ROW_NUMBERS * rows
+    row_numbers = numbers[:at].reshape((rows, ROW_NUMBERS))
+    heap_key, at = numbers[at : at + rows], at + rows
+    q, at = numbers[at : at + joints], at + joints
+    rates, at = numbers[at : at + RATES * count].reshape((count, RATES)), at + RATES * count
+    wide = _FRAME * LINKS * count
+    frames, at = numbers[at : at + wide].reshape((count, LINKS, 3, 4)), at + wide
+    wide = _TURNING * LINKS * count
+    turning, at = numbers[at : at + wide].reshape((count, LINKS, 2, 3)), at + wide
+    wide = bodies * count
+    ends, at = numbers[at : at + 6 * wide].reshape((count, bodies, 2, 3)), at + 6 * wide
+    speed, at = numbers[at : at + wide].reshape((count, bodies)), at + wide
+    spin = numbers[at : at + wide].reshape((count, bodies))
+    known, posed = flags[:wide].reshape((count, bodies)), flags[wide : wide + count]
+    nodes = Nodes(frames, turning, ends, speed, spin, known)
+    return (
+        Tree(nodes, key, posed, spans, rates, whole[3:5], q),
+        Rows(row_whole, row_numbers, doubts, whole[0:2]),
+        Heap(heap_key, heap_row, whole[2:3]),
+    )
