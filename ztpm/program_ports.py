@@ -7,10 +7,11 @@ address is on this machine, and a user id is one domain of trust (SECURITY.md).
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from pep.rtde.carriage import Bytes, CarriageError, Closed, Open, Opened, Refused
 from pep.rtde.carrier import Carrier
+from pep.rtde.lines import PORTS, UNREAD_BYTES
 from ztpm.peer import user_of
 
 if TYPE_CHECKING:
@@ -20,14 +21,6 @@ if TYPE_CHECKING:
     from pep.ports import Clock
     from pep.rtde.carriage import Word
     from pep.rtde.lease import Ending
-
-PORTS: Final = (29999, 30001, 30002, 30003, 30004, 30011, 30012, 30013)
-"""Of a UR controller, that a client library has reason to ask for."""
-UNREAD_BYTES: Final = 1 << 20
-"""So much is kept for a connection that does not read; more is dropped, whole frames at a time, as a controller does.
-
-ur_rtde never reads what port 30003 sends it 500 times a second.
-"""
 
 
 class ProgramPorts:

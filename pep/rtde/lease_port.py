@@ -8,7 +8,7 @@ Whoever has no lease, or the id of one that is carried already, is left without 
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from pep.rtde.carriage import Bytes, Closed, Open, Opened, Refused
 from pep.rtde.carrier import Carrier
@@ -21,41 +21,10 @@ if TYPE_CHECKING:
     from pep.ports import Clock
     from pep.rtde.carriage import Word
     from pep.rtde.lease import Lease, Leases
+    from pep.rtde.lines import Line, Ports
 
 PATIENCE_S: Final = 1.0
 """For the id."""
-
-
-class Line(Protocol):
-    """What serves one line of a program, as one of the controller's ports would."""
-
-    def received(self, content: bytes) -> None:
-        """The program sent these bytes."""
-        ...
-
-    def left(self) -> None:
-        """The program has closed its connection, or its lease is over. Nothing more comes, nothing more is taken."""
-        ...
-
-
-class Back(Protocol):
-    """The way back to the program."""
-
-    def send(self, content: bytes) -> None:
-        """Whole frames of the port's protocol: they are dropped whole while the program does not read."""
-        ...
-
-    def close(self) -> None:
-        """End the connection, as the controller would."""
-        ...
-
-
-class Ports(Protocol):
-    """All ports of the controller, for the holder of a lease."""
-
-    async def open(self, lease: Lease, port: int, back: Back) -> Line | Reason:
-        """A connection to that port; or why there is none. What is sent before it returns is not lost."""
-        ...
 
 
 class LeasePort:

@@ -21,7 +21,8 @@ from pep.rtde.lease_port import LeasePort
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE, HOST, ManualClock, Rig
 from ztpm.peer import user_of
-from ztpm.program_ports import UNREAD_BYTES, ProgramPorts
+from pep.rtde.lines import UNREAD_BYTES
+from ztpm.program_ports import ProgramPorts
 
 URL = AUDIENCE + PATH
 ECHO, BIG, SHUT = 30004, 30003, 29999

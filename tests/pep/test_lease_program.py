@@ -11,7 +11,8 @@ from tests.pep.kit import HOST, Rig
 from tests.pep.test_cell import Child
 from tests.pep.test_lease import OWN, House, until
 from pep.clock import SystemClock
-from ztpm.program_ports import PORTS, ProgramPorts
+from pep.rtde.lines import PORTS
+from ztpm.program_ports import ProgramPorts
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120)]
 START = (-0.8, -1.62, 1.25, -1.2, -1.57, 0.0)

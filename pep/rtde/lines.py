@@ -1,0 +1,109 @@
+"""What a gateway is made of: lines, each from one client to one of the controller's ports, and where they lead."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Final, Protocol
+
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.rtde.lease import Lease
+
+DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
+READ_ONLY: Final = (30011, 30012, 30013)
+PORTS: Final = (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE, *READ_ONLY)
+"""Of a UR controller, that a client library has reason to ask for."""
+UNREAD_BYTES: Final = 1 << 20
+"""So much is kept for a client that does not read; more is dropped, whole frames at a time, as a controller does.
+
+ur_rtde never reads what port 30003 sends it 500 times a second.
+"""
+CONNECT_S: Final = 2.0
+
+
+class Line(Protocol):
+    """What serves one line of a program, as one of the controller's ports would."""
+
+    def received(self, content: bytes) -> None:
+        """The program sent these bytes."""
+        ...
+
+    def left(self) -> None:
+        """The program has closed its connection, or its lease is over. Nothing more comes, nothing more is taken."""
+        ...
+
+
+class Back(Protocol):
+    """The way back to the program."""
+
+    def send(self, content: bytes) -> None:
+        """Whole frames of the port's protocol: they are dropped whole while the program does not read."""
+        ...
+
+    def close(self) -> None:
+        """End the connection, as the controller would."""
+        ...
+
+
+class Ports(Protocol):
+    """All ports of the controller."""
+
+    async def open(self, lease: Lease | None, port: int, back: Back) -> Line | Reason:
+        """A connection to that port, for the holder of that lease or for anybody; or why there is none.
+
+        What is sent before it returns is not lost.
+        """
+        ...
+
+
+class Upstream(asyncio.Protocol):
+    """Our own connection to one port of the controller.
+
+    Args:
+        heard: is given what comes.
+        gone: is told when the controller has closed it.
+    """
+
+    def __init__(self, heard: Callable[[bytes], None], gone: Callable[[], None]) -> None:
+        self._heard = heard
+        self._gone = gone
+        self._transport: asyncio.Transport | None = None
+
+    async def reach(self, host: str, port: int) -> Reason | None:
+        """Connect; None when it is done."""
+        try:
+            async with asyncio.timeout(CONNECT_S):
+                await asyncio.get_running_loop().create_connection(lambda: self, host, port)
+        except (OSError, TimeoutError):
+            return Reason.ROBOT_NOT_RUNNING
+        return None
+
+    def send(self, content: bytes) -> None:
+        """To the controller."""
+        if self._transport is not None:
+            self._transport.write(content)
+
+    def close(self) -> None:
+        """Nothing more is heard."""
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.close()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The connection is there."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        """What the controller says."""
+        if self._transport is not None:
+            self._heard(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+        """The controller has ended it."""
+        if self._transport is not None:
+            self._transport = None
+            self._gone()

@@ -1,0 +1,159 @@
+"""One client's RTDE connection between the client and the controller: both ends are read, and said anew.
+
+Whoever has no lease gets outputs, at the frequency it asks for, one for one; the inputs it asks for belong to somebody
+else, as a controller says of those that another client owns. Bytes in, bytes out; what is outside the protocol raises
+`WireError`, and the connection ends.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, assert_never
+
+from pep.rtde.codec import MAX_FRAME, Framer, Recipe, decode_answer, decode_request, encode_answer, encode_request
+from pep.rtde.messages import (
+    AskControlVersion,
+    ControlVersion,
+    InputsAnswer,
+    Message,
+    OutputsAnswer,
+    Pause,
+    PauseAnswer,
+    ProtocolAnswer,
+    RequestProtocol,
+    SetupInputs,
+    SetupOutputs,
+    Start,
+    StartAnswer,
+    Values,
+    WireError,
+    WireFault,
+)
+from pep.rtde.variables import INPUTS, VariableType
+
+if TYPE_CHECKING:
+    from pep.rtde.codec import Frame
+    from pep.rtde.messages import Answer, Request
+
+UNANSWERED: Final = 8
+"""Requests that may wait for their answers. No client library sends a second one before the first is answered."""
+RECIPES: Final = 255
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What is to be sent now, each in whole frames."""
+
+    to_robot: bytes = b""
+    to_client: bytes = b""
+
+
+class StateRelay:
+    """A connection without a lease."""
+
+    def __init__(self) -> None:
+        self._from_client, self._from_robot = Framer(), Framer(MAX_FRAME)
+        self._protocol = 1
+        self._waiting: deque[Request | Answer] = deque()
+        self._outputs: dict[int | None, Recipe] = {}
+        self._set_up = self._started = False
+
+    def asked(self, received: bytes) -> Said:
+        """The client sent these bytes.
+
+        Raises:
+            WireError: see `pep.rtde.codec`; too many requests at once, a protocol version in the middle, or values.
+        """
+        to_robot, to_client = bytearray(), bytearray()
+        for frame in self._from_client.feed(received):
+            request = decode_request(frame, self._protocol)
+            own = self._judged(request)
+            if len(self._waiting) >= UNANSWERED:
+                raise WireError(WireFault.PAYLOAD, "requests that nobody waits for")
+            if own is None:
+                self._waiting.append(request)
+                to_robot += encode_request(request, self._protocol)
+            elif self._waiting:
+                self._waiting.append(own)
+            else:
+                to_client += encode_answer(own, self._protocol)
+        return Said(bytes(to_robot), bytes(to_client))
+
+    def answered(self, received: bytes) -> Said:
+        """The controller sent these bytes.
+
+        Raises:
+            WireError: see `pep.rtde.codec`; an answer that nobody asked for.
+        """
+        to_client = bytearray()
+        for frame in self._from_robot.feed(received):
+            to_client += self._passed(frame)
+            while self._waiting and isinstance(self._waiting[0], InputsAnswer):
+                to_client += encode_answer(self._waiting.popleft(), self._protocol)  # type: ignore[arg-type]
+        return Said(to_client=bytes(to_client))
+
+    def _judged(self, request: Request) -> InputsAnswer | None:
+        """The answer that the controller is not asked for; None for a request that goes on to it."""
+        match request:
+            case RequestProtocol():
+                if self._set_up or self._waiting:
+                    raise WireError(WireFault.PAYLOAD, "a protocol version in the middle")
+            case SetupInputs(names):
+                self._set_up = True
+                return InputsAnswer(tuple(map(_belongs, names)), 0)
+            case SetupOutputs():
+                self._set_up = True
+                if len(self._outputs) >= RECIPES:
+                    raise WireError(WireFault.FIELD_LIST, "more recipes than there are numbers")
+            case Start() | Pause():
+                self._set_up = True
+            case AskControlVersion():
+                pass
+            case Values() | Message():
+                raise WireError(WireFault.KIND, "values of inputs that were not had")
+            case _:
+                assert_never(request)
+        return None
+
+    def _passed(self, frame: Frame) -> bytes:
+        """What the client is told of a frame."""
+        answer = decode_answer(frame, self._protocol)
+        match answer:
+            case Values(number, packed):
+                recipe = self._outputs.get(number)
+                if recipe is None or len(packed) != recipe.size:
+                    raise WireError(WireFault.PAYLOAD, "values of no recipe")
+                return encode_answer(answer, self._protocol)
+            case Message():
+                # Before the stream begins a client takes the next frame for its answer, whatever it is.
+                return encode_answer(answer, self._protocol) if self._started else b""
+            case _:
+                return self._taken(answer)
+
+    def _taken(
+        self, answer: ProtocolAnswer | ControlVersion | OutputsAnswer | InputsAnswer | StartAnswer | PauseAnswer
+    ) -> bytes:
+        request = self._waiting.popleft() if self._waiting else None
+        match request, answer:
+            case RequestProtocol(version), ProtocolAnswer(accepted):
+                said = encode_answer(answer, self._protocol)
+                if accepted:
+                    self._protocol = version
+                return said
+            case SetupOutputs(names), OutputsAnswer(types, number):
+                if not {VariableType.NOT_FOUND, VariableType.IN_USE}.intersection(types):
+                    self._outputs[number] = Recipe(names, types)
+            case Start(), StartAnswer(accepted):
+                self._started = accepted
+            case Pause(), PauseAnswer(accepted):
+                self._started = self._started and not accepted
+            case AskControlVersion(), ControlVersion():
+                pass
+            case _:
+                raise WireError(WireFault.KIND, "an answer that nobody asked for")
+        return encode_answer(answer, self._protocol)
+
+
+def _belongs(name: str) -> VariableType:
+    return VariableType.IN_USE if name in INPUTS else VariableType.NOT_FOUND

@@ -1,0 +1,270 @@
+"""A client without a lease: real ur_rtde sees everything, and nothing that it says moves or sets anything."""
+
+import asyncio
+import contextlib
+import socket
+import struct
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pep.rtde.codec import Framer, decode_answer, encode_answer, encode_request
+from pep.rtde.gateway import Gateway, StatePorts
+from pep.rtde.lines import DASHBOARD, REALTIME
+from pep.rtde.messages import (
+    AskControlVersion,
+    ControlVersion,
+    InputsAnswer,
+    Message,
+    OutputsAnswer,
+    Pause,
+    PauseAnswer,
+    ProtocolAnswer,
+    RequestProtocol,
+    SetupInputs,
+    SetupOutputs,
+    Start,
+    StartAnswer,
+    Values,
+    WireError,
+)
+from pep.rtde.relay import UNANSWERED, StateRelay
+from pep.rtde.state import ReceivedState
+from pep.rtde.variables import VariableType
+from tests.pep.kit import HOST
+from tests.pep.test_cell import Child
+
+D = VariableType.DOUBLE
+HERE = f"{HOST.rsplit('.', 1)[0]}.13"
+
+
+def read(said, protocol=2):
+    return [decode_answer(frame, protocol) for frame in Framer(0xFFFF).feed(said)]
+
+
+class Talk:
+    """A relay with both its neighbours made by hand."""
+
+    def __init__(self):
+        self.relay = StateRelay()
+
+    def ask(self, *requests, protocol=2):
+        return self.relay.asked(b"".join(encode_request(each, protocol) for each in requests))
+
+    def answer(self, *answers, protocol=2):
+        return self.relay.answered(b"".join(encode_answer(each, protocol) for each in answers)).to_client
+
+    def begun(self):
+        self.ask(RequestProtocol(2), protocol=1)
+        self.answer(ProtocolAnswer(True), protocol=1)
+        return self
+
+    def streaming(self):
+        self.begun().ask(SetupOutputs(("timestamp",), 500.0))
+        self.answer(OutputsAnswer((D,), 1))
+        self.ask(Start())
+        self.answer(StartAnswer(True))
+        return self
+
+
+def package(value=1.5, number=1):
+    return Values(number, struct.pack(">d", value))
+
+
+def test_inputs_belong_to_somebody_else_and_the_controller_is_not_asked():
+    said = Talk().begun().ask(SetupInputs(("input_int_register_0", "input_double_register_0", "nothing")))
+    assert said.to_robot == b""
+    assert read(said.to_client) == [InputsAnswer((VariableType.IN_USE, VariableType.IN_USE, VariableType.NOT_FOUND), 0)]
+
+
+def test_answers_keep_the_order_of_their_requests():
+    talk = Talk().begun()
+    said = talk.ask(AskControlVersion(), SetupInputs(("input_int_register_0",)))
+    assert said.to_client == b""
+    version = ControlVersion(5, 11, 0, 0)
+    assert read(talk.answer(version)) == [version, InputsAnswer((VariableType.IN_USE,), 0)]
+
+
+def test_packages_go_one_for_one():
+    talk = Talk().streaming()
+    assert read(talk.answer(package(1.0), package(2.0))) == [package(1.0), package(2.0)]
+    text = Message("hello", "robot", 3)
+    assert read(talk.answer(text)) == [text]
+    talk.ask(Pause())
+    assert read(talk.answer(package(3.0), PauseAnswer(True), text)) == [package(3.0), PauseAnswer(True)]
+
+
+def test_a_text_during_set_up_is_kept_from_a_client_that_would_take_it_for_its_answer():
+    talk = Talk().begun()
+    talk.ask(SetupOutputs(("timestamp",), 500.0))
+    assert talk.answer(Message("hello", "robot", 3)) == b""
+
+
+@pytest.mark.parametrize(
+    "requests",
+    [
+        [Values(1, b"\0" * 4)],
+        [Message("go", "me", 3)],
+        [AskControlVersion()] * (UNANSWERED + 1),
+        [AskControlVersion(), RequestProtocol(1)],
+        [SetupInputs(("input_int_register_0",)), RequestProtocol(1)],
+    ],
+)
+def test_what_a_client_may_not_say_ends_the_connection(requests):
+    with pytest.raises(WireError):
+        Talk().begun().ask(*requests)
+
+
+@pytest.mark.parametrize(
+    "answers",
+    [
+        [package(number=2)],
+        [Values(1, b"\0" * 9)],
+        [StartAnswer(True)],
+        [ProtocolAnswer(True)],
+        [OutputsAnswer((D,), 1)],
+    ],
+)
+def test_what_no_controller_says_ends_it_too(answers):
+    with pytest.raises(WireError):
+        Talk().streaming().answer(*answers)
+
+
+@given(st.lists(st.binary(max_size=40), max_size=8), st.booleans())
+def test_nothing_but_a_wire_error_comes_of_any_bytes(pieces, robot):
+    talk = Talk().streaming()
+    for piece in pieces:
+        try:
+            said = talk.relay.answered(piece) if robot else talk.relay.asked(piece)
+        except WireError:
+            return
+        assert robot or all(frame.kind is not None for frame in Framer().feed(said.to_robot))
+
+
+# ---- on the wire
+
+
+@pytest.fixture(scope="module")
+def controller():
+    child = Child("pep.sim", "--host", HOST)
+    yield child
+    child.end()
+
+
+@pytest.fixture(scope="module")
+def gateway(controller):
+    """A gateway in a thread of its own, since the clients of this process block."""
+    loop, ready = asyncio.new_event_loop(), threading.Event()
+
+    async def serve():
+        gateway, ended = Gateway(StatePorts(HOST)), asyncio.Event()
+        await gateway.listen(HERE)
+        stop.append(lambda: loop.call_soon_threadsafe(ended.set))
+        ready.set()
+        await ended.wait()
+        gateway.close()
+        await asyncio.sleep(0)
+
+    stop = []
+    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
+    thread.start()
+    assert ready.wait(10)
+    yield HERE
+    stop[0]()
+    thread.join(10)
+    loop.close()
+
+
+def program(text, *arguments):
+    """The last line that an unmodified program prints, in a process of its own: ur_rtde's constructors wait for nobody."""
+    ran = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(text), *arguments],
+        capture_output=True,
+        text=True,
+        timeout=40,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stderr
+    return ran.stdout.splitlines()[-1]
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(60)
+def test_a_receiver_sees_what_it_would_see_at_the_robot(gateway):
+    told = program(
+        """
+        import sys, time
+        from rtde_receive import RTDEReceiveInterface
+        here, direct = (RTDEReceiveInterface(host) for host in sys.argv[1:])
+        first = here.getTimestamp()
+        while here.getTimestamp() < first + 2.0:
+            time.sleep(0.001)
+        print(max(abs(a - b) for a, b in zip(here.getActualQ(), direct.getActualQ())))
+        here.disconnect(), direct.disconnect()
+        """,
+        gateway,
+        HOST,
+    )
+    assert float(told) < 1e-9
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(60)
+def test_who_would_move_or_set_cannot_even_begin(gateway):
+    said = program(
+        """
+        import sys
+        from rtde_control import RTDEControlInterface
+        try:
+            RTDEControlInterface(sys.argv[1], 500.0, RTDEControlInterface.FLAG_NO_WAIT | 0x40 | 0x80)
+            print("connected")
+        except RuntimeError as error:
+            print("refused", error)
+        """,
+        gateway,
+    )
+    assert said.startswith("refused")
+    state = ReceivedState(HOST)
+    before = state.read()
+    program(
+        """
+        import sys
+        from rtde_io import RTDEIOInterface
+        try:
+            io = RTDEIOInterface(sys.argv[1])
+            io.setStandardDigitalOut(2, True)
+            io.setSpeedSlider(0.2)
+        except RuntimeError:
+            pass
+        print("tried", flush=True)
+        import os
+        os._exit(0)
+        """,
+        gateway,
+    )
+    after = state.read()
+    state.close()
+    assert (after.q_rad, after.slider) == (before.q_rad, before.slider)
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(60)
+def test_no_program_comes_through_and_a_closed_port_is_closed(gateway):
+    state = ReceivedState(HOST)
+    before = state.read().q_rad
+    with socket.create_connection((gateway, REALTIME), timeout=5) as link:
+        link.sendall(b"def p():\n movej([0,-1,1,-1,-1,0], a=3, v=3)\nend\n")
+        received = link.recv(4)
+        assert int.from_bytes(received, "big") >= 1_000, "the stream of states"
+        time.sleep(0.5)
+    assert state.read().q_rad == before
+    state.close()
+    with socket.create_connection((gateway, DASHBOARD), timeout=5) as link:
+        with contextlib.suppress(ConnectionResetError):
+            assert link.recv(1) == b""
