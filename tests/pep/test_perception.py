@@ -642,7 +642,8 @@ def test_what_breaks_in_any_question_is_a_fault_of_its_own_reason(world, monkeyp
         raise broken
 
     asked = physics(world, robot=ARM)
-    assert isinstance(asked.assess(request(), touch=frozenset()).impact, ImpactReading)  # its motion is known from here on
+    # Its motion is known from here on.
+    assert isinstance(asked.assess(request(), touch=frozenset()).impact, ImpactReading)
     monkeypatch.setattr("pep.world.scene_of", breaks)
     assert asked.assess(request(), touch=frozenset()).impact.reason == reason
     assert asked.together(request(), start_urad=(0,) * 6, touch=frozenset()).reason == reason
