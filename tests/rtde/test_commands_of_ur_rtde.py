@@ -205,7 +205,10 @@ def test_the_upper_range_says_the_same(tmp_path):
         try:
             assert tuple(hear(between.said(RTDE)[0], upper.profile).recipes) == control_recipes(24)
             for name, arguments, command in CALLS:
-                if name in ("moveJ", "speedJ", "speedStop", "poseTrans", "setExternalForceTorque") and len(arguments) > 1:
+                if (
+                    name in ("moveJ", "speedJ", "speedStop", "poseTrans", "setExternalForceTorque")
+                    and len(arguments) > 1
+                ):
                     assert upper.call(name, arguments) == [command]
         finally:
             upper.control.disconnect()

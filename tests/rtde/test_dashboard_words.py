@@ -60,7 +60,21 @@ def test_the_classes_are_those_of_the_reference():
 
 
 INJECTIONS = (
-    *(";reboot", "$(reboot)", "`reboot`", "|sh", "&&sh", "> /x", "< /x", "a\nstop", "a\rstop", "'a'", '"a"', "a\\b", "~"),
+    *(
+        ";reboot",
+        "$(reboot)",
+        "`reboot`",
+        "|sh",
+        "&&sh",
+        "> /x",
+        "< /x",
+        "a\nstop",
+        "a\rstop",
+        "'a'",
+        '"a"',
+        "a\\b",
+        "~",
+    ),
     *("*", "?", "#", "{a}", "[a]", "!a", "%s", "a\0b", "\x1b[2J", "é", "a\u2028b", "a\x85b", "(a)", "=a", "a@b"),
 )
 
@@ -89,7 +103,11 @@ SAFE = re.compile(rb"[A-Za-z0-9 .,:_/-]{1,256}\n")
 
 
 @settings(max_examples=500)
-@given(st.one_of(st.binary(max_size=300), st.builds(lambda w, t: f"{w} {t}".encode(), st.sampled_from(sorted(LINES)), st.text())))
+@given(
+    st.one_of(
+        st.binary(max_size=300), st.builds(lambda w, t: f"{w} {t}".encode(), st.sampled_from(sorted(LINES)), st.text())
+    )
+)
 def test_whatever_is_said_is_refused_or_says_itself_again(line):
     found = parse_line(line)
     if isinstance(found, Line):
