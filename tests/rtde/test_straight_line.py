@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from pep.rtde.command_values import StopJ, StopL
 from pep.rtde.io_commands import Bank, SetDigitalOutputs
 from pep.rtde.move_path import PathMove, Waypoint
+from pep.rtde.program import OURS
 from pep.rtde.refused import Refused
 from pep.rtde.statements import NAME, Sleep, StraightLine, TextMessage, WriteOutputDouble, WriteOutputInteger
 from pep.rtde.straight_line import MAX_STATEMENTS, MAX_TEXT, STATEMENTS, straight_line
@@ -48,6 +49,11 @@ def test_each_statement_alone_and_in_a_definition(text, statement):
         assert set(found.statements) == {statement}
         assert straight_line(found.render()) == found
         assert found.render().startswith(f"def {NAME}():\n")
+
+
+def test_no_program_passes_for_the_control_script():
+    assert NAME != OURS
+    assert straight_line(f"def {OURS}():\n  sleep(0)\nend\n").render().startswith(f"def {NAME}():\n")
 
 
 def test_the_simulated_robot_takes_what_is_sent():
