@@ -90,8 +90,6 @@ class Image:
 def _zero(kind: VariableType) -> Value:
     if kind in WIDTH:
         return (0.0,) * WIDTH[kind]
-    if kind is VariableType.BOOL:
-        return False
     return 0.0 if kind is VariableType.DOUBLE else 0
 
 
@@ -106,21 +104,20 @@ def _misfit(kind: VariableType, value: Value) -> Reason | None:
                 return Reason.PARAMETERS_WRONG
             low, beyond = _WHOLE[kind]
             return None if low <= value < beyond else Reason.OUT_OF_RANGE
-        case VariableType.BOOL:
-            return None if type(value) is bool else Reason.PARAMETERS_WRONG
         case VariableType.DOUBLE:
             return None if type(value) is float else Reason.PARAMETERS_WRONG  # NaN too
         case VariableType.VECTOR6D:
             fits = isinstance(value, tuple) and len(value) == WIDTH[kind] and all(type(item) is float for item in value)
             return None if fits else Reason.PARAMETERS_WRONG
         case (
-            VariableType.UINT64
+            VariableType.BOOL
+            | VariableType.UINT64
             | VariableType.VECTOR3D
             | VariableType.VECTOR6INT32
             | VariableType.VECTOR6UINT32
             | VariableType.NOT_FOUND
             | VariableType.IN_USE
         ):
-            raise AssertionError(f"no input is of type {kind}")
+            raise AssertionError(f"no profile has a variable of type {kind}")
         case _:
             assert_never(kind)

@@ -24,6 +24,8 @@ def test_the_39_recipes_of_ur_rtde_are_taken_and_have_their_sizes(offset):
     assert tuple(recipe.size for recipe in found) == CONTROL
     assert all(isinstance(both.set_up(names), Recipe) for names in io_recipes(offset))
     assert len(io_recipes(offset)) == 16
+    types = {INPUTS[name] for names in (*control_recipes(offset), *io_recipes(offset)) for name in names}
+    assert {str(kind) for kind in types} == {"INT32", "DOUBLE", "UINT8", "UINT32", "VECTOR6D"}  # what an image knows
     for names in (*control_recipes(offset), *io_recipes(offset)):
         registers = [int(name.rsplit("_", 1)[1]) for name in names if "_register_" in name]
         assert all(offset <= register < offset + 24 for register in registers)
