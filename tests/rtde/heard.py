@@ -1,0 +1,46 @@
+"""What a client's bytes on port 30004 say, read with the parts that the gateway will read them with."""
+
+from dataclasses import dataclass, field
+
+from pep.rtde.changes import Change, changes
+from pep.rtde.codec import Framer, decode_request
+from pep.rtde.image import Image
+from pep.rtde.io_commands import IoCommand, decode_io
+from pep.rtde.messages import SetupInputs, Values
+from pep.rtde.recipes import Ignored, InputRecipes, Profile
+from pep.rtde.refused import Refused
+
+
+@dataclass
+class Heard:
+    """What one connection has said."""
+
+    recipes: list[tuple[str, ...]] = field(default_factory=list)
+    changes: list[Change | Refused | Ignored] = field(default_factory=list)
+    outputs: list[IoCommand] = field(default_factory=list)
+    image: Image | None = None
+
+
+def hear(said: bytes, profile: Profile) -> Heard:
+    """What `said` means; a refusal of the reader itself fails."""
+    heard, image, recipes = Heard(), Image.blank(profile), InputRecipes(profile)
+    for frame in Framer().feed(said):
+        match decode_request(frame, 2):
+            case SetupInputs(names):
+                assert not isinstance(recipes.set_up(names), Refused)
+                heard.recipes.append(names)
+            case Values() as values:
+                package = recipes.read(values)
+                if isinstance(package, Ignored):
+                    heard.changes.append(package)
+                    continue
+                assert not isinstance(package, Refused)
+                after = image.merge(package)
+                assert not isinstance(after, Refused)
+                heard.changes.append(changes(image, after))
+                outputs = decode_io(after, package)
+                assert not isinstance(outputs, Refused)
+                heard.outputs += outputs
+                image = after
+    heard.image = image
+    return heard
