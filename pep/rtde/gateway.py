@@ -6,16 +6,33 @@ Each connection is ended here and begun anew at the robot; nothing goes through 
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, assert_never
 
-from pep.rtde.lines import PORTS, PRIMARY, READ_ONLY, REALTIME, RTDE, SECONDARY, UNREAD_BYTES, Upstream
+from pep.rtde.command_values import StopJ, StopL
+from pep.rtde.dashboard_words import MAX_LINE, LineClass, parse_line
+from pep.rtde.lines import DASHBOARD, PORTS, PRIMARY, READ_ONLY, REALTIME, RTDE, SECONDARY, UNREAD_BYTES, Upstream
 from pep.rtde.messages import WireError
+from pep.rtde.refused import Refused
 from pep.rtde.relay import StateRelay
+from pep.rtde.statements import StraightLine
+from pep.rtde.straight_line import straight_line
+from pep.rtde.urscript import ProgramStream, ScriptError
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
-    from pep.rtde.lines import Back, Line, Ports
+    from pep.rtde import lines
+    from pep.rtde.dashboard_words import Line
+    from pep.rtde.lines import Back, Ports
 
+MAX_STOP: Final = 4_096
+"""Characters of a program that only stops."""
+STOP_PROGRAM: Final = "stop program"
+"""What UR's own client says on the primary port."""
+LENGTH_BYTES: Final = 4
+FRAME_BYTES: Final = 65_536
+"""Of a stream of states: the controller's longest has some 1.5 KiB, a popup's text may have more."""
+ANSWER_BYTES: Final = 4_096
+"""Of one line of the dashboard."""
 CONNECTIONS: Final = 64
 """Strangers at once, on all ports together."""
 
@@ -62,22 +79,129 @@ class StatePort:
         self._back.close()
 
 
-class StreamPort:
-    """Serves a stream of states; nothing that the client says is heard.
+class DashboardPort:
+    """Serves the dashboard without a lease: questions, and what ends motion or takes a notice away.
 
     Args:
         back: the way back to the client.
     """
 
     def __init__(self, back: Back) -> None:
-        self.robot = Upstream(back.send, back.close)
+        self._back = back
+        self._asked, self._said = bytearray(), bytearray()
+        self.robot = Upstream(self._heard, back.close)
 
     def received(self, content: bytes) -> None:
-        """Programs come this way: none without a lease."""
+        """The client sent these bytes."""
+        self._asked += content
+        while (end := self._asked.find(b"\n")) >= 0:
+            line = parse_line(bytes(self._asked[:end]))
+            del self._asked[: end + 1]
+            if not self._answers(line):
+                return
+        if len(self._asked) > MAX_LINE:
+            self._end()
 
     def left(self) -> None:
         """The client has gone."""
         self.robot.close()
+
+    def _answers(self, line: Line | Refused) -> bool:
+        """Whether the conversation goes on. What is refused is told in the dashboard's own way, without the text."""
+        if isinstance(line, Refused):
+            self._back.send(b"could not understand\n")
+            return True
+        match line.row.line_class:
+            case LineClass.ALLOW | LineClass.READ:
+                self.robot.send(line.render())
+            case LineClass.DECIDE | LineClass.HUMAN | LineClass.DENY:
+                self._back.send(f"Failed to execute: {line.row.words}\n".encode())
+            case LineClass.LOCAL:
+                self._back.send(b"Disconnected\n")
+                self._end()
+                return False
+            case _:
+                assert_never(line.row.line_class)
+        return True
+
+    def _heard(self, content: bytes) -> None:
+        self._said += content
+        end = self._said.rfind(b"\n") + 1
+        if end:
+            self._back.send(bytes(self._said[:end]))
+            del self._said[:end]
+        if len(self._said) > ANSWER_BYTES:
+            self._end()
+
+    def _end(self) -> None:
+        self.robot.close()
+        self._back.close()
+
+
+class StreamPort:
+    """Serves a read-only port: its stream of states, frame by frame; nothing that the client says is heard.
+
+    Args:
+        back: the way back to the client.
+    """
+
+    def __init__(self, back: Back) -> None:
+        self._back = back
+        self._said = bytearray()
+        self.robot = Upstream(self._heard, back.close)
+
+    def received(self, content: bytes) -> None:
+        """Dropped, as a controller drops it."""
+
+    def left(self) -> None:
+        """The client has gone."""
+        self.robot.close()
+
+    def _heard(self, content: bytes) -> None:
+        """Each frame begins with its own length in four bytes."""
+        self._said += content
+        while len(self._said) >= LENGTH_BYTES:
+            length = int.from_bytes(self._said[:LENGTH_BYTES], "big")
+            if not LENGTH_BYTES < length <= FRAME_BYTES:
+                self.end()
+                return
+            if len(self._said) < length:
+                return
+            self._back.send(bytes(self._said[:length]))
+            del self._said[:length]
+
+    def end(self) -> None:
+        """Both connections."""
+        self.robot.close()
+        self._back.close()
+
+
+class ScriptPort(StreamPort):
+    """Serves a script port without a lease: the same stream, and programs that do nothing but stop the arm.
+
+    Args:
+        back: the way back to the client.
+        stop_deceleration_rad_s2: of the cell's stop model. Whatever stop is asked for, the arm is stopped so: a weak
+            one would be a motion.
+    """
+
+    def __init__(self, back: Back, *, stop_deceleration_rad_s2: float) -> None:
+        super().__init__(back)
+        self._programs = ProgramStream(MAX_STOP)
+        self._stop = StraightLine((StopJ(stop_deceleration_rad_s2, asynchronous=False),)).render().encode()
+
+    def received(self, content: bytes) -> None:
+        """The client sent these bytes."""
+        try:
+            programs = self._programs.feed(content.decode("ascii"))
+        except (ScriptError, UnicodeDecodeError):
+            self.end()
+            return
+        for text in programs:
+            program = straight_line(text)
+            stops = isinstance(program, StraightLine) and all(isinstance(s, StopJ | StopL) for s in program.statements)
+            if stops or text.strip() == STOP_PROGRAM:
+                self.robot.send(self._stop)
 
 
 class StatePorts:
@@ -85,17 +209,23 @@ class StatePorts:
 
     Args:
         robot: host of the controller.
+        stop_deceleration_rad_s2: of the cell's stop model.
     """
 
-    def __init__(self, robot: str) -> None:
+    def __init__(self, robot: str, *, stop_deceleration_rad_s2: float) -> None:
         self._robot = robot
+        self._deceleration = stop_deceleration_rad_s2
 
-    async def open(self, lease: object, port: int, back: Back) -> Line | Reason:  # noqa: ARG002 - the port's own form
+    async def open(self, lease: object, port: int, back: Back) -> lines.Line | Reason:  # noqa: ARG002 - the port's own form
         """A connection to that port."""
-        line: StatePort | StreamPort
+        line: StatePort | DashboardPort | ScriptPort | StreamPort
         if port == RTDE:
             line = StatePort(back)
-        elif port in (PRIMARY, SECONDARY, REALTIME, *READ_ONLY):
+        elif port == DASHBOARD:
+            line = DashboardPort(back)
+        elif port in (PRIMARY, SECONDARY, REALTIME):
+            line = ScriptPort(back, stop_deceleration_rad_s2=self._deceleration)
+        elif port in READ_ONLY:
             line = StreamPort(back)
         else:
             return Reason.NOT_GRANTED
@@ -141,7 +271,7 @@ class _Guest(asyncio.Protocol):
         self._gateway = gateway
         self._ports = ports
         self._port = port
-        self._line: Line | None = None
+        self._line: lines.Line | None = None
         self._early: list[bytes] = []
         self._opening: asyncio.Task[None] | None = None
 

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from pep.rtde.codec import Framer, decode_answer, encode_answer, encode_request
 from pep.rtde.gateway import Gateway, StatePorts
-from pep.rtde.lines import DASHBOARD, REALTIME
+from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, SECONDARY
 from pep.rtde.messages import (
     AskControlVersion,
     ControlVersion,
@@ -36,6 +36,7 @@ from pep.rtde.messages import (
 )
 from pep.rtde.relay import UNANSWERED, StateRelay
 from pep.rtde.state import ReceivedState
+from pep.stopping import STOP_DECELERATION_RAD_S2
 from pep.rtde.variables import VariableType
 from tests.pep.kit import HOST
 from tests.pep.test_cell import Child
@@ -163,7 +164,7 @@ def gateway(controller):
     loop, ready = asyncio.new_event_loop(), threading.Event()
 
     async def serve():
-        gateway, ended = Gateway(StatePorts(HOST)), asyncio.Event()
+        gateway, ended = Gateway(StatePorts(HOST, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2)), asyncio.Event()
         await gateway.listen(HERE)
         stop.append(lambda: loop.call_soon_threadsafe(ended.set))
         ready.set()
@@ -230,6 +231,7 @@ def test_who_would_move_or_set_cannot_even_begin(gateway):
         gateway,
     )
     assert said.startswith("refused")
+    assert "already in use" in said
     state = ReceivedState(HOST)
     before = state.read()
     program(
@@ -253,18 +255,106 @@ def test_who_would_move_or_set_cannot_even_begin(gateway):
     assert (after.q_rad, after.slider) == (before.q_rad, before.slider)
 
 
+FAR, NEAR = (0.0, -1.57, 1.2, -1.2, -1.57, 0.0), (2.5, -1.57, 1.2, -1.2, -1.57, 0.0)
+
+
+def program_text(*lines):
+    return ("def p():\n" + "".join(f"  {line}\n" for line in lines) + "end\n").encode()
+
+
+@contextlib.contextmanager
+def eyes():
+    state = ReceivedState(HOST)
+    try:
+        yield state.read
+    finally:
+        state.close()
+
+
+def until(what):
+    end = time.monotonic() + 15
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
 @pytest.mark.e2e
 @pytest.mark.timeout(60)
-def test_no_program_comes_through_and_a_closed_port_is_closed(gateway):
-    state = ReceivedState(HOST)
-    before = state.read().q_rad
+@pytest.mark.parametrize("port", [PRIMARY, SECONDARY, REALTIME])
+@pytest.mark.parametrize(
+    "said",
+    [
+        program_text(f"movej({list(FAR)}, a=3, v=3)"),
+        program_text("stopj(2)", f"movej({list(FAR)}, a=3, v=3)"),
+        f"movej({list(FAR)}, a=3, v=3)\n".encode(),
+        program_text("while True:", "sync()", "end"),
+        program_text("set_standard_digital_out(1, True)"),
+    ],
+)
+def test_no_program_that_does_more_than_stop_comes_through(gateway, port, said):
+    with eyes() as now, socket.create_connection((gateway, port), timeout=5) as link:
+        before = now()
+        link.sendall(said)
+        assert link.recv(4), "the stream of states goes on"
+        time.sleep(0.2)
+        assert now().q_rad == before.q_rad
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("said", [program_text("stopj(0.01)"), b"stopl(0.01)\n", b"stop program\n"])
+def test_anybody_stops_and_as_hard_as_the_cell_says(gateway, said):
+    with eyes() as now:
+        target = FAR if abs(now().q_rad[0] - NEAR[0]) < 0.1 else NEAR
+        with socket.create_connection((HOST, SECONDARY), timeout=5) as robot:
+            robot.sendall(program_text(f"movej({list(target)}, a=1.4, v=1.0)"))
+            until(lambda: max(map(abs, now().qd_rad_s)) > 0.9)
+            with socket.create_connection((gateway, SECONDARY), timeout=5) as link:
+                link.sendall(said)
+                asked = time.monotonic()
+                until(lambda: max(map(abs, now().qd_rad_s)) < 1e-3)
+            # 1 rad/s at 8 rad/s2 is 0.125 s; at 0.01 it would be 100 s
+            assert time.monotonic() - asked < 2.0
+            assert abs(now().q_rad[0] - target[0]) > 0.1
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(60)
+def test_what_is_no_text_ends_the_connection(gateway):
     with socket.create_connection((gateway, REALTIME), timeout=5) as link:
-        link.sendall(b"def p():\n movej([0,-1,1,-1,-1,0], a=3, v=3)\nend\n")
-        received = link.recv(4)
-        assert int.from_bytes(received, "big") >= 1_000, "the stream of states"
-        time.sleep(0.5)
-    assert state.read().q_rad == before
-    state.close()
-    with socket.create_connection((gateway, DASHBOARD), timeout=5) as link:
+        link.sendall(b"\xff\xfe\n")
         with contextlib.suppress(ConnectionResetError):
-            assert link.recv(1) == b""
+            while link.recv(65_536):
+                pass
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(60)
+def test_the_dashboard_answers_questions_stops_and_nothing_else(gateway):
+    with socket.create_connection((gateway, DASHBOARD), timeout=5) as link, link.makefile("rwb") as lines:
+        assert lines.readline() == b"Connected: Universal Robots Dashboard Server\n"
+
+        def said(line):
+            lines.write(line + b"\n")
+            lines.flush()
+            return lines.readline().decode().strip()
+
+        assert said(b"robotmode") == "Robotmode: RUNNING"
+        assert said(b"stop") in {"Stopped", "Failed to execute: stop"}
+        assert said(b"play") == "Failed to execute: play"
+        assert said(b"power on") == "Failed to execute: power on"
+        assert said(b"unlock protective stop") == "Failed to execute: unlock protective stop"
+        assert said(b"load x.urp; reboot") == "could not understand"
+        assert said(b"robotmode") == "Robotmode: RUNNING"
+        assert said(b"quit") == "Disconnected"
+        assert lines.readline() == b""
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(60)
+def test_a_dashboard_line_without_end_ends_the_connection(gateway):
+    with socket.create_connection((gateway, DASHBOARD), timeout=5) as link, link.makefile("rwb") as lines:
+        lines.readline()
+        link.sendall(b"robotmode " * 100)
+        with contextlib.suppress(ConnectionResetError):
+            assert lines.readline() == b""
