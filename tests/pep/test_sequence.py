@@ -39,14 +39,16 @@ def sequence(clock):
     return Sequence(clock)
 
 
-def reading(sequence, request=A, start=HOME, agent="robotic", **given):
-    impact = given.pop("impact", replace(world.asked()[1].impact, start_urad=start))
-    robot = given.pop("robot", world.asked()[1].robot)
-    return sequence.reading(request, agent=agent, impact=impact, robot=robot, unfinished=False)
+READY = world.asked()[1].robot
 
 
 def standing(start):
     return replace(world.asked()[1].impact, start_urad=start)
+
+
+def reading(sequence, request=A, start=HOME, agent="robotic", *, impact=None, robot=READY, together=None):
+    impact = impact or standing(start)
+    return sequence.reading(request, agent=agent, impact=impact, robot=robot, unfinished=False, together=together)
 
 
 def done(sequence, request, *, arrived=True, agent="robotic", start=HOME):
@@ -134,7 +136,7 @@ def test_what_could_not_be_computed_is_not_known(sequence):
     found = reading(sequence, impact=ImpactFault("PHYSICS_FAULT"))
     assert (found.tier, found.index_milli) == (None, None)
     assert not reading(sequence, robot=NOT_COLLECTED).held_known
-    unknown = replace(world.asked()[1].robot, expected_payload_g=None)
+    unknown = replace(READY, expected_payload_g=None)
     assert not reading(sequence, robot=unknown).held_known
 
 
@@ -246,13 +248,6 @@ def test_paths_and_streams_are_parts_of_a_way(sequence):
 
 
 def test_the_whole_counts_when_it_is_higher_and_a_fault_of_it_is_no_tier(sequence):
-    impact = standing(HOME)
-
-    def read(together):
-        return sequence.reading(
-            A, agent="robotic", impact=impact, robot=world.asked()[1].robot, unfinished=False, together=together
-        )
-
     for together, tier, index_milli in (
         (None, 1, 1_000),
         (Together(2_700), 3, 2_700),
@@ -261,4 +256,5 @@ def test_the_whole_counts_when_it_is_higher_and_a_fault_of_it_is_no_tier(sequenc
         (Together(0), 1, 1_000),
         (ImpactFault("PHYSICS_FAULT"), None, None),
     ):
-        assert (read(together).tier, read(together).index_milli) == (tier, index_milli)
+        found = reading(sequence, together=together)
+        assert (found.tier, found.index_milli) == (tier, index_milli)
