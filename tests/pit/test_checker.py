@@ -513,7 +513,7 @@ def test_pairs_rows_and_indices_are_those_of_the_room(seed):
     assert timing.peak == pytest.approx(profile.peak_rad_s, rel=1e-12)
     touchable = 0
     for at in range(len(theirs)):
-        pair, row = theirs[at], order.ours[at]
+        pair, row = theirs[at], order[at]
         assert pair.obstacle.kind == str(ours.kind_of(row))
         assert pair.body.radius + pair.obstacle.radius == pytest.approx(float(ours.radii[row]), abs=1e-15)
         assert pair.obstacle.uncertainty == pytest.approx(float(ours.uncertainty[row]), abs=1e-15)
@@ -527,7 +527,7 @@ def test_pairs_rows_and_indices_are_those_of_the_room(seed):
     for at, depth in zip(picked, depths, strict=True):
         width = GRID >> depth
         low = int(rng.integers(1 << depth)) * width
-        rank = np.array([order.ours[at]])
+        rank = np.array([order[at]])
         leaf = path.examine(ours, np.array([low]), np.array([low + width]), rank)
         near = rows.clearance(sweep_, theirs[at], low, low + width)
         rush = sweep_.rush(theirs[at].body, low, low + width)

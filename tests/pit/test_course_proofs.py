@@ -436,7 +436,7 @@ def test_courses_and_ratios_are_those_of_the_room(form):
             for k, name in enumerate(names):
                 assert rush[name] == pytest.approx(float(known[k]), rel=1e-5, abs=1e-7)
             at = int(rng.integers(len(theirs_pairs)))
-            row = np.array([order.ours[at]])
+            row = np.array([order[at]])
             leaf = course.examine(ours, np.array([low]), np.array([low + width]), row)
             near = rows.clearance(theirs.course, theirs_pairs[at], low, low + width)
             assert near == pytest.approx(float(leaf.clear_m[0]), abs=1e-7)
