@@ -224,6 +224,22 @@ def test_a_leg_that_the_controller_does_not_take_ends_the_path(world):
     assert world.arm.target is None
 
 
+@pytest.mark.parametrize("waypoints", [(), (A,) * (WAYPOINTS + 1)])
+def test_no_waypoint_and_too_many_are_no_path(waypoints):
+    with pytest.raises(ValueError):
+        padded(waypoints)
+
+
+def test_after_a_first_leg_that_was_not_taken_no_other_is_sent(world):
+    control = world.drive()._control
+    world.arm.unheard = True
+    with pytest.raises(ActuationRefusedError):
+        control.move_path(PATH, *QUICK, permit=world.permit(MOVE_PATH, numbers(PATH, QUICK)))
+    world.arm.unheard = False
+    assert not control.next_leg()
+    assert world.targets == [0.3]
+
+
 def test_after_a_stop_no_leg_is_sent(world):
     control = world.drive()._control
     control.move_path(PATH, *QUICK, permit=world.permit(MOVE_PATH, numbers(PATH, QUICK)))
