@@ -1,7 +1,7 @@
 """What was done with the arm, as a way through joint space: where each act began, where it led, how fast it was asked.
 
 Small steps in one direction are one way that was cut up. `joined` puts them together again, so that none of them is
-judged as smaller than what they make.
+judged as smaller than what they make (docs/physics.md, PHY-25).
 """
 
 from __future__ import annotations

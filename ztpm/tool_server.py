@@ -168,7 +168,6 @@ class ToolServer:
             clock=self.clock,
             incident=lambda error: self._log("ledger", error),
         )
-        self.survey = survey
         self.cell = surveyed(survey, config.cell)
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)

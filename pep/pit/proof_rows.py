@@ -50,22 +50,14 @@ class Proven:
     places: set[int]
 
 
-@dataclass(frozen=True, slots=True)
-class Order:
-    """The pairs in the order of the certificate (PHY-31): which of ours stands at each place, and the other way."""
-
-    ours: list[int]
-    place: dict[int, int]
-
-
-def order_of(robot: Robot, pairs: Pairs) -> Order:
-    """Self pairs by the names of both capsules; all others as they are."""
+def order_of(robot: Robot, pairs: Pairs) -> list[int]:
+    """Which of our pairs stands at each place of the certificate: those of the arm itself by names, others as ours."""
     own = np.flatnonzero(pairs.kind == pairs.code_of(Kind.SELF)).tolist()
     names = [(inner.name, robot.bodies[body].name) for body, inner in robot.self_pairs]
     ours = list(range(len(pairs)))
     if own:
         ours[own[0] : own[-1] + 1] = [own[k] for k in sorted(range(len(own)), key=names.__getitem__)]
-    return Order(ours, {pair: at for at, pair in enumerate(ours)})
+    return ours
 
 
 class Rows:
@@ -96,22 +88,22 @@ class Rows:
         Raises:
             ProofError: a row that cannot be proven to the answer's index.
         """
-        order = order_of(self.way.robot, self.pairs)
+        place = {pair: at for at, pair in enumerate(order_of(self.way.robot, self.pairs))}
         covers = [""] * len(self.pairs)
         needed: set[int] = set()
         for pair, intervals in self._covers(np.flatnonzero(asked), answer).items():
-            covers[order.place[pair]] = "".join(digit for _, digit in intervals)
+            covers[place[pair]] = "".join(digit for _, digit in intervals)
             needed.update(_places(intervals))
         retreating = np.flatnonzero(~asked)
         if retreating.size:
             needed.update(range(0, GRID + 1, GRID // RETREAT_CUT // 2))
-        met = self._met(answer, asked, order)
+        met = self._met(answer, asked, place)
         needed.update(key for _, low, high in met for key in (low, (low + high) // 2, high))
         return Proven(
             {
                 "cover": covers,
-                "retreating": sorted(order.place[pair] for pair in retreating.tolist()),
-                "meant": sorted(order.place[pair] for pair in np.flatnonzero(self.meant).tolist()),
+                "retreating": sorted(place[pair] for pair in retreating.tolist()),
+                "meant": sorted(place[pair] for pair in np.flatnonzero(self.meant).tolist()),
                 "met": met,
             },
             needed,
@@ -164,8 +156,8 @@ class Rows:
         enough &= ~self.meant[pair] | slow | (leaves.clear_m >= cell.contact_near_m)
         return np.asarray(enough)
 
-    def _met(self, answer: Claimed, asked: NDArray[np.bool_], order: Order) -> list[list[int]]:
-        """Per violated kind, in the order of their names, a pair and the interval in whose middle it is met.
+    def _met(self, answer: Claimed, asked: NDArray[np.bool_], place: dict[int, int]) -> list[list[int]]:
+        """Per violated kind, in the order of their names, a pair's place and the interval in whose middle it is met.
 
         Whatever the search met lies in the middle of an interval that the rows of its answer halve, or at an end of
         one of them.
@@ -188,7 +180,7 @@ class Rows:
                 found = self._met_at_an_end(rows.low[mine], rows.high[mine], np.unique(rows.pair[mine]))
             if found[3] >= 0:
                 raise ProofError("PHYSICS_FAULT", f"no configuration shows the violation {kind}")
-            met.append([order.place[found[0]], *found[1:3]])
+            met.append([place[found[0]], *found[1:3]])
         return met
 
     def _met_at_an_end(

@@ -206,8 +206,9 @@ class Drive:
     ) -> MotionEnd:
         """The move followed to its end, its speed governed, and the speed slider back where it was."""
         arm = Heard(self._state, self._clock)
-        speed = None if least is None else self._speed
-        governor = None if speed is None or least is None else speed.governor(arm, least=least, clock=self._clock)
+        governor: Governor | None = None
+        if self._speed is not None and least is not None:
+            governor = self._speed.governor(arm, least=least, clock=self._clock)
         end: MotionEnd | None = None
         try:
             end = self._follow(targets, send, permit, gone, arm=arm, governor=governor)

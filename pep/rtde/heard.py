@@ -48,5 +48,5 @@ class Heard:
 
     @property
     def silent_ms(self) -> int:
-        """Since when nothing new was said."""
+        """For how many milliseconds nothing new was said."""
         return self._clock.monotonic_ms() - self._heard_ms

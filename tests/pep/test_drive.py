@@ -6,6 +6,7 @@ import threading
 import time
 from concurrent.futures import Future
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,16 +14,17 @@ from capabilities.errors import Fault, FaultCode
 from pep.clock import SystemClock
 from pep.context.frames import Distrusted, FrameFault, Rejected, Seen, Unseen
 from pep.errors import ActuationRefusedError, PepFault, RobotError
-from pep.governor import Pacing
+from pep.governor import Governor, Offer, Pacing, Speeds
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT, digest_of
 from pep.permit import Permit
 from pep.ports import Rest
 from pep.rtde import drive as drive_module
 from pep.rtde import ladder
 from pep.rtde.drive import Drive, End
-from pep.rtde.governed import SpeedControl, least_fraction
+from pep.rtde.governed import SpeedControl, least_fraction, put_back
 from pep.rtde.gripper import Grip
 from pep.rtde.guard import GuardedControl
+from pep.rtde.heard import SILENCE_MS
 from pep.rtde.slider import SpeedSlider
 from pep.rtde.state import JointState, Package
 from pep.watch import Limits, Watch
@@ -737,6 +739,34 @@ def test_an_arm_that_goes_on_after_every_stop_is_not_let_faster(world, monkeypat
     assert end.end is End.ROBOT_FAILED
     assert [change.cause for change in end.changes] == ["person"]
     assert world.arm.sliders == [pytest.approx(0.399)]
+
+
+def test_a_watch_that_breaks_after_it_slowed_down_stops_the_arm_before_it_may_be_faster(world):
+    _, move = slowed(world)
+
+    async def scenario(drive):
+        moving = asyncio.ensure_future(move(drive))
+        await until(lambda: world.arm.scaling < 0.41)
+
+        def broken():
+            raise ZeroDivisionError
+
+        world.view = broken
+        with pytest.raises(ZeroDivisionError):
+            await moving
+
+    driven(world, scenario)
+    assert world.arm.target is None
+    assert world.arm.sliders == [pytest.approx(0.399), 1.0]
+
+
+@pytest.mark.parametrize(("silent_ms", "put"), [(SILENCE_MS, True), (SILENCE_MS + 1, False)])
+def test_an_arm_that_stood_when_it_was_last_heard_may_move_by_now(world, silent_ms, put):
+    governor = Governor(SpeedSlider(world.arm), pacing=PACING, least=0.0, speeds=Speeds(1.0, 1.0, 0), now_ms=0)
+    governor.take(Offer(False, 0.4, 2_100, "person"), running=1.0, heard_ms=0, now_ms=0)
+    arm = SimpleNamespace(look=lambda: True, silent_ms=silent_ms, state=world.arm.here(), speeds=Speeds(1.0, 1.0, 0))
+    put_back(governor, arm, clock=world.clock)
+    assert [change.cause for change in governor.changes] == ["person", *(["ended"] if put else [])]
 
 
 def test_a_slowed_move_may_take_its_time(world, monkeypatch):

@@ -274,6 +274,42 @@ def test_after_the_motion_the_slider_is_where_it_was():
     assert (last.cause, last.fraction, last.confirmed_ms is not None) == ("ended", 1.0, True)
 
 
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -0.1, 1.1])
+def test_a_slider_that_stood_nowhere_is_put_back_to_full_speed(wrong):
+    rig = Rig()
+    rig.governor = Governor(rig, pacing=PACING, least=0.0, speeds=Speeds(wrong, 1.0, rig.now), now_ms=rig.now)
+    slow(rig)
+    assert rig.governor.end(now_ms=rig.now)
+    assert rig.asked == [0.4 - MARGIN, 1.0]
+
+
+def test_nothing_is_asked_for_below_no_speed():
+    rig = Rig(pacing=replace(PACING, slowest=MARGIN / 4))
+    assert rig.judged(False, MARGIN / 2)
+    assert rig.asked == [0.0]
+
+
+def test_a_judgement_about_a_slower_arm_than_there_is_raises_nothing():
+    rig = Rig(pacing=replace(PACING, dwell_ms=0.0))
+    slow(rig)
+    offer = Offer(True, 1.0, 1_000, "")
+    assert rig.governor.take(offer, running=0.39, heard_ms=rig.governor.heard_ms, now_ms=rig.now)
+    assert len(rig.asked) == 1
+    assert rig.governor.take(offer, running=0.4, heard_ms=rig.governor.heard_ms, now_ms=rig.now)
+    assert len(rig.asked) == 2
+
+
+def test_a_change_is_confirmed_once():
+    rig = Rig()
+    slow(rig)
+    offers(rig, DWELL_MS + 80, 1.0)
+    rig.pass_ms(400)
+    told = list(rig.governor.changes)
+    assert all(change.confirmed_ms is not None for change in told)
+    rig.pass_ms(400)
+    assert rig.governor.changes == told
+
+
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, -0.1, 1.1])
 @pytest.mark.parametrize("first", [True, False])
 def test_what_is_no_speed_is_full_speed(wrong, first):

@@ -127,6 +127,11 @@ def test_fingers_that_were_halted_while_opening_still_hold():
     assert cell.grip(on_something=True, arrived=True).mass_kg is None
 
 
+def test_fingers_that_were_halted_on_something_hold_it_whatever_it_is():
+    holding = Holding(ARM, CELL)
+    assert Cell(holding).grip(on_something=True, arrived=False).mass_kg is None
+
+
 class Fingers:
     def __init__(self, word):
         self.word = word

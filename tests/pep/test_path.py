@@ -197,6 +197,20 @@ def test_a_world_that_changes_in_a_leg_ends_the_path(world):
     assert world.targets == [0.3, 0.1]
 
 
+def test_a_path_is_stopped_where_a_move_would_be_slowed(world):
+    """PHY-50: nobody asks about another speed of it, and none is set."""
+    asked_at = []
+
+    def left(request, q_rad, *, authorised_milli, touch, running):
+        asked_at.append(running)
+        return world.rest if q_rad[0] < 0.05 else replace(world.rest, holds=False, index_milli=2_500, pace=0.4)
+
+    world.left = left
+    end = driven(world, driving(world, timing=SLOW))
+    assert (end.end, end.changes, world.arm.sliders) == (End.WORLD_CHANGED, (), [])
+    assert set(asked_at) == {None}
+
+
 def test_a_leg_that_the_controller_does_not_take_ends_the_path(world):
     async def scenario(drive):
         moving = asyncio.create_task(driving(world)(drive))
@@ -208,6 +222,22 @@ def test_a_leg_that_the_controller_does_not_take_ends_the_path(world):
     assert end.end is End.ROBOT_FAILED
     assert world.targets == [0.3, 0.1]
     assert world.arm.target is None
+
+
+@pytest.mark.parametrize("waypoints", [(), (A,) * (WAYPOINTS + 1)])
+def test_no_waypoint_and_too_many_are_no_path(waypoints):
+    with pytest.raises(ValueError):
+        padded(waypoints)
+
+
+def test_after_a_first_leg_that_was_not_taken_no_other_is_sent(world):
+    control = world.drive()._control
+    world.arm.unheard = True
+    with pytest.raises(ActuationRefusedError):
+        control.move_path(PATH, *QUICK, permit=world.permit(MOVE_PATH, numbers(PATH, QUICK)))
+    world.arm.unheard = False
+    assert not control.next_leg()
+    assert world.targets == [0.3]
 
 
 def test_after_a_stop_no_leg_is_sent(world):

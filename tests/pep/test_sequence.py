@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from capabilities.scope import Tier
 from capabilities.units import Quantity
 from pep.acts import act_of
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SPEED_JOINT
@@ -39,14 +40,16 @@ def sequence(clock):
     return Sequence(clock)
 
 
-def reading(sequence, request=A, start=HOME, agent="robotic", **given):
-    impact = given.pop("impact", replace(world.asked()[1].impact, start_urad=start))
-    robot = given.pop("robot", world.asked()[1].robot)
-    return sequence.reading(request, agent=agent, impact=impact, robot=robot, unfinished=False)
+READY = world.asked()[1].robot
 
 
 def standing(start):
     return replace(world.asked()[1].impact, start_urad=start)
+
+
+def reading(sequence, request=A, start=HOME, agent="robotic", *, impact=None, robot=READY, together=None):
+    impact = impact or standing(start)
+    return sequence.reading(request, agent=agent, impact=impact, robot=robot, unfinished=False, together=together)
 
 
 def done(sequence, request, *, arrived=True, agent="robotic", start=HOME):
@@ -134,7 +137,7 @@ def test_what_could_not_be_computed_is_not_known(sequence):
     found = reading(sequence, impact=ImpactFault("PHYSICS_FAULT"))
     assert (found.tier, found.index_milli) == (None, None)
     assert not reading(sequence, robot=NOT_COLLECTED).held_known
-    unknown = replace(world.asked()[1].robot, expected_payload_g=None)
+    unknown = replace(READY, expected_payload_g=None)
     assert not reading(sequence, robot=unknown).held_known
 
 
@@ -221,38 +224,63 @@ def test_what_goes_elsewhere_is_no_part_of_the_way(sequence):
     assert whole(sequence, step(300_000), ()) is None
 
 
+@pytest.mark.parametrize(("second", "together"), [(46_000, True), (47_000, False)])
+def test_a_way_is_straight_to_a_tenth_of_its_length(sequence, second, together):
+    sliced(sequence, 0, 200_000)
+    assert (whole(sequence, step(300_000, second), at(200_000)) is not None) is together
+
+
+def test_to_and_fro_is_no_straight_way(sequence):
+    sliced(sequence, 0, 200_000, 100_000)
+    assert whole(sequence, step(300_000), at(100_000)) is None
+
+
+def test_where_a_path_went_in_between_is_a_part_of_its_way(sequence):
+    for waypoints, together in (((50_000, 100_000), True), ((900_000, 100_000), False)):
+        done(sequence, timed(path(*waypoints)), start=HOME)
+        assert (whole(sequence, step(200_000), at(100_000)) is not None) is together
+
+
+def test_what_moves_no_arm_is_passed_over(sequence):
+    sliced(sequence, 0, 100_000)
+    done(sequence, move(50_000, operation=GRIPPER_MOVE), start=at(100_000))
+    assert whole(sequence, step(200_000), at(100_000)).start_urad == HOME
+
+
 def test_what_was_crept_along_before_is_no_run_up(sequence):
     sliced(sequence, 0, 100_000, speed=100_000)
     assert whole(sequence, step(200_000), at(100_000)) is None
     assert whole(sequence, step(200_000, speed=200_000), at(100_000)).acts == 1
 
 
+def timed(request, speed=1_000_000):
+    """The path at this speed."""
+    return replace(request, values=(*request.values[:24], replace(request.values[24], value=speed), request.values[25]))
+
+
+def stream(first):
+    """A joint speed for a tenth of a second."""
+    asked = move(first, operation=SPEED_JOINT)
+    return replace(
+        asked,
+        values=(*asked.values[:6], replace(asked.values[6], value=2_000_000), replace(asked.values[7], value=100)),
+    )
+
+
 def test_paths_and_streams_are_parts_of_a_way(sequence):
-    path_request = path(100_000, 200_000)
-    timed = replace(
-        path_request,
-        values=(*path_request.values[:24], replace(path_request.values[24], value=1_000_000), path_request.values[25]),
-    )
-    done(sequence, timed, start=HOME)
+    done(sequence, timed(path(100_000, 200_000)), start=HOME)
     assert whole(sequence, step(300_000), at(200_000)).start_urad == HOME
-    stream = move(1_000_000, operation=SPEED_JOINT)
-    stream = replace(
-        stream,
-        values=(*stream.values[:6], replace(stream.values[6], value=2_000_000), replace(stream.values[7], value=100)),
-    )
-    found = whole(sequence, stream, at(200_000))
+    found = whole(sequence, stream(1_000_000), at(200_000))
     assert (found.start_urad, found.request.values[0].value) == (HOME, 300_000)
-    assert act_of(stream, agent="", at_ms=0, start_urad=at(200_000)).points == (at(300_000),)
+    assert act_of(stream(1_000_000), agent="", at_ms=0, start_urad=at(200_000)).points == (at(300_000),)
+
+
+def test_a_stream_backwards_is_as_fast_as_one_forwards(sequence):
+    done(sequence, stream(-1_000_000), start=at(300_000))
+    assert whole(sequence, step(100_000), at(200_000)).start_urad == at(300_000)
 
 
 def test_the_whole_counts_when_it_is_higher_and_a_fault_of_it_is_no_tier(sequence):
-    impact = standing(HOME)
-
-    def read(together):
-        return sequence.reading(
-            A, agent="robotic", impact=impact, robot=world.asked()[1].robot, unfinished=False, together=together
-        )
-
     for together, tier, index_milli in (
         (None, 1, 1_000),
         (Together(2_700), 3, 2_700),
@@ -261,4 +289,7 @@ def test_the_whole_counts_when_it_is_higher_and_a_fault_of_it_is_no_tier(sequenc
         (Together(0), 1, 1_000),
         (ImpactFault("PHYSICS_FAULT"), None, None),
     ):
-        assert (read(together).tier, read(together).index_milli) == (tier, index_milli)
+        found = reading(sequence, together=together)
+        assert (found.tier, found.index_milli) == (tier, index_milli)
+    higher = replace(standing(HOME), tier=Tier.CONSEQUENTIAL)
+    assert reading(sequence, impact=higher, together=Together(1_000)).tier == 2, "for another reason than its index"

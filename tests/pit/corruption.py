@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
 import rfc8785
 
+from pep.pit.checker import Code, Refused, verify
 from pep.pit.checker.arm import GRID, Sweep
 from pep.pit.checker.motion import run_of
 from pep.pit.checker.question import cell_of
@@ -45,6 +48,19 @@ def corrupted(document: bytes, rng) -> Corrupted:
             continue
         if text != document:
             return Corrupted(name, text)
+
+
+def all_refused(documents, corrupt, *seed, count) -> Counter:
+    """How often each kind was met when so many documents were corrupted; every one is refused, and by no accident."""
+    met = Counter()
+    for k in range(count):
+        rng = np.random.default_rng([*seed, k])
+        bad = corrupt(documents[int(rng.integers(len(documents)))], rng)
+        said = verify(bad.text)
+        assert isinstance(said, Refused), (seed, k, bad.kind)
+        assert said.code is not Code.CHECKER_FAILED, (seed, k, bad.kind)
+        met[bad.kind] += 1
+    return met
 
 
 def kind(function):

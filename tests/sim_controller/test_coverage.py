@@ -202,6 +202,19 @@ def test_the_gripper_learns_its_stroke_and_a_stop_ends_that(cell):
     assert gripper.activate().width_um == pytest.approx(40_000, abs=500)  # it is active: nothing moves
 
 
+def test_the_gripper_says_whether_it_holds_something():
+    with Controller.start(joints=HOME, gripper_object_m=0.050) as cell:
+        gripper = RobotiqGripper(cell.host)
+        asked = {"speed_um_s": 150_000, "force_mn": 20_000, "stopped": lambda: False}
+        gripper.activate()
+        assert not gripper.move(width_um=60_000, **asked).object
+        assert not gripper.holds()
+        assert gripper.move(width_um=10_000, **asked).object
+        assert gripper.holds()
+        assert ask(cell, "SET ACT 0") == "ack"
+        assert not gripper.holds()  # without power to its fingers it says nothing
+
+
 def test_the_stroke_of_activation_ends_at_what_lies_between_the_fingers():
     with Controller.start(joints=HOME, gripper_object_m=0.050) as cell:
         widest = []
