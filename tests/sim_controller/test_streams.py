@@ -10,6 +10,7 @@ import pytest
 from pep.rtde import codec as c
 from pep.rtde import messages as m
 from pep.rtde import primary_frames as f
+from pep.rtde import realtime_frames as realtime
 from pep.rtde.codec import Framer, Recipe
 from pep.rtde.variables import OUTPUTS, OUTPUTS_SINCE, VariableType
 from pep.sim.launch import Controller
@@ -33,7 +34,7 @@ class Reader:
 
     def __init__(self, cell, port):
         self.socket = socket.create_connection((cell.host, port), timeout=10)
-        self.framer = f.RealtimeFramer() if port % READ_ONLY == 3 else f.PrimaryFramer()
+        self.framer = realtime.RealtimeFramer() if port % READ_ONLY == 3 else f.PrimaryFramer()
         self.waiting = []
 
     def __enter__(self):
