@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 BANNER: Final = "Connected: Universal Robots Dashboard Server"
 MAX_LINE: Final = 1024
 SERIAL_NUMBER: Final = "20235300001"  # e-Series serials start with the year and are digits alone; ur_rtde checks that
+SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}_2022-04-01_00-00-00.zip"  # a name alone: nothing is written
 MODEL: Final = "UR3"  # what a UR3e answers
 TOO_SOON: Final = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
@@ -49,6 +50,7 @@ class Dashboard:
         self._shutdown = shutdown
         self._role = "programmer"
         self._mode = "NONE"
+        self._reports = 0
         self._rows = [
             (re.compile(pattern), answer) for since, pattern, answer in self._grammar() if since <= version.minor
         ]
@@ -103,6 +105,9 @@ class Dashboard:
             (0, "programState", self._program_state),
             (0, "PolyscopeVersion", lambda: f"URSoftware {self._dotted} (Apr 01 2022)"),
             (0, "version", lambda: self._dotted),
+            (8, "generate flight report (controller|software|system)", self._report),
+            (8, f"generate support file {file}", lambda folder: f"Completed successfully: {folder}/{SUPPORT_FILE}"),
+            (8, "saveLog", say("Log saved to disk")),
             (0, r"setUserRole (\w+)", self._set_role),
             (0, "getUserRole", self._get_role),
             (0, "set operational mode (manual|automatic)", self._set_mode),
@@ -128,7 +133,7 @@ class Dashboard:
 
     @property
     def _name(self) -> str:
-        return self._controller.program_name
+        return self._controller.program_name or "<unnamed>"
 
     @property
     def _dotted(self) -> str:
@@ -136,10 +141,10 @@ class Dashboard:
         return f"{v.major}.{v.minor}.{v.bugfix}.{v.build}"
 
     def _saved(self) -> str:
-        return f"true {self._name}".rstrip()
+        return f"{_flag(bool(self._controller.program_name))} {self._name}"  # there is nothing here to be saved
 
     def _program_state(self) -> str:
-        return f"{_STATE[self._runtime]} {self._name}".rstrip()
+        return f"{_STATE[self._runtime]} {self._name}"
 
     def _get_role(self) -> str:
         return self._role.upper()
@@ -186,7 +191,12 @@ class Dashboard:
 
     def _clear_mode(self) -> str:
         self._mode = "NONE"
-        return "No longer controlling the operational mode. Current operational mode: NONE."
+        return "No longer controlling the operational mode. Current operational mode: 'NONE'."
+
+    def _report(self, kind: str) -> str:
+        del kind
+        self._reports += 1
+        return f"Flight Report generated with id: {self._reports}"
 
 
 def _say(text: str) -> Callable[[], str]:

@@ -1,4 +1,4 @@
-"""What the controller says on its primary, secondary and real-time interfaces, as `pep.rtde.primary_frames` has it."""
+"""What the controller says on its primary, secondary and real-time interfaces, in the forms of `pep.rtde`."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde import primary_frames as f
+from pep.rtde import realtime_frames as realtime
+from pep.rtde import robot_state as state
 from pep.sim.arm import AXES
 from pep.sim.motion import ZERO
 from pep.sim.robot import MAIN_VOLTAGE_V, POWERED, TEMPERATURE_C, TICK_S, RuntimeState, SafetyMode
@@ -52,8 +54,8 @@ def state_message(robot: Robot) -> bytes:
     now, read = robot.drive.now, robot.joint_mode
     a, d, alpha = robot.arm.dh
     joints = robot.arm.joints
-    parts: tuple[f.Part, ...] = (
-        f.RobotMode(
+    parts: tuple[state.Part, ...] = (
+        state.RobotMode(
             timestamp_us=round(robot.step * TICK_S * 1e6),
             connected=True,
             enabled=True,
@@ -69,14 +71,14 @@ def state_message(robot: Robot) -> bytes:
             speed_fraction_limit=1.0,
             reserved=0,
         ),
-        f.Joints(
+        state.Joints(
             tuple(
-                f.Joint(q, q, qd, 0.0, MAIN_VOLTAGE_V, TEMPERATURE_C, TEMPERATURE_C, read)
+                state.Joint(q, q, qd, 0.0, MAIN_VOLTAGE_V, TEMPERATURE_C, TEMPERATURE_C, read)
                 for q, qd in zip(now.q, now.qd, strict=True)
             )
         ),
-        f.Tool(0, 0, 0.0, 0.0, 0.0, 0, 0.0, TEMPERATURE_C, read),
-        f.Masterboard(
+        state.Tool(0, 0, 0.0, 0.0, 0.0, 0, 0.0, TEMPERATURE_C, read),
+        state.Masterboard(
             digital_in=0,
             digital_out=robot.digital_out,
             analog_in_range_0=0,
@@ -99,9 +101,9 @@ def state_message(robot: Robot) -> bytes:
             enabling_device=1,
             reserved_too=0,
         ),
-        f.Cartesian(robot.tool_pose, to_pose(robot.tcp)),
-        f.Kinematics((0,) * AXES, ZERO, a, d, alpha, 0),
-        f.Configuration(
+        state.Cartesian(robot.tool_pose, to_pose(robot.tcp)),
+        state.Kinematics((0,) * AXES, ZERO, a, d, alpha, 0),
+        state.Configuration(
             tuple(x for joint in joints for x in (-joint.position_limit_rad, joint.position_limit_rad)),
             tuple(x for joint in joints for x in (joint.speed_limit_rad_s, robot.arm.acceleration_limit_rad_s2)),
             *_DEFAULTS,
@@ -114,8 +116,8 @@ def state_message(robot: Robot) -> bytes:
             _UR3_TYPE,
             _E_SERIES,
         ),
-        f.Force(robot.tool_force(), 0.0),
-        f.Additional(0, 0, 0),
+        state.Force(robot.tool_force(), 0.0),
+        state.Additional(0, 0, 0),
     )
     return f.encode_primary(f.RobotState(parts))
 
@@ -125,8 +127,8 @@ def realtime_message(robot: Robot) -> bytes:
     now = robot.drive.now
     pose, speed = robot.tool_pose, robot.tool_speed()
     elbow = robot.elbow()
-    return f.encode_realtime(
-        f.RealtimeState(
+    return realtime.encode_realtime(
+        realtime.RealtimeState(
             time_s=robot.step * TICK_S,
             q_target=now.q,
             qd_target=now.qd,

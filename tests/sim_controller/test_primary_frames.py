@@ -8,6 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pep.rtde import primary_frames as f
+from pep.rtde import realtime_frames as realtime
+from pep.rtde import robot_state as state
 from pep.rtde.messages import WireError, WireFault
 
 NUMBERS = {
@@ -33,11 +35,20 @@ def record(cls):
 
 TEXT = st.text(max_size=40)
 int32, uint32, byte = NUMBERS["i"], NUMBERS["I"], NUMBERS["B"]
-PLAIN = (f.RobotMode, f.Tool, f.Masterboard, f.Cartesian, f.Kinematics, f.Configuration, f.Force, f.Additional)
+PLAIN = (
+    state.RobotMode,
+    state.Tool,
+    state.Masterboard,
+    state.Cartesian,
+    state.Kinematics,
+    state.Configuration,
+    state.Force,
+    state.Additional,
+)
 PARTS = st.one_of(
     *map(record, PLAIN),
-    st.builds(f.Joints, st.tuples(*[record(f.Joint)] * 6)),
-    st.builds(f.OtherPart, st.integers(9, 255), st.binary(max_size=30)),
+    st.builds(state.Joints, st.tuples(*[record(state.Joint)] * 6)),
+    st.builds(state.OtherPart, st.integers(9, 255), st.binary(max_size=30)),
 )
 CONTENTS = st.one_of(
     st.builds(f.Version, TEXT, byte, byte, int32, int32, TEXT),
@@ -67,11 +78,11 @@ def test_frames_survive_the_wire_however_it_was_torn(frames, cuts):
     assert torn(f.PrimaryFramer(), held, [min(cut, len(held)) for cut in cuts]) == frames
 
 
-@given(st.lists(record(f.RealtimeState), max_size=2), st.lists(st.integers(0, 2440), max_size=6))
+@given(st.lists(record(realtime.RealtimeState), max_size=2), st.lists(st.integers(0, 2440), max_size=6))
 def test_realtime_states_survive_the_wire_however_it_was_torn(states, cuts):
-    held = b"".join(map(f.encode_realtime, states))
-    assert len(held) == f.REALTIME_SIZE * len(states)
-    assert torn(f.RealtimeFramer(), held, [min(cut, len(held)) for cut in cuts]) == states
+    held = b"".join(map(realtime.encode_realtime, states))
+    assert len(held) == realtime.REALTIME_SIZE * len(states)
+    assert torn(realtime.RealtimeFramer(), held, [min(cut, len(held)) for cut in cuts]) == states
 
 
 @given(
@@ -107,7 +118,7 @@ def test_any_bytes_are_frames_or_a_wire_error(pieces):
     except WireError:
         pass
     try:
-        f.RealtimeFramer().feed(b"".join(pieces))
+        realtime.RealtimeFramer().feed(b"".join(pieces))
     except WireError:
         pass
 
@@ -144,7 +155,7 @@ def test_what_contradicts_itself_is_refused(held, code):
 
 def test_a_realtime_state_of_another_length_is_refused_at_once():
     with pytest.raises(WireError) as caught:
-        f.RealtimeFramer().feed(struct.pack(">i", 1219))
+        realtime.RealtimeFramer().feed(struct.pack(">i", 1219))
     assert caught.value.code is WireFault.SIZE
 
 
@@ -152,9 +163,9 @@ def test_values_that_do_not_fit_are_refused():
     for frame in (
         f.Message(0, 0, f.Key(2**31, 0, "", "")),
         f.Message(0, 0, f.Key(0, 0, "x" * 256, "")),
-        f.RobotState((f.Additional(256, 0, 0),)),
-        f.RobotState((f.Joints(()),)),
-        f.RobotState((f.Cartesian((0.0,) * 5, (0.0,) * 6),)),
+        f.RobotState((state.Additional(256, 0, 0),)),
+        f.RobotState((state.Joints(()),)),
+        f.RobotState((state.Cartesian((0.0,) * 5, (0.0,) * 6),)),
     ):
         with pytest.raises(WireError) as caught:
             f.encode_primary(frame)
@@ -164,5 +175,5 @@ def test_values_that_do_not_fit_are_refused():
 
 
 def test_the_mode_part_has_the_size_that_clients_know_it_by():
-    state = f.RobotState((f.RobotMode(0, *[False] * 7, 7, 0, 1.0, 1.0, 1.0, 0),))
-    assert struct.unpack_from(">iB", f.encode_primary(state), 5) == (47, 0)
+    whole = f.RobotState((state.RobotMode(0, *[False] * 7, 7, 0, 1.0, 1.0, 1.0, 0),))
+    assert struct.unpack_from(">iB", f.encode_primary(whole), 5) == (47, 0)

@@ -9,6 +9,8 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from ztpm.cli.person import Json
+
 idp = typer.Typer(no_args_is_help=True, help="The identity provider.")
 rtde = typer.Typer(no_args_is_help=True, help="The robot's interface.")
 
@@ -37,10 +39,11 @@ def serve(config: Annotated[Path, typer.Option("--config", exists=True, dir_okay
 
 @rtde.command("sim")
 def sim(
+    *,
     host: Annotated[str, typer.Option(help="Loopback address to listen on.")] = "127.0.0.1",
     joints: Annotated[str, typer.Option(help="First configuration: six angles in rad, comma separated.")] = "",
     polyscope: Annotated[str, typer.Option(help="PolyScope version to be, 5.11 to 5.22.")] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="Say when it is ready, and its timing, as JSON.")] = False,  # noqa: FBT002
+    as_json: Json = False,
 ) -> None:
     """Run a simulated UR3e controller that real clients can talk to."""
     options = [f"--{name}={value}" for name, value in (("joints", joints), ("polyscope", polyscope)) if value]

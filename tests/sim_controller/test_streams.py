@@ -1,0 +1,307 @@
+"""The primary, secondary and real-time ports, their read-only twins, and RTDE as the vendor's own client speaks it."""
+
+import math
+import re
+import socket
+import time
+
+import pytest
+
+from pep.rtde import codec as c
+from pep.rtde import messages as m
+from pep.rtde import primary_frames as f
+from pep.rtde import realtime_frames as realtime
+from pep.rtde.codec import Framer, Recipe
+from pep.rtde.variables import OUTPUTS, OUTPUTS_SINCE, VariableType
+from pep.sim.launch import Controller
+from tests.sim_controller.cell import HOME, until
+
+pytestmark = pytest.mark.e2e
+
+PRIMARY, SECONDARY, REALTIME, RTDE, DASHBOARD = 30001, 30002, 30003, 30004, 29999
+READ_ONLY = 10
+
+
+@pytest.fixture(scope="module")
+def cell():
+    with Controller.start(joints=HOME) as controller:
+        yield controller
+    assert controller.process.returncode == 0
+
+
+class Reader:
+    """A client of a primary, secondary or real-time port."""
+
+    def __init__(self, cell, port):
+        self.socket = socket.create_connection((cell.host, port), timeout=10)
+        self.framer = realtime.RealtimeFramer() if port % READ_ONLY == 3 else f.PrimaryFramer()
+        self.waiting = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.close()
+
+    def send(self, text):
+        self.socket.sendall(text.encode())
+
+    def next(self):
+        while not self.waiting:
+            received = self.socket.recv(65536)
+            assert received
+            self.waiting += self.framer.feed(received)
+        return self.waiting.pop(0)
+
+    def state(self):
+        while not isinstance(frame := self.next(), f.RobotState):
+            pass
+        return {type(part).__name__: part for part in frame.parts}
+
+    def told(self, kind, deadline_s=10.0):
+        """The next message of that kind."""
+
+        def heard():
+            frame = self.next()
+            return frame.content if isinstance(frame, f.Message) and isinstance(frame.content, kind) else None
+
+        return until(heard, deadline_s, pause_s=0)
+
+
+@pytest.mark.parametrize("port", [PRIMARY, SECONDARY, PRIMARY + READ_ONLY, SECONDARY + READ_ONLY])
+def test_the_greeting_is_the_version_and_the_state_comes_ten_times_a_second(cell, port):
+    with Reader(cell, port) as client:
+        version = client.next().content
+        assert (version.project, version.major, version.minor, version.bugfix) == ("URControl", 5, 11, 6)
+        client.state()  # at once; from here on ten a second
+        client.state()
+        stamps = [client.state()["RobotMode"].timestamp_us for _ in range(6)]
+        assert {b - a for a, b in zip(stamps, stamps[1:], strict=False)} == {100_000}
+
+
+def test_the_state_is_the_robots(cell):
+    with Reader(cell, PRIMARY) as client:
+        state = client.state()
+        assert set(state) == {
+            "RobotMode", "Joints", "Tool", "Masterboard", "Cartesian", "Kinematics", "Configuration", "Force", "Additional",
+        }  # fmt: skip
+        mode = state["RobotMode"]
+        assert (mode.connected, mode.powered, mode.emergency_stopped, mode.robot_mode) == (True, True, False, 7)
+        assert [joint.q for joint in state["Joints"].joints] == pytest.approx(HOME)
+        assert {joint.mode for joint in state["Joints"].joints} == {253}
+        assert state["Cartesian"].pose[:3] == pytest.approx((-0.29854944, -0.13104966, 0.30330031), abs=1e-7)
+        assert state["Kinematics"].a == pytest.approx((0.0, -0.24355, -0.2132, 0.0, 0.0, 0.0))
+        assert state["Kinematics"].alpha == pytest.approx((math.pi / 2, 0, 0, math.pi / 2, -math.pi / 2, 0))
+        limits = state["Configuration"]
+        assert limits.position_limits[4:6] == pytest.approx((-math.pi, math.pi))
+        assert limits.robot_type == 4
+        assert state["Masterboard"].safety_mode == 1
+
+
+def test_the_realtime_state_is_the_robots_at_every_tick(cell):
+    for port in (REALTIME, REALTIME + READ_ONLY):
+        with Reader(cell, port) as client:
+            states = [client.next() for _ in range(100)]
+        steps = [round(state.time_s / 0.002) for state in states]
+        assert all(b > a for a, b in zip(steps, steps[1:], strict=False))
+        assert steps[-1] - steps[0] < 150  # nearly all; a slow reader is skipped
+        assert states[0].q == pytest.approx(HOME)
+        assert (states[0].robot_mode, states[0].safety_mode, states[0].joint_modes[0]) == (7.0, 1.0, 253.0)
+        assert math.dist(states[0].elbow_position, (0.0, 0.0, 0.15185)) == pytest.approx(0.24355, abs=1e-6)
+
+
+def test_a_read_only_port_refuses_and_runs_nothing(cell):
+    program = "def no():\n movej([1,-1.57,1.57,-1.57,-1.57,0])\nend\n"
+    with Reader(cell, PRIMARY) as observer, Reader(cell, PRIMARY + READ_ONLY) as client:
+        client.send(program)
+        assert client.told(f.ErrorCode).code == f.READ_ONLY
+        for port in (SECONDARY + READ_ONLY, REALTIME + READ_ONLY):
+            with Reader(cell, port) as other:
+                other.send(program)
+                other.next()
+        observer.send("def yes():\n sync()\nend\n")
+        assert observer.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STARTED", "yes")  # the first that started at all
+
+
+@pytest.mark.parametrize("port", [PRIMARY, SECONDARY, REALTIME])
+def test_each_port_runs_programs_and_the_primary_one_tells_it(cell, port):
+    with Reader(cell, PRIMARY) as observer, Reader(cell, port) as client:
+        client.send("def here():\n sleep(0.02)\nend\n")
+        assert observer.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STARTED", "here")
+        assert observer.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STOPPED", "here")
+        client.send("def wrong():\n x = [1]\n y = x[3]\nend\n")
+        assert observer.told(f.RuntimeException).line == 3
+
+
+def test_the_secondary_port_tells_states_alone(cell):
+    with Reader(cell, PRIMARY) as primary, Reader(cell, SECONDARY) as client:
+        assert isinstance(client.next().content, f.Version)
+        primary.send("def heard():\n sync()\nend\n")
+        primary.told(f.Key)
+        assert all(isinstance(client.next(), f.RobotState) for _ in range(5))
+
+
+def test_text_commands(cell):
+    with Reader(cell, PRIMARY) as client:
+        client.send("def long():\n sleep(60)\nend\n")
+        until(lambda: client.state()["RobotMode"].program_running, pause_s=0)
+        client.send("stop program\n")
+        until(lambda: not client.state()["RobotMode"].program_running, pause_s=0)
+        client.send("power off\n")
+        until(lambda: client.state()["RobotMode"].robot_mode == 3, pause_s=0)
+        assert not client.state()["RobotMode"].powered
+        client.send("def early():\n sync()\nend\n")
+        assert client.told(f.RuntimeException).line == 0  # the robot is not ready
+        client.send("power on\n")
+        until(lambda: client.state()["RobotMode"].robot_mode == 5, pause_s=0)
+        client.send("set robotmode run\n")
+        until(lambda: client.state()["RobotMode"].robot_mode == 7, pause_s=0)
+        client.send("def halts():\n protective_stop()\nend\n")
+        until(lambda: client.state()["RobotMode"].protective_stopped, pause_s=0)
+        client.send("set unlock protective stop\n")  # too soon
+        assert client.state()["RobotMode"].protective_stopped
+        until(lambda: _unlocked(client), deadline_s=15.0, pause_s=0)
+        client.send("stop program\n")
+
+
+def _unlocked(client):
+    client.send("set unlock protective stop\n")
+    return not client.state()["RobotMode"].protective_stopped
+
+
+def test_local_control_answers_a_script_with_the_code_for_that(cell):
+    with Reader(cell, PRIMARY) as client, Reader(cell, REALTIME) as other:
+        cell.fault("local_control")
+        until(lambda: _dashboard(cell, "is in remote control") == "false")
+        other.send("def no():\n sync()\nend\n")
+        assert client.told(f.ErrorCode).code == f.READ_ONLY
+        cell.fault("remote_control")
+        until(lambda: _dashboard(cell, "is in remote control") == "true")
+
+
+def _dashboard(cell, *lines):
+    with socket.create_connection((cell.host, DASHBOARD), timeout=5) as client, client.makefile("rwb") as told:
+        told.readline()
+        for line in lines:
+            told.write(line.encode() + b"\n")
+            told.flush()
+            answer = told.readline().decode().rstrip("\n")
+    return answer
+
+
+def test_several_clients_see_the_same_and_one_that_never_reads_disturbs_none(cell):
+    sleepers = [Reader(cell, port) for port in (PRIMARY, SECONDARY, REALTIME, RTDE) for _ in range(2)]
+    with Reader(cell, PRIMARY) as first, Reader(cell, PRIMARY) as second, Reader(cell, REALTIME) as third:
+        first.state()
+        second.state()
+        stamps = [{reader.state()["RobotMode"].timestamp_us for _ in range(5)} for reader in (first, second)]
+        assert len(stamps[0] & stamps[1]) >= 3
+        begun = third.next().time_s
+        until(lambda: third.next().time_s > begun + 0.5, pause_s=0)
+    for sleeper in sleepers:
+        sleeper.socket.close()
+
+
+# ---------------------------------------------------------------------------------------------- RTDE, the vendor's client
+
+
+class Rtde:
+    """What the vendor's client does, in its order."""
+
+    def __init__(self, cell, protocol=2):
+        self.socket = socket.create_connection((cell.host, RTDE), timeout=15)
+        self.framer, self.waiting, self.protocol = Framer(c.MAX_FRAME), [], 1
+        if protocol == 2:
+            assert self.ask(m.RequestProtocol(2)) == m.ProtocolAnswer(True)
+            self.protocol = 2
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.socket.close()
+
+    def send(self, request):
+        self.socket.sendall(c.encode_request(request, self.protocol))
+
+    def next(self):
+        while not self.waiting:
+            received = self.socket.recv(65536)
+            if not received:
+                return None
+            self.waiting += self.framer.feed(received)
+        return c.decode_answer(self.waiting.pop(0), self.protocol)
+
+    def ask(self, request):
+        self.send(request)
+        while isinstance(answer := self.next(), m.Values):
+            pass
+        return answer
+
+
+@pytest.mark.parametrize("protocol", [1, 2])
+def test_pause_and_start_again(cell, protocol):
+    with Rtde(cell, protocol) as client:
+        frequency = 500.0 if protocol == 2 else None
+        assert client.ask(m.Start()) == m.StartAnswer(False)  # no outputs yet
+        types = client.ask(m.SetupOutputs(("timestamp",), frequency)).types
+        recipe = Recipe(("timestamp",), types)
+        for _ in range(3):
+            assert client.ask(m.Start()) == m.StartAnswer(True)
+            stamps = [recipe.unpack(client.next().packed)["timestamp"] for _ in range(20)]
+            assert stamps == sorted(set(stamps))
+            assert client.ask(m.Pause()) == m.PauseAnswer(True)
+            client.socket.settimeout(0.05)
+            with pytest.raises(TimeoutError):
+                client.socket.recv(1)  # nothing comes while paused
+            client.socket.settimeout(15)
+
+
+def test_a_protocol_that_does_not_exist_is_refused_and_the_old_one_stays(cell):
+    with Rtde(cell, 1) as client:
+        assert client.ask(m.RequestProtocol(3)) == m.ProtocolAnswer(False)
+        assert client.ask(m.RequestProtocol(0)) == m.ProtocolAnswer(False)
+        assert client.ask(m.SetupOutputs(("timestamp",), None)).recipe is None
+
+
+def test_a_text_from_a_client_is_taken_and_a_broken_frame_is_told_in_one(cell):
+    with Rtde(cell) as client:
+        client.send(m.Message("hello", "a test", 3))
+        assert client.ask(m.AskControlVersion()).major == 5
+        client.socket.sendall(b"\0\3U")
+        told = client.next()
+        assert isinstance(told, m.Message)
+        assert (told.source, told.level) == ("RTDE", 1)
+        assert client.next() is None
+
+
+def test_a_client_that_does_not_read_is_dropped_after_ten_seconds_and_its_inputs_are_free(cell):
+    """Long before what waits for it grows too large: the patience alone ends it."""
+    names = tuple(name for name, kind in OUTPUTS.items() if kind is VariableType.VECTOR6D)
+    mine = m.SetupInputs(("input_int_register_47",))
+    with Rtde(cell) as sleeper, Rtde(cell) as other:
+        sleeper.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        assert sleeper.ask(mine).recipe == 1
+        assert sleeper.ask(m.SetupOutputs(names, 500.0)).recipe == 1
+        sleeper.send(m.Start())
+        assert other.ask(mine).types == (VariableType.IN_USE,)
+        begun = time.monotonic()
+        until(lambda: other.ask(mine).recipe, deadline_s=30.0, pause_s=0.2)
+        assert time.monotonic() - begun > 9.0
+
+
+@pytest.mark.parametrize("version", ["5.11", "5.22"])
+def test_every_output_of_the_version_and_no_younger_one(version):
+    with Controller.start(joints=HOME, version=version) as cell, Rtde(cell) as client:
+        told = client.ask(m.AskControlVersion())
+        assert f"{told.major}.{told.minor}" == version
+        known = [name for name in OUTPUTS if not re.search(r"_register", name)]
+        for name in known:
+            found = client.ask(m.SetupOutputs((name,), 500.0))
+            assert found.types == (OUTPUTS[name],)
+            assert found.recipe == 1
+        younger = [*OUTPUTS_SINCE, "actual_robot_energy_consumed", "no_such_output", "input_int_register_48"]
+        for name in younger:
+            found = client.ask(m.SetupOutputs(("timestamp", name), 500.0))
+            assert found.types == (VariableType.DOUBLE, VariableType.NOT_FOUND)
+            assert client.ask(m.Start()) == m.StartAnswer(False)
