@@ -104,5 +104,5 @@ def _groups(
     streamed: list[Cell] = []
     for servo, name in ((False, SPEED_STEP), (True, SERVO_STEP)):
         asked = [cells.ready(each) for each in workload.steps(rng, 20, count, servo=servo)]
-        streamed.append(cells.assessing(asked, name))
+        streamed += [cells.streaming(asked, name), cells.assessing(asked, name)]
     return groups, [streamed]
