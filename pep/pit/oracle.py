@@ -114,24 +114,28 @@ def cross_check(
         if witness.index > 0 and not abs(moving[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
             return Disagreement("speed at the witness")
     # Only what the balls around both do not settle at the other places needs a distance.
-    doubted = _doubted(pairs, stop, certified, np.tile(every, len(places)), clearance.ravel(), speed.ravel())
-    which = (doubted.above | doubted.below).reshape(clearance.shape) & asked
+    found = _doubted(pairs, stop, certified, np.tile(every, len(places)), clearance.ravel(), speed.ravel())
+    which = (found.above | found.below).reshape(clearance.shape) & asked
     if not which.any():
-        return Agreement(len(places), float(doubted.indices.max(initial=0)))
+        return Agreement(len(places), float(found.indices.max(initial=0)))
     world.measure(clearance, places, which, since=len(watched))
-    return judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
+    return _told(_doubted(pairs, stop, certified, np.nonzero(which)[1], clearance[which], speed[which]), len(places))
 
 
 def judged(
     pairs: Pairs, stop: Stopping, certified: Certified, rows: NDArray[np.intp], *, clearance: Floats, speed: Floats
 ) -> Agreement | Disagreement:
     """Whether the certified answer holds for what was measured of `rows`, both of shape (places, rows)."""
-    found = _doubted(pairs, stop, certified, np.tile(rows, len(clearance)), clearance.ravel(), speed.ravel())
+    asked = np.tile(rows, len(clearance))
+    return _told(_doubted(pairs, stop, certified, asked, clearance.ravel(), speed.ravel()), len(clearance))
+
+
+def _told(found: _Doubted, places: int) -> Agreement | Disagreement:
     if found.above.any():
         return Disagreement("index above the certified one")
     if found.below.any():
         return Disagreement("a violation that was not found")
-    return Agreement(len(clearance), float(found.indices.max(initial=0)))
+    return Agreement(places, float(found.indices.max(initial=0)))
 
 
 class _Doubted(NamedTuple):
