@@ -191,7 +191,7 @@ class _Core:
     Each set of `corners` is a kind of its own: coal's polytopes keep theirs.
 
     Attributes:
-        ball: centre (three numbers) and radius of a ball around the core, and the radius that is left out.
+        ball: centre and radius of a ball around the core.
     """
 
     kind: str
@@ -199,7 +199,7 @@ class _Core:
     pose: Any
     radius: float
     corners: tuple[Vector, ...] = ()
-    ball: tuple[float, ...] = field(init=False)
+    ball: tuple[Vector, float] = field(init=False)
 
     def __post_init__(self) -> None:
         """The ball follows from the rest."""
@@ -209,7 +209,7 @@ class _Core:
             around = float(np.linalg.norm(corners - center, axis=1).max()) + POINT_M
         else:
             center, around = self.pose.translation, math.hypot(*self.size)
-        object.__setattr__(self, "ball", (*center.tolist(), around, self.radius))
+        object.__setattr__(self, "ball", (tuple(center.tolist()), around))
 
     def built(self) -> Any:
         """A shape of coal's of this kind and size."""
@@ -381,7 +381,7 @@ class World:
         cores += [_core(shape) for shape in scene.solid_shapes]
         self.stage = _STAGES.of(robot, tuple([(core.kind, core.corners) for core in cores]))
         self.stage.put(cores)
-        balls = np.array([core.ball for core in cores]).reshape(-1, 5)
+        balls = np.array([(*core.ball[0], core.ball[1], core.radius) for core in cores]).reshape(-1, 5)
         self.centers, self.around, left_out = balls[:, :3], balls[:, 3], balls[:, 4]
         moving = self.stage.radius[: robot.world_bodies]
         self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
