@@ -16,7 +16,7 @@ import math
 import threading
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, assert_never
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, assert_never
 
 import coal
 import numpy as np
@@ -28,7 +28,7 @@ from pep.pit.scene import Box, Capsule, Convex, Sphere
 from pep.pit.solids import rotation_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -50,6 +50,9 @@ INDEX_TOLERANCE: Final = 1e-6  # rounding of the index functions
 POINT_M: Final = 1e-9  # an axis shorter than this is a point
 SEED_BYTES: Final = 8  # per configuration
 _Z: Final = np.array([0.0, 0.0, 1.0])
+_CROSS: Final = np.array(  # of w, the matrix by which a row p becomes that of w x p, in one row of nine
+    [[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0], [0, 1, 0, -1, 0, 0, 0, 0, 0]], dtype=float
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,17 +100,12 @@ def cross_check(
     """
     world = World(path.robot, scene, pairs)
     watched: list[Witness] = [*certified.witnesses[:1], *certified.violated.values()]
-    # Nobody can foresee the later places. Only what the balls around both do not settle there needs a distance.
     at = [profile.at(profile.time_of(w.s)) for w in watched]
-    at += [profile.at(share * profile.duration_s) for share in fractions(seed)]
-    asked = np.zeros(len(pairs), dtype=bool)
+    at += [profile.at(share * profile.duration_s) for share in fractions(seed)]  # nobody can foresee these places
+    places = [(path.q(s), path.delta * rate) for s, rate in at]
+    clearance, speed = world.at_least(places, exactly=len(watched))
+    every, asked = np.arange(len(pairs)), np.zeros(len(pairs), dtype=bool)
     asked[rows] = True
-    clearance, speed, measured = world.at_least(
-        [(path.q(s), path.delta * rate) for s, rate in at],
-        exactly=len(watched),
-        settled=lambda near, moving: _settled(pairs, stop, certified, near, moving) | ~asked,
-    )
-    every = np.arange(len(pairs))
     for witness, met, moving in zip(watched, clearance, speed, strict=False):
         kernel = path.clearance_at(pairs, witness.key, every)
         kernel[witness.pair] = witness.clearance_m
@@ -115,18 +113,13 @@ def cross_check(
             return Disagreement("clearance at the witness")
         if witness.index > 0 and not abs(moving[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
             return Disagreement("speed at the witness")
-    # What was settled is neither above the answer nor a violation: farther off it is still less so.
-    known = measured & asked
-    pair = np.nonzero(known)[1]
-    found = _held_against(pairs, stop, certified, pair, clearance=clearance[known], speed=speed[known])
-    return found if isinstance(found, Disagreement) else Agreement(len(at), found)
-
-
-def _settled(pairs: Pairs, stop: Stopping, certified: Certified, near: Floats, speed: Floats) -> NDArray[np.bool_]:
-    """Which pairs (places, pairs) with a clearance of at least `near` are neither above the answer nor a violation."""
-    asked = np.arange(near.size) % len(pairs)
-    index = pairs.index(asked, near.ravel(), speed.ravel(), stop).reshape(near.shape)
-    return np.asarray((near >= pairs.violated_below) & (index <= certified.upper))
+    # Only what the balls around both do not settle at the other places needs a distance.
+    found = _doubted(pairs, stop, certified, np.tile(every, len(places)), clearance.ravel(), speed.ravel())
+    which = (found.above | found.below).reshape(clearance.shape) & asked
+    if not which.any():
+        return Agreement(len(places), float(found.indices.max(initial=0)))
+    world.measure(clearance, places, which, since=len(watched))
+    return _told(_doubted(pairs, stop, certified, np.nonzero(which)[1], clearance[which], speed[which]), len(places))
 
 
 def judged(
@@ -134,22 +127,35 @@ def judged(
 ) -> Agreement | Disagreement:
     """Whether the certified answer holds for what was measured of `rows`, both of shape (places, rows)."""
     asked = np.tile(rows, len(clearance))
-    found = _held_against(pairs, stop, certified, asked, clearance=clearance.ravel(), speed=speed.ravel())
-    return found if isinstance(found, Disagreement) else Agreement(len(clearance), found)
+    return _told(_doubted(pairs, stop, certified, asked, clearance.ravel(), speed.ravel()), len(clearance))
 
 
-def _held_against(
-    pairs: Pairs, stop: Stopping, certified: Certified, asked: NDArray[np.intp], *, clearance: Floats, speed: Floats
-) -> float | Disagreement:
-    """The highest index of what was measured of these pairs, one by one, when the certified answer holds for it."""
-    near = clearance + DISTANCE_TOLERANCE_M
-    highest = float(pairs.index(asked, near, speed, stop).max(initial=0))
-    if not highest <= certified.upper + INDEX_TOLERANCE:
+def _told(found: _Doubted, places: int) -> Agreement | Disagreement:
+    if found.above.any():
         return Disagreement("index above the certified one")
-    below = near + VIOLATION_RESOLUTION_M < pairs.violated_below[asked]
-    if any(pairs.kind_of(int(row)) not in certified.violated for row in asked[below]):
+    if found.below.any():
         return Disagreement("a violation that was not found")
-    return highest
+    return Agreement(places, float(found.indices.max(initial=0)))
+
+
+class _Doubted(NamedTuple):
+    """Of pairs at some clearances: their index, where it is above the certified one, and violations not found."""
+
+    indices: Floats
+    above: NDArray[np.bool_]
+    below: NDArray[np.bool_]
+
+
+def _doubted(  # noqa: PLR0917 - one column each
+    pairs: Pairs, stop: Stopping, certified: Certified, asked: NDArray[np.intp], clearance: Floats, speed: Floats
+) -> _Doubted:
+    """What speaks against the certified answer: of a clearance that is at least so much, no less does."""
+    near = clearance + DISTANCE_TOLERANCE_M
+    index = pairs.index(asked, near, speed, stop)
+    below = near + VIOLATION_RESOLUTION_M < pairs.violated_below[asked]
+    for row in np.flatnonzero(below).tolist():
+        below[row] = pairs.kind_of(int(asked[row])) not in certified.violated
+    return _Doubted(index, ~(index <= certified.upper + INDEX_TOLERANCE), below)
 
 
 def cross_check_rest(path: Path, pairs: Pairs, scene: Scene, clearance: Floats) -> Agreement | Disagreement:
@@ -185,7 +191,7 @@ class _Core:
     Each set of `corners` is a kind of its own: coal's polytopes keep theirs.
 
     Attributes:
-        ball: centre (three numbers) and radius of a ball around the core, and the radius that is left out.
+        ball: centre and radius of a ball around the core.
     """
 
     kind: str
@@ -193,7 +199,7 @@ class _Core:
     pose: Any
     radius: float
     corners: tuple[Vector, ...] = ()
-    ball: tuple[float, ...] = field(init=False)
+    ball: tuple[Vector, float] = field(init=False)
 
     def __post_init__(self) -> None:
         """The ball follows from the rest."""
@@ -203,7 +209,7 @@ class _Core:
             around = float(np.linalg.norm(corners - center, axis=1).max()) + POINT_M
         else:
             center, around = self.pose.translation, math.hypot(*self.size)
-        object.__setattr__(self, "ball", (*center.tolist(), around, self.radius))
+        object.__setattr__(self, "ball", (tuple(center.tolist()), around))
 
     def built(self) -> Any:
         """A shape of coal's of this kind and size."""
@@ -217,14 +223,14 @@ class _Core:
             case _:
                 return coal.Box(*(2 * half for half in self.size))
 
-    def put_into(self, body: Any) -> None:
+    def put_into(self, body: Any, shape: Any) -> None:
         """The body of the same kind has this size and pose from now on."""
         body.placement = self.pose
         match self.kind:
             case "capsule":
-                body.geometry.halfLength = self.size[0]
+                shape.halfLength = self.size[0]
             case "box":
-                body.geometry.halfSide = np.array(self.size)
+                shape.halfSide = np.array(self.size)
             case _:
                 pass
 
@@ -268,12 +274,13 @@ class _Stage:
         data: pinocchio's kinematic data.
         distances: of each pair, where coal writes what it found.
         turns, origins: of each link, where pinocchio writes its pose.
-        things: each thing's body.
+        things: each thing's body, and its shape.
         placed: what each of these stands for now; None while it is half placed.
         own_radius: radii of the arm's own pairs, which stand last.
         own_body, own_link, own_center, own_half: of the arm's own pairs: the moving body, and the capsule it must mind:
             its link, its middle there and half its axis.
-        link, reference, ends, radius, half: of the robot's bodies.
+        link, ends, radius, half: of the robot's bodies.
+        moved_by: 1 where the joint moves the body as seen from its reference link, (bodies, joints).
     """
 
     geometry: Any
@@ -282,7 +289,7 @@ class _Stage:
     distances: tuple[Any, ...]
     turns: tuple[Floats, ...]
     origins: tuple[Floats, ...]
-    things: tuple[Any, ...]
+    things: tuple[tuple[Any, Any], ...]
     placed: list[_Core | None]
     own_radius: Floats
     own_body: NDArray[np.intp]
@@ -290,7 +297,7 @@ class _Stage:
     own_center: Floats
     own_half: Floats
     link: NDArray[np.intp]
-    reference: NDArray[np.intp]
+    moved_by: Floats
     ends: Floats
     radius: Floats
     half: Floats
@@ -300,7 +307,7 @@ class _Stage:
         for k, core in enumerate(cores):
             if self.placed[k] is not core:
                 self.placed[k] = None
-                core.put_into(self.things[k])
+                core.put_into(*self.things[k])
                 self.placed[k] = core
 
 
@@ -338,7 +345,7 @@ def _built(robot: Robot, kinds: tuple[Kind, ...]) -> _Stage:
         distances=tuple(found.distanceResults),
         turns=tuple(frame.rotation for frame in data.oMi),
         origins=tuple(frame.translation for frame in data.oMi),
-        things=tuple(geometry.geometryObjects[thing] for thing in things),
+        things=tuple((body, body.geometry) for body in map(geometry.geometryObjects.__getitem__, things)),
         placed=[None] * len(things),
         own_radius=np.array(own),
         own_body=np.array([index for index, _ in robot.self_pairs], dtype=np.intp),
@@ -346,7 +353,9 @@ def _built(robot: Robot, kinds: tuple[Kind, ...]) -> _Stage:
         own_center=inner.mean(axis=1),
         own_half=0.5 * np.linalg.norm(inner[:, 1] - inner[:, 0], axis=1),
         link=np.array([b.link for b in robot.bodies]),
-        reference=np.array([b.reference for b in robot.bodies]),
+        moved_by=np.array(
+            [[float(b.reference <= k < b.link) for k in range(len(robot.model.joints))] for b in robot.bodies]
+        ),
         ends=ends,
         radius=np.array([b.radius_m for b in robot.bodies]),
         half=0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1),
@@ -372,7 +381,7 @@ class World:
         cores += [_core(shape) for shape in scene.solid_shapes]
         self.stage = _STAGES.of(robot, tuple([(core.kind, core.corners) for core in cores]))
         self.stage.put(cores)
-        balls = np.array([core.ball for core in cores]).reshape(-1, 5)
+        balls = np.array([(*core.ball[0], core.ball[1], core.radius) for core in cores]).reshape(-1, 5)
         self.centers, self.around, left_out = balls[:, :3], balls[:, 3], balls[:, 4]
         moving = self.stage.radius[: robot.world_bodies]
         self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
@@ -390,36 +399,27 @@ class World:
             self._measure(row, q)
         return near, speed[:, self.pairs.body]
 
-    def at_least(
-        self,
-        places: Sequence[tuple[Floats, Floats]],
-        *,
-        exactly: int,
-        settled: Callable[[Floats, Floats], NDArray[np.bool_]],
-    ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """What `ask_all` answers, where `settled` wants to know; elsewhere a clearance that is no greater.
-
-        Args:
-            places: joint angles and speeds.
-            exactly: at so many of them, the first ones, every pair is measured.
-            settled: of clearances and speeds at the others, each (places, pairs), those of which it is enough to know
-                that the clearance is no smaller.
-
-        Returns:
-            Clearance, speed, and which clearances were measured, each of shape (places, pairs).
-        """
+    def at_least(self, places: Sequence[tuple[Floats, Floats]], *, exactly: int) -> tuple[Floats, Floats]:
+        """What `ask_all` answers at so many places, the first ones; at the others a clearance that is no greater."""
         ends, turns, origins, speed = self._motion(places)
-        near, speed, cores = self._unmeasured(ends), speed[:, self.pairs.body], len(self.radius)
-        later = slice(exactly, None)
-        near[later, :cores] = self._balls(ends[later], turns[later], origins[later])
-        measured = np.ones(near.shape, dtype=bool)
-        measured[later] = ~settled(near[later], speed[later])
-        for place, (q, _) in enumerate(places):
-            if place < exactly:
-                self._measure(near[place], q)
-            elif (which := np.flatnonzero(measured[place, :cores])).size:
-                self._measure_these(near[place], q, which)
-        return near, speed, measured
+        near, later = self._unmeasured(ends), slice(exactly, None)
+        near[later, : len(self.radius)] = self._balls(ends[later], turns[later], origins[later])
+        for row, (q, _) in zip(near, places[:exactly], strict=False):
+            self._measure(row, q)
+        return near, speed[:, self.pairs.body]
+
+    def measure(
+        self, near: Floats, places: Sequence[tuple[Floats, Floats]], which: NDArray[np.bool_], *, since: int
+    ) -> None:
+        """In `near`, (places, pairs), the clearances of `which` at the places from `since` on become coal's own."""
+        stage, of = self.stage, pinocchio.computeDistance
+        for place in range(since, len(places)):
+            rows = np.flatnonzero(which[place, : len(self.radius)])
+            if rows.size:
+                q = places[place][0]
+                pinocchio.updateGeometryPlacements(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
+                found = [of(stage.geometry, stage.found, pair).min_distance for pair in rows.tolist()]
+                near[place, rows] = np.maximum(found, 0.0) - self.radius[rows]
 
     def _unmeasured(self, ends: Floats) -> Floats:
         """Room for the clearances of all pairs, those from the faces of the room already there."""
@@ -433,13 +433,6 @@ class World:
         pinocchio.computeDistances(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
         found = np.array([result.min_distance for result in stage.distances])
         near[: len(found)] = np.maximum(found, 0.0) - self.radius
-
-    def _measure_these(self, near: Floats, q: Floats, which: NDArray[np.intp]) -> None:
-        """Of these pairs alone."""
-        stage, measure = self.stage, pinocchio.computeDistance
-        pinocchio.updateGeometryPlacements(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
-        found = [measure(stage.geometry, stage.found, pair).min_distance for pair in which.tolist()]
-        near[which] = np.maximum(found, 0.0) - self.radius[which]
 
     def _balls(self, ends: Floats, turns: Floats, origins: Floats) -> Floats:
         """Clearance of the balls around all bodies' and things' cores, (places, pairs of bodies): at most their own."""
@@ -472,16 +465,15 @@ class World:
         model, stage = self.robot.pinocchio, self.stage
         count, links = len(places), len(stage.turns)
         turns, origins = np.empty((count, links, 3, 3)), np.empty((count, links, 3))
-        gives, twists = np.empty((count, links - 1, 6)), np.zeros((count, links, 6))
+        gives = np.empty((count, links - 1, 6))
         for k, (q, qd) in enumerate(places):
             columns = pinocchio.computeJointJacobians(model, stage.data, q)
             turns[k], origins[k] = stage.turns, stage.origins
             np.multiply(columns.T, qd[:, None], out=gives[k])
-        np.cumsum(gives, axis=1, out=twists[:, 1:])
-        link, reference = stage.link, stage.reference
-        ends = np.einsum("pbij,bej->pbei", turns[:, link], stage.ends) + origins[:, link, None]
-        relative = (twists[:, link] - twists[:, reference])[:, :, None]
-        (x, y, z), (u, v, w, a, b, c) = np.moveaxis(ends, -1, 0), np.moveaxis(relative, -1, 0)
-        square = (u + b * z - c * y) ** 2 + (v + c * x - a * z) ** 2 + (w + a * y - b * x) ** 2
-        spin = np.sqrt(a * a + b * b + c * c)[:, :, 0]
-        return ends, turns, origins, np.sqrt(square.max(axis=2)) + stage.radius * spin
+        ends = np.einsum("pbij,bej->pbei", turns[:, stage.link], stage.ends) + origins[:, stage.link, None]
+        twist = stage.moved_by @ gives
+        spin = twist[..., 3:]
+        velocity = ends @ (spin @ _CROSS).reshape(*spin.shape, 3) + twist[:, :, None, :3]
+        square = np.einsum("pbei,pbei->pbe", velocity, velocity).max(axis=2)
+        turning = np.sqrt(np.einsum("pbi,pbi->pb", spin, spin))
+        return ends, turns, origins, np.sqrt(square) + stage.radius * turning

@@ -259,7 +259,7 @@ class _Rows:
     radius: Floats
 
 
-@lru_cache(maxsize=64)  # people come and go: a handful of numbers in a cell
+@lru_cache(maxsize=16)  # people come and go: a handful of numbers in a cell
 def _rows(robot: Robot, things: int, planes: int) -> _Rows:
     moving, inner = np.arange(robot.world_bodies), _own(robot)
     times = np.array([len(moving)] * things + [1] * len(inner.names) + [len(moving)] * planes, dtype=np.intp)

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pep.pit.contact import payload_kg
-from pep.pit.path import GRID
 from pep.pit.speeds import Intervals
 from pep.pit.tier import ratio_index
 from pep.pit.torques import Torques, carried_kg
@@ -96,8 +95,7 @@ class Demands:
         self._intervals = Intervals(path, speed_shares(path.robot, cell))
         self._ways = np.abs(path.delta).tolist()
         self._limits = path.robot.speed_limits_rad_s.tolist()
-        self._node_s = np.append(self._intervals.low, GRID) / GRID
-        q = path.start + self._node_s[:, None] * path.delta
+        q = path.start + self._intervals.node_s[:, None] * path.delta
         self._torques = Torques(path.robot, cell, q, np.repeat(path.delta[None], len(q), axis=0), np.zeros_like(q))
 
     def speeds(self, profile: Profile) -> Speeds:
@@ -130,7 +128,7 @@ class Demands:
 
     def _torque(self, profile: Profile) -> float:
         return self._torques.ratio(
-            profile.rate(self._node_s),
+            self._intervals.rates(profile),
             forward=profile.acceleration_rad_s2 / profile.way_rad,
             backward=profile.braking_rad_s2 / profile.way_rad,
         )

@@ -61,20 +61,30 @@ class Intervals:
         step = int((high - low)[0]) // FINER
         self.low = np.arange(0, GRID, step, dtype=np.int64)
         self._high = self.low + step
-        self._ends = self.low / GRID, self._high / GRID
+        self.node_s = np.append(self.low, GRID) / GRID
         self._rush = path.rush(self.low, self._high)
         self._least = step >> DEPTH
-        self._last: tuple[Profile, Speeds] | None = None
+        self._last: tuple[Profile, Floats, Speeds] | None = None
 
     def speeds(self, profile: Profile) -> Speeds:
         """The speeds under this profile; ratios near a limit within `INDEX_WITHIN` of what is attained."""
-        if self._last is None or self._last[0] != profile:
-            self._last = profile, self._settled(profile)
-        return self._last[1]
+        return self._found(profile)[2]
 
-    def _settled(self, profile: Profile) -> Speeds:
-        low, high, rush = self.low, self._high, self._rush
-        fastest = profile.highest_rate(*self._ends)
+    def rates(self, profile: Profile) -> Floats:
+        """ds/dt at the ends of the equal intervals (`node_s`), 1/s."""
+        return self._found(profile)[1]
+
+    def _found(self, profile: Profile) -> tuple[Profile, Floats, Speeds]:
+        if self._last is None or self._last[0] != profile:
+            rates = profile.rate(self.node_s)
+            self._last = profile, rates, self._settled(profile, rates)
+        return self._last
+
+    def _settled(self, profile: Profile, rates: Floats) -> Speeds:
+        low, high, rush, top = self.low, self._high, self._rush, profile.top
+        # As `Profile.highest_rate`: where the top is outside, the rate is highest at the end that is nearer to it.
+        spanned = (self.node_s[:-1] <= top) & (top <= self.node_s[1:])
+        fastest = np.where(spanned, profile.peak_rad_s / profile.way_rad, np.maximum(rates[:-1], rates[1:]))
         while True:
             bound = rush * fastest[:, None]
             most = np.asarray(bound.max(axis=0))

@@ -1,5 +1,7 @@
 """Distances against coal, the trap in coal, and the interval bound against dense sampling."""
 
+from dataclasses import replace
+
 import coal
 import numpy as np
 import pinocchio
@@ -135,6 +137,35 @@ def test_one_pass_over_all_pairs_is_right_where_the_manager_is_not():
         clearance, _ = World(ROBOT, scene, pairs).ask(path.q(0.5), np.zeros(6))
         kernel = path.clearance_at(pairs, GRID // 2, np.arange(len(pairs)))
         assert np.abs(clearance - kernel).max() <= 2e-6
+
+
+def test_the_second_engine_measures_things_where_they_are_now():
+    """Bodies of coal stay from scene to scene, and only what moved is put elsewhere."""
+    rng = np.random.default_rng(15)
+    from pep.pit import oracle
+
+    for _ in range(10):
+        scene, q = random_scene(rng), rng.uniform(-1, 1, 6)
+        first, *rest = scene.objects
+        moved = replace(scene, objects=(replace(first, shape=_lifted(first.shape)), *rest))
+        seen = []
+        for each in (scene, moved, scene):
+            world = oracle.World(ROBOT, each, pairs_of(ROBOT, each, CELL, grown_m=0.0))
+            seen.append(world.ask(q, np.ones(6))[0])
+            # What is read again and again is where coal writes.
+            told = [result.min_distance for result in world.stage.found.distanceResults]
+            assert [result.min_distance for result in world.stage.distances] == told
+        assert np.abs(seen[0] - seen[2]).max() <= 2e-6
+        assert np.abs(seen[0] - seen[1]).max() > 1e-3
+        oracle._STAGES.of.cache_clear()
+        world = oracle.World(ROBOT, moved, pairs_of(ROBOT, moved, CELL, grown_m=0.0))
+        assert np.abs(world.ask(q, np.ones(6))[0] - seen[1]).max() <= 2e-6
+
+
+def _lifted(shape):
+    """The same shape, 5 cm higher."""
+    names = ("a_m", "b_m") if isinstance(shape, Capsule) else ("center_m",)
+    return replace(shape, **{name: (*getattr(shape, name)[:2], getattr(shape, name)[2] + 0.05) for name in names})
 
 
 def test_interval_bound_holds_on_dense_samples():
