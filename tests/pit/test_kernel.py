@@ -7,6 +7,8 @@ from pep.pit import CellParameters, MoveJ, Robot
 from pep.pit.adult import standing_adult
 from pep.pit.certify import RESOLUTION
 from pep.pit.engine import NUMPY, chosen
+from pep.pit.kernel.arm import no_nodes, pose, put
+from pep.pit.kernel.engine import _arm_of
 from pep.pit.motion import profile_of
 from pep.pit.pairs import Kind, pairs_of
 from pep.pit.path import GRID
@@ -117,6 +119,24 @@ def test_p12_rows_are_the_same_to_rounding():
         assert np.allclose(
             each.kernel.rush_at(each.pairs, key, pair), each.numpy.rush_at(each.pairs, key, pair), atol=1e-9
         )
+
+
+def test_first_and_second_derivatives_of_the_ends_are_those_of_where_they_are():
+    """`pose` and `put`, as Python, beside central differences: world bodies and those seen from the arm itself."""
+    rng, arm, step = np.random.default_rng(38), _arm_of(ROBOT), 1e-4
+    bodies = range(len(ROBOT.bodies))
+    for _ in range(5):
+        nodes = no_nodes.py_func(3, len(ROBOT.bodies))
+        q, delta = rng.uniform(-3, 3, 6), rng.uniform(-2, 2, 6)
+        for at in range(3):
+            pose.py_func(nodes, at, arm, q + (at - 1) * step * delta, delta)
+            for body in bodies:
+                put.py_func(*nodes, arm.link, arm.reference, arm.ends, at, body)
+        before, there, after = nodes.ends
+        first = np.linalg.norm((after - before) / (2 * step), axis=2).max(axis=1)
+        second = np.linalg.norm((after - 2 * there + before) / step**2, axis=2).max(axis=1)
+        assert np.allclose(nodes.speed[1], first, rtol=1e-5, atol=1e-5)
+        assert np.allclose(nodes.swerve[1], second, rtol=1e-4, atol=1e-4)
 
 
 def test_p12_answers_are_the_same_inside_the_resolution():

@@ -45,6 +45,7 @@ PEAK: Final = 1
 ACCELERATION: Final = 2
 BRAKING: Final = 3
 TOP: Final = 4
+PROFILE: Final = 5
 
 # Columns of a law: how the motion ends, and the bands that are one for all pairs.
 REACTION: Final = 0
@@ -54,3 +55,4 @@ PERSON_SPEED: Final = 3
 WARN_BAND: Final = 4
 PENETRATION_BAND: Final = 5
 CONTACT_SPEED: Final = 6
+LAW: Final = 7

@@ -16,7 +16,7 @@ from pep.pit.certify import FIRST_CUT_LEAST, ROWS_MOST, Fit, Slower
 from pep.pit.errors import PitError, WorkLimitError
 from pep.pit.kernel import columns
 from pep.pit.kernel.answer import Answer, Found
-from pep.pit.kernel.arm import Arm, bends_of
+from pep.pit.kernel.arm import Arm, bends_of, blocks_of
 from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, rushes
 from pep.pit.kernel.known import KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
 from pep.pit.kernel.room import room_for
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
 
 PACKS_KEPT: Final = 16  # some scenes' pairs, and those of slower speeds: 80 kB each
 
-_NO_STOP: Final = np.empty(0)
-
 _CODED: Final = {columns.PERSON: Kind.PERSON, columns.ZONE: Kind.ZONE, columns.MEANT: Kind.MEANT}
 if any(KINDS_IN_ORDER[code] is not kind for code, kind in _CODED.items()) or len(KINDS_IN_ORDER) != KINDS:
     raise ImportError("the kernel's codes of kinds are not those of the pairs")
@@ -67,6 +65,11 @@ def _arm_of(robot: Robot) -> Arm:
         np.array(robot.rotations),
         np.array(robot.offsets),
     )
+
+
+@lru_cache(maxsize=64)
+def _blocks_of(robot: Robot) -> tuple[Floats, NDArray[np.int64]]:
+    return blocks_of(_arm_of(robot))
 
 
 class _Rooms(threading.local):
@@ -164,20 +167,18 @@ class CompiledPath(Path):
         """As `pep.pit.certify.certify`; `told`: with a witness for each obstacle that may raise the index."""
         if len(rows) * FIRST_CUT_LEAST > ROWS_MOST:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
+        room, field = _ROOMS.of(self._arm, len(rows)), self.packed(pairs)
+        asked = [self.start, self.delta, _timing(profile), _law(pairs, stop), slower or ()]
         status, upper, attained, witnesses, violated, leaves, far, falls = certify(
-            _ROOMS.of(self._arm, len(rows)),
-            self._arm,
-            self.start,
-            self.delta,
-            self.packed(pairs),
+            *room,
+            *_blocks_of(self.robot),
+            *field,
             rows,
             pairs.groups,
-            _timing(profile),
-            _law(pairs, stop),
+            np.concatenate(asked),
             floor,
             FIRST_CUT_LEAST,
             LOOKS if told else 0,
-            _NO_STOP if slower is None else np.array(slower),
         )
         check_time()
         if status == TOO_MANY:

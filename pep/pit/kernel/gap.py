@@ -121,7 +121,7 @@ def _box(ends: Floats, at: int, body: int, numbers: Floats, pair: int, knots: Fl
 
 
 @lent
-def _plane(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
+def plane_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
     """Gap between the axis and a plane's forbidden side; negative beyond it."""
     nx, ny, nz = numbers[pair, A], numbers[pair, A + 1], numbers[pair, A + 2]
     first = ends[at, body, 0, 0] * nx + ends[at, body, 0, 1] * ny + ends[at, body, 0, 2] * nz
@@ -136,7 +136,7 @@ def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape
         return _segment(ends, at, body, numbers, pair)
     if shape == BOX:
         return _box(ends, at, body, numbers, pair, knots)
-    return _plane(ends, at, body, numbers, pair)
+    return plane_gap(ends, at, body, numbers, pair)
 
 
 @lent

@@ -12,7 +12,7 @@ import numpy as np
 from pep.pit.certify import LOWER_DEPTH
 from pep.pit.kernel.arm import no_nodes, place, place_all
 from pep.pit.kernel.columns import BODY, KIND, PEAK, WAY
-from pep.pit.kernel.compiled import compiled, entry
+from pep.pit.kernel.compiled import compiled, entry, lent
 from pep.pit.kernel.law import blow_of, highest_rate, pair_index, rate_at
 from pep.pit.kernel.rows import (
     ball_gap,
@@ -55,7 +55,7 @@ def nothing_known(bodies: int) -> Known:
     return Known(no_nodes(FIRST // 2, bodies), np.full(FIRST, FREE), np.full(FIRST, FREE), np.zeros(1, np.int64))
 
 
-@compiled
+@lent
 def _place_of(table: Whole, key: int) -> int:
     """Where the key stands or would stand."""
     at = ((key >> 2) * SPREAD >> 8) & (table.shape[0] - 1)
@@ -244,27 +244,35 @@ def rushes(known: Known, way: Way, low: Whole, high: Whole) -> tuple[Known, Floa
 
     Of bodies that are seen from the arm itself it is the rough one: nobody asks how fast the arm passes itself.
     """
-    count = way.arm.link.shape[0]
-    bodies = np.flatnonzero(way.arm.reference == 0)
-    found = np.empty((low.shape[0], count))
-    radius, third, spin_second = way.arm.radius, way.bends.third, way.bends.spin_second
-    for k in range(low.shape[0]):
+    arm, bends, intervals = way.arm, way.bends, low.shape[0]
+    references, radius, first, third = arm.reference, arm.radius, bends.first, bends.third
+    spin_most, spin_second = bends.spin, bends.spin_second
+    count, bodies = references.shape[0], np.flatnonzero(references == 0)
+    found, stand = np.empty((intervals, count)), np.empty((intervals, 3), np.int64)
+    for k in range(intervals):
         mid = (low[k] + high[k]) // 2
-        known = with_key(with_key(with_key(known, low[k], way), mid, way), high[k], way)
-        at_low = known.row[_place_of(known.key, low[k])]
-        at_mid = known.row[_place_of(known.key, mid)]
-        at_high = known.row[_place_of(known.key, high[k])]
+        if k > 0 and low[k] == high[k - 1]:  # most follow each other
+            stand[k, 0] = stand[k - 1, 2]
+        else:
+            known = with_key(known, low[k], way)
+            stand[k, 0] = known.row[_place_of(known.key, low[k])]
+        known = with_key(with_key(known, mid, way), high[k], way)
+        stand[k, 1] = known.row[_place_of(known.key, mid)]
+        stand[k, 2] = known.row[_place_of(known.key, high[k])]
+    nodes, speeds, spins = known.nodes, known.nodes.speed, known.nodes.spin
+    for k in range(intervals):
+        at_low, at_mid, at_high = stand[k, 0], stand[k, 1], stand[k, 2]
         for at in (at_low, at_mid, at_high):
-            place_all(known.nodes, at, way.arm, bodies)
+            place_all(nodes, at, arm, bodies)
         bend = ((high[k] - low[k]) / GRID) ** 2 / CHORD
-        speeds, spins = known.nodes.speed, known.nodes.spin
         for body in range(count):
-            if way.arm.reference[body] > 0:
-                found[k, body] = rush_at_most(way, body, (high[k] - low[k]) / GRID)
-                continue
-            speed = max(speeds[at_low, body], speeds[at_mid, body], speeds[at_high, body]) + third[body] * bend
-            spin = max(spins[at_low, body], spins[at_mid, body], spins[at_high, body]) + spin_second[body] * bend
-            found[k, body] = speed + radius[body] * spin
+            if references[body] > 0:
+                speed, spin = first[body], spin_most[body]
+            else:
+                speed = max(speeds[at_low, body], speeds[at_mid, body], speeds[at_high, body])
+                spin = max(spins[at_low, body], spins[at_mid, body], spins[at_high, body])
+            speed += third[body] * bend
+            found[k, body] = speed + radius[body] * (spin + spin_second[body] * bend)
     return known, found
 
 

@@ -158,8 +158,11 @@ def table_of(arm: Arm, bends: Bends) -> Floats:
 
 
 @lent
-def rough(speed: float, spin: float, table: Floats, body: int, width: float) -> tuple[float, float]:
-    """What a span of that width proves by its middle alone, where the body has this speed and spin.
+def rough(speed: float, swerve: float, spin: float, table: Floats, body: int, width: float) -> tuple[float, float]:
+    """What a span of that width proves by its middle alone, where the body has this speed, swerve and spin.
+
+    The second derivative is no more than its bound on the whole path, nor than that in the middle and what the third
+    adds to it (Taylor).
 
     Returns:
         How far any part of the body's axis is at most from where it is in the middle, metre. The sag is added, so that
@@ -167,8 +170,10 @@ def rough(speed: float, spin: float, table: Floats, body: int, width: float) -> 
         Its surface speed per unit of ds/dt at most, metre; no less than what all three nodes prove.
     """
     reach, bend, first, second = 0.5 * width, width * width / CHORD, table[body, FIRST], table[body, SECOND]
-    strays = min(first, speed + 0.5 * second * reach) * reach
-    fastest = min(first, speed + second * reach) + table[body, THIRD] * bend
+    third = table[body, THIRD]
+    # 1/2 and 1/6, 1 and 1/2: Taylor's, of the way and of the speed.
+    strays = min(first, speed + min(0.5 * second, 0.5 * swerve + third * reach / 6.0) * reach) * reach
+    fastest = min(first, speed + min(second, swerve + 0.5 * third * reach) * reach) + third * bend
     turns = min(table[body, SPIN], spin + table[body, SPIN_FIRST] * reach) + table[body, SPIN_SECOND] * bend
     return strays + second * bend + 2.0 * ROUNDING_M, fastest + table[body, RADIUS] * turns
 

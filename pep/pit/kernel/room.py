@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 NODES_FIRST: Final = 128  # room for configurations at first; most questions need fewer
 COUNTERS: Final = 5  # of rows, doubts, the heap, nodes and spans
 _FRAME: Final = 12  # 3 x 4
-_TURNING: Final = 6  # 2 x 3
-_PLACED: Final = 8  # both ends, 2 x 3, speed and spin
+_TURNING: Final = 12  # 4 x 3
+_PLACED: Final = 9  # both ends, 2 x 3, speed, swerve and spin
 
 
 class Room(NamedTuple):
@@ -67,13 +67,14 @@ def laid_out(room: Room, bodies: int, joints: int) -> tuple[Tree, Rows, Heap]:
     wide = _FRAME * LINKS * count
     frames, at = numbers[at : at + wide].reshape((count, LINKS, 3, 4)), at + wide
     wide = _TURNING * LINKS * count
-    turning, at = numbers[at : at + wide].reshape((count, LINKS, 2, 3)), at + wide
+    turning, at = numbers[at : at + wide].reshape((count, LINKS, 4, 3)), at + wide
     wide = bodies * count
     ends, at = numbers[at : at + 6 * wide].reshape((count, bodies, 2, 3)), at + 6 * wide
     speed, at = numbers[at : at + wide].reshape((count, bodies)), at + wide
+    swerve, at = numbers[at : at + wide].reshape((count, bodies)), at + wide
     spin = numbers[at : at + wide].reshape((count, bodies))
     known, posed = flags[:wide].reshape((count, bodies)), flags[wide : wide + count]
-    nodes = Nodes(frames, turning, ends, speed, spin, known)
+    nodes = Nodes(frames, turning, ends, speed, swerve, spin, known)
     return (
         Tree(nodes, key, posed, spans, rates, whole[3:5], q),
         Rows(row_whole, row_numbers, doubts, whole[0:2]),

@@ -110,18 +110,8 @@ def configuration(nodes: Nodes, used: int, way: Way, key: int) -> Nodes:
 
 
 @lent
-def rush_between(nodes: Nodes, low: int, mid: int, high: int, way: Way, body: int, width: float) -> float:
-    """Bound on the body's surface speed per unit of ds/dt on an interval of that width; it is placed at all three."""
-    bend = width * width / CHORD
-    speed = max(nodes.speed[low, body], nodes.speed[mid, body], nodes.speed[high, body])
-    spin = max(nodes.spin[low, body], nodes.spin[mid, body], nodes.spin[high, body])
-    speed += way.bends.third[body] * bend
-    return speed + way.arm.radius[body] * (spin + way.bends.spin_second[body] * bend)
-
-
-@lent
 def rush_at_most(way: Way, body: int, width: float) -> float:
-    """A bound on `rush_between` that needs no configuration."""
+    """A bound on the body's surface speed per unit of ds/dt on such an interval that needs no configuration."""
     bend = width * width / CHORD
     speed = way.bends.first[body] + way.bends.third[body] * bend
     return speed + way.arm.radius[body] * (way.bends.spin[body] + way.bends.spin_second[body] * bend)

@@ -29,7 +29,7 @@ from pep.pit.kernel.columns import (
     VIOLATED_BELOW,
 )
 from pep.pit.kernel.compiled import compiled, lent
-from pep.pit.kernel.gap import core_gap, interval_gap
+from pep.pit.kernel.gap import core_gap, interval_gap, plane_gap
 from pep.pit.kernel.heap import heaped, lower, pop, push
 from pep.pit.kernel.known import (
     ANSWERED,
@@ -105,11 +105,12 @@ NOT_LOOKED: Final = -1
 
 @compiled
 def _first_rows(
-    tree: Tree, way: Way, table: Floats, field: Field, pairs: Whole, law: Floats, rows: Rows, heap: Heap, knots: Floats
+    tree: Tree, way: Way, table: Floats, field: Field, pairs: Whole, law: Floats, rows: Rows, heap: Heap
 ) -> Any:
     """The first spans' rows, but for those far apart: shape (spans, pairs), which of them are."""
     count, numbers, whole = pairs.shape[0], field.numbers, field.whole
-    spans, rates, ends, speeds, spins = tree.spans, tree.rates, tree.nodes.ends, tree.nodes.speed, tree.nodes.spin
+    spans, rates, ends, speeds = tree.spans, tree.rates, tree.nodes.ends, tree.nodes.speed
+    swerves, spins = tree.nodes.swerve, tree.nodes.spin
     bodies, first = table.shape[0], tree.counts[SPANS]
     # Per pair, side by side: the obstacle's centre, how far from there the body's own centre must be, that nothing
     # counts more than any motion and no violation can hide, and how much farther per m/s. Planes have no centre.
@@ -136,7 +137,9 @@ def _first_rows(
             body = moving[each]
             for i in range(3):
                 placed[body, i] = 0.5 * (ends[at, body, 0, i] + ends[at, body, 1, i])
-            placed[body, 3], placed[body, 5] = rough(speeds[at, body], spins[at, body], table, body, width)
+            placed[body, 3], placed[body, 5] = rough(
+                speeds[at, body], swerves[at, body], spins[at, body], table, body, width
+            )
             placed[body, 4] = placed[body, 5] * rates[k, HIGHEST_RATE]
         # The tight loop of the whole engine: no branch, no root, nothing written but where it is needed.
         found = 0
@@ -157,7 +160,7 @@ def _first_rows(
                 placed[body, 4],
             )
             if whole[pair, SHAPE] == PLANE:
-                clear = core_gap(ends, at, body, numbers, pair, PLANE, knots)[0] - numbers[pair, RADII] - strays
+                clear = plane_gap(ends, at, body, numbers, pair)[0] - numbers[pair, RADII] - strays
                 if clear >= max(calm_beyond(kind, numbers, pair, speed, law), below):
                     far[k, each] = True
                     continue
@@ -210,7 +213,7 @@ def explored(
     whole, numbers, doubts, used = rows.whole, rows.numbers, rows.doubts, rows.used
     keys, key_rows, key_count = heap.key, heap.row, heap.used
     nodes, arm, spans, rates, posed = tree.nodes, way.arm, tree.spans, tree.rates, tree.posed
-    frames, turning, ends, speeds = nodes.frames, nodes.turning, nodes.ends, nodes.speed
+    frames, turning, ends, speeds, swerves = nodes.frames, nodes.turning, nodes.ends, nodes.speed, nodes.swerve
     spins, known, link, reference, own, half = nodes.spin, nodes.known, arm.link, arm.reference, arm.ends, arm.half
     laws, kinds = field.numbers, field.whole
     witnesses, violated, top, knots = met.witnesses, met.violated, met.top, met.knots
@@ -268,7 +271,7 @@ def explored(
                 if not posed[at]:
                     stand(tree, way, at)
                 if not known[at, body]:
-                    put(frames, turning, ends, speeds, spins, known, link, reference, own, at, body)
+                    put(frames, turning, ends, speeds, swerves, spins, known, link, reference, own, at, body)
             width = (spans[span, HIGH] - spans[span, LOW]) / GRID
             bend = width * width / CHORD
             gaps = (0.0, numbers[row, AWAY], numbers[row, AWAY + 1], numbers[row, AWAY + 2])
@@ -295,12 +298,14 @@ def explored(
                 used[0] = new + 1
                 middle = spans[span, AT_MID]
                 if not known[middle, body]:
-                    put(frames, turning, ends, speeds, spins, known, link, reference, own, middle, body)
+                    put(frames, turning, ends, speeds, swerves, spins, known, link, reference, own, middle, body)
                 if shape == PLANE:
-                    clear = core_gap(ends, middle, body, laws, pair, PLANE, knots)[0] - laws[pair, RADII]
+                    clear = plane_gap(ends, middle, body, laws, pair)[0] - laws[pair, RADII]
                 else:
                     clear = ball_gap(ends, middle, body, half, laws, pair)
-                strays, rush = rough(speeds[middle, body], spins[middle, body], table, body, width)
+                strays, rush = rough(
+                    speeds[middle, body], swerves[middle, body], spins[middle, body], table, body, width
+                )
                 bound = pair_index(kind, laws, pair, clear - strays, rush * rates[span, HIGHEST_RATE], law)
                 whole[new, SPAN_OF], whole[new, PAIR], whole[new, STAGE] = span, pair, BALLS
                 numbers[new, CLEAR], numbers[new, RUSH], numbers[new, STRAYS] = clear - strays, rush, strays
@@ -429,7 +434,7 @@ def searched(
     while 1 << level < first:
         level += 1
     plant(tree, way, profile, first, level)
-    far = _first_rows(tree, way, table, field, pairs, law, rows, heap, met.knots)
+    far = _first_rows(tree, way, table, field, pairs, law, rows, heap)
     best, status = floor, ANSWERED
     while True:
         finished, best = explored(

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pep.pit.certify import SPEED_STEPS
-from pep.pit.kernel.arm import bends_of
+from pep.pit.kernel.arm import arm_of, bends_of
 from pep.pit.kernel.columns import (
     ACCELERATION,
     BRAKE,
     BRAKING,
     KIND,
+    LAW,
     PEAK,
+    PROFILE,
     TOP,
     TRAVEL,
     WAY,
@@ -47,8 +49,8 @@ from pep.pit.kernel.known import (
     table_of,
 )
 from pep.pit.kernel.law import pair_index
-from pep.pit.kernel.room import laid_out
-from pep.pit.kernel.rows import Way
+from pep.pit.kernel.room import Room, laid_out
+from pep.pit.kernel.rows import Field, Way
 from pep.pit.kernel.search import explored, leaves_of, searched
 from pep.pit.kernel.tree import HIGHEST_RATE, SPANS, rate
 from pep.pit.tier import HIGHEST, MOVING, TIE
@@ -56,11 +58,8 @@ from pep.pit.tier import HIGHEST, MOVING, TIE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pep.pit.kernel.arm import Arm
     from pep.pit.kernel.heap import Heap
     from pep.pit.kernel.known import Rows
-    from pep.pit.kernel.room import Room
-    from pep.pit.kernel.rows import Field
     from pep.pit.kernel.tree import Tree
     from pep.pit.motion import Floats
 
@@ -143,32 +142,37 @@ def _slower(
 
 @entry
 def certify(
-    room: Room,
-    arm: Arm,
-    start: Floats,
-    delta: Floats,
-    field: Field,
+    numbers: Floats,
+    whole: Whole,
+    flags: Any,
+    room: int,
+    arm_numbers: Floats,
+    arm_whole: Whole,
+    pair_numbers: Floats,
+    pair_whole: Whole,
     pairs: Whole,
     groups: int,
-    profile: Floats,
-    law: Floats,
+    asked: Floats,
     floor: float,
     first: int,
     looks: int,
-    stop: Floats,
 ) -> tuple[int, float, float, Floats, Floats, Floats, Any, float]:
     """The proven index of these pairs on this path (see `pep.pit.certify.certify`).
 
+    Few arrays and no tuples of them: numba looks at each that Python hands over, which takes as long as the search when
+    none of it is in the processor's cache.
+
     Args:
-        room: for the rows of the first cut at least.
-        arm, start, delta, field: the path, and all pairs.
+        numbers, whole, flags, room: a `Room` for the rows of the first cut at least.
+        arm_numbers, arm_whole: the arm (`arm.blocks_of`).
+        pair_numbers, pair_whole: all pairs (`rows.Field`).
         pairs: which to ask about.
         groups: how many groups of pairs there are.
-        profile, law: timing and stop.
+        asked: start and way of the joints, timing and stop, side by side; then, when a slower speed is wanted, what it
+            is found by (`STOP` numbers).
         floor: an index that holds anyway, at least `MOVING`.
         first: intervals of the first cut, a power of two.
         looks: at each group that does not decide, so that it can be told of.
-        stop: what a slower speed is found by (`STOP` numbers), or nothing when none is wanted.
 
     Returns:
         `ANSWERED` or `TOO_MANY`, the proven and the attained index, then rows of `MET` columns: the witnesses, highest
@@ -176,10 +180,15 @@ def certify(
         pairs) are far apart and count no more than any motion: the certificate;
         last the highest speed at which the index of these pairs is proven to be a whole tier lower, or -1.
     """
+    arm, field = arm_of(arm_numbers, arm_whole), Field(pair_numbers, pair_whole)
+    joints = arm.offsets.shape[0]
+    start, delta, at = asked[:joints], asked[joints : 2 * joints], 2 * joints
+    profile, law = asked[at : at + PROFILE], asked[at + PROFILE : at + PROFILE + LAW]
+    stop = asked[at + PROFILE + LAW :]
     way = Way(arm, start, delta, bends_of(arm, delta))
     table = table_of(arm, way.bends)
     met = Met(none_met(groups), none_met(KINDS), np.empty((groups, looks), np.int64), np.empty(KNOTS))
-    tree, rows, heap = laid_out(room, table.shape[0], start.shape[0])
+    tree, rows, heap = laid_out(Room(numbers, whole, flags, room), table.shape[0], joints)
     tree, rows, heap, far, status, best = searched(
         tree, rows, heap, way, table, field, pairs, profile, law, floor, first, looks, met
     )
