@@ -104,8 +104,7 @@ def cross_check(
     at += [profile.at(share * profile.duration_s) for share in fractions(seed)]  # nobody can foresee these places
     places = [(path.q(s), path.delta * rate) for s, rate in at]
     clearance, speed = world.at_least(places, exactly=len(watched))
-    every, asked = np.arange(len(pairs)), np.zeros(len(pairs), dtype=bool)
-    asked[rows] = True
+    every = np.arange(len(pairs))
     for witness, met, moving in zip(watched, clearance, speed, strict=False):
         kernel = path.clearance_at(pairs, witness.key, every)
         kernel[witness.pair] = witness.clearance_m
@@ -113,12 +112,43 @@ def cross_check(
             return Disagreement("clearance at the witness")
         if witness.index > 0 and not abs(moving[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
             return Disagreement("speed at the witness")
-    # Only what the balls around both do not settle at the other places needs a distance.
-    found = _doubted(pairs, stop, certified, np.tile(every, len(places)), clearance.ravel(), speed.ravel())
+    return judged_where_near(
+        world, places, clearance, speed, stop=stop, certified=certified, rows=rows, since=len(watched)
+    )
+
+
+def judged_where_near(
+    world: World,
+    places: Sequence[tuple[Floats, Floats]],
+    clearance: Floats,
+    speed: Floats,
+    *,
+    stop: Stopping,
+    certified: Certified,
+    rows: NDArray[np.intp],
+    since: int,
+) -> Agreement | Disagreement:
+    """As `judged`, where only what the balls around both bodies do not settle needs a distance, and gets it.
+
+    Args:
+        world: the second engine.
+        places: joint angles and speeds.
+        clearance: what `World.at_least` says of all pairs there; measured in place.
+        speed: likewise.
+        stop: how the motion ends when it must.
+        certified: the answer in question.
+        rows: the pairs that `certified` speaks of.
+        since: the first place that was not measured.
+    """
+    pairs = world.pairs
+    asked = np.zeros(len(pairs), dtype=bool)
+    asked[rows] = True
+    every = np.tile(np.arange(len(pairs)), len(places))
+    found = _doubted(pairs, stop, certified, every, clearance.ravel(), speed.ravel())
     which = (found.above | found.below).reshape(clearance.shape) & asked
     if not which.any():
         return Agreement(len(places), float(found.indices.max(initial=0)))
-    world.measure(clearance, places, which, since=len(watched))
+    world.measure(clearance, places, which, since=since)
     return _told(_doubted(pairs, stop, certified, np.nonzero(which)[1], clearance[which], speed[which]), len(places))
 
 

@@ -18,9 +18,8 @@ from pep.pit.oracle import (
     Disagreement,
     World,
     fractions,
-    judged,
+    judged_where_near,
 )
-from pep.pit.oracle import _settled as settled_by
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -65,7 +64,7 @@ def drive_check(
             if s <= drive.line_until and not line.holds(s, q, dq):
                 return Disagreement("joint angles on the line")
     moving_at = [(q, dq * rate) for (_, rate), (q, dq) in zip(places, angles, strict=True)]
-    clearance, speed = world.ask_all(moving_at[: len(met)])
+    clearance, speed = world.at_least(moving_at, exactly=len(met))
     for k, witness in enumerate(watched):
         kernel = course.clearance_at(pairs, witness.key, every)
         if not (np.abs(clearance[k] - kernel) <= DISTANCE_TOLERANCE_M).all():
@@ -73,11 +72,10 @@ def drive_check(
         moving = met[k][1] * course.rush_at(pairs, witness.key, every)
         if not (np.abs(speed[k] - moving) <= SPEED_TOLERANCE_M_S).all():
             return Disagreement("speed at the witness")
-    # Only what the balls around both do not settle there needs a distance, as on a straight path.
-    clearance, speed = world.at_least(
-        moving_at[len(met) :], settled=lambda near, moving: settled_by(pairs, stop, certified, near, moving)
+    later = slice(len(met), None)
+    return judged_where_near(
+        world, moving_at[later], clearance[later], speed[later], stop=stop, certified=certified, rows=rows, since=0
     )
-    return judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
 
 
 class _Line:
