@@ -230,7 +230,7 @@ class CellParameters:
 
     @cached_property
     def _defect(self) -> str | None:  # asked with every question, and a cell has one
-        return _defect_of(self)
+        return _defect(self)
 
     @cached_property
     def surveyed(self) -> Scene:
@@ -240,7 +240,7 @@ class CellParameters:
         return Scene(objects=surveyed, zones=zones, workspace=self.workspace)
 
 
-def _defect_of(cell: CellParameters) -> str | None:
+def _defect(cell: CellParameters) -> str | None:
     dividing = {
         "stop_deceleration_rad_s2",
         "person_speed_m_s",
