@@ -18,10 +18,12 @@ from pep.pit.line import pose_exists, trace
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from pep.pit.cell import CellParameters
     from pep.pit.certify import Certified, Fit
     from pep.pit.course import Cells
     from pep.pit.line import Trace
     from pep.pit.robot import Robot
+    from pep.pit.scene import Scene
     from pep.pit.track import Track
     from pep.pit.twist import Twist
 
@@ -54,6 +56,11 @@ def chosen() -> Curved:
     """The engine of this installation. The first call compiles it, or reads what was compiled before."""
     straight = engine.chosen()
     return NUMPY if straight is engine.NUMPY else _compiled(straight.name)
+
+
+def chosen_for(scene: Scene | None, cell: CellParameters) -> Curved:
+    """The engine for questions about this scene, or without one about the bare cell, as `engine.chosen_for`."""
+    return NUMPY if engine.chosen_for(scene, cell) is engine.NUMPY else chosen()
 
 
 @cache

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit.course import Course
+    from pep.pit.curved import Curved
     from pep.pit.line import Trace
     from pep.pit.motion import Floats, Joints, Pose
     from pep.pit.robot import Robot
@@ -73,6 +74,13 @@ class Drive:
     def at_speed(self, speed: float) -> Profile:
         """The timing at another commanded speed."""
         return replace(self.profile, speed_rad_s=speed)
+
+    def measured_by(self, engine: Curved) -> Drive:
+        """The same drive, on a course whose distances this engine measures."""
+        course = self.course
+        if type(course) is engine.course:
+            return self
+        return replace(self, course=engine.course(course.robot, course.cells, course.track))
 
     def joint_speeds_rad_s(self, profile: Profile) -> Floats:
         """Proven bound on the speed of each joint on each cell, (cells, 6)."""

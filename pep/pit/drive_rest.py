@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, assert_never
 import numpy as np
 
 from pep.pit.assessment import milli
+from pep.pit.curved import chosen_for
 from pep.pit.drive import Drive, Nowhere
 from pep.pit.driven import DOUBTFUL, JOINT_LIMIT
 from pep.pit.driving import drive_of, joint_moves, line_drives
@@ -58,6 +59,7 @@ class DriveRest(Rest):
             worst = {None: 0.0, JOINT_LIMIT: HIGHEST}.get(drive.doubt, DOUBTFUL)
             return against(self.authorised_milli, milli(worst), drive.doubt or "")
         # 1. Where on the course the arm is, or beside it by no more than the course says.
+        self.drive = drive = drive.measured_by(chosen_for(scene, cell))
         self.course = course = drive.course
         s = _place(course, at)
         beside = np.maximum(np.abs(at - course.q(s)) - course.cells.stray[course.cells.holding(s * GRID)], 0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.pit.assessment import Assessment, Certificate, micro, milli, seen
-from pep.pit.curved import chosen
+from pep.pit.curved import chosen_for
 from pep.pit.departure import RETREAT, departure, slow_enough
 from pep.pit.drive import Doubt, Nowhere
 from pep.pit.effort import Effort
@@ -85,7 +85,9 @@ class DriveQuestion(MoveQuestion):
         if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
             return self._doubted(drive.doubt or JOINT_LIMIT)
         # 2. What the motion asks of the arm.
-        course, profile, curved = drive.course, drive.profile, chosen()
+        curved = chosen_for(self.view.scene, self.cell)
+        self.drive = drive = drive.measured_by(curved)
+        course, profile = drive.course, drive.profile
         effort = Effort(self.robot, drive, self.cell)
         ratios, speeds = effort.ratios(profile), effort.surface_speed_m_s(profile)
         speed = float(speeds[: self.robot.world_bodies].max())
@@ -160,7 +162,7 @@ class DriveQuestion(MoveQuestion):
         assert not isinstance(drive, Nowhere)
         if target < MOVING or self.view.floor > target:
             return None
-        course = drive.course
+        course, curved = drive.course, chosen_for(self.view.scene, self.cell)
         # What counts no more at this speed counts no more at a lower one (faster never lowers).
         asks = max(ratio.index for ratio in ratios) > target
         leaves = certified.leaves.take(certified.leaf_index > target)
@@ -172,7 +174,7 @@ class DriveQuestion(MoveQuestion):
                 return False
             meant = self._with_meant(course, bare, profile)
             stop = self._stop(profile)
-            fit = chosen().fits(course, meant, profile, stop, leaves, index=target, check_time=self.check_time)
+            fit = curved.fits(course, meant, profile, stop, leaves, index=target, check_time=self.check_time)
             leaves = fit.leaves
             return fit.proven
 

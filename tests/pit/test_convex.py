@@ -19,15 +19,21 @@ from pep.pit import (
     Capsule,
     CellParameters,
     Convex,
+    LineLeg,
+    LinePath,
     MoveJ,
+    MoveL,
     Person,
     Region,
     Scene,
     SceneError,
+    ServoJ,
+    SpeedL,
     Thing,
     Zone,
     assess,
     gripped,
+    remaining,
 )
 from pep.pit.cell import StaticObject
 from pep.pit.checker import Verified, verify
@@ -45,6 +51,7 @@ from pep.pit.postures import Part, nearest
 from pep.pit.proof import document
 from pep.pit.scene import shape_of
 from pep.pit.solids import cores_of
+from tests.pit.lines import pose_of
 from tests.pit.scenes import (
     CELL,
     HOME,
@@ -444,6 +451,32 @@ def test_a_polytope_counts_as_much_as_the_box_that_it_is():
     assert answers[0].index > 1.5
     assert answers[1].index == pytest.approx(answers[0].index, abs=0.011)
     assert answers[1].tier == answers[0].tier
+
+
+def test_a_curved_motion_past_a_polytope_counts_it_as_the_box_that_it_is():
+    unhurried = replace(PATIENT, watch_time_limit_s=60.0)
+    x, y, z = tcp()
+    box = Box((x, y + 0.15, z), (0.06, 0.04, 0.05))
+    corners = np.array(CUBE) * 10 * np.array(box.half_m) + np.array(box.center_m)
+    line = MoveL(HOME, (x, y + 0.06, z, *pose_of(HOME)[3:]), 0.1, 0.5)
+    held = SpeedL(HOME, (0.0, 0.1, 0.0, 0.0, 0.0, 0.0), 1.0, 0.3)
+    servo = ServoJ(HOME, (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), (HOME[0] + 0.02, *HOME[1:]), 0.002, 0.1)
+    path = LinePath(HOME, (LineLeg(line.target, 0.1, 0.5),))
+    for motion in (line, held, servo, path):
+        found, left = [], []
+        for shape in (box, Convex(tuple(map(tuple, corners.tolist())))):
+            scene = replace(empty(), objects=(*empty().objects, Thing("it", "fragile", shape, 0.01)))
+            found.append(assess(ROBOT, scene, motion, unhurried, perception_age_s=0.1, touch=NOTHING, seed=SEED))
+            left.append(
+                remaining(
+                    ROBOT, scene, motion, unhurried, at_rad=HOME, authorised_milli=found[-1].reading().index_milli + 20,
+                    perception_age_s=0.1, touch=NOTHING,
+                )
+            )  # fmt: skip
+        assert [each.engine for each in found] == [chosen().name, NUMPY.name]
+        assert found[0].index > 1.1
+        assert found[1].index == pytest.approx(found[0].index, abs=0.011)
+        assert all(each.holds for each in left)
 
 
 @settings(max_examples=25, deadline=None)

@@ -442,8 +442,8 @@ def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault
         rotation, origin = honest(robot, q)
         return rotation, origin + np.array([0, 0, 1e-6])
 
-    for module in ("drive", "driven"):
-        monkeypatch.setattr(f"pep.pit.{module}.chosen", lambda: curved.NUMPY)
+    monkeypatch.setattr("pep.pit.drive.chosen", lambda: curved.NUMPY)
+    monkeypatch.setattr("pep.pit.driven.chosen_for", lambda *_: curved.NUMPY)
     assert not isinstance(ask(GOOD), ImpactFault)
     monkeypatch.setattr(inverse, "link_frames", bent)
     answer = ask(GOOD)
