@@ -20,6 +20,7 @@ from pep.pit.oracle import (
     fractions,
     judged,
 )
+from pep.pit.oracle import _settled as settled_by
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -52,25 +53,31 @@ def drive_check(
     world = World(course.robot, scene, pairs)
     every = np.arange(len(pairs))
     watched = [*certified.witnesses[:1], *certified.violated.values()]
-    times = [profile.time_of(w.s) for w in watched] + [f * profile.duration_s for f in fractions(seed)]
     # By the path parameter at the witnesses, by time everywhere: two ways to the same places.
-    places = [(w.s, float(profile.rate(np.array(w.s)))) for w in watched] + [profile.at(t) for t in times]
+    met = [(w.s, float(profile.rate(np.array(w.s)))) for w in watched]
+    timed = [profile.at(profile.time_of(w.s)) for w in watched]
+    timed += [profile.at(share * profile.duration_s) for share in fractions(seed)]
+    places = [*met, *timed]
     angles = [course.at(s) for s, _ in places]
     if drive.twist is not None:
         line = _Line(course.robot, drive.twist)
         for (s, _), (q, dq) in zip(places, angles, strict=True):
             if s <= drive.line_until and not line.holds(s, q, dq):
                 return Disagreement("joint angles on the line")
-    clearance, speed = world.ask_all([(q, dq * rate) for (_, rate), (q, dq) in zip(places, angles, strict=True)])
+    moving_at = [(q, dq * rate) for (_, rate), (q, dq) in zip(places, angles, strict=True)]
+    clearance, speed = world.ask_all(moving_at[: len(met)])
     for k, witness in enumerate(watched):
         kernel = course.clearance_at(pairs, witness.key, every)
         if not (np.abs(clearance[k] - kernel) <= DISTANCE_TOLERANCE_M).all():
             return Disagreement("clearance at the witness")
-        moving = places[k][1] * course.rush_at(pairs, witness.key, every)
+        moving = met[k][1] * course.rush_at(pairs, witness.key, every)
         if not (np.abs(speed[k] - moving) <= SPEED_TOLERANCE_M_S).all():
             return Disagreement("speed at the witness")
-    later = slice(len(watched), None)
-    return judged(pairs, stop, certified, rows, clearance=clearance[later, rows], speed=speed[later, rows])
+    # Only what the balls around both do not settle there needs a distance, as on a straight path.
+    clearance, speed = world.at_least(
+        moving_at[len(met) :], settled=lambda near, moving: settled_by(pairs, stop, certified, near, moving)
+    )
+    return judged(pairs, stop, certified, rows, clearance=clearance[:, rows], speed=speed[:, rows])
 
 
 class _Line:

@@ -450,6 +450,21 @@ def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault
     assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")
 
 
+def test_an_answer_below_what_is_met_at_a_place_that_nobody_foresees_is_a_fault(monkeypatch):
+    from pep.pit import curved
+
+    honest = curved.chosen()
+
+    def lying(*args, **more):
+        return replace(honest.certify(*args, **more), upper=1.0, attained=1.0, witnesses=())
+
+    scene = with_person(0.6)
+    assert ask(GOOD, scene).index > 1.5
+    monkeypatch.setattr("pep.pit.driven.chosen_for", lambda *_: replace(honest, certify=lying))
+    answer = ask(GOOD, scene)
+    assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")
+
+
 def test_no_piece_is_shorter_than_the_finest():
     move = shifted((-2.0, 0.0, 0.0))
     twist = Twist.between(ROBOT, move.start, move.target)
