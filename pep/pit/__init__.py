@@ -42,6 +42,7 @@ from pep.pit.outfit import Outfit
 from pep.pit.remaining import Pace, Remaining, remaining
 from pep.pit.robot import Robot
 from pep.pit.scene import Box, Capsule, Convex, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
+from pep.pit.streaming import Bounded, Stream
 from pep.pit.surveyed import SurveyError, SurveyFault, numbers_only, surveyed
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "NOMINAL_ERROR_M",
     "NOMINAL_UNCERTAINTY_M",
     "Assessment",
+    "Bounded",
     "Box",
     "Build",
     "Calibration",
@@ -87,6 +89,7 @@ __all__ = [
     "Sphere",
     "StaticObject",
     "StaticZone",
+    "Stream",
     "SurveyError",
     "SurveyFault",
     "Thing",

@@ -1,0 +1,93 @@
+"""What `kernel.steps` wants to know of a robot, its cell and a view, as arrays."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.contact import payload_kg
+from pep.pit.kernel.courses import _arm_of as arm_of
+from pep.pit.kernel.engine import packed
+from pep.pit.kernel.steps import (
+    AGE_LIMIT,
+    CARRIED,
+    DECELERATION,
+    DELAY,
+    DEPTH,
+    FASTEST,
+    FURTHEST,
+    GENTLE,
+    HARDEST,
+    LOWEST,
+    PATIENCE,
+    REACT,
+    RULES,
+    SIGHTED,
+    STRONGEST,
+    THROUGH,
+    TOOL_LIMIT,
+    TURNING,
+    UNKNOWN,
+    WALKING,
+    WARNED,
+    WATCH_AGE,
+    Ready,
+)
+from pep.pit.parameters import MOMENTUM, speed_shares
+from pep.pit.torques import _masses as masses_of
+from pep.pit.torques import carried_kg
+from pep.stopping import patience_s
+
+if TYPE_CHECKING:
+    from pep.pit.cell import CellParameters
+    from pep.pit.motion import Floats
+    from pep.pit.pairs import Pairs
+    from pep.pit.robot import Robot
+
+_PROPERTIES: Final = 5  # of a joint
+
+
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+def _joints(robot: Robot) -> Floats:
+    joints = np.empty((_PROPERTIES, len(robot.model.joints)))
+    joints[LOWEST], joints[FURTHEST] = robot.position_ranges_rad
+    joints[FASTEST], joints[STRONGEST] = robot.speed_limits_rad_s, robot.torque_limits_nm
+    joints[TURNING] = [np.linalg.eigvalsh(np.array(joint.inertia)).max() for joint in robot.model.joints]
+    return joints
+
+
+def ready_of(robot: Robot, pairs: Pairs, cell: CellParameters, *, sighted_s: float) -> Ready:
+    """Robot, cell and view as the kernel wants them.
+
+    Args:
+        robot: the arm with its tool and what that holds.
+        pairs: of the view, people where they were seen.
+        cell: its numbers.
+        sighted_s: how old the oldest sighting was when it was told of; infinite where not all was seen.
+
+    Raises:
+        PitError: there are polytopes among the pairs.
+    """
+    shares = speed_shares(robot, cell)
+    rules = np.empty(RULES)
+    rules[DELAY], rules[DECELERATION] = cell.stop_delay_s, cell.stop_deceleration_rad_s2
+    rules[WATCH_AGE], rules[REACT] = cell.watch_age_limit_s, cell.reaction_s
+    rules[WALKING], rules[WARNED], rules[THROUGH] = cell.person_speed_m_s, cell.warn_band_m, cell.penetration_band_m
+    rules[GENTLE], rules[DEPTH] = cell.contact_speed_m_s, cell.contact_depth_m
+    rules[PATIENCE] = patience_s(cell.stop_deceleration_rad_s2)
+    rules[AGE_LIMIT], rules[UNKNOWN], rules[SIGHTED] = cell.perception_age_limit_s, cell.unknown_floor, sighted_s
+    rules[HARDEST], rules[TOOL_LIMIT] = robot.model.acceleration_limit_rad_s2, cell.tcp_speed_limit_m_s
+    rules[CARRIED] = (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg
+    return Ready(
+        arm=arm_of(robot),
+        bodies=np.arange(len(robot.bodies)),
+        masses=masses_of(robot, carried_kg(robot, cell)),
+        field=packed(pairs),
+        touchable=pairs.touchable,
+        joints=_joints(robot),
+        mass=shares[MOMENTUM] * cell.momentum_limit_kg_m_s,
+        shares=shares,
+        rules=rules,
+    )
