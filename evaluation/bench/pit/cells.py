@@ -24,6 +24,7 @@ from pep.pit.pairs import pairs_of
 from pep.pit.proof import document
 from pep.pit.question import as_run, view_around
 from pep.pit.separation import stopping
+from pep.pit.streaming import Bounded, Stream
 from pep.pit.tier import HIGHEST
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ NOTHING: Final[frozenset[str]] = frozenset()
 KERNEL: Final = "kernel, index"
 RULER: Final = "kernel, clearance"
 ASSESS: Final = "assess"
+STREAM: Final = "prepared stream"
 NUMPY_INDEX: Final = "numpy, index"
 NUMPY_ASSESS: Final = "numpy, assess"
 CHECKER: Final = "checker"
@@ -183,6 +185,12 @@ def _assessed_right(asked: Asked, answer: Any) -> bool:
     return not isinstance(asked.question.motion, MoveJ) or answer.index <= max(asked.index, asks) + BLIND
 
 
+def _bounded_right(asked: Asked, answer: Any) -> bool:
+    """At least what was sampled, at most what is authorised."""
+    above = isinstance(answer, Bounded | Assessment) and answer.index >= asked.index - ROUNDING
+    return bool(above and answer.index <= asked.extra["authorised"] / MILLI)
+
+
 def _verified_right(asked: Asked, answer: Any) -> bool:
     return isinstance(answer, Verified) and answer.index >= asked.index - ROUNDING
 
@@ -220,6 +228,12 @@ def _by_ruler(asked: Asked) -> Any:
 def _by_assess(asked: Asked) -> Any:
     each = asked.question
     return assess(each.robot, each.scene, each.motion, each.cell, perception_age_s=AGE_S, touch=NOTHING, seed=SEED)
+
+
+def _by_stream(asked: Asked) -> Any:
+    stream: Stream = asked.extra["stream"]
+    assert asked.question.step is not None
+    return stream.step(asked.question.step, authorised_milli=asked.extra["authorised"], seed=SEED)
 
 
 def _by_numpy(asked: Asked) -> Any:
@@ -286,6 +300,20 @@ def assessing_by_numpy(asked: Sequence[Asked], load: str) -> Cell:
     """The same where numba is not installed."""
     checks = "the same without numba"
     return Cell(NUMPY_ASSESS, load, checks, _in_turn(asked), _by_numpy, _assessed_right, _highest)
+
+
+def streaming(asked: Sequence[Asked], load: str) -> Cell:
+    """A stream that was told the view beforehand, asked about a step in the tier that the whole question finds."""
+    settled = 0
+    for each in asked:
+        question, whole = each.question, _by_assess(each)
+        assert question.step is not None
+        stream = Stream(question.robot, question.cell, touch=NOTHING, clock=lambda: 0.0)
+        stream.see(question.scene, age_s=AGE_S, at_rad=question.step.start)
+        each.extra.update(stream=stream, authorised=int(whole.tier) * MILLI)
+        settled += isinstance(_by_stream(each), Bounded)
+    checks = f"a bound of the index, or else the whole answer; the bound was enough for {settled} of {len(asked)}"
+    return Cell(STREAM, load, checks, _in_turn(asked), _by_stream, _bounded_right, _highest)
 
 
 def checking(asked: Sequence[Asked], load: str) -> Cell:

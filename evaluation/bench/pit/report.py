@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rich.table import Table
 
-from evaluation.bench.pit.cells import ASSESS, CHECKER, KERNEL, NUMPY_ASSESS, RULER
+from evaluation.bench.pit.cells import ASSESS, CHECKER, KERNEL, NUMPY_ASSESS, RULER, STREAM
 from evaluation.bench.pit.sampled import NAME as SAMPLED
 
 if TYPE_CHECKING:
@@ -37,8 +37,8 @@ TARGETS: Final[Mapping[tuple[str, str], tuple[float, float]]] = MappingProxyType
         (ASSESS, peopled("20 moves", 20)): (5_000.0, 20_000.0),
         (NUMPY_ASSESS, peopled("moveJ", 20)): (5_000.0, 10_000.0),
         (NUMPY_ASSESS, peopled("moveJ", 100)): (20_000.0, 80_000.0),
-        (ASSESS, SPEED_STEP): (20.0, 100.0),
-        (ASSESS, SERVO_STEP): (20.0, 100.0),
+        (STREAM, SPEED_STEP): (20.0, 100.0),
+        (STREAM, SERVO_STEP): (20.0, 100.0),
         (CHECKER, peopled("moveJ", 20)): (20_000.0, 100_000.0),
     }
 )
@@ -147,7 +147,7 @@ def ratios(rows: tuple[Row, ...]) -> dict[str, float | None]:
 
     found = {name: faster(peer) for name, (peer, _) in SPEEDUPS.items()}
     found["clearance_speedup_20"] = faster(RULER)
-    steps = [by[ASSESS, load] for load in (SPEED_STEP, SERVO_STEP) if (ASSESS, load) in by]
+    steps = [by[STREAM, load] for load in (SPEED_STEP, SERVO_STEP) if (STREAM, load) in by]
     for name in ("p50", "p99"):
         shares = [getattr(each, f"cycles_{name}") for each in steps]
         found[f"stream_cycle_{name}"] = max(shares, default=None)

@@ -73,12 +73,14 @@ class Question:
         scene: what is around it.
         motion: what is asked.
         cell: parameters.
+        step: of a stream, all that may follow of which is the motion; else None.
     """
 
     robot: Robot
     scene: Scene
     motion: Motion
     cell: CellParameters
+    step: ServoJ | SpeedJ | None = None
 
 
 @cache
@@ -196,14 +198,15 @@ def steps(rng: Generator, things: int, count: int, *, servo: bool) -> list[Quest
     found: list[Question] = []
     for _ in range(count):
         start, qd = np.array(HOME) + rng.uniform(-0.3, 0.3, 6), rng.uniform(-0.3, 0.3, 6)
+        step: ServoJ | SpeedJ
         motion: Motion
         if servo:
-            motion = ServoJ(_joints(start), _joints(qd), _joints(start + 0.1 * qd), 0.002, 0.1)
+            step = motion = ServoJ(_joints(start), _joints(qd), _joints(start + 0.1 * qd), 0.002, 0.1)
         else:
-            stream = SpeedJ(_joints(start), _joints(qd), 2.0, 0.1)
-            motion = stream_envelope(stream, cell(), under_way=True)
+            step = SpeedJ(_joints(start), _joints(qd), 2.0, 0.1)
+            motion = stream_envelope(step, cell(), under_way=True)
         still = MoveJ(_joints(start), _joints(start + 1e-3), SPEED_RAD_S, ACCELERATION_RAD_S2)
-        found.append(Question(robot(), with_people(around(rng, still, things)), motion, cell()))
+        found.append(Question(robot(), with_people(around(rng, still, things)), motion, cell(), step))
     return found
 
 
