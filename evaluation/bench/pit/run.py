@@ -101,8 +101,11 @@ def _groups(
         groups.append([cells.assessing(asked, peopled("moveL", things))])
     asked = [cells.legs_truth(each) for each in workload.sequences(rng, 20, max(1, count // 4))]
     groups.append([cells.assessing(asked, peopled("20 moves", 20))])
-    streamed: list[Cell] = []
+    prepared: list[Cell] = []
+    whole: list[Cell] = []
     for servo, name in ((False, SPEED_STEP), (True, SERVO_STEP)):
         asked = [cells.ready(each) for each in workload.steps(rng, 20, count, servo=servo)]
-        streamed += [cells.streaming(asked, name), cells.assessing(asked, name)]
-    return groups, [streamed]
+        prepared.append(cells.streaming(asked, name))
+        whole.append(cells.assessing(asked, name))
+    # Each by itself: whoever serves a stream asks about nothing else in between.
+    return groups, [prepared, whole]
