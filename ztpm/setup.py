@@ -67,7 +67,7 @@ class Addresses:
         return f"http://{self.host}:{self.tools_port}/mcp"
 
 
-ROBOT_PORTS: Final = (29999, 30001, 30002, 30003, 30004, 63352)
+ROBOT_PORTS: Final = (29999, 30001, 30002, 30003, 30004, 30011, 30012, 30013, 63352)
 """Fixed ports of a UR controller and its Robotiq gripper (dashboard, primary, secondary, realtime, RTDE, gripper)."""
 
 
