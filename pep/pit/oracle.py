@@ -68,7 +68,7 @@ class Agreement:
 
     Attributes:
         asked: how many configurations it was asked at.
-        highest: the highest index it found.
+        highest: the highest index of all that was judged or, where balls left doubts, of what was measured for them.
     """
 
     asked: int
