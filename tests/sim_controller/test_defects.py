@@ -127,19 +127,6 @@ def test_a_synchronous_stopl_stops_the_joints_until_an_asynchronous_stop_came(co
     assert last == 0.0 or last > 1.5  # 1 m/s2 at the tool's distance from the axis
 
 
-def test_what_a_command_register_holds_is_obeyed_by_the_next_script(control, receive):
-    """After `directTorque` the script of PolyScope before 5.26 ends, and so does every later one, until it is cleared."""
-    assert control.directTorque([0.0] * 6)
-    until(lambda: receive.getRuntimeState() == 1)
-    control.reuploadScript()
-    until(lambda: receive.getRuntimeState() == 1)
-    assert not control.moveJ([0.1, *HOME[1:]], 1.0, 1.0)
-    control.kickWatchdog()
-    control.reuploadScript()
-    until(control.isProgramRunning)
-    assert control.moveJ([0.1, *HOME[1:]], 1.0, 4.0)
-
-
 def test_the_analog_channel_that_is_not_named_stays(cell, receive):
     """Defect 8: the client sends uninitialised memory for it."""
     io = rtde_io.RTDEIOInterface(cell.host)

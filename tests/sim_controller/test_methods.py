@@ -93,7 +93,7 @@ class Clients:
             self.control.reconnect()
         if self.receive.getRuntimeState() != PLAYING:
             self.dashboard.stop()
-            self.control.kickWatchdog()  # clears the command register, which the next script would obey first
+            self.control.kickWatchdog()  # clears the command register, which outlives the script
             self.control.reuploadScript()
             until(self.control.isProgramRunning)
         until(lambda: self.receive.getRuntimeState() == PLAYING)
