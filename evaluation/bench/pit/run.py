@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from evaluation.bench.pit.cells import Cell
 
-FULL: Final = Plan(repeats=3, rounds=3, warm_up=1, burst=8)
+FULL: Final = Plan(repeats=3, rounds=2, warm_up=1, burst=24)
 QUICK: Final = Plan(repeats=1, rounds=2, warm_up=1, burst=4)
 STREAMED: Final = 10
 """Steps of a stream are asked so many times more often: their 99th percentile is what counts."""
