@@ -12,20 +12,17 @@ the cause).
 from __future__ import annotations
 
 import hashlib
-import math
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, assert_never
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
 
-import coal
 import numpy as np
 import pinocchio
 
 from pep.pit.certify import VIOLATION_RESOLUTION_M
-from pep.pit.hull import hull_of
-from pep.pit.scene import Box, Capsule, Convex, Sphere
-from pep.pit.solids import rotation_of
+from pep.pit.cores import Core, core_of
+from pep.pit.scene import Capsule
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +34,7 @@ if TYPE_CHECKING:
     from pep.pit.pairs import Pairs
     from pep.pit.path import Path
     from pep.pit.robot import Robot
-    from pep.pit.scene import Scene, Shape, Vector
+    from pep.pit.scene import Scene, Vector
     from pep.pit.separation import Stopping
 
 Kind: TypeAlias = "tuple[str, tuple[Vector, ...]]"
@@ -47,9 +44,7 @@ INTERIOR: Final = 3  # configurations besides the witness
 DISTANCE_TOLERANCE_M: Final = 5e-6  # coal's GJK stops at 1e-6; five times that is given
 SPEED_TOLERANCE_M_S: Final = 1e-6  # rounding of two ways to the same velocity
 INDEX_TOLERANCE: Final = 1e-6  # rounding of the index functions
-POINT_M: Final = 1e-9  # an axis shorter than this is a point
 SEED_BYTES: Final = 8  # per configuration
-_Z: Final = np.array([0.0, 0.0, 1.0])
 _CROSS: Final = np.array(  # of w, the matrix by which a row p becomes that of w x p, in one row of nine
     [[0, 0, 0, 0, 0, 1, 0, -1, 0], [0, 0, -1, 0, 0, 0, 1, 0, 0], [0, 1, 0, -1, 0, 0, 0, 0, 0]], dtype=float
 )
@@ -203,98 +198,6 @@ def fractions(seed: bytes) -> list[float]:
     return [int.from_bytes(word) / 256**SEED_BYTES for word in words]  # 256: values of a byte
 
 
-def _placement(a: Vector, b: Vector) -> tuple[Any, float]:
-    """Pose whose z axis runs along ab through its middle, and the length of ab."""
-    start, end = np.array(a), np.array(b)
-    way = end - start
-    length = float(np.linalg.norm(way))
-    if length <= POINT_M:
-        return pinocchio.SE3(np.eye(3), (start + end) / 2), 0.0
-    turn = pinocchio.Quaternion.FromTwoVectors(_Z, way)
-    return pinocchio.SE3(turn.toRotationMatrix(), (start + end) / 2), length
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Core:
-    """A shape of radius 0 for coal: its kind and size, its pose, and the radius that is left out.
-
-    Each set of `corners` is a kind of its own: coal's polytopes keep theirs.
-
-    Attributes:
-        ball: centre and radius of a ball around the core.
-    """
-
-    kind: str
-    size: tuple[float, ...]
-    pose: Any
-    radius: float
-    corners: tuple[Vector, ...] = ()
-    ball: tuple[Vector, float] = field(init=False)
-
-    def __post_init__(self) -> None:
-        """The ball follows from the rest."""
-        if self.corners:
-            corners = np.array(self.corners)
-            center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-            around = float(np.linalg.norm(corners - center, axis=1).max()) + POINT_M
-        else:
-            center, around = self.pose.translation, math.hypot(*self.size)
-        object.__setattr__(self, "ball", (tuple(center.tolist()), around))
-
-    def built(self) -> Any:
-        """A shape of coal's of this kind and size."""
-        match self.kind:
-            case "capsule":
-                return coal.Capsule(0.0, 2 * self.size[0])
-            case "point":
-                return coal.Sphere(0.0)
-            case "convex":
-                return _polytope(self.corners)
-            case _:
-                return coal.Box(*(2 * half for half in self.size))
-
-    def put_into(self, body: Any, shape: Any) -> None:
-        """The body of the same kind has this size and pose from now on."""
-        body.placement = self.pose
-        match self.kind:
-            case "capsule":
-                shape.halfLength = self.size[0]
-            case "box":
-                shape.halfSide = np.array(self.size)
-            case _:
-                pass
-
-
-@lru_cache(maxsize=1024)  # a robot and its cell many times over; people move and drop out
-def _core(shape: Shape) -> _Core:
-    match shape:
-        case Capsule(a, b, radius):
-            pose, length = _placement(a, b)
-            return _Core("capsule" if length > 0 else "point", (0.5 * length,), pose, radius)
-        case Sphere(center, radius):
-            return _Core("point", (), pinocchio.SE3(np.eye(3), np.array(center)), radius)
-        case Box(center, half, quaternion):
-            return _Core("box", half, pinocchio.SE3(rotation_of(quaternion), np.array(center)), 0.0)
-        case Convex(vertices, radius):
-            return _Core("convex", (), pinocchio.SE3.Identity(), radius, vertices)
-        case _:
-            assert_never(shape)
-
-
-@lru_cache(maxsize=1024)  # all that stands in a few cells
-def _polytope(corners: tuple[Vector, ...]) -> Any:
-    """Coal's body of the same corners.
-
-    It measures by the corners alone; the faces tell it at most which of many corners are neighbours. Its own way to
-    faces (`convexHull`) is not used: qhull brings the process down where the corners are all but flat.
-    """
-    hull = hull_of(corners)
-    points, faces = coal.StdVec_Vec3s(), coal.StdVec_Triangle()
-    points.extend(list(hull.vertices))
-    faces.extend([coal.Triangle(*face) for face in hull.faces.tolist()])
-    return coal.Convex(points, faces)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stage:
     """Coal's bodies and pairs for one robot and so many things of these kinds; where the things are changes.
@@ -320,7 +223,7 @@ class _Stage:
     turns: tuple[Floats, ...]
     origins: tuple[Floats, ...]
     things: tuple[tuple[Any, Any], ...]
-    placed: list[_Core | None]
+    placed: list[Core | None]
     own_radius: Floats
     own_body: NDArray[np.intp]
     own_link: NDArray[np.intp]
@@ -332,7 +235,7 @@ class _Stage:
     radius: Floats
     half: Floats
 
-    def put(self, cores: Sequence[_Core]) -> None:
+    def put(self, cores: Sequence[Core]) -> None:
         """These things stand there; what stood there before is not touched."""
         for k, core in enumerate(cores):
             if self.placed[k] is not core:
@@ -344,17 +247,17 @@ class _Stage:
 def _built(robot: Robot, kinds: tuple[Kind, ...]) -> _Stage:
     geometry = pinocchio.GeometryModel()
 
-    def added(name: str, link: int, core: _Core) -> int:
+    def added(name: str, link: int, core: Core) -> int:
         return int(geometry.addGeometryObject(pinocchio.GeometryObject(name, link, core.pose, core.built())))
 
     on_robot = {
-        capsule.name: added(capsule.name, capsule.link, _core(Capsule(capsule.a_m, capsule.b_m, capsule.radius_m)))
+        capsule.name: added(capsule.name, capsule.link, core_of(Capsule(capsule.a_m, capsule.b_m, capsule.radius_m)))
         for capsule in robot.capsules
     }
     moving = [on_robot[b.name] for b in robot.bodies[: robot.world_bodies]]
     unplaced = {"capsule": (1.0,), "point": (), "box": (1.0, 1.0, 1.0), "convex": ()}
     things = tuple(
-        added(f"thing{k}", 0, _Core(kind, unplaced[kind], pinocchio.SE3.Identity(), 0.0, corners))
+        added(f"thing{k}", 0, Core(kind, unplaced[kind], pinocchio.SE3.Identity(), 0.0, corners))
         for k, (kind, corners) in enumerate(kinds)
     )
     for thing in things:
@@ -407,8 +310,8 @@ class World:
 
     def __init__(self, robot: Robot, scene: Scene, pairs: Pairs) -> None:
         self.robot, self.scene, self.pairs = robot, scene, pairs
-        cores = [_core(shape) for person in scene.people for _, shape in person.regions]
-        cores += [_core(shape) for shape in scene.solid_shapes]
+        cores = [core_of(shape) for person in scene.people for _, shape in person.regions]
+        cores += [core_of(shape) for shape in scene.solid_shapes]
         self.stage = _STAGES.of(robot, tuple([(core.kind, core.corners) for core in cores]))
         self.stage.put(cores)
         balls = np.array([(*core.ball[0], core.ball[1], core.radius) for core in cores]).reshape(-1, 5)

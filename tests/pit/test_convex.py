@@ -203,12 +203,12 @@ def test_the_second_engine_lives_through_corners_that_are_all_but_flat():
 
 
 def test_the_ball_that_the_second_engine_settles_by_holds_every_corner():
-    from pep.pit.oracle import _core
+    from pep.pit.cores import core_of
 
     rng = np.random.default_rng(2214)
     for _ in range(50):
         shape = random_convex(rng, rng.uniform(-1, 1, 3))
-        center, radius = _core(shape).ball
+        center, radius = core_of(shape).ball
         far = np.linalg.norm(np.array(shape.vertices_m) - center, axis=1).max()
         assert far <= radius <= 1.2 * far
 
