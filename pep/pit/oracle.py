@@ -314,7 +314,7 @@ class World:
         cores += [core_of(shape) for shape in scene.solid_shapes]
         self.stage = _STAGES.of(robot, tuple([(core.kind, core.corners) for core in cores]))
         self.stage.put(cores)
-        balls = np.array([(*core.ball[0], core.ball[1], core.radius) for core in cores]).reshape(-1, 5)
+        balls = np.array([(*core.ball[0], core.ball[1], core.radius) for core in cores]).reshape(-1, 5)  # as many numbers
         self.centers, self.around, left_out = balls[:, :3], balls[:, 3], balls[:, 4]
         moving = self.stage.radius[: robot.world_bodies]
         self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
@@ -398,7 +398,7 @@ class World:
         model, stage = self.robot.pinocchio, self.stage
         count, links = len(places), len(stage.turns)
         turns, origins = np.empty((count, links, 3, 3)), np.empty((count, links, 3))
-        gives = np.empty((count, links - 1, 6))
+        gives = np.empty((count, links - 1, 6))  # velocity and spin
         for k, (q, qd) in enumerate(places):
             columns = pinocchio.computeJointJacobians(model, stage.data, q)
             turns[k], origins[k] = stage.turns, stage.origins

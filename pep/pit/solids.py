@@ -27,7 +27,7 @@ Plane = tuple["Vector", float]
 """Outward normal and offset."""
 
 # Columns of the numbers of a core.
-_IS_SEGMENT, _IS_BOX, _A, _B, _AXES, _HALF, _OFFSET, _RADIUS = 0, 1, 2, 5, 8, 17, 20, 21
+_IS_SEGMENT, _IS_BOX, _A, _B, _AXES, _HALF, _OFFSET, _RADIUS = 0, 1, 2, 5, 8, 17, 20, 21  # as wide as each is
 _NO_POINT: Final = (0.0, 0.0, 0.0)
 _NO_TURN: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _SEGMENT: Final = (1.0, 0.0)

@@ -35,6 +35,8 @@ RIGHT = (0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 PASSPHRASE = "correct horse battery staple"
 PATIENT = CellParameters(watch_age_limit_s=1.0, watch_time_limit_s=1.0, reaction_s=0.5, perception_age_limit_s=1.2)
 """A cell whose watch waits longer: this machine is also busy with other tests, and a motion is to end for the reason that a test gives it."""
+SLOW_RAD_S = 0.08
+"""sqrt(2 x 1.4 rad/s2 x 2 mrad): how fast a joint is so far from where it stops."""
 pytestmark = pytest.mark.e2e
 
 
@@ -402,7 +404,8 @@ def test_a_path_of_waypoints_through_the_tools(controller, tmp_path):
         looking.join()
         assert decided(result) == ("PERMIT", "PERMITTED", 1)
         assert result.structured_content["outcome"] == "reached", result.structured_content
-        rests = [state.q_rad for state in seen if state.still]
+        # At the place itself it stands for one sample, which this thread may miss; near it, it is slow for 0.1 s.
+        rests = [state.q_rad for state in seen if max(map(abs, state.qd_rad_s)) < SLOW_RAD_S]
         passed = [
             name for q in rests for name, there in (("up", UP), ("right", RIGHT)) if q == pytest.approx(there, abs=2e-3)
         ]
