@@ -314,7 +314,8 @@ class World:
         cores += [core_of(shape) for shape in scene.solid_shapes]
         self.stage = _STAGES.of(robot, tuple([(core.kind, core.corners) for core in cores]))
         self.stage.put(cores)
-        balls = np.array([(*core.ball[0], core.ball[1], core.radius) for core in cores]).reshape(-1, 5)  # as many numbers
+        numbers = [(*core.ball[0], core.ball[1], core.radius) for core in cores]
+        balls = np.array(numbers).reshape(-1, 5)  # there may be none
         self.centers, self.around, left_out = balls[:, :3], balls[:, 3], balls[:, 4]
         moving = self.stage.radius[: robot.world_bodies]
         self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
