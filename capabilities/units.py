@@ -98,10 +98,16 @@ def parse(value: object, unit: Unit) -> int:
     scaled = value * unit.per_si
     if not -INT_LIMIT <= scaled <= INT_LIMIT:
         raise QuantityError(FaultCode.OUT_OF_RANGE, f"beyond {INT_LIMIT} {unit}")
-    nearest = round(scaled)
-    if si(nearest, unit) != value:
-        raise QuantityError(FaultCode.NOT_ON_GRID, f"finer than one {unit}; the nearest is {si(nearest, unit)!r}")
-    return nearest
+    whole = round(scaled)
+    if si(whole, unit) != value:
+        raise QuantityError(FaultCode.NOT_ON_GRID, f"finer than one {unit}; the nearest is {si(whole, unit)!r}")
+    return whole
+
+
+def nearest(value: float, unit: Unit) -> float:
+    """The SI float on the grid of `unit` that is nearest to `value`; what is not finite, or too large for it, stays."""
+    scaled = value * unit.per_si
+    return si(round(scaled), unit) if math.isfinite(scaled) else value
 
 
 def si(value: int, unit: Unit) -> float:

@@ -88,6 +88,52 @@ SPEED_JOINT: Final = Operation(
     ),
     Kind.MOTION,
 )
+_POSE: Final = (
+    *(Parameter(axis, Unit.MICROMETRE) for axis in "xyz"),
+    *(Parameter(f"r{axis}", Unit.MICRORADIAN) for axis in "xyz"),
+)
+"""Of the tool in the base frame, or of the tool centre point on the flange: position and rotation vector."""
+MOVE_LINEAR: Final = Operation(
+    ROBOT,
+    "move_linear",
+    (
+        *_POSE,
+        Parameter("speed", Unit.MICROMETRE_PER_SECOND),
+        Parameter("acceleration", Unit.MICROMETRE_PER_SECOND2),
+    ),
+    Kind.MOTION,
+)
+SPEED_LINEAR: Final = Operation(
+    ROBOT,
+    "speed_linear",
+    (
+        *(Parameter(f"v{axis}", Unit.MICROMETRE_PER_SECOND) for axis in "xyz"),
+        *(Parameter(f"w{axis}", Unit.MICRORADIAN_PER_SECOND) for axis in "xyz"),
+        Parameter("acceleration", Unit.MICROMETRE_PER_SECOND2),
+        Parameter("duration", Unit.MILLISECOND),
+    ),
+    Kind.MOTION,
+)
+SERVO_JOINT: Final = Operation(
+    ROBOT,
+    "servo_joint",
+    (
+        *(Parameter(f"q{i}", Unit.MICRORADIAN) for i in range(JOINTS)),
+        Parameter("period", Unit.MILLISECOND),
+        Parameter("lookahead", Unit.MILLISECOND),
+        Parameter("gain", Unit.COUNT),
+    ),
+    Kind.MOTION,
+)
+"""A stream of joint angles. The limits of a token hold for each of them, not for the first alone."""
+SET_SPEED_SLIDER: Final = Operation(ROBOT, "set_speed_slider", (Parameter("fraction", Unit.PERMILLE),), Kind.SWITCH)
+SET_PAYLOAD: Final = Operation(
+    ROBOT,
+    "set_payload",
+    (Parameter("mass", Unit.GRAM), *(Parameter(f"c{axis}", Unit.MICROMETRE) for axis in "xyz")),
+    Kind.SWITCH,
+)
+SET_TCP: Final = Operation(ROBOT, "set_tcp", _POSE, Kind.SWITCH)
 SET_DIGITAL_OUTPUT: Final = Operation(
     ROBOT, "set_digital_output", (Parameter("pin", Unit.COUNT), Parameter("value", Unit.COUNT)), Kind.SWITCH
 )

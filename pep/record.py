@@ -116,7 +116,8 @@ class FileJournal:
         """The record's hash (hex); it survives a power cut.
 
         Args:
-            kind: "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired" or "incident".
+            kind: "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired", "incident",
+                "lease", "stream" or "stream-values".
             body: plain JSON values, finite numbers.
 
         Raises:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.scope import Tier
 from pep.acts import act_of, joined, targets_of
-from pep.operations import MOVE_JOINT, MOVE_PATH, SPEED_JOINT
+from pep.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SERVO_JOINT, SPEED_JOINT, SPEED_LINEAR
 from pep.ports import Together
 from policies.conduct import SequenceReading
 from policies.evidence import ImpactReading, RobotReading
@@ -33,7 +33,9 @@ ACTS_KEPT: Final = 256
 SAME_PERMILLE: Final = 50
 """Two targets are the same when they differ by less than this part of the way between the act and the one before."""
 
-ARM: Final = frozenset({MOVE_JOINT.name, MOVE_PATH.name, SPEED_JOINT.name})
+ARM: Final = frozenset(
+    each.name for each in (MOVE_JOINT, MOVE_PATH, SPEED_JOINT, MOVE_LINEAR, SPEED_LINEAR, SERVO_JOINT)
+)
 """Operations after which the arm stands elsewhere."""
 
 

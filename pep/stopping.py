@@ -13,6 +13,11 @@ STOP_DECELERATION_RAD_S2: Final = 8.0
 STOP_DELAY_S: Final = 0.06
 """PHY-2: brake delay."""
 
+ESCALATE_MS: Final = 700
+"""An arm that still moves then is stopped by the dashboard too: pi rad/s at 8 rad/s2 takes 0.4 s, and 0.06 s to begin.
+
+A cell with a weaker stop model may get both stops; the second does no harm."""
+SAFE_MODES: Final = (1, 2)  # safety_mode NORMAL and REDUCED; any other has stopped the arm by itself
 STREAM_SPEED_RAD_S: Final = 1.0
 """Ours: no axis of a stream of joint speeds is faster, so that its stop always ends inside the dead man's patience."""
 PATIENCE_S: Final = 0.3

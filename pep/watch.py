@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 LOOK_MS: Final = 8
 """Longest pause between two looks at what moves: four packages of the controller."""
+PAUSE_S: Final = LOOK_MS / 2000
+"""Pause between two looks: half of the longest, so that waking up late has the other half."""
 AUTHORITY_PERIOD_MS: Final = 40
 """How often the authority behind a motion is looked at again: well inside the 150 ms to a stop."""
 FRAME_PERIOD_MS: Final = 25
@@ -71,6 +73,24 @@ class Alarm:
     what: str
     index_milli: int | None
     authorised_milli: int
+
+    def told(self, *, at_rad: Sequence[float], stood_rad: Sequence[float] | None) -> dict[str, object]:
+        """The same for the record of the motion that it ended.
+
+        Args:
+            at_rad: where the arm was when it was seen, six joint angles.
+            stood_rad: where it then stood; None when nobody saw it stand.
+        """
+        return {
+            "outcome": str(self.end),
+            "reason": self.reason,
+            "t_seen_ms": self.seen_ms,
+            "seen": self.what,
+            "index_milli": self.index_milli,
+            "authorised_milli": self.authorised_milli,
+            "q_at_stop_rad": at_rad,
+            "q_at_standstill_rad": stood_rad,
+        }
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,15 +13,22 @@ import numpy as np
 
 from capabilities.scope import Tier
 from capabilities.units import Unit, si
+from pep.arrival import arrived
 from pep.context.frames import Distrusted, Seen, Unseen
 from pep.errors import RobotError
 from pep.operations import (
     GRIPPER_ACTIVATE,
     GRIPPER_MOVE,
     MOVE_JOINT,
+    MOVE_LINEAR,
     MOVE_PATH,
+    SERVO_JOINT,
     SET_DIGITAL_OUTPUT,
+    SET_PAYLOAD,
+    SET_SPEED_SLIDER,
+    SET_TCP,
     SPEED_JOINT,
+    SPEED_LINEAR,
     waypoints_of,
 )
 from pep.pit import (
@@ -40,10 +47,12 @@ from pep.pit import (
     SpeedL,
     assess,
     remaining,
+    scene_observed,
 )
 from pep.pit.kinematics import link_frames
 from pep.pit.stream import moves_with, stream_envelope
 from pep.ports import Assessed, Rest, Together
+from pep.stopping import patience_s
 from policies.evidence import ImpactFault, ImpactReading
 from policies.reasons import Reason
 from policies.tiers import FRESH
@@ -63,6 +72,9 @@ MOTIONS_KEPT: Final = 64
 MILLI: Final = 1_000
 ALLOWANCE: Final = 1.5
 """A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
+
+STANDING: Final = frozenset({SET_SPEED_SLIDER.name, SET_PAYLOAD.name, SET_TCP.name})
+"""Operations during which the arm stands: they change what later ones mean, and the arm has to be at rest for that."""
 
 T = TypeVar("T")
 
@@ -143,7 +155,7 @@ class CellPhysics:
     ) -> ImpactReading | ImpactFault:
         if not self._clock.wall_s() < self._valid_until_s:
             return ImpactFault(Reason.PHYSICS_FAULT, "the signed cell file has expired")
-        sight = self._sight(look, allowance_ms=allowance_ms)
+        sight = sight_of(look, self._cell, allowance_ms=allowance_ms)
         if isinstance(sight, ImpactFault):
             return sight
         state = self._state.read()
@@ -182,7 +194,7 @@ class CellPhysics:
 
     def _together(self, request: Request, start_urad: tuple[int, ...], touch: frozenset[str]) -> Together | ImpactFault:
         cell = replace(self._cell, watch_time_limit_s=self._cell.time_limit_s)  # nothing moves yet
-        sight = self._sight(self._frames.look(), allowance_ms=0)
+        sight = sight_of(self._frames.look(), self._cell)
         if isinstance(sight, ImpactFault):
             return sight
         state = self._state.read()
@@ -221,6 +233,12 @@ class CellPhysics:
             case _:
                 assert_never(motion)
 
+    def arrived(self, request_id: str, q_rad: Sequence[float]) -> bool:
+        """Whether an arm at these joint angles (rad) is where that request, as it was assessed, leads."""
+        with self._lock:
+            motion = self._motions.get(request_id)
+        return arrived(motion, self._holding.robot, q_rad)
+
     def left(
         self,
         request: Request,
@@ -238,7 +256,7 @@ class CellPhysics:
         age_ms = look.age_ms(look.taken_ms)
 
         def ask() -> Remaining | ImpactFault:
-            sight = self._sight(look, allowance_ms=0)
+            sight = sight_of(look, self._cell)
             with self._lock:
                 motion = self._motions.get(request.request_id)
             if isinstance(sight, ImpactFault):
@@ -288,23 +306,6 @@ class CellPhysics:
             shown = scene_of(seen, self._cell).objects[len(self._cell.objects) :]
             self._holding.closed_on(self._state.read().q_rad, shown)  # type: ignore[arg-type]  # six, counted where they were read
 
-    def _sight(self, look: Look, *, allowance_ms: int) -> _Sight | ImpactFault:
-        """The scene that a look shows and the age to reckon with, or why it must not be believed.
-
-        Raises:
-            SceneError: a region or kind that is not in the declared sets.
-        """
-        view = look.view()
-        match view:
-            case Distrusted(rejected):
-                return ImpactFault(Reason.PERCEPTION_INVALID, f"{rejected.sensor[:64]} {rejected.fault}")
-            case Unseen():
-                return _Sight(None, None)
-            case Seen() as seen:
-                return _Sight(scene_of(seen, self._cell), (seen.age_ms + allowance_ms) / 1000)
-            case _:
-                assert_never(view)
-
     def summary(self) -> dict[str, Any]:
         """What is seen, for people who look: how many, how old, whether it is believed."""
         look = self._frames.look()
@@ -334,11 +335,34 @@ def tool_position(robot: Robot, q_rad: Sequence[float]) -> tuple[float, float, f
 
 
 @dataclass(frozen=True, slots=True)
-class _Sight:
+class Sight:
     """The scene to reason about and its age in seconds; both None when there is no view."""
 
     scene: Scene | None
     age_s: float | None
+
+
+def sight_of(look: Look, cell: CellParameters, *, allowance_ms: int = 0) -> Sight | ImpactFault:
+    """The scene that a look shows and the age to reckon with, or why it must not be believed.
+
+    Args:
+        look: at the sensors.
+        cell: its surveyed objects.
+        allowance_ms: time that the question is given.
+
+    Raises:
+        SceneError: a region or kind that is not in the declared sets.
+    """
+    view = look.view()
+    match view:
+        case Distrusted(rejected):
+            return ImpactFault(Reason.PERCEPTION_INVALID, f"{rejected.sensor[:64]} {rejected.fault}")
+        case Unseen():
+            return Sight(None, None)
+        case Seen() as seen:
+            return Sight(scene_of(seen, cell), (seen.age_ms + allowance_ms) / 1000)
+        case _:
+            assert_never(view)
 
 
 def _told(ask: Callable[[], T]) -> T | ImpactFault:
@@ -359,7 +383,7 @@ def scene_of(seen: Seen, cell: CellParameters) -> Scene:
     Raises:
         SceneError: a region or kind that is not in the declared sets.
     """
-    return Scene.from_observations((frame.observation for frame in seen.frames), cell, complete=seen.complete)
+    return scene_observed((frame.observation for frame in seen.frames), cell, complete=seen.complete)
 
 
 def _motion(request: Request, state: JointState, robot: Robot, cell: CellParameters) -> Motion | None:
@@ -379,6 +403,16 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
         return OutputSet(request.values[0].value, bool(request.values[1].value))
     if request.operation == SPEED_JOINT.name:
         return stream_envelope(_stream(values, state), cell, under_way=not state.still)
+    if request.operation == MOVE_LINEAR.name:
+        return MoveL(state.q_rad, values[:6], values[6], values[7])  # type: ignore[arg-type]
+    if request.operation == SPEED_LINEAR.name:
+        # A held tool speed ends when somebody ends it; who is late has the patience of a stream of joint speeds.
+        duration_s = values[7] + patience_s(cell.stop_deceleration_rad_s2)
+        return SpeedL(state.q_rad, values[:6], values[6], duration_s)  # type: ignore[arg-type]
+    if request.operation == SERVO_JOINT.name:
+        return ServoJ(state.q_rad, state.qd_rad_s, values[:6], values[6], values[7])  # type: ignore[arg-type]
+    if request.operation in STANDING:
+        return MoveJ(state.q_rad, state.q_rad, 1.0, 1.0)  # type: ignore[arg-type]  # a move to where it is: it stands
     return None
 
 

@@ -9,7 +9,7 @@ from capabilities import keys
 from pep.stopping import STOP_DECELERATION_RAD_S2
 from ztpm.layout import Layout, read_key
 from ztpm.processes import Child
-from ztpm.setup import PEP_ID, SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses
+from ztpm.setup import GATEWAY_ID, PEP_ID, SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -26,6 +26,8 @@ PROCESSES: Final = {
     "tools": "tool server",
 }
 """The processes of a cell by their attribute, those that others use first."""
+GATEWAY: Final = "gateway"
+"""Attribute and name of the robot's gateway, which a cell has when it is asked for."""
 
 
 @dataclass
@@ -39,7 +41,7 @@ class Cell:
         joints: the simulated arm's first configuration, 6 angles in rad.
         stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
         start_child: starts a child; `Child.start` unless a test breaks one.
-        idp, robot, sensor, tools: its processes, once started.
+        idp, robot, sensor, tools, gateway: its processes, once started.
     """
 
     layout: Layout
@@ -52,6 +54,7 @@ class Cell:
     robot: Child = field(init=False)
     sensor: Child = field(init=False)
     tools: Child = field(init=False)
+    gateway: Child = field(init=False)
 
     @classmethod
     def start(
@@ -90,8 +93,8 @@ class Cell:
 
     @property
     def children(self) -> dict[str, Child]:
-        """The processes that were started, by attribute, in the order of `PROCESSES`."""
-        return {name: vars(self)[name] for name in PROCESSES if name in vars(self)}
+        """The processes that were started, by attribute, in the order of `PROCESSES`; then the gateway."""
+        return {name: vars(self)[name] for name in (*PROCESSES, GATEWAY) if name in vars(self)}
 
     def start_idp(self) -> None:
         """The identity provider runs."""
@@ -106,8 +109,20 @@ class Cell:
         pose = ",".join(repr(angle) for angle in self.joints)
         self.robot = self.start_child(
             PROCESSES["robot"], "pep.sim", "--host", self.addresses.host, f"--joints={pose}",
-            f"--stop-deceleration={self.stop_deceleration_rad_s2!r}", environment={},
+            f"--stop-deceleration={self.stop_deceleration_rad_s2!r}", *self._installed(), environment={},
         )  # fmt: skip
+
+    @staticmethod
+    def _installed() -> tuple[str, str]:
+        """The controller's installation has the gripper's tool point and weight, as a person would have set it up."""
+        from pep.pit import Robot
+        from pep.rtde.gripper import DRIVEN
+        from ztpm.tool_config import ROBOT_MODEL
+
+        tool = Robot.load(ROBOT_MODEL, tool=DRIVEN).tool
+        numbers = (tool.tcp_m, (tool.mass_kg, *tool.com_m))
+        tcp, payload = (",".join(map(repr, each)) for each in numbers)
+        return f"--tcp={tcp}", f"--payload={payload}"
 
     def start_sensor(self, *options: str) -> None:
         """The sensor runs and sees an empty scene.
@@ -119,7 +134,8 @@ class Cell:
         self.sensor = self.start_child(
             PROCESSES["sensor"], "pep.sim.sensor", "--key-file", str(self.layout.sensor_key), "--sensor", SENSOR_ID,
             "--calibration", SENSOR_CALIBRATION, "--to", f"{self.addresses.host}:{self.addresses.perception_port}",
-            *options, environment=self._secret,
+            "--to", f"{self.addresses.gateway_host}:{self.addresses.perception_port}", *options,
+            environment=self._secret,
         )  # fmt: skip
 
     def start_tools(self, *options: str) -> None:
@@ -134,6 +150,18 @@ class Cell:
             environment=self._secret,
         )  # fmt: skip
 
+    def start_gateway(self, *options: str) -> None:
+        """The robot's gateway runs. The tool server must not: the controller lends its registers to one of them.
+
+        Args:
+            options: further ones of its command line.
+        """
+        self.end(GATEWAY)
+        self.gateway = self.start_child(
+            GATEWAY, "ztpm.gateway_server", "--config", str(self.layout.gateway_config), *options,
+            environment=self._secret,
+        )  # fmt: skip
+
     @property
     def _secret(self) -> dict[str, str]:
         return {PASSPHRASE_VARIABLE: self.passphrase.decode()}
@@ -145,16 +173,27 @@ class Cell:
             child.stop()
 
     def register(self, admin: Operator) -> None:
-        """The PEP, the sensor and the reviewed tool definitions are registered by a person."""
-        self.register_pep(admin)
+        """The PEPs, the sensor and the reviewed tool definitions are registered by a person."""
+        self.register_peps(admin)
         self.register_sensor(admin)
         self.register_tools(admin)
 
-    def register_pep(self, admin: Operator) -> None:
-        """The PEP is registered."""
-        admin.register_pep(
-            PEP_ID, keys.public_raw(read_key(self.layout.pep_key, self.passphrase)), [self.addresses.audience]
-        )
+    @property
+    def peps(self) -> dict[str, bytes]:
+        """Raw public keys of the enforcement points by id: each is in front of the same cell."""
+        files = {PEP_ID: self.layout.pep_key, GATEWAY_ID: self.layout.gateway_key}
+        return {name: keys.public_raw(read_key(file, self.passphrase)) for name, file in files.items()}
+
+    def register_peps(self, admin: Operator, *, only: Collection[str] | None = None) -> None:
+        """The enforcement points are registered.
+
+        Args:
+            admin: who registers.
+            only: ids, or None for all.
+        """
+        for name, key in self.peps.items():
+            if only is None or name in only:
+                admin.register_pep(name, key, [self.addresses.audience])
 
     def register_sensor(self, admin: Operator) -> None:
         """The sensor is registered."""

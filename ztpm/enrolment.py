@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from ztpm_idp.client import Operator
 
 TIMEOUT_S: Final = 5.0
-ALREADY: Final = "ALREADY_REGISTERED"
 
 
 class EnrolmentError(RuntimeError):
@@ -36,6 +35,7 @@ class EnrolmentError(RuntimeError):
 class Kind(StrEnum):
     """What can differ."""
 
+    PEP = "enforcement point"
     SENSOR = "sensor"
     TOOL = "tool"
 
@@ -87,13 +87,17 @@ def registered(issuer: str, audience: str, trust: TrustBundle) -> RegistrySnapsh
 
 
 def differences(cell: Cell, snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
-    """What the registry says differently from what the cell has now: its sensor, its tools.
+    """What the registry says differently from what the cell has now: its enforcement points, its sensor, its tools.
 
     Args:
-        cell: whose sensor key counts.
+        cell: whose keys count.
         snapshot: as registered.
     """
-    found = []
+    found, known = [], {entry.id: entry.key for entry in snapshot.peps}
+    for name, key in cell.peps.items():
+        if known.get(name) != key:
+            how = Difference.CHANGED if name in known else Difference.MISSING
+            found.append(Differing(Kind.PEP, name, how))
     sensor = snapshot.sensor(SENSOR_ID)
     public = keys.public_raw(read_key(cell.layout.sensor_key, cell.passphrase))
     if sensor is None:
@@ -139,22 +143,16 @@ def enrol(cell: Cell, admin: Operator, trust: TrustBundle) -> tuple[Differing, .
         EnrolmentError: when the registry cannot be had.
         ztpm_idp.client.ClientError: when the provider refuses.
     """
-    from ztpm_idp.client import ClientError
-
     found = differences(cell, registered(cell.addresses.issuer, cell.addresses.audience, trust))
     if cell.layout.enrolled.exists():
         return found
-    try:
-        cell.register_pep(admin)
-    except ClientError as error:
-        if error.code != ALREADY:
-            raise
-    missing = {differing.kind for differing in found if differing.how is Difference.MISSING}
-    if Kind.SENSOR in missing:
-        cell.register_sensor(admin)
-    names = {
-        differing.name for differing in found if differing == Differing(Kind.TOOL, differing.name, Difference.MISSING)
+    missing = {
+        kind: {differing.name for differing in found if (differing.kind, differing.how) == (kind, Difference.MISSING)}
+        for kind in Kind
     }
-    cell.register_tools(admin, only=names)
+    cell.register_peps(admin, only=missing[Kind.PEP])
+    if missing[Kind.SENSOR]:
+        cell.register_sensor(admin)
+    cell.register_tools(admin, only=missing[Kind.TOOL])
     write_private(cell.layout.enrolled, b"The cell's parts are registered; nothing registers them again by itself.\n")
     return tuple(differing for differing in found if differing.how is not Difference.MISSING)

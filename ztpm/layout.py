@@ -50,6 +50,26 @@ class Layout:
         return self.root / "cell" / "cell.toml"
 
     @property
+    def gateway_config(self) -> Path:
+        """Configuration of the robot's gateway."""
+        return self.root / "gateway" / "gateway.toml"
+
+    @property
+    def gateway_key(self) -> Path:
+        """The gateway's key."""
+        return self.root / "gateway" / "gateway.key"
+
+    @property
+    def gateway_journal(self) -> Path:
+        """The gateway's durable journal."""
+        return self.root / "gateway" / "journal.ndjson"
+
+    @property
+    def gateway_state(self) -> Path:
+        """What the gateway keeps over restarts."""
+        return self.root / "gateway" / "state"
+
+    @property
     def cell_file(self) -> Path:
         """What stands in the cell, signed by `SURVEYOR`."""
         return self.root / "cell" / "cell.jws"

@@ -129,7 +129,8 @@ class Child:
                 if isinstance(said, dict) and said.get("ready") is True:
                     self.ready = said
                     return
-            if line is None and self.popen.poll() is not None:
+            # Both pipes may have ended a moment before the process has: then no line says so, and silence must do.
+            if not line and self.popen.poll() is not None:
                 break
         raise ChildError(f"{self.name} did not become ready:\n" + "\n".join(self.output))
 

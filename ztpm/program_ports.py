@@ -9,9 +9,10 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
+from pep.rtde.accepted import Accepted
 from pep.rtde.carriage import Bytes, CarriageError, Closed, Open, Opened, Refused
 from pep.rtde.carrier import Carrier
-from pep.rtde.lines import PORTS, UNREAD_BYTES
+from pep.rtde.lines import GONE, PORTS
 from ztpm.peer import user_of
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class ProgramPorts:
             case Refused(line, _):
                 self._lines.pop(line).gone()
             case Bytes(line, content):
-                self._lines[line].take(content)
+                self._lines[line].send(content)
             case Closed(line):
                 self._lines.pop(line).gone()
                 if line in self._carrier.lines.leaving:
@@ -141,68 +142,59 @@ class _First(asyncio.Protocol):
         self._carrier.connection_made(transport)
 
 
-class _Connection(asyncio.Protocol):
+class _Connection(Accepted):
     """One connection of the program to one port."""
 
     def __init__(self, ports: ProgramPorts, port: int) -> None:
+        super().__init__()
         self._ports = ports
         self._port = port
-        self._line: int | None = None
-        self._early: list[bytes] | None = []
-        self._left = False
+        self._number: int | None = None
 
     def user(self) -> int | None:
         """The user whose process it is."""
         return user_of(self._transport.get_extra_info("socket"))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        transport.set_write_buffer_limits(high=UNREAD_BYTES)
-        self._line = self._ports.asks(self, self._port)
-        if self._line is None:
-            transport.abort()
-
-    def data_received(self, data: bytes) -> None:
-        if self._early is not None:
-            self._early.append(data)
-            self._transport.pause_reading()
-        elif self._line is not None:
-            self._ports.says(self._line, data)
-
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        self._left = True
-        if self._line is not None and self._early is None:
-            self._ports.leaves(self._line)
+        super().connection_made(transport)
+        self._number = self._ports.asks(self, self._port)
+        if self._number is None:
+            self._transport.abort()
 
     def opened(self) -> None:
         """Bytes may go both ways."""
-        early, self._early = self._early or [], None
-        assert self._line is not None
-        for content in early:
-            self._ports.says(self._line, content)
-        if self._left:
-            self._ports.leaves(self._line)
-        else:
-            self.pace()
+        assert self._number is not None
+        self.begin(_Leased(self._ports, self._number))
+        self.pace()
 
     def pace(self) -> None:
         """Read as long as the gateway takes what is read."""
-        if self._early is None and not self._transport.is_closing():
+        if self._line is not None and not self._transport.is_closing():
             if self._ports.flowing:
                 self._transport.resume_reading()
             else:
                 self._transport.pause_reading()
 
-    def take(self, content: bytes) -> None:
-        """Whole frames for the program; dropped where it does not read."""
-        if self._transport.get_write_buffer_size() < UNREAD_BYTES:
-            self._transport.write(content)
-
     def gone(self) -> None:
         """The port has closed it, or the lease is over. Who has not read by now does not wait for the rest."""
-        self._line = None
+        self.begin(GONE)
         if self._transport.get_write_buffer_size():
             self._transport.abort()
         else:
             self._transport.close()
+
+
+class _Leased:
+    """An open line of the lease."""
+
+    def __init__(self, ports: ProgramPorts, number: int) -> None:
+        self._ports = ports
+        self._number = number
+
+    def received(self, content: bytes) -> None:
+        """Carried to the gateway."""
+        self._ports.says(self._number, content)
+
+    def left(self) -> None:
+        """The gateway is told."""
+        self._ports.leaves(self._number)

@@ -19,7 +19,7 @@ from pep.pit.calibration import own_kinematics
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-    from ztpm.tool_server import ToolServer
+    from ztpm.enforcement import EnforcementPoint
 
 MILLIMETRES: Final = 1e3  # to the metre
 
@@ -43,12 +43,12 @@ async def serve_reports(report: Callable[[], Awaitable[dict[str, object]]]) -> N
             sys.stdout.flush()
 
 
-async def report_of(server: ToolServer) -> dict[str, object]:
-    """The report of a running tool server: robot, perception and revocation view, each as of now."""
+async def report_of(server: EnforcementPoint) -> dict[str, object]:
+    """The report of a running enforcement point: robot, perception and revocation view, each as of now."""
     return {"robot": await asyncio.to_thread(_robot, server), "perception": _perception(server), "view": _view(server)}
 
 
-def _robot(server: ToolServer) -> dict[str, object]:
+def _robot(server: EnforcementPoint) -> dict[str, object]:
     kinematics = {
         "model_digest": server.robot.model_digest,
         "calibration": own_kinematics(server.robot.model),
@@ -67,7 +67,7 @@ def _robot(server: ToolServer) -> dict[str, object]:
     }
 
 
-def _perception(server: ToolServer) -> dict[str, Any]:
+def _perception(server: EnforcementPoint) -> dict[str, Any]:
     told: dict[str, Any] = {**server.physics.summary(), "sensors": sorted(server.follower.sensors()), "seen": []}
     view = server.frames.view()
     match view:
@@ -91,7 +91,7 @@ def _perception(server: ToolServer) -> dict[str, Any]:
     return told
 
 
-def _view(server: ToolServer) -> dict[str, object]:
+def _view(server: EnforcementPoint) -> dict[str, object]:
     """Epoch and age of the revocation view; None while there is none."""
     view = server.follower.view()
     return {"epoch": None, "age_ms": None} if view.age_ms >= NEVER_MS else {"epoch": view.epoch, "age_ms": view.age_ms}

@@ -16,12 +16,15 @@ from pep.rtde.readiness import OWN_POSE_M, RobotReadiness, equip
 from pep.world import tool_position
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from pep.holding import Holding
     from pep.pit import CellParameters, Robot
     from pep.ports import Clock
     from pep.rtde.dashboard import RemoteControl
     from pep.rtde.gripper import Grip, RobotiqGripper
     from pep.rtde.program import ProgramWatch
+    from pep.rtde.readiness import Program
     from pep.rtde.telemetry import Telemetry
     from pep.world import CellPhysics
 
@@ -107,8 +110,8 @@ def found_holding(holding: Holding, gripper: RobotiqGripper) -> None:
 def readiness(
     telemetry: Telemetry,
     remote: RemoteControl,
-    program: ProgramWatch,
-    control: GuardedControl,
+    program: Program,
+    commanding: Callable[[], bool],
     *,
     robot: Robot,
     holding: Holding,
@@ -118,8 +121,8 @@ def readiness(
     Args:
         telemetry: of the controller.
         remote: of the controller.
-        program: claimed.
-        control: of the robot.
+        program: what the controller runs; a `ProgramWatch` that has claimed it, say.
+        commanding: whether the connection that commands stands.
         robot: its model.
         holding: what it holds.
     """
@@ -127,7 +130,7 @@ def readiness(
         telemetry=telemetry,
         remote=remote,
         program=program,
-        commanding=control.isConnected,
+        commanding=commanding,
         tool_position=partial(tool_position, robot),
         tcp_m=robot.tool.tcp_m,
         pose_m=NOMINAL_ERROR_M if own_kinematics(robot.model) is None else OWN_POSE_M,

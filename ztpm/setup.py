@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import ipaddress
 import json
 import shutil
-import socket
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +16,17 @@ from capabilities import keys, rotation, workload
 from capabilities.caps import DEFAULT
 from capabilities.rotation_json import ring_to_json
 from capabilities.statements import cell as cell_statement
+from pep.rtde.lines import PORTS
 from ztpm import survey
 from ztpm.layout import OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
+from ztpm.loopback import free_host, is_free
 from ztpm.platform import TRUST_DOMAIN
 
 if TYPE_CHECKING:
     from capabilities.keys import PrivateKey
 
 PEP_ID: Final = "cell-1"
+GATEWAY_ID: Final = "gateway-1"
 SENSOR_ID: Final = "camera-1"
 SENSOR_CALIBRATION: Final = hashlib.sha256(b"simulated sensor, ideal pinhole, base frame").hexdigest()
 """Digest of the calibration document; the simulated sensor's is this sentence."""
@@ -38,6 +41,7 @@ class Addresses:
     Attributes:
         host: an address in 127.0.0.0/8.
         idp_port, tools_port, perception_port, status_port: TCP ports on it.
+        door_port, carriage_port: of the robot's gateway, on `gateway_host`.
     """
 
     host: str
@@ -45,6 +49,20 @@ class Addresses:
     tools_port: int = 8800
     perception_port: int = 8801
     status_port: int = 8890
+    door_port: int = 8900
+    carriage_port: int = 8901
+
+    @property
+    def gateway_host(self) -> str:
+        """The robot's gateway has the next address: its ports are as fixed as the robot's.
+
+        Raises:
+            SetupError: `host` is no IPv4 address, or the last one.
+        """
+        try:
+            return str(ipaddress.IPv4Address(self.host) + 1)
+        except ipaddress.AddressValueError as error:
+            raise SetupError("host: no IPv4 address that has a next one") from error
 
     @property
     def ports(self) -> tuple[int, ...]:
@@ -52,9 +70,15 @@ class Addresses:
         return (self.idp_port, self.tools_port, self.perception_port, self.status_port, *ROBOT_PORTS)
 
     @property
+    def gateway_ports(self) -> tuple[int, ...]:
+        """Every port of the robot's gateway."""
+        return (self.door_port, self.carriage_port, self.perception_port, *PORTS)
+
+    @property
     def taken(self) -> tuple[int, ...]:
         """The ports that somebody listens on now."""
-        return tuple(port for port in self.ports if not _is_free(self.host, port))
+        own = (port for port in self.ports if not is_free(self.host, port))
+        return (*own, *(port for port in self.gateway_ports if not is_free(self.gateway_host, port)))
 
     @property
     def issuer(self) -> str:
@@ -62,13 +86,18 @@ class Addresses:
         return f"http://{self.host}:{self.idp_port}/ztpm"
 
     @property
+    def door(self) -> str:
+        """Canonical URL where leases of the robot are asked for."""
+        return f"http://{self.gateway_host}:{self.door_port}/leases"
+
+    @property
     def audience(self) -> str:
-        """Canonical URL of the cell's MCP server."""
+        """Canonical URL of the cell's MCP server, and so of the cell."""
         return f"http://{self.host}:{self.tools_port}/mcp"
 
 
-ROBOT_PORTS: Final = (29999, 30001, 30002, 30003, 30004, 30011, 30012, 30013, 63352)
-"""Fixed ports of a UR controller and its Robotiq gripper (dashboard, primary, secondary, realtime, RTDE, gripper)."""
+ROBOT_PORTS: Final = (*PORTS, 63352)
+"""Fixed ports of a UR controller and its Robotiq gripper."""
 
 
 def free_addresses(seed: bytes) -> Addresses:
@@ -78,24 +107,9 @@ def free_addresses(seed: bytes) -> Addresses:
         seed: random bytes; decides the order in which hosts are tried.
 
     Raises:
-        OSError: when 64 hosts in a row are taken.
+        OSError: when no host is found.
     """
-    for attempt in range(64):
-        draw = hashlib.sha256(seed + bytes([attempt])).digest()
-        addresses = Addresses(host=f"127.{64 + draw[0] % 63}.{draw[1]}.{1 + draw[2] % 254}")
-        if not addresses.taken:
-            return addresses
-    raise OSError("no free loopback address for a cell")
-
-
-def _is_free(host: str, port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except OSError:
-            return False
-    return True
+    return Addresses(host=free_host(seed, lambda host: not Addresses(host=host).taken))
 
 
 class SetupError(ValueError):
@@ -178,6 +192,7 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
         "cell_signer_key": keys.b64u(keys.public_raw(surveyor)),
     }
     write_private(layout.cell_config, _toml(settings) + b"\n[cell]\n")
+    write_private(layout.gateway_config, _toml(settings | _gateway_settings(layout, addresses)) + b"\n[cell]\n")
     _check_readable(layout)
     stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
     write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
@@ -185,26 +200,30 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
     platform = new_key(layout.platform_key, passphrase)
     write_private(layout.platform_jwks, workload.jwks(keys.public_raw(platform)))
     new_key(layout.pep_key, passphrase)
+    new_key(layout.gateway_key, passphrase)
     new_key(layout.sensor_key, passphrase)
-    layout.state.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for state in (layout.state, layout.gateway_state):
+        state.mkdir(mode=0o700, parents=True, exist_ok=True)
     write_private(layout.key_ring, ring_to_json(ring))
     write_private(layout.trust, ring.bundle(DEFAULT).to_json())
     _bootstrap(layout, operators)
 
 
 def _check_readable(layout: Layout) -> None:
-    """Both services take their configuration, by the very readers that they start with.
+    """Every service takes its configuration, by the very readers that they start with.
 
     Raises:
         SetupError: naming what is refused.
     """
     from pep.errors import ConfigError
+    from ztpm.gateway_config import read_gateway_config
     from ztpm.tool_config import read_config, read_policies
     from ztpm_idp.settings import SettingsError, load_settings
 
     try:
         load_settings(layout.idp_config)
         read_policies(read_config(layout.cell_config))
+        read_gateway_config(layout.gateway_config)
     except (SettingsError, ConfigError) as error:
         raise SetupError(str(error)) from error
 
@@ -264,6 +283,21 @@ def _cell_settings(layout: Layout, addresses: Addresses, policy: str, defer_time
         # A server may start in another directory: a path is written whole.
         "policy": str(Path(policy).resolve()) if Path(policy).is_file() else policy,
         "defer_timeout_s": defer_timeout_s,
+    }
+
+
+def _gateway_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
+    """Where the gateway's differ from the tool server's, and its own."""
+    return {
+        "host": addresses.gateway_host,
+        "port": addresses.door_port,
+        "pep_id": GATEWAY_ID,
+        "pep_key_file": str(layout.gateway_key),
+        "journal_file": str(layout.gateway_journal),
+        "state_dir": str(layout.gateway_state),
+        "url": addresses.door,
+        "listen_host": addresses.gateway_host,
+        "carriage_port": addresses.carriage_port,
     }
 
 

@@ -15,13 +15,26 @@ import signal
 import sys
 import threading
 import time
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PR_SET_PDEATHSIG: Final = 1  # include/uapi/linux/prctl.h
 
 LOOK_S: Final = 0.5
 END_S: Final = 12.0
 """Longest wait for the module's own end: the arm's stop takes 5 s at most, and its connections as long again."""
+
+
+def ends_with_parent() -> Callable[[], None]:
+    """For a child to call before it becomes its program: when its parent dies, the kernel sends it SIGTERM."""
+    libc = ctypes.CDLL(None)  # loaded here: between fork and exec nothing may be
+
+    def tie() -> None:
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+
+    return tie
 
 
 def _follow(parent: int) -> None:

@@ -6,7 +6,7 @@ import ipaddress
 import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 from urllib.parse import urlsplit
 
 from capabilities import keys
@@ -28,7 +28,7 @@ from pep.pit import (
     surveyed,
 )
 from pep.rtde.gripper import DRIVEN
-from pep.rtde.guard import JOINT_DECELERATION_LIMIT_RAD_S2
+from pep.rtde.stops import JOINT_DECELERATION_LIMIT_RAD_S2
 from policies.errors import PolicyError
 from policies.load import SHIPPED, load, load_shipped
 
@@ -87,8 +87,8 @@ class CellConfig:
     cell: CellParameters
     calibration_file: Path | None = None
 
-    @staticmethod
-    def from_toml(text: str) -> CellConfig:
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
         """The configuration that a TOML text spells: every key given but `calibration_file`, none unknown.
 
         Raises:
@@ -98,11 +98,11 @@ class CellConfig:
             table = tomllib.loads(text)
         except (tomllib.TOMLDecodeError, RecursionError) as error:
             raise ConfigError(PepFault.CONFIG_INVALID, "not TOML") from error
-        names = {field.name for field in fields(CellConfig)}
+        names = {field.name for field in fields(cls)}
         for wrong in sorted((names - OPTIONAL - set(table)) | (set(table) - names)):
             raise ConfigError(PepFault.CONFIG_INVALID, f"{wrong} is {'missing' if wrong in names else 'unknown'}")
         given: dict[str, Any] = {}
-        for field in fields(CellConfig):
+        for field in fields(cls):
             if field.name not in table:
                 continue
             value = table[field.name]
@@ -116,7 +116,7 @@ class CellConfig:
             given["cell"] = numbers_only(given["cell"])
         except CellError as error:
             raise ConfigError(PepFault.CONFIG_INVALID, f"cell: {error.detail}") from error
-        config = CellConfig(**given)
+        config = cls(**given)
         config.check()
         return config
 
@@ -127,22 +127,11 @@ class CellConfig:
             ConfigError: `CONFIG_INVALID`, naming the key.
         """
         for name, url in (("audience", self.audience), ("issuer", self.issuer)):
-            parts = urlsplit(url)
-            if (
-                parts.scheme not in {"http", "https"}
-                or not parts.hostname
-                or len(parts.path) < 2
-                or parts.query
-                or parts.fragment
-            ):
-                raise ConfigError(PepFault.CONFIG_INVALID, f"{name} must be a URL with a path")
-            if parts.scheme == "http" and not _loopback(parts.hostname):
-                raise ConfigError(PepFault.CONFIG_INVALID, f"{name}: plain HTTP on loopback only")
-        if urlsplit(self.audience).scheme == "http" and not _loopback(self.host):
+            check_url(name, url)
+        if urlsplit(self.audience).scheme == "http" and not is_loopback(self.host):
             raise ConfigError(PepFault.CONFIG_INVALID, "host: plain HTTP on loopback only")
         for name, port in (("port", self.port), ("perception_port", self.perception_port)):
-            if not 1 <= port <= 65_535:
-                raise ConfigError(PepFault.CONFIG_INVALID, f"{name} is no port")
+            check_port(name, port)
         if not 1 <= self.defer_timeout_s <= 3_600:
             raise ConfigError(PepFault.CONFIG_INVALID, "defer_timeout_s must be 1 to 3600")
         try:
@@ -153,7 +142,37 @@ class CellConfig:
             raise ConfigError(PepFault.CONFIG_INVALID, "cell: stop_deceleration_rad_s2 is harder than a stop can be")
 
 
-def _loopback(host: str) -> bool:
+def check_url(name: str, url: str) -> None:
+    """It is a URL with a path, and a secure one.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`, naming the key.
+    """
+    parts = urlsplit(url)
+    if (
+        parts.scheme not in {"http", "https"}
+        or not parts.hostname
+        or len(parts.path) < 2
+        or parts.query
+        or parts.fragment
+    ):
+        raise ConfigError(PepFault.CONFIG_INVALID, f"{name} must be a URL with a path")
+    if parts.scheme == "http" and not is_loopback(parts.hostname):
+        raise ConfigError(PepFault.CONFIG_INVALID, f"{name}: plain HTTP on loopback only")
+
+
+def check_port(name: str, port: int) -> None:
+    """It is a TCP port.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`, naming the key.
+    """
+    if not 1 <= port <= 65_535:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"{name} is no port")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether the host is this machine alone."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -166,11 +185,20 @@ def read_config(path: Path) -> CellConfig:
     Raises:
         ConfigError: `CONFIG_INVALID`.
     """
+    return CellConfig.from_toml(read_text(path))
+
+
+def read_text(path: Path) -> str:
+    """The text of a configuration.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
     try:
         raw = path.read_bytes()
         if len(raw) > CONFIG_BYTES:
             raise ConfigError(PepFault.CONFIG_INVALID, "too large")
-        return CellConfig.from_toml(raw.decode("utf-8"))
+        return raw.decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"{path}: {type(error).__name__}") from error
 

@@ -10,7 +10,7 @@ from capabilities.scope import Tier
 from capabilities.statements import answers, checkpoint, conduct, registry, revocation
 from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.parties import Agent, Person, PersonRole, Sensor, Standing
+from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing
 from ztpm_idp.problems import Problem
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def _size(row: conduct.EdgeEntry | conduct.AgentEntry) -> int:
 
 
 async def registry_snapshot(provider: Provider, *, audience: str) -> str:
-    """The signed registry as the enforcement point of `audience` needs it."""
+    """The signed registry of `audience`."""
     as_of_ms = provider.now_ms()
     async with provider.store.read() as view:
         counters = await view.counters()
@@ -164,6 +164,7 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
         sensors = [s for s in await view.all_parties("sensor") if isinstance(s, Sensor)]
         agents = [a for a in await view.all_parties("agent") if isinstance(a, Agent)]
         people = [p for p in await view.all_parties("person") if isinstance(p, Person)]
+        peps = [p for p in await view.all_parties("pep") if isinstance(p, Pep)]
     snapshot = registry.RegistrySnapshot(
         issuer=provider.settings.issuer,
         version=counters.registry_version,
@@ -183,9 +184,12 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
             if a.trust_permille is not None and a.standing is not Standing.REVOKED
         ),
         approvers=tuple(
-            registry.ApproverEntry(p.id, p.key)
+            registry.PartyEntry(p.id, p.key)
             for p in people
             if PersonRole.APPROVER in p.roles and p.standing is Standing.ACTIVE
+        ),
+        peps=tuple(
+            registry.PartyEntry(p.id, p.key) for p in peps if audience in p.audiences and p.standing is Standing.ACTIVE
         ),
     )
     return registry.sign(snapshot, provider.keys.registry)

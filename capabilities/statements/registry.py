@@ -1,4 +1,4 @@
-"""The signed registry snapshot: the tools, sensors and trust that one enforcement point is to know."""
+"""The signed registry snapshot of one audience: tools, sensors, trust, approvers, and who enforces there."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ TOOLS: Final = 256
 SENSORS: Final = 64
 AGENTS: Final = 1_024
 APPROVERS: Final = 64
-"""Most tools, sensors, agents and approvers of one snapshot; with names of 63 bytes, the longest that the identity
-provider registers, all of them together still fit a statement."""
+PEPS: Final = 16
+"""Most tools, sensors, agents, approvers and enforcement points of one snapshot; with names of 63 bytes, the longest
+that the identity provider registers, all of them together still fit a statement."""
 TRANSIT_MS: Final = 10_000
 """Longest declared transit of a frame."""
 
@@ -56,8 +57,8 @@ class TrustEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class ApproverEntry:
-    """A person who may answer asks: the id and raw public key."""
+class PartyEntry:
+    """Somebody who signs: a person who may answer asks, an enforcement point. The id and raw public key."""
 
     id: str
     key: bytes
@@ -65,14 +66,15 @@ class ApproverEntry:
 
 @dataclass(frozen=True, slots=True)
 class RegistrySnapshot:
-    """What an enforcement point is to know.
+    """What the enforcement points of an audience are to know, and their callers of them.
 
     Attributes:
         issuer: canonical URL of the identity provider.
         version: grows with each change.
-        audience: canonical URL of the enforcement point.
+        audience: canonical URL of what is enforced on.
         as_of_ms: wall clock before the store was read, milliseconds since the epoch.
         tools, sensors, trust, approvers: each name once.
+        peps: enforcement points that serve the audience; a caller knows by the key that it talks to one.
     """
 
     issuer: str
@@ -82,7 +84,8 @@ class RegistrySnapshot:
     tools: tuple[ToolEntry, ...]
     sensors: tuple[SensorEntry, ...]
     trust: tuple[TrustEntry, ...]
-    approvers: tuple[ApproverEntry, ...]
+    approvers: tuple[PartyEntry, ...]
+    peps: tuple[PartyEntry, ...]
 
     def tool(self, name: str) -> ToolEntry | None:
         """The tool of this name, or None."""
@@ -96,7 +99,7 @@ class RegistrySnapshot:
         """The stated trust of an agent, or None."""
         return next((entry.permille for entry in self.trust if entry.agent == agent), None)
 
-    def approver(self, name: str) -> ApproverEntry | None:
+    def approver(self, name: str) -> PartyEntry | None:
         """The approver of this id, or None."""
         return next((entry for entry in self.approvers if entry.id == name), None)
 
@@ -127,7 +130,8 @@ def sign(snapshot: RegistrySnapshot, key: PrivateKey) -> str:
             for sensor in snapshot.sensors
         ],
         "trust": [{"agent": entry.agent, "permille": entry.permille} for entry in snapshot.trust],
-        "approvers": [{"id": entry.id, "key": key_forms.b64u(entry.key)} for entry in snapshot.approvers],
+        "approvers": [_stated(entry) for entry in snapshot.approvers],
+        "peps": [_stated(entry) for entry in snapshot.peps],
     }
     return sealed.sign(KIND, claims, key)
 
@@ -139,7 +143,9 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  #
         StatementError: as `sealed.open`.
     """
     members = sealed.open(KIND, text, keys, caps)
-    claims = Claims(members, "issuer", "version", "audience", "as_of_ms", "tools", "sensors", "trust", "approvers")
+    claims = Claims(
+        members, "issuer", "version", "audience", "as_of_ms", "tools", "sensors", "trust", "approvers", "peps"
+    )
     return RegistrySnapshot(
         issuer=claims.url("issuer"),
         version=claims.integer("version"),
@@ -148,7 +154,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  #
         tools=unique(claims.each("tools", _tool, most=TOOLS), lambda tool: tool.name, "a tool"),
         sensors=unique(claims.each("sensors", _sensor, most=SENSORS), lambda sensor: sensor.id, "a sensor"),
         trust=unique(claims.each("trust", _trust, most=AGENTS), lambda entry: entry.agent, "an agent"),
-        approvers=unique(claims.each("approvers", _approver, most=APPROVERS), lambda entry: entry.id, "an approver"),
+        approvers=unique(claims.each("approvers", _party, most=APPROVERS), lambda entry: entry.id, "an approver"),
+        peps=unique(claims.each("peps", _party, most=PEPS), lambda entry: entry.id, "an enforcement point"),
     )
 
 
@@ -177,6 +184,10 @@ def _trust(value: object) -> TrustEntry:
     return TrustEntry(agent=claims.name("agent"), permille=claims.integer("permille", high=1_000))
 
 
-def _approver(value: object) -> ApproverEntry:
+def _stated(entry: PartyEntry) -> dict[str, object]:
+    return {"id": entry.id, "key": key_forms.b64u(entry.key)}
+
+
+def _party(value: object) -> PartyEntry:
     claims = Claims(value, "id", "key")
-    return ApproverEntry(id=claims.name("id"), key=claims.public_key("key"))
+    return PartyEntry(id=claims.name("id"), key=claims.public_key("key"))

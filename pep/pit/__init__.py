@@ -38,10 +38,11 @@ from pep.pit.motion import (
     SpeedJ,
     SpeedL,
 )
+from pep.pit.observing import observed, scene_observed
 from pep.pit.outfit import Outfit
 from pep.pit.remaining import Pace, Remaining, remaining
 from pep.pit.robot import Robot
-from pep.pit.scene import Box, Capsule, Convex, Person, Region, Scene, Sphere, Thing, Workspace, Zone, observed
+from pep.pit.scene import Box, Capsule, Convex, Person, Region, Scene, Sphere, Thing, Workspace, Zone
 from pep.pit.streaming import Bounded, Stream
 from pep.pit.surveyed import SurveyError, SurveyFault, numbers_only, surveyed
 
@@ -102,6 +103,7 @@ __all__ = [
     "observed",
     "remaining",
     "robot_of",
+    "scene_observed",
     "standing_adult",
     "surveyed",
     "unknown_part",

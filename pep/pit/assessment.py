@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from capabilities.scope import Tier
+    from pep.pit.certify import Certified, Proof
     from pep.pit.motion import Floats, Joints
     from pep.pit.view import View
 
@@ -42,7 +44,7 @@ def micro(metres: float) -> int:
     return round(metres * MICRO) if math.isfinite(metres) else 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Certificate:
     """The proof, for the record: per row a pair, an interval of the path in 1 / GRID, and the index proven there.
 
@@ -66,6 +68,40 @@ class Certificate:
             self.index[order].tolist(),
         )
         return tuple(zip(*columns, strict=True))
+
+
+class SearchCertificate(Certificate):
+    """The proof of a search, whose rows are only put together when somebody asks for them."""
+
+    def __init__(self, certified: Certified) -> None:
+        """Nothing is put together yet."""
+        vars(self).update(_certified=certified)
+
+    _certified: Certified
+
+    @cached_property
+    def _proof(self) -> Proof:
+        return self._certified.proof
+
+    @cached_property
+    def pair(self) -> NDArray[np.intp]:
+        """As `Certificate.pair`."""
+        return self._proof.pair
+
+    @cached_property
+    def low(self) -> NDArray[np.int64]:
+        """As `Certificate.low`."""
+        return self._proof.low
+
+    @cached_property
+    def high(self) -> NDArray[np.int64]:
+        """As `Certificate.high`."""
+        return self._proof.high
+
+    @cached_property
+    def index(self) -> Floats:
+        """As `Certificate.index`."""
+        return self._proof.index
 
 
 EMPTY_CERTIFICATE: Final = Certificate(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from pep.pit.certify import first_cut
-from pep.pit.pairs import Kind
+from pep.pit.obstacles import Kind
 from pep.pit.path import GRID
 
 if TYPE_CHECKING:

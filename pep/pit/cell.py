@@ -192,6 +192,14 @@ class CellParameters:
 
     time_limit_s: float = 2.0  # numpy engine on a loaded machine (50 ms on an idle one); later is a fault
 
+    def __hash__(self) -> int:
+        """As a frozen dataclass has it; much is remembered by cell, and its numbers are many."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(tuple(getattr(self, field.name) for field in fields(self)))
+
     @staticmethod
     def from_toml(text: str) -> CellParameters:
         """The parameters that a TOML text spells; what it leaves out keeps its default.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from pep.pit.errors import WorkLimitError
-from pep.pit.pairs import VIOLABLE, Kind
+from pep.pit.obstacles import VIOLABLE, Kind
 from pep.pit.path import GRID, Leaves
 from pep.pit.tier import TIE
 

@@ -5,20 +5,27 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, assert_never
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias, assert_never
 
 import coal
 import numpy as np
 import pinocchio
 
 from pep.pit.hull import hull_of
-from pep.pit.scene import Box, Capsule, Convex, Sphere
+from pep.pit.shape import Box, Capsule, Convex, Sphere
 from pep.pit.solids import rotation_of
 
 if TYPE_CHECKING:
-    from pep.pit.scene import Shape, Vector
+    from collections.abc import Iterable
+
+    from pep.pit.motion import Floats
+    from pep.pit.shape import Shape, Vector
+
+Kind: TypeAlias = "tuple[str, tuple[Vector, ...]]"
+"""What coal builds anew for: the kind of a shape, and of a polytope its corners."""
 
 POINT_M: Final = 1e-9  # an axis shorter than this is a point
+BALL: Final = 5  # numbers of a core: centre and radius of the ball, radius that is left out
 _Z: Final = np.array([0.0, 0.0, 1.0])
 
 
@@ -40,7 +47,7 @@ class Core:
     Each set of `corners` is a kind of its own: coal's polytopes keep theirs.
 
     Attributes:
-        ball: centre and radius of a ball around the core.
+        numbers: centre (three) and radius of a ball around the core, and `radius`.
     """
 
     kind: str
@@ -48,7 +55,7 @@ class Core:
     pose: Any
     radius: float
     corners: tuple[Vector, ...] = ()
-    ball: tuple[Vector, float] = field(init=False)
+    numbers: tuple[float, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         """The ball follows from the rest."""
@@ -58,7 +65,7 @@ class Core:
             around = float(np.linalg.norm(corners - center, axis=1).max()) + POINT_M
         else:
             center, around = self.pose.translation, math.hypot(*self.size)
-        object.__setattr__(self, "ball", (tuple(center.tolist()), around))
+        object.__setattr__(self, "numbers", (*center.tolist(), around, self.radius))
 
     def built(self) -> Any:
         """A shape of coal's of this kind and size."""
@@ -99,6 +106,27 @@ def core_of(shape: Shape) -> Core:
             return Core("convex", (), pinocchio.SE3.Identity(), radius, vertices)
         case _:
             assert_never(shape)
+
+
+class Cast(NamedTuple):
+    """What stands in a scene, as coal has it.
+
+    Attributes:
+        cores: of all shapes.
+        kinds: what coal builds anew for: the kind of each, and of a polytope its corners.
+        balls: `numbers` of each core, (n, 5).
+    """
+
+    cores: tuple[Core, ...]
+    kinds: tuple[Kind, ...]
+    balls: Floats
+
+
+def cast_of(shapes: Iterable[Shape]) -> Cast:
+    """All these shapes as coal has them."""
+    cores = tuple(map(core_of, shapes))
+    balls = np.array([core.numbers for core in cores]).reshape(-1, BALL)  # there may be none
+    return Cast(cores, tuple([(core.kind, core.corners) for core in cores]), balls)
 
 
 @lru_cache(maxsize=1024)  # all that stands in a few cells

@@ -13,10 +13,11 @@ import numpy as np
 from pep.pit.path import GRID
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from pep.pit.cell import CellParameters
-    from pep.pit.motion import Floats
     from pep.pit.pairs import Pairs
     from pep.pit.robot import Robot
     from pep.pit.route import Route
@@ -34,9 +35,9 @@ class JointLimits:
     joint: str
 
 
-def joint_limits(robot: Robot, start: Floats, target: Floats) -> JointLimits:
+def joint_limits(robot: Robot, start: Iterable[float], target: Iterable[float]) -> JointLimits:
     """How a move between these joint angles (rad) stands to the limits."""
-    before, after = robot.beyond_rad(np.array([start, target])).tolist()
+    before, after = robot.beyond_rad(start), robot.beyond_rad(target)
     # From beyond one limit to beyond the other is no retreat, however the two excesses compare.
     worse = [not (abs(then) <= abs(now) and now * then >= 0) for now, then in zip(before, after, strict=True)]
     joint = robot.model.joints[worse.index(True) if any(worse) else 0].name

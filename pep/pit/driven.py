@@ -6,17 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from pep.pit.assessment import Assessment, Certificate, micro, milli, seen
+from pep.pit.assessment import Assessment, Certificate, milli, seen
 from pep.pit.curved import chosen_for
 from pep.pit.departure import RETREAT, departure, slow_enough
 from pep.pit.drive import Doubt, Nowhere
 from pep.pit.effort import Effort
 from pep.pit.motion import Run
-from pep.pit.moves import MoveQuestion, highest_speed
+from pep.pit.moves import MoveQuestion
 from pep.pit.oracle import Disagreement
 from pep.pit.pairs import pairs_of
 from pep.pit.second import drive_check
 from pep.pit.separation import stopping
+from pep.pit.slower import highest_speed
 from pep.pit.tier import HIGHEST, MOVING, tier_of
 from policies.evidence import Contribution, ImpactFault
 
@@ -43,7 +44,7 @@ UNREACHABLE: Final = "unreachable"
 JOINT_LIMIT: Final = "joint_limit"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class CourseCertificate(Certificate):
     """The proof of a course, with its nodes: whoever checks it needs no inverse kinematics.
 
@@ -112,22 +113,16 @@ class DriveQuestion(MoveQuestion):
             return ImpactFault("ENGINES_DISAGREE", checked.what)
         # 6. The answer, and the speed at which it would be a tier lower.
         index = min(certified.upper, HIGHEST)
-        causes = [
-            *seen(self.view),
-            *(() if drive.doubt is None else (self._cause(drive.doubt, DOUBTFUL),)),
-            *(Contribution(r.name, milli(r.index), "", "", 0, 0, micro(speed)) for r in ratios if r.index > MOVING),
-            *self._witnessed(pairs, profile, certified),
-            *(
-                Contribution("retreat", milli(RETREAT), "", pairs.names[p], 0, 0, micro(speed), pairs.sources[p])
-                for p in start.retreating
-            ),
-        ]
+        doubts = () if drive.doubt is None else (self._cause(drive.doubt, DOUBTFUL),)
+        causes = self._causes(
+            profile, pairs, certified, ratios=ratios, speed_m_s=speed, retreating=start.retreating, doubts=doubts
+        )
         proven = violations or retreats or drive.doubt or not drive.slower
         lower = None if proven else self._slower(effort, bare, certified, ratios, float(tier_of(index) - 1))
         decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
         return self._assessment(
             index,
-            tuple(sorted(causes, key=lambda c: -c.index_milli)),
+            causes,
             tuple(sorted(violations)),
             clearance_m=math.inf if decided is None else decided.clearance_m,
             speed_m_s=speed,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from pep.pit.blow import blow_ratio
 from pep.pit.certify import certify, fits
 from pep.pit.path import Path
-from pep.pit.scene import Convex, Scene
+from pep.pit.scene import Scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,15 +48,17 @@ def chosen() -> Engine:
     """The engine of this installation. The first call compiles it, or reads what was compiled before."""
     if find_spec("numba") is None:
         return NUMPY
-    from pep.pit.kernel import courses
+    from pep.pit.kernel import confirm, courses, demands
     from pep.pit.kernel.engine import CompiledPath, compile_all
 
     compile_all()
+    demands.compile_all()
+    confirm.compile_all()
     courses.compile_all()  # `pep.pit.curved` chooses them: what is ready for the one is ready for the other
     return Engine("numba-1", CompiledPath, CompiledPath.certify, CompiledPath.fits, CompiledPath.blow_ratio, slows=True)
 
 
 def chosen_for(scene: Scene | None, cell: CellParameters) -> Engine:
     """The engine for questions about this scene, or without one about the bare cell: polytopes have numpy's alone."""
-    shapes = (Scene.of_cell(cell) if scene is None else scene).solid_shapes
-    return NUMPY if any(isinstance(shape, Convex) for shape in shapes) else chosen()
+    solids = (Scene.of_cell(cell) if scene is None else scene).solids
+    return NUMPY if solids.hulls else chosen()

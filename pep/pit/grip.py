@@ -9,8 +9,9 @@ import numpy as np
 
 from pep.pit.contact import payload_kg
 from pep.pit.motion import MoveJ
+from pep.pit.obstacles import Kind
 from pep.pit.oracle import Disagreement, cross_check_rest
-from pep.pit.pairs import Kind, pairs_of
+from pep.pit.pairs import pairs_of
 from pep.pit.path import Path
 from pep.pit.separation import stopping
 from pep.pit.tier import HIGHEST, MOVING, ratio_index
@@ -74,13 +75,13 @@ def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters
     ratio = 0.0
     for row in everything[np.isin([robot.bodies[b].name for b in pairs.body], list(fingers))].tolist():
         near = float(clearance[row] - pairs.uncertainty[row])
-        kind, name = pairs.kind_of(row), pairs.names[row]
+        kind, name = pairs.kind_of(row), pairs.name_of(row)
         if kind is Kind.PERSON and near < float(stop.approach_m(pairs.intrusion[row])) + travel:
             share = force_n / float(pairs.force_limit[row])
             index = HIGHEST if share > 1 and near <= travel else 2 + min(1.0, share)
-            causes.append(GripCause(str(kind), index, name, float(clearance[row]), pairs.sources[row]))
+            causes.append(GripCause(str(kind), index, name, float(clearance[row]), pairs.source_of(row)))
             ratio = max(ratio, speed_m_s / float(pairs.limit_speed[row]))
         elif kind is Kind.FRAGILE and near <= cell.rigid_band_m:
             index = 1 + min(2.0, force_n / cell.fragile_break_force_n)
-            causes.append(GripCause(str(kind), index, name, float(clearance[row]), pairs.sources[row]))
+            causes.append(GripCause(str(kind), index, name, float(clearance[row]), pairs.source_of(row)))
     return Grip(tuple(sorted(causes, key=lambda c: (-c.index, c.kind, c.object))), ratio)

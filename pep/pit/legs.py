@@ -25,7 +25,7 @@ class Leg:
     duration_s: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class LegsCertificate(Certificate):
     """The answers of all legs, in order, each with its proof; it has no rows of its own."""
 

@@ -8,7 +8,7 @@ profile gives the rate of s.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, TypeAlias, assert_never
 
 import numpy as np
@@ -236,23 +236,23 @@ class Profile:
         speed_rad_s: the commanded speed.
         acceleration_rad_s2: the commanded acceleration.
         braking_rad_s2: of the end; that of the start when not given.
+        peak_rad_s: speed that the leading axis reaches: a short motion never gets to the commanded one.
     """
 
     way_rad: float
     speed_rad_s: float
     acceleration_rad_s2: float
     braking_rad_s2: float = math.nan
+    peak_rad_s: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Without another one the braking is the acceleration."""
-        if math.isnan(self.braking_rad_s2):
-            object.__setattr__(self, "braking_rad_s2", self.acceleration_rad_s2)
-
-    @property
-    def peak_rad_s(self) -> float:
-        """Speed that the leading axis reaches: a short motion never gets to the commanded one."""
         up, down = self.acceleration_rad_s2, self.braking_rad_s2
-        return min(self.speed_rad_s, math.sqrt(2 * self.way_rad * up * (down / (up + down))))
+        if math.isnan(down):
+            down = up
+            object.__setattr__(self, "braking_rad_s2", up)
+        peak = min(self.speed_rad_s, math.sqrt(2 * self.way_rad * up * (down / (up + down))))
+        object.__setattr__(self, "peak_rad_s", peak)
 
     @property
     def duration_s(self) -> float:

@@ -6,19 +6,17 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
 from capabilities.units import Unit
-from pep.pit.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, Certificate, micro, milli, seen
-from pep.pit.certify import SPEED_STEPS, Slower
+from pep.pit.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, SearchCertificate, micro, milli, seen
+from pep.pit.certify import Slower
 from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
 from pep.pit.engine import chosen_for
-from pep.pit.errors import WorkLimitError
 from pep.pit.motion import profile_of
 from pep.pit.oracle import Disagreement, cross_check
 from pep.pit.pairs import pairs_of
-from pep.pit.parameters import Demands
+from pep.pit.parameters import demands_of
 from pep.pit.separation import stopping
+from pep.pit.slower import highest_speed
 from pep.pit.tier import HIGHEST, MOVING, TIE, tier_of
 from pep.pit.touching import gentle_rows
 from policies.evidence import Contribution, ImpactFault
@@ -26,13 +24,17 @@ from policies.evidence import Contribution, ImpactFault
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from capabilities.scope import Tier
+    from pep.pit.assessment import Certificate
     from pep.pit.cell import CellParameters
     from pep.pit.certify import Certified, Witness
     from pep.pit.engine import Engine
     from pep.pit.motion import Profile, Run
     from pep.pit.pairs import Pairs
-    from pep.pit.parameters import Ratio
+    from pep.pit.parameters import Demands, Ratio
     from pep.pit.path import Path
     from pep.pit.robot import Robot
     from pep.pit.route import Route
@@ -40,33 +42,6 @@ if TYPE_CHECKING:
     from pep.pit.view import View
 
 SLOWEST_RAD_S: Final = 0.01  # slower than this is of no use, so no lower tier is named
-
-
-def highest_speed(falls: Callable[[float], bool], *, slowest: float, fastest: float) -> float | None:
-    """The highest speed, to a step of the bisection, that `falls` proves to do, or None when not even the slowest does.
-
-    This is advice: when time runs out, the best speed proven so far is named, and the answer itself stands.
-
-    Args:
-        falls: whether it is proven of this speed; what does not do, does not at any higher one.
-        slowest: a slower one is of no use.
-        fastest: the commanded speed, which does not do.
-    """
-    if not fastest > slowest:
-        return None
-    proven: float | None = None
-    try:
-        if falls(slowest):
-            proven = slowest
-            for _ in range(SPEED_STEPS):
-                middle = 0.5 * (proven + fastest)
-                if falls(middle):
-                    proven = middle
-                else:
-                    fastest = middle
-    except WorkLimitError:
-        return proven
-    return proven
 
 
 class MoveQuestion:
@@ -96,7 +71,7 @@ class MoveQuestion:
         if profile is None:
             return self._assessment(0.0, (), ())
         # 2. Joint limits, before a path is drawn through them.
-        limits = joint_limits(self.robot, np.array(self.move.start), np.array(self.move.target))
+        limits = joint_limits(self.robot, self.move.start, self.move.target)
         if limits.broken:
             told = Contribution("joint_limit", milli(HIGHEST), limits.joint, self.robot.model.name, 0, 0, 0)
             return self._assessment(HIGHEST, (told,), ("joint_limit",))
@@ -104,7 +79,7 @@ class MoveQuestion:
         path = self.engine.path(self.robot, self.move)
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
         pairs = self._with_meant(path, bare, profile)
-        demands = Demands(path, self.cell)
+        demands = demands_of(self.engine, path, self.cell)
         ratios = demands.ratios(profile)
         speeds = demands.surface_speed_m_s(profile)
         speed = float(speeds[: self.robot.world_bodies].max())
@@ -132,29 +107,21 @@ class MoveQuestion:
             return ImpactFault("ENGINES_DISAGREE", checked.what)
         # 7. The answer, and the speed at which it would be a tier lower.
         index = min(certified.upper, HIGHEST)
-        causes = [
-            *seen(self.view),
-            *(Contribution(r.name, milli(r.index), "", "", 0, 0, micro(speed)) for r in ratios if r.index > MOVING),
-            *self._witnessed(pairs, profile, certified),
-            *(
-                Contribution("retreat", milli(RETREAT), "", pairs.names[p], 0, 0, micro(speed), pairs.sources[p])
-                for p in start.retreating
-            ),
-        ]
+        causes = self._causes(profile, pairs, certified, ratios=ratios, speed_m_s=speed, retreating=start.retreating)
         lower = None
         if not (violations or retreats):
             lower = self._lower_speed(path, bare, demands, certified, tier_of(index), ratios=ratios, slows=slows)
         decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
         return self._assessment(
             index,
-            tuple(sorted(causes, key=lambda c: -c.index_milli)),
+            causes,
             tuple(sorted(violations)),
             clearance_m=math.inf if decided is None else decided.clearance_m,
             speed_m_s=speed,
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
             contact_ratio=self.engine.blow_ratio(path, pairs, profile, stop, check_time=self.check_time),
-            certificate=Certificate(*certified.proof),
+            certificate=SearchCertificate(certified),
         )
 
     def _stop(self, profile: Profile) -> Stopping:
@@ -168,12 +135,37 @@ class MoveQuestion:
             kind=str(pairs.kind_of(witness.pair)),
             index_milli=milli(witness.index),
             link=self.robot.bodies[pairs.body[witness.pair]].name,
-            object=pairs.names[witness.pair],
+            object=pairs.name_of(witness.pair),
             at_ms=round(profile.time_of(witness.s) * Unit.MILLISECOND.per_si),
             clearance_um=micro(witness.clearance_m),
             speed_um_s=micro(witness.speed_m_s),
-            source=pairs.sources[witness.pair],
+            source=pairs.source_of(witness.pair),
         )
+
+    def _causes(
+        self,
+        profile: Profile,
+        pairs: Pairs,
+        certified: Certified,
+        *,
+        ratios: tuple[Ratio, ...],
+        speed_m_s: float,
+        retreating: NDArray[np.intp],
+        doubts: tuple[Contribution, ...] = (),
+    ) -> tuple[Contribution, ...]:
+        """All that raises the index, highest first."""
+        speed = micro(speed_m_s)
+        causes = [
+            *seen(self.view),
+            *doubts,
+            *(Contribution(r.name, milli(r.index), "", "", 0, 0, speed) for r in ratios if r.index > MOVING),
+            *self._witnessed(pairs, profile, certified),
+            *(
+                Contribution("retreat", milli(RETREAT), "", pairs.name_of(p), 0, 0, speed, pairs.source_of(p))
+                for p in retreating
+            ),
+        ]
+        return tuple(sorted(causes, key=lambda c: -c.index_milli))
 
     def _witnessed(self, pairs: Pairs, profile: Profile, certified: Certified) -> list[Contribution]:
         """One contribution per obstacle that raises the index or is violated; where violated, at its deepest."""
@@ -228,12 +220,7 @@ class MoveQuestion:
         if of_pairs is None or not asks:
             return of_pairs
 
-        def falls(speed: float) -> bool:
-            self.check_time()
-            profile = profile_of(self.move, speed)
-            return profile is not None and demands.at_most(profile, target)
-
-        of_arm = highest_speed(falls, slowest=SLOWEST_RAD_S, fastest=self.move.speed_rad_s)
+        of_arm = demands.fastest(self.move, target, slowest=SLOWEST_RAD_S, check_time=self.check_time)
         return None if of_arm is None else min(of_pairs, of_arm)
 
     def _assessment(
@@ -250,7 +237,9 @@ class MoveQuestion:
         certificate: Certificate = EMPTY_CERTIFICATE,
     ) -> Assessment:
         if told:  # the first one is what decides, so it carries the proven index
-            told = (replace(told[0], index_milli=max(told[0].index_milli, milli(index))), *told[1:LISTED])
+            told = told[:LISTED]
+            if milli(index) > told[0].index_milli:
+                told = (replace(told[0], index_milli=milli(index)), *told[1:])
         return Assessment(
             tier=tier_of(index),
             index=index,

@@ -12,33 +12,30 @@ the cause).
 from __future__ import annotations
 
 import hashlib
-import threading
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import pinocchio
 
-from pep.pit.certify import VIOLATION_RESOLUTION_M
-from pep.pit.cores import Core, core_of
-from pep.pit.scene import Capsule
+from pep.pit.certify import VIOLATION_RESOLUTION_M, Certified
+from pep.pit.engine import NUMPY, chosen
+from pep.pit.path import NO_LEAVES
+from pep.pit.stage import STAGES
+from pep.pit.tier import MOVING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from pep.pit.certify import Certified, Witness
+    from pep.pit.certify import Witness
     from pep.pit.motion import Floats, Profile
     from pep.pit.pairs import Pairs
     from pep.pit.path import Path
     from pep.pit.robot import Robot
-    from pep.pit.scene import Scene, Vector
+    from pep.pit.scene import Scene
     from pep.pit.separation import Stopping
-
-Kind: TypeAlias = "tuple[str, tuple[Vector, ...]]"
-"""What coal builds anew for: the kind of a shape, and of a polytope its corners."""
 
 INTERIOR: Final = 3  # configurations besides the witness
 DISTANCE_TOLERANCE_M: Final = 5e-6  # coal's GJK stops at 1e-6; five times that is given
@@ -59,15 +56,9 @@ class Disagreement:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """The second engine found nothing above the certified answer.
-
-    Attributes:
-        asked: how many configurations it was asked at.
-        highest: the highest index of all that was judged or, where balls left doubts, of what was measured for them.
-    """
+    """The second engine found nothing above the certified answer, at so many configurations."""
 
     asked: int
-    highest: float
 
 
 def cross_check(
@@ -98,53 +89,61 @@ def cross_check(
     at = [profile.at(profile.time_of(w.s)) for w in watched]
     at += [profile.at(share * profile.duration_s) for share in fractions(seed)]  # nobody can foresee these places
     places = [(path.q(s), path.delta * rate) for s, rate in at]
-    clearance, speed = world.at_least(places, exactly=len(watched))
-    every = np.arange(len(pairs))
-    for witness, met, moving in zip(watched, clearance, speed, strict=False):
-        kernel = path.clearance_at(pairs, witness.key, every)
-        kernel[witness.pair] = witness.clearance_m
-        if not (np.abs(met - kernel) <= DISTANCE_TOLERANCE_M).all():
-            return Disagreement("clearance at the witness")
-        if witness.index > 0 and not abs(moving[witness.pair] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
+    kernel, every = np.empty((len(watched), len(pairs))), np.arange(len(pairs))
+    for told, witness in zip(kernel, watched, strict=True):
+        told[:] = path.clearance_at(pairs, witness.key, every)
+        told[witness.pair] = witness.clearance_m
+    sight = world.look(places, kernel, stop=stop, since=0)
+    if not sight.agrees:
+        return Disagreement("clearance at the witness")
+    for moving, witness in zip(sight.speed, watched, strict=False):
+        if witness.index > 0 and not abs(moving[pairs.body[witness.pair]] - witness.speed_m_s) <= SPEED_TOLERANCE_M_S:
             return Disagreement("speed at the witness")
-    return judged_where_near(
-        world, places, clearance, speed, stop=stop, certified=certified, rows=rows, since=len(watched)
-    )
+    return judged_where_near(world, sight, stop=stop, certified=certified, rows=rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """What the second engine sees at some places.
+
+    Attributes:
+        places: joint angles and speeds.
+        measured: how many of them coal measured, the first ones.
+        near: signed clearances, (places, pairs); where nobody measured, what they are at least.
+        speed: surface speeds, (places, bodies).
+        agrees: whether the first engine found the same clearances where coal measured.
+        open: rows of (place, pair) that may count more than any motion does, or be violated, for all that this says.
+    """
+
+    places: Sequence[tuple[Floats, Floats]]
+    measured: int
+    near: Floats
+    speed: Floats
+    agrees: bool
+    open: NDArray[np.intp]
 
 
 def judged_where_near(
-    world: World,
-    places: Sequence[tuple[Floats, Floats]],
-    clearance: Floats,
-    speed: Floats,
-    *,
-    stop: Stopping,
-    certified: Certified,
-    rows: NDArray[np.intp],
-    since: int,
+    world: World, sight: Sight, *, stop: Stopping, certified: Certified, rows: NDArray[np.intp]
 ) -> Agreement | Disagreement:
     """As `judged`, where only what the balls around both bodies do not settle needs a distance, and gets it.
 
     Args:
         world: the second engine.
-        places: joint angles and speeds.
-        clearance: what `World.at_least` says of all pairs there; measured in place.
-        speed: likewise.
+        sight: what it saw; what is open is measured in place.
         stop: how the motion ends when it must.
-        certified: the answer in question.
+        certified: the answer in question; it counts at least as much as any motion.
         rows: the pairs that `certified` speaks of.
-        since: the first place that was not measured.
     """
-    pairs = world.pairs
-    asked = np.zeros(len(pairs), dtype=bool)
-    asked[rows] = True
-    every = np.tile(np.arange(len(pairs)), len(places))
-    found = _doubted(pairs, stop, certified, every, clearance.ravel(), speed.ravel())
-    which = (found.above | found.below).reshape(clearance.shape) & asked
-    if not which.any():
-        return Agreement(len(places), float(found.indices.max(initial=0)))
-    world.measure(clearance, places, which, since=since)
-    return _told(_doubted(pairs, stop, certified, np.nonzero(which)[1], clearance[which], speed[which]), len(places))
+    pairs, doubts = world.pairs, sight.open
+    if len(rows) < len(pairs):
+        doubts = doubts[np.isin(doubts[:, 1], rows)]
+    if not len(doubts):
+        return Agreement(len(sight.places))
+    world.measure(sight, doubts)
+    place, pair = doubts.T
+    clearance, speed = sight.near[place, pair], sight.speed[place, pairs.body[pair]]
+    return _told(_doubted(pairs, stop, certified, pair, clearance, speed), len(sight.places))
 
 
 def judged(
@@ -160,13 +159,12 @@ def _told(found: _Doubted, places: int) -> Agreement | Disagreement:
         return Disagreement("index above the certified one")
     if found.below.any():
         return Disagreement("a violation that was not found")
-    return Agreement(places, float(found.indices.max(initial=0)))
+    return Agreement(places)
 
 
 class _Doubted(NamedTuple):
-    """Of pairs at some clearances: their index, where it is above the certified one, and violations not found."""
+    """Of pairs at some clearances: where the index is above the certified one, and violations that were not found."""
 
-    indices: Floats
     above: NDArray[np.bool_]
     below: NDArray[np.bool_]
 
@@ -180,7 +178,7 @@ def _doubted(  # noqa: PLR0917 - one column each
     below = near + VIOLATION_RESOLUTION_M < pairs.violated_below[asked]
     for row in np.flatnonzero(below).tolist():
         below[row] = pairs.kind_of(int(asked[row])) not in certified.violated
-    return _Doubted(index, ~(index <= certified.upper + INDEX_TOLERANCE), below)
+    return _Doubted(~(index <= certified.upper + INDEX_TOLERANCE), below)
 
 
 def cross_check_rest(path: Path, pairs: Pairs, scene: Scene, clearance: Floats) -> Agreement | Disagreement:
@@ -188,7 +186,7 @@ def cross_check_rest(path: Path, pairs: Pairs, scene: Scene, clearance: Floats) 
     found, _ = World(path.robot, scene, pairs).ask(path.q(0.0), np.zeros_like(path.delta))
     if not (np.abs(found - clearance) <= DISTANCE_TOLERANCE_M).all():
         return Disagreement("clearance at rest")
-    return Agreement(1, 0.0)
+    return Agreement(1)
 
 
 def fractions(seed: bytes) -> list[float]:
@@ -198,124 +196,15 @@ def fractions(seed: bytes) -> list[float]:
     return [int.from_bytes(word) / 256**SEED_BYTES for word in words]  # 256: values of a byte
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Stage:
-    """Coal's bodies and pairs for one robot and so many things of these kinds; where the things are changes.
-
-    Attributes:
-        geometry, found: pinocchio's geometry model and its data.
-        data: pinocchio's kinematic data.
-        distances: of each pair, where coal writes what it found.
-        turns, origins: of each link, where pinocchio writes its pose.
-        things: each thing's body, and its shape.
-        placed: what each of these stands for now; None while it is half placed.
-        own_radius: radii of the arm's own pairs, which stand last.
-        own_body, own_link, own_center, own_half: of the arm's own pairs: the moving body, and the capsule it must mind:
-            its link, its middle there and half its axis.
-        link, ends, radius, half: of the robot's bodies.
-        moved_by: 1 where the joint moves the body as seen from its reference link, (bodies, joints).
-    """
-
-    geometry: Any
-    found: Any
-    data: Any
-    distances: tuple[Any, ...]
-    turns: tuple[Floats, ...]
-    origins: tuple[Floats, ...]
-    things: tuple[tuple[Any, Any], ...]
-    placed: list[Core | None]
-    own_radius: Floats
-    own_body: NDArray[np.intp]
-    own_link: NDArray[np.intp]
-    own_center: Floats
-    own_half: Floats
-    link: NDArray[np.intp]
-    moved_by: Floats
-    ends: Floats
-    radius: Floats
-    half: Floats
-
-    def put(self, cores: Sequence[Core]) -> None:
-        """These things stand there; what stood there before is not touched."""
-        for k, core in enumerate(cores):
-            if self.placed[k] is not core:
-                self.placed[k] = None
-                core.put_into(*self.things[k])
-                self.placed[k] = core
-
-
-def _built(robot: Robot, kinds: tuple[Kind, ...]) -> _Stage:
-    geometry = pinocchio.GeometryModel()
-
-    def added(name: str, link: int, core: Core) -> int:
-        return int(geometry.addGeometryObject(pinocchio.GeometryObject(name, link, core.pose, core.built())))
-
-    on_robot = {
-        capsule.name: added(capsule.name, capsule.link, core_of(Capsule(capsule.a_m, capsule.b_m, capsule.radius_m)))
-        for capsule in robot.capsules
-    }
-    moving = [on_robot[b.name] for b in robot.bodies[: robot.world_bodies]]
-    unplaced = {"capsule": (1.0,), "point": (), "box": (1.0, 1.0, 1.0), "convex": ()}
-    things = tuple(
-        added(f"thing{k}", 0, Core(kind, unplaced[kind], pinocchio.SE3.Identity(), 0.0, corners))
-        for k, (kind, corners) in enumerate(kinds)
-    )
-    for thing in things:
-        for mover in moving:
-            geometry.addCollisionPair(pinocchio.CollisionPair(mover, thing))
-    own: list[float] = []
-    for body_index, capsule in robot.self_pairs:
-        body = robot.bodies[body_index]
-        geometry.addCollisionPair(pinocchio.CollisionPair(on_robot[capsule.name], on_robot[body.name]))
-        own.append(capsule.radius_m + body.radius_m)
-    ends = np.array([(b.a_m, b.b_m) for b in robot.bodies])
-    found, data = geometry.createData(), robot.pinocchio.createData()
-    inner = np.array([(capsule.a_m, capsule.b_m) for _, capsule in robot.self_pairs])
-    return _Stage(
-        geometry=geometry,
-        found=found,
-        data=data,
-        distances=tuple(found.distanceResults),
-        turns=tuple(frame.rotation for frame in data.oMi),
-        origins=tuple(frame.translation for frame in data.oMi),
-        things=tuple((body, body.geometry) for body in map(geometry.geometryObjects.__getitem__, things)),
-        placed=[None] * len(things),
-        own_radius=np.array(own),
-        own_body=np.array([index for index, _ in robot.self_pairs], dtype=np.intp),
-        own_link=np.array([capsule.link for _, capsule in robot.self_pairs], dtype=np.intp),
-        own_center=inner.mean(axis=1),
-        own_half=0.5 * np.linalg.norm(inner[:, 1] - inner[:, 0], axis=1),
-        link=np.array([b.link for b in robot.bodies]),
-        moved_by=np.array(
-            [[float(b.reference <= k < b.link) for k in range(len(robot.model.joints))] for b in robot.bodies]
-        ),
-        ends=ends,
-        radius=np.array([b.radius_m for b in robot.bodies]),
-        half=0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1),
-    )
-
-
-class _Stages(threading.local):
-    """One set of stages per thread: a stage is changed by each question."""
-
-    def __init__(self) -> None:
-        self.of = lru_cache(maxsize=16)(_built)  # people come and go: a handful of kinds in a cell
-
-
-_STAGES: Final = _Stages()
-
-
 class World:
     """Robot and scene for pinocchio and coal; its pairs stand in the order of `Pairs`."""
 
     def __init__(self, robot: Robot, scene: Scene, pairs: Pairs) -> None:
         self.robot, self.scene, self.pairs = robot, scene, pairs
-        cores = [core_of(shape) for person in scene.people for _, shape in person.regions]
-        cores += [core_of(shape) for shape in scene.solid_shapes]
-        self.stage = _STAGES.of(robot, tuple([(core.kind, core.corners) for core in cores]))
-        self.stage.put(cores)
-        numbers = [(*core.ball[0], core.ball[1], core.radius) for core in cores]
-        balls = np.array(numbers).reshape(-1, 5)  # there may be none
+        cast = scene.cast
+        self.stage = STAGES.of(robot, cast.kinds)
+        self.stage.put(cast.cores)
+        self.balls = balls = cast.balls
         self.centers, self.around, left_out = balls[:, :3], balls[:, 3], balls[:, 4]
         moving = self.stage.radius[: robot.world_bodies]
         self.radius = np.concatenate([(left_out[:, None] + moving).ravel(), self.stage.own_radius])
@@ -333,27 +222,52 @@ class World:
             self._measure(row, q)
         return near, speed[:, self.pairs.body]
 
-    def at_least(self, places: Sequence[tuple[Floats, Floats]], *, exactly: int) -> tuple[Floats, Floats]:
-        """What `ask_all` answers at so many places, the first ones; at the others a clearance that is no greater."""
-        ends, turns, origins, speed = self._motion(places)
-        near, later = self._unmeasured(ends), slice(exactly, None)
-        near[later, : len(self.radius)] = self._balls(ends[later], turns[later], origins[later])
-        for row, (q, _) in zip(near, places[:exactly], strict=False):
-            self._measure(row, q)
-        return near, speed[:, self.pairs.body]
+    def look(self, places: Sequence[tuple[Floats, Floats]], kernel: Floats, *, stop: Stopping, since: int) -> Sight:
+        """What is seen at these places; coal measures at the first ones.
 
-    def measure(
-        self, near: Floats, places: Sequence[tuple[Floats, Floats]], which: NDArray[np.bool_], *, since: int
-    ) -> None:
-        """In `near`, (places, pairs), the clearances of `which` at the places from `since` on become coal's own."""
+        Args:
+            places: joint angles (6,), rad, and speeds, rad/s.
+            kernel: the first engine's clearances at the first places, (measured, pairs).
+            stop: how the motion ends when it must.
+            since: the first place of which what is open counts.
+        """
+        if chosen() is NUMPY or self.pairs.solids.hulls:
+            return self._look(places, kernel, stop=stop, since=since)
+        from pep.pit.kernel.confirm import sight  # here, since numba may be missing
+
+        return Sight(places, len(kernel), *sight(self, places, kernel, stop=stop, since=since))
+
+    def _look(self, places: Sequence[tuple[Floats, Floats]], kernel: Floats, *, stop: Stopping, since: int) -> Sight:
+        ends, turns, origins, speed = self._motion(places)
+        near, later, pairs = self._unmeasured(ends), slice(len(kernel), None), self.pairs
+        near[later, : len(self.radius)] = self._balls(ends[later], turns[later], origins[later])
+        for row, (q, _) in zip(near, places[: len(kernel)], strict=False):
+            self._measure(row, q)
+        agrees = bool((np.abs(near[: len(kernel)] - kernel) <= DISTANCE_TOLERANCE_M).all())
+        every = np.tile(np.arange(len(pairs)), len(places) - since)
+        calm = Certified(MOVING, MOVING, (), {}, NO_LEAVES, np.zeros(0))
+        found = _doubted(pairs, stop, calm, every, near[since:].ravel(), speed[since:, pairs.body].ravel())
+        place, pair = np.nonzero((found.above | found.below).reshape(-1, len(pairs)))
+        return Sight(places, len(kernel), near, speed, agrees, np.stack([place + since, pair], axis=1))
+
+    def distances(self, q: Floats) -> list[float]:
+        """Coal's distances of the cores of all pairs of bodies."""
+        stage = self.stage
+        pinocchio.computeDistances(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
+        return [result.min_distance for result in stage.distances]
+
+    def measure(self, sight: Sight, doubts: NDArray[np.intp]) -> None:
+        """Of these rows of (place, pair) the clearances become coal's own, where they are not yet."""
         stage, of = self.stage, pinocchio.computeDistance
-        for place in range(since, len(places)):
-            rows = np.flatnonzero(which[place, : len(self.radius)])
-            if rows.size:
-                q = places[place][0]
+        placed = -1
+        for place, pair in doubts.tolist():
+            if place < sight.measured or pair >= len(self.radius):
+                continue
+            if place != placed:
+                q, placed = sight.places[place][0], place
                 pinocchio.updateGeometryPlacements(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
-                found = [of(stage.geometry, stage.found, pair).min_distance for pair in rows.tolist()]
-                near[place, rows] = np.maximum(found, 0.0) - self.radius[rows]
+            found = of(stage.geometry, stage.found, pair).min_distance
+            sight.near[place, pair] = max(found, 0.0) - self.radius[pair]
 
     def _unmeasured(self, ends: Floats) -> Floats:
         """Room for the clearances of all pairs, those from the faces of the room already there."""
@@ -363,9 +277,7 @@ class World:
 
     def _measure(self, near: Floats, q: Floats) -> None:
         """Coal's clearances of all pairs of cores stand in `near`, (pairs,)."""
-        stage = self.stage
-        pinocchio.computeDistances(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
-        found = np.array([result.min_distance for result in stage.distances])
+        found = np.array(self.distances(q))
         near[: len(found)] = np.maximum(found, 0.0) - self.radius
 
     def _balls(self, ends: Floats, turns: Floats, origins: Floats) -> Floats:

@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pep.pit.contact import payload_kg
+from pep.pit.engine import NUMPY
+from pep.pit.motion import profile_of
+from pep.pit.slower import highest_speed
 from pep.pit.speeds import Intervals
 from pep.pit.tier import ratio_index
 from pep.pit.torques import Torques, carried_kg
@@ -23,7 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from pep.pit.cell import CellParameters
-    from pep.pit.motion import Floats, Profile
+    from pep.pit.engine import Engine
+    from pep.pit.motion import Floats, Profile, Run
     from pep.pit.path import Path
     from pep.pit.robot import Robot
     from pep.pit.speeds import Speeds
@@ -83,7 +87,21 @@ def body_ratios(
     yield Ratio("elbow_speed", elbow)
     yield Ratio("momentum", momentum)
     yield Ratio("torque", torque())
-    yield Ratio("payload", (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg)
+    yield Ratio("payload", carried_ratio(robot, cell))
+
+
+def carried_ratio(robot: Robot, cell: CellParameters) -> float:
+    """Mass of the tool and of all that is carried, by what the robot may carry."""
+    return (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg
+
+
+def demands_of(engine: Engine, path: Path, cell: CellParameters) -> Demands:
+    """What the move on this path of that engine demands."""
+    if engine is NUMPY:
+        return Demands(path, cell)
+    from pep.pit.kernel.demands import CompiledDemands  # here, since numba may be missing
+
+    return CompiledDemands(path, cell)
 
 
 class Demands:
@@ -113,6 +131,23 @@ class Demands:
     def at_most(self, profile: Profile, index: float) -> bool:
         """Whether no ratio has a higher index; the dearest are only asked for where the others have none."""
         return all(ratio.index <= index for ratio in self._each(profile))
+
+    def fastest(self, move: Run, index: float, *, slowest: float, check_time: Callable[[], None]) -> float | None:
+        """The highest commanded speed, to a step of the bisection, at which no ratio's index is above `index`.
+
+        Args:
+            move: at the commanded speed, at which some ratio's is.
+            index: what none may exceed.
+            slowest: a slower one is of no use, rad/s.
+            check_time: raises when the answer would come too late.
+        """
+
+        def falls(speed: float) -> bool:
+            check_time()
+            profile = profile_of(move, speed)
+            return profile is not None and self.at_most(profile, index)
+
+        return highest_speed(falls, slowest=slowest, fastest=move.speed_rad_s)
 
     def _each(self, profile: Profile) -> Iterator[Ratio]:
         robot = self._robot

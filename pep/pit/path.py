@@ -69,17 +69,27 @@ class Leaves:
         return Leaves(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Leaves)))
 
 
+NO_LEAVES: Final = Leaves(*(np.zeros(0, dtype=np.int64),) * 3, *(np.zeros(0),) * 4)
+
+
 class Path(Route):
     """A joint move's path for one robot. Holds every configuration it was asked for; not shared between threads."""
 
     def __init__(self, robot: Robot, move: Straight) -> None:
         """A path that holds no configuration yet."""
-        self.robot = robot
-        self.start = np.array(move.start)
-        self.delta = np.array(move.target) - self.start
-        self.layout = layout(robot)
+        self.robot, self.layout, self._move = robot, layout(robot), move
         self._known: dict[int, int] = {}
         self._poses: Poses | None = None
+
+    @cached_property
+    def start(self) -> Floats:
+        """Joint angles where it starts, rad."""
+        return np.array(self._move.start)
+
+    @cached_property
+    def delta(self) -> Floats:  # type: ignore[override]  # nobody sets it
+        """Way of each joint, rad."""
+        return np.asarray(np.array(self._move.target) - self.start)
 
     @cached_property
     def bending(self) -> Bending:

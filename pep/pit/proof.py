@@ -216,7 +216,7 @@ class _Prover:
         """The proof of a straight joint motion's answer, and its torque ratio."""
         run = as_run(motion, self.cell)
         profile = profile_of(run)
-        if profile is None or joint_limits(self.robot, np.array(run.start), np.array(run.target)).broken:
+        if profile is None or joint_limits(self.robot, run.start, run.target).broken:
             return _NOTHING, 0.0
         path = Path(self.robot, run)
         demands = Demands(path, self.cell)

@@ -11,7 +11,7 @@ from pep.pit.certify import DEPTH, FIRST_CUT_MOST, ROWS_MOST, VIOLATION_RESOLUTI
 from pep.pit.course import Course
 from pep.pit.departure import RETREAT_CUT
 from pep.pit.errors import ProofError
-from pep.pit.pairs import VIOLABLE, Kind
+from pep.pit.obstacles import VIOLABLE, Kind
 from pep.pit.path import GRID
 from pep.pit.tier import TIE
 from pep.pit.touching import gentle_rows

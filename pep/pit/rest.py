@@ -19,8 +19,9 @@ from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
 from pep.pit.engine import chosen_for
 from pep.pit.errors import WorkLimitError
 from pep.pit.motion import STILL_RAD, profile_of
-from pep.pit.pairs import VIOLABLE, pairs_of
-from pep.pit.parameters import Demands
+from pep.pit.obstacles import VIOLABLE
+from pep.pit.pairs import pairs_of
+from pep.pit.parameters import demands_of
 from pep.pit.path import GRID
 from pep.pit.question import view_around
 from pep.pit.separation import stopping
@@ -156,7 +157,8 @@ class Rest:
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
         """The steps that do not depend on the speed, in order."""
         run, cell = self.run, self.cell
-        self.path = path = chosen_for(scene, cell).path(self.robot, run)
+        engine = chosen_for(scene, cell)
+        self.path = path = engine.path(self.robot, run)
         # 1. Where on the path the arm is. What lies behind it is done.
         at = np.array(self.at_rad)
         length2 = float(path.delta @ path.delta)
@@ -167,10 +169,10 @@ class Rest:
         if profile is None:
             return Remaining(holds=True, index_milli=0, cause="")
         self.profile, self.since = profile, int(s * GRID)
-        self.limits = joint_limits(self.robot, path.q(s), np.array(run.target))
+        self.limits = joint_limits(self.robot, path.q(s).tolist(), run.target)
         if self.limits.broken:
             return Remaining(holds=False, index_milli=milli(HIGHEST), cause=JOINT_LIMIT)
-        self.demands = Demands(path, cell)
+        self.demands = demands_of(engine, path, cell)
         # 2. The view, without what the arm holds, wherever that was seen to be on the way here: at whatever speed.
         speeds = self.demands.surface_speed_m_s(profile)
         self.look_around(scene, age_s, touch, speeds)

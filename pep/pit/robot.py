@@ -22,7 +22,7 @@ from pep.pit.model import JOINTS, PAYLOAD, TOOL_PAIR, LinkCapsule, Model, Tool, 
 from pep.pit.strict import FormError, read_table, read_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -130,10 +130,10 @@ class Robot:
         low, high = _fixed([j.range_rad for j in self.model.joints]).T
         return low, high
 
-    def beyond_rad(self, q: NDArray[np.float64]) -> NDArray[np.float64]:
-        """How far each joint at angles `q` (..., 6), rad, is beyond its range: above it more than 0, below it less."""
-        low, high = self.position_ranges_rad
-        return np.asarray(np.maximum(q - high, 0) + np.minimum(q - low, 0))
+    def beyond_rad(self, q: Iterable[float]) -> list[float]:
+        """How far each joint at angles `q` (6,), rad, is beyond its range: above it more than 0, below it less."""
+        ranges = [joint.range_rad for joint in self.model.joints]
+        return [max(angle - high, 0.0) + min(angle - low, 0.0) for angle, (low, high) in zip(q, ranges, strict=True)]
 
     @cached_property
     def speed_limits_rad_s(self) -> NDArray[np.float64]:

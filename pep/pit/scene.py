@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final, Literal, assert_never
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
-from capabilities.statements import observation as wire
-from capabilities.units import Unit, si
-from pep.pit.errors import SceneError
+from pep.pit.cores import cast_of
 from pep.pit.shape import (
     EXTENT_LIMIT_M,
     Box,
@@ -25,18 +22,18 @@ from pep.pit.shape import (
     Shape,
     Sphere,
     Vector,
-    shape_of,
     sound,
     spans,
 )
+from pep.pit.solids import solids_of
 from pep.pit.strict import STRICT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from pydantic import ConfigDict
 
     from pep.pit.cell import CellParameters
+    from pep.pit.cores import Cast
+    from pep.pit.solids import Solids
 
 PEOPLE_LIMIT: Final = 32  # no cell holds more people around a table-top arm; bounds the work
 REGIONS_LIMIT: Final = 64  # per person; a detailed skeleton has about 20
@@ -60,7 +57,7 @@ class Region(StrEnum):
     SHIN = "shin"
 
 
-_REGION_NAMES: Final = frozenset(str(region) for region in Region)
+REGION_NAMES: Final = frozenset(str(region) for region in Region)
 LIMBS: Final = frozenset({Region.UPPER_ARM, Region.LOWER_ARM, Region.HAND})
 """A person without any of these was tracked as a trunk only: the arms may be anywhere."""
 
@@ -155,40 +152,6 @@ class Scene:
         """What is known without any perception: the surveyed part of the cell."""
         return cell.surveyed
 
-    @staticmethod
-    def from_observation(observation: wire.Observation, cell: CellParameters) -> Scene:
-        """The surveyed cell with the people and objects of one verified observation.
-
-        Raises:
-            SceneError: a region or kind that is not in the declared sets.
-        """
-        return Scene.from_observations((observation,), cell, complete=observation.complete)
-
-    @staticmethod
-    def from_observations(observations: Iterable[wire.Observation], cell: CellParameters, *, complete: bool) -> Scene:
-        """The surveyed cell with everybody and everything that any of these verified observations shows.
-
-        An object that a sensor calls by a surveyed name is another thing all the same, and gets another name: what may
-        be done to the surveyed one is not said of it.
-
-        Args:
-            observations: one of each sensor; each thing's source is its sensor.
-            cell: what stands there anyway.
-            complete: all of the watched space was seen.
-
-        Raises:
-            SceneError: a region or kind that is not in the declared sets.
-        """
-        known = Scene.of_cell(cell)
-        taken = {o.id for o in known.objects} | {z.id for z in known.zones}
-        people: list[Person] = []
-        objects: list[Thing] = []
-        for each in observations:
-            people += [_person(p, each.sensor) for p in each.people]
-            objects += [_thing(o, cell.object_uncertainty_m, each.sensor) for o in each.objects]
-        named = tuple(replace(o, id=f"seen/{o.id}") if o.id in taken else o for o in objects)
-        return replace(known, people=tuple(people), objects=(*known.objects, *named), complete=complete)
-
     def oldest(self) -> Person | Thing | None:
         """Whoever or whatever was not seen for longest when its sensor spoke of it, or None when nobody was late."""
         late = [each for each in self.seen if each.age_s > 0]
@@ -203,6 +166,21 @@ class Scene:
     def solid_shapes(self) -> tuple[Shape, ...]:
         """Shapes of objects, then of zones."""
         return (*(o.shape for o in self.objects), *(z.shape for z in self.zones))
+
+    @cached_property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Of people's regions, then of objects, then of zones."""
+        return (*(shape for person in self.people for _, shape in person.regions), *self.solid_shapes)
+
+    @cached_property
+    def solids(self) -> Solids:
+        """The shapes as numbers."""
+        return solids_of(self.shapes)
+
+    @cached_property
+    def cast(self) -> Cast:
+        """The shapes as the second engine has them."""
+        return cast_of(self.shapes)
 
     @property
     def content(self) -> str:
@@ -279,46 +257,6 @@ _MEMBERS: Final[dict[type, tuple[tuple[str, str], ...]]] = {
 """Per record its members in order: what is asked of the value (nothing for its type), and the text before that."""
 
 
-def _person(observed: wire.ObservedPerson, source: str) -> Person:
-    regions: list[tuple[Region, Capsule | Sphere]] = []
-    for name, observed_shape in observed.regions:
-        shape = shape_of(observed_shape)
-        if not isinstance(shape, Capsule | Sphere) or name not in _REGION_NAMES:
-            raise SceneError("PERCEPTION_INVALID", "a body region that is not declared")
-        regions.append((Region(name), shape))
-    return Person(observed.id, tuple(regions), source, si(observed.age_ms, Unit.MILLISECOND))
-
-
-def _thing(observed: wire.ObservedObject, uncertainty_m: float, source: str) -> Thing:
-    match observed.kind:
-        case "fragile" | "rigid":
-            age_s = si(observed.age_ms, Unit.MILLISECOND)
-            return Thing(observed.id, observed.kind, shape_of(observed.shape), uncertainty_m, source, age_s)
-        case _:
-            raise SceneError("PERCEPTION_INVALID", "an object of a kind that is not declared")
-
-
-def observed(person: Person) -> wire.ObservedPerson:
-    """The person as a sensor would say it, in whole micrometres; radii are rounded up, so that nobody gets thinner."""
-
-    def um(point: Vector) -> tuple[int, int, int]:
-        x, y, z = point
-        return (round(x * per_m), round(y * per_m), round(z * per_m))
-
-    per_m = Unit.MICROMETRE.per_si
-    regions: list[tuple[str, wire.Capsule | wire.Sphere]] = []
-    for region, shape in person.regions:
-        match shape:
-            case Capsule(a, b, radius):
-                regions.append((str(region), wire.Capsule(um(a), um(b), math.ceil(radius * per_m))))
-            case Sphere(center, radius):
-                regions.append((str(region), wire.Sphere(um(center), math.ceil(radius * per_m))))
-            case _:
-                assert_never(shape)
-    return wire.ObservedPerson(person.id, tuple(regions))
-
-
 __all__ = [
     "Box", "Capsule", "Convex", "Person", "Region", "Scene", "Shape", "Sphere", "Thing", "Vector", "Workspace", "Zone",
-    "observed", "shape_of",
 ]  # fmt: skip

@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio
 
 from pep.pit.oracle import (
-    DISTANCE_TOLERANCE_M,
     SPEED_TOLERANCE_M_S,
     Agreement,
     Disagreement,
@@ -64,18 +63,15 @@ def drive_check(
             if s <= drive.line_until and not line.holds(s, q, dq):
                 return Disagreement("joint angles on the line")
     moving_at = [(q, dq * rate) for (_, rate), (q, dq) in zip(places, angles, strict=True)]
-    clearance, speed = world.at_least(moving_at, exactly=len(met))
+    kernel = np.array([course.clearance_at(pairs, witness.key, every) for witness in watched]).reshape(-1, len(pairs))
+    sight = world.look(moving_at, kernel, stop=stop, since=len(met))
+    if not sight.agrees:
+        return Disagreement("clearance at the witness")
     for k, witness in enumerate(watched):
-        kernel = course.clearance_at(pairs, witness.key, every)
-        if not (np.abs(clearance[k] - kernel) <= DISTANCE_TOLERANCE_M).all():
-            return Disagreement("clearance at the witness")
         moving = met[k][1] * course.rush_at(pairs, witness.key, every)
-        if not (np.abs(speed[k] - moving) <= SPEED_TOLERANCE_M_S).all():
+        if not (np.abs(sight.speed[k, pairs.body] - moving) <= SPEED_TOLERANCE_M_S).all():
             return Disagreement("speed at the witness")
-    later = slice(len(met), None)
-    return judged_where_near(
-        world, moving_at[later], clearance[later], speed[later], stop=stop, certified=certified, rows=rows, since=0
-    )
+    return judged_where_near(world, sight, stop=stop, certified=certified, rows=rows)
 
 
 class _Line:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain
@@ -11,7 +12,8 @@ import numpy as np
 
 from pep.pit.clearance import NONE, Cores
 from pep.pit.hull import hull_of
-from pep.pit.scene import Box, Capsule, Convex, Sphere
+from pep.pit.kernel.columns import AXES, BOX, CENTER, HALF, NUMBERS, OFFSET, PLANE, RADII, SEGMENT, A, B
+from pep.pit.shape import Box, Capsule, Convex, Sphere
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,19 +22,20 @@ if TYPE_CHECKING:
 
     from pep.pit.hull import Hull
     from pep.pit.motion import Floats
-    from pep.pit.scene import Scene, Shape, Vector
-    from pep.pit.shape import Quaternion
+    from pep.pit.scene import Workspace
+    from pep.pit.shape import Quaternion, Shape, Vector
 
 Plane = tuple["Vector", float]
 """Outward normal and offset."""
 
-# Columns of the numbers of a core.
-_IS_SEGMENT, _IS_BOX, _A, _B, _AXES, _HALF, _OFFSET, _RADIUS = 0, 1, 2, 5, 8, 17, 20, 21  # as wide as each is
+# Columns of a solid: where the kernel has the same number it stands in the same column, and those of laws are free.
+FORCE_LIMIT, RADIUS, FORM = range(NUMBERS, NUMBERS + 3)  # one of a law, two of a core
+SOLID: Final = NUMBERS + 3
+POLYTOPE: Final = -1  # a form that the kernel does not know, beside its own
+
+_FREE: Final = (0.0,) * (A - RADII)
 _NO_POINT: Final = (0.0, 0.0, 0.0)
 _NO_TURN: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
-_SEGMENT: Final = (1.0, 0.0)
-_BOX: Final = (0.0, 1.0)
-_NEITHER: Final = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +43,7 @@ class Solids:
     """Shapes as numbers, one row each, which cost less to join and to take rows of than cores.
 
     Attributes:
-        numbers: everything but polytopes' corners, (n, columns).
+        numbers: everything but polytopes' corners, (n, `SOLID`).
         hull, hulls: as of `Cores`.
     """
 
@@ -48,34 +51,36 @@ class Solids:
     hull: NDArray[np.intp]
     hulls: tuple[Hull, ...] = ()
 
-    def and_then(self, *more: Solids) -> Solids:
-        """These rows, then those, which are no polytopes."""
-        every = (self, *more)
+    @staticmethod
+    def joined(parts: Sequence[Solids]) -> Solids:
+        """All rows of all parts, of which only the first has polytopes."""
         return Solids(
-            np.concatenate([each.numbers for each in every]), np.concatenate([each.hull for each in every]), self.hulls
+            np.concatenate([each.numbers for each in parts]),
+            np.concatenate([each.hull for each in parts]),
+            parts[0].hulls,
         )
 
     def take(self, rows: NDArray[np.intp]) -> Solids:
         """These rows."""
-        return Solids(self.numbers[rows], self.hull[rows], self.hulls)
+        return Solids(self.numbers.take(rows, axis=0), self.hull[rows], self.hulls)
 
     @property
     def radius(self) -> Floats:
         """Of each row, metre."""
-        return self.numbers[:, _RADIUS]
+        return self.numbers[:, RADIUS]
 
     @property
     def cores(self) -> Cores:
         """Core of each row."""
         numbers = self.numbers
         return Cores(
-            numbers[:, _IS_SEGMENT] > 0,
-            numbers[:, _IS_BOX] > 0,
-            numbers[:, _A:_B],
-            numbers[:, _B:_AXES],
-            numbers[:, _AXES:_HALF].reshape(-1, 3, 3),
-            numbers[:, _HALF:_OFFSET],
-            numbers[:, _OFFSET],
+            numbers[:, FORM] == SEGMENT,
+            numbers[:, FORM] == BOX,
+            numbers[:, A : A + 3],
+            numbers[:, B : B + 3],
+            numbers[:, AXES : AXES + 9].reshape(-1, 3, 3),  # a matrix
+            numbers[:, HALF : HALF + 3],
+            numbers[:, OFFSET],
             self.hull,
             self.hulls,
         )
@@ -99,22 +104,34 @@ def solids_of(shapes: Sequence[Shape]) -> Solids:
             hull[k] = len(hulls) - 1
         last = shape
     numbers = np.fromiter(chain.from_iterable(map(_numbers_of, shapes)), float)
-    return Solids(numbers.reshape(-1, _RADIUS + 1), hull, tuple(hulls))
+    return Solids(numbers.reshape(-1, SOLID), hull, tuple(hulls))
 
 
 @lru_cache(maxsize=4096)  # all that stands in a few cells; people move and drop out
 def _numbers_of(shape: Shape) -> tuple[float, ...]:
+    core: tuple[float, ...]
     match shape:
         case Capsule(start, end, radius):
-            return (*_SEGMENT, *start, *end, *_NO_TURN, *_NO_POINT, 0.0, radius)
+            (a, b, c), (d, e, f) = start, end
+            center = (0.5 * (a + d), 0.5 * (b + e), 0.5 * (c + f))
+            around = _length(0.5 * (d - a), 0.5 * (e - b), 0.5 * (f - c))
+            core = (*start, *end, 0.0, *_NO_TURN, *_NO_POINT)
+            return (*center, around, *_FREE, *core, 0.0, radius, SEGMENT)
         case Sphere(center, radius):
-            return (*_SEGMENT, *center, *center, *_NO_TURN, *_NO_POINT, 0.0, radius)
+            core = (*center, *center, 0.0, *_NO_TURN, *_NO_POINT)
+            return (*center, 0.0, *_FREE, *core, 0.0, radius, SEGMENT)
         case Box(center, half, quaternion):
-            return (*_BOX, *center, *center, *rotation_of(quaternion).ravel().tolist(), *half, 0.0, 0.0)
+            core = (*center, *center, 0.0, *rotation_of(quaternion).ravel().tolist(), *half)
+            return (*center, _length(*half), *_FREE, *core, 0.0, 0.0, BOX)
         case Convex(_, radius):
-            return (*_NEITHER, *_NO_POINT, *_NO_POINT, *_NO_TURN, *_NO_POINT, 0.0, radius)
+            core = (*_NO_POINT, *_NO_POINT, 0.0, *_NO_TURN, *_NO_POINT)
+            return (*_NO_POINT, 0.0, *_FREE, *core, 0.0, radius, POLYTOPE)
         case _:
             assert_never(shape)
+
+
+def _length(x: float, y: float, z: float) -> float:
+    return math.sqrt(x * x + z * z + y * y)  # in numpy's order: certificates keep the last bit of what rests on it
 
 
 def rotation_of(quaternion: Quaternion) -> Floats:
@@ -129,23 +146,25 @@ def rotation_of(quaternion: Quaternion) -> Floats:
     )
 
 
-def planes_of(scene: Scene) -> list[Plane]:
+def planes_of(workspace: Workspace | None) -> list[Plane]:
     """The workspace's six faces: (outward normal, offset)."""
-    if scene.workspace is None:
+    if workspace is None:
         return []
     faces: list[Plane] = []
     for axis in range(3):
         unit = [0.0, 0.0, 0.0]
         unit[axis] = 1.0
-        faces.append(((unit[0], unit[1], unit[2]), scene.workspace.high_m[axis]))
-        faces.append(((-unit[0], -unit[1], -unit[2]), -scene.workspace.low_m[axis]))
+        faces.append(((unit[0], unit[1], unit[2]), workspace.high_m[axis]))
+        faces.append(((-unit[0], -unit[1], -unit[2]), -workspace.low_m[axis]))
     return faces
 
 
 def solids_of_planes(planes: Sequence[Plane]) -> Solids:
     """Planes as numbers; a plane has no radius."""
-    numbers = np.zeros((len(planes), _RADIUS + 1))
+    numbers = np.zeros((len(planes), SOLID))
     if planes:
-        numbers[:, _A:_B] = numbers[:, _B:_AXES] = [normal for normal, _ in planes]
-        numbers[:, _OFFSET] = [offset for _, offset in planes]
+        normals = [normal for normal, _ in planes]
+        numbers[:, CENTER : CENTER + 3] = numbers[:, A : A + 3] = numbers[:, B : B + 3] = normals
+        numbers[:, FORM] = PLANE
+        numbers[:, OFFSET] = [offset for _, offset in planes]
     return Solids(numbers, np.full(len(planes), NONE, dtype=np.intp))

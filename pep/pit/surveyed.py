@@ -19,7 +19,8 @@ from pep.pit.cell import CellParameters, Contact, Output, StaticObject, StaticZo
 from pep.pit.clearance import segment_hull
 from pep.pit.errors import CellError, SceneError
 from pep.pit.hull import hull_of
-from pep.pit.scene import Workspace, shape_of
+from pep.pit.scene import Workspace
+from pep.pit.shape import shape_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -37,7 +37,8 @@ def _loaded(robot: Robot, carried: float) -> Any:
 
 
 @lru_cache(maxsize=64)  # likewise
-def _masses(robot: Robot, carried: float) -> Any:
+def masses_with(robot: Robot, carried: float) -> Any:
+    """The links as rigid bodies with so much at the tool point, kg: `pep.pit.kernel.effort.Masses`."""
     from pep.pit.kernel.effort import masses_of  # here, since numba may be missing
 
     return masses_of(_loaded(robot, carried))
@@ -64,7 +65,9 @@ class Torques:
         else:
             from pep.pit.kernel.effort import torques  # likewise
 
-            self._hold, self._push, self._swing = torques(_masses(robot, carried), q, dq, ddq)
+            # Rows that lie apart in memory would be another type, compiled when the first question has it.
+            rows = map(np.ascontiguousarray, (q, dq, ddq))
+            self._hold, self._push, self._swing = torques(masses_with(robot, carried), *rows)
         self._limits_nm = robot.torque_limits_nm
 
     def ratio(self, rate: Floats, *, forward: float, backward: float) -> float:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 
 from capabilities.caps import DEFAULT
 from capabilities.frames import OVERHEAD_BYTES
+from pep.rtde import cutter
 
 if TYPE_CHECKING:
     from capabilities.caps import Caps
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 CONNECTIONS: Final = 16
 """At once in one lease: ur_rtde's four interfaces have six, and a reconnect may come before the old one's end."""
 REASON_BYTES: Final = 64
-_LENGTH: Final = struct.Struct(">I")
 _WORD: Final = struct.Struct(">BB")
 _PORT_BYTES: Final = 2
 
@@ -90,7 +90,14 @@ class Closed:
     line: int
 
 
-Word: TypeAlias = Beat | Open | Opened | Refused | Bytes | Closed
+@dataclass(frozen=True, slots=True)
+class Over:
+    """Gateway's: the lease ends now, for this reason. Nothing follows but the end of the session."""
+
+    reason: str
+
+
+Word: TypeAlias = Beat | Open | Opened | Refused | Bytes | Closed | Over
 
 
 class _Kind(IntEnum):
@@ -100,6 +107,7 @@ class _Kind(IntEnum):
     REFUSED = 3
     BYTES = 4
     CLOSED = 5
+    OVER = 6
 
 
 HEAD_BYTES: Final = _WORD.size
@@ -131,6 +139,10 @@ def encode(word: Word) -> bytes:
             return _packed(_Kind.BYTES, line) + content
         case Closed(line):
             return _packed(_Kind.CLOSED, line)
+        case Over(reason):
+            if not _is_code(reason):
+                raise CarriageError(CarriageFault.MALFORMED, "no reason code")
+            return _packed(_Kind.OVER, 0) + reason.encode()
         case _:
             assert_never(word)
 
@@ -158,6 +170,8 @@ def decode(message: bytes) -> Word:
             return Bytes(line, rest)
         case _Kind.CLOSED, 0:
             return Closed(line)
+        case _Kind.OVER, _ if line == 0 and rest.isascii() and _is_code(rest.decode()):
+            return Over(rest.decode())
         case _:
             raise CarriageError(CarriageFault.MALFORMED, f"no word of kind {kind} with {len(rest)} bytes")
 
@@ -230,6 +244,10 @@ class Lines:
     def _next(self, word: Word, *, own: bool) -> bool:
         if isinstance(word, Beat):
             return True
+        if isinstance(word, Over):
+            if own is self._asking:
+                raise CarriageError(CarriageFault.OUT_OF_PLACE, "the program's side ends it without a word")
+            return True
         state, asks = self._state.get(word.line), own is self._asking
         closing, other = (_Line.CLOSING, _Line.LEAVING) if own else (_Line.LEAVING, _Line.CLOSING)
         match word:
@@ -275,8 +293,7 @@ class Cutter:
     """
 
     def __init__(self, caps: Caps = DEFAULT) -> None:
-        self._most = caps.frame_bytes + OVERHEAD_BYTES
-        self._held = bytearray()
+        self._cutter = cutter.Cutter(OVERHEAD_BYTES, caps.frame_bytes + OVERHEAD_BYTES, itself=False)
 
     def feed(self, received: bytes) -> list[bytes]:
         """The frames completed by `received`, in order.
@@ -284,23 +301,12 @@ class Cutter:
         Raises:
             CarriageError: a length that no frame has, as soon as it is there.
         """
-        held = self._held
-        held += received
-        found: list[bytes] = []
-        at = 0
-        while len(held) - at >= _LENGTH.size:
-            (length,) = _LENGTH.unpack_from(held, at)
-            if not OVERHEAD_BYTES <= length <= self._most:
-                raise CarriageError(CarriageFault.TOO_LONG, f"a frame of {length} bytes")
-            end = at + _LENGTH.size + length
-            if len(held) < end:
-                break
-            found.append(bytes(held[at + _LENGTH.size : end]))
-            at = end
-        del held[:at]
-        return found
+        try:
+            return [piece[cutter.LENGTH :] for piece in self._cutter.feed(received)]
+        except cutter.LengthError as error:
+            raise CarriageError(CarriageFault.TOO_LONG, f"a frame of {error.length} bytes") from error
 
 
 def delimited(frame: bytes) -> bytes:
     """The frame as it goes over the connection."""
-    return _LENGTH.pack(len(frame)) + frame
+    return len(frame).to_bytes(cutter.LENGTH, "big") + frame

@@ -11,7 +11,18 @@ from typing import TYPE_CHECKING, Final
 from capabilities.caps import DEFAULT
 from capabilities.errors import Fault
 from capabilities.frames import End
-from pep.rtde.carriage import HEAD_BYTES, Beat, Bytes, CarriageError, Cutter, Lines, decode, delimited, encode
+from pep.rtde.carriage import (
+    HEAD_BYTES,
+    Beat,
+    Bytes,
+    CarriageError,
+    Cutter,
+    Lines,
+    Over,
+    decode,
+    delimited,
+    encode,
+)
 from pep.rtde.lease import BEAT_MS, SILENCE_MS, Ending
 
 if TYPE_CHECKING:
@@ -23,6 +34,10 @@ if TYPE_CHECKING:
 
 MOST_BYTES: Final = DEFAULT.frame_bytes - HEAD_BYTES
 """Bytes of a connection in one word."""
+
+
+LINGER_S: Final = 0.5
+"""Longest wait for the other end to close, too."""
 
 
 class Carrier(asyncio.Protocol):
@@ -49,6 +64,7 @@ class Carrier(asyncio.Protocol):
         flowing: Callable[[bool], None],
     ) -> None:
         self._session = session
+        self._asking = asking
         self._lines = Lines(asking=asking)
         self._clock = clock
         self._heard = heard
@@ -58,6 +74,7 @@ class Carrier(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._heard_ms = clock.monotonic_ms()
+        self._why = Ending.CLOSED
         self._over = False
 
     @property
@@ -79,8 +96,10 @@ class Carrier(asyncio.Protocol):
             self._send(self._session.seal(encode(word), at=self._clock.wall_s()))
 
     def close(self, ending: Ending = Ending.CLOSED) -> None:
-        """End it, and say so to the other end."""
+        """End it, and say so to the other end; the gateway says why."""
         if not self._over:
+            if not self._asking:
+                self.say(Over(ending.name))
             self._send(self._session.close(at=self._clock.wall_s()))
         self._end(ending)
 
@@ -93,14 +112,18 @@ class Carrier(asyncio.Protocol):
         self._beat()
 
     def data_received(self, data: bytes) -> None:
-        """Frames, or parts of some."""
+        """Frames, or parts of some. After the end they are read and dropped."""
         try:
-            for frame in self._cutter.feed(data):
+            for frame in self._cutter.feed(b"" if self._over else data):
                 self._take(frame)
                 if self._over:
                     return
         except CarriageError:
             self.close(Ending.MALFORMED)
+
+    def eof_received(self) -> bool:
+        """The other end says nothing more."""
+        return False
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
         """Gone without a word."""
@@ -121,12 +144,16 @@ class Carrier(asyncio.Protocol):
             case Fault():
                 self.close(Ending.MALFORMED)
             case End():
-                self._end(Ending.CLOSED)
+                self._end(self._why)
             case message:
                 self._heard_ms = self._clock.monotonic_ms()
                 word = decode(message.body)
-                if self._lines.heard(word):
-                    self._heard(word)
+                if not self._lines.heard(word):
+                    return
+                if isinstance(word, Over):
+                    # A reason that is not known here is one of a younger gateway.
+                    self._why = Ending.__members__.get(word.reason, Ending.GATEWAY)
+                self._heard(word)
 
     def _send(self, frame: bytes | Fault) -> None:
         if isinstance(frame, Fault):  # the session's time is over
@@ -149,6 +176,11 @@ class Carrier(asyncio.Protocol):
         self._over = True
         if self._timer is not None:
             self._timer.cancel()
-        if self._transport is not None:
-            self._transport.close()
+        transport = self._transport
+        if transport is not None and transport.can_write_eof() and not transport.is_closing():
+            # Closed with something unread, a connection is reset, and the last words are lost on the way.
+            transport.write_eof()
+            asyncio.get_running_loop().call_later(LINGER_S, transport.close)
+        elif transport is not None:
+            transport.close()
         self._ended(ending)

@@ -268,6 +268,12 @@ class Recipe:
         """Bytes of the record, without the recipe id."""
         return self._struct.size
 
+    def place(self, name: str) -> int | None:
+        """At which byte of the record that variable begins; None when it is not in it."""
+        if name not in self.names:
+            return None
+        return struct.calcsize(">" + "".join(LAYOUT[kind] for kind in self.types[: self.names.index(name)]))
+
     def unpack(self, packed: bytes) -> dict[str, Value]:
         """The values by name; a vector is a tuple. Doubles may be NaN or infinite: whoever acts on them judges that.
 

@@ -114,7 +114,7 @@ class ServoC:
 
 @dataclass(frozen=True, slots=True)
 class SpeedJ:
-    """With joint speeds, for `time_s`; 0 is for ever."""
+    """With joint speeds. The script gives them again and again until a stop, whatever `time_s` says."""
 
     qd_rad_s: Six
     acceleration_rad_s2: float
@@ -123,7 +123,7 @@ class SpeedJ:
 
 @dataclass(frozen=True, slots=True)
 class SpeedL:
-    """With a tool speed, for `time_s`; 0 is for ever."""
+    """With a tool speed. The script gives it again and again until a stop, whatever `time_s` says."""
 
     xd_m_s_rad_s: Six
     acceleration_m_s2: float

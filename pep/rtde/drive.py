@@ -20,8 +20,10 @@ from pep.governor import FULL
 from pep.operations import GRIPPER_ACTIVATE, GRIPPER_MOVE, digest_of
 from pep.rtde.governed import ARRIVED_RAD, SpeedControl, least_fraction, put_back
 from pep.rtde.heard import SILENCE_MS, Heard
-from pep.rtde.ladder import SAFE_MODES, STOP_LIMIT_MS, MotionEnd, StopLadder
-from pep.watch import LOOK_MS, End
+from pep.rtde.ladder import STOP_LIMIT_MS, MotionEnd, StopLadder
+from pep.slot import Slot
+from pep.stopping import SAFE_MODES
+from pep.watch import PAUSE_S, End
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -40,8 +42,6 @@ __all__ = ["Drive", "End", "MotionEnd"]
 
 START_TOLERANCE_RAD: Final = 2e-3
 """The arm may differ this much from where the assessment began."""
-PAUSE_S: Final = LOOK_MS / 2000
-"""Pause between two looks: half of the longest, so that waking up late has the other half."""
 STARTS_MS: Final = 1_000
 """A motion that has not begun by then will not begin."""
 SLACK: Final = 1.5
@@ -96,7 +96,7 @@ class Drive:
         self._ladder = StopLadder(
             control=control, halt=gripper.halt, dashboard_stop=dashboard_stop, newest=state.newest, clock=clock
         )
-        self._holder: str | None = None
+        self._slot = Slot()
         self._watch = ThreadPoolExecutor(1, "watch")
         self._commands = ThreadPoolExecutor(1, "command")
         self._fingers = ThreadPoolExecutor(1, "gripper")
@@ -106,14 +106,11 @@ class Drive:
 
     def reserve(self, request_id: str) -> bool:
         """True when nothing moves and the arm is now this request's."""
-        if self._holder is None:
-            self._holder = request_id
-        return self._holder == request_id
+        return self._slot.reserve(request_id)
 
     def release(self, request_id: str) -> None:
         """The arm is free again, if it was this request's."""
-        if self._holder == request_id:
-            self._holder = None
+        self._slot.release(request_id)
 
     # -- motion
 
@@ -405,16 +402,8 @@ class Drive:
             sending: as for `stand`.
         """
         end = self.stand(sending)
-        permit.watched = {
-            "outcome": str(alarm.end),
-            "reason": alarm.reason,
-            "t_seen_ms": alarm.seen_ms,
-            "seen": alarm.what,
-            "index_milli": alarm.index_milli,
-            "authorised_milli": alarm.authorised_milli,
-            "q_at_stop_rad": state.q_rad,
-            "q_at_standstill_rad": end.q_rad if end.end is End.STOPPED else None,
-        }
+        stood = end.q_rad if end.end is End.STOPPED else None
+        permit.watched = alarm.told(at_rad=state.q_rad, stood_rad=stood)
         return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is End.STOPPED else end
 
     async def watched(self, follow: Callable[[threading.Event], T], permit: Permit) -> T:

@@ -8,9 +8,11 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Final, assert_never
 
+from pep.rtde.accepted import Accepted
 from pep.rtde.command_values import StopJ, StopL
+from pep.rtde.cutter import LENGTH, Cutter, LengthError
 from pep.rtde.dashboard_words import MAX_LINE, LineClass, parse_line
-from pep.rtde.lines import DASHBOARD, PORTS, PRIMARY, READ_ONLY, REALTIME, RTDE, SECONDARY, UNREAD_BYTES, Upstream
+from pep.rtde.lines import DASHBOARD, PORTS, PRIMARY, READ_ONLY, REALTIME, RTDE, SECONDARY, Conversation
 from pep.rtde.messages import WireError
 from pep.rtde.refused import Refused
 from pep.rtde.relay import StateRelay
@@ -28,7 +30,6 @@ MAX_STOP: Final = 4_096
 """Characters of a program that only stops."""
 STOP_PROGRAM: Final = "stop program"
 """What UR's own client says on the primary port."""
-LENGTH_BYTES: Final = 4
 FRAME_BYTES: Final = 65_536
 """Of a stream of states: the controller's longest has some 1.5 KiB, a popup's text may have more."""
 ANSWER_BYTES: Final = 4_096
@@ -37,7 +38,7 @@ CONNECTIONS: Final = 64
 """Strangers at once, on all ports together."""
 
 
-class StatePort:
+class StatePort(Conversation):
     """Serves RTDE without a lease.
 
     Args:
@@ -45,41 +46,32 @@ class StatePort:
     """
 
     def __init__(self, back: Back) -> None:
-        self._back = back
+        super().__init__(back)
         self._relay = StateRelay()
-        self.robot = Upstream(self._answered, back.close)
 
     def received(self, content: bytes) -> None:
         """The client sent these bytes."""
         try:
             said = self._relay.asked(content)
         except WireError:
-            self._end()
+            self.end()
             return
         if said.to_robot:
             self.robot.send(said.to_robot)
         if said.to_client:
             self._back.send(said.to_client)
 
-    def left(self) -> None:
-        """The client has gone."""
-        self.robot.close()
-
-    def _answered(self, content: bytes) -> None:
+    def _heard(self, content: bytes) -> None:
         try:
             said = self._relay.answered(content)
         except WireError:
-            self._end()
+            self.end()
             return
         if said.to_client:
             self._back.send(said.to_client)
 
-    def _end(self) -> None:
-        self.robot.close()
-        self._back.close()
 
-
-class DashboardPort:
+class DashboardPort(Conversation):
     """Serves the dashboard without a lease: questions, and what ends motion or takes a notice away.
 
     Args:
@@ -87,9 +79,8 @@ class DashboardPort:
     """
 
     def __init__(self, back: Back) -> None:
-        self._back = back
+        super().__init__(back)
         self._asked, self._said = bytearray(), bytearray()
-        self.robot = Upstream(self._heard, back.close)
 
     def received(self, content: bytes) -> None:
         """The client sent these bytes."""
@@ -100,11 +91,7 @@ class DashboardPort:
             if not self._answers(line):
                 return
         if len(self._asked) > MAX_LINE:
-            self._end()
-
-    def left(self) -> None:
-        """The client has gone."""
-        self.robot.close()
+            self.end()
 
     def _answers(self, line: Line | Refused) -> bool:
         """Whether the conversation goes on. What is refused is told in the dashboard's own way, without the text."""
@@ -116,13 +103,17 @@ class DashboardPort:
                 self.robot.send(line.render())
             case LineClass.DECIDE | LineClass.HUMAN | LineClass.DENY:
                 self._back.send(f"Failed to execute: {line.row.words}\n".encode())
+                self._refused(line.row.words)
             case LineClass.LOCAL:
                 self._back.send(b"Disconnected\n")
-                self._end()
+                self.end()
                 return False
             case _:
                 assert_never(line.row.line_class)
         return True
+
+    def _refused(self, words: str) -> None:
+        """A line that is in the table was refused."""
 
     def _heard(self, content: bytes) -> None:
         self._said += content
@@ -131,14 +122,10 @@ class DashboardPort:
             self._back.send(bytes(self._said[:end]))
             del self._said[:end]
         if len(self._said) > ANSWER_BYTES:
-            self._end()
-
-    def _end(self) -> None:
-        self.robot.close()
-        self._back.close()
+            self.end()
 
 
-class StreamPort:
+class StreamPort(Conversation):
     """Serves a read-only port: its stream of states, frame by frame; nothing that the client says is heard.
 
     Args:
@@ -146,34 +133,32 @@ class StreamPort:
     """
 
     def __init__(self, back: Back) -> None:
-        self._back = back
-        self._said = bytearray()
-        self.robot = Upstream(self._heard, back.close)
+        super().__init__(back)
+        self._cutter = Cutter(LENGTH, FRAME_BYTES, itself=True)
 
     def received(self, content: bytes) -> None:
         """Dropped, as a controller drops it."""
 
-    def left(self) -> None:
-        """The client has gone."""
-        self.robot.close()
-
     def _heard(self, content: bytes) -> None:
-        """Each frame begins with its own length in four bytes."""
-        self._said += content
-        while len(self._said) >= LENGTH_BYTES:
-            length = int.from_bytes(self._said[:LENGTH_BYTES], "big")
-            if not LENGTH_BYTES < length <= FRAME_BYTES:
-                self.end()
-                return
-            if len(self._said) < length:
-                return
-            self._back.send(bytes(self._said[:length]))
-            del self._said[:length]
+        try:
+            frames = self._cutter.feed(content)
+        except LengthError:
+            self.end()
+            return
+        for frame in frames:
+            self._back.send(frame)
 
-    def end(self) -> None:
-        """Both connections."""
-        self.robot.close()
-        self._back.close()
+
+def only_stops(text: str) -> bool:
+    """Whether a program does nothing but stop the arm."""
+    program = straight_line(text)
+    stops = isinstance(program, StraightLine) and all(isinstance(s, StopJ | StopL) for s in program.statements)
+    return stops or text.strip() == STOP_PROGRAM
+
+
+def stop_text(stop_deceleration_rad_s2: float) -> bytes:
+    """The program that stops the arm, to be sent in place of whatever stop was asked for."""
+    return StraightLine((StopJ(stop_deceleration_rad_s2, asynchronous=False),)).render().encode()
 
 
 class ScriptPort(StreamPort):
@@ -188,7 +173,7 @@ class ScriptPort(StreamPort):
     def __init__(self, back: Back, *, stop_deceleration_rad_s2: float) -> None:
         super().__init__(back)
         self._programs = ProgramStream(MAX_STOP)
-        self._stop = StraightLine((StopJ(stop_deceleration_rad_s2, asynchronous=False),)).render().encode()
+        self._stop = stop_text(stop_deceleration_rad_s2)
 
     def received(self, content: bytes) -> None:
         """The client sent these bytes."""
@@ -198,9 +183,7 @@ class ScriptPort(StreamPort):
             self.end()
             return
         for text in programs:
-            program = straight_line(text)
-            stops = isinstance(program, StraightLine) and all(isinstance(s, StopJ | StopL) for s in program.statements)
-            if stops or text.strip() == STOP_PROGRAM:
+            if only_stops(text):
                 self.robot.send(self._stop)
 
 
@@ -264,22 +247,20 @@ class Gateway:
             guest.close()
 
 
-class _Guest(asyncio.Protocol):
-    """A client without a lease; also its own way back."""
+class _Guest(Accepted):
+    """A client without a lease."""
 
     def __init__(self, gateway: Gateway, ports: Ports, port: int) -> None:
+        super().__init__()
         self._gateway = gateway
         self._ports = ports
         self._port = port
-        self._line: lines.Line | None = None
-        self._early: list[bytes] = []
         self._opening: asyncio.Task[None] | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
+        super().connection_made(transport)
         if len(self._gateway.guests) >= CONNECTIONS:
-            transport.abort()
+            self._transport.abort()
             return
         self._gateway.guests.add(self)
         self._opening = asyncio.get_running_loop().create_task(self._open())
@@ -288,31 +269,9 @@ class _Guest(asyncio.Protocol):
         line = await self._ports.open(None, self._port, self)
         if isinstance(line, Reason):
             self._transport.abort()
-        elif self._transport.is_closing():
-            line.left()
         else:
-            self._line = line
-            self._transport.resume_reading()
-            for content in self._early:
-                line.received(content)
+            self.begin(line)
 
-    def data_received(self, data: bytes) -> None:
-        if self._line is not None:
-            self._line.received(data)
-        else:
-            self._early.append(data)
-            self._transport.pause_reading()
-
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+    def connection_lost(self, exc: Exception | None) -> None:
         self._gateway.guests.discard(self)
-        if self._line is not None:
-            self._line.left()
-
-    def send(self, content: bytes) -> None:
-        """Whole frames, dropped whole where nobody reads."""
-        if self._transport.get_write_buffer_size() < UNREAD_BYTES:
-            self._transport.write(content)
-
-    def close(self) -> None:
-        """As the controller would."""
-        self._transport.close()
+        super().connection_lost(exc)

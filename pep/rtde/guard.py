@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from capabilities.units import Unit
 from pep.errors import ActuationRefusedError
-from pep.operations import MOVE_JOINT, MOVE_PATH, SPEED_JOINT, digest_of, padded
+from pep.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SPEED_JOINT, digest_of, padded
+from pep.rtde.stops import JOINT_DECELERATION_LIMIT_RAD_S2, joint_stop, tool_stop
 from pep.stopping import patience_s
 from policies.reasons import Reason
 
@@ -22,20 +23,12 @@ if TYPE_CHECKING:
     from pep.permit import Permit
     from pep.ports import Clock
 
-JOINT_DECELERATION_LIMIT_RAD_S2: Final = 40.0
-TOOL_DECELERATION_LIMIT_M_S2: Final = 150.0
-"""ur_rtde, rtde_control_interface.h: it sends no stop that asks for more than these."""
-TOOL_STOP_DEFAULT: Final = 10.0
-"""ur_rtde: default of stopL and servoStop in m/s2, and of speedStop in m/s2 or rad/s2, as the speed was given."""
-LEVER_M: Final = 1.0
-"""A tool this far from the leading axis: 0.65 m of a stretched UR3e with its gripper (U8, G1), rounded up."""
-
 STOP_PATIENCE_S: Final = 0.02
 """Longest wait of a stop for a command that is just being handed over (a hand-over takes some milliseconds)."""
 
 MOTION: Final = (
     "directTorque", "forceMode", "forceModeSetDamping", "forceModeSetGainScaling", "freedriveMode",
-    "jogStart", "moveJ_IK", "moveL", "moveL_FK", "movePath", "moveUntilContact", "servoC", "servoJ", "servoL", "speedL",
+    "jogStart", "moveJ_IK", "moveL_FK", "movePath", "moveUntilContact", "servoC", "servoJ", "servoL", "speedL",
     "startContactDetection", "teachMode", "toolContact",
 )  # fmt: skip
 """They move the arm, or let it be moved, and no operation of the cell stands for them."""
@@ -164,6 +157,38 @@ class GuardedControl:
         digest = digest_of(MOVE_PATH, numbers, audience=self._audience)
         return self._begin_move(digest, points, speed, acceleration, permit)
 
+    def moveL(  # noqa: N802 - the interface's own name
+        self,
+        pose: Sequence[float],
+        speed: float = 0.25,
+        acceleration: float = 1.2,
+        asynchronous: bool = False,  # noqa: FBT001, FBT002 - the interface's own order
+        *,
+        permit: Permit | None = None,
+    ) -> bool:
+        """Starts a straight move of the tool; in everything else as `moveJ`.
+
+        Args:
+            pose: of the tool in the base frame: position, m, and rotation vector, rad.
+            speed: of the tool point, m/s.
+            acceleration: of the tool point, m/s2.
+            asynchronous: must be True.
+            permit: of exactly these numbers.
+
+        Raises:
+            ActuationRefusedError: as `moveJ`.
+        """
+        if permit is None:
+            return self._refuse(Reason.NOT_WHAT_WAS_DECIDED, "moveL: no permit")
+        if not asynchronous:
+            return self._refuse(Reason.PARAMETERS_WRONG, "moveL: only asynchronous")
+        digest = digest_of(MOVE_LINEAR, (*pose, speed, acceleration), audience=self._audience)
+
+        def send() -> Any:
+            return self._control.moveL(list(pose), speed, acceleration, True)  # noqa: FBT003 - its own order
+
+        return self._begin("moveL", digest, permit, lambda stops: self._send_move(send, stops))
+
     def next_leg(self) -> bool:
         """Whether the next move of the path under way was sent: there is one, and no stop has come since it began."""
         with self._lock:
@@ -172,30 +197,44 @@ class GuardedControl:
                 return False
             (point, *later), speed, acceleration, stops = self._legs
             self._legs = (tuple(later), speed, acceleration, stops)
-            return self._send_move(point, speed, acceleration, stops)
+            return self._send_leg(point, speed, acceleration, stops)
 
     def _begin_move(
         self, digest: str, points: tuple[tuple[float, ...], ...], speed: float, acceleration: float, permit: Permit
     ) -> bool:
+        def send(stops: int) -> bool:
+            self._legs = (points[1:], speed, acceleration, stops)
+            return self._send_leg(points[0], speed, acceleration, stops)
+
+        return self._begin("moveJ", digest, permit, send)
+
+    def _begin(self, name: str, digest: str, permit: Permit, send: Callable[[int], bool]) -> bool:
+        """Whether the move was taken that the permit is of; `send` is given how many stops there were before."""
         with self._lock:
             stops = self._stops
             if self._speeding:
-                return self._refuse(Reason.BUSY, "moveJ: a stream of speeds is under way")
+                return self._refuse(Reason.BUSY, f"{name}: a stream of speeds is under way")
             try:
                 # Inside the lock: nothing may come between the last check and the command.
                 permit.spend(digest=digest, stopped_ms=self._stopped_ms)
             except ActuationRefusedError as refused:
-                return self._refuse(refused.reason, f"moveJ: {refused.detail}")
-            self._legs = (points[1:], speed, acceleration, stops)
-            if self._send_move(points[0], speed, acceleration, stops):
+                return self._refuse(refused.reason, f"{name}: {refused.detail}")
+            self._legs = None
+            if send(stops):
                 return True
-        return self._refuse(Reason.EFFECT_FAILED, "moveJ: the controller did not take the command")
+        return self._refuse(Reason.EFFECT_FAILED, f"{name}: the controller did not take the command")
 
-    def _send_move(self, q: tuple[float, ...], speed: float, acceleration: float, stops: int) -> bool:
+    def _send_leg(self, q: tuple[float, ...], speed: float, acceleration: float, stops: int) -> bool:
+        def send() -> Any:
+            return self._control.moveJ(list(q), speed, acceleration, True)  # noqa: FBT003 - its own order
+
+        return self._send_move(send, stops)
+
+    def _send_move(self, send: Callable[[], Any], stops: int) -> bool:
         """Whether the controller took the move. Under the lock; a stop that came meanwhile is given again."""
         taken = False
         try:
-            taken = bool(self._control.moveJ(list(q), speed, acceleration, True))  # noqa: FBT003 - its own order
+            taken = bool(send())
         finally:
             # A stop counts before it sends: one that is not counted yet is sent after this command anyway.
             if self._stops != stops or not taken:
@@ -292,7 +331,7 @@ class GuardedControl:
     def _brake_speed(self, deceleration: float | None = None) -> Any:
         """The stop of a stream: at the cell's deceleration, or harder when that is asked for."""
         asked = self._deceleration if deceleration is None else deceleration
-        told = self._control.speedStop(_between(self._deceleration, asked, JOINT_DECELERATION_LIMIT_RAD_S2))
+        told = self._control.speedStop(joint_stop(asked, self._deceleration))
         self._speeding = False
         return told
 
@@ -329,7 +368,7 @@ class GuardedControl:
             a: rad/s2 of the leading axis; a weaker one than the model's is raised to it.
             asynchronous: whether to return before standstill.
         """
-        self._stop("stopJ", (_between(self._deceleration, a, JOINT_DECELERATION_LIMIT_RAD_S2), asynchronous), {})
+        self._stop("stopJ", (joint_stop(a, self._deceleration), asynchronous), {})
 
     def stopL(self, a: float = 0.0, asynchronous: bool = False) -> None:  # noqa: N802, FBT001, FBT002
         """The tool decelerates along a line.
@@ -339,7 +378,7 @@ class GuardedControl:
                 ur_rtde asks for by itself. Only `stopJ` is the stop of the cell's model.
             asynchronous: whether to return before standstill.
         """
-        self._stop("stopL", (self._tool_stop(a), asynchronous), {})
+        self._stop("stopL", (tool_stop(a, self._deceleration), asynchronous), {})
 
     def speedStop(self, a: float = 0.0) -> Any:  # noqa: N802
         """Ends a speed motion.
@@ -348,7 +387,7 @@ class GuardedControl:
             a: m/s2 of the tool or rad/s2 of the leading axis, as the speed was given: raised as in `stopL`, which at a
                 lever of 1 m is the same number in both.
         """
-        return self._stop("speedStop", (self._tool_stop(a),), {})
+        return self._stop("speedStop", (tool_stop(a, self._deceleration),), {})
 
     def servoStop(self, a: float = 0.0) -> Any:  # noqa: N802
         """Ends a servo motion.
@@ -356,10 +395,7 @@ class GuardedControl:
         Args:
             a: m/s2 of the tool, raised as in `stopL`.
         """
-        return self._stop("servoStop", (self._tool_stop(a),), {})
-
-    def _tool_stop(self, asked: float) -> float:
-        return _between(max(TOOL_STOP_DEFAULT, self._deceleration * LEVER_M), asked, TOOL_DECELERATION_LIMIT_M_S2)
+        return self._stop("servoStop", (tool_stop(a, self._deceleration),), {})
 
     def disconnect(self) -> None:
         """The arm is told to stop, and the connection ends."""
@@ -393,11 +429,6 @@ class GuardedControl:
     def __getattr__(self, name: str) -> NoReturn:
         # A method that a later ur_rtde adds is refused until somebody has read what it does.
         raise AttributeError(f"GuardedControl has no {name}")
-
-
-def _between(least: float, asked: float, most: float) -> float:
-    """`asked`, but a stop that can be sent: what is no number, or too weak, is `least`; what is too hard is `most`."""
-    return min(asked, most) if asked > least else least
 
 
 def _refusing(name: str) -> Callable[..., bool]:

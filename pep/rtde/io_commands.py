@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 
 from pep.rtde.command_values import SetExternalWrench
 from pep.rtde.fields import ANY, Span, Vector, WrongParameterError, judged
@@ -20,7 +20,9 @@ from policies.reason import Reason
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
+    from pep.rtde.codec import Value
     from pep.rtde.image import Image
+    from pep.rtde.recipes import Offset
 
 
 class Bank(Enum):
@@ -124,6 +126,33 @@ def decode_io(image: Image, written: Collection[str]) -> tuple[IoCommand, ...] |
         return tuple(_said(image, written))
     except WrongParameterError as wrong:
         return Refused(wrong.reason, wrong.place)
+
+
+MASKS: Final = (*(f"{bank.value}_mask" for bank in Bank), _ANALOG + "mask", _SLIDER + "mask")
+"""What makes a package set anything; zero where nothing is meant."""
+
+
+def encode_io(command: IoCommand, offset: Offset) -> dict[str, Value]:
+    """What to write for a command; with every other of `MASKS` zero, it does that and nothing else."""
+    match command:
+        case SetDigitalOutputs(bank, mask, levels):
+            return {f"{bank.value}_mask": mask, bank.value: levels}
+        case SetAnalogOutput(channel, quantity, ratio):
+            return {
+                _ANALOG + "mask": 1 << channel,
+                _ANALOG + "type": quantity.value << channel,
+                f"{_ANALOG}{channel}": ratio,
+            }
+        case SetSpeedSlider(fraction):
+            return {_SLIDER + "mask": 1, _SLIDER + "fraction": fraction}
+        case SetInputInteger(register, value):
+            return {INT[register]: value}
+        case SetInputDouble(register, value):
+            return {DOUBLE[register]: value}
+        case SetExternalWrench(wrench):
+            return Vector(EXTERNAL_WRENCH).write(wrench, offset)
+        case _:
+            assert_never(command)
 
 
 def _said(image: Image, written: Collection[str]) -> Iterator[IoCommand]:

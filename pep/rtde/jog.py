@@ -16,10 +16,11 @@ from capabilities.errors import QuantityError
 from capabilities.units import parse
 from pep.errors import ActuationRefusedError, PepFault
 from pep.operations import SPEED_JOINT
-from pep.rtde.drive import PAUSE_S, START_TOLERANCE_RAD
+from pep.rtde.drive import START_TOLERANCE_RAD
 from pep.rtde.heard import SILENCE_MS
-from pep.rtde.ladder import ESCALATE_MS, SAFE_MODES, STOP_LIMIT_MS, MotionEnd
-from pep.watch import AUTHORITY_PERIOD_MS, End
+from pep.rtde.ladder import STOP_LIMIT_MS, MotionEnd
+from pep.stopping import ESCALATE_MS, SAFE_MODES
+from pep.watch import AUTHORITY_PERIOD_MS, PAUSE_S, End
 from policies.reasons import Reason
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from pep.stopping import ESCALATE_MS, SAFE_MODES
 from pep.watch import End
 
 if TYPE_CHECKING:
@@ -20,12 +21,7 @@ if TYPE_CHECKING:
     from pep.rtde.guard import GuardedControl
     from pep.rtde.state import Package
 
-ESCALATE_MS: Final = 700
-"""An arm that still moves then is stopped by the dashboard too: pi rad/s at 8 rad/s2 takes 0.4 s, and 0.06 s to begin.
-
-A cell with a weaker stop model may get both stops; the second does no harm."""
 STOP_LIMIT_MS: Final = 5_000
-SAFE_MODES: Final = (1, 2)  # safety_mode NORMAL and REDUCED; any other has stopped the arm by itself
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,8 @@ class Ending(StrEnum):
 
     CLOSED = "closed"
     """By its holder."""
+    LEFT = "left"
+    """Its program has closed the connection that commands."""
     CUT = "cut"
     """The connection that carried it is gone."""
     SILENT = "silent"

@@ -1,4 +1,4 @@
-"""Where a lease is asked for: `POST /leases`, with a token and a proof over the opening of a session.
+"""Where a lease is asked for: a POST with a token and a proof over the opening of a session.
 
     request    Authorization: DPoP <token>, DPoP: <proof>, body: the opening (`capabilities.session`, [SES-1])
     answer     201 {"lease", "session", "port"}; 401 and the reason for a fault of steps 1 to 10, 409 LEASE_HELD
@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from pep.ports import Clock, Journal
     from pep.rtde.lease import Leases
 
-PATH: Final = "/leases"
 OPENING_BYTES: Final = 2_048
 LOSSLESS: Final = 0
 """Frames that the carriage may lose: it is TCP."""
@@ -57,7 +56,8 @@ class Door:
         clock: both clocks.
         journal: durable.
         caps: bounds.
-        audience: canonical URL of the robot, as tokens name it.
+        url: canonical, of this door; what the proofs of openings name.
+        audience: canonical URL of the cell, as tokens name it.
         signer: this enforcement point's key, by which a holder knows that it talks to it.
         port: where carriages arrive.
         lease_ms: oldest acceptable view of revocations: that of motion.
@@ -69,16 +69,12 @@ class Door:
     clock: Clock
     journal: Journal
     caps: Caps
+    url: str
     audience: str
     signer: PrivateKey
     port: int
     lease_ms: int
     random: Callable[[int], bytes] = secrets.token_bytes
-
-    @property
-    def url(self) -> str:
-        """Address of openings: what their proofs name."""
-        return self.audience.rstrip("/") + PATH
 
     def app(self) -> Starlette:
         """To be served."""
@@ -125,7 +121,7 @@ class Door:
             reason=reason,
             status=status,
             credentials=credentials,
-            where={"path": PATH},
+            where={"path": urlsplit(self.url).path},
         )
         with contextlib.suppress(JournalError):  # refused either way
             await asyncio.to_thread(self.journal.append, "refusal", body)

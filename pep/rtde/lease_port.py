@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 from pep.rtde.carriage import Bytes, Closed, Open, Opened, Refused
 from pep.rtde.carrier import Carrier
 from pep.rtde.lease import ID_BYTES, Ending
+from pep.rtde.lines import GONE
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ class _Carried:
         """The port has closed its connection: no line serves the number any more."""
         line = self._lines.pop(number, None)
         if line is not None:
-            self._lines[number] = _GONE
+            self._lines[number] = GONE
             self.carrier.say(Closed(number))
 
     def _flow(self, flowing: bool) -> None:  # noqa: FBT001 - the carrier's callback
@@ -177,19 +178,6 @@ class _Carried:
         self._port.over(self._lease, ending)
         for line in lines.values():
             line.left()
-
-
-class _Gone:
-    """Serves a line that the port has closed, until the program closes it too."""
-
-    def received(self, content: bytes) -> None:
-        """Dropped."""
-
-    def left(self) -> None:
-        """Already."""
-
-
-_GONE: Final = _Gone()
 
 
 class _Back:

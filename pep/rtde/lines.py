@@ -36,6 +36,19 @@ class Line(Protocol):
         ...
 
 
+class _Gone:
+    """Serves a line that the port has closed, until the program closes it too."""
+
+    def received(self, content: bytes) -> None:
+        """Dropped."""
+
+    def left(self) -> None:
+        """Already."""
+
+
+GONE: Final = _Gone()
+
+
 class Back(Protocol):
     """The way back to the program."""
 
@@ -81,6 +94,11 @@ class Upstream(asyncio.Protocol):
             return Reason.ROBOT_NOT_RUNNING
         return None
 
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection."""
+        return self._transport is not None
+
     def send(self, content: bytes) -> None:
         """To the controller."""
         if self._transport is not None:
@@ -107,3 +125,32 @@ class Upstream(asyncio.Protocol):
         if self._transport is not None:
             self._transport = None
             self._gone()
+
+
+class Conversation:
+    """A line that talks to one port of the controller over a connection of its own.
+
+    Args:
+        back: the way back to the client.
+    """
+
+    def __init__(self, back: Back) -> None:
+        self._back = back
+        self.robot = Upstream(self._heard, self._gone)
+
+    def left(self) -> None:
+        """The client has gone."""
+        self.robot.close()
+
+    def end(self) -> None:
+        """Both connections."""
+        self.robot.close()
+        self._back.close()
+
+    def _heard(self, content: bytes) -> None:
+        """The controller sent these bytes."""
+        raise NotImplementedError
+
+    def _gone(self) -> None:
+        """The controller has closed the connection."""
+        self._back.close()

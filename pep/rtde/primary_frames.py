@@ -12,6 +12,7 @@ import struct
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
+from pep.rtde.cutter import LENGTH, Cutter, LengthError
 from pep.rtde.messages import WireError, WireFault
 from pep.rtde.robot_state import PARTS, OtherPart, Part
 
@@ -109,25 +110,35 @@ class PrimaryFramer:
     """Cuts the bytes of 30001 or 30002 into frames, however they were torn."""
 
     def __init__(self) -> None:
-        self._held = bytearray()
+        self._cutter = PrimaryCutter()
 
     def feed(self, received: bytes) -> list[PrimaryFrame]:
         """The frames completed by `received`, in order.
 
         Raises:
-            WireError: a size below the header or above `MAX_FRAME`, seen as soon as it is there, or a frame that
-                contradicts itself.
+            WireError: as `PrimaryCutter`, or a frame that contradicts itself.
         """
-        self._held += received
-        found: list[PrimaryFrame] = []
-        while len(self._held) >= HEADER:
-            size, kind = struct.unpack_from(">iB", self._held)
-            _check_size(size, MAX_FRAME)
-            if len(self._held) < size:
-                break
-            found.append(_decode(kind, bytes(self._held[HEADER:size])))
-            del self._held[:size]
-        return found
+        return [_decode(kind, body) for kind, body in self._cutter.feed(received)]
+
+
+class PrimaryCutter:
+    """Cuts the same bytes into kinds and bodies that nobody has read yet."""
+
+    def __init__(self) -> None:
+        self._cutter = Cutter(HEADER, MAX_FRAME, itself=True)
+
+    def feed(self, received: bytes) -> list[tuple[int, bytes]]:
+        """Those completed by `received`, in order.
+
+        Raises:
+            WireError: a size below the header or above `MAX_FRAME`, seen as soon as it is there.
+        """
+        try:
+            pieces = self._cutter.feed(received)
+        except LengthError as error:
+            _check_size(error.length, MAX_FRAME)
+            raise
+        return [(piece[LENGTH], piece[HEADER:]) for piece in pieces]
 
 
 def encode_primary(frame: PrimaryFrame) -> bytes:
@@ -149,12 +160,19 @@ def encode_primary(frame: PrimaryFrame) -> bytes:
 def _decode(kind: int, body: bytes) -> PrimaryFrame:
     if kind == ROBOT_STATE:
         return RobotState(tuple(_decode_parts(body)))
-    if kind == MESSAGE:
-        if len(body) < 10:
-            raise WireError(WireFault.PAYLOAD, "a message without its kind")
-        timestamp, source, sort = struct.unpack_from(">Qbb", body)
-        return Message(timestamp, source, _decode_content(sort, body[10:]))
-    return OtherFrame(kind, body)
+    return decode_message(body) if kind == MESSAGE else OtherFrame(kind, body)
+
+
+def decode_message(body: bytes) -> Message:
+    """The message of a frame of kind `MESSAGE`.
+
+    Raises:
+        WireError: it contradicts itself.
+    """
+    if len(body) < 10:
+        raise WireError(WireFault.PAYLOAD, "a message without its kind")
+    timestamp, source, sort = struct.unpack_from(">Qbb", body)
+    return Message(timestamp, source, _decode_content(sort, body[10:]))
 
 
 def _decode_parts(body: bytes) -> list[Part]:

@@ -7,28 +7,24 @@ know about who commands the arm.
 
 from __future__ import annotations
 
-import struct
 import threading
 import time
 from typing import TYPE_CHECKING, Final
 
-from pep.errors import PepFault, RobotError
 from pep.rtde.listener import Listener, received
+from pep.rtde.primary_frames import MESSAGE, Key, PrimaryCutter, decode_message
 
 if TYPE_CHECKING:
     import socket
+
+    from pep.rtde.primary_frames import Content
 
 PORT: Final = 30001  # UR primary interface
 OURS: Final = "rtde_control"
 """Name of the control script in ur_rtde's upload."""
 HEARD_S: Final = 0.5
 """The port sends the robot's state ten times a second; a port that is silent for longer may hide a start."""
-FRAME_BYTES: Final = 65_536
-MESSAGE, KEY = 20, 7  # UR client interface guide: frame type, and message type
-_HEAD: Final = struct.Struct(">iB")
-_MESSAGE: Final = struct.Struct(">QbB")  # timestamp, source, message type
-_KEY: Final = struct.Struct(">iiB")  # code, argument, length of the title
-STARTED, STOPPED = b"PROGRAM_XXX_STARTED", b"PROGRAM_XXX_STOPPED"
+STARTED, STOPPED = "PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED"
 
 
 class ProgramWatch:
@@ -79,31 +75,21 @@ class ProgramWatch:
         self._listener.close()
 
     def _talk(self, link: socket.socket) -> None:
-        held = b""
+        cutter = PrimaryCutter()
         try:
             while True:
-                held += received(link)
-                while len(held) >= _HEAD.size:
-                    size, kind = _HEAD.unpack_from(held)
-                    if not _HEAD.size <= size <= FRAME_BYTES:
-                        raise RobotError(PepFault.ROBOT_UNREACHABLE, f"a primary frame of {size} bytes")
-                    if len(held) < size:
-                        break
-                    frame, held = held[_HEAD.size : size], held[size:]
-                    self._heard(frame if kind == MESSAGE else b"")
+                for kind, body in cutter.feed(received(link)):
+                    # A state of the robot is not read: what a younger controller says in it is none of ours.
+                    self._heard(decode_message(body).content if kind == MESSAGE else None)
         finally:
             # What happens now is not heard: only a new start of ours, or a new claim, makes the program ours again.
             with self._changed:
                 self._heard_s = self._running = self._claimed = None
 
-    def _heard(self, message: bytes) -> None:
+    def _heard(self, content: Content | None) -> None:
         with self._changed:
             self._heard_s = time.monotonic()
-            if len(message) >= _MESSAGE.size + _KEY.size and _MESSAGE.unpack_from(message)[2] == KEY:
-                (length,) = _KEY.unpack_from(message, _MESSAGE.size)[2:]
-                said = message[_MESSAGE.size + _KEY.size :]
-                title, name = said[:length], said[length:].decode("utf-8", "replace")
-                if title in (STARTED, STOPPED):
-                    self._events += 1
-                    self._running = name if title == STARTED else None
+            if isinstance(content, Key) and content.title in (STARTED, STOPPED):
+                self._events += 1
+                self._running = content.text if content.title == STARTED else None
             self._changed.notify_all()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.units import Unit
 from pep.errors import PepFault, RobotError
+from pep.rtde.limits import OFFSET_M, OFFSET_RAD
 from policies.evidence import RobotReading
 
 if TYPE_CHECKING:
@@ -15,17 +16,25 @@ if TYPE_CHECKING:
     from typing import Any
 
     from pep.rtde.dashboard import RemoteControl
-    from pep.rtde.program import ProgramWatch
     from pep.rtde.telemetry import Posture, Telemetry
 
 PLAYING: Final = 2  # RTDE runtime_state
 NO_CONTROLLER, UNDEFINED = -1, 11  # RTDE robot_mode and safety_mode of a robot that says nothing
-OFFSET_M: Final = 1e-4
-OFFSET_RAD: Final = 1e-3
-"""The tool offset was set by us: only the rounding of the wire is between the two."""
 OWN_POSE_M: Final = 0.0003
 """PHY-41: by its own kinematics model and controller reckon with the same numbers; of four arms each is farther
 from every other one, and from nominal, in 94 of 100 poses, and each motion asks again."""
+
+
+class Program(Protocol):
+    """What the controller runs."""
+
+    def undisturbed(self) -> bool:
+        """Whether it is the control script that we sent, as far as that can be known."""
+        ...
+
+    def close(self) -> None:
+        """Nobody asks any more."""
+        ...
 
 
 class RobotReadiness:
@@ -34,7 +43,7 @@ class RobotReadiness:
     Args:
         telemetry: of the robot.
         remote: of the robot.
-        program: claimed after the control script was uploaded.
+        program: what the controller runs.
         commanding: whether the control connection stands; while it does, the controller lends its registers to nobody
             else.
         tool_position: where the model has the tool centre point in the base frame (m) at six joint angles (rad).
@@ -49,7 +58,7 @@ class RobotReadiness:
         *,
         telemetry: Telemetry,
         remote: RemoteControl,
-        program: ProgramWatch,
+        program: Program,
         commanding: Callable[[], bool],
         tool_position: Callable[[Sequence[float]], Sequence[float]],
         tcp_m: Sequence[float],

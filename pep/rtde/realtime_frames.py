@@ -9,6 +9,7 @@ import struct
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
+from pep.rtde.cutter import LENGTH, Cutter, LengthError
 from pep.rtde.messages import WireError, WireFault
 from pep.rtde.records import Record, Vector
 
@@ -71,7 +72,7 @@ class RealtimeFramer:
     """Cuts the bytes of 30003 into states, however they were torn."""
 
     def __init__(self) -> None:
-        self._held = bytearray()
+        self._cutter = Cutter(REALTIME_SIZE, REALTIME_SIZE, itself=True)
 
     def feed(self, received: bytes) -> list[RealtimeState]:
         """The states completed by `received`, in order.
@@ -79,17 +80,10 @@ class RealtimeFramer:
         Raises:
             WireError: a length that is not `REALTIME_SIZE`.
         """
-        self._held += received
-        found: list[RealtimeState] = []
-        while len(self._held) >= 4:
-            (size,) = struct.unpack_from(">i", self._held)
-            if size != REALTIME_SIZE:
-                raise WireError(WireFault.SIZE, f"a real-time state of {size} bytes")
-            if len(self._held) < size:
-                break
-            found.append(RealtimeState.unpack(bytes(self._held[4:size])))
-            del self._held[:size]
-        return found
+        try:
+            return [RealtimeState.unpack(piece[LENGTH:]) for piece in self._cutter.feed(received)]
+        except LengthError as error:
+            raise WireError(WireFault.SIZE, f"a real-time state of {error.length} bytes") from error
 
 
 def encode_realtime(state: RealtimeState) -> bytes:

@@ -120,15 +120,27 @@ class InputRecipes:
             Refused, and no recipe: `PARAMETERS_WRONG` for a variable that stands twice, `TOOL_UNKNOWN` for one outside
             the profile, `BODY_TOO_LARGE` for more recipes than there are numbers.
         """
+        refused = self.refusal(names)
+        if refused is not None:
+            return refused
+        recipe = Recipe(names, [INPUTS[name] for name in names])
+        self._recipes.append(recipe)
+        return recipe
+
+    def refusal(self, names: Sequence[str]) -> Refused | None:
+        """Why the client may not have that recipe; None when it may."""
         if len(self._recipes) >= MAX_RECIPES:
             return Refused(Reason.BODY_TOO_LARGE, "input recipes")
         if not names or len(set(names)) != len(names):
             return Refused(Reason.PARAMETERS_WRONG, "a variable twice, or none at all")
         if not self._profile.names.issuperset(names):
             return Refused(Reason.TOOL_UNKNOWN, "a variable outside the profile")
-        recipe = Recipe(names, [INPUTS[name] for name in names])
-        self._recipes.append(recipe)
-        return recipe
+        return None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every variable of its recipes, once."""
+        return tuple(dict.fromkeys(name for recipe in self._recipes for name in recipe.names))
 
     def read(self, values: Values) -> dict[str, Value] | Ignored | Refused:
         """What a package writes, by name; refused as `TOOL_UNKNOWN` when it is of no recipe."""

@@ -49,49 +49,77 @@ class Said:
     to_client: bytes = b""
 
 
-class StateRelay:
-    """A connection without a lease."""
+@dataclass(frozen=True, slots=True)
+class OwnInputs:
+    """Inputs that the gateway asks the controller for by itself, among the requests that wait for their answers."""
+
+    names: tuple[str, ...]
+
+
+class Relay:
+    """Both ends of a connection; what becomes of inputs is for a subclass to say."""
 
     def __init__(self) -> None:
         self._from_client, self._from_robot = Framer(), Framer(MAX_FRAME)
         self._protocol = 1
-        self._waiting: deque[Request | Answer] = deque()
+        self._waiting: deque[Request | Answer | OwnInputs] = deque()
         self._outputs: dict[int | None, Recipe] = {}
         self._set_up = self._started = False
+        self._to_robot, self._to_client = bytearray(), bytearray()
 
-    def asked(self, received: bytes) -> Said:
-        """The client sent these bytes.
-
-        Raises:
-            WireError: see `pep.rtde.codec`; too many requests at once, a protocol version in the middle, or values.
-        """
-        to_robot, to_client = bytearray(), bytearray()
+    def _hear(self, received: bytes) -> None:
         for frame in self._from_client.feed(received):
             request = decode_request(frame, self._protocol)
-            own = self._judged(request)
-            if len(self._waiting) >= UNANSWERED:
-                raise WireError(WireFault.PAYLOAD, "requests that nobody waits for")
-            if own is None:
-                self._waiting.append(request)
-                to_robot += encode_request(request, self._protocol)
+            if isinstance(request, Values):
+                self._written(request)
+            elif (own := self._judged(request)) is None:
+                self._ask(request)
             elif self._waiting:
-                self._waiting.append(own)
+                self._wait(own)
             else:
-                to_client += encode_answer(own, self._protocol)
-        return Said(bytes(to_robot), bytes(to_client))
+                self._to_client += encode_answer(own, self._protocol)
 
-    def answered(self, received: bytes) -> Said:
-        """The controller sent these bytes.
-
-        Raises:
-            WireError: see `pep.rtde.codec`; an answer that nobody asked for.
-        """
-        to_client = bytearray()
+    def _hear_robot(self, received: bytes) -> None:
         for frame in self._from_robot.feed(received):
-            to_client += self._passed(frame)
+            self._to_client += self._passed(frame)
             while self._waiting and isinstance(self._waiting[0], InputsAnswer):
-                to_client += encode_answer(self._waiting.popleft(), self._protocol)  # type: ignore[arg-type]
-        return Said(to_client=bytes(to_client))
+                self._to_client += encode_answer(self._waiting.popleft(), self._protocol)  # type: ignore[arg-type]
+
+    def _said(self) -> Said:
+        said = Said(bytes(self._to_robot), bytes(self._to_client))
+        self._to_robot.clear()
+        self._to_client.clear()
+        return said
+
+    def _ask(self, request: Request) -> None:
+        """The controller is asked, and its answer expected."""
+        self._wait(request)
+        self._to_robot += encode_request(request, self._protocol)
+
+    def _wait(self, what: Request | Answer | OwnInputs) -> None:
+        if len(self._waiting) >= UNANSWERED:
+            raise WireError(WireFault.PAYLOAD, "requests that nobody waits for")
+        self._waiting.append(what)
+
+    def _written(self, values: Values) -> None:
+        """The client wrote inputs."""
+        raise NotImplementedError
+
+    def _inputs(self, names: tuple[str, ...]) -> InputsAnswer | None:
+        """The answer to a client that wants inputs; None when the controller gives it."""
+        raise NotImplementedError
+
+    def _had(self, names: tuple[str, ...], answer: InputsAnswer) -> None:
+        """The controller's answer to a client that wanted inputs; the client is told it."""
+        raise NotImplementedError
+
+    def _granted(self, names: tuple[str, ...], answer: InputsAnswer) -> None:
+        """The controller's answer to us."""
+        raise NotImplementedError
+
+    def _shown(self, values: Values) -> Values:
+        """What the client sees of a package of outputs."""
+        return values
 
     def _judged(self, request: Request) -> InputsAnswer | None:
         """The answer that the controller is not asked for; None for a request that goes on to it."""
@@ -101,7 +129,7 @@ class StateRelay:
                     raise WireError(WireFault.PAYLOAD, "a protocol version in the middle")
             case SetupInputs(names):
                 self._set_up = True
-                return InputsAnswer(tuple(map(_belongs, names)), 0)
+                return self._inputs(names)
             case SetupOutputs():
                 self._set_up = True
                 if len(self._outputs) >= RECIPES:
@@ -111,7 +139,7 @@ class StateRelay:
             case AskControlVersion():
                 pass
             case Values() | Message():
-                raise WireError(WireFault.KIND, "values of inputs that were not had")
+                raise WireError(WireFault.KIND, "what no client library says")
             case _:
                 assert_never(request)
         return None
@@ -124,7 +152,7 @@ class StateRelay:
                 recipe = self._outputs.get(number)
                 if recipe is None or len(packed) != recipe.size:
                     raise WireError(WireFault.PAYLOAD, "values of no recipe")
-                return encode_answer(answer, self._protocol)
+                return encode_answer(self._shown(answer), self._protocol)
             case Message():
                 # Before the stream begins a client takes the next frame for its answer, whatever it is.
                 return encode_answer(answer, self._protocol) if self._started else b""
@@ -144,6 +172,11 @@ class StateRelay:
             case SetupOutputs(names), OutputsAnswer(types, number):
                 if not {VariableType.NOT_FOUND, VariableType.IN_USE}.intersection(types):
                     self._outputs[number] = Recipe(names, types)
+            case SetupInputs(names), InputsAnswer():
+                self._had(names, answer)
+            case OwnInputs(names), InputsAnswer():
+                self._granted(names, answer)
+                return b""
             case Start(), StartAnswer(accepted):
                 self._started = accepted
             case Pause(), PauseAnswer(accepted):
@@ -155,5 +188,35 @@ class StateRelay:
         return encode_answer(answer, self._protocol)
 
 
-def _belongs(name: str) -> VariableType:
-    return VariableType.IN_USE if name in INPUTS else VariableType.NOT_FOUND
+def belongs_to_others(names: tuple[str, ...]) -> InputsAnswer:
+    """What a client is told of inputs that it does not get."""
+    return InputsAnswer(tuple(VariableType.IN_USE if name in INPUTS else VariableType.NOT_FOUND for name in names), 0)
+
+
+class StateRelay(Relay):
+    """A connection without a lease."""
+
+    def asked(self, received: bytes) -> Said:
+        """The client sent these bytes.
+
+        Raises:
+            WireError: see `pep.rtde.codec`; too many requests at once, a protocol version in the middle, or values.
+        """
+        self._hear(received)
+        return self._said()
+
+    def answered(self, received: bytes) -> Said:
+        """The controller sent these bytes.
+
+        Raises:
+            WireError: see `pep.rtde.codec`; an answer that nobody asked for.
+        """
+        self._hear_robot(received)
+        return self._said()
+
+    def _written(self, values: Values) -> None:
+        del values
+        raise WireError(WireFault.KIND, "values of inputs that were not had")
+
+    def _inputs(self, names: tuple[str, ...]) -> InputsAnswer:
+        return belongs_to_others(names)

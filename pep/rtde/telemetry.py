@@ -6,31 +6,16 @@ import math
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 
 from pep.errors import PepFault, RobotError
-from pep.rtde.codec import Framer, Recipe, decode_answer, encode_request
 from pep.rtde.listener import Listener, received
-from pep.rtde.messages import (
-    Answer,
-    Message,
-    OutputsAnswer,
-    ProtocolAnswer,
-    Request,
-    RequestProtocol,
-    SetupOutputs,
-    Start,
-    StartAnswer,
-    Values,
-)
+from pep.rtde.subscription import Subscription
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Iterator
 
     from pep.rtde.codec import Value
-
-A = TypeVar("A", bound=Answer)
 
 PORT: Final = 30004  # RTDE
 RATE_HZ: Final = 125.0
@@ -110,14 +95,14 @@ class Telemetry:
         self._listener.close()
 
     def _talk(self, link: socket.socket) -> None:
-        answers = _answers(link)
-        _ask(link, answers, RequestProtocol(2), ProtocolAnswer, protocol=1)
-        outputs = _ask(link, answers, SetupOutputs(_NAMES, RATE_HZ), OutputsAnswer)
-        recipe = Recipe(_NAMES, outputs.types)  # a name that the controller does not know is a WireError here
-        _ask(link, answers, Start(), StartAnswer)
-        for answer in answers:
-            if isinstance(answer, Values) and len(answer.packed) == recipe.size:
-                self._take(recipe.unpack(answer.packed))
+        subscription = Subscription(_NAMES, RATE_HZ)  # a name that the controller does not know is a WireError
+        link.sendall(subscription.begin())
+        while True:
+            said, packages = subscription.feed(received(link))
+            if said:
+                link.sendall(said)
+            for values in packages:
+                self._take(values)
 
     def _take(self, values: dict[str, Value]) -> None:
         joints, pose, offset = (_vector(values[name]) for name in _NAMES[:3])
@@ -138,27 +123,6 @@ class Telemetry:
                 arrived_s=time.monotonic(),
             )
             self._came.notify_all()
-
-
-def _answers(link: socket.socket) -> Iterator[Answer]:
-    framer = Framer()
-    protocol = 1
-    while True:
-        for frame in framer.feed(received(link)):
-            answer = decode_answer(frame, protocol)
-            if isinstance(answer, ProtocolAnswer) and answer.accepted:
-                protocol = 2
-            yield answer
-
-
-def _ask(link: socket.socket, answers: Iterator[Answer], request: Request, wanted: type[A], *, protocol: int = 2) -> A:
-    link.sendall(encode_request(request, protocol))
-    for answer in answers:
-        if isinstance(answer, wanted):
-            return answer
-        if not isinstance(answer, Message):
-            break
-    raise RobotError(PepFault.ROBOT_UNREACHABLE, "another answer than asked for")
 
 
 def _vector(value: Value) -> tuple[float, ...]:

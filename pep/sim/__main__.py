@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import signal
 import sys
@@ -25,7 +26,6 @@ from pep.stopping import STOP_DECELERATION_RAD_S2
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from pep.sim.arm import Joints
 
 EXIT_FAILED, EXIT_USAGE = 1, 2
 
@@ -40,6 +40,8 @@ def main(arguments: list[str] | None = None) -> int:
         stop_deceleration_rad_s2=options.stop_deceleration,
         version=options.polyscope,
         object_width_m=options.gripper_object,
+        tcp_m=options.tcp,
+        payload=(options.payload[0], options.payload[1:]),
     )
     try:
         simulator = Simulator(settings, over.set)
@@ -72,7 +74,9 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m pep.sim", description="A simulated UR3e controller.")
     parser.add_argument("--host", required=True, help="IPv4 address to listen on; the ports are fixed")
-    parser.add_argument("--joints", type=_joints, default=HOME, help="j1,..,j6 [rad] to start at; write --joints=...")
+    parser.add_argument(
+        "--joints", type=_numbers(6), default=HOME, help="j1,..,j6 [rad] to start at; write --joints=..."
+    )
     parser.add_argument(
         "--stop-deceleration",
         type=float,
@@ -80,17 +84,26 @@ def _parser() -> argparse.ArgumentParser:
         help="of stops that do not say their own [rad/s2]",
     )
     parser.add_argument("--polyscope", type=_version, default="5.11.6.1010327", help="PolyScope version, 5.11 to 5.22")
+    parser.add_argument(
+        "--tcp", type=_numbers(3), default=(0.0,) * 3, help="x,y,z [m] of the installation's tool point"
+    )
+    parser.add_argument(
+        "--payload", type=_numbers(4), default=(0.0,) * 4, help="kg,x,y,z [m] of the installation's payload"
+    )
     parser.add_argument("--words", action="store_true", help="say it in words instead of JSON")
     parser.add_argument("--gripper-object", type=float, default=None, help="width between the gripper's fingers [m]")
     parser.add_argument("--commands", action="store_true", help="read faults from standard input; end with it")
     return parser
 
 
-def _joints(text: str) -> Joints:
-    joints = tuple(float(part) for part in text.split(","))
-    if len(joints) != 6:
-        raise argparse.ArgumentTypeError("six numbers, separated by commas")
-    return joints
+def _numbers(count: int) -> Callable[[str], tuple[float, ...]]:
+    def read(text: str) -> tuple[float, ...]:
+        numbers = tuple(float(part) for part in text.split(","))
+        if len(numbers) != count or not all(map(math.isfinite, numbers)):
+            raise argparse.ArgumentTypeError(f"{count} numbers, separated by commas")
+        return numbers
+
+    return read
 
 
 def _version(text: str) -> ControlVersion:

@@ -1,7 +1,7 @@
 """Simulated sensors: they see what they are told on standard input, and push it as signed frames.
 
     python -m pep.sim.sensor --to HOST:PORT [--hz 30] [--paused] --sensor ID --calibration HEX --key-file F
-                             [--sensor ID2 ...]
+                             [--to HOST2:PORT2 ...] [--sensor ID2 ...]
 
 Each sensor has its own key, connection, boot id and sequence. Commands are JSON lines; all positions are metres in the
 robot's base frame:
@@ -49,6 +49,7 @@ RETRY_S: Final = 0.1
 HZ: Final = 30.0
 """Frames a second, as an ordinary depth camera gives. Each with one person costs the receiver 1.5 ms of a core."""
 HIGHEST_HZ: Final = 500.0
+UNREAD_BYTES: Final = 65_536
 
 
 class Sensor:
@@ -114,32 +115,65 @@ def obey(sensors: Sequence[Sensor], line: str, *, at_s: float) -> None:
         sensor.seen, sensor.changed = seen, True
 
 
-async def push(sensor: Sensor, host: str, port: int, *, period_s: float) -> None:
-    """Frames go to the perception point for ever; a lost connection is made again, and nothing is kept for later."""
-    loop = asyncio.get_running_loop()
-    while True:
-        try:
-            _, writer = await asyncio.open_connection(host, port)
-        except OSError:
+class Receiver:
+    """One perception point, connected to again and again."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host = host
+        self._port = port
+        self._writer: asyncio.StreamWriter | None = None
+
+    async def keep(self) -> None:
+        """Connected, whenever there is somebody to connect to, for ever."""
+        while True:
+            try:
+                reader, self._writer = await asyncio.open_connection(self._host, self._port)
+                await reader.read()  # it says nothing, and ends when it has gone
+            except OSError:
+                pass
+            finally:
+                self._drop()
             await asyncio.sleep(RETRY_S)
-            continue
-        due = loop.time()
-        try:
-            while True:
-                if not sensor.seen.paused:
-                    shows_change, sensor.changed = sensor.changed, False
-                    writer.write(sensor.frame(captured_s=time.time()).encode() + b"\n")
-                    sent_ms = time.monotonic_ns() / 1e6
-                    await writer.drain()
-                    if shows_change:
-                        sys.stdout.write(json.dumps({"shown_ms": sent_ms}) + "\n")
-                        sys.stdout.flush()
-                due = max(due + period_s, loop.time())
-                await asyncio.sleep(due - loop.time())
-        except OSError:
-            continue
-        finally:
+
+    @property
+    def connected(self) -> bool:
+        """Whether somebody is there."""
+        return self._writer is not None
+
+    def send(self, line: bytes) -> bool:
+        """Whether it was sent. Nothing is kept for later: who does not read is left, and connected to anew."""
+        writer = self._writer
+        if writer is None or writer.is_closing():
+            return False
+        if writer.transport.get_write_buffer_size() > UNREAD_BYTES:
+            writer.transport.abort()
+            return False
+        writer.write(line)
+        return True
+
+    def _drop(self) -> None:
+        writer, self._writer = self._writer, None
+        if writer is not None:
             writer.close()
+
+
+async def push(sensor: Sensor, receivers: Sequence[Receiver], *, period_s: float) -> None:
+    """Frames go to every perception point for ever, the same to each; without any nothing is seen."""
+    loop = asyncio.get_running_loop()
+    due = loop.time()
+    while True:
+        if not sensor.seen.paused and any(receiver.connected for receiver in receivers):
+            shows_change, sensor.changed = sensor.changed, False
+            line = sensor.frame(captured_s=time.time()).encode() + b"\n"
+            sent = [receiver.send(line) for receiver in receivers]
+            sent_ms = time.monotonic_ns() / 1e6
+            if shows_change and any(sent):
+                sys.stdout.write(json.dumps({"shown_ms": sent_ms}) + "\n")
+                sys.stdout.flush()
+            elif shows_change:
+                sensor.changed = True
+        due = max(due + period_s, loop.time())
+        await asyncio.sleep(due - loop.time())
 
 
 async def listen(sensors: Sequence[Sensor]) -> None:
@@ -153,13 +187,17 @@ async def listen(sensors: Sequence[Sensor]) -> None:
             sys.stderr.write(f"ignored: {error}\n")
 
 
-async def run(sensors: Sequence[Sensor], host: str, port: int, *, hz: float) -> None:
+async def run(sensors: Sequence[Sensor], to: Sequence[tuple[str, int]], *, hz: float) -> None:
     """The sensors run until they are told to end (SIGTERM, SIGINT)."""
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, ended.set)
-    tasks = [asyncio.create_task(push(sensor, host, port, period_s=1 / hz)) for sensor in sensors]
+    tasks = []
+    for sensor in sensors:
+        receivers = [Receiver(host, port) for host, port in to]
+        tasks += [asyncio.create_task(receiver.keep()) for receiver in receivers]
+        tasks.append(asyncio.create_task(push(sensor, receivers, period_s=1 / hz)))
     tasks.append(asyncio.create_task(listen(sensors)))
     sys.stdout.write(json.dumps({"ready": True}) + "\n")
     sys.stdout.flush()
@@ -179,14 +217,19 @@ def main() -> None:
     parser.add_argument("--sensor", required=True, action="append", help="its id; once for each sensor")
     parser.add_argument("--calibration", required=True, action="append", help="in the same order")
     parser.add_argument("--key-file", required=True, action="append", type=Path, help="in the same order")
-    parser.add_argument("--to", required=True, metavar="HOST:PORT")
+    parser.add_argument(
+        "--to", required=True, action="append", metavar="HOST:PORT", help="where frames go; as often as needed"
+    )
     parser.add_argument("--hz", type=float, default=HZ, help=f"frames a second of each (default {HZ:g})")
     parser.add_argument("--paused", action="store_true", help="send nothing before a command says so")
     options = parser.parse_args()
-    host, _, port = options.to.rpartition(":")
+    places = [text.rpartition(":") for text in options.to]
     if not len(options.sensor) == len(options.calibration) == len(options.key_file):
         parser.error("--sensor, --calibration and --key-file belong together")
-    if not (host and port.isascii() and port.isdigit() and 1 / HIGHEST_HZ <= options.hz <= HIGHEST_HZ):
+    if not (
+        all(host and port.isascii() and port.isdigit() for host, _, port in places)
+        and 1 / HIGHEST_HZ <= options.hz <= HIGHEST_HZ
+    ):
         parser.error("--to must be HOST:PORT, and --hz a number that a sensor can keep")
     try:
         sensors = [
@@ -198,7 +241,7 @@ def main() -> None:
     if options.paused:
         obey(sensors, '{"pause": true}', at_s=time.time())
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(run(sensors, host, int(port), hz=options.hz))
+        asyncio.run(run(sensors, [(host, int(port)) for host, _, port in places], hz=options.hz))
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.sim.arm import Joints
+    from pep.sim.spatial import Triple
 
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE, GRIPPER = 29999, 30001, 30002, 30003, 30004, 63352
 READ_ONLY: Final = 10  # to a port's number, gives that of its read-only twin
@@ -45,6 +46,8 @@ class Settings:
         stop_deceleration_rad_s2: of every stop that does not say its own.
         version: PolyScope, between `OLDEST` and `NEWEST`.
         object_width_m: what lies between the gripper's fingers, if anything.
+        tcp_m: tool centre point of the installation, in the flange frame, not turned against it.
+        payload: of the installation: mass [kg], and its centre in the flange frame [m].
     """
 
     host: str
@@ -52,6 +55,8 @@ class Settings:
     stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
     version: ControlVersion = ControlVersion(5, 11, 6, 1010327)  # noqa: RUF009  frozen
     object_width_m: float | None = None
+    tcp_m: Triple = (0.0, 0.0, 0.0)
+    payload: tuple[float, Triple] = (0.0, (0.0, 0.0, 0.0))
 
 
 class Simulator:
@@ -76,6 +81,8 @@ class Simulator:
         if not OLDEST <= (version.major, version.minor) <= NEWEST:
             raise ValueError(f"PolyScope {version.major}.{version.minor} is not simulated; 5.11 to 5.22 are")
         robot = Robot(arm, settings.joints, stop_deceleration_rad_s2=settings.stop_deceleration_rad_s2)
+        robot.set_tcp((*settings.tcp_m, 0.0, 0.0, 0.0))
+        robot.set_payload(*settings.payload)
         gripper = Gripper(object_width_m=settings.object_width_m)
         self.controller = controller = Controller(robot, gripper)
         dashboard = Dashboard(controller, version, shutdown)

@@ -62,7 +62,8 @@ SNAPSHOT = registry.RegistrySnapshot(
     (registry.ToolEntry("move_joint", HEX, "move_joint", Tier.REVERSIBLE),),
     (registry.SensorEntry("camera-1", raw_of("camera"), HEX, 100),),
     (registry.TrustEntry("robotic", 800),),
-    (registry.ApproverEntry("alice", raw_of("alice")),),
+    (registry.PartyEntry("alice", raw_of("alice")),),
+    (registry.PartyEntry("pep-1", raw_of("camera")),),
 )
 CORNERS = [[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9]]
 FRAME = observation.Observation(
@@ -980,7 +981,8 @@ def test_the_largest_snapshot_fits():
         tuple(registry.ToolEntry(f"{long}{i:04}", HEX, long + "xxxx", Tier(1)) for i in range(registry.TOOLS)),
         tuple(registry.SensorEntry(f"{long}{i:04}", raw_of("alice"), HEX, 10_000) for i in range(registry.SENSORS)),
         tuple(registry.TrustEntry(f"{long}{i:04}", 1_000) for i in range(registry.AGENTS)),
-        tuple(registry.ApproverEntry(f"{long}{i:04}", raw_of("alice")) for i in range(registry.APPROVERS)),
+        tuple(registry.PartyEntry(f"{long}{i:04}", raw_of("alice")) for i in range(registry.APPROVERS)),
+        tuple(registry.PartyEntry(f"{long}{i:04}", raw_of("alice")) for i in range(registry.PEPS)),
     )
     assert registry.open(registry.sign(full, SIGNER), TRUSTED, DEFAULT) == full
 

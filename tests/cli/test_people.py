@@ -119,7 +119,7 @@ def changed(cell, monkeypatch):
     entries[0] = ToolEntry(served[0].name, "00" * 32, served[0].operation, Tier(served[0].base_tier))
     del entries[1]
     snapshot = RegistrySnapshot(
-        "http://127.77.0.9:8700/ztpm", 1, "http://127.77.0.9:8800/mcp", 0, tuple(entries), (), (), ()
+        "http://127.77.0.9:8700/ztpm", 1, "http://127.77.0.9:8800/mcp", 0, tuple(entries), (), (), (), ()
     )
     monkeypatch.setattr(ztpm.enrolment, "registered", lambda issuer, audience, trust: snapshot)
     return [served[0].name, served[1].name]

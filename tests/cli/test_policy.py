@@ -6,11 +6,13 @@ import json
 import pytest
 import rfc8785
 
-from policies import load, load_shipped
+from pep.rtde.leased_requests import BASE_TIERS
+from policies import Point, load, load_shipped
 from policies.load import TEXT_LIMIT
 from tests.pep.kit import MOVE, Rig, full_scope, reading
 from tests.policies.test_advice import GATED
 from tests.policies.test_load import BAD, GOOD
+from ztpm.cli.policy import operations
 
 
 MINE = """
@@ -107,6 +109,14 @@ def test_a_file_that_is_no_text_is_refused(run, tmp_path, name, content, code):
     path = tmp_path / name
     path.write_bytes(content)
     assert refused(run, "check", path) == code
+
+
+def test_all_that_a_robot_can_be_asked_is_known_where_policies_are_checked():
+    known = {(each.object, each.operation): each for each in operations()}
+    for each in BASE_TIERS:
+        assert known[each.object, each.name].moves
+        assert Point.ACTUATION in known[each.object, each.name].points
+    assert len(known) == len(operations())
 
 
 def test_what_is_not_there_is_refused(run, tmp_path):

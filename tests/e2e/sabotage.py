@@ -316,6 +316,38 @@ def pep_does_not_watch_authority():
     Watch._authority = lambda self, now: None
 
 
+@defect
+def gateway_is_open():
+    """Whoever has no lease is served as the controller itself would serve it."""
+    from pep.rtde.gateway import StatePorts
+    from pep.rtde.lines import Upstream
+
+    class Raw:
+        def __init__(self, back):
+            self.robot = Upstream(back.send, back.close)
+            self.received, self.left = self.robot.send, self.robot.close
+
+    async def opened(self, lease, port, back):
+        line = Raw(back)
+        return await line.robot.reach(self._robot, port) or line
+
+    StatePorts.open = opened
+
+
+@defect
+def gateway_lends_twice():
+    """A lease that is open keeps nobody from opening another."""
+    from pep.rtde.lease import Leases
+
+    first = Leases.open
+
+    def opened(self, lease, *, at_ms):
+        self._held = None
+        return first(self, lease, at_ms=at_ms)
+
+    Leases.open = opened
+
+
 def main() -> None:
     name, module, *arguments = sys.argv[1:]
     DEFECTS[name]()

@@ -14,7 +14,7 @@ from ztpm.demo.story import STORY
 from ztpm.processes import Child
 
 TOP = Path(__file__).parents[2]
-IDP, PEP = "identity provider", "tool server"
+IDP, PEP, GATEWAY = "identity provider", "tool server", "gateway"
 
 FOREVER = ("NONE", "STEP_FAILED", False)
 """The refusal that the step waits for never comes: the wait itself is the observation."""
@@ -54,6 +54,8 @@ CASES = [
     ("human-enters-stops", PEP, "pep_does_not_watch_the_world", FOREVER),
     ("revoke-in-motion", PEP, "pep_does_not_watch_authority", FOREVER),
     ("idp-killed-in-motion", PEP, "pep_ignores_the_age_of_its_view", FOREVER),
+    ("rtde-raw-denied", GATEWAY, "gateway_is_open", ("DENY", "IN_USE", True)),
+    ("rtde-hijack-refused", GATEWAY, "gateway_lends_twice", ("DENY", "LEASE_HELD", False)),
 ]
 STOPS = frozenset({"place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion"})
 """Steps that permit and refuse: what is not granted, and what goes on when it should not."""

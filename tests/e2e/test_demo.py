@@ -14,10 +14,11 @@ STEPS = [
     "stale-feed-refused", "audit-verifies", "approved-moves", "approval-used-up", "approval-changed-world",
     "agent-approval-refused", "zone-denied", "one-of-two-refused", "dual-authorised", "stale-world-deferred",
     "forged-frame-refused", "place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion", "restart-keeps",
+    "rtde-raw-denied", "rtde-leased-moves", "rtde-hijack-refused", "gateway-killed-stops",
 ]  # fmt: skip
 MOVING = {
     "move-empty", "fragile-trusted", "approved-moves", "dual-authorised", "place-on-table", "human-enters-stops",
-    "revoke-in-motion", "idp-killed-in-motion", "restart-keeps",
+    "revoke-in-motion", "idp-killed-in-motion", "restart-keeps", "rtde-leased-moves", "gateway-killed-stops",
 }  # fmt: skip
 
 

@@ -267,11 +267,10 @@ def test_dead_children_are_mended_and_on_record(up):
 
 def test_a_child_that_dies_too_often_ends_everything_and_is_named(up, tmp_path):
     running = up()
-    seen = running.pids["identity provider"]
-    os.kill(seen, signal.SIGKILL)
-    # From now on it cannot start: its database is no database.
+    # From now on it cannot start: its database is no database. Written before the kill: the supervisor is quick.
     for path in (tmp_path / "cell" / "idp").glob("idp.sqlite*"):
         path.write_bytes(b"not a database" * 100)
+    os.kill(running.pids["identity provider"], signal.SIGKILL)
     assert running.process.wait(READY_S) == 1
     told = json.loads(running.process.stdout.read().splitlines()[-1])
     assert (told["ok"], told["code"]) == (False, "PROCESS_LOST")

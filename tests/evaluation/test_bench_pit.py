@@ -17,7 +17,8 @@ from evaluation.bench.pit.report import AMONG_20, SERVO_STEP, SPEED_STEP, Result
 from evaluation.bench.timing import Plan, WrongAnswerError
 from pep.pit import MoveL, assess
 from pep.pit.driving import drive_of
-from pep.pit.pairs import Kind, pairs_of
+from pep.pit.obstacles import Kind
+from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID
 from ztpm.cli import evaluation
 

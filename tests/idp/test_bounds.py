@@ -21,7 +21,7 @@ from ztpm_idp import ledger_file
 from ztpm_idp.client import ClientError
 from ztpm_idp.domain import registry
 from ztpm_idp.domain.events import PartyRegistered, ToolRegistered, TrustStated
-from ztpm_idp.domain.parties import Agent, Person, PersonRole, Sensor, Standing, Tool
+from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing, Tool
 
 
 def full(ask, *args, **more):
@@ -90,7 +90,7 @@ def test_trust_is_bounded_over_all_sponsors(world, monkeypatch):
     assert len(fetched(world).trust) == 2
 
 
-def test_tools_sensors_and_approvers_are_bounded(world, monkeypatch):
+def test_tools_sensors_peps_and_approvers_are_bounded(world, monkeypatch):
     alice = world.people["alice"]
 
     def tool(name, audience=AUDIENCE):
@@ -99,7 +99,10 @@ def test_tools_sensors_and_approvers_are_bounded(world, monkeypatch):
     def sensor(name, audience=AUDIENCE):
         alice.register_sensor(name, fresh(), calibration="1" * 64, transit_ms=20, audience=audience)
 
-    for name in ("TOOLS", "SENSORS"):
+    def pep(name, *audiences):
+        alice.register_pep(name, fresh(), audiences)
+
+    for name in ("TOOLS", "SENSORS", "PEPS"):
         monkeypatch.setattr(snapshot, name, 1)
     monkeypatch.setattr(snapshot, "APPROVERS", 3)
     tool("one")
@@ -109,6 +112,11 @@ def test_tools_sensors_and_approvers_are_bounded(world, monkeypatch):
     sensor("eye-1")
     full(sensor, "eye-2")
     sensor("eye-2", AUDIENCE + "/other")
+    before = fetched(world)
+    pep("door-1", AUDIENCE + "/third")
+    full(pep, "door-2", AUDIENCE + "/fourth", AUDIENCE + "/third")
+    pep("door-2", AUDIENCE + "/fourth")
+    assert fetched(world).version == before.version + 2
     alice.register_person("erin", "Erin", fresh(), ["approver"])  # alice and carol are the others
     full(alice.register_person, "frank", "Frank", fresh(), ["sponsor", "approver"])
     alice.register_person("frank", "Frank", fresh(), ["sponsor"])
@@ -123,6 +131,8 @@ def largest():
     party = lambda: (raw := fresh(), keys.thumbprint(raw))
     for n in range(snapshot.APPROVERS - 2):
         yield PartyRegistered(Person(name("p", n), *party(), Standing.ACTIVE, "P", frozenset({PersonRole.APPROVER})))
+    for n in range(snapshot.PEPS):
+        yield PartyRegistered(Pep(name("e", n), *party(), Standing.ACTIVE, frozenset({AUDIENCE})))
     for n in range(snapshot.SENSORS):
         yield PartyRegistered(Sensor(name("s", n), *party(), Standing.ACTIVE, bytes([255]) * 32, 10_000, AUDIENCE))
     for n in range(snapshot.TOOLS):
@@ -144,10 +154,12 @@ def test_the_largest_registry_is_one_statement(world):
     assert len(found.approvers) == snapshot.APPROVERS
     assert len(found.tools) == snapshot.TOOLS
     assert len(found.sensors) == snapshot.SENSORS
+    assert len(found.peps) == snapshot.PEPS
     # One more of anything is refused at the door, whoever asks.
     alice = world.people["alice"]
     full(alice.register_tool, audience=AUDIENCE, name="more", definition_digest="1" * 64, operation="o", base_tier=1)
     full(alice.register_sensor, "more", fresh(), calibration="1" * 64, transit_ms=20, audience=AUDIENCE)
+    full(alice.register_pep, "more", fresh(), [AUDIENCE])
     full(alice.register_person, "more", "More", fresh(), ["approver"])
     register(world, "bobs", by="bob")
     full(world.people["bob"].set_trust, "bobs", 1)

@@ -496,6 +496,7 @@ class FakeIssuer:
         self.made, self.clock = made, clock
         self.epoch, self.registry_version, self.entries = 0, 1, []
         self.tools, self.sensors, self.trust, self.approvers = tuple(tools), tuple(sensors), (), ()
+        self.peps = ()
         self.edges, self.agents, self.conduct_version, self.conduct_lie = (), (), 0, {}
         self.down = False
         self.lie = {}
@@ -579,6 +580,7 @@ class FakeIssuer:
                 sensors=self.sensors,
                 trust=self.trust,
                 approvers=self.approvers,
+                peps=self.peps,
             ),
             self.made["registry"],
         )

@@ -21,6 +21,7 @@ from pep.rtde.carriage import (
     Lines,
     Open,
     Opened,
+    Over,
     Refused,
     decode,
     delimited,
@@ -35,6 +36,7 @@ WORDS = st.one_of(
     st.builds(Refused, LINE, st.sampled_from(["LEASE_HELD", "A", "X9_" * 21])),
     st.builds(Bytes, LINE, st.binary(min_size=1, max_size=300)),
     st.builds(Closed, LINE),
+    st.builds(Over, st.sampled_from(["AUTHORITY", "LEFT"])),
 )
 
 
@@ -56,7 +58,7 @@ def test_what_is_read_has_one_spelling(message):
 @pytest.mark.parametrize(
     "word",
     [Open(0, 0), Open(0, 65_536), Open(256, 1), Open(-1, 1), Bytes(0, b""), Refused(0, ""), Refused(0, "no"),
-     Refused(0, "X" * 65), Refused(0, "Ä"), Refused(0, "A B"), Closed(256)],
+     Refused(0, "X" * 65), Refused(0, "Ä"), Refused(0, "A B"), Closed(256), Over("no")],
 )  # fmt: skip
 def test_what_no_message_says_is_refused(word):
     with pytest.raises(CarriageError) as refused:

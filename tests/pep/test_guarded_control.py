@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from pep.errors import ActuationRefusedError
-from pep.operations import MOVE_JOINT, SPEED_JOINT, digest_of
+from pep.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SPEED_JOINT, digest_of
 from pep.permit import Permit
 from pep.rtde.guard import (
     CONFIGURATION,
@@ -82,7 +82,7 @@ def test_every_name_of_the_interface_is_sorted_once():
     interface = pytest.importorskip("rtde_control").RTDEControlInterface
     names = {name for name in vars(interface) if not name.startswith("_") and callable(getattr(interface, name))}
     names -= {"Flags", "Feature"}
-    ours = [*MOTION, *CONFIGURATION, *READING, *STOPPING, "moveJ", "speedJ", "disconnect"]
+    ours = [*MOTION, *CONFIGURATION, *READING, *STOPPING, "moveJ", "moveL", "speedJ", "disconnect"]
     assert len(ours) == len(set(ours))
     assert set(ours) == names
 
@@ -152,6 +152,57 @@ def test_a_path_or_a_waiting_move_is_refused(control, raw, clock):
     )
 
 
+POSE = [-0.3, -0.13, 0.3, 0.1, 3.1, 0.05]
+LINE = (*POSE, 0.1, 0.5)
+
+
+def line_permit(clock):
+    return permit(clock, digest=digest_of(MOVE_LINEAR, LINE, audience=AUDIENCE))
+
+
+def test_a_line_needs_its_permit_and_is_sent_as_it_was_decided(control, raw, clock):
+    refused(lambda: control.moveL(POSE, 0.1, 0.5, True), Reason.NOT_WHAT_WAS_DECIDED, raw)
+    refused(lambda: control.moveL(POSE, 0.1, 0.5, permit=line_permit(clock)), Reason.PARAMETERS_WRONG, raw)
+    assert control.moveL(POSE, 0.1, 0.5, True, permit=line_permit(clock)) is True
+    assert raw.calls == [("moveL", (POSE, 0.1, 0.5, True))]
+
+
+@pytest.mark.parametrize("index", range(8))
+@pytest.mark.parametrize("by", [1e-6, 1e-9, float("nan")])
+def test_one_unit_off_in_any_number_of_a_line_is_something_else(control, raw, clock, index, by):
+    numbers = [*LINE]
+    numbers[index] += by
+    refused(
+        lambda: control.moveL(numbers[:6], *numbers[6:], True, permit=line_permit(clock)),
+        Reason.NOT_WHAT_WAS_DECIDED,
+        raw,
+    )
+
+
+def test_the_permit_of_a_line_is_none_of_a_joint_move_with_the_same_numbers(control, raw, clock):
+    refused(lambda: control.moveJ(POSE, 0.1, 0.5, True, permit=line_permit(clock)), Reason.NOT_WHAT_WAS_DECIDED, raw)
+
+
+def test_a_stop_while_a_line_is_handed_over_is_given_again(raw, clock):
+    class Late(Raw):
+        def moveL(self, *_):
+            control.note_stop()
+            return True
+
+    late = Late()
+    control = guarded(late, clock)
+    control.moveL(POSE, 0.1, 0.5, True, permit=line_permit(clock))
+    assert late.calls == [("stopJ", (6.0, False))]
+
+
+def test_a_line_ends_what_was_left_of_a_path(control, raw, clock):
+    numbers = (*(q for _ in range(4) for q in Q), 0.5, 1.4)
+    way = permit(clock, digest=digest_of(MOVE_PATH, numbers, audience=AUDIENCE))
+    control.move_path([Q, Q], 0.5, 1.4, permit=way)
+    control.moveL(POSE, 0.1, 0.5, True, permit=line_permit(clock))
+    assert not control.next_leg()
+
+
 @pytest.mark.parametrize("name", [*MOTION, *CONFIGURATION])
 def test_everything_else_that_moves_or_configures_is_refused(control, raw, name):
     refused(lambda: getattr(control, name)([0.0] * 6), Reason.NOT_GRANTED, raw)
@@ -216,6 +267,7 @@ def test_as_ur_rtde_would_a_refusal_returns_false(raw, clock):
     control = guarded(raw, clock, raise_refusals=False)
     assert control.moveJ(Q, 0.5, 1.4, True) is False
     assert control.moveL(Q) is False
+    assert control.servoJ(Q) is False
     assert raw.calls == []
 
 

@@ -16,7 +16,7 @@ from capabilities.errors import Fault
 from pep.clock import SystemClock
 from pep.rtde.carriage import Beat, Bytes, Cutter, Open, Opened, decode, delimited, encode
 from pep.rtde.lease import SILENCE_MS, Ending, Leases
-from pep.rtde.lease_door import LOSSLESS, PATH, Door
+from pep.rtde.lease_door import LOSSLESS, Door
 from pep.rtde.lease_port import LeasePort
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE, HOST, ManualClock, Rig
@@ -24,7 +24,7 @@ from ztpm.peer import user_of
 from pep.rtde.lines import UNREAD_BYTES
 from ztpm.program_ports import ProgramPorts
 
-URL = AUDIENCE + PATH
+URL = f"{AUDIENCE}/leases"
 ECHO, BIG, SHUT = 30004, 30003, 29999
 OWN = os.getuid()
 
@@ -69,17 +69,20 @@ class Robot:
 class House:
     """A gateway's door and port over a robot that only listens."""
 
-    def __init__(self, rig, robot=None):
+    def __init__(self, rig, robot=None, ended=lambda lease, why: None):
         self.rig, self.robot, self.over = rig, robot or Robot(), []
         self.signer = keys.generate()
         self.leases = Leases()
-        self.port = LeasePort(
-            self.leases, self.robot, clock=rig.clock, ended=lambda lease, why: self.over.append((lease.agent, why))
-        )
+        self.port = LeasePort(self.leases, self.robot, clock=rig.clock, ended=self._ended)
+        self._told = ended
         self.door = Door(
             leases=self.leases, authority=rig.authority, clock=rig.clock, journal=rig.journal, caps=CAPS,
-            audience=AUDIENCE, signer=self.signer, port=0, lease_ms=2_000,
+            url=URL, audience=AUDIENCE, signer=self.signer, port=0, lease_ms=2_000,
         )  # fmt: skip
+
+    def _ended(self, lease, why):
+        self.over.append((lease.agent, why))
+        self._told(lease, why)
 
     async def __aenter__(self):
         with socket.create_server((HOST, 0)) as free:

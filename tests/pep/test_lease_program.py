@@ -11,7 +11,10 @@ from tests.pep.kit import HOST, Rig
 from tests.pep.test_cell import Child
 from tests.pep.test_lease import OWN, House, until
 from pep.clock import SystemClock
+from pep.rtde.control_script import allow_list, installed_body
+from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.lines import PORTS
+from pep.stopping import STOP_DECELERATION_RAD_S2
 from ztpm.program_ports import ProgramPorts
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120)]
@@ -71,6 +74,26 @@ class Relay:
         return Line()
 
 
+class Permits:
+    """Permits everything, and keeps what it was asked, and by whom."""
+
+    def __init__(self):
+        self.asked = []
+
+    def judge(self, held):
+        self.asked.append((held.lease.agent, type(held.command).__name__))
+        assert held.forward(self)
+
+    def step(self, command):
+        self.asked.append((None, type(command).__name__))
+
+    def ended(self):
+        pass
+
+    def withdrawn(self, held):
+        pass
+
+
 @pytest.fixture(scope="module")
 def controller():
     child = Child("pep.sim", "--host", HOST, "--joints=" + ",".join(map(str, START)))
@@ -98,5 +121,39 @@ def test_an_unmodified_program_runs_in_its_lease(controller, tmp_path):
             ports.close()
             await until(lambda: over and house.over)
             assert house.over == [("robotic", Ending.CLOSED)]
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.clause("RTDE-11", "RTDE-12", "RTDE-14")
+def test_it_runs_when_each_of_its_commands_is_judged_and_its_lease_ends_with_its_control_connection(
+    controller, tmp_path
+):
+    async def scenario():
+        rig, judge, house = Rig(tmp_path, SystemClock()), Permits(), None
+        ports = LeasedPorts(
+            HOST,
+            judge,
+            scripts=allow_list(installed_body),
+            stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2,
+            clock=rig.clock,
+            closed=lambda lease: house.port.end(Ending.CLOSED),
+        )
+        await ports.begin()
+        async with asyncio.timeout(90), House(rig, ports, ended=ports.over) as house:
+            lease_id, opened = await house.lease(rig.agent())
+            over, host = [], f"{HOST.rsplit('.', 1)[0]}.12"
+            program_ports = ProgramPorts(opened, lease_id, clock=rig.clock, user=OWN, ended=over.append)
+            await program_ports.begin(gateway=house.address, host=host, ports=PORTS)
+            program = await asyncio.create_subprocess_exec(
+                sys.executable, "-c", textwrap.dedent(PROGRAM), host, stdout=asyncio.subprocess.PIPE
+            )
+            out, _ = await program.communicate()
+            assert out.decode().splitlines()[-1].endswith(" True")
+            await until(lambda: over and house.over)
+            assert (house.over, over) == ([("robotic", Ending.CLOSED)], [Ending.CLOSED])
+            assert judge.asked[:3] == [("robotic", "MoveJ"), ("robotic", "SetDigitalOutputs"), ("robotic", "ServoJ")]
+            assert judge.asked[3:] == [(None, "ServoJ")] * 99
+        ports.close()
 
     asyncio.run(scenario())

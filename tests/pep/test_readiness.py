@@ -49,7 +49,12 @@ class Held:
             self.raw, self.program, robot, parameters, holding, audience=AUDIENCE, clock=ManualClock()
         )
         self.readiness = composition.readiness(
-            Telemetry(cell.host), RemoteControl(cell.host), self.program, self.control, robot=robot, holding=holding
+            Telemetry(cell.host),
+            RemoteControl(cell.host),
+            self.program,
+            self.control.isConnected,
+            robot=robot,
+            holding=holding,
         )
 
     def becomes(self, **changes):

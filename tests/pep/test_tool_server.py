@@ -35,7 +35,7 @@ from pep.pit.calibration import own_kinematics
 from pep.rtde.state import JointState, Package
 from tests.pep.kit import AUDIENCE, issuer_keys, survey
 from tests.pit.test_calibration import ARMS, spelled
-from ztpm import tool_config, tool_server
+from ztpm import enforcement, tool_config, tool_server
 from ztpm.cli import app as cli
 from ztpm.tool_config import CellConfig, read_cell, read_config, read_key, read_policies, read_robot, read_trust
 
@@ -183,7 +183,7 @@ def test_the_process_says_what_is_wrong_and_ends(tmp_path):
 
 
 def test_loopback():
-    assert [tool_config._loopback(h) for h in ("127.3.2.1", "::1", "localhost", "10.0.0.1", "0.0.0.0", "x")] == [
+    assert [tool_config.is_loopback(h) for h in ("127.3.2.1", "::1", "localhost", "10.0.0.1", "0.0.0.0", "x")] == [
         True, True, True, False, False, False,
     ]  # fmt: skip
 
@@ -225,7 +225,7 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
     stamps = itertools.count(1.0)
     monkeypatch.setattr(tool_server, "connect", Arm)
     monkeypatch.setattr(tool_server, "connect_outputs", Arm)
-    monkeypatch.setattr(tool_server, "ReceivedState", Arm)
+    monkeypatch.setattr(enforcement, "ReceivedState", Arm)
 
     async def scenario():
         async with httpx2.AsyncClient() as http:

@@ -28,7 +28,8 @@ from pep.pit import (
 )
 from pep.pit.assessment import Assessment
 from pep.pit.certify import VIOLATION_RESOLUTION_M
-from pep.pit.pairs import Kind, pairs_of
+from pep.pit.obstacles import Kind
+from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID, Path
 from pep.pit.view import view_of
 from policies.evidence import ImpactFault
@@ -438,9 +439,9 @@ def break_search(monkeypatch):
 def break_compiled_kinematics(monkeypatch):
     from pep.pit.kernel import engine
 
-    true = engine._arm_of
-    monkeypatch.setattr(engine, "_blocks_of", engine._blocks_of.__wrapped__)
-    monkeypatch.setattr(engine, "_arm_of", lambda robot: true(robot)._replace(offsets=true(robot).offsets + 0.001))
+    true = engine.arm_of
+    monkeypatch.setattr(engine, "blocks", engine.blocks.__wrapped__)
+    monkeypatch.setattr(engine, "arm_of", lambda robot: true(robot)._replace(offsets=true(robot).offsets + 0.001))
 
 
 def break_compiled_boxes(monkeypatch):
@@ -459,14 +460,14 @@ def break_compiled_boxes(monkeypatch):
 def break_compiled_speed(monkeypatch):
     from pep.pit.kernel import columns, engine
 
-    true = engine._timing
+    true = engine.timing_of
 
     def slower(profile):
-        timing = true(profile)
+        timing = list(true(profile))
         timing[columns.PEAK] *= 0.5
         return timing
 
-    monkeypatch.setattr(engine, "_timing", slower)
+    monkeypatch.setattr(engine, "timing_of", slower)
 
 
 def break_compiled_search(monkeypatch):
@@ -476,8 +477,8 @@ def break_compiled_search(monkeypatch):
     true = engine.certify
     kept = ROBOT.world_bodies * len(empty().objects)
 
-    def forgetful(*asked):  # the pairs that it is asked about stand in the ninth place
-        return true(*asked[:8], asked[8][:kept], *asked[9:])
+    def forgetful(*asked):  # the pairs that it is asked about stand in the tenth place
+        return true(*asked[:9], asked[9][:kept], *asked[10:])
 
     monkeypatch.setattr(engine, "certify", forgetful)
 

@@ -18,6 +18,7 @@ from pep.pit import (
     Workspace,
     adult_at_distance,
     observed,
+    scene_observed,
 )
 from policies.reasons import Reason
 
@@ -110,7 +111,7 @@ def test_an_observation_becomes_a_scene():
         [ObservedObject("box", "rigid", BoxUm((500_000, 0, 0), (100_000, 1000, 1), (1_000_000, 0, 0, 0)))],
         complete=False,
     )
-    scene = Scene.from_observation(seen, cell)
+    scene = scene_observed((seen,), cell, complete=seen.complete)
     assert scene.people[0].regions[0] == (Region.HEAD, Sphere((1.0, 0.0, 0.8), 0.13))
     assert isinstance(scene.people[0].regions[1][1], Capsule)
     assert scene.people[0].limbs_tracked is False
@@ -125,7 +126,7 @@ def test_an_observation_becomes_a_scene():
 def test_a_thing_that_a_sensor_calls_by_a_surveyed_name_is_another_thing():
     cell = CellParameters.from_toml(GOOD)
     seen = observation((), [ObservedObject(n, "fragile", SphereUm((0, 0, 0), 9)) for n in ("table", "press", "cup")])
-    assert [o.id for o in Scene.from_observation(seen, cell).objects] == [
+    assert [o.id for o in scene_observed((seen,), cell, complete=seen.complete).objects] == [
         "table",
         "vase",
         "seen/table",
@@ -136,7 +137,7 @@ def test_a_thing_that_a_sensor_calls_by_a_surveyed_name_is_another_thing():
 
 def test_a_person_is_the_same_after_the_wire():
     person = adult_at_distance(0.5, bearing_rad=0.4)
-    back = Scene.from_observation(observation([observed(person)]), CellParameters()).people[0]
+    back = scene_observed((observation([observed(person)]),), CellParameters(), complete=True).people[0]
     for (region, shape), (region_back, shape_back) in zip(person.regions, back.regions, strict=True):
         assert region is region_back
         assert shape_back.radius_m == pytest.approx(shape.radius_m, abs=1e-6)
@@ -155,5 +156,5 @@ def test_a_person_is_the_same_after_the_wire():
 )
 def test_an_observation_outside_the_declared_sets_is_refused(seen):
     with pytest.raises(SceneError) as caught:
-        Scene.from_observation(seen, CellParameters())
+        scene_observed((seen,), CellParameters(), complete=seen.complete)
     assert caught.value.reason == "PERCEPTION_INVALID"

@@ -43,7 +43,8 @@ from pep.pit.clearance import core_distance
 from pep.pit.contact import harm_speed_m_s
 from pep.pit.kinematics import bending
 from pep.pit.motion import profile_of
-from pep.pit.pairs import Kind, pairs_of
+from pep.pit.obstacles import Kind
+from pep.pit.pairs import pairs_of
 from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path as JointPath
 from pep.pit.proof import document, question_digest

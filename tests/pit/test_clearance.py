@@ -142,7 +142,7 @@ def test_one_pass_over_all_pairs_is_right_where_the_manager_is_not():
 def test_the_second_engine_measures_things_where_they_are_now():
     """Bodies of coal stay from scene to scene, and only what moved is put elsewhere."""
     rng = np.random.default_rng(15)
-    from pep.pit import oracle
+    from pep.pit import oracle, stage
 
     for _ in range(10):
         scene, q = random_scene(rng), rng.uniform(-1, 1, 6)
@@ -157,7 +157,7 @@ def test_the_second_engine_measures_things_where_they_are_now():
             assert [result.min_distance for result in world.stage.distances] == told
         assert np.abs(seen[0] - seen[2]).max() <= 2e-6
         assert np.abs(seen[0] - seen[1]).max() > 1e-3
-        oracle._STAGES.of.cache_clear()
+        stage.STAGES.of.cache_clear()
         world = oracle.World(ROBOT, moved, pairs_of(ROBOT, moved, CELL, grown_m=0.0))
         assert np.abs(world.ask(q, np.ones(6))[0] - seen[1]).max() <= 2e-6
 

@@ -49,7 +49,7 @@ from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID, Path
 from pep.pit.postures import Part, nearest
 from pep.pit.proof import document
-from pep.pit.scene import shape_of
+from pep.pit.shape import shape_of
 from pep.pit.solids import cores_of
 from tests.pit.lines import pose_of
 from tests.pit.scenes import (
@@ -208,7 +208,7 @@ def test_the_ball_that_the_second_engine_settles_by_holds_every_corner():
     rng = np.random.default_rng(2214)
     for _ in range(50):
         shape = random_convex(rng, rng.uniform(-1, 1, 3))
-        center, radius = core_of(shape).ball
+        *center, radius, _ = core_of(shape).numbers
         far = np.linalg.norm(np.array(shape.vertices_m) - center, axis=1).max()
         assert far <= radius <= 1.2 * far
 

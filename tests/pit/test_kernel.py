@@ -7,10 +7,13 @@ from pep.pit import CellParameters, MoveJ, Robot
 from pep.pit.adult import standing_adult
 from pep.pit.certify import RESOLUTION
 from pep.pit.engine import NUMPY, chosen
+from pep.pit.kernel import arm as arm_module
+from pep.pit.kernel import culling
 from pep.pit.kernel.arm import no_nodes, pose, put
-from pep.pit.kernel.engine import _arm_of
+from pep.pit.kernel.engine import arm_of
 from pep.pit.motion import profile_of
-from pep.pit.pairs import Kind, pairs_of
+from pep.pit.obstacles import Kind
+from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID
 from pep.pit.scene import Box, Capsule, Scene, Sphere, Thing, Workspace, Zone
 from pep.pit.separation import stopping
@@ -121,9 +124,18 @@ def test_p12_rows_are_the_same_to_rounding():
         )
 
 
+@pytest.fixture
+def plain(monkeypatch):
+    """What `put` and the broad phase call is Python as well."""
+    squares = arm_module.squares.py_func
+    for module in (arm_module, culling):
+        monkeypatch.setattr(module, "squares", squares)
+
+
+@pytest.mark.usefixtures("plain")
 def test_first_and_second_derivatives_of_the_ends_are_those_of_where_they_are():
     """`pose` and `put`, as Python, beside central differences: world bodies and those seen from the arm itself."""
-    rng, arm, step = np.random.default_rng(38), _arm_of(ROBOT), 1e-4
+    rng, arm, step = np.random.default_rng(38), arm_of(ROBOT), 1e-4
     bodies = range(len(ROBOT.bodies))
     for _ in range(5):
         nodes = no_nodes.py_func(3, len(ROBOT.bodies))
@@ -137,6 +149,22 @@ def test_first_and_second_derivatives_of_the_ends_are_those_of_where_they_are():
         second = np.linalg.norm((after - 2 * there + before) / step**2, axis=2).max(axis=1)
         assert np.allclose(nodes.speed[1], first, rtol=1e-5, atol=1e-5)
         assert np.allclose(nodes.swerve[1], second, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.usefixtures("plain")
+def test_the_broad_phase_knows_of_all_bodies_what_is_put_of_each():
+    rng, arm, bodies = np.random.default_rng(39), arm_of(ROBOT), np.arange(len(ROBOT.bodies))
+    first, count = 2, 3  # nodes before these are not looked at
+    nodes = no_nodes.py_func(first + culling.FIRST, len(bodies))
+    for at in range(first, first + culling.FIRST):
+        pose.py_func(nodes, at, arm, rng.uniform(-3, 3, 6), rng.uniform(-2, 2, 6))
+        for body in bodies:
+            put.py_func(*nodes, arm.link, arm.reference, arm.ends, at, body)
+    swept = culling.swept.py_func(nodes, first, culling.FIRST, arm, bodies).reshape(len(bodies), -1, culling.FIRST)
+    there = slice(first, first + culling.FIRST)
+    assert np.allclose(swept[:, :count].transpose(2, 0, 1), nodes.ends[there].mean(axis=2), rtol=0, atol=1e-12)
+    for column, numbers in enumerate((nodes.speed, nodes.swerve, nodes.spin), start=count):
+        assert np.allclose(swept[:, column].T, numbers[there], rtol=0, atol=1e-12), column
 
 
 def test_p12_answers_are_the_same_inside_the_resolution():
@@ -170,7 +198,7 @@ def test_every_obstacle_that_raises_the_index_has_a_witness_that_is_true():
         known = {each.pairs.group[w.pair]: w for w in ours.witnesses}
         for witness in theirs.witnesses:
             if witness.index > 1.3:
-                assert each.pairs.group[witness.pair] in known, each.pairs.names[witness.pair]
+                assert each.pairs.group[witness.pair] in known, each.pairs.name_of(witness.pair)
         for witness in ours.witnesses:
             clearance = each.numpy.clearance_at(each.pairs, witness.key, np.array([witness.pair]))
             speed = each.numpy.rush_at(each.pairs, witness.key, np.array([witness.pair]))

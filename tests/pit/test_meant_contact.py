@@ -20,7 +20,8 @@ from pep.pit import (
 )
 from pep.pit.motion import profile_of
 from pep.pit.oracle import World
-from pep.pit.pairs import Kind, pairs_of
+from pep.pit.obstacles import Kind
+from pep.pit.pairs import pairs_of
 from pep.pit.path import Path
 from pep.pit.touching import gentle_rows
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, at_time, empty, random_scene, tcp
@@ -184,7 +185,7 @@ def test_gentle_is_what_samples_say():
             rough |= ((clearance < 0.03) & (speed > 0.05)) | (clearance < -0.02)
         assert not rough[gentle].any()
         asked = np.flatnonzero(pairs.touchable)
-        assert {pairs.names[row] for row in asked} == {"table"}
+        assert {pairs.name_of(row) for row in asked} == {"table"}
         others = np.setdiff1d(asked, gentle)
         proven, refused, met = proven + len(gentle), refused + len(others), met + int(rough[others].sum())
     assert proven > 5

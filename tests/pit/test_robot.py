@@ -89,9 +89,9 @@ def test_limits_may_differ_either_way():
     )
     robot = Robot.from_toml(text, tool="robotiq_2f85")
     assert [each[2] for each in robot.position_ranges_rad] == [-2.0, 3.0]
-    assert robot.beyond_rad(np.array([0.0, 0.0, -2.5, 0.0, 0.0, 0.0])).tolist() == [0, 0, -0.5, 0, 0, 0]
-    assert robot.beyond_rad(np.array([0.0, 0.0, 3.5, 0.0, 0.0, 0.0])).tolist() == [0, 0, 0.5, 0, 0, 0]
-    assert not robot.beyond_rad(np.array([0.0, 0.0, 2.5, 0.0, 0.0, 0.0])).any()
+    assert robot.beyond_rad((0.0, 0.0, -2.5, 0.0, 0.0, 0.0)) == [0, 0, -0.5, 0, 0, 0]
+    assert robot.beyond_rad((0.0, 0.0, 3.5, 0.0, 0.0, 0.0)) == [0, 0, 0.5, 0, 0, 0]
+    assert not any(robot.beyond_rad((0.0, 0.0, 2.5, 0.0, 0.0, 0.0)))
     assert (robot.pinocchio.lowerPositionLimit[2], robot.pinocchio.upperPositionLimit[2]) == (-2.0, 3.0)
     assert robot.model_digest != ROBOT.model_digest
     assert (-ROBOT.position_ranges_rad[0]).tolist() == ROBOT.position_ranges_rad[1].tolist()

@@ -11,7 +11,7 @@ import numpy as np
 
 from capabilities.statements import observation as wire
 from pep.context.frames import Frame, Heard, Look
-from pep.pit import Assessment, GripperMove, Scene, Sphere, Thing, adult_at_distance, assess, gripped
+from pep.pit import Assessment, GripperMove, Scene, Sphere, Thing, adult_at_distance, assess, gripped, scene_observed
 from pep.pit.kinematics import link_frames
 from pep.pit.checker import Refused, Verified, verify
 from pep.pit.proof import document
@@ -179,7 +179,7 @@ def frame(sensor, *, people=(), objects=()):
 def test_several_sensors_each_keep_their_word():
     body = wire.ObservedPerson("p", (("head", wire.Sphere((1_500_000, 0, 1_000_000), 100_000)),), 120)
     thing = wire.ObservedObject("table", "rigid", wire.Sphere((0, 900_000, 0), 50_000))
-    scene = Scene.from_observations(
+    scene = scene_observed(
         (frame("left", people=(body,)), frame("right", people=(replace(body, age_ms=0),), objects=(thing,))),
         CELL, complete=True,
     )  # fmt: skip

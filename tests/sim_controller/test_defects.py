@@ -5,6 +5,7 @@ import math
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -68,7 +69,7 @@ def test_servoc_poisons_the_handshake(control, receive):
     begun = time.monotonic()
     control.stopL(10.0)
     assert time.monotonic() - begun > 3.0  # it waited for a script that was ready for nothing
-    assert receive.getActualTCPSpeed()[2] > 0.01 or math.dist(receive.getActualTCPPose()[:3], goal[:3]) < 1e-3
+    until(lambda: math.dist(receive.getActualTCPPose()[:3], goal[:3]) < 1e-3)  # as if nobody had said stop
     assert control.isProgramRunning()
 
 
@@ -111,20 +112,33 @@ def test_a_synchronous_stopl_stops_the_joints_until_an_asynchronous_stop_came(co
     """Defect 6: the type of the stop is shared, and only an asynchronous one sets it."""
 
     def slowed(stop):
-        assert control.moveJ([receive.getActualQ()[0] + 2.0, *HOME[1:]], 0.6, 8.0, True)
-        until(lambda: receive.getActualQd()[0] == pytest.approx(0.6))
-        stop()
-        until(lambda: receive.getActualQd()[0] < 0.6 - 1e-6, pause_s=0.0005)
-        return abs(receive.getTargetQdd()[0])
+        """Deceleration of the leading joint while it brakes, rad/s2, by the controller's own clock.
 
-    first = slowed(lambda: control.stopL(1.0, False))
-    until(lambda: receive.getActualQd() == [0.0] * 6)
+        Shoulder and wrist turn against each other, so that the tool does not: its own turning would rule its stop.
+        """
+        base, shoulder, elbow, wrist, *tool = receive.getActualQ()
+        assert control.moveJ([base, shoulder + 0.7, elbow, wrist - 0.7, *tool], 0.6, 8.0, True)
+        until(lambda: receive.getActualQd()[1] == pytest.approx(0.6))
+        seen, over = [], threading.Event()
+
+        def look():
+            while not over.is_set():
+                seen.append((receive.getTimestamp(), receive.getActualQd()[1]))
+                time.sleep(0.001)
+
+        looking = threading.Thread(target=look)
+        looking.start()
+        stop()
+        until(lambda: receive.getActualQd() == [0.0] * 6)
+        over.set()
+        looking.join()
+        braking = [(stamp, speed) for stamp, speed in seen if 0.1 < speed < 0.5]
+        return (braking[0][1] - braking[-1][1]) / (braking[-1][0] - braking[0][0])
+
+    assert slowed(lambda: control.stopL(1.0, False)) == pytest.approx(1.0, rel=0.05)  # rad/s2, of the leading joint
     slowed(lambda: control.stopL(1.0, True))
-    until(lambda: receive.getActualQd() == [0.0] * 6)
     until(lambda: control.getAsyncOperationProgress() < 0)
-    last = slowed(lambda: control.stopL(1.0, False))
-    assert first in (0.0, pytest.approx(1.0))  # rad/s2, of the leading joint
-    assert last == 0.0 or last > 1.5  # 1 m/s2 at the tool's distance from the axis
+    assert slowed(lambda: control.stopL(1.0, False)) > 1.5  # 1 m/s2 at the tool's distance from the axis
 
 
 def test_the_analog_channel_that_is_not_named_stays(cell, receive):

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 
 from pep.rtde import codec as c
 from pep.rtde import messages as m
-from pep.rtde.codec import Framer, Recipe
+from pep.rtde.codec import Recipe
 from pep.rtde.messages import Kind
 from pep.rtde.variables import INPUTS, OUTPUTS, VariableType
 from pep.sim.launch import Controller, LaunchError
 from tests.sim_controller.cell import HOME, until, upload
+from tests.sim_controller.plain import Plain
 
 pytestmark = pytest.mark.e2e
 
@@ -33,57 +34,14 @@ def cell():
     assert controller.process.returncode == 0
 
 
-class Raw:
-    """A plain RTDE client."""
-
-    def __init__(self, cell, protocol=2):
-        self.socket = socket.create_connection((cell.host, RTDE), timeout=5)
-        self.framer = Framer(c.MAX_FRAME)
-        self.protocol = 1
-        self.waiting = []
-        if protocol == 2:
-            assert self.ask(m.RequestProtocol(2)) == m.ProtocolAnswer(True)
-            self.protocol = 2
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.socket.close()
-
-    def send(self, request):
-        self.socket.sendall(c.encode_request(request, self.protocol))
-
-    def next(self):
-        while not self.waiting:
-            received = self.socket.recv(65536)
-            if not received:
-                return None
-            self.waiting += self.framer.feed(received)
-        return c.decode_answer(self.waiting.pop(0), self.protocol)
-
-    def ask(self, request):
-        self.send(request)
-        return self.next()
-
-    def ended(self):
-        """Reads to the end: True when the controller closed the connection."""
-        try:
-            while self.next() is not None:
-                pass
-        except ConnectionError:
-            pass
-        return True
-
-
 def alive(cell):
-    with Raw(cell) as client:
+    with Plain(cell.host) as client:
         return client.ask(m.AskControlVersion()) == m.ControlVersion(5, 11, 6, 1010327)
 
 
 def test_set_up_as_the_protocol_says(cell):
     names = ("timestamp", "actual_q", "no_such_output")
-    with Raw(cell) as client:
+    with Plain(cell.host) as client:
         assert client.ask(m.Start()) == m.StartAnswer(False)
         refused = client.ask(m.SetupOutputs(names, 500.0))
         assert refused.types == (VariableType.DOUBLE, VariableType.VECTOR6D, VariableType.NOT_FOUND)
@@ -104,7 +62,7 @@ def test_set_up_as_the_protocol_says(cell):
 
 
 def test_protocol_one(cell):
-    with Raw(cell, protocol=1) as client:
+    with Plain(cell.host, protocol=1) as client:
         answer = client.ask(m.SetupOutputs(("robot_mode", "timestamp"), None))
         assert answer == m.OutputsAnswer((VariableType.INT32, VariableType.DOUBLE), None)
         assert client.ask(m.Start()) == m.StartAnswer(True)
@@ -113,7 +71,7 @@ def test_protocol_one(cell):
 
 
 def test_the_trailing_comma_of_ur_rtde(cell):
-    with Raw(cell) as client:
+    with Plain(cell.host) as client:
         payload = struct.pack(">d", 500.0) + b"timestamp,robot_mode,"
         client.socket.sendall(c.Frame(Kind.SETUP_OUTPUTS, payload).encode())
         assert client.next() == m.OutputsAnswer((VariableType.DOUBLE, VariableType.INT32), 1)
@@ -121,7 +79,7 @@ def test_the_trailing_comma_of_ur_rtde(cell):
 
 def test_an_input_has_one_owner_until_it_leaves(cell):
     mine = m.SetupInputs(("input_int_register_30", "input_double_register_30"))
-    with Raw(cell) as first, Raw(cell) as second:
+    with Plain(cell.host) as first, Plain(cell.host) as second:
         assert first.ask(mine).recipe == 1
         assert first.ask(m.SetupInputs(("input_int_register_30",))).recipe == 2  # its own, again
         answer = second.ask(mine)
@@ -134,7 +92,7 @@ def test_an_input_has_one_owner_until_it_leaves(cell):
 def test_inputs_are_written_without_a_start_and_a_wrong_length_is_ignored(cell):
     names = ("input_int_register_40", "input_double_register_40")
     recipe = Recipe(names, [INPUTS[name] for name in names])
-    with Raw(cell) as writer, Raw(cell) as reader:
+    with Plain(cell.host) as writer, Plain(cell.host) as reader:
         number = writer.ask(m.SetupInputs(names)).recipe
         good = recipe.pack({names[0]: -7, names[1]: 2.5})
         writer.send(m.Values(number, good))
@@ -168,7 +126,7 @@ def test_inputs_are_written_without_a_start_and_a_wrong_length_is_ignored(cell):
     ],
 )
 def test_a_broken_protocol_ends_that_connection_alone(cell, sent):
-    with Raw(cell) as bystander, Raw(cell) as client:
+    with Plain(cell.host) as bystander, Plain(cell.host) as client:
         client.socket.sendall(sent)
         assert client.ended()
         assert bystander.ask(m.AskControlVersion()) is not None
@@ -200,7 +158,7 @@ def test_any_bytes_leave_the_controller_alive(cell, pieces):
 
 def test_a_flood_of_writes_is_slowed_and_the_clock_goes_on(cell):
     names = ("input_double_register_41",)
-    with Raw(cell) as writer, Raw(cell) as reader:
+    with Plain(cell.host) as writer, Plain(cell.host) as reader:
         number = writer.ask(m.SetupInputs(names)).recipe
         reader.ask(m.SetupOutputs(("timestamp",), 500.0))
         reader.ask(m.Start())
@@ -214,7 +172,7 @@ def test_a_flood_of_writes_is_slowed_and_the_clock_goes_on(cell):
 
 def test_a_reader_that_does_not_read_disturbs_nobody(cell):
     names = tuple(name for name, kind in OUTPUTS.items() if kind is VariableType.VECTOR6D)
-    with Raw(cell) as sleeper, Raw(cell) as reader:
+    with Plain(cell.host) as sleeper, Plain(cell.host) as reader:
         for client in (sleeper, reader):
             client.ask(m.SetupOutputs(names, 500.0))
             client.send(m.Start())
@@ -439,7 +397,7 @@ def test_hostile_programs_leave_the_clock_ticking(cell):
         "def a():\nx = " + "(" * 200 + "1" + ")" * 200 + "\nend\n",
         "def a():\n" + "while True:\n" * 30 + "sync()\n" + "end\n" * 31,
     ]
-    with socket.create_connection((cell.host, REALTIME), timeout=5) as script, Raw(cell) as reader:
+    with socket.create_connection((cell.host, REALTIME), timeout=5) as script, Plain(cell.host) as reader:
         reader.ask(m.SetupOutputs(("timestamp",), 500.0))
         reader.ask(m.Start())
         for program in hostile:

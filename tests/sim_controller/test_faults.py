@@ -7,14 +7,14 @@ import time
 
 import pytest
 
-from pep.rtde import codec as c
 from pep.rtde import messages as m
-from pep.rtde.codec import Framer, Recipe
+from pep.rtde.codec import Recipe
 from pep.rtde.variables import VariableType
 from pep.sim.faults import FaultError, Faults
 from pep.sim.launch import Controller
 from pep.sim.server import Settings, Simulator
 from tests.sim_controller.cell import HOME, until
+from tests.sim_controller.plain import Plain
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
@@ -26,40 +26,16 @@ POWER_OFF, RUNNING = 3, 7
 NAMES = ("timestamp", "actual_q", "robot_mode")
 
 
-class Stream:
-    """A plain client that says when each piece came."""
+class Stream(Plain):
+    """A started stream of outputs."""
 
     def __init__(self, cell, names=NAMES):
-        self.socket = socket.create_connection((cell.host, 30004), timeout=10)
-        self.framer, self.waiting, self.pieces = Framer(c.MAX_FRAME), [], []
-        self.ask(m.RequestProtocol(2))
+        super().__init__(cell.host)
         self.recipe = Recipe(names, self.ask(m.SetupOutputs(names, 500.0)).types)
         assert self.ask(m.Start()) == m.StartAnswer(True)
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.socket.close()
-
-    def next(self):
-        while not self.waiting:
-            received = self.socket.recv(65536)
-            assert received
-            self.pieces.append(len(received))
-            self.waiting += self.framer.feed(received)
-        return c.decode_answer(self.waiting.pop(0), 2)
-
-    def ask(self, request):
-        self.socket.sendall(c.encode_request(request, 2))
-        while isinstance(answer := self.next(), m.Values):
-            pass
-        return answer
-
     def values(self):
-        while not isinstance(package := self.next(), m.Values):
-            pass
-        return self.recipe.unpack(package.packed)
+        return super().values(self.recipe)
 
 
 @pytest.fixture(scope="module")

@@ -532,6 +532,8 @@ def another_control_script(b):
     registers = rtde_receive.RTDEReceiveInterface(b.cell.host, 125.0, ["output_int_register_12"])
     assert own.reuploadScript()
     until(lambda: registers.getOutputIntRegister(12) == 4711)
+    begun = b.receive.getTimestamp()
+    until(lambda: b.receive.getTimestamp() > begun + 0.2)  # what runs is the new one, and its client has heard of it
     until(own.isProgramRunning)
     assert own.moveJ(TURNED, 2.0, 4.0)
     own.disconnect()

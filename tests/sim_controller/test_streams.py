@@ -7,14 +7,14 @@ import time
 
 import pytest
 
-from pep.rtde import codec as c
 from pep.rtde import messages as m
 from pep.rtde import primary_frames as f
 from pep.rtde import realtime_frames as realtime
-from pep.rtde.codec import Framer, Recipe
+from pep.rtde.codec import Recipe
 from pep.rtde.variables import OUTPUTS, OUTPUTS_SINCE, VariableType
 from pep.sim.launch import Controller
 from tests.sim_controller.cell import HOME, until
+from tests.sim_controller.plain import Plain
 
 pytestmark = pytest.mark.e2e
 
@@ -121,6 +121,7 @@ def test_a_read_only_port_refuses_and_runs_nothing(cell):
                 other.next()
         observer.send("def yes():\n sync()\nend\n")
         assert observer.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STARTED", "yes")  # the first that started at all
+        assert observer.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STOPPED", "yes")
 
 
 @pytest.mark.parametrize("port", [PRIMARY, SECONDARY, REALTIME])
@@ -139,6 +140,7 @@ def test_the_secondary_port_tells_states_alone(cell):
         primary.send("def heard():\n sync()\nend\n")
         primary.told(f.Key)
         assert all(isinstance(client.next(), f.RobotState) for _ in range(5))
+        assert primary.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STOPPED", "heard")
 
 
 def test_text_commands(cell):
@@ -205,43 +207,9 @@ def test_several_clients_see_the_same_and_one_that_never_reads_disturbs_none(cel
 # ---------------------------------------------------------------------------------------------- RTDE, the vendor's client
 
 
-class Rtde:
-    """What the vendor's client does, in its order."""
-
-    def __init__(self, cell, protocol=2):
-        self.socket = socket.create_connection((cell.host, RTDE), timeout=15)
-        self.framer, self.waiting, self.protocol = Framer(c.MAX_FRAME), [], 1
-        if protocol == 2:
-            assert self.ask(m.RequestProtocol(2)) == m.ProtocolAnswer(True)
-            self.protocol = 2
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.socket.close()
-
-    def send(self, request):
-        self.socket.sendall(c.encode_request(request, self.protocol))
-
-    def next(self):
-        while not self.waiting:
-            received = self.socket.recv(65536)
-            if not received:
-                return None
-            self.waiting += self.framer.feed(received)
-        return c.decode_answer(self.waiting.pop(0), self.protocol)
-
-    def ask(self, request):
-        self.send(request)
-        while isinstance(answer := self.next(), m.Values):
-            pass
-        return answer
-
-
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_pause_and_start_again(cell, protocol):
-    with Rtde(cell, protocol) as client:
+    with Plain(cell.host, protocol) as client:
         frequency = 500.0 if protocol == 2 else None
         assert client.ask(m.Start()) == m.StartAnswer(False)  # no outputs yet
         types = client.ask(m.SetupOutputs(("timestamp",), frequency)).types
@@ -258,14 +226,14 @@ def test_pause_and_start_again(cell, protocol):
 
 
 def test_a_protocol_that_does_not_exist_is_refused_and_the_old_one_stays(cell):
-    with Rtde(cell, 1) as client:
+    with Plain(cell.host, 1) as client:
         assert client.ask(m.RequestProtocol(3)) == m.ProtocolAnswer(False)
         assert client.ask(m.RequestProtocol(0)) == m.ProtocolAnswer(False)
         assert client.ask(m.SetupOutputs(("timestamp",), None)).recipe is None
 
 
 def test_a_text_from_a_client_is_taken_and_a_broken_frame_is_told_in_one(cell):
-    with Rtde(cell) as client:
+    with Plain(cell.host) as client:
         client.send(m.Message("hello", "a test", 3))
         assert client.ask(m.AskControlVersion()).major == 5
         client.socket.sendall(b"\0\3U")
@@ -279,7 +247,7 @@ def test_a_client_that_does_not_read_is_dropped_after_ten_seconds_and_its_inputs
     """Long before what waits for it grows too large: the patience alone ends it."""
     names = tuple(name for name, kind in OUTPUTS.items() if kind is VariableType.VECTOR6D)
     mine = m.SetupInputs(("input_int_register_47",))
-    with Rtde(cell) as sleeper, Rtde(cell) as other:
+    with Plain(cell.host) as sleeper, Plain(cell.host) as other:
         sleeper.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         assert sleeper.ask(mine).recipe == 1
         assert sleeper.ask(m.SetupOutputs(names, 500.0)).recipe == 1
@@ -292,7 +260,7 @@ def test_a_client_that_does_not_read_is_dropped_after_ten_seconds_and_its_inputs
 
 @pytest.mark.parametrize("version", ["5.11", "5.22"])
 def test_every_output_of_the_version_and_no_younger_one(version):
-    with Controller.start(joints=HOME, version=version) as cell, Rtde(cell) as client:
+    with Controller.start(joints=HOME, version=version) as cell, Plain(cell.host) as client:
         told = client.ask(m.AskControlVersion())
         assert f"{told.major}.{told.minor}" == version
         known = [name for name in OUTPUTS if not re.search(r"_register", name)]

@@ -110,7 +110,7 @@ def test_stopj_brakes_as_hard_as_it_says(control, receive, deceleration, asynchr
         samples = pool.submit(record, receive)
         control.stopJ(deceleration, asynchronous)
         slowing = [s for s in samples.result() if s[2] < 1.0 - 1e-6]
-    (t0, q0, v0), (t1, q1, v1) = slowing[0], slowing[-2]
+    (t0, q0, v0), (t1, _, v1) = slowing[0], slowing[-2]
     assert v0 > v1 > 0.0
     assert (v0 - v1) / (t1 - t0) == pytest.approx(deceleration, rel=1e-4)
     assert slowing[-1][1] - q0 == pytest.approx(v0**2 / (2 * deceleration), abs=1e-6)

@@ -6,7 +6,7 @@ import pytest
 
 from capabilities import keys
 from capabilities.scope import Tier
-from capabilities.statements.registry import RegistrySnapshot, SensorEntry, ToolEntry
+from capabilities.statements.registry import PartyEntry, RegistrySnapshot, SensorEntry, ToolEntry
 from pep.mcp.arm import tool_definitions
 from ztpm import enrolment
 from ztpm.cell import Cell
@@ -22,18 +22,25 @@ class Registry:
     """A person's client whose registrations are what the snapshot then says."""
 
     def __init__(self, cell):
-        self.cell, self.sensors, self.tools, self.peps, self.fails_at = cell, {}, {}, [], None
+        self.cell, self.sensors, self.tools, self.peps, self.fails_at = cell, {}, {}, {}, None
 
     def snapshot(self):
         a = self.cell.addresses
         return RegistrySnapshot(
-            a.issuer, 1, a.audience, 0, tuple(self.tools.values()), tuple(self.sensors.values()), (), ()
+            a.issuer,
+            1,
+            a.audience,
+            0,
+            tuple(self.tools.values()),
+            tuple(self.sensors.values()),
+            (),
+            (),
+            tuple(self.peps.values()),
         )
 
     def register_pep(self, name, key, audiences):
-        if name in self.peps:
-            raise ClientError("ALREADY_REGISTERED", 409)
-        self.peps.append(name)
+        assert name not in self.peps
+        self.peps[name] = PartyEntry(name, key)
 
     def register_sensor(self, name, key, *, calibration, transit_ms, audience):
         assert name not in self.sensors
@@ -65,7 +72,8 @@ NAMES = sorted(tool.name for tool in tool_definitions())
 
 def test_the_first_time_registers_everything_and_no_other_time_anything(cell, registry):
     assert enrol(cell, registry, None) == ()
-    assert (registry.peps, list(registry.sensors), sorted(registry.tools)) == (["cell-1"], [SENSOR_ID], NAMES)
+    assert (list(registry.peps), list(registry.sensors)) == (["cell-1", "gateway-1"], [SENSOR_ID])
+    assert sorted(registry.tools) == NAMES
     sensor = registry.sensors[SENSOR_ID]
     assert sensor.key == keys.public_raw(read_key(cell.layout.sensor_key, PASSPHRASE))
     before = (dict(registry.sensors), dict(registry.tools))
@@ -78,6 +86,8 @@ def test_what_differs_later_is_told_and_left_as_it_is(cell, registry):
     changed, missing = NAMES[:2]
     registry.tools[changed] = replace(registry.tools[changed], definition_digest="00" * 32)
     del registry.tools[missing]
+    del registry.peps["gateway-1"]
+    registry.peps["cell-1"] = replace(registry.peps["cell-1"], key=bytes(32))
     registry.tools["old"] = replace(registry.tools[changed], name="old")
     registry.sensors[SENSOR_ID] = replace(registry.sensors[SENSOR_ID], transit_ms=SENSOR_TRANSIT_MS + 1)
     before = (dict(registry.sensors), dict(registry.tools))
@@ -86,6 +96,8 @@ def test_what_differs_later_is_told_and_left_as_it_is(cell, registry):
         Differing(Kind.TOOL, missing, Difference.MISSING),
         Differing(Kind.TOOL, "old", Difference.GONE),
         Differing(Kind.SENSOR, SENSOR_ID, Difference.CHANGED),
+        Differing(Kind.PEP, "cell-1", Difference.CHANGED),
+        Differing(Kind.PEP, "gateway-1", Difference.MISSING),
     }
     assert (registry.sensors, registry.tools) == before
 

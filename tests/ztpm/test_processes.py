@@ -123,3 +123,12 @@ def test_a_child_that_stands_still_is_asked_once(module):
         assert list(child.output).count("a word") <= 3
     finally:
         child.stop()
+
+
+def test_a_child_that_falls_silent_before_it_ends_is_not_waited_for(module):
+    """The ends of its pipes come before its exit status does, on a loaded machine by much."""
+    text = "import os, time\nos.close(1)\nos.close(2)\ntime.sleep(0.5)\nos._exit(3)\n"
+    began = time.monotonic()
+    with pytest.raises(ChildError):
+        Child.start("a child", module(text), environment={})
+    assert time.monotonic() - began < 20

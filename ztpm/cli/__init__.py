@@ -17,6 +17,7 @@ from ztpm.cli import (
     doctor,
     evaluation,
     keys,
+    leased,
     lending,
     mcp,
     pit,
@@ -54,6 +55,8 @@ app.add_typer(cell.app, name="cell")
 app.add_typer(evaluation.app, name="eval")
 app.add_typer(mcp.app, name="mcp")
 app.add_typer(serve.idp, name="idp")
+serve.rtde.command("run")(leased.run)
+serve.rtde.command("connect")(leased.connect)
 app.add_typer(serve.rtde, name="rtde")
 
 

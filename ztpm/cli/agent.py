@@ -27,6 +27,7 @@ from ztpm.cli.person import (
 )
 
 if TYPE_CHECKING:
+    from capabilities.keys import PrivateKey
     from ztpm_idp.client import Agent
 
 app = typer.Typer(no_args_is_help=True, help="Agents: who they are, what they run, whether they may act.")
@@ -164,14 +165,18 @@ def agent_of(agent: str, software: Path, *, data: Path | None, as_json: bool) ->
     """The agent with the key in the cell's directory and the measurement of what it runs, or the command ends."""
     from ztpm_idp.client import Agent
 
+    key = key_of(agent, data=data, as_json=as_json)
+    issuer = issuer_of(layout_of(data, as_json=as_json), as_json=as_json)
+    return Agent(agent, key, issuer, _measured(software, as_json=as_json))
+
+
+def key_of(agent: str, *, data: Path | None, as_json: bool) -> PrivateKey:
+    """The agent's key, from the cell's directory, or the command ends."""
     known_name(agent, as_json=as_json)
-    layout = layout_of(data, as_json=as_json)
-    path = layout.agent_key(agent)
+    path = layout_of(data, as_json=as_json).agent_key(agent)
     if not path.exists():
         fail("AGENT_UNKNOWN", f"{path} is missing", as_json=as_json, status=USAGE)
-    return Agent(
-        agent, open_key(path, as_json=as_json), issuer_of(layout, as_json=as_json), _measured(software, as_json=as_json)
-    )
+    return open_key(path, as_json=as_json)
 
 
 def _measured(software: Path, *, as_json: bool) -> bytes:

@@ -129,6 +129,32 @@ def bench_pit(
     _tell(result, tables, ratios_line, remarks=remarks, as_json=as_json)
 
 
+@bench.command("rtde")
+def bench_rtde(
+    *,
+    seconds: Annotated[float, typer.Option(min=1, help="How long each stream lasts.")] = 60.0,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+) -> None:
+    """A 500 Hz stream of an unmodified ur_rtde program: through the gateway, and directly to the controller."""
+    from evaluation.bench.rtde.report import summary, tables
+    from evaluation.bench.rtde.run import StreamBrokenError, run
+
+    try:
+        if as_json:
+            result = run(seconds, told=_nothing)
+        else:
+            with console.status("") as status:
+                result = run(seconds, told=status.update)
+    except StreamBrokenError as error:
+        fail("NOT_MEASURED", str(error), as_json=as_json)
+    if as_json:
+        say_json(result.as_json())
+        return
+    for table in tables(result):
+        console.print(table)
+    console.print(summary(result))
+
+
 def _measured(
     run: Callable[..., Any],
     draw: Callable[[Any, Path], None],

@@ -28,6 +28,7 @@ T = TypeVar("T")
 
 Purpose = Annotated[str, typer.Option(help="What for; in the token and the ledger.")]
 Out = Annotated[Path, typer.Option("--out", help="New file for the token.")]
+TokenFile = Annotated[Path, typer.Option("--token", help="File of the holder's token.", exists=True, dir_okay=False)]
 
 
 def issue(
@@ -64,7 +65,7 @@ def delegate(
     lender: Annotated[str, typer.Argument(metavar="FROM", help="The holder of --token.")],
     receiver: Annotated[str, typer.Argument(metavar="TO", help="Who receives it.")],
     *,
-    token: Annotated[Path, typer.Option(help="File of the holder's token.", exists=True, dir_okay=False)],
+    token: TokenFile,
     restriction: Annotated[
         Path, typer.Option(help="JSON of what is taken away; it must take something.", exists=True, dir_okay=False)
     ],
@@ -79,16 +80,21 @@ def delegate(
 
     _check_new(out, as_json=as_json)
     less = _read(restriction, restriction_from_json, as_json=as_json)
-    try:
-        text = token.read_text("ascii").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        fail("UNREADABLE", f"{token}: {type(error).__name__}", as_json=as_json, status=USAGE)
+    text = read_token(token, as_json=as_json)
     # The lender signs with its key; only the receiver's measurement is attested.
     holder = agent_of(lender, software, data=data, as_json=as_json)
     other = agent_of(receiver, software, data=data, as_json=as_json)
     with refusals(as_json=as_json), holder, other:
         issued = holder.delegate(text, other, less, purpose=purpose)
     _keep(issued, out, as_json=as_json)
+
+
+def read_token(file: Path, *, as_json: bool) -> str:
+    """The text of a token in a file, or the command ends."""
+    try:
+        return file.read_text("ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        fail("UNREADABLE", f"{file}: {type(error).__name__}", as_json=as_json, status=USAGE)
 
 
 def _arm(data: Path | None, delegates: frozenset[str], lifetime_s: int, *, as_json: bool) -> Scope:

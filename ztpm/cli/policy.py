@@ -113,13 +113,15 @@ def operations() -> tuple[Known, ...]:
     from pep.context.admission import OBJECT, OPERATION_OF
     from pep.mcp.mapping import ARM_TOOLS
     from pep.operations import Kind
+    from pep.rtde.leased_requests import BASE_TIERS
     from policies import Point
     from policies.advice import Known
     from policies.said import ItemKind
 
-    acting = frozenset({Point.TOOL, Point.ACTUATION})
+    acting, sending = frozenset({Point.TOOL, Point.ACTUATION}), frozenset({Point.ACTUATION})
     where = {ItemKind.INSTRUCTION: Point.OPERATOR, ItemKind.MESSAGE: Point.AGENT}
     return (
+        *(Known(each.object, each.name, sending, moves=True) for each in BASE_TIERS if each.name not in ARM_TOOLS),
         *(
             Known(b.operation.object, b.operation.name, acting, b.operation.kind in (Kind.MOTION, Kind.SWITCH))
             for b in ARM_TOOLS.values()

@@ -1,4 +1,4 @@
-"""`ztpm idp serve` and `ztpm rtde sim`: one process of a cell in the foreground."""
+"""`ztpm idp serve`, `ztpm rtde gateway` and `ztpm rtde sim`: one process of a cell in the foreground."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from ztpm.cli.person import Json
+from ztpm.cli.person import Data, Json, layout_of
 
 idp = typer.Typer(no_args_is_help=True, help="The identity provider.")
 rtde = typer.Typer(no_args_is_help=True, help="The robot's interface.")
@@ -35,6 +35,26 @@ def _become(module: str, *arguments: str) -> NoReturn:
 def serve(config: Annotated[Path, typer.Option("--config", exists=True, dir_okay=False)]) -> None:
     """Serve; the passphrase of its keys comes from ZTPM_PASSPHRASE."""
     _become("ztpm_idp", "--config", str(config))
+
+
+@rtde.command("gateway")
+def gateway(
+    *,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Its configuration (default: of the cell in --data).", exists=True, dir_okay=False),
+    ] = None,
+    robot: Annotated[str, typer.Option(help="Address of the controller, in place of robot_host.")] = "",
+    listen: Annotated[str, typer.Option(help="Address to listen on as the controller.")] = "",
+    data: Data = None,
+) -> None:
+    """Stand before a robot's controller: state and stop for everybody, motion for whoever holds its lease.
+
+    The passphrase of its key comes from ZTPM_PASSPHRASE.
+    """
+    file = config or layout_of(data, as_json=False).gateway_config
+    options = [f"--{name}={value}" for name, value in (("robot", robot), ("listen", listen)) if value]
+    _become("ztpm.gateway_server", "--config", str(file), *options)
 
 
 @rtde.command("sim")

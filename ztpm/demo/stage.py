@@ -25,6 +25,7 @@ from ztpm_idp.client import Agent, Operator
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from ztpm.cell import Cell
 
@@ -88,7 +89,7 @@ class Stage:
     tokens: dict[str, str] = field(default_factory=dict)
     eyes: RTDEReceiveInterface | None = None
     open_ask: object = None
-    journal_at: int = 0
+    journal_at: dict[Path, int] = field(default_factory=dict)
     ledger_at: int = 0
     side: tuple[float, ...] = LEFT
 
@@ -116,10 +117,19 @@ class Stage:
         return TrustBundle.from_json(self.cell.layout.trust.read_bytes())
 
     def journal(self, *, since: int | None = None) -> list[dict[str, Any]]:
-        """The PEP's records since the step began, or since byte `since`, read from disk."""
-        with self.cell.layout.journal.open("rb") as file:
-            file.seek(self.journal_at if since is None else since)
-            return [json.loads(line) for line in file if line.endswith(b"\n")]
+        """The records of both PEPs since the step began, or since byte `since` of each, read from disk."""
+        rows = []
+        for journal in self.journals:
+            with journal.open("rb") as file:
+                file.seek(self.journal_at.get(journal, 0) if since is None else since)
+                rows += [json.loads(line) for line in file if line.endswith(b"\n")]
+        return rows
+
+    @property
+    def journals(self) -> list[Path]:
+        """The journals that there are."""
+        layout = self.cell.layout
+        return [journal for journal in (layout.journal, layout.gateway_journal) if journal.exists()]
 
     def approvers_known(self) -> list[str]:
         """Who had approved what the step's last call asked for, by the evidence of its decision on record."""
@@ -137,7 +147,7 @@ class Stage:
 
     def begin(self) -> None:
         """A step begins: what is in the journal now belongs to earlier ones."""
-        self.journal_at = self.cell.layout.journal.stat().st_size
+        self.journal_at = {journal: journal.stat().st_size for journal in self.journals}
 
     def new_ledger_kinds(self) -> set[str]:
         """Kinds of the entries that the identity provider's ledger has gained since this was last asked."""

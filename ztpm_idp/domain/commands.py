@@ -13,7 +13,7 @@ from capabilities.caps import DEFAULT
 from ztpm_idp.domain.asks import stated
 from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
-from ztpm_idp.domain.state import AgentsOf, Approvers, SensorsOf, ToolsBeside, TrustBeside, Wanted
+from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, ToolsBeside, TrustBeside, Wanted
 
 if TYPE_CHECKING:
     from capabilities.scope import Restriction, Scope
@@ -245,8 +245,8 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset(p.id for p in people), keys=frozenset(p.key for p in people))
         case RegisterPerson(by=by, id=id_, key=key):
             return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=Approvers())
-        case RegisterPep(by=by, id=id_, key=key):
-            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}))
+        case RegisterPep(by=by, id=id_, key=key, audiences=audiences):
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=PepsOf(audiences))
         case RegisterSensor(by=by, id=id_, key=key, audience=audience):
             return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=SensorsOf(audience))
         case RegisterAgent(by=by, id=id_, key=key, sponsor=sponsor):

@@ -37,6 +37,8 @@ RECORD_KINDS: Final = frozenset(
         "incident",
         "lease",
         "lease-ended",
+        "stream",
+        "stream-values",
     }
 )
 RECORD_FIELDS: Final = frozenset({"v", "pep", "seq", "prev", "at_ms", "kind", "body"})

@@ -105,6 +105,8 @@ def register_pep(rules: Rules, state: State, command: RegisterPep) -> Outcome:
     """By an administrator."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers enforcement points")
+    if not state.crowd < snapshot.PEPS:
+        return _full(f"{snapshot.PEPS} enforcement points of one audience")
     return _new_party(
         rules, state, Pep(command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.audiences)
     )

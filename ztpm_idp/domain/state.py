@@ -92,11 +92,18 @@ class SensorsOf:
 
 
 @dataclass(frozen=True, slots=True)
+class PepsOf:
+    """Living enforcement points: as many as serve the one of these audiences that most of them serve."""
+
+    audiences: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
 class Approvers:
     """Active people who may approve."""
 
 
-Crowd = AgentsOf | TrustBeside | ToolsBeside | SensorsOf | Approvers
+Crowd = AgentsOf | TrustBeside | ToolsBeside | SensorsOf | PepsOf | Approvers
 """Of whom there may be a bounded number."""
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, assert_never
 
 import sqlalchemy as sa
 
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import PersonRole, Standing
-from ztpm_idp.domain.state import AgentsOf, Approvers, SensorsOf, ToolsBeside, TrustBeside
+from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, ToolsBeside, TrustBeside
 from ztpm_idp.store import schema as t
 
 if TYPE_CHECKING:
@@ -34,6 +35,12 @@ async def count(connection: AsyncConnection, crowd: Crowd | None) -> tuple[int, 
             found = sa.select(t.tools.c.name).where(t.tools.c.audience == audience, t.tools.c.name != name)
         case SensorsOf(audience):
             found = _living(t.sensors).where(living, t.sensors.c.audience == audience)
+        case PepsOf(audiences):
+            # Audiences are a list in one column, too.
+            rows = await connection.execute(_living(t.peps).add_columns(t.peps.c.audiences).where(living))
+            served = Counter(audience for row in rows for audience in audiences.intersection(row.audiences))
+            most = max(served.values(), default=0)
+            return most, most
         case Approvers():
             # Roles are a list in one column; people are few.
             rows = await connection.execute(_living(t.people).add_columns(t.people.c.roles).where(living))

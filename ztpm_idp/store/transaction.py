@@ -31,7 +31,7 @@ from ztpm_idp.domain.events import (
     VoteCast,
 )
 from ztpm_idp.domain.ledger import seal
-from ztpm_idp.domain.parties import Agent, Party, Person, PersonRole, Sensor, Standing
+from ztpm_idp.domain.parties import Agent, Party, Pep, Person, PersonRole, Sensor, Standing
 from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
 from ztpm_idp.store import crowds, rows
 from ztpm_idp.store import schema as t
@@ -293,7 +293,7 @@ class Transaction:
                 for insert in rows.party_inserts(party, at_ms):
                     await self._connection.execute(insert)
                 match party:
-                    case Sensor():
+                    case Sensor() | Pep():
                         await self._registry_changed()
                     case Person(roles=roles) if PersonRole.APPROVER in roles:
                         await self._registry_changed()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from pep.pit.motion import profile_of
-from pep.pit.pairs import Kind
+from pep.pit.obstacles import Kind
 from pep.pit.separation import stopping
 
 if TYPE_CHECKING:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from pep.pit.certify import Certified, Proof, Witness
-from pep.pit.kernel.known import LEAF_NUMBERS
+from pep.pit.kernel.known import LEAF_NUMBERS, MET
+from pep.pit.kernel.tree import FIRST
 from pep.pit.path import GRID, Leaves
 from pep.pit.tier import MOVING
 
@@ -17,26 +17,24 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.motion import Floats
-    from pep.pit.pairs import Kind, Pairs
+    from pep.pit.obstacles import Kind
+    from pep.pit.pairs import Pairs
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Found:
-    """The arrays that `kernel.straight.certify` returns, and what it was asked about.
+class Found(NamedTuple):
+    """What `kernel.straight.certify` found, and what it was asked about.
 
     Attributes:
         pairs, rows: all pairs, and those in question.
-        witnesses, violated: `MET` columns each.
-        leaves: `LEAF` rows.
-        far: shape (spans of the first cut, rows), which are no leaves: they count no more than any motion.
+        told, broken: how many witnesses and violations there are.
+        found: those, in `MET` columns, then leaves, in `LEAF` columns.
     """
 
     pairs: Pairs
     rows: NDArray[np.intp]
-    witnesses: Floats
-    violated: Floats
-    leaves: Floats
-    far: NDArray[np.bool_]
+    told: int
+    broken: int
+    found: Floats
 
 
 class Answer(Certified):
@@ -54,37 +52,46 @@ class Answer(Certified):
     @cached_property
     def witnesses(self) -> tuple[Witness, ...]:
         """As `Certified.witnesses`."""
-        return _witnesses(self._found.witnesses)
+        return _witnesses(self._found.found[: self._found.told])
 
     @cached_property
     def violated(self) -> dict[Kind, Witness]:
         """As `Certified.violated`."""
-        return {self._found.pairs.kind_of(w.pair): w for w in _witnesses(self._found.violated)}
+        pairs, _, told, broken, found = self._found
+        return {pairs.kind_of(w.pair): w for w in _witnesses(found[told : told + broken])}
 
     @cached_property
     def leaves(self) -> Leaves:
         """As `Certified.leaves`."""
-        found = self._found.leaves
+        found = np.ascontiguousarray(self._leaves)
         return Leaves(*found[:LEAF_NUMBERS].astype(np.int64), *found[LEAF_NUMBERS:-1])
 
     @cached_property
     def leaf_index(self) -> Floats:
         """As `Certified.leaf_index`."""
-        return np.asarray(self._found.leaves[-1])
+        return self._leaves[-1].copy()
+
+    @property
+    def _leaves(self) -> Floats:
+        return self._found.found[self._found.told + self._found.broken :].T
 
     @property
     def proof(self) -> Proof:
         """As `Certified.proof`."""
-        leaves, far = self.leaves, self._found.far
-        span, row = np.nonzero(far)
-        low, step = span * (GRID // len(far)), GRID // len(far)
+        leaves, found = self.leaves, self._found
+        step = GRID // FIRST
+        far = np.ones((FIRST, len(found.pairs)), dtype=np.bool_)
+        far[leaves.low // step, leaves.pair] = False
+        span, row = np.nonzero(far[:, found.rows])
         return Proof(
-            np.concatenate([leaves.pair, self._found.rows[row]]),
-            np.concatenate([leaves.low, low]),
-            np.concatenate([leaves.high, low + step]),
+            np.concatenate([leaves.pair, found.rows[row]]),
+            np.concatenate([leaves.low, span * step]),
+            np.concatenate([leaves.high, span * step + step]),
             np.concatenate([self.leaf_index, np.full(len(row), MOVING)]),
         )
 
 
 def _witnesses(met: Floats) -> tuple[Witness, ...]:
-    return tuple([Witness(int(key), int(pair), index, gap, speed) for index, gap, speed, key, pair in met.tolist()])
+    return tuple(
+        [Witness(int(key), int(pair), index, gap, speed) for index, gap, speed, key, pair in met[:, :MET].tolist()]
+    )

@@ -46,7 +46,7 @@ def blocks_of(arm: Arm) -> tuple[Floats, Whole]:
 
 
 @compiled
-def arm_of(numbers: Floats, whole: Whole) -> Arm:
+def arm_in(numbers: Floats, whole: Whole) -> Arm:
     """The arm that these are the blocks of."""
     bodies, joints = whole.shape[0] // 2, LINKS - 1
     ends, at = numbers[: 6 * bodies].reshape((bodies, 2, 3)), 6 * bodies
@@ -211,6 +211,46 @@ def place_all(nodes: Nodes, at: int, arm: Arm, bodies: Whole) -> None:
             put(frames, turning, ends, speed, swerve, spin, known, link, reference, own, at, bodies[each])
 
 
+@lent
+def squares(
+    x: float,
+    y: float,
+    z: float,
+    rx: float,
+    ry: float,
+    rz: float,
+    mx: float,
+    my: float,
+    mz: float,
+    sx: float,
+    sy: float,
+    sz: float,
+    cx: float,
+    cy: float,
+    cz: float,
+    dx: float,
+    dy: float,
+    dz: float,
+    ex: float,
+    ey: float,
+    ez: float,
+) -> tuple[float, float]:
+    """Squares of the first two derivatives by s of a body's point, as its reference link sees it.
+
+    Args:
+        x, y, z: the point, seen from the base.
+        rx, ry, rz, mx, my, mz: the reference link's turning and its moment.
+        sx, sy, sz, cx, cy, cz, dx, dy, dz, ex, ey, ez: the body's own beyond those, and both their derivatives.
+    """
+    vx, vy, vz = sy * z - sz * y - cx, sz * x - sx * z - cy, sx * y - sy * x - cz
+    # Seen from the base the point moves faster by how it moves with the reference link, which turns what is seen.
+    ux, uy, uz = vx + ry * z - rz * y - mx, vy + rz * x - rx * z - my, vz + rx * y - ry * x - mz
+    bx = dy * z - dz * y + sy * uz - sz * uy - ex - (ry * vz - rz * vy)
+    by = dz * x - dx * z + sz * ux - sx * uz - ey - (rz * vx - rx * vz)
+    bz = dx * y - dy * x + sx * uy - sy * ux - ez - (rx * vy - ry * vx)
+    return vx * vx + vy * vy + vz * vz, bx * bx + by * by + bz * bz
+
+
 @merged
 def put(
     frames: Floats,
@@ -250,14 +290,8 @@ def put(
         x = frames[at, k, 0, 3] + frames[at, k, 0, 0] * ax + frames[at, k, 0, 1] * ay + frames[at, k, 0, 2] * az
         y = frames[at, k, 1, 3] + frames[at, k, 1, 0] * ax + frames[at, k, 1, 1] * ay + frames[at, k, 1, 2] * az
         z = frames[at, k, 2, 3] + frames[at, k, 2, 0] * ax + frames[at, k, 2, 1] * ay + frames[at, k, 2, 2] * az
-        vx, vy, vz = sy * z - sz * y - cx, sz * x - sx * z - cy, sx * y - sy * x - cz
-        fastest = max(fastest, vx * vx + vy * vy + vz * vz)
-        # Seen from the base the point moves faster by how it moves with the reference link, which turns what is seen.
-        ux, uy, uz = vx + ry * z - rz * y - mx, vy + rz * x - rx * z - my, vz + rx * y - ry * x - mz
-        bx = dy * z - dz * y + sy * uz - sz * uy - ex - (ry * vz - rz * vy)
-        by = dz * x - dx * z + sz * ux - sx * uz - ey - (rz * vx - rx * vz)
-        bz = dx * y - dy * x + sx * uy - sy * ux - ez - (rx * vy - ry * vx)
-        most = max(most, bx * bx + by * by + bz * bz)
+        first, second = squares(x, y, z, rx, ry, rz, mx, my, mz, sx, sy, sz, cx, cy, cz, dx, dy, dz, ex, ey, ez)
+        fastest, most = max(fastest, first), max(most, second)
         if r > 0:
             ux, uy, uz = x - frames[at, r, 0, 3], y - frames[at, r, 1, 3], z - frames[at, r, 2, 3]
             x = frames[at, r, 0, 0] * ux + frames[at, r, 1, 0] * uy + frames[at, r, 2, 0] * uz

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-# Columns of the pairs' numbers. What is asked of every pair on every span stands first, beside each other.
+# Columns of the pairs' balls: all that is asked of a pair that is far away.
+BALL: Final = 0  # centre of the obstacle's ball: three columns
+APART: Final = 3  # from there to the body's own ball when the pair counts, at rest, no more than any motion
+BALL_BODY: Final = 4
+BALL_PERSON: Final = 5  # 1 or 0
+BALL_NUMBERS: Final = 6
+
+# Columns of the pairs' numbers.
 CENTER: Final = 0  # of the ball around the core: three columns
 AROUND: Final = 3  # radius of that ball
 RADII: Final = 4  # the pair's radii together

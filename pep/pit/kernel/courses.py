@@ -16,11 +16,8 @@ from pep.pit.course import Cells, Course
 from pep.pit.errors import MotionError, WorkLimitError
 from pep.pit.inverse import search_starts
 from pep.pit.kernel import bending, columns, curve, curve_rows, curve_search, tracing
-from pep.pit.kernel.arm import Arm
 from pep.pit.kernel.effort import masses_of, torques
-from pep.pit.kernel.engine import _law as stop_law
-from pep.pit.kernel.engine import _timing as timing
-from pep.pit.kernel.engine import packed
+from pep.pit.kernel.engine import arm_of, law_of, packed, timing_of
 from pep.pit.kernel.pose import Line, Wrist
 from pep.pit.kernel.reaching import reachable
 from pep.pit.kinematics import layout
@@ -55,17 +52,6 @@ _POINTS: Final = Line(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
 
 
 @lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
-def _arm_of(robot: Robot) -> Arm:
-    plan = layout(robot)
-    ends = np.ascontiguousarray(plan.ends)
-    half = 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return Arm(
-        plan.link.astype(np.int64), plan.reference.astype(np.int64), ends, plan.radius, half, np.array(robot.reach),
-        np.array(robot.rotations), np.array(robot.offsets),
-    )  # fmt: skip
-
-
-@lru_cache(maxsize=64)  # likewise
 def _tool_of(robot: Robot) -> tracing.Tool:
     wrist = Wrist(np.array(robot.rotations), np.array(robot.offsets), np.array(robot.tool.tcp_m, dtype=float))
     lowest, highest = robot.position_ranges_rad
@@ -116,7 +102,7 @@ class CompiledCourse(Course):
         self.robot, self.cells, self.track = robot, cells, track
         self.delta = cells.way
         self.layout = layout(robot)
-        arm, wrist = _arm_of(robot), _tool_of(robot).wrist
+        arm, wrist = arm_of(robot), _tool_of(robot).wrist
         held = np.stack(
             [cells.q, cells.dq, cells.ddq, cells.first, cells.second, cells.third, cells.stray, cells.hurry], axis=1
         )
@@ -200,9 +186,9 @@ class CompiledCourse(Course):
         """As `pep.pit.certify.certify`."""
         check_time()
         groups, first = int(pairs.group.max(initial=-1)) + 1, len(cut(self)[0])
-        field, law = self.packed(pairs), stop_law(pairs, stop)
+        field, law = self.packed(pairs), np.array(law_of(pairs, stop))
         held, found = curve_search.certify(
-            self._held, self._curve, field, rows, groups, timing(profile), law, floor, first
+            self._held, self._curve, field, rows, groups, np.array(timing_of(profile)), law, floor, first
         )
         self._keep(held)
         check_time()
@@ -222,9 +208,9 @@ class CompiledCourse(Course):
     ) -> Fit:
         """As `pep.pit.certify.fits`."""
         check_time()
-        rows, law = _rows(leaves), stop_law(pairs, stop)
+        rows, law = _rows(leaves), np.array(law_of(pairs, stop))
         held, proven, kept = curve_rows.fits(
-            self._held, self._curve, self.packed(pairs), rows, timing(profile), law, index
+            self._held, self._curve, self.packed(pairs), rows, np.array(timing_of(profile)), law, index
         )
         self._keep(held)
         return Fit(_leaves(kept), proven)
@@ -235,9 +221,9 @@ class CompiledCourse(Course):
         people = np.flatnonzero(pairs.kind == columns.PERSON)
         if not people.size:
             return 0.0
-        field, law, first = self.packed(pairs), stop_law(pairs, stop), len(cut(self)[0])
+        field, law, first = self.packed(pairs), np.array(law_of(pairs, stop)), len(cut(self)[0])
         held, proven = curve_rows.blow(
-            self._held, self._curve, field, people, timing(profile), law, first, DEPTH, RESOLUTION
+            self._held, self._curve, field, people, np.array(timing_of(profile)), law, first, DEPTH, RESOLUTION
         )
         self._keep(held)
         return float(proven)
@@ -282,7 +268,7 @@ def compile_all() -> None:
     course.rush(np.zeros(1, np.int64), np.full(1, GRID))
     course.clearance_at(pairs, 0, rows[:1])
     course.at(0.5)
-    torques(masses_of(robot.pinocchio), found.cells.q, found.cells.dq, found.cells.ddq)
+    torques(masses_of(robot.pinocchio), *map(np.ascontiguousarray, (found.cells.q, found.cells.dq, found.cells.ddq)))
 
 
 def _no_limit() -> None:

@@ -22,7 +22,7 @@ from pep.pit.kernel.bending import (
 from pep.pit.kernel.columns import BODY, KIND, LIMIT_SPEED, PLANE, RADII, SHAPE
 from pep.pit.kernel.compiled import compiled, entry
 from pep.pit.kernel.curve import row_of, rows_of, with_room
-from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
+from pep.pit.kernel.gap import core_gap, interval_gap
 from pep.pit.kernel.law import blow_of, highest_rate, pair_index, rate_at
 from pep.pit.kernel.rows import ball_gap
 from pep.pit.path import GRID
@@ -116,7 +116,7 @@ def _intervals(asked: Whole) -> int:
 def examined(known: Known, curve: Curve, field: Field, asked: Whole) -> tuple[Known, Rows]:
     """The rows (LOW, HIGH, PAIR) of `asked` examined, and the configurations known by then."""
     count = asked.shape[0]
-    rows, knots, room = room_for(count), np.empty(KNOTS), np.empty((BENDS, curve.arm.link.shape[0]))
+    rows, room = room_for(count), np.empty((BENDS, curve.arm.link.shape[0]))
     numbers, whole, radius = field.numbers, field.whole, curve.arm.radius
     found = rows.numbers
     rows.whole[:] = asked
@@ -134,7 +134,7 @@ def examined(known: Known, curve: Curve, field: Field, asked: Whole) -> tuple[Kn
             if not placed[at, body]:
                 place(nodes, at, arm, body)
         width = (high - low) / GRID
-        gap = core_gap(ends, at_mid, body, numbers, pair, shape, knots)
+        gap = core_gap(ends, at_mid, body, numbers, pair, shape)
         sag = sag_on(worst, body, width)
         found[row, CLEAR] = interval_gap(ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
         found[row, RUSH] = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius[body], worst, width)
@@ -212,7 +212,7 @@ def blow(
         for each in range(people.shape[0]):
             row = k * people.shape[0] + each
             asked[row, LOW], asked[row, HIGH], asked[row, PAIR] = k * step, (k + 1) * step, people[each]
-    room, knots = np.empty((BENDS, arm.link.shape[0])), np.empty(KNOTS)
+    room = np.empty((BENDS, arm.link.shape[0]))
     worst, at_low, at_mid, at_high, rate, rate_mid = room, 0, 0, 0, 0.0, 0.0
     proven = best = 0.0
     for depth in range(depths + 1):
@@ -243,7 +243,7 @@ def blow(
             apart = ball_gap(ends, at_mid, body, half, numbers, pair) - rough_stray(worst, body, width)
             if blow_of(numbers, pair, apart, speed, law) <= 0.0:
                 continue
-            gap = core_gap(ends, at_mid, body, numbers, pair, shape, knots)
+            gap = core_gap(ends, at_mid, body, numbers, pair, shape)
             sag = sag_on(worst, body, width)
             clear = interval_gap(ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
             bounds[row] = blow_of(numbers, pair, clear, speed, law)
@@ -297,7 +297,7 @@ def met_at(known: Known, curve: Curve, field: Field, key: int, pair: Whole) -> t
     """Signed clearance and surface speed per unit of ds/dt of these pairs at one configuration of the course itself."""
     known = with_room(known, 1)
     at, nodes, arm = row_of(known, key, curve), known.nodes, curve.arm
-    clearance, rush, knots = np.empty(pair.shape[0]), np.empty(pair.shape[0]), np.empty(KNOTS)
+    clearance, rush = np.empty(pair.shape[0]), np.empty(pair.shape[0])
     ends, placed, speeds, spins, radius = nodes.ends, nodes.known, nodes.speed, nodes.spin, arm.radius
     whole, numbers = field.whole, field.numbers
     for row in range(pair.shape[0]):
@@ -305,7 +305,7 @@ def met_at(known: Known, curve: Curve, field: Field, key: int, pair: Whole) -> t
         body = whole[k, BODY]
         if not placed[at, body]:
             place(nodes, at, arm, body)
-        gap = core_gap(ends, at, body, numbers, k, whole[k, SHAPE], knots)
+        gap = core_gap(ends, at, body, numbers, k, whole[k, SHAPE])
         clearance[row] = gap[0] - numbers[k, RADII]
         rush[row] = speeds[at, body] + radius[body] * spins[at, body]
     return known, clearance, rush

@@ -33,7 +33,7 @@ from pep.pit.kernel.curve_rows import (
     rush_met,
     with_space,
 )
-from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
+from pep.pit.kernel.gap import core_gap, interval_gap
 from pep.pit.kernel.law import calm_beyond, highest_rate, pair_index, rate_at
 from pep.pit.kernel.rows import ball_gap
 from pep.pit.path import GRID
@@ -104,7 +104,6 @@ class Sought(NamedTuple):
     profile: Floats
     law: Floats
     worst: Floats
-    knots: Floats
 
 
 @compiled
@@ -141,7 +140,7 @@ def _at_rest(known: Known, curve: Curve, pairs: Whole, sought: Sought, violated:
                 place(nodes, at, curve.arm, body)
             if shape != PLANE and ball_gap(nodes.ends, at, body, curve.arm.half, numbers, pair) >= below:
                 continue
-            gap = core_gap(nodes.ends, at, body, numbers, pair, shape, sought.knots)
+            gap = core_gap(nodes.ends, at, body, numbers, pair, shape)
             clearance = gap[0] - numbers[pair, RADII]
             if clearance < below:
                 _note(violated, whole[pair, KIND], 0.0, clearance, 0.0, end * GRID, pair)
@@ -226,7 +225,7 @@ def _probe(known: Known, curve: Curve, level: Level, sought: Sought, witnesses: 
             pair = nearest[group]
             if pair >= 0:
                 body, shape, kind = whole[pair, BODY], whole[pair, SHAPE], whole[pair, KIND]
-                gap = core_gap(ends, at, body, numbers, pair, shape, sought.knots)
+                gap = core_gap(ends, at, body, numbers, pair, shape)
                 clearance = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
                 speed = rush_met(speeds, spins, at, body, radius[body], worst) * rate
                 index = pair_index(kind, numbers, pair, clearance, speed, sought.law)
@@ -290,7 +289,7 @@ def _middles(
                     done += 1
                     settled[each] = True
                     continue
-            gap = core_gap(ends, at, body, numbers, pair, shape, sought.knots)
+            gap = core_gap(ends, at, body, numbers, pair, shape)
             gaps[each, 0], gaps[each, 1], gaps[each, 2], gaps[each, 3] = gap
             clearance = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
             speed = rush_met(speeds, spins, at, body, radius[body], worst) * rate
@@ -416,7 +415,7 @@ def certify(
     if pairs.shape[0] * first > ROWS_MOST:
         return known, Answer(TOO_MANY, floor, floor, witnesses, violated, copied(leaves, 0))
     room = np.empty((BENDS, curve.arm.link.shape[0]))
-    sought = Sought(field.numbers, field.whole, profile, law, room, np.empty(KNOTS))
+    sought = Sought(field.numbers, field.whole, profile, law, room)
     known = with_room(known, 3 * first)
     _at_rest(known, curve, pairs, sought, violated)
     level, done = _first_level(known, curve, pairs, first, sought, leaves)

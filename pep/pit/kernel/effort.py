@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pep.pit.kernel.compiled import compiled, entry
+from pep.pit.kernel.compiled import entry, lent
 
 if TYPE_CHECKING:
     from pep.pit.motion import Floats
 
 JOINTS = 6
+HOLD, PUSH, SWING = range(3)
 
 
 class Masses(NamedTuple):
@@ -53,32 +54,35 @@ def masses_of(model: Any) -> Masses:
     )
 
 
-@compiled
+@lent
 def _cross(a: Floats, b: Floats, out: Floats) -> None:
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@compiled
+@lent
 def _back_into(turn: Floats, vector: Floats, out: Floats) -> None:
     """A vector of the frame before, in the turned one."""
     for i in range(3):
         out[i] = turn[0, i] * vector[0] + turn[1, i] * vector[1] + turn[2, i] * vector[2]
 
 
-@compiled
-def _swung(spin: Floats, growth: Floats, arm: Floats, one: Floats, two: Floats, out: Floats) -> None:
+@lent
+def _swung(asked: int, spin: Floats, growth: Floats, arm: Floats, one: Floats, two: Floats, out: Floats) -> None:
     """Acceleration that a point at `arm` has over the origin; `one` and `two` are room."""
-    _cross(spin, arm, one)
-    _cross(spin, one, two)
-    _cross(growth, arm, one)
-    for i in range(3):
-        out[i] = one[i] + two[i]
+    _cross(growth, arm, out)
+    if asked == SWING:
+        _cross(spin, arm, one)
+        _cross(spin, one, two)
+        for i in range(3):
+            out[i] = two[i] + out[i]
 
 
-@compiled
-def _moments(masses: Masses, turns: Floats, rate: Floats, change: Floats, lift: Floats, room: Floats) -> None:
+@lent
+def _moments(
+    masses: Masses, turns: Floats, rate: Floats, change: Floats, lift: Floats, asked: int, room: Floats
+) -> None:
     """Moments about each joint's axis stand in `room[5, :, 2]`.
 
     Args:
@@ -86,6 +90,8 @@ def _moments(masses: Masses, turns: Floats, rate: Floats, change: Floats, lift: 
         turns: (6, 3, 3), each joint's frame in the one before.
         rate, change: (6,): of the joints, and its derivative.
         lift: (3,): acceleration of the base.
+        asked: `HOLD` (all rates are 0 and stay so), `PUSH` (they are 0 and change) or `SWING`: nothing that is 0 is
+            added.
         room: (7, 7, 3).
     """
     spin, growth, origin, force, own, moment = room[0], room[1], room[2], room[3], room[4], room[5]
@@ -95,27 +101,39 @@ def _moments(masses: Masses, turns: Floats, rate: Floats, change: Floats, lift: 
         spin[0, i], growth[0, i], origin[0, i] = 0.0, 0.0, lift[i]
     for k in range(JOINTS):
         # Row k + 1 of spin, growth and origin is of joint k; row k of force and moment likewise.
-        _swung(spin[k], growth[k], offsets[k], one, two, carried)
+        if asked == HOLD:
+            _back_into(turns[k], origin[k], origin[k + 1])
+            for i in range(3):
+                force[k, i] = mass[k] * origin[k + 1, i]
+            _cross(coms[k], force[k], own[k])
+            continue
+        _swung(asked, spin[k], growth[k], offsets[k], one, two, carried)
         for i in range(3):
             carried[i] += origin[k, i]
         _back_into(turns[k], carried, origin[k + 1])
-        _back_into(turns[k], spin[k], spin[k + 1])
         _back_into(turns[k], growth[k], growth[k + 1])
-        growth[k + 1, 0] += spin[k + 1, 1] * rate[k]
-        growth[k + 1, 1] -= spin[k + 1, 0] * rate[k]
         growth[k + 1, 2] += change[k]
-        spin[k + 1, 2] += rate[k]
-        _swung(spin[k + 1], growth[k + 1], coms[k], one, two, carried)
+        if asked == SWING:
+            _back_into(turns[k], spin[k], spin[k + 1])
+            growth[k + 1, 0] += spin[k + 1, 1] * rate[k]
+            growth[k + 1, 1] -= spin[k + 1, 0] * rate[k]
+            spin[k + 1, 2] += rate[k]
+        _swung(asked, spin[k + 1], growth[k + 1], coms[k], one, two, carried)
         for i in range(3):
             force[k, i] = mass[k] * (origin[k + 1, i] + carried[i])
             here[i] = carried[i] = 0.0
             for j in range(3):
-                carried[i] += inertia[k, i, j] * spin[k + 1, j]
                 here[i] += inertia[k, i, j] * growth[k + 1, j]
-        _cross(spin[k + 1], carried, one)
+        if asked == SWING:
+            for i in range(3):
+                for j in range(3):
+                    carried[i] += inertia[k, i, j] * spin[k + 1, j]
+            _cross(spin[k + 1], carried, one)
+            for i in range(3):
+                here[i] += one[i]
         _cross(coms[k], force[k], two)
         for i in range(3):
-            own[k, i] = here[i] + one[i] + two[i]
+            own[k, i] = here[i] + two[i]
     for k in range(JOINTS - 1, -1, -1):
         for i in range(3):
             moment[k, i] = own[k, i]
@@ -149,10 +167,10 @@ def torques(masses: Masses, q: Floats, dq: Floats, ddq: Floats) -> tuple[Floats,
             for i in range(3):
                 x, y = masses.rotations[k, i, 0], masses.rotations[k, i, 1]
                 turns[k, i, 0], turns[k, i, 1], turns[k, i, 2] = x * c + y * s, y * c - x * s, masses.rotations[k, i, 2]
-        _moments(masses, turns, still, still, masses.lift, room)
+        _moments(masses, turns, still, still, masses.lift, HOLD, room)
         hold[n] = room[5, :JOINTS, 2]
-        _moments(masses, turns, still, dq[n], rest, room)
+        _moments(masses, turns, still, dq[n], rest, PUSH, room)
         push[n] = room[5, :JOINTS, 2]
-        _moments(masses, turns, dq[n], ddq[n], rest, room)
+        _moments(masses, turns, dq[n], ddq[n], rest, SWING, room)
         swing[n] = room[5, :JOINTS, 2]
     return hold, push, swing

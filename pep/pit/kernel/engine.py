@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 from collections import deque
 from dataclasses import replace
@@ -19,16 +20,19 @@ from pep.pit.kernel.answer import Answer, Found
 from pep.pit.kernel.arm import Arm, bends_of, blocks_of
 from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, rushes
 from pep.pit.kernel.known import KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
-from pep.pit.kernel.room import room_for
+from pep.pit.kernel.near import clearances
+from pep.pit.kernel.room import ASKED, room_for
 from pep.pit.kernel.rows import Field, Rows, Way
 from pep.pit.kernel.straight import certify
 from pep.pit.kinematics import layout
 from pep.pit.motion import MoveJ, profile_of
-from pep.pit.pairs import KINDS_IN_ORDER, Kind, pairs_of
+from pep.pit.obstacles import KINDS_IN_ORDER, Kind
+from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID, Leaves, Path
 from pep.pit.robot import Robot
 from pep.pit.scene import Scene
 from pep.pit.separation import stopping
+from pep.pit.solids import FORM
 from pep.pit.tier import MOVING
 
 if TYPE_CHECKING:
@@ -43,6 +47,8 @@ if TYPE_CHECKING:
     from pep.pit.path import Keys
     from pep.pit.separation import Stopping
 
+_ASKED: Final = struct.Struct(f"{ASKED}d")
+_AS_FAST: Final = Slower(0.0, 0.0, 0.0, 0.0)  # where no slower speed is looked for
 PACKS_KEPT: Final = 16  # some scenes' pairs, and those of slower speeds: 80 kB each
 
 _CODED: Final = {columns.PERSON: Kind.PERSON, columns.ZONE: Kind.ZONE, columns.MEANT: Kind.MEANT}
@@ -51,7 +57,8 @@ if any(KINDS_IN_ORDER[code] is not kind for code, kind in _CODED.items()) or len
 
 
 @lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
-def _arm_of(robot: Robot) -> Arm:
+def arm_of(robot: Robot) -> Arm:
+    """The robot's bodies and joints as the kernel's arrays."""
     plan = layout(robot)
     ends = np.ascontiguousarray(plan.ends)
     half = 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
@@ -68,8 +75,9 @@ def _arm_of(robot: Robot) -> Arm:
 
 
 @lru_cache(maxsize=64)
-def _blocks_of(robot: Robot) -> tuple[Floats, NDArray[np.int64]]:
-    return blocks_of(_arm_of(robot))
+def blocks(robot: Robot) -> tuple[Floats, NDArray[np.int64]]:
+    """The robot's numbers and whole numbers, as `arm.blocks_of` has them."""
+    return blocks_of(arm_of(robot))
 
 
 class _Rooms(threading.local):
@@ -95,16 +103,16 @@ class _Packs(threading.local):
     """The pairs of one thread's last few questions, as the kernel's arrays."""
 
     def __init__(self) -> None:
-        self._last: deque[tuple[Pairs, Field]] = deque(maxlen=PACKS_KEPT)
+        self._last: deque[tuple[Pairs, Field, int]] = deque(maxlen=PACKS_KEPT)
 
-    def of(self, pairs: Pairs) -> Field:
-        """The pairs as the kernel's arrays."""
-        for known, field in self._last:
+    def of(self, pairs: Pairs) -> tuple[Field, int]:
+        """The pairs as the kernel's arrays, and how many groups of them there are."""
+        for known, field, groups in self._last:
             if known is pairs:
-                return field
-        field = packed(pairs)
-        self._last.appendleft((pairs, field))
-        return field
+                return field, groups
+        field, groups = packed(pairs), pairs.groups
+        self._last.appendleft((pairs, field, groups))
+        return field, groups
 
 
 _PACKS: Final = _Packs()
@@ -116,7 +124,7 @@ class CompiledPath(Path):
     def __init__(self, robot: Robot, move: Straight) -> None:
         """A path that holds no configuration yet."""
         super().__init__(robot, move)
-        self._arm = _arm_of(robot)
+        self._arm = arm_of(robot)
 
     @cached_property
     def _way(self) -> Way:
@@ -128,7 +136,7 @@ class CompiledPath(Path):
 
     def packed(self, pairs: Pairs) -> Field:
         """The pairs as the kernel's arrays."""
-        return _PACKS.of(pairs)
+        return _PACKS.of(pairs)[0]
 
     def rush(self, low: Keys, high: Keys) -> Floats:
         """As `Path.rush`."""
@@ -142,15 +150,14 @@ class CompiledPath(Path):
 
     def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """As `Path.rush_at`."""
-        return self._at(pairs, key, pair)[1]
+        self._held, _, rush = met_at(self._held, self._way, self.packed(pairs), key, pair)
+        return np.asarray(rush)
 
     def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """As `Path.clearance_at`."""
-        return self._at(pairs, key, pair)[0]
-
-    def _at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        self._held, clearance, rush = met_at(self._held, self._way, self.packed(pairs), key, pair)
-        return np.asarray(clearance), np.asarray(rush)
+        asked = np.concatenate([self.start, self.delta])
+        _, numbers, whole = self.packed(pairs)
+        return np.asarray(clearances(*blocks(self.robot), numbers, whole, asked, key, pair))
 
     def certify(
         self,
@@ -167,24 +174,19 @@ class CompiledPath(Path):
         """As `pep.pit.certify.certify`; `told`: with a witness for each obstacle that may raise the index."""
         if len(rows) * FIRST_CUT_LEAST > ROWS_MOST:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
-        room, field = _ROOMS.of(self._arm, len(rows)), self.packed(pairs)
-        asked = [self.start, self.delta, _timing(profile), _law(pairs, stop), slower or ()]
-        status, upper, attained, witnesses, violated, leaves, far, falls = certify(
-            *room,
-            *_blocks_of(self.robot),
-            *field,
-            rows,
-            pairs.groups,
-            np.concatenate(asked),
-            floor,
-            FIRST_CUT_LEAST,
-            LOOKS if told else 0,
+        room, (numbers, whole) = _ROOMS.of(self._arm, len(rows)), blocks(self.robot)
+        (field, groups), move, speeds = _PACKS.of(pairs), self._move, slower or _AS_FAST
+        _ASKED.pack_into(
+            room.numbers.data, 0, *move.start, *move.target, *timing_of(profile), *law_of(pairs, stop), *speeds
+        )
+        status, upper, attained, falls, many, broken, found = certify(
+            *room, numbers, whole, *field, rows, groups, floor, LOOKS if told else 0, slower is not None
         )
         check_time()
         if status == TOO_MANY:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
         return Answer(
-            Found(pairs, rows, witnesses, violated, leaves, far),
+            Found(pairs, rows, many, broken, found),
             upper=upper,
             attained=attained,
             slower=None if falls == NOBODY else falls,
@@ -207,8 +209,8 @@ class CompiledPath(Path):
             self._way,
             self.packed(pairs),
             _rows(leaves),
-            _timing(profile),
-            _law(pairs, stop),
+            np.array(timing_of(profile)),
+            np.array(law_of(pairs, stop)),
             index,
         )
         return Fit(_leaves(rows), proven)
@@ -231,8 +233,8 @@ class CompiledPath(Path):
             self._way,
             self.packed(pairs),
             people,
-            _timing(profile),
-            _law(pairs, stop),
+            np.array(timing_of(profile)),
+            np.array(law_of(pairs, stop)),
             FIRST_CUT_LEAST,
             DEPTH,
             RESOLUTION,
@@ -241,7 +243,7 @@ class CompiledPath(Path):
 
 
 def compile_all() -> None:
-    """Every entry into the kernel is compiled, or read from where it was kept: half a minute the very first time."""
+    """Every entry into the kernel is compiled, or read from where it was kept: 100 s of one core the first time."""
     robot, cell = Robot.load("ur3e"), CellParameters()
     move = MoveJ((0.0, -1.5, 1.5, -1.5, -1.5, 0.0), (0.4, -1.5, 1.5, -1.5, -1.5, 0.0), 0.5, 1.4)
     profile = profile_of(move)
@@ -258,64 +260,70 @@ def compile_all() -> None:
     path.examine(pairs, np.zeros(1, np.int64), np.full(1, GRID), rows[:1])
     path.rush(np.zeros(1, np.int64), np.full(1, GRID))
     path.clearance_at(pairs, 0, rows[:1])
+    path.rush_at(pairs, 0, rows[:1])
 
 
 def _no_limit() -> None:
     """The time is not counted."""
 
 
+def field_of(pairs: Pairs) -> Field:
+    """As `packed`; of pairs that this thread asked about lately the same arrays."""
+    return _PACKS.of(pairs)[0]
+
+
 def packed(pairs: Pairs) -> Field:
     """The pairs as the kernel's arrays."""
-    cores, count = pairs.cores, len(pairs)
-    if cores.hulls:
+    solids = pairs.solids
+    if solids.hulls:
         raise PitError("PHYSICS_FAULT", "the kernel knows no polytopes")
-    numbers = np.empty((count, columns.NUMBERS))
-    numbers[:, columns.A : columns.A + 3] = cores.a
-    numbers[:, columns.B : columns.B + 3] = cores.b
-    numbers[:, columns.AXES : columns.AXES + 9] = cores.axes.reshape(count, -1)
-    numbers[:, columns.HALF : columns.HALF + 3] = cores.half
-    numbers[:, columns.OFFSET] = cores.offset
-    numbers[:, columns.CENTER : columns.CENTER + 3] = 0.5 * (cores.a + cores.b)
-    away = np.where(cores.is_box[:, None], cores.half, 0.5 * (cores.b - cores.a))
-    numbers[:, columns.AROUND] = np.sqrt(np.einsum("ni,ni->n", away, away))
+    numbers = solids.numbers if pairs.whole is not None else solids.numbers.copy()
+    numbers[:, columns.CALM] = pairs.uncertainty + np.where(
+        pairs.kind == columns.PERSON, pairs.intrusion + pairs.warn_band, pairs.band
+    )
+    if pairs.whole is not None:
+        return Field(_balls_of(pairs, numbers, pairs.whole), numbers, pairs.whole)
     numbers[:, columns.RADII] = pairs.radii
     numbers[:, columns.UNCERTAINTY] = pairs.uncertainty
     numbers[:, columns.HARM_SPEED] = pairs.harm_speed
     numbers[:, columns.LIMIT_SPEED] = pairs.limit_speed
     numbers[:, columns.INTRUSION] = pairs.intrusion
     numbers[:, columns.BAND] = pairs.band
-    numbers[:, columns.CALM] = pairs.uncertainty + np.where(
-        pairs.kind == columns.PERSON, pairs.intrusion + pairs.warn_band, pairs.band
-    )
     numbers[:, columns.DECLARED] = pairs.declared
     numbers[:, columns.VIOLATED_BELOW] = pairs.violated_below
-    whole = np.empty((count, columns.WHOLE), dtype=np.int64)
+    whole = np.empty((len(pairs), columns.WHOLE), dtype=np.int64)
     whole[:, columns.BODY] = pairs.body
-    whole[:, columns.SHAPE] = np.where(
-        cores.is_segment, columns.SEGMENT, np.where(cores.is_box, columns.BOX, columns.PLANE)
-    )
+    whole[:, columns.SHAPE] = numbers[:, FORM]
     whole[:, columns.KIND] = pairs.kind
     whole[:, columns.GROUP] = pairs.group
-    return Field(numbers, whole)
+    return Field(_balls_of(pairs, numbers, whole), numbers, whole)
 
 
-def _timing(profile: Profile) -> Floats:
-    return np.array(
-        [profile.way_rad, profile.peak_rad_s, profile.acceleration_rad_s2, profile.braking_rad_s2, profile.top]
-    )
+def _balls_of(pairs: Pairs, numbers: Floats, whole: NDArray[np.int64]) -> Floats:
+    balls = np.empty((len(pairs), columns.BALL_NUMBERS))
+    balls[:, columns.BALL : columns.BALL + 3] = numbers[:, columns.CENTER : columns.CENTER + 3]
+    apart = np.maximum(numbers[:, columns.CALM], pairs.violated_below) + numbers[:, columns.AROUND] + pairs.radii
+    balls[:, columns.APART] = np.where(whole[:, columns.SHAPE] == columns.PLANE, np.inf, apart)  # it has no centre
+    balls[:, columns.BALL_BODY] = pairs.body
+    balls[:, columns.BALL_PERSON] = pairs.kind == columns.PERSON
+    return balls
 
 
-def _law(pairs: Pairs, stop: Stopping) -> Floats:
-    return np.array(
-        [
-            stop.reaction_s,
-            stop.brake_s,
-            stop.travel_s,
-            stop.person_speed_m_s,
-            pairs.warn_band,
-            pairs.penetration_band,
-            pairs.contact_speed,
-        ]
+def timing_of(profile: Profile) -> tuple[float, ...]:
+    """The profile in the columns of the kernel."""
+    return profile.way_rad, profile.peak_rad_s, profile.acceleration_rad_s2, profile.braking_rad_s2, profile.top
+
+
+def law_of(pairs: Pairs, stop: Stopping) -> tuple[float, ...]:
+    """How the motion ends and the bands of all pairs in the columns of the kernel."""
+    return (
+        stop.reaction_s,
+        stop.brake_s,
+        stop.travel_s,
+        stop.person_speed_m_s,
+        pairs.warn_band,
+        pairs.penetration_band,
+        pairs.contact_speed,
     )
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, TypeAlias
 
-from pep.pit.clearance import APART_M, CORNERS, PARALLEL, ROUNDING_M, TINY
+from pep.pit.clearance import APART_M, PARALLEL, ROUNDING_M, TINY
 from pep.pit.kernel.columns import AXES, BOX, HALF, OFFSET, PLANE, RADII, SEGMENT, A, B
 from pep.pit.kernel.compiled import lent, merged
 
 if TYPE_CHECKING:
     from pep.pit.motion import Floats
-
-KNOTS = CORNERS  # each face of a box once: what the caller has room for
 
 Gap: TypeAlias = tuple[float, float, float, float]
 """Distance of two cores, metre, and the unit direction from obstacle to body; 0 where they meet."""
@@ -65,7 +63,7 @@ def _out(x: float, half: float) -> float:
 
 
 @lent
-def _box(ends: Floats, at: int, body: int, numbers: Floats, pair: int, knots: Floats) -> Gap:
+def _box(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
     """Gap between the axis and an obstacle's box: the exact root of a piecewise linear derivative."""
     m = AXES
     px = ends[at, body, 0, 0] - numbers[pair, A]
@@ -88,28 +86,17 @@ def _box(ends: Floats, at: int, body: int, numbers: Floats, pair: int, knots: Fl
         t = 1.0
         slope_high = _out(sx + wx, hx) * wx + _out(sy + wy, hy) * wy + _out(sz + wz, hz) * wz
         if slope_high > 0.0:
-            count = 0
-            for axis in range(3):
-                start, way, half = (sx, wx, hx) if axis == 0 else ((sy, wy, hy) if axis == 1 else (sz, wz, hz))
-                if abs(way) > TINY:
-                    for side in range(2):
-                        knot = ((half if side == 0 else -half) - start) / way
-                        if 0.0 < knot < 1.0:
-                            place = count
-                            while place > 0 and knots[place - 1] > knot:
-                                knots[place] = knots[place - 1]
-                                place -= 1
-                            knots[place] = knot
-                            count += 1
             low, high = 0.0, 1.0
-            for k in range(count):
-                x = knots[k]
-                slope = _out(sx + x * wx, hx) * wx + _out(sy + x * wy, hy) * wy + _out(sz + x * wz, hz) * wz
-                if slope < 0.0:
-                    low, slope_low = x, slope
-                else:
-                    high, slope_high = x, slope
-                    break
+            for face in range(6):  # where the derivative bends: what is left has its root on one straight piece
+                start, way, half = (sx, wx, hx) if face < 2 else ((sy, wy, hy) if face < 4 else (sz, wz, hz))
+                if abs(way) > TINY:
+                    x = ((half if face & 1 == 0 else -half) - start) / way
+                    if low < x < high:
+                        slope = _out(sx + x * wx, hx) * wx + _out(sy + x * wy, hy) * wy + _out(sz + x * wz, hz) * wz
+                        if slope < 0.0:
+                            low, slope_low = x, slope
+                        else:
+                            high, slope_high = x, slope
             rise = slope_high - slope_low
             t = _clip(low - slope_low * (high - low) / rise, low, high) if rise > 0.0 else low
     dx, dy, dz = _out(sx + t * wx, hx), _out(sy + t * wy, hy), _out(sz + t * wz, hz)
@@ -130,12 +117,12 @@ def plane_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> G
 
 
 @merged
-def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape: int, knots: Floats) -> Gap:
-    """Gap between a body's axis, as placed in row `at`, and a pair's core; `knots` is room for `KNOTS` numbers."""
+def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape: int) -> Gap:
+    """Gap between a body's axis, as placed in row `at`, and a pair's core."""
     if shape == SEGMENT:
         return _segment(ends, at, body, numbers, pair)
     if shape == BOX:
-        return _box(ends, at, body, numbers, pair, knots)
+        return _box(ends, at, body, numbers, pair)
     return plane_gap(ends, at, body, numbers, pair)
 
 

@@ -110,12 +110,11 @@ def with_room(rows: Rows, room: int) -> Rows:
 
 
 class Met(NamedTuple):
-    """Places that were met, by group and by kind; per group the rows to look at; room for `KNOTS` numbers."""
+    """Places that were met, by group and by kind; per group the rows to look at."""
 
     witnesses: Floats
     violated: Floats
     top: Whole
-    knots: Floats
 
 
 @compiled

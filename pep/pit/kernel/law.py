@@ -100,9 +100,9 @@ def blow_of(numbers: Floats, pair: int, clearance: float, speed: float, law: Flo
 @lent
 def rate_at(s: float, profile: Floats) -> float:
     """ds/dt at path parameter `s`, 1/s."""
-    up = math.sqrt(2.0 * profile[ACCELERATION] * profile[WAY] * max(s, 0.0))
-    down = math.sqrt(2.0 * profile[BRAKING] * profile[WAY] * max(1.0 - s, 0.0))
-    return min(profile[PEAK], up, down) / profile[WAY]
+    up = 2.0 * profile[ACCELERATION] * profile[WAY] * max(s, 0.0)
+    down = 2.0 * profile[BRAKING] * profile[WAY] * max(1.0 - s, 0.0)
+    return min(profile[PEAK], math.sqrt(min(up, down))) / profile[WAY]
 
 
 @lent

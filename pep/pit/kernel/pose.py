@@ -265,7 +265,7 @@ def solved(wrist: Wrist, line: Line, s: float, stand: Stand, room: Floats) -> bo
         line: the tool's.
         s: where on it.
         stand: holds joint angles nearby.
-        room: (10, 6).
+        room: (8, 6) at least.
     """
     goal, turned = stand.frame[0], stand.frame[1]
     error, place, matrix = room[6], room[7, :3], room[:6]

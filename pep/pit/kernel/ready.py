@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit.contact import payload_kg
-from pep.pit.kernel.courses import _arm_of as arm_of
-from pep.pit.kernel.engine import packed
+from pep.pit.kernel.engine import arm_of, packed
 from pep.pit.kernel.steps import (
     AGE_LIMIT,
     CARRIED,
@@ -35,9 +33,8 @@ from pep.pit.kernel.steps import (
     WATCH_AGE,
     Ready,
 )
-from pep.pit.parameters import MOMENTUM, speed_shares
-from pep.pit.torques import _masses as masses_of
-from pep.pit.torques import carried_kg
+from pep.pit.parameters import MOMENTUM, carried_ratio, speed_shares
+from pep.pit.torques import carried_kg, masses_with
 from pep.stopping import patience_s
 
 if TYPE_CHECKING:
@@ -79,11 +76,11 @@ def ready_of(robot: Robot, pairs: Pairs, cell: CellParameters, *, sighted_s: flo
     rules[PATIENCE] = patience_s(cell.stop_deceleration_rad_s2)
     rules[AGE_LIMIT], rules[UNKNOWN], rules[SIGHTED] = cell.perception_age_limit_s, cell.unknown_floor, sighted_s
     rules[HARDEST], rules[TOOL_LIMIT] = robot.model.acceleration_limit_rad_s2, cell.tcp_speed_limit_m_s
-    rules[CARRIED] = (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg
+    rules[CARRIED] = carried_ratio(robot, cell)
     return Ready(
         arm=arm_of(robot),
         bodies=np.arange(len(robot.bodies)),
-        masses=masses_of(robot, carried_kg(robot, cell)),
+        masses=masses_with(robot, carried_kg(robot, cell)),
         field=packed(pairs),
         touchable=pairs.touchable,
         joints=_joints(robot),

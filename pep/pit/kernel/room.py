@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from pep.pit.kernel.arm import LINKS, Nodes
+from pep.pit.kernel.columns import LAW, PROFILE
 from pep.pit.kernel.compiled import compiled
 from pep.pit.kernel.heap import Heap
-from pep.pit.kernel.known import ROW_NUMBERS, ROW_WHOLE, STAGES_IN_DOUBT, Rows
+from pep.pit.kernel.known import ROW_NUMBERS, ROW_WHOLE, STAGES_IN_DOUBT, STOP, Rows
 from pep.pit.kernel.tree import RATES, SPAN, Tree
 
 if TYPE_CHECKING:
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
 
     from pep.pit.motion import Floats
 
-NODES_FIRST: Final = 128  # room for configurations at first; most questions need fewer
+NODES_FIRST: Final = 512  # room for configurations at first; hardly a question needs more, which costs more than it
+ASKED: Final = (
+    2 * (LINKS - 1) + PROFILE + LAW + STOP
+)  # start and target, timing, law, and what a slower speed is found by
 COUNTERS: Final = 5  # of rows, doubts, the heap, nodes and spans
 _FRAME: Final = 12  # 3 x 4
 _TURNING: Final = 12  # 4 x 3
@@ -29,7 +33,10 @@ _PLACED: Final = 9  # both ends, 2 x 3, speed, swerve and spin
 
 
 class Room(NamedTuple):
-    """Memory for so many rows; the rest follows from the number of bodies and joints."""
+    """Memory for so many rows; the rest follows from the number of bodies and joints.
+
+    What is asked stands first in `numbers`: `ASKED` of them.
+    """
 
     numbers: Floats
     whole: NDArray[np.int64]
@@ -41,7 +48,7 @@ def room_for(bodies: int, joints: int, rows: int) -> Room:
     """Room for so many rows of an arm with so many bodies and joints."""
     node = LINKS * (_FRAME + _TURNING) + _PLACED * bodies
     return Room(
-        np.empty(rows * (ROW_NUMBERS + 1) + NODES_FIRST * (RATES + node) + joints),
+        np.empty(ASKED + rows * (ROW_NUMBERS + 1) + NODES_FIRST * (RATES + node) + joints),
         np.empty(COUNTERS + rows * (ROW_WHOLE + STAGES_IN_DOUBT + 1) + NODES_FIRST * (SPAN + 1), np.int64),
         np.empty(NODES_FIRST * (bodies + 1), np.bool_),
         rows,
@@ -59,8 +66,10 @@ def laid_out(room: Room, bodies: int, joints: int) -> tuple[Tree, Rows, Heap]:
     heap_row, at = whole[at : at + rows], at + rows
     key, at = whole[at : at + count], at + count
     spans = whole[at : at + SPAN * count].reshape((count, SPAN))
-    at = ROW_NUMBERS * rows
-    row_numbers = numbers[:at].reshape((rows, ROW_NUMBERS))
+    row_numbers, at = (
+        numbers[ASKED : ASKED + ROW_NUMBERS * rows].reshape((rows, ROW_NUMBERS)),
+        ASKED + ROW_NUMBERS * rows,
+    )
     heap_key, at = numbers[at : at + rows], at + rows
     q, at = numbers[at : at + joints], at + joints
     rates, at = numbers[at : at + RATES * count].reshape((count, RATES)), at + RATES * count

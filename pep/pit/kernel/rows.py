@@ -11,7 +11,7 @@ from pep.pit.clearance import ROUNDING_M
 from pep.pit.kernel.arm import more_nodes, place, pose
 from pep.pit.kernel.columns import AROUND, BODY, CENTER, RADII, SHAPE
 from pep.pit.kernel.compiled import compiled, lent
-from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
+from pep.pit.kernel.gap import core_gap, interval_gap
 from pep.pit.path import CHORD, GRID
 
 if TYPE_CHECKING:
@@ -33,8 +33,14 @@ class Way(NamedTuple):
 
 
 class Field(NamedTuple):
-    """The pairs: their numbers and their whole numbers, with columns as `pep.pit.kernel.columns` names them."""
+    """The pairs, a row each, with columns as `pep.pit.kernel.columns` names them.
 
+    Attributes:
+        balls: what is asked of every pair on every span of the first cut.
+        numbers, whole: what is asked of those that are near.
+    """
+
+    balls: Floats
     numbers: Floats
     whole: Whole
 
@@ -64,36 +70,6 @@ def no_rows(count: int) -> Rows:
         np.empty(count),
         np.empty(count),
         np.empty(count),
-    )
-
-
-@compiled
-def more_rows(rows: Rows, used: int, count: int) -> Rows:
-    """The first `used` rows, with room for at least so many more."""
-    wide = no_rows(used + max(used, count))
-    wide.low[:used] = rows.low[:used]
-    wide.high[:used] = rows.high[:used]
-    wide.pair[:used] = rows.pair[:used]
-    wide.clear[:used] = rows.clear[:used]
-    wide.rush[:used] = rows.rush[:used]
-    wide.clear_mid[:used] = rows.clear_mid[:used]
-    wide.rush_mid[:used] = rows.rush_mid[:used]
-    wide.bound[:used] = rows.bound[:used]
-    return wide
-
-
-@compiled
-def taken(rows: Rows, used: int) -> Rows:
-    """The first `used` rows alone."""
-    return Rows(
-        rows.low[:used].copy(),
-        rows.high[:used].copy(),
-        rows.pair[:used].copy(),
-        rows.clear[:used].copy(),
-        rows.rush[:used].copy(),
-        rows.clear_mid[:used].copy(),
-        rows.rush_mid[:used].copy(),
-        rows.bound[:used].copy(),
     )
 
 
@@ -157,7 +133,7 @@ def examine(
         pair: of each row.
     """
     count = pair.shape[0]
-    rows, knots = no_rows(count), np.empty(KNOTS)
+    rows = no_rows(count)
     ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
     numbers, whole, radius = field.numbers, field.whole, way.arm.radius
     second, third, spin_second = way.bends.second, way.bends.third, way.bends.spin_second
@@ -172,7 +148,7 @@ def examine(
                 place(nodes, at, way.arm, body)
         width = (high[row] - low[row]) / GRID
         bend = width * width / CHORD
-        gap = core_gap(ends, middle, body, numbers, k, shape, knots)
+        gap = core_gap(ends, middle, body, numbers, k, shape)
         clear[row] = interval_gap(ends, first, middle, last, body, numbers, k, shape, gap, second[body] * bend)
         speed = max(speeds[first, body], speeds[middle, body], speeds[last, body]) + third[body] * bend
         spin = max(spins[first, body], spins[middle, body], spins[last, body]) + spin_second[body] * bend
@@ -186,7 +162,7 @@ def examine(
 def meets(nodes: Nodes, at: int, way: Way, field: Field, pair: Whole) -> tuple[Floats, Floats]:
     """Signed clearance and surface speed per unit of ds/dt of each of these pairs at one configuration."""
     count = pair.shape[0]
-    clearance, rush, knots = np.empty(count), np.empty(count), np.empty(KNOTS)
+    clearance, rush = np.empty(count), np.empty(count)
     ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
     numbers, whole, radius = field.numbers, field.whole, way.arm.radius
     for row in range(count):
@@ -194,6 +170,6 @@ def meets(nodes: Nodes, at: int, way: Way, field: Field, pair: Whole) -> tuple[F
         body = whole[k, BODY]
         if not placed[at, body]:
             place(nodes, at, way.arm, body)
-        clearance[row] = core_gap(ends, at, body, numbers, k, whole[k, SHAPE], knots)[0] - numbers[k, RADII]
+        clearance[row] = core_gap(ends, at, body, numbers, k, whole[k, SHAPE])[0] - numbers[k, RADII]
         rush[row] = speeds[at, body] + radius[body] * spins[at, body]
     return clearance, rush

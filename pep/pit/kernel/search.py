@@ -9,27 +9,16 @@ are.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
+from typing import TYPE_CHECKING, Final
 
 from pep.pit.certify import DEPTH, ROWS_MOST, VIOLATION_RESOLUTION_M
 from pep.pit.kernel import heap as heaps
 from pep.pit.kernel import tree as trees
-from pep.pit.kernel.arm import place, place_all, put
-from pep.pit.kernel.columns import (
-    AROUND,
-    BODY,
-    CENTER,
-    GROUP,
-    KIND,
-    PLANE,
-    RADII,
-    SHAPE,
-    VIOLATED_BELOW,
-)
-from pep.pit.kernel.compiled import compiled, lent
-from pep.pit.kernel.gap import core_gap, interval_gap, plane_gap
+from pep.pit.kernel.arm import place, put
+from pep.pit.kernel.columns import BODY, GROUP, KIND, RADII, SHAPE, VIOLATED_BELOW
+from pep.pit.kernel.compiled import compiled, lent, merged
+from pep.pit.kernel.culling import first_rows
+from pep.pit.kernel.gap import core_gap, interval_gap
 from pep.pit.kernel.heap import heaped, lower, pop, push
 from pep.pit.kernel.known import (
     ANSWERED,
@@ -39,7 +28,6 @@ from pep.pit.kernel.known import (
     CLEAR,
     CLEAR_MID,
     FINAL,
-    HALF,
     HALVED,
     LEAF,
     LEAF_HIGH,
@@ -63,23 +51,21 @@ from pep.pit.kernel.known import (
     THIRD,
     TOO_MANY,
     note,
-    rough,
     settled,
     with_room,
 )
-from pep.pit.kernel.law import calm_beyond, pair_index
-from pep.pit.kernel.rows import ball_gap
+from pep.pit.kernel.law import pair_index
 from pep.pit.kernel.tree import (
     AT_HIGH,
     AT_LOW,
     AT_MID,
+    FIRST_LEVEL,
     HIGH,
     HIGHEST_RATE,
     LEFT,
     LEVEL,
     LOW,
     MIDDLE_RATE,
-    SPANS,
     WHOLE_LEAF,
     halve,
     is_full,
@@ -90,8 +76,10 @@ from pep.pit.path import CHORD, GRID
 from pep.pit.tier import MOVING
 
 if TYPE_CHECKING:
+    import numpy as np
     from numpy.typing import NDArray
 
+    from pep.pit.kernel.gap import Gap
     from pep.pit.kernel.heap import Heap
     from pep.pit.kernel.known import Met, Rows
     from pep.pit.kernel.rows import Field, Way
@@ -103,84 +91,30 @@ if TYPE_CHECKING:
 NOT_LOOKED: Final = -1
 
 
-@compiled
-def _first_rows(
-    tree: Tree, way: Way, table: Floats, field: Field, pairs: Whole, law: Floats, rows: Rows, heap: Heap
-) -> Any:
-    """The first spans' rows, but for those far apart: shape (spans, pairs), which of them are."""
-    count, numbers, whole = pairs.shape[0], field.numbers, field.whole
-    spans, rates, ends, speeds = tree.spans, tree.rates, tree.nodes.ends, tree.nodes.speed
-    swerves, spins = tree.nodes.swerve, tree.nodes.spin
-    bodies, first = table.shape[0], tree.counts[SPANS]
-    # Per pair, side by side: the obstacle's centre, how far from there the body's own centre must be, that nothing
-    # counts more than any motion and no violation can hide, and how much farther per m/s. Planes have no centre.
-    about, body_of, moved = np.empty((count, 5)), np.empty(count, np.int64), np.zeros(bodies, np.bool_)
-    for each in range(count):
-        pair = pairs[each]
-        body, kind = whole[pair, BODY], whole[pair, KIND]
-        body_of[each], moved[body] = body, True
-        calm = calm_beyond(kind, numbers, pair, 0.0, law)
-        about[each, 0], about[each, 1] = numbers[pair, CENTER], numbers[pair, CENTER + 1]
-        about[each, 2] = numbers[pair, CENTER + 2]
-        apart = max(calm, numbers[pair, VIOLATED_BELOW]) + table[body, HALF] + numbers[pair, AROUND]
-        about[each, 3] = math.inf if whole[pair, SHAPE] == PLANE else apart + numbers[pair, RADII]
-        about[each, 4] = calm_beyond(kind, numbers, pair, 1.0, law) - calm
-    # Per body: its centre, how far it strays from there, its speed, and that per unit of ds/dt.
-    moving, placed = np.flatnonzero(moved), np.empty((bodies, 6))
-    far, near = np.empty((first, count), np.bool_), np.empty(count + 1, np.int64)
-    row_whole, row_numbers, doubts = rows.whole, rows.numbers, rows.doubts
-    used = doubtful = 0
-    for k in range(first):
-        at, width = spans[k, AT_MID], (spans[k, HIGH] - spans[k, LOW]) / GRID
-        place_all(tree.nodes, at, way.arm, moving)
-        for each in range(moving.shape[0]):
-            body = moving[each]
-            for i in range(3):
-                placed[body, i] = 0.5 * (ends[at, body, 0, i] + ends[at, body, 1, i])
-            placed[body, 3], placed[body, 5] = rough(
-                speeds[at, body], swerves[at, body], spins[at, body], table, body, width
-            )
-            placed[body, 4] = placed[body, 5] * rates[k, HIGHEST_RATE]
-        # The tight loop of the whole engine: no branch, no root, nothing written but where it is needed.
-        found = 0
-        for each in range(count):
-            body = body_of[each]
-            x, y = placed[body, 0] - about[each, 0], placed[body, 1] - about[each, 1]
-            z, apart = placed[body, 2] - about[each, 2], about[each, 3] + placed[body, 3]
-            apart += about[each, 4] * placed[body, 4]
-            is_far = (apart >= 0.0) & (x * x + y * y + z * z >= apart * apart)
-            far[k, each], near[found] = is_far, each
-            found += not is_far
-        for each in near[:found]:
-            body, pair = body_of[each], pairs[each]
-            kind, below, strays, speed = (
-                whole[pair, KIND],
-                numbers[pair, VIOLATED_BELOW],
-                placed[body, 3],
-                placed[body, 4],
-            )
-            if whole[pair, SHAPE] == PLANE:
-                clear = plane_gap(ends, at, body, numbers, pair)[0] - numbers[pair, RADII] - strays
-                if clear >= max(calm_beyond(kind, numbers, pair, speed, law), below):
-                    far[k, each] = True
-                    continue
-            else:
-                x, y = placed[body, 0] - about[each, 0], placed[body, 1] - about[each, 1]
-                z = placed[body, 2] - about[each, 2]
-                clear = math.sqrt(x * x + y * y + z * z) - strays
-                clear -= table[body, HALF] + numbers[pair, AROUND] + numbers[pair, RADII]
-            row_whole[used, SPAN_OF], row_whole[used, PAIR], row_whole[used, STAGE] = k, pair, BALLS
-            row_numbers[used, CLEAR], row_numbers[used, RUSH] = clear, placed[body, 5]
-            row_numbers[used, CLEAR_MID], row_numbers[used, RUSH_MID] = math.inf, 0.0
-            row_numbers[used, STRAYS] = strays
-            row_numbers[used, BOUND] = pair_index(kind, numbers, pair, clear, speed, law)
-            if clear < below:
-                doubts[doubtful] = used
-                doubtful += 1
-            used += 1
-    rows.used[0], rows.used[1] = used, doubtful
-    heaped(heap.key, heap.row, heap.used, row_numbers[:used, BOUND])
-    return far
+@merged
+def _by_nodes(
+    ends: Floats,
+    speeds: Floats,
+    spins: Floats,
+    table: Floats,
+    laws: Floats,
+    first: int,
+    middle: int,
+    last: int,
+    body: int,
+    pair: int,
+    shape: int,
+    gap: Gap,
+    bend: float,
+) -> tuple[float, float]:
+    """Clearance and speed per unit of ds/dt that a span's three nodes prove, by the gap in its middle.
+
+    `bend` is what a bound on a second derivative is multiplied with to bound how far its chord is left.
+    """
+    clear = interval_gap(ends, first, middle, last, body, laws, pair, shape, gap, table[body, SECOND] * bend)
+    speed = max(speeds[first, body], speeds[middle, body], speeds[last, body]) + table[body, THIRD] * bend
+    spin = max(spins[first, body], spins[middle, body], spins[last, body]) + table[body, SPIN_SECOND] * bend
+    return clear, speed + table[body, RADIUS] * spin
 
 
 @lent
@@ -214,9 +148,9 @@ def explored(
     keys, key_rows, key_count = heap.key, heap.row, heap.used
     nodes, arm, spans, rates, posed = tree.nodes, way.arm, tree.spans, tree.rates, tree.posed
     frames, turning, ends, speeds, swerves = nodes.frames, nodes.turning, nodes.ends, nodes.speed, nodes.swerve
-    spins, known, link, reference, own, half = nodes.spin, nodes.known, arm.link, arm.reference, arm.ends, arm.half
+    spins, known, link, reference, own = nodes.spin, nodes.known, arm.link, arm.reference, arm.ends
     laws, kinds = field.numbers, field.whole
-    witnesses, violated, top, knots = met.witnesses, met.violated, met.top, met.knots
+    witnesses, violated, top = met.witnesses, met.violated, met.top
     look, on_top = NOT_LOOKED, False
     while True:
         # 1. Which row: the one with the highest bound, or one that may hide a violation, or one that tells of a group.
@@ -246,13 +180,22 @@ def explored(
         span, pair, stage = whole[row, SPAN_OF], whole[row, PAIR], whole[row, STAGE]
         middle = spans[span, AT_MID]
         body, shape, kind, below = kinds[pair, BODY], kinds[pair, SHAPE], kinds[pair, KIND], laws[pair, VIOLATED_BELOW]
+        # The body stands in the middle for the first look, at both ends for the second.
+        first, last = (middle, middle) if stage == BALLS else (spans[span, AT_LOW], spans[span, AT_HIGH])
+        if stage < NODES:
+            for side in range(2):
+                at = first if side == 0 else last
+                if not posed[at]:
+                    stand(tree, way, at)
+                if not known[at, body]:
+                    put(frames, turning, ends, speeds, swerves, spins, known, link, reference, own, at, body)
         if stage == BALLS:
             # 2. The distance in the middle. Less what levers allow, it often settles the row.
-            gap, x, y, z = core_gap(ends, middle, body, laws, pair, shape, knots)
-            clear, rush = gap - laws[pair, RADII], speeds[middle, body] + table[body, RADIUS] * spins[middle, body]
+            gap = core_gap(ends, middle, body, laws, pair, shape)
+            clear, rush = gap[0] - laws[pair, RADII], speeds[middle, body] + table[body, RADIUS] * spins[middle, body]
             numbers[row, CLEAR_MID], numbers[row, RUSH_MID] = clear, rush
             numbers[row, CLEAR] = clear - numbers[row, STRAYS]
-            numbers[row, AWAY], numbers[row, AWAY + 1], numbers[row, AWAY + 2] = x, y, z
+            numbers[row, AWAY], numbers[row, AWAY + 1], numbers[row, AWAY + 2] = gap[1], gap[2], gap[3]
             speed = rush * rates[span, MIDDLE_RATE]
             index = pair_index(kind, laws, pair, clear, speed, law)
             best = max(best, index)
@@ -265,27 +208,18 @@ def explored(
             whole[row, STAGE] = MIDDLE
         elif stage == MIDDLE:
             # 3. What the nodes at both ends prove.
-            first, last = spans[span, AT_LOW], spans[span, AT_HIGH]
-            for side in range(2):
-                at = first if side == 0 else last
-                if not posed[at]:
-                    stand(tree, way, at)
-                if not known[at, body]:
-                    put(frames, turning, ends, speeds, swerves, spins, known, link, reference, own, at, body)
             width = (spans[span, HIGH] - spans[span, LOW]) / GRID
             bend = width * width / CHORD
-            gaps = (0.0, numbers[row, AWAY], numbers[row, AWAY + 1], numbers[row, AWAY + 2])
-            sag = table[body, SECOND] * bend
-            numbers[row, CLEAR] = interval_gap(ends, first, middle, last, body, laws, pair, shape, gaps, sag)
-            speed = max(speeds[first, body], speeds[middle, body], speeds[last, body]) + table[body, THIRD] * bend
-            spin = max(spins[first, body], spins[middle, body], spins[last, body]) + table[body, SPIN_SECOND] * bend
-            numbers[row, RUSH] = speed + table[body, RADIUS] * spin
+            gap = (0.0, numbers[row, AWAY], numbers[row, AWAY + 1], numbers[row, AWAY + 2])
+            numbers[row, CLEAR], numbers[row, RUSH] = _by_nodes(
+                ends, speeds, spins, table, laws, first, middle, last, body, pair, shape, gap, bend
+            )
             whole[row, STAGE] = NODES
         elif spans[span, LEVEL] >= deepest:
             whole[row, STAGE] = FINAL
             continue
         else:
-            # 4. Both halves, each known by its balls.
+            # 4. Both halves, each with all that its nodes prove: what was worth halving is worth no cheaper look.
             if spans[span, LEFT] == WHOLE_LEAF and is_full(tree):
                 if not on_top:
                     used[1] += 1
@@ -293,29 +227,41 @@ def explored(
             if on_top:
                 pop(keys, key_rows, key_count)
             left, width = halve(tree, way, profile, span), 0.5 * (spans[span, HIGH] - spans[span, LOW]) / GRID
-            for side in range(2):
-                span, new = left + side, used[0]
+            bend = width * width / CHORD
+            whole[row, STAGE] = HALVED
+            for half in range(left, left + 2):
+                first, middle, last, new = spans[half, AT_LOW], spans[half, AT_MID], spans[half, AT_HIGH], used[0]
                 used[0] = new + 1
-                middle = spans[span, AT_MID]
                 if not known[middle, body]:
                     put(frames, turning, ends, speeds, swerves, spins, known, link, reference, own, middle, body)
-                if shape == PLANE:
-                    clear = plane_gap(ends, middle, body, laws, pair)[0] - laws[pair, RADII]
-                else:
-                    clear = ball_gap(ends, middle, body, half, laws, pair)
-                strays, rush = rough(
-                    speeds[middle, body], swerves[middle, body], spins[middle, body], table, body, width
+                gap = core_gap(ends, middle, body, laws, pair, shape)
+                clear, rush = (
+                    gap[0] - laws[pair, RADII],
+                    speeds[middle, body] + table[body, RADIUS] * spins[middle, body],
                 )
-                bound = pair_index(kind, laws, pair, clear - strays, rush * rates[span, HIGHEST_RATE], law)
-                whole[new, SPAN_OF], whole[new, PAIR], whole[new, STAGE] = span, pair, BALLS
-                numbers[new, CLEAR], numbers[new, RUSH], numbers[new, STRAYS] = clear - strays, rush, strays
-                numbers[new, CLEAR_MID], numbers[new, RUSH_MID], numbers[new, BOUND] = math.inf, 0.0, bound
+                speed = rush * rates[half, MIDDLE_RATE]
+                index, key = (
+                    pair_index(kind, laws, pair, clear, speed, law),
+                    (spans[half, LOW] + spans[half, HIGH]) // 2,
+                )
+                best = max(best, index)
+                note(witnesses, kinds[pair, GROUP], index, clear, speed, key, pair)
+                if clear < below:
+                    note(violated, kind, 0.0, clear, speed, key, pair)
+                numbers[new, CLEAR_MID], numbers[new, RUSH_MID] = clear, rush
+                clear, rush = _by_nodes(
+                    ends, speeds, spins, table, laws, first, middle, last, body, pair, shape, gap, bend
+                )
+                bound = pair_index(kind, laws, pair, clear, rush * rates[half, HIGHEST_RATE], law)
+                whole[new, SPAN_OF], whole[new, PAIR], whole[new, STAGE] = half, pair, NODES
+                numbers[new, CLEAR], numbers[new, RUSH], numbers[new, BOUND] = clear, rush, bound
                 if not settled(bound, best):
                     push(keys, key_rows, key_count, bound, new)
-                if clear - strays < below and violated[kind, MET_PAIR] == NOBODY:
+                if clear < below and violated[kind, MET_PAIR] == NOBODY:
                     doubts[used[1]] = new
                     used[1] += 1
-            whole[row, STAGE] = HALVED
+            if best > ceiling:
+                return True, best
             continue
         bound = pair_index(kind, laws, pair, numbers[row, CLEAR], numbers[row, RUSH] * rates[span, HIGHEST_RATE], law)
         numbers[row, BOUND] = bound
@@ -365,7 +311,7 @@ def _tops(whole: Whole, numbers: Floats, kinds: Whole, top: Whole, count: int, l
 
 
 @lent
-def _at_rest(tree: Tree, way: Way, field: Field, rows: Rows, violated: Floats, knots: Floats) -> None:
+def _at_rest(tree: Tree, way: Way, field: Field, rows: Rows, violated: Floats) -> None:
     """Violations at both ends of the path, where the arm stands and no middle ever lies."""
     whole, numbers, spans, nodes, posed = rows.whole, rows.numbers, tree.spans, tree.nodes, tree.posed
     laws, kinds, ends = field.numbers, field.whole, tree.nodes.ends
@@ -383,29 +329,34 @@ def _at_rest(tree: Tree, way: Way, field: Field, rows: Rows, violated: Floats, k
             if not posed[at]:
                 stand(tree, way, at)
             place(nodes, at, way.arm, body)
-            gap = core_gap(ends, at, body, laws, pair, kinds[pair, SHAPE], knots)[0] - laws[pair, RADII]
+            gap = core_gap(ends, at, body, laws, pair, kinds[pair, SHAPE])[0] - laws[pair, RADII]
             if gap < below:
                 note(violated, kinds[pair, KIND], 0.0, gap, 0.0, key, pair)
 
 
-@compiled
-def leaves_of(tree: Tree, rows: Rows) -> tuple[Floats, float]:
-    """The rows that were not halved, and the highest index of those."""
-    whole, numbers, spans, count = rows.whole, rows.numbers, tree.spans, 0
-    used, upper, done = rows.used[0], 0.0, 0
-    for row in range(used):
+@lent
+def leaf_count(rows: Rows) -> int:
+    """How many rows were not halved."""
+    whole, count = rows.whole, 0
+    for row in range(rows.used[0]):
         count += whole[row, STAGE] != HALVED
-    leaves = np.empty((LEAF, count))
-    for row in range(used):
+    return count
+
+
+@lent
+def leaves_of(tree: Tree, rows: Rows, leaves: Floats, since: int) -> float:
+    """The rows that were not halved stand in `leaves` from `since` on; the highest index of those."""
+    whole, numbers, spans, upper, at = rows.whole, rows.numbers, tree.spans, 0.0, since
+    for row in range(rows.used[0]):
         if whole[row, STAGE] != HALVED:
             span = whole[row, SPAN_OF]
-            leaves[LEAF_LOW, done], leaves[LEAF_HIGH, done] = spans[span, LOW], spans[span, HIGH]
-            leaves[LEAF_PAIR, done] = whole[row, PAIR]
+            leaves[at, LEAF_LOW], leaves[at, LEAF_HIGH] = spans[span, LOW], spans[span, HIGH]
+            leaves[at, LEAF_PAIR] = whole[row, PAIR]
             for column in range(LEAF - LEAF_NUMBERS):
-                leaves[LEAF_NUMBERS + column, done] = numbers[row, column]
+                leaves[at, LEAF_NUMBERS + column] = numbers[row, column]
             upper = max(upper, numbers[row, BOUND])
-            done += 1
-    return leaves, upper
+            at += 1
+    return upper
 
 
 @compiled
@@ -420,32 +371,28 @@ def searched(
     profile: Floats,
     law: Floats,
     floor: float,
-    first: int,
     looks: int,
     met: Met,
-) -> tuple[Tree, Rows, Heap, Any, int, float]:
+) -> tuple[Tree, Rows, Heap, int, float]:
     """The rows of these pairs on this path, settled; there is room for those of the first cut.
 
     Returns:
-        The tree, rows and heap, which of the first cut's rows (spans, pairs) are far apart and no rows, the status,
-        and the highest index that was met.
+        The tree, rows and heap, the status, and the highest index that was met.
     """
-    level = 0
-    while 1 << level < first:
-        level += 1
-    plant(tree, way, profile, first, level)
-    far = _first_rows(tree, way, table, field, pairs, law, rows, heap)
+    plant(tree, way, profile)
+    first_rows(tree, way, table, field, pairs, law, rows)
+    heaped(heap.key, heap.row, heap.used, rows.numbers[: rows.used[0], BOUND])
     best, status = floor, ANSWERED
     while True:
         finished, best = explored(
-            tree, way, table, field, rows, heap, profile, law, met, best, math.inf, level + DEPTH, looks
+            tree, way, table, field, rows, heap, profile, law, met, best, math.inf, FIRST_LEVEL + DEPTH, looks
         )
         if finished:
-            _at_rest(tree, way, field, rows, met.violated, met.knots)
+            _at_rest(tree, way, field, rows, met.violated)
             break
         if rows.used[0] > ROWS_MOST:
             status = TOO_MANY
             break
         tree, rows = trees.with_room(tree), with_room(rows, rows.used[0] + 2)
         heap = heaps.with_room(heap, heap.used[0] + 2)
-    return tree, rows, heap, far, status, best
+    return tree, rows, heap, status, best

@@ -39,7 +39,7 @@ from pep.pit.kernel.columns import (
     WARN_BAND,
 )
 from pep.pit.kernel.compiled import compiled, entry
-from pep.pit.kernel.gap import KNOTS, core_gap, interval_gap
+from pep.pit.kernel.gap import core_gap, interval_gap
 from pep.pit.kernel.law import blow_of, pair_index
 from pep.pit.kernel.steps import (
     AGE_LIMIT,
@@ -209,7 +209,7 @@ def _pairs(
     depth, gentle, warned = ready.rules[DEPTH], law[CONTACT_SPEED], law[WARN_BAND]
     reaction, travel = law[REACTION], law[TRAVEL]
     approach = law[PERSON_SPEED] * (reaction + law[BRAKE])
-    knots, contact = np.empty(KNOTS), 0.0
+    contact = 0.0
     for pair in range(whole.shape[0]):
         body, shape, kind = whole[pair, BODY], whole[pair, SHAPE], whole[pair, KIND]
         speed, below = speeds[body], numbers[pair, VIOLATED_BELOW]
@@ -232,7 +232,7 @@ def _pairs(
             blow = blow_of(numbers, pair, clear - walked, speed, law) if kind == PERSON else 0.0
             if clear >= below and near <= index and blow <= contact:
                 continue
-        gap = core_gap(ends, MIDDLE, body, numbers, pair, shape, knots)
+        gap = core_gap(ends, MIDDLE, body, numbers, pair, shape)
         clear = interval_gap(ends, 0, 1, 2, body, numbers, pair, shape, gap, sags[body])
         near = pair_index(kind, numbers, pair, clear - walked, speed, law)
         if touchable[pair] and speed <= gentle and clear >= -depth:

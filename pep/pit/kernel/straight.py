@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pep.pit.certify import SPEED_STEPS
-from pep.pit.kernel.arm import arm_of, bends_of
+from pep.pit.kernel.arm import arm_in, bends_of
 from pep.pit.kernel.columns import (
     ACCELERATION,
     BRAKE,
@@ -22,7 +22,6 @@ from pep.pit.kernel.columns import (
     WAY,
 )
 from pep.pit.kernel.compiled import compiled, entry
-from pep.pit.kernel.gap import KNOTS
 from pep.pit.kernel.heap import push
 from pep.pit.kernel.known import (
     ANSWERED,
@@ -34,7 +33,9 @@ from pep.pit.kernel.known import (
     FINAL,
     HALVED,
     KINDS,
+    LEAF,
     LEVEL_LOWEST,
+    MET,
     MET_PAIR,
     NOBODY,
     PAIR,
@@ -51,7 +52,7 @@ from pep.pit.kernel.known import (
 from pep.pit.kernel.law import pair_index
 from pep.pit.kernel.room import Room, laid_out
 from pep.pit.kernel.rows import Field, Way
-from pep.pit.kernel.search import explored, leaves_of, searched
+from pep.pit.kernel.search import explored, leaf_count, leaves_of, searched
 from pep.pit.kernel.tree import HIGHEST_RATE, SPANS, rate
 from pep.pit.tier import HIGHEST, MOVING, TIE
 
@@ -148,54 +149,57 @@ def certify(
     room: int,
     arm_numbers: Floats,
     arm_whole: Whole,
+    pair_balls: Floats,
     pair_numbers: Floats,
     pair_whole: Whole,
     pairs: Whole,
     groups: int,
-    asked: Floats,
     floor: float,
-    first: int,
     looks: int,
-) -> tuple[int, float, float, Floats, Floats, Floats, Any, float]:
+    slows: bool,
+) -> tuple[int, float, float, float, int, int, Floats]:
     """The proven index of these pairs on this path (see `pep.pit.certify.certify`).
 
     Few arrays and no tuples of them: numba looks at each that Python hands over, which takes as long as the search when
     none of it is in the processor's cache.
 
     Args:
-        numbers, whole, flags, room: a `Room` for the rows of the first cut at least.
+        numbers, whole, flags, room: a `Room` for the rows of the first cut at least, with what is asked in it: start
+            and target of the joints, timing, law, and `STOP` numbers that a slower speed is found by.
         arm_numbers, arm_whole: the arm (`arm.blocks_of`).
-        pair_numbers, pair_whole: all pairs (`rows.Field`).
+        pair_balls, pair_numbers, pair_whole: all pairs (`rows.Field`).
         pairs: which to ask about.
         groups: how many groups of pairs there are.
-        asked: start and way of the joints, timing and stop, side by side; then, when a slower speed is wanted, what it
-            is found by (`STOP` numbers).
         floor: an index that holds anyway, at least `MOVING`.
-        first: intervals of the first cut, a power of two.
         looks: at each group that does not decide, so that it can be told of.
+        slows: whether a slower speed is looked for.
 
     Returns:
-        `ANSWERED` or `TOO_MANY`, the proven and the attained index, then rows of `MET` columns: the witnesses, highest
-        first, and the violations; then `LEAF` rows, a column for each leaf, and which rows of the first cut (spans,
-        pairs) are far apart and count no more than any motion: the certificate;
-        last the highest speed at which the index of these pairs is proven to be a whole tier lower, or -1.
+        `ANSWERED` or `TOO_MANY`, the proven and the attained index, and the highest speed at which the index of these
+        pairs is proven to be a whole tier lower, or -1; then how many witnesses there are and how many violations, and
+        an array of those: first the witnesses in `MET` columns, highest first, then the violations, then the leaves in
+        `LEAF` columns. Which pairs of the first cut have no leaf are far apart there and count no more than any motion.
     """
-    arm, field = arm_of(arm_numbers, arm_whole), Field(pair_numbers, pair_whole)
+    arm, field = arm_in(arm_numbers, arm_whole), Field(pair_balls, pair_numbers, pair_whole)
     joints = arm.offsets.shape[0]
-    start, delta, at = asked[:joints], asked[joints : 2 * joints], 2 * joints
-    profile, law = asked[at : at + PROFILE], asked[at + PROFILE : at + PROFILE + LAW]
-    stop = asked[at + PROFILE + LAW :]
+    start, at = numbers[:joints], 2 * joints
+    delta = numbers[joints:at] - start
+    profile, at = numbers[at : at + PROFILE], at + PROFILE
+    law, at = numbers[at : at + LAW], at + LAW
+    stop = numbers[at : at + STOP]
     way = Way(arm, start, delta, bends_of(arm, delta))
     table = table_of(arm, way.bends)
-    met = Met(none_met(groups), none_met(KINDS), np.empty((groups, looks), np.int64), np.empty(KNOTS))
+    met = Met(none_met(groups), none_met(KINDS), np.empty((groups, looks), np.int64))
     tree, rows, heap = laid_out(Room(numbers, whole, flags, room), table.shape[0], joints)
-    tree, rows, heap, far, status, best = searched(
-        tree, rows, heap, way, table, field, pairs, profile, law, floor, first, looks, met
+    tree, rows, heap, status, best = searched(
+        tree, rows, heap, way, table, field, pairs, profile, law, floor, looks, met
     )
-    leaves, upper = leaves_of(tree, rows)
-    upper = max(floor, best, upper)
     witnesses, violated = ranked(met.witnesses), ranked(met.violated)
+    told, broken = witnesses.shape[0], violated.shape[0]
+    found = np.empty((told + broken + leaf_count(rows), LEAF))
+    found[:told, :MET], found[told : told + broken, :MET] = witnesses, violated
+    upper = max(floor, best, leaves_of(tree, rows, found, told + broken))
     slower, target = NOBODY, math.ceil(min(upper, HIGHEST) - TIE) - 1.0
-    if stop.shape[0] == STOP and status == ANSWERED and violated.shape[0] == 0 and target >= MOVING:
+    if slows and status == ANSWERED and broken == 0 and target >= MOVING:
         slower = _slower(tree, rows, heap, way, table, field, profile, law, stop, met, target)
-    return status, upper, best, witnesses, violated, leaves, far, slower
+    return status, upper, best, slower, told, broken, found

@@ -192,7 +192,7 @@ def traced(tool: Tool, line: Line, start: Floats, since: int, until: int, pieces
     """The joints' path under the line from `since` to `until` as far as it can be proven, as `pep.pit.line.trace`."""
     rate = _rate_of(line)
     desk = _Desk(
-        no_stand(), np.empty((6, 6)), np.empty((6, 6)), no_bounds(), np.empty((10, 6)), np.empty(6), np.empty(6),
+        no_stand(), np.empty((6, 6)), np.empty((6, 6)), no_bounds(), np.empty((8, 6)), np.empty(6), np.empty(6),
         np.empty((6, 2)),
     )  # fmt: skip
     here, ahead = no_stand(), no_stand()

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from pep.pit.certify import FIRST_CUT_LEAST
 from pep.pit.kernel.arm import more_nodes, pose
 from pep.pit.kernel.compiled import compiled, lent
 from pep.pit.kernel.law import highest_rate, rate_at
@@ -31,7 +32,8 @@ LEVEL: Final = 6
 SPAN: Final = 7
 
 WHOLE_LEAF: Final = -1  # in `LEFT`: not halved
-NODES_FIRST: Final = 128  # room for configurations at first; most questions need fewer
+FIRST: Final = FIRST_CUT_LEAST  # spans of the first cut, a power of two
+FIRST_LEVEL: Final = FIRST.bit_length() - 1
 
 # Rates of a span: the highest on it, and that in its middle.
 HIGHEST_RATE: Final = 0
@@ -66,19 +68,19 @@ class Tree(NamedTuple):
 
 
 @lent
-def plant(tree: Tree, way: Way, profile: Floats, first: int, level: int) -> None:
-    """The tree is `first` equal spans, 2 to the power of `level`; the arm stands in their middles."""
+def plant(tree: Tree, way: Way, profile: Floats) -> None:
+    """The tree is the first cut, in equal spans; the arm stands in their middles."""
     tree.counts[NODES] = 0
-    step, spans, rates = GRID // first, tree.spans, tree.rates
-    for k in range(first + 1):
+    step, spans, rates = GRID // FIRST, tree.spans, tree.rates
+    for k in range(FIRST + 1):
         _node_at(tree, k * step)
-    for k in range(first):
-        spans[k, LOW], spans[k, HIGH], spans[k, LEFT], spans[k, LEVEL] = k * step, (k + 1) * step, WHOLE_LEAF, level
-        spans[k, AT_LOW], spans[k, AT_HIGH] = k, k + 1
+    for k in range(FIRST):
+        spans[k, LOW], spans[k, HIGH], spans[k, LEFT] = k * step, (k + 1) * step, WHOLE_LEAF
+        spans[k, LEVEL], spans[k, AT_LOW], spans[k, AT_HIGH] = FIRST_LEVEL, k, k + 1
         spans[k, AT_MID] = _node_at(tree, k * step + step // 2)
         stand(tree, way, spans[k, AT_MID])
         rate(spans, rates, k, profile)
-    tree.counts[SPANS] = first
+    tree.counts[SPANS] = FIRST
 
 
 @lent

@@ -1,4 +1,4 @@
-"""The story, in three chapters: authority is lent and refused, people answer, a moving arm is watched."""
+"""The story, in four chapters: authority is lent, people answer, a moving arm is watched, and programs lease it."""
 
 from __future__ import annotations
 
@@ -8,5 +8,6 @@ from ztpm.demo.run import Story
 from ztpm.demo.story.answering import ANSWERING
 from ztpm.demo.story.lending import LENDING
 from ztpm.demo.story.moving import MOVING
+from ztpm.demo.story.programs import PROGRAMS
 
-STORY: Final = Story([*LENDING.steps, *ANSWERING.steps, *MOVING.steps])
+STORY: Final = Story([*LENDING.steps, *ANSWERING.steps, *MOVING.steps, *PROGRAMS.steps])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from capabilities.errors import FaultCode
-from tests.vectors.tokens.cases import Accepted, Case, Case, Group, Made, faults, group
+from tests.vectors.tokens.cases import Accepted, Case, Group, Made, faults, group
 from tests.vectors.tokens.ordinary import (
     CELL,
     ISSUER,

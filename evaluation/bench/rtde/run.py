@@ -1,0 +1,153 @@
+"""One run: the same client against a controller that is reached directly, and through the gateway."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from evaluation.bench.machine import machine
+from evaluation.bench.pit import cells, workload
+from evaluation.bench.pit.report import SERVO_STEP
+from evaluation.bench.rtde import client
+from evaluation.bench.rtde.report import Result, Row
+from pep.operations import SERVO_JOINT
+from pep.rtde.limits import widest
+from pep.rtde.lines import PORTS
+from ztpm.cell import PASSPHRASE_VARIABLE, Cell
+from ztpm.demo.stage import LEFT, Stage, sweep_scope
+from ztpm.layout import OPERATORS, Layout, write_private
+from ztpm.leasing import PLACE
+from ztpm.loopback import free_host, is_free
+from ztpm.processes import Child
+from ztpm.setup import free_addresses, initialise
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from capabilities.scope import Scope
+
+DIRECT, POLICY, WHOLE = "direct", "gateway, without physics", "gateway"
+AGENT: Final = "streamer"
+LIFETIME_S: Final = 900
+ANSWER_S: Final = 60.0
+STEPS: Final = 2_000
+"""Steps of a prepared stream that are timed for the share of the cycle."""
+
+
+class StreamBrokenError(RuntimeError):
+    """A stream that did not go on to its end: its figures would be of something else."""
+
+
+def run(seconds: float, *, told: Callable[[str], None]) -> Result:
+    """The stream, three times.
+
+    Args:
+        seconds: how long each.
+        told: is told what happens now.
+
+    Raises:
+        StreamBrokenError: a value was refused.
+    """
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="ztpm-bench-") as folder, _place(Path(folder)) as place:
+        rows = []
+        for way, module in ((DIRECT, ""), (POLICY, "evaluation.bench.rtde.bare"), (WHOLE, "ztpm.gateway_server")):
+            told(f"{way}: {seconds:g} s at {client.HZ} Hz")
+            rows.append(place.streamed(way, module, seconds))
+    told("a prepared stream, step by step")
+    return Result(tuple(rows), physics_us=_physics_us(), seconds=time.monotonic() - began, machine=machine())
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where it happens.
+
+    Attributes:
+        cell: identity provider, controller and sensor run.
+        tap: before the controller, at `host`.
+        folder: for files.
+    """
+
+    cell: Cell
+    tap: Child
+    host: str
+    folder: Path
+
+    def streamed(self, way: str, module: str, seconds: float) -> Row:
+        """One stream, through the gateway that the module is, or directly."""
+        cell, file = self.cell, self.folder / "sent.json"
+        secret = {PASSPHRASE_VARIABLE: cell.passphrase.decode()}
+        program = [sys.executable, client.__file__, PLACE if module else self.host, str(seconds), str(file)]
+        if module:
+            cell.end("gateway")
+            config = ("--config", str(cell.layout.gateway_config), "--robot", self.host)
+            cell.gateway = Child.start("gateway", module, *config, environment=secret)
+            own = ["--token", str(self.folder / "token"), "--data", str(cell.layout.root), "--"]
+            program = [sys.executable, "-m", "ztpm", "rtde", "run", AGENT, *own, *program]
+        done = subprocess.run(program, env=os.environ | secret, capture_output=True, text=True, check=False)  # noqa: S603 - our own
+        if done.returncode != 0:
+            raise StreamBrokenError(f"{way}: {done.stderr.strip()[-300:]}")
+        sent = {value: sent_ns for sent_ns, value in json.loads(file.read_bytes())}
+        if len(sent) < int(seconds * client.HZ):
+            raise StreamBrokenError(f"{way}: {len(sent)} values were taken")
+        answer = self.tap.ask({}, timeout_s=ANSWER_S)
+        if answer is None:
+            raise StreamBrokenError("the tap does not answer")
+        late = [(came_ns - sent[value]) / 1e3 for came_ns, value in answer["written"] if value in sent]
+        p50, p99 = np.percentile(late, (50, 99))
+        return Row(way, len(sent), len(sent) - len(late), float(p50), float(p99), float(max(late)))
+
+
+@contextmanager
+def _place(root: Path) -> Iterator[_Place]:
+    """A cell whose gateway reaches the controller by a tap, and an agent that may stream."""
+    layout, addresses = Layout(root / "cell"), free_addresses(secrets.token_bytes(16))
+    passphrase = secrets.token_urlsafe(16).encode()
+    initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=20)
+    with Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT) as cell:
+        stage = Stage(cell=cell, people={})
+        stage.people = {name: stage.operator_from_disk(name) for name in OPERATORS}
+        cell.register(stage.person("carol"))
+        agent = stage.new_agent(AGENT, sponsor="alice", role="streamer")
+        agent.attest()
+        issued = stage.person("alice").issue(agent, _scope(addresses.audience), purpose="benchmark")
+        write_private(root / "token", issued.token.encode())
+        host = free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in PORTS))
+        ends = ("--listen", host, "--robot", addresses.host)
+        tap = Child.start("tap", "evaluation.bench.rtde.tap", *ends, environment={})
+        try:
+            yield _Place(cell, tap, host, root)
+        finally:
+            tap.stop()
+            stage.close()
+
+
+def _scope(audience: str) -> Scope:
+    """What the demo lends, and streams of joint angles within the robot's own limits."""
+    scope = sweep_scope(audience, delegates=frozenset(), now=int(time.time()), lifetime_s=LIFETIME_S)
+    grants = (*scope.grants, widest(SERVO_JOINT))
+    return replace(scope, grants=tuple(sorted(grants, key=lambda each: (each.object, each.operation))))
+
+
+def _physics_us() -> float:
+    """Median of one step of a stream of joint angles, as `ztpm eval bench pit` asks it, microseconds."""
+    asked = [cells.ready(each) for each in workload.steps(np.random.default_rng(1), 20, 1, servo=True)]
+    cell = cells.streaming(asked, SERVO_STEP)
+    took = []
+    for _ in range(STEPS):
+        fresh = cell.fresh()
+        began = time.perf_counter_ns()
+        cell.act(fresh)
+        took.append(time.perf_counter_ns() - began)
+    return float(np.median(took)) / 1e3

@@ -1,0 +1,50 @@
+"""Whether an arm stands where a motion leads, by the model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit import NOMINAL_ERROR_M, JointPath, MoveJ, MoveL
+from pep.pit.inverse import stance
+from pep.pit.twist import turn_of, turned_by
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pep.pit import Motion, Robot
+
+JOINT_RAD: Final = 1e-3
+"""A joint this near to its target has arrived; the controller holds about a tenth of it."""
+TOOL_M: Final = NOMINAL_ERROR_M + 1e-3
+"""A tool this near to its target has: a controller has its arm's own kinematics, a model may have nominal ones."""
+TOOL_RAD: Final = 0.02
+"""Ours: likewise, of its turn."""
+
+
+def arrived(motion: Motion | None, robot: Robot, q_rad: Sequence[float]) -> bool:
+    """Whether an arm at these joint angles is where the motion leads; False for one that leads to no place.
+
+    Args:
+        motion: as it was assessed.
+        robot: the arm.
+        q_rad: measured joint angles, six.
+    """
+    match motion:
+        case MoveJ(target=target):
+            return _near(q_rad, target)
+        case JointPath(legs=legs):
+            return _near(q_rad, legs[-1].target)
+        case MoveL(target=pose):
+            here = stance(robot, np.array(q_rad, dtype=float))
+            off = turn_of(turned_by(np.array(pose[3:])) @ here.rotation.T)
+            return bool(
+                np.linalg.norm(np.array(pose[:3]) - here.position) <= TOOL_M and np.linalg.norm(off) <= TOOL_RAD
+            )
+        case _:
+            return False
+
+
+def _near(q_rad: Sequence[float], target: Sequence[float]) -> bool:
+    return all(abs(a - b) <= JOINT_RAD for a, b in zip(q_rad, target, strict=True))

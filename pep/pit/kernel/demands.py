@@ -1,0 +1,111 @@
+"""The compiled engine's answer to what a straight joint move asks of the arm."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pep.pit.cell import CellParameters
+from pep.pit.certify import cut
+from pep.pit.errors import WorkLimitError
+from pep.pit.kernel.asks import QUANTITIES, fastest, met
+from pep.pit.kernel.effort import torques
+from pep.pit.kernel.engine import CompiledPath, blocks
+from pep.pit.kernel.known import NOBODY
+from pep.pit.kernel.surface import rush_on
+from pep.pit.motion import Run, profile_of
+from pep.pit.parameters import Demands, Ratio, carried_ratio, speed_shares
+from pep.pit.path import GRID
+from pep.pit.robot import Robot
+from pep.pit.speeds import FINER
+from pep.pit.tier import MOVING
+from pep.pit.torques import carried_kg, masses_with
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from pep.pit.motion import Floats, Profile
+    from pep.pit.path import Path
+
+
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+def _limits_of(robot: Robot, cell: CellParameters) -> Floats:
+    arm = [robot.model.acceleration_limit_rad_s2, cell.tcp_speed_limit_m_s, carried_ratio(robot, cell)]
+    return np.concatenate([robot.speed_limits_rad_s, robot.torque_limits_nm, arm])
+
+
+@lru_cache(maxsize=64)  # likewise
+def _shares_of(robot: Robot, cell: CellParameters) -> Floats:
+    return speed_shares(robot, cell).copy()  # numba compiles anew for an array that nobody may change
+
+
+@lru_cache(maxsize=16)  # as many as there are powers of two
+def _edges(cuts: int) -> NDArray[np.int64]:
+    """Ends of so many equal intervals."""
+    return np.arange(cuts + 1, dtype=np.int64) * (GRID // cuts)
+
+
+class CompiledDemands(Demands):
+    """As `Demands`, answered by the kernel."""
+
+    def __init__(self, path: Path, cell: CellParameters) -> None:
+        """Torque and speed terms at the path's nodes."""
+        robot = path.robot
+        asked, edges = np.concatenate([path.start, path.delta]), _edges(FINER * len(cut(path)[0]))
+        equal = np.empty((len(edges) - 1, len(robot.bodies)))
+        rush_on(*blocks(robot), asked, edges[:-1], edges[1:], equal)
+        q = path.start + (edges / GRID)[:, None] * path.delta
+        bears = torques(
+            masses_with(robot, carried_kg(robot, cell)), q, np.tile(path.delta, (len(q), 1)), np.zeros_like(q)
+        )
+        self._known = *blocks(robot), asked, _shares_of(robot, cell), _limits_of(robot, cell), equal, *bears
+        self._last: tuple[Profile, Floats, Floats] | None = None
+
+    def surface_speed_m_s(self, profile: Profile) -> Floats:
+        """As `Demands.surface_speed_m_s`."""
+        return self._found(profile)[2]
+
+    def _each(self, profile: Profile) -> Iterator[Ratio]:
+        return map(Ratio, QUANTITIES, self._found(profile)[1].tolist())
+
+    def fastest(self, move: Run, index: float, *, slowest: float, check_time: Callable[[], None]) -> float | None:
+        """As `Demands.fastest`; the time is looked at once, since all of it takes less than a look at one profile."""
+        try:
+            check_time()
+        except WorkLimitError:
+            return None
+        profile = profile_of(move)
+        if profile is None or not profile.speed_rad_s > slowest:
+            return None
+        found = fastest(*self._known, _timing(profile), slowest, index)
+        return None if found == NOBODY else float(found)
+
+    def _found(self, profile: Profile) -> tuple[Profile, Floats, Floats]:
+        if self._last is None or self._last[0] != profile:
+            self._last = profile, *met(*self._known, _timing(profile))
+        return self._last
+
+
+def _timing(profile: Profile) -> Floats:
+    return np.array([profile.way_rad, profile.speed_rad_s, profile.acceleration_rad_s2, profile.braking_rad_s2])
+
+
+def compile_all() -> None:
+    """Every entry is compiled, or read from where it was kept."""
+    robot, cell = Robot.load("ur3e"), CellParameters()
+    start = (0.0, -1.5, 1.5, -1.5, -1.5, 0.0)
+    run = Run(start, (0.4, *start[1:]), 0.5, 1.4, 1.4)
+    profile = profile_of(run)
+    if profile is None:
+        raise AssertionError("the move goes somewhere")
+    demands = CompiledDemands(CompiledPath(robot, run), cell)
+    demands.ratios(profile)
+    demands.fastest(run, MOVING, slowest=profile.speed_rad_s / 2, check_time=_no_limit)
+
+
+def _no_limit() -> None:
+    """The time is not counted."""

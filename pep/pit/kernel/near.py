@@ -1,0 +1,55 @@
+"""How far pairs are apart at one place of a straight path, for who asks once: nothing is kept of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pep.pit.kernel.arm import arm_in, no_nodes, place, pose
+from pep.pit.kernel.columns import BODY, RADII, SHAPE
+from pep.pit.kernel.compiled import entry
+from pep.pit.kernel.gap import core_gap
+from pep.pit.path import GRID
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pep.pit.motion import Floats
+
+    Whole = NDArray[np.int64]
+
+
+@entry
+def clearances(
+    arm_numbers: Floats,
+    arm_whole: Whole,
+    pair_numbers: Floats,
+    pair_whole: Whole,
+    asked: Floats,
+    key: int,
+    pairs: Whole,
+) -> Floats:
+    """Signed clearance of these pairs, metre. Few arrays and no tuples of them, as of `straight.certify`.
+
+    Args:
+        arm_numbers, arm_whole: the arm (`arm.blocks_of`).
+        pair_numbers, pair_whole: all pairs (`rows.Field`).
+        asked: start and way of the joints, side by side, rad.
+        key: the place, in 1 / GRID.
+        pairs: which to ask about.
+    """
+    arm = arm_in(arm_numbers, arm_whole)
+    joints = arm.offsets.shape[0]
+    delta, q = asked[joints:], np.empty(joints)
+    for joint in range(joints):
+        q[joint] = asked[joint] + key / GRID * delta[joint]
+    nodes, found = no_nodes(1, arm.link.shape[0]), np.empty(pairs.shape[0])
+    pose(nodes, 0, arm, q, delta)
+    for row in range(pairs.shape[0]):
+        pair = pairs[row]
+        body = pair_whole[pair, BODY]
+        place(nodes, 0, arm, body)
+        gap = core_gap(nodes.ends, 0, body, pair_numbers, pair, pair_whole[pair, SHAPE])[0]
+        found[row] = gap - pair_numbers[pair, RADII]
+    return found

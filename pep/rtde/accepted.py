@@ -1,0 +1,62 @@
+"""A connection that a client has made to one of the ports, until and while somebody serves it."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from pep.rtde.lines import UNREAD_BYTES
+
+if TYPE_CHECKING:
+    from pep.rtde.lines import Line
+
+
+class Accepted(asyncio.Protocol):
+    """One connection; also the way back to its client. What comes before it is served is kept."""
+
+    def __init__(self) -> None:
+        self._line: Line | None = None
+        self._early: list[bytes] = []
+        self._left = False
+
+    def begin(self, line: Line) -> None:
+        """`line` serves it from now on."""
+        self._line = line
+        early, self._early = self._early, []
+        for content in early:
+            line.received(content)
+        if self._left:
+            line.left()
+        else:
+            self._transport.resume_reading()
+
+    def send(self, content: bytes) -> None:
+        """Whole frames, dropped whole where nobody reads."""
+        if self._transport.get_write_buffer_size() < UNREAD_BYTES:
+            self._transport.write(content)
+
+    def close(self) -> None:
+        """As the controller would."""
+        self._transport.close()
+
+    # ---- asyncio
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The connection is there."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        transport.set_write_buffer_limits(high=UNREAD_BYTES)
+
+    def data_received(self, data: bytes) -> None:
+        """What the client says."""
+        if self._line is not None:
+            self._line.received(data)
+        else:
+            self._early.append(data)
+            self._transport.pause_reading()
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+        """The client has gone."""
+        self._left = True
+        if self._line is not None:
+            self._line.left()

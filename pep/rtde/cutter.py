@@ -1,0 +1,52 @@
+"""Cuts a byte stream into pieces that say their own length in four bytes at their start."""
+
+from __future__ import annotations
+
+from typing import Final
+
+LENGTH: Final = 4
+"""Bytes of a length; big-endian."""
+
+
+class LengthError(ValueError):
+    """A length that no piece has; `length` is what was said."""
+
+    def __init__(self, length: int) -> None:
+        super().__init__(f"a piece of {length} bytes")
+        self.length = length
+
+
+class Cutter:
+    """One stream.
+
+    Args:
+        least, most: what a length may say.
+        itself: whether a length counts its own four bytes.
+    """
+
+    def __init__(self, least: int, most: int, *, itself: bool) -> None:
+        self._least, self._most = least, most
+        self._uncounted = 0 if itself else LENGTH
+        self._held = bytearray()
+
+    def feed(self, received: bytes) -> list[bytes]:
+        """The pieces completed by `received`, in order, each with its length.
+
+        Raises:
+            LengthError: a length outside the bounds, as soon as it is there.
+        """
+        held = self._held
+        held += received
+        found: list[bytes] = []
+        at = 0
+        while len(held) - at >= LENGTH:
+            length = int.from_bytes(held[at : at + LENGTH], "big", signed=True)
+            if not self._least <= length <= self._most:
+                raise LengthError(length)
+            end = at + self._uncounted + length
+            if len(held) < end:
+                break
+            found.append(bytes(held[at:end]))
+            at = end
+        del held[:at]
+        return found

@@ -1,0 +1,116 @@
+"""What the program of a lease sets without any command: outputs, the speed slider and free registers.
+
+Each is judged, and written by itself: a package of ours never repeats what an earlier one has set. The slider may be
+lowered by anybody who may write it. ur_rtde does not wait for any of this, so a refusal is a text message alone.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.acts import ERROR, INFORMATION, PATIENCE_MS, Act, Ask, Question, Tell, Withdraw, Write
+from pep.rtde.command_values import SetExternalWrench
+from pep.rtde.image import Image
+from pep.rtde.io_commands import MASKS, IoCommand, SetSpeedSlider, decode_io, encode_io
+from pep.rtde.refused import Refused
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from pep.rtde.codec import Value
+    from pep.rtde.recipes import Profile
+
+WAITING: Final = 8
+"""Outputs that may wait for their decisions."""
+
+
+class LeasedOutputs:
+    """One IO connection's outputs.
+
+    Args:
+        profile: what it may write.
+        claimed: the variables that it has from the controller.
+    """
+
+    def __init__(self, profile: Profile, claimed: Collection[str]) -> None:
+        self._claimed = frozenset(claimed)
+        self._client = self._sent = Image.blank(profile)
+        self._acts: list[Act] = []
+        self._held: dict[Question, int] = {}
+
+    def take(self) -> list[Act]:
+        """What follows from all that was said since the last time, in order."""
+        acts, self._acts = self._acts, []
+        return acts
+
+    def package(self, values: Mapping[str, Value], *, slider: float, at_ms: int) -> None:
+        """The program wrote these variables.
+
+        Args:
+            values: by name.
+            slider: where the controller's speed slider stands now; NaN when that is not known.
+            at_ms: monotonic time.
+        """
+        after = self._client.merge(values)
+        if isinstance(after, Refused):  # a recipe is of the profile's variables, and types are the wire's
+            raise TypeError(after.place)
+        self._client = after
+        commands = decode_io(after, values)
+        if isinstance(commands, Refused):
+            self._tell(commands.reason, commands.place)
+            return
+        for command in commands:
+            if isinstance(command, SetExternalWrench) or not self._claimed.issuperset(self._written(command)):
+                self._tell(Reason.NOT_GRANTED, type(command).__name__)
+            elif isinstance(command, SetSpeedSlider) and command.fraction <= slider:
+                self._write(command)
+            elif len(self._held) >= WAITING:
+                self._tell(Reason.BUSY, type(command).__name__)
+            else:
+                question = Question(command)
+                self._held[question] = at_ms
+                self._acts.append(Ask(question))
+
+    def forward(self, question: Question) -> bool:
+        """Whether it was written."""
+        if self._held.pop(question, None) is None:
+            return False
+        assert isinstance(question.command, IoCommand)
+        self._write(question.command)
+        return True
+
+    def deny(self, question: Question, reason: Reason, told: str) -> None:
+        """The program is told."""
+        if self._held.pop(question, None) is not None:
+            self._tell(reason, told)
+
+    def defer(self, question: Question, told: str) -> None:
+        """The program is told that it is not set yet."""
+        if question in self._held:
+            self._acts.append(Tell(told, INFORMATION))
+
+    def look(self, *, at_ms: int) -> None:
+        """What time alone brings about."""
+        for question in [q for q, since_ms in self._held.items() if at_ms - since_ms > PATIENCE_MS]:
+            del self._held[question]
+            self._acts.append(Withdraw(question))
+            self._tell(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
+
+    def leave(self) -> None:
+        """The program has gone, or its lease is over."""
+        self._acts += map(Withdraw, self._held)
+        self._held.clear()
+
+    def _written(self, command: IoCommand) -> dict[str, Value]:
+        return encode_io(command, self._sent.profile.offset)
+
+    def _write(self, command: IoCommand) -> None:
+        values = {**dict.fromkeys(MASKS, 0), **self._written(command)}
+        after = self._sent.merge(values)
+        assert isinstance(after, Image)
+        self._sent = after
+        self._acts.append(Write({name: value for name, value in after.values.items() if name in self._claimed}))
+
+    def _tell(self, reason: Reason, told: str) -> None:
+        self._acts.append(Tell(f"{reason}: {told}", ERROR))

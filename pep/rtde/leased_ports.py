@@ -1,0 +1,190 @@
+"""The controller's ports as the holder of the lease has them, and the one who writes to the controller for it.
+
+An unmodified ur_rtde program works when the judge permits its commands, and moves nothing when it does not. Whoever
+has no lease is served as `StatePorts` does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING, Final
+
+from pep.errors import RobotError
+from pep.rtde.control_program import STOPPED, Phase
+from pep.rtde.control_script import scripts_for
+from pep.rtde.dashboard import stop_program
+from pep.rtde.feed import RETRY_S, Feed
+from pep.rtde.gateway import StatePorts, stop_text
+from pep.rtde.heard import SILENCE_MS
+from pep.rtde.leased_conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
+from pep.rtde.leased_stop import Ladder, Rung
+from pep.rtde.leased_tenant import Tenant
+from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Upstream
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Sequence
+
+    from pep.ports import Clock
+    from pep.rtde import lines
+    from pep.rtde.control_script import ControlScript
+    from pep.rtde.feed import Sample
+    from pep.rtde.judge import Judge
+    from pep.rtde.lease import Ending, Lease
+    from pep.rtde.lines import Back
+
+LOOK_S: Final = 0.02
+"""How often time alone is looked at."""
+
+
+class LeasedPorts:
+    """What the gateway opens.
+
+    Args:
+        robot: host of the controller.
+        judge: decides about the holder's commands.
+        scripts: every control script there is (`pep.rtde.control_script.allow_list`).
+        stop_deceleration_rad_s2: of the cell's stop model.
+        clock: the monotonic one counts.
+        closed: is told of a lease whose control connection has ended; the arm is being stopped then.
+
+    Attributes:
+        stopped_ms: monotonic time of the newest stop, whoever asked for it; None while there was none.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        judge: Judge,
+        *,
+        scripts: Sequence[ControlScript],
+        stop_deceleration_rad_s2: float,
+        clock: Clock,
+        closed: Callable[[Lease], None],
+    ) -> None:
+        self.robot = robot
+        self.judge = judge
+        self.deceleration = stop_deceleration_rad_s2
+        self.clock = clock
+        self.closed = closed
+        self._all_scripts = scripts
+        self._anybody = StatePorts(robot, stop_deceleration_rad_s2=stop_deceleration_rad_s2)
+        self._stop_text = stop_text(stop_deceleration_rad_s2)
+        self.feed = Feed(robot, clock=clock, heard=self._heard)
+        self.ladder = Ladder()
+        self.stopped_ms: int | None = None
+        self._stopper = Upstream(lambda _: None, self._stopper_gone)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._tenant: Tenant | None = None
+
+    async def begin(self) -> None:
+        """The controller is listened to from now on; returns once it has said something."""
+        await self.feed.begin()
+        await self._reach_stopper()
+        self._do(self._keep_looking())
+        await self.feed.first()
+
+    def undisturbed(self) -> bool:
+        """Whether what the controller runs is the control script that we sent for the lease."""
+        return self._tenant is not None and self._tenant.program.phase is Phase.RUNNING
+
+    def close(self) -> None:
+        """Nobody is served any more."""
+        if self._tenant is not None:
+            self._tenant.end()
+        self.feed.close()
+        self._stopper.close()
+        for task in self._tasks:
+            task.cancel()
+
+    async def open(self, lease: Lease | None, port: int, back: Back) -> lines.Line | Reason:
+        """A connection to that port."""
+        if lease is None or port not in (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE):
+            return await self._anybody.open(lease, port, back)
+        if self.feed.version is None or self.feed.silent_ms() > SILENCE_MS:
+            return Reason.ROBOT_NOT_RUNNING
+        tenant = self._tenant
+        if tenant is None or tenant.lease is not lease:
+            if tenant is not None:
+                tenant.end()
+            tenant = self._tenant = Tenant(self, lease)
+        line: LeasedRtdePort | LeasedScriptPort | LeasedDashboardPort
+        if port == RTDE:
+            line = LeasedRtdePort(tenant, back)
+        elif port == DASHBOARD:
+            line = LeasedDashboardPort(tenant, back)
+        else:
+            line = LeasedScriptPort(tenant, back, scripts_for(self.feed.version.minor, self._all_scripts))
+        return await line.robot.reach(self.robot, port) or line
+
+    def over(self, lease: Lease, ending: Ending) -> None:  # noqa: ARG002 - how a lease's end is told
+        """The lease is over: the arm is being stopped when this returns."""
+        tenant = self._tenant
+        if tenant is not None and tenant.lease is lease:
+            tenant.end()
+            self._tenant = None
+
+    # ---- stopping
+
+    def stop(self, rung: Rung) -> None:
+        """The arm is being stopped, this way or a harder one."""
+        self.stopped_ms = self.clock.monotonic_ms()
+        newest, tenant = self.feed.newest, self._tenant
+        idle = newest is not None and newest.still and newest.runtime_state == STOPPED
+        if rung is Rung.PROGRAM and idle and (tenant is None or not tenant.program.sent):
+            if tenant is not None:
+                tenant.script_over(Reason.ROBOT_NOT_RUNNING)
+            return
+        if self.ladder.begin(rung, newest=newest, at_ms=self.clock.monotonic_ms()):
+            self._take(rung)
+
+    def _take(self, rung: Rung) -> None:
+        if rung is Rung.REGISTERS:
+            return
+        if self._tenant is not None:
+            self._tenant.script_over(Reason.ROBOT_NOT_RUNNING)
+        if rung is Rung.PROGRAM and self._stopper.connected:
+            self._stopper.send(self._stop_text)
+        else:
+            self._do(self._stop_by_dashboard())
+
+    async def _stop_by_dashboard(self) -> None:
+        with contextlib.suppress(RobotError):  # the ladder sees what the arm does, and asks again
+            await asyncio.to_thread(stop_program, self.robot)
+
+    def _stopper_gone(self) -> None:
+        self._do(self._reach_stopper())
+
+    async def _reach_stopper(self) -> None:
+        while await self._stopper.reach(self.robot, SECONDARY) is not None:  # noqa: ASYNC110 - nobody sets an event
+            await asyncio.sleep(RETRY_S)
+
+    # ---- looking
+
+    def _heard(self, sample: Sample) -> None:
+        at_ms = self.clock.monotonic_ms()
+        self._climb(at_ms)
+        if self._tenant is not None:
+            self._tenant.heard(sample, at_ms)
+
+    def _climb(self, at_ms: int) -> None:
+        rung = self.ladder.look(self.feed.newest, at_ms=at_ms)
+        if rung is not None:
+            self._take(rung)
+
+    async def _keep_looking(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_S)
+            at_ms = self.clock.monotonic_ms()
+            tenant = self._tenant
+            if tenant is not None:
+                if tenant.control is not None and self.feed.silent_ms() > SILENCE_MS:
+                    tenant.control.lose()
+                tenant.look(at_ms)
+            self._climb(at_ms)
+
+    def _do(self, what: Coroutine[None, None, None]) -> None:
+        task = asyncio.get_running_loop().create_task(what)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

@@ -1,0 +1,272 @@
+"""The values of a leased stream after its first: each is inside what was granted, and certified before it is sent.
+
+What moves is still under the watch (`pep.watch`), which looks at authority, view and arm; `left` is what it asks about
+the value that stands. Values come on the event loop, looks on the watch's thread.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import threading
+from typing import TYPE_CHECKING, Final, Protocol
+
+from capabilities.algebra import bound_to_json
+from capabilities.units import Unit
+from pep.cell_stream import Angles, Judged, Shown, Speeds
+from pep.ports import Rest
+from pep.rtde import command_values as v
+from pep.rtde.leased_requests import Asked, asked_of, outside, stands_s
+from policies.evidence import ImpactFault
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from capabilities.chain import Chain
+    from capabilities.scope import Grant, Range
+    from pep.cell_stream import Value
+    from pep.permit import Permit
+    from pep.ports import Clock
+    from pep.rtde.command_values import Command
+    from pep.rtde.heard import Heard
+    from pep.rtde.judge import Stopper
+    from pep.rtde.leased_requests import Fitted
+    from pep.rtde.state import JointState
+    from policies.model import Request
+    from policies.parameters import Parameters
+
+LASTS_MS: Final = 60_000
+"""Ours: a stream is decided anew after a minute, whatever it does."""
+LATE_MS: Final = 100
+"""Ours: a program may be so late to end its speeds, or to give them anew; physics has patience for thrice that."""
+SLOW_MS: Final = 50
+"""Ours: an answer that took longer is about an arm that is elsewhere by now. As the lifetime of a verdict."""
+OLD_MS: Final = 100
+"""A joint state older than this is none (`pep.rtde.state`)."""
+FREE_MILLI: Final = 2_000
+"""Above the tiers that need nobody, only an approval authorises: then what approvals bind holds for every value."""
+
+
+class Certifying(Protocol):
+    """What certifies the values of one stream: `pep.cell_stream.CellStream`."""
+
+    def see(self, q_rad: Sequence[float]) -> Shown | ImpactFault:
+        """From the next value on, the newest view is the one."""
+        ...
+
+    def judge(self, value: Value, state: JointState, *, authorised_milli: int, seed: bytes) -> Judged | ImpactFault:
+        """What a value lets follow."""
+        ...
+
+
+class LeasedStream:
+    """One stream under its permit: `pep.rtde.judge.Steps`, and what its watch asks.
+
+    Args:
+        certifying: of this stream; it has been shown a view.
+        permit: of the request that opens it.
+        grant: of the chain, for the operation: its limits hold for every value.
+        own: limits of the robot.
+        parameters: of the policies: what an approval binds.
+        fitted: as for the first value.
+        arm: what the robot says, to whoever follows the stream.
+        stopper: knows of stops.
+        clock: the monotonic one counts.
+    """
+
+    def __init__(
+        self,
+        certifying: Certifying,
+        permit: Permit,
+        *,
+        grant: Grant,
+        own: Mapping[str, Range],
+        parameters: Parameters,
+        fitted: Fitted,
+        arm: Heard,
+        stopper: Stopper,
+        clock: Clock,
+    ) -> None:
+        self._certifying = certifying
+        self._permit = permit
+        self._grant = grant
+        self._own = own
+        self._parameters = parameters
+        self._fitted = fitted
+        self._arm = arm
+        self._stopper = stopper
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._seed = bytes.fromhex(permit.digest)
+        self._began_ms = clock.monotonic_ms()
+        self._until_ms = self._began_ms + LASTS_MS
+        self._stands: tuple[Value, int | None] | None = None  # and until when, where it is not for ever
+        self._lost: Reason | None = None
+        self._ended_ms: int | None = None
+        self._count, self._first_ms, self._digest = 0, 0, hashlib.sha256()
+
+    # -- the line's side, on the event loop
+
+    def step(self, command: Command) -> Reason | None:
+        """See `Steps.step`. A value that is not taken ends the stream for good."""
+        reason = self._why_not(command)
+        if reason is not None:
+            self._lost = self._lost or reason
+        return reason
+
+    def ended(self) -> None:
+        """See `Steps.ended`."""
+        self._ended_ms = self._clock.monotonic_ms()
+
+    def _why_not(self, command: Command) -> Reason | None:
+        began_ms = self._clock.monotonic_ms()
+        if self._lost is not None:
+            return self._lost
+        stopped_ms = self._stopper.stopped_ms
+        stopped = stopped_ms is not None and stopped_ms >= self._permit.since_ms
+        if self._ended_ms is not None or stopped or self.over:
+            return Reason.VERDICT_EXPIRED
+        asked = asked_of(command, path=(), fitted=self._fitted)
+        if not isinstance(asked, Asked) or asked.operation.name != self._grant.operation:
+            return Reason.NOT_WHAT_WAS_DECIDED
+        reason = outside(asked, self._grant, self._own)
+        if reason is not None:
+            return reason
+        value, stands_ms = _value(command)
+        reason = self._certified(value, self._permit.index_milli)
+        now_ms = self._clock.monotonic_ms()
+        if reason is None and now_ms - began_ms > SLOW_MS:
+            reason = Reason.WATCH_LATE
+        if reason is None:
+            self._take(asked, value, None if stands_ms is None else now_ms + stands_ms, now_ms)
+        return reason
+
+    def _take(self, asked: Asked, value: Value, until_ms: int | None, now_ms: int) -> None:
+        with self._lock:
+            self._stands = value, until_ms
+            self._first_ms = self._first_ms if self._count else now_ms
+            self._count += 1
+            self._digest.update(struct.pack(f">q{len(asked.numbers)}d", now_ms, *asked.numbers))
+
+    def _certified(self, value: Value, authorised_milli: int) -> Reason | None:
+        state = self._state()
+        if state is None:
+            return Reason.EVIDENCE_MISSING
+        found = self._certifying.judge(value, state, authorised_milli=authorised_milli, seed=self._seed)
+        if isinstance(found, ImpactFault):
+            return _reason(found)
+        if found.violations:
+            return Reason.PHYSICS_VIOLATION
+        if found.index_milli > authorised_milli:
+            return Reason.IMPACT_ROSE
+        if authorised_milli > FREE_MILLI and self._too_fast(found):
+            return Reason.APPROVED_TOO_FAST
+        return None
+
+    def _too_fast(self, found: Judged) -> bool:
+        most = self._parameters
+        return not (
+            found.tcp_speed_m_s * Unit.MICROMETRE_PER_SECOND.per_si <= most.approved_tcp_speed_um_s
+            and found.contact_ratio * Unit.PERMILLE.per_si <= most.approved_contact_permille
+        )
+
+    def _state(self) -> JointState | None:
+        """What the robot says of itself now; None where it is silent, or nobody looks at it any more."""
+        return self._arm.state if self._arm.silent_ms <= OLD_MS else None
+
+    # -- the watch's side, on its threads
+
+    @property
+    def ended_ms(self) -> int | None:
+        """When its program or the line has ended it."""
+        return self._ended_ms
+
+    @property
+    def lost(self) -> Reason | None:
+        """Why a value was not taken."""
+        return self._lost
+
+    @property
+    def over(self) -> bool:
+        """Whether its time is over, or that of the value that stands."""
+        now_ms = self._clock.monotonic_ms()
+        stands = self._stands
+        late = stands is not None and stands[1] is not None and now_ms > stands[1] + LATE_MS
+        return late or now_ms >= self._until_ms
+
+    def left(
+        self,
+        request: Request,  # noqa: ARG002 - the port's own form
+        state_q_rad: Sequence[float],
+        *,
+        authorised_milli: int,
+        touch: frozenset[str],  # noqa: ARG002 - it was given when the stream began
+        running: float | None,  # noqa: ARG002 - nothing slows a stream down
+    ) -> Rest:
+        """Whether the value that stands may go on standing, on the newest view: `pep.ports.Remaining`."""
+        shown = self._certifying.see(state_q_rad)
+        if isinstance(shown, ImpactFault):
+            return Rest(holds=False, index_milli=None, cause=shown.detail, fault=str(_reason(shown)), age_ms=None)
+        stands = self._stands
+        reason = None if stands is None else self._certified(stands[0], authorised_milli)
+        fault = "" if reason in (None, Reason.IMPACT_ROSE) else str(reason)
+        return Rest(
+            holds=reason is None,
+            index_milli=None,
+            cause="" if reason is None else str(reason),
+            fault=fault,
+            age_ms=shown.age_ms,
+            shown=shown.content,
+        )
+
+    # -- for the record
+
+    def batch(self) -> dict[str, object] | None:
+        """The values since the last call, as plain JSON: how many, when, and their digest; None when there were none.
+
+        The digest is SHA-256 of each value's monotonic time in ms (signed 64 bits) and numbers (doubles), big-endian.
+        """
+        with self._lock:
+            if not self._count:
+                return None
+            body: dict[str, object] = {
+                "request_id": self._permit.request_id,
+                "values": self._count,
+                "first_ms": self._first_ms,
+                "digest": self._digest.hexdigest(),
+            }
+            self._count, self._digest = 0, hashlib.sha256()
+            return body
+
+
+def envelope(request: Request, chain: Chain, grant: Grant) -> dict[str, object]:
+    """What every value of a stream has to be inside of, as plain JSON; the decision about its opening has the index."""
+    return {
+        "request_id": request.request_id,
+        "object": request.object,
+        "operation": request.operation,
+        "agent": chain.leaf.agent,
+        "limits": [
+            [limit.parameter.name, str(limit.parameter.unit), bound_to_json(limit.bound)] for limit in grant.limits
+        ],
+        "lasts_ms": LASTS_MS,
+    }
+
+
+def _value(command: Command) -> tuple[Value, int | None]:
+    """What a value is to physics, and for how many ms it stands; None for ever: a servo target ends by itself."""
+    match command:
+        case v.ServoJ(q_rad, time_s, lookahead_s, _):
+            return Angles(q_rad, time_s, lookahead_s), None
+        case v.SpeedJ(qd_rad_s, acceleration_rad_s2, time_s):
+            return Speeds(qd_rad_s, acceleration_rad_s2), round(stands_s(time_s) * Unit.MILLISECOND.per_si)
+        case _:
+            raise AssertionError(f"{type(command).__name__} is no stream")
+
+
+def _reason(fault: ImpactFault) -> Reason:
+    try:
+        return Reason(fault.reason)
+    except ValueError:
+        return Reason.PHYSICS_FAULT

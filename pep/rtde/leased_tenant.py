@@ -1,0 +1,138 @@
+"""One lease at the controller: the line that commands, the control script it uploads, and how far that has come."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.control_program import ControlProgram, Phase, Turn
+from pep.rtde.leased_stop import Rung
+from pep.rtde.refused import Refused
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from pep.rtde.control_script import Upload
+    from pep.rtde.feed import Sample
+    from pep.rtde.lease import Lease
+    from pep.rtde.leased_conversations import LeasedRtdePort, LeasedScriptPort
+    from pep.rtde.leased_ports import LeasedPorts
+
+REWRITE_MS: Final = 20
+"""How often the watchdog hears us; it waits for 125 ms."""
+PAUSED: Final = (3, 4, 5)
+"""`runtime_state` of a program that somebody may let go on."""
+
+
+class Tenant:
+    """One lease: its control line, its control script, and who sends that."""
+
+    def __init__(self, ports: LeasedPorts, lease: Lease) -> None:
+        self.ports = ports
+        self.lease = lease
+        self.program = ControlProgram()
+        self.control: LeasedRtdePort | None = None
+        self.lines: set[LeasedRtdePort] = set()
+        self._sender: LeasedScriptPort | None = None
+        self._over = False
+
+    def claim(self, port: LeasedRtdePort) -> bool:
+        """Whether that line is the one that commands."""
+        if self._over or (self.control is not None and self.control is not port):
+            return False
+        self.control = port
+        return True
+
+    def uploaded(self, port: LeasedScriptPort, upload: Upload) -> Refused | None:
+        """The program's control script came on that line; why it goes no further, if it does not."""
+        commands = None if self.control is None else self.control.line.commands
+        if commands is None or commands.offset != upload.script.offset:
+            return Refused(Reason.NOT_GRANTED, "a control script without its registers")
+        if self._sender is not None and self._sender is not port and self.program.starting:
+            return Refused(Reason.BUSY, "another control script")
+        self.ports.stop(Rung.PROGRAM)
+        self.script_over(Reason.BUSY)
+        self._sender = port
+        self.program.begin(upload, at_ms=self.ports.clock.monotonic_ms())
+        self._show()
+        return None
+
+    def left(self, port: LeasedScriptPort) -> None:
+        """That line is gone."""
+        if self._sender is port:
+            self._sender = None
+
+    def script_over(self, reason: Reason) -> None:
+        """The control script runs no longer, or will not for long."""
+        self.program.end()
+        if self.control is not None and self.control.line.commands is not None:
+            self.control.line.commands.end(reason)
+            self._show()
+
+    def end(self) -> None:
+        """The lease is over, or its control line gone: the arm is being stopped."""
+        if self._over:
+            return
+        self._over = True
+        for line in tuple(self.lines):
+            line.leave()
+        if self.program.sent:
+            self.ports.stop(Rung.PROGRAM)
+        self.program.end()
+
+    def lost(self) -> None:
+        """The control line is gone, and with it the lease."""
+        if not self._over:
+            self.end()
+            self.ports.closed(self.lease)
+
+    def heard(self, sample: Sample, at_ms: int) -> None:
+        """The controller said something."""
+        control = self.control
+        if control is None or control.line.commands is None:
+            return
+        if self.program.sent or self.ports.ladder.over:  # no script begins while a stop is under way
+            self._turn(self.program.look(sample, at_ms=at_ms), sample)
+        commands = control.line.commands
+        commands.robot(*sample.registers[commands.offset], still=sample.still)
+        if self.program.phase is not Phase.NONE and at_ms - control.wrote_ms >= REWRITE_MS:
+            control.line.rewrite()
+        control.settle()
+
+    def look(self, at_ms: int) -> None:
+        """Time has passed."""
+        if (newest := self.ports.feed.newest) is not None:
+            self._turn(self.program.late(at_ms=at_ms), newest)
+        for line in tuple(self.lines):
+            line.look(at_ms)
+
+    def _turn(self, turn: Turn | None, sample: Sample) -> None:
+        if turn is None or self.control is None or self.control.line.commands is None:
+            return
+        commands, upload = self.control.line.commands, self.program.upload
+        match turn:
+            case Turn.SEND if upload is not None and self._sender is not None:
+                self._sender.robot.send(upload.render())
+            case Turn.ARM:
+                commands.arm()
+            case Turn.CLEAR:
+                commands.disarm()
+            case Turn.BEGIN if upload is not None:
+                commands.begin(upload.path)
+            case Turn.END:
+                commands.end(Reason.ROBOT_NOT_RUNNING)
+                if sample.runtime_state in PAUSED:
+                    self.ports.stop(Rung.DASHBOARD)  # nobody lets it go on behind our back
+            case _:
+                self.control.line.tell(f"{Reason.EFFECT_FAILED}: the control script was not started")
+                commands.end(Reason.EFFECT_FAILED)
+                self.program.end()
+                self.ports.stop(Rung.DASHBOARD)
+        self._show()
+
+    def _show(self) -> None:
+        assert self.control is not None
+        line = self.control.line
+        running = self.program.phase is Phase.RUNNING
+        if line.running is not running:
+            line.running = running
+            line.refresh()
+        self.control.settle()

@@ -1,0 +1,231 @@
+"""A cell with its gateway, real processes all: what an unmodified ur_rtde program may do in a lease, and what ends it."""
+
+import os
+import secrets
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from dataclasses import replace
+
+import pytest
+
+from pep.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
+from pep.rtde.limits import widest
+from ztpm.cell import PASSPHRASE_VARIABLE, Cell
+from ztpm.demo.eyes import Eyes
+from ztpm.demo.stage import LEFT, Stage, sweep_scope, until
+from ztpm.demo.stopping import read_stop
+from ztpm.layout import OPERATORS, Layout, write_private
+from ztpm.setup import free_addresses, initialise
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
+
+HEAD = """
+import sys, time
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+control, receive = RTDEControlInterface(sys.argv[1]), RTDEReceiveInterface(sys.argv[1])
+q = receive.getActualQ()
+
+def say(*words):
+    print(*words, flush=True)
+
+def settled():
+    time.sleep(0.01)  # a command that follows a refused one at once is refused by ur_rtde itself
+"""
+
+
+class Run:
+    """A program under `ztpm rtde run`."""
+
+    def __init__(self, house, text, holder="mover"):
+        layout = house.cell.layout
+        command = [sys.executable, "-m", "ztpm", "rtde", "run", holder, "--token", str(house.tokens[holder])]
+        command += ["--data", str(layout.root), "--", sys.executable, "-c", HEAD + textwrap.dedent(text), "{robot}"]
+        self.process = subprocess.Popen(
+            command, env=os.environ | {PASSPHRASE_VARIABLE: house.cell.passphrase.decode()},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+
+    def line(self):
+        return self.process.stdout.readline().strip()
+
+    def ended(self):
+        out, errors = self.process.communicate(timeout=60)
+        return self.process.returncode, out.splitlines(), errors
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.communicate()
+
+
+class House:
+    """The cell, and its agents with their tokens in files."""
+
+    def __init__(self, root):
+        layout, addresses = Layout(root / "cell"), free_addresses(secrets.token_bytes(16))
+        passphrase = secrets.token_urlsafe(16).encode()
+        initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=20)
+        self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT)
+        self.stage = Stage(cell=self.cell, people={})
+        self.stage.people = {name: self.stage.operator_from_disk(name) for name in OPERATORS}
+        self.cell.register(self.stage.person("carol"))
+        self.cell.start_gateway()
+        self.tokens, self.issued, self.folder = {}, {}, root
+
+    def agent(self, name, *more):
+        agent = self.stage.new_agent(name, sponsor="alice", role="mover")
+        agent.attest()
+        scope = sweep_scope(self.cell.addresses.audience, delegates=frozenset(), now=int(time.time()), lifetime_s=800)
+        scope = replace(
+            scope, grants=tuple(sorted((*scope.grants, *map(widest, more)), key=lambda g: (g.object, g.operation)))
+        )
+        self.issued[name] = self.stage.person("alice").issue(agent, scope, purpose="test")
+        self.tokens[name] = self.folder / name
+        write_private(self.tokens[name], self.issued[name].token.encode())
+
+    def journal(self, kind):
+        return [row["body"] for row in self.stage.journal(since=0) if row["kind"] == kind]
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory):
+    house = House(tmp_path_factory.mktemp("gateway"))
+    try:
+        house.agent("mover", SPEED_JOINT, SERVO_JOINT, MOVE_LINEAR)
+        yield house
+    finally:
+        house.stage.close()
+        house.cell.stop()
+
+
+@pytest.fixture
+def eyes(house):
+    eyes = Eyes(house.cell.addresses.host)
+    yield eyes
+    until(lambda: eyes.now().still, "standstill")
+    eyes.close()
+
+
+def test_what_is_granted_moves_and_what_is_not_does_not(house, eyes):
+    with Run(house, """
+        there = list(q)
+        there[0] += 0.3
+        say(control.moveJ(there, 0.8, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
+        say(control.moveJ(q, 2.0, 1.4))   # faster than the token says
+        settled()
+        say(control.moveJ([2.9, *q[1:]], 0.8, 1.4))   # into the zone of tier 4, and out of every ceiling
+        settled()
+        say(control.moveJ([float("nan"), *q[1:]], 0.8, 1.4))
+        settled()
+        pose = receive.getActualTCPPose()
+        pose[2] += 0.03
+        say(control.moveL(pose, 0.05, 0.3), abs(receive.getActualTCPPose()[2] - pose[2]) < 1e-3)
+        say(control.teachMode())
+        settled()
+        say(control.setPayload(5.0, [0, 0, 0]))
+        settled()
+        say(control.moveJ(q, 0.8, 1.4), abs(receive.getActualQ()[0] - q[0]) < 1e-3)
+    """) as run:  # fmt: skip
+        status, said, errors = run.ended()
+    assert said == ["True True", "False", "False", "False", "True True", "False", "False", "True True"], errors
+    assert status == 0
+    reasons = [body["decision"]["reason"] for body in house.journal("decision")]
+    assert reasons.count("PERMITTED") == 3
+    assert "LIMIT_EXCEEDED_BY_REQUEST" in reasons
+    assert {"NOT_GRANTED", "PAYLOAD_MISMATCH"} <= {body["reason"] for body in house.journal("refusal")}
+
+
+def test_streams_flow(house, eyes):
+    with Run(house, """
+        for _ in range(250):
+            start = control.initPeriod()
+            q[0] += 0.0006
+            assert control.servoJ(q, 0.0, 0.0, 0.002, 0.1, 300), "servoJ"
+            control.waitPeriod(start)
+        control.servoStop()
+        say(receive.getActualQ()[0] - q[0] > -0.05)
+        settled()
+        begun = receive.getActualQ()[0]
+        for _ in range(250):
+            start = control.initPeriod()
+            assert control.speedJ([-0.2, 0, 0, 0, 0, 0], 0.5, 0.05), "speedJ"
+            control.waitPeriod(start)
+        control.speedStop(10.0)
+        say(receive.getActualQ()[0] < begun - 0.03)
+    """) as run:  # fmt: skip
+        status, said, errors = run.ended()
+    assert (status, said) == (0, ["True", "True"]), errors
+
+
+def stopped(eyes, began_s, t0):
+    until(lambda: eyes.now().still, "standstill")
+    stop = read_stop(eyes.since(began_s), at_s=t0, acceleration_rad_s2=1.4)
+    assert stop is not None
+    assert stop.within_model
+    return stop
+
+
+LONG = """
+    there = list(q)
+    there[0] = -q[0]
+    say("begins")
+    say(control.moveJ(there, 0.4, 1.4))
+"""
+
+
+def under_way(eyes, run):
+    began_s, start = time.monotonic(), eyes.now().q_rad
+    assert run.line() == "begins"
+    until(lambda: abs(eyes.now().q_rad[0] - start[0]) > 0.05, "the arm under way")
+    return began_s
+
+
+def test_a_program_that_is_killed_leaves_a_standing_arm(house, eyes):
+    with Run(house, "import os\nsay('pid', os.getpid())\n" + textwrap.dedent(LONG)) as run:
+        pid = int(run.line().split()[1])
+        began_s = under_way(eyes, run)
+        os.kill(pid, signal.SIGKILL)
+        t0 = time.monotonic()
+        assert stopped(eyes, began_s, t0).within_bar
+        assert run.ended()[0] == 128 + signal.SIGKILL
+
+
+def test_the_death_of_ztpm_run_stops_the_arm(house, eyes):
+    with Run(house, LONG) as run:
+        began_s = under_way(eyes, run)
+        run.process.kill()
+        t0 = time.monotonic()
+        assert stopped(eyes, began_s, t0).within_bar
+
+
+def test_a_revoked_token_stops_the_arm_and_ends_the_lease(house, eyes):
+    house.agent("short")
+    with Run(house, LONG + "    time.sleep(60)", "short") as run:
+        began_s = under_way(eyes, run)
+        house.stage.person("alice").revoke("hop", house.issued["short"].hop_id, reason="test")
+        t0 = time.monotonic()
+        stopped(eyes, began_s, t0)
+        assert run.line() == "False"
+        run.process.send_signal(signal.SIGTERM)
+        status, _, errors = run.ended()
+    assert status == 128 + signal.SIGTERM
+    assert "LEASE_OVER: authority" in errors
+    until(lambda: house.journal("lease-ended")[-1]["ending"] == "authority", "the end on record")
+
+
+def test_the_gateways_death_stops_the_arm_and_its_next_life_serves(house, eyes):
+    with Run(house, LONG) as run:
+        began_s = under_way(eyes, run)
+        house.cell.gateway.kill()
+        t0 = time.monotonic()
+        assert stopped(eyes, began_s, t0).within_bar
+    house.cell.start_gateway()
+    with Run(house, "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))") as run:
+        status, said, errors = run.ended()
+    assert (status, said) == (0, ["True"]), errors

@@ -1,0 +1,204 @@
+"""The stop ladder, the life of the control script, and what a script port takes: pure parts of a lease."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pep.rtde.control_program import START_MS, WAIT_MS, ControlProgram, Phase, Turn
+from pep.rtde.control_script import Upload, allow_list, installed_body, scripts_for
+from pep.rtde.feed import Sample
+from pep.rtde.leased_commands import DONE, READY
+from pep.rtde.leased_scripts import ONLY_STOPS, LeasedScripts
+from pep.rtde.leased_stop import OBEYS_MS, Ladder, Rung
+from pep.rtde.refused import Refused
+from pep.stopping import ESCALATE_MS
+from policies.reasons import Reason
+
+pytestmark = pytest.mark.clause("RTDE-13", "RTDE-14", "RTDE-15")
+
+SCRIPTS = scripts_for(11, allow_list(installed_body))
+UPLOAD = Upload(SCRIPTS[0], ())
+STOPPED, PLAYING = 1, 2
+
+
+def seen(at_ms, speed=0.0, runtime=PLAYING, command=0, said=0, safety=1):
+    return Sample(speed, runtime, safety, 1.0, {0: (command, said), 24: (7, 7)}, at_ms)
+
+
+# ---- the ladder
+
+
+def test_an_arm_that_slows_down_and_stands_ends_it():
+    ladder = Ladder()
+    assert ladder.begin(Rung.REGISTERS, newest=seen(0, 1.0), at_ms=0)
+    assert ladder.look(seen(0, 0.0), at_ms=1) is None
+    assert not ladder.over, "what was said before the stop tells nothing"
+    for at_ms in range(2, OBEYS_MS * 2, 2):
+        assert ladder.look(seen(at_ms, 0.9), at_ms=at_ms) is None
+    assert ladder.look(seen(500, 0.0), at_ms=500) is None
+    assert ladder.over
+
+
+def test_an_arm_that_does_not_hear_the_registers_is_stopped_by_a_program():
+    ladder = Ladder()
+    ladder.begin(Rung.REGISTERS, newest=seen(0, 1.0), at_ms=0)
+    assert ladder.look(seen(OBEYS_MS, 1.0), at_ms=OBEYS_MS) is None
+    assert ladder.look(seen(OBEYS_MS + 1, 1.0), at_ms=OBEYS_MS + 1) is Rung.PROGRAM
+
+
+def test_each_rung_is_followed_by_the_next_and_the_last_by_itself():
+    ladder, at_ms, rungs = Ladder(), 0, []
+    ladder.begin(Rung.REGISTERS, newest=seen(0, 1.0), at_ms=0)
+    for at_ms in range(2, 4 * ESCALATE_MS, 2):
+        rung = ladder.look(seen(at_ms, 0.5), at_ms=at_ms)
+        if rung is not None:
+            rungs.append((rung, at_ms))
+    assert [rung for rung, _ in rungs] == [Rung.PROGRAM, Rung.DASHBOARD, Rung.DASHBOARD]
+    assert all(b - a > ESCALATE_MS for (_, a), (_, b) in zip(rungs, rungs[1:], strict=False))
+
+
+def test_a_controller_that_says_nothing_is_not_taken_for_an_arm_that_stands():
+    ladder, old = Ladder(), seen(0, 0.0)
+    ladder.begin(Rung.REGISTERS, newest=old, at_ms=0)
+    assert ladder.look(old, at_ms=OBEYS_MS + 1) is Rung.PROGRAM
+    assert ladder.look(None, at_ms=2 * ESCALATE_MS) is Rung.DASHBOARD
+    assert not ladder.over
+
+
+def test_a_script_that_goes_on_is_not_over_and_a_safety_stop_needs_the_dashboard():
+    ladder = Ladder()
+    ladder.begin(Rung.PROGRAM, newest=seen(0, 0.0), at_ms=0)
+    assert ladder.look(seen(5, 0.0, PLAYING), at_ms=5) is None
+    assert not ladder.over
+    assert ladder.look(seen(6, 0.0, PLAYING, safety=3), at_ms=6) is Rung.DASHBOARD
+    assert ladder.look(seen(9, 0.0, STOPPED), at_ms=9) is None
+    assert ladder.over
+
+
+def test_a_weaker_stop_changes_nothing():
+    ladder = Ladder()
+    assert ladder.begin(Rung.PROGRAM, newest=None, at_ms=0)
+    assert not ladder.begin(Rung.REGISTERS, newest=None, at_ms=1)
+    assert not ladder.begin(Rung.PROGRAM, newest=None, at_ms=1)
+    assert ladder.begin(Rung.DASHBOARD, newest=None, at_ms=1)
+
+
+def test_a_speed_that_is_no_number_is_no_standstill():
+    ladder = Ladder()
+    ladder.begin(Rung.REGISTERS, newest=seen(0, 1.0), at_ms=0)
+    assert ladder.look(seen(2, math.inf), at_ms=2) is None
+    assert not ladder.over
+
+
+# ---- the control script
+
+
+def program():
+    begun = ControlProgram()
+    begun.begin(UPLOAD, at_ms=0)
+    return begun
+
+
+def test_it_is_sent_armed_and_cleared_and_only_then_is_it_the_clients():
+    begun = program()
+    steps = [
+        (seen(1, command=1, runtime=STOPPED), None, Phase.WAITING),
+        (seen(2, runtime=PLAYING), None, Phase.WAITING),
+        (seen(3, runtime=STOPPED), Turn.SEND, Phase.SENT),
+        (seen(4, runtime=STOPPED, said=READY), None, Phase.SENT),
+        (seen(5, said=DONE), None, Phase.SENT),
+        (seen(6, said=READY), Turn.ARM, Phase.ARMING),
+        (seen(7, said=READY, command=35), None, Phase.ARMING),
+        (seen(8, said=DONE, command=35), Turn.CLEAR, Phase.CLEARING),
+        (seen(9, said=DONE, command=35), None, Phase.CLEARING),
+        (seen(10, said=READY), Turn.BEGIN, Phase.RUNNING),
+        (seen(11, said=READY), None, Phase.RUNNING),
+        (seen(12, runtime=0), Turn.END, Phase.NONE),
+        (seen(13, runtime=PLAYING, said=READY), None, Phase.NONE),
+    ]
+    for sample, turn, phase in steps:
+        assert (begun.look(sample, at_ms=sample.arrived_ms), begun.phase) == (turn, phase)
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from([0, 1, 9, 35, 255]), st.integers(0, 2)), max_size=30))
+def test_it_is_never_sent_over_a_command_nor_the_clients_before_its_watchdog(said):
+    begun, turns = program(), []
+    for at_ms, (runtime, command, word) in enumerate(said):
+        turn = begun.look(seen(at_ms, 0.0, runtime, command, word), at_ms=at_ms)
+        if turn is not None:
+            turns.append((turn, runtime, command, word))
+    order = [Turn.SEND, Turn.ARM, Turn.CLEAR, Turn.BEGIN, Turn.END]
+    kinds = [turn for turn, *_ in turns if turn is not Turn.FAIL]
+    assert kinds == order[: len(kinds)]
+    assert all((runtime, command) == (STOPPED, 0) for turn, runtime, command, _ in turns if turn is Turn.SEND)
+
+
+@pytest.mark.parametrize(("samples", "limit_ms"), [([], WAIT_MS), ([seen(1, runtime=STOPPED)], START_MS)])
+def test_it_has_its_time_to_come_so_far(samples, limit_ms):
+    begun, at_ms = program(), 0
+    for sample in samples:
+        begun.look(sample, at_ms=(at_ms := sample.arrived_ms))
+    assert begun.late(at_ms=at_ms + limit_ms) is None
+    assert begun.late(at_ms=at_ms + limit_ms + 1) is Turn.FAIL
+    assert begun.phase is Phase.NONE
+
+
+def test_a_script_that_ends_while_it_is_armed_has_failed():
+    begun = program()
+    for sample in (seen(3, runtime=STOPPED), seen(6, said=READY)):
+        begun.look(sample, at_ms=sample.arrived_ms)
+    assert begun.look(seen(7, runtime=STOPPED, command=35), at_ms=7) is Turn.FAIL
+
+
+# ---- what a script port takes
+
+
+def torn(text, size):
+    return [text[at : at + size] for at in range(0, len(text), size)]
+
+
+def fed(port, pieces):
+    found = []
+    for piece in pieces:
+        answer = port.feed(piece)
+        if isinstance(answer, Refused):
+            return answer
+        found += answer
+    return found
+
+
+@pytest.mark.parametrize("size", [1, 997, 100_000])
+def test_control_scripts_one_after_another(size):
+    pieces = torn(UPLOAD.render(), size)
+    assert fed(LeasedScripts(SCRIPTS), [*pieces, *pieces]) == [UPLOAD, UPLOAD]
+
+
+@pytest.mark.parametrize("text", [b"stopj(2)\n", b"def p():\n  stopl(3)\nend\n", b"stop program\n"])
+def test_programs_that_only_stop(text):
+    assert fed(LeasedScripts(SCRIPTS), torn(text, 3) * 2) == [ONLY_STOPS, ONLY_STOPS]
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (UPLOAD.render().replace(b"stopl(3)", b"stopl(4)", 1), Reason.TOOL_DEFINITION_CHANGED),
+        (UPLOAD.render() + b"x", Reason.TOOL_DEFINITION_CHANGED),
+        (b"movej([1,1,1,1,1,1])\n", Reason.TOOL_UNKNOWN),
+        (b"def p():\n  stopj(2)\n  movej([1,1,1,1,1,1])\nend\n", Reason.TOOL_UNKNOWN),
+        (b"\xff\xfe\n", Reason.BODY_MALFORMED),
+    ],
+)
+@pytest.mark.parametrize("size", [500, 100_000])
+def test_anything_else_is_refused(text, reason, size):
+    refused = fed(LeasedScripts(SCRIPTS), torn(text, size))
+    assert isinstance(refused, Refused)
+    assert refused.reason is reason
+
+
+@pytest.mark.parametrize("size", [500, 100_000])
+def test_a_long_program_is_refused_though_it_only_stops(size):
+    assert isinstance(
+        fed(LeasedScripts(SCRIPTS), torn(b"def p():\n" + b"  stopj(2)\n" * 500 + b"end\n", size)), Refused
+    )

@@ -1,0 +1,370 @@
+"""What every enforcement point of a cell is made of: clock, journal, feeds, sensors, people, gate, and a door."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import json
+import logging
+import os
+import resource
+import signal
+import sys
+import traceback
+from typing import TYPE_CHECKING, Any, Final, TypedDict
+
+import httpx2
+import uvicorn
+
+from capabilities.caps import DEFAULT as CAPS
+from capabilities.freshness import Memory, earliest_iat_s, retention_ms
+from capabilities.verify import Verifier
+from pep import records
+from pep.approvals import Asks
+from pep.asking import Asking
+from pep.authority import Authority
+from pep.clock import HeldClock, SystemClock, TimeMark
+from pep.context.frames import Frames
+from pep.errors import PepError, PepFault
+from pep.feed import Follower, MarkFile
+from pep.gate import Gate
+from pep.holding import Holding
+from pep.mcp.deadline import DeadlineProtocol
+from pep.observation import Marked
+from pep.perception import Receiver
+from pep.pit import surveyed
+from pep.pit.engine import chosen
+from pep.question import Asker
+from pep.record import FileJournal
+from pep.replay import ReplayCache
+from pep.rtde.limits import Ur3eLimits
+from pep.rtde.state import ReceivedState
+from pep.sequence import Sequence
+from pep.ship import Shipper
+from pep.world import CellPhysics
+from ztpm.report import report_of, serve_reports
+from ztpm.tool_config import read_cell, read_key, read_policies, read_robot, read_trust
+from ztpm.trust_mark import check_mark
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterator
+
+    from capabilities.keys import PrivateKey
+    from capabilities.statements.cell import Cell
+    from capabilities.trust import TrustBundle
+    from pep.observation import Simulated
+    from pep.ports import Journal, MotionSlot, Readiness
+    from policies.policy import PolicySet
+    from ztpm.tool_config import CellConfig
+
+FIRST_VIEW_S: Final = 30.0
+"""Longest wait for the first verified view before it listens anyway, denying everything until it comes."""
+SHUTDOWN_S: Final = 3
+KEEP_ALIVE_S: Final = 5
+SWITCH_S: Final = 0.001
+CONNECTIONS: Final = 64
+"""Callers at once; a cell has a handful of agents. The next are told 503."""
+
+
+class Opened(TypedDict):
+    """What an enforcement point is made with besides its configuration: read, verified and in force."""
+
+    survey: Cell
+    trust: TrustBundle
+    key: PrivateKey
+    policies: PolicySet
+    http: httpx2.AsyncClient
+
+
+def opened(config: CellConfig) -> Opened:
+    """What the configuration names.
+
+    Raises:
+        PepError: one of them cannot be had, or must not be believed.
+    """
+    policies, trust, key = read_policies(config), read_trust(config), read_key(config)
+    survey = read_cell(config, at=SystemClock().wall_s())
+    check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
+    return Opened(survey=survey, trust=trust, key=key, policies=policies, http=httpx2.AsyncClient())
+
+
+class _Server(uvicorn.Server):
+    """A server that leaves signals to the composition: the arm is stopped before anything else ends."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """No signal is captured here."""
+        yield
+
+
+class EnforcementPoint:
+    """The parts that every enforcement point of a cell has, composed.
+
+    Args:
+        config: of it.
+        survey: the signed cell file, verified and in force.
+        trust: the issuer's public keys.
+        key: of this PEP.
+        http: client of the identity provider.
+        unsafe_observe: the simulated controller, where nothing is to be enforced; None enforces.
+
+    Attributes:
+        robot: the arm's model, with its tool and empty fingers.
+        ended: set it to end the process.
+        gate, app: what is served at its door; made by whoever is one.
+    """
+
+    gate: Gate
+    app: Any
+
+    def __init__(
+        self,
+        config: CellConfig,
+        *,
+        survey: Cell,
+        trust: TrustBundle,
+        key: PrivateKey,
+        http: httpx2.AsyncClient,
+        unsafe_observe: Simulated | None = None,
+    ) -> None:
+        self.config = config
+        # Proofs, tokens and statements are judged by a wall time that nobody can set back.
+        self.clock = HeldClock(SystemClock(), mark=TimeMark(config.state_dir / "time.json"), skew_s=CAPS.skew_s)
+        # Rounded up: a proof counts whole seconds, and one made before the start must not pass for one made after it.
+        self.started_s = earliest_iat_s(self.clock.wall_s(), memory=Memory.KEPT, caps=CAPS)
+        self.journal = FileJournal.open(config.journal_file, pep_id=config.pep_id, clock=self.clock)
+        self.http = http
+        self.ended = asyncio.Event()
+        self._told: dict[str, int] = {}
+        self._unsafe_observe = unsafe_observe
+        self.follower = Follower(
+            self.http,
+            issuer=config.issuer,
+            audience=config.audience,
+            trust=trust,
+            caps=CAPS,
+            clock=self.clock,
+            mark=MarkFile(config.state_dir / "feed.json"),
+            incident=self._feed_incident,
+        )
+        self.shipper = Shipper(
+            self.journal,
+            self.http,
+            issuer=config.issuer,
+            key=key,
+            clock=self.clock,
+            incident=lambda error: self._log("ledger", error),
+        )
+        self.cell = surveyed(survey, config.cell)
+        self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
+        self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
+        self.state = ReceivedState(config.robot_host)
+        chosen()  # compiled before anybody may ask: a minute or more the very first time, a second from then on
+        self.robot = read_robot(config, tool=survey.tool)
+        self.holding = Holding(self.robot, self.cell)
+        self.physics = CellPhysics(
+            holding=self.holding,
+            cell=self.cell,
+            valid_until_s=survey.not_after,
+            frames=self.frames,
+            state=self.state,
+            clock=self.clock,
+        )
+        self.replay = ReplayCache(self.clock)
+        asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)
+        self.asks = Asks(
+            clock=self.clock,
+            journal=self.marked,
+            timeout_ms=config.defer_timeout_s * 1000,
+            asker=asker,
+            approvers=self.follower,
+            caps=CAPS,
+        )
+        self.asking = Asking(
+            self.asks,
+            self.http,
+            asker=asker,
+            trust=trust,
+            caps=CAPS,
+            clock=self.clock,
+            incident=self._feed_incident,
+        )
+        self.authority = Authority(
+            verifier=Verifier(trust, CAPS),
+            feed=self.follower,
+            replay=self.replay,
+            clock=self.clock,
+            caps=CAPS,
+            audience=config.audience,
+            started_s=self.started_s,
+        )
+
+    @property
+    def marked(self) -> Journal:
+        """The journal; where nothing is enforced, every record says so."""
+        return self.journal if self._unsafe_observe is None else Marked(self.journal)
+
+    def gated(self, policies: PolicySet, *, slot: MotionSlot, readiness: Readiness) -> Gate:
+        """The gate over these parts.
+
+        Args:
+            policies: what is decided by.
+            slot: one motion at a time.
+            readiness: of the robot.
+        """
+        return Gate(
+            clock=self.clock,
+            authority=self.authority,
+            registry=self.follower,
+            limits=Ur3eLimits(),
+            slot=slot,
+            readiness=readiness,
+            sequence=Sequence(self.clock),
+            physics=self.physics,
+            policies=policies,
+            journal=self.journal,
+            asks=self.asks,
+            announcer=self.asking,
+            unsafe_observe=self._unsafe_observe,
+        )
+
+    def recover(self) -> None:
+        """What an earlier process left unfinished has an end on record, and what it accepted is not accepted again."""
+        permits = records.unfinished(self.journal.records())
+        self.asks.recover(self.journal.records())
+        self.gate.conduct.recall(self.journal.records())
+        earliest_ms = (self.clock.wall_s() * 1000) - retention_ms(CAPS)
+        expires_ms = self.clock.monotonic_ms() + retention_ms(CAPS)
+        for record in self.journal.records():
+            if record["kind"] == "decision" and record["at_ms"] >= earliest_ms and record["body"]["proof"]:
+                self.replay.remember(bytes.fromhex(record["body"]["proof"]), expires_ms=expires_ms)
+        if self.journal.repaired_bytes:
+            self.journal.append("incident", {"what": "torn-tail", "bytes": self.journal.repaired_bytes})
+        for request_id, digest in permits:
+            self.journal.append("outcome", {"request_id": request_id, "decision": digest, "outcome": "unknown"})
+        self.asks.expire()
+
+    async def run(self, *, reports: bool = False) -> None:
+        """It has served until it was told to end, and the arm stands still; `reports`: it has told of itself."""
+        loop = asyncio.get_running_loop()
+        server = _Server(
+            uvicorn.Config(
+                self.app,
+                host=self.config.host,
+                port=self.config.port,
+                log_level="error",
+                access_log=False,
+                h11_max_incomplete_event_size=32_768,
+                http=DeadlineProtocol,
+                timeout_graceful_shutdown=SHUTDOWN_S,
+                timeout_keep_alive=KEEP_ALIVE_S,
+                limit_concurrency=CONNECTIONS,
+            )
+        )
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.ended.set)
+        keeping = self.clock.run(failed=lambda error: self._log("clock", error), set_back=self._clock_incident)
+        parts = [self.follower.run(), self.asking.run(), self.shipper.run(), keeping]
+        if reports:
+            parts.append(serve_reports(lambda: report_of(self)))
+        tasks = [asyncio.create_task(part) for part in parts]
+        try:
+            await self._first_view()
+            # Not before: a frame is judged by the registered keys, and without them every sensor is a stranger.
+            await self.receiver.listen(self.config.host, self.config.perception_port)
+            await self.begin()
+            serving = asyncio.create_task(server.serve())
+            while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn offers no event for it
+                await asyncio.sleep(0.01)
+            if server.started:
+                gc.collect()
+                gc.freeze()  # else each full collection looks at all that was built at start, while an arm moves
+                sys.stdout.write(json.dumps({"ready": True, "audience": self.config.audience}) + "\n")
+                sys.stdout.flush()
+            await asyncio.wait({serving, asyncio.create_task(self.ended.wait())}, return_when=asyncio.FIRST_COMPLETED)
+            await self.stand()
+            server.should_exit = True
+            await serving
+        finally:
+            await self.close()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            with contextlib.suppress(OSError):  # what the last mark says is at most a period old
+                await asyncio.to_thread(self.clock.keep)
+            await self.receiver.close()
+            self.gate.close()
+            await self.http.aclose()
+            self.state.close()
+            self.journal.close()
+
+    async def begin(self) -> None:
+        """What is served beside the door is there."""
+
+    async def stand(self) -> None:
+        """The arm stands still."""
+        raise NotImplementedError
+
+    async def close(self) -> None:
+        """What was composed beside these parts has ended, the arm standing still."""
+        raise NotImplementedError
+
+    async def _first_view(self) -> None:
+        """The first verified views are there and proofs made now are accepted, or it was waited long enough."""
+        deadline_ms = self.clock.monotonic_ms() + int(FIRST_VIEW_S * 1000)
+        while not self.ended.is_set() and self.clock.monotonic_ms() < deadline_ms:
+            ages_ms = self.follower.view().age_ms, self.follower.conduct().age_ms
+            if max(ages_ms) < FIRST_VIEW_S * 1000 and self.clock.wall_s() >= self.started_s:
+                return
+            await asyncio.sleep(0.02)
+
+    # -- what goes wrong beside requests
+
+    def _feed_incident(self, error: PepError) -> None:
+        """A refused answer is on record, once a minute for each kind; an unreachable provider is only told."""
+        self._log("feed", error)
+        now = self.clock.monotonic_ms()
+        if error.code is PepFault.FEED_UNREACHABLE or now - self._told.get(error.code, now - 60_000) < 60_000:
+            return
+        self._told[error.code] = now
+        self._note({"what": "feed", "fault": str(error.code), "detail": error.detail})
+
+    def _clock_incident(self, held_s: float) -> None:
+        self._note({"what": "clock", "fault": str(PepFault.CLOCK_SET_BACK), "held_s": int(held_s)})
+
+    def _frame_incident(self, sensor: str, fault: str, detail: str, count: int) -> None:
+        self._note({"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count})
+
+    def _note(self, body: dict[str, object]) -> None:
+        noted = asyncio.get_running_loop().create_task(self.gate.record("incident", body))
+        noted.add_done_callback(lambda task: None if task.cancelled() else self._log("journal", task.exception()))
+
+    def _log(self, what: str, error: BaseException | None) -> None:
+        if error is not None:
+            logging.getLogger("ztpm.enforcement").warning("%s: %s", what, error)
+
+
+def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
+    """The process of an enforcement point: it serves, and ends. Exit code 1 for whatever keeps it from serving."""
+    # The watch looks every few ms: whoever else computes hands the interpreter over within one (5 by default).
+    sys.setswitchinterval(SWITCH_S)
+    # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    status = 1
+    try:
+        asyncio.run(serve())
+        status = 0
+    except PepError as error:
+        sys.stderr.write(f"{error}\n")
+    except Exception:  # noqa: BLE001 - whatever it is, the process ends, and says why where somebody still reads
+        with contextlib.suppress(OSError):
+            traceback.print_exc()
+    finally:
+        # A thread inside ur_rtde that still waits for a controller that is gone would be joined for ever; and whoever
+        # read what we say may be gone, too.
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError):
+                stream.flush()
+        os._exit(status)

@@ -1,0 +1,292 @@
+"""The gateway of one robot: perception, feeds, gate, motion lease and the controller's ports in one process.
+
+    python -m ztpm.gateway_server --config gateway.toml [--robot HOST] [--listen HOST]
+
+Everybody finds the robot's state, and a stop, at the controller's ports on `listen_host`. Whoever has the motion lease
+finds the same ports at the end of its carriage, and there what its token allows, command by command. The passphrase of
+the PEP's key comes from the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready":
+true`. SIGTERM ends the lease, which stops the arm, and everything else after it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from capabilities.caps import DEFAULT as CAPS
+from capabilities.chain import Chain
+from pep.cell_stream import CellStream
+from pep.errors import ConfigError, JournalError, PepFault
+from pep.rtde.control_script import allow_list, installed_body
+from pep.rtde.dashboard import RemoteControl
+from pep.rtde.gateway import Gateway
+from pep.rtde.gripper import RobotiqGripper
+from pep.rtde.lease import Ending, Leases
+from pep.rtde.lease_door import Door
+from pep.rtde.lease_port import LeasePort
+from pep.rtde.leased_effects import LeasedEffects
+from pep.rtde.leased_judge import LeasedJudge
+from pep.rtde.leased_ports import LeasedPorts
+from pep.rtde.leased_requests import Fitted
+from pep.rtde.leased_stop import Rung
+from pep.rtde.telemetry import Telemetry
+from pep.slot import Slot
+from pep.watch import Limits, Watch
+from ztpm.enforcement import EnforcementPoint, main_of, opened
+from ztpm.gateway_config import GatewayConfig, read_gateway_config
+from ztpm.robot import confirm_kinematics, found_holding, readiness
+
+if TYPE_CHECKING:
+    import httpx2
+
+    from capabilities.keys import PrivateKey
+    from capabilities.statements.cell import Cell
+    from capabilities.trust import TrustBundle
+    from pep.rtde.judge import Held
+    from pep.rtde.lease import Lease
+    from policies.policy import PolicySet
+    from policies.reasons import Reason
+
+LOOK_S: Final = 0.1
+"""How often the open lease is asked whether its token still holds; revocations reach a view as fast while it moves."""
+STANDS_S: Final = 6.0
+"""Longest wait for standstill at the end."""
+
+
+class GatewayServer(EnforcementPoint):
+    """All parts of one gateway, composed. To be made on the event loop that it runs on.
+
+    Args:
+        config: of the gateway.
+        survey: the signed cell file, verified and in force.
+        trust: the issuer's public keys.
+        key: of this PEP.
+        policies: what is decided by.
+        http: client of the identity provider.
+    """
+
+    def __init__(
+        self,
+        config: GatewayConfig,
+        *,
+        survey: Cell,
+        trust: TrustBundle,
+        key: PrivateKey,
+        policies: PolicySet,
+        http: httpx2.AsyncClient,
+    ) -> None:
+        super().__init__(config, survey=survey, trust=trust, key=key, http=http)
+        self._listen_host, self._carriage_port = config.listen_host, config.carriage_port
+        found_holding(self.holding, RobotiqGripper(config.robot_host))
+        self._loop = asyncio.get_running_loop()
+        self.ports = LeasedPorts(
+            config.robot_host,
+            self,
+            scripts=allow_list(installed_body),
+            stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
+            clock=self.clock,
+            closed=lambda _: self.carriages.end(Ending.LEFT),
+        )
+        self.readiness = readiness(
+            Telemetry(config.robot_host),
+            RemoteControl(config.robot_host),
+            self.ports,
+            lambda: True,  # without its connection no program of a lease runs
+            robot=self.robot,
+            holding=self.holding,
+        )
+        if config.calibration_file is not None:
+            confirm_kinematics(self.readiness)
+        # It compiles what its steps ask when it is made, or reads what was compiled before.
+        self._stream(frozenset()).see(self.state.read().q_rad)
+        self.judging = ThreadPoolExecutor(1, "rest")
+        self.gate = self.gated(policies, slot=Slot(), readiness=self.readiness)
+        stopper = _Stopper(self.ports, self._loop)
+        self.judge_ = LeasedJudge(
+            gate=self.gate,
+            effects=LeasedEffects(
+                acts=self.physics,
+                remaining=self.physics,
+                certifying=self._stream,
+                watching=partial(
+                    Watch, views=self.frames, limits=Limits.of(self.cell), clock=self.clock, submit=self.judging.submit
+                ),
+                hurry=self.follower.hurry,
+                state=self.state,
+                stopper=stopper,
+                record=self.gate.record,
+                parameters=policies.parameters,
+                audience=config.audience,
+                clock=self.clock,
+            ),
+            asks=self.asks,
+            registry=self.follower,
+            stopper=stopper,
+            fitted=self._fitted,
+            audience=config.audience,
+            clock=self.clock,
+        )
+        self.leases = Leases()
+        self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, ended=self._ended)
+        self.gateway = Gateway(self.ports)
+        self.app = Door(
+            leases=self.leases,
+            authority=self.authority,
+            clock=self.clock,
+            journal=self.journal,
+            caps=CAPS,
+            url=config.url,
+            audience=config.audience,
+            signer=key,
+            port=config.carriage_port,
+            lease_ms=policies.parameters.lease_motion_ms,
+        ).app()
+        self._lease_ms = policies.parameters.lease_motion_ms
+        self._looking: asyncio.Task[None] | None = None
+        self._notes: set[asyncio.Task[None]] = set()
+
+    async def begin(self) -> None:
+        """The controller's ports are here.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`: an address or a port of them cannot be had.
+        """
+        await self.ports.begin()
+        try:
+            await self.carriages.listen(self.config.host, self._carriage_port)
+            await self.gateway.listen(self._listen_host)
+        except OSError as error:
+            raise ConfigError(PepFault.CONFIG_INVALID, f"host, listen_host: {error.strerror}") from error
+        self._looking = asyncio.create_task(self._look())
+
+    async def stand(self) -> None:
+        """The lease is over, and the arm stands still."""
+        self.gateway.close()
+        await self.carriages.close()
+        await self.judge_.close()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(STANDS_S):
+                while not self.ports.ladder.over:  # noqa: ASYNC110 - the arm itself sets no event
+                    await asyncio.sleep(LOOK_S)
+
+    async def close(self) -> None:
+        """The connections to the robot have ended."""
+        if self._looking is not None:
+            self._looking.cancel()
+        await asyncio.gather(*self._notes, return_exceptions=True)
+        self.ports.close()
+        self.judging.shutdown(wait=False, cancel_futures=True)
+        self.readiness.close()
+
+    # ---- the judge of the ports, which are there before it
+
+    def judge(self, held: Held) -> None:
+        """See `Judge.judge`."""
+        self.judge_.judge(held)
+
+    def withdrawn(self, held: Held) -> None:
+        """See `Judge.withdrawn`."""
+        self.judge_.withdrawn(held)
+
+    # ---- the lease
+
+    def _stream(self, touch: frozenset[str]) -> CellStream:
+        return CellStream(holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
+
+    def _fitted(self) -> Fitted:
+        return Fitted((*self.robot.tool.tcp_m, 0.0, 0.0, 0.0), self.holding.carried_kg, self.holding.centre_m)
+
+    def _ended(self, lease: Lease, ending: Ending) -> None:
+        self.ports.over(lease, ending)
+        chain = lease.credentials.chain
+        body = {
+            "at": self.clock.wall_s(),
+            "agent": lease.agent,
+            "hop": chain.leaf.hop_id if isinstance(chain, Chain) else "",
+            "ending": str(ending),
+        }
+        task = asyncio.get_running_loop().create_task(self._noted(body))
+        self._notes.add(task)
+        task.add_done_callback(self._notes.discard)
+
+    async def _noted(self, body: dict[str, object]) -> None:
+        with contextlib.suppress(JournalError):  # the lease is over either way
+            await self.gate.record("lease-ended", body)
+
+    async def _look(self) -> None:
+        """A lease ends when its token does, or when nobody can tell any more whether that holds."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            self.carriages.look()
+            lease = self.leases.current
+            token = None if lease is None else lease.credentials.token
+            if token is None:
+                continue
+            try:
+                stands = isinstance(self.authority.verify(token, lease_ms=self._lease_ms), Chain)
+            except Exception:  # noqa: BLE001 - a verification that breaks has not verified
+                stands = False
+            if not stands:
+                self.carriages.end(Ending.AUTHORITY)
+
+
+class _Stopper:
+    """`pep.rtde.judge.Stopper` over the ports, from any thread."""
+
+    def __init__(self, ports: LeasedPorts, loop: asyncio.AbstractEventLoop) -> None:
+        self._ports = ports
+        self._loop = loop
+
+    def stop(self, reason: Reason) -> None:  # noqa: ARG002 - whoever asks has it on record
+        """See `Stopper.stop`."""
+        self._loop.call_soon_threadsafe(self._ports.stop, Rung.PROGRAM)
+
+    @property
+    def stopped_ms(self) -> int | None:
+        """See `Stopper.stopped_ms`."""
+        return self._ports.stopped_ms
+
+
+async def serve(config: GatewayConfig) -> None:
+    """The gateway has run and ended, the arm standing still.
+
+    Args:
+        config: of it.
+
+    Raises:
+        PepError: when a part cannot be had; nothing was served then.
+    """
+    server = GatewayServer(config, **opened(config))
+    server.recover()
+    await server.run()
+
+
+def main() -> None:
+    """The command line. Exit code 1 for whatever keeps it from serving."""
+    parser = argparse.ArgumentParser(prog="python -m ztpm.gateway_server", description="The gateway of one robot.")
+    parser.add_argument("--config", type=Path, required=True)
+    parser.add_argument("--robot", help="address of the controller, in place of robot_host")
+    parser.add_argument("--listen", help="address to listen on as the controller, in place of listen_host")
+    options = parser.parse_args()
+
+    async def served() -> None:
+        config = read_gateway_config(options.config)
+        config = replace(
+            config,
+            robot_host=options.robot or config.robot_host,
+            listen_host=options.listen or config.listen_host,
+        )
+        config.check()
+        await serve(config)
+
+    main_of(served)
+
+
+if __name__ == "__main__":
+    main()
