@@ -77,12 +77,19 @@ class StopLadder:
 
 
 class Stop:
-    """One stop under way, to be looked at until the arm stands. Made by `StopLadder.begin`; one thread looks."""
+    """One stop under way, to be looked at until the arm stands. One thread looks.
+
+    Args:
+        arm: how telling the arm to stop has ended.
+        escalate: the next rung; told once, when the first does not help.
+        newest: the newest package of the robot; never waits.
+        clock: the monotonic one counts.
+    """
 
     def __init__(
         self,
         arm: Future[None],
-        escalate: Callable[[], Future[None]],
+        escalate: Callable[[], object],
         *,
         newest: Callable[[], Package],
         clock: Clock,

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import Future
+from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 
 from pep.errors import PepFault
 from pep.rtde.heard import SILENCE_MS
-from pep.rtde.ladder import STOP_LIMIT_MS, MotionEnd
+from pep.rtde.ladder import MotionEnd, Stop
 from pep.stopping import ESCALATE_MS, SAFE_MODES
 from pep.watch import PAUSE_S, End
 from policies.reasons import Reason
@@ -208,21 +210,13 @@ class Follower:
 
     def _stand(self, reason: Reason) -> MotionEnd:
         """The arm stands; or nobody saw it do so."""
-        began_at, began_ms, escalated = self._newest().stamp_s, self._clock.monotonic_ms(), False
+        given: Future[None] = Future()
+        given.set_result(None)  # a brake waits for nothing; whether it helps is seen by the arm
+        stop = Stop(given, partial(self._stopper.stop, reason), newest=self._newest, clock=self._clock)
         self._brake(reason)
-        while (waited_ms := self._clock.monotonic_ms() - began_ms) <= STOP_LIMIT_MS:
-            package = self._newest()
-            # What it said before the stop tells nothing.
-            heard = package.stamp_s != began_at and package.state is not None
-            # A program that a safety stop has paused does not hear us, and would go on with its motion afterwards.
-            paused = heard and package.state is not None and package.state.safety_mode not in SAFE_MODES
-            if not escalated and (paused or waited_ms > ESCALATE_MS):
-                escalated = True
-                self._stopper.stop(reason)
-            if heard and package.state is not None and package.state.still:
-                return MotionEnd(End.STOPPED, package.state.q_rad)
+        while (end := stop.look()) is None:
             time.sleep(PAUSE_S)
-        return MotionEnd(End.ROBOT_FAILED, (), "no standstill was seen")
+        return end
 
     def _alarmed(self, alarm: Alarm, state: JointState) -> MotionEnd:
         end = self._stand(Reason(alarm.reason))

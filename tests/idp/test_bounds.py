@@ -116,7 +116,9 @@ def test_tools_sensors_peps_and_approvers_are_bounded(world, monkeypatch):
     pep("door-1", AUDIENCE + "/third")
     full(pep, "door-2", AUDIENCE + "/fourth", AUDIENCE + "/third")
     pep("door-2", AUDIENCE + "/fourth")
-    assert fetched(world).version == before.version + 2
+    found = fetched(world)
+    assert found.version == before.version + 2
+    assert found.peps == before.peps  # they serve others than this audience
     alice.register_person("erin", "Erin", fresh(), ["approver"])  # alice and carol are the others
     full(alice.register_person, "frank", "Frank", fresh(), ["sponsor", "approver"])
     alice.register_person("frank", "Frank", fresh(), ["sponsor"])

@@ -47,12 +47,10 @@ def run(
     The exit status is the program's own; 3 where the lease was refused, 1 where it ended before the program did and the
     program called that a success.
     """
-    from pep.rtde.lease import Ending
-
     ended = _lent(
         agent, command, token=token, gateway=(gateway, audience, pep), address=address, data=data, as_json=False
     )
-    if ended.early not in {None, Ending.LEFT}:  # a program ends its own connections before it ends
+    if _cut_short(ended):
         typer.echo(f"LEASE_OVER: {ended.early}", err=True)
         raise typer.Exit(ended.status or FAILURE)
     raise typer.Exit(ended.status)
@@ -69,9 +67,12 @@ def connect(
     data: Data = None,
     as_json: Json = False,
 ) -> None:
-    """Hold an agent's lease for a program that runs already, until Ctrl-C; prints where that finds the robot."""
+    """Hold an agent's lease for a program that runs already; prints where that finds the robot.
+
+    It ends with the program's connection, or with Ctrl-C.
+    """
     ended = _lent(agent, [], token=token, gateway=(gateway, audience, pep), address=address, data=data, as_json=as_json)
-    if ended.early is not None:
+    if _cut_short(ended):
         fail("LEASE_OVER", str(ended.early), as_json=as_json)
 
 
@@ -111,6 +112,13 @@ def _lent(
         fail(error.code, error.detail, as_json=as_json, status=DENY if error.refused else FAILURE)
     except OSError as error:
         fail("NOT_BEGUN", str(error), as_json=as_json)
+
+
+def _cut_short(ended: Ended) -> bool:
+    """Whether the lease was ended by somebody else than the program, which ends its connections before it ends."""
+    from pep.rtde.lease import Ending
+
+    return ended.early not in {None, Ending.LEFT}
 
 
 def _places(door: str, audience: str, *, data: Path | None, as_json: bool) -> tuple[str, str]:
