@@ -32,10 +32,11 @@ demo:
 bench:  ## capability tokens beside their peers, in one run; the ratios last
 	uv run --extra all --extra bench --group dev ztpm eval bench capabilities
 
-campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in full; the figures last
+campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in full; the figures, and each defence taken out, last
 	$(RUN) ztpm eval tokens
 	$(RUN) python -m tests.model.campaign
 	$(RUN) ztpm eval conduct
+	$(RUN) pytest -q --campaign -m campaign
 
 soundness:  ## 100,000 motions and scenes against MuJoCo, their certificates and corrupted ones; goes on where it was ended
 	uv run --extra all --extra bench --group dev python -m tests.pit.campaign --ledger .soundness

@@ -13,6 +13,10 @@ settings.register_profile(
 settings.load_profile("shared-machine")
 
 
+def pytest_addoption(parser):
+    parser.addoption("--campaign", action="store_true", help="also the tests that take long and say the same again")
+
+
 def pytest_configure(config):
     """The kernel is compiled once, before several workers would each compile it beside tests in which time passes."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
@@ -21,8 +25,12 @@ def pytest_configure(config):
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     """Tests in which real time passes run one after the other, on one worker, with `--dist loadgroup`."""
+    if not config.getoption("campaign"):
+        later = [item for item in items if item.get_closest_marker("campaign") is not None]
+        items[:] = [item for item in items if item.get_closest_marker("campaign") is None]
+        config.hook.pytest_deselected(items=later)
     for item in items:
         if item.get_closest_marker("e2e") is not None:
             item.add_marker(pytest.mark.xdist_group("e2e"))

@@ -2,6 +2,8 @@
 
 Each case starts a cell of its own in which one process runs with one check undone (tests/e2e/sabotage.py), plays the step and what it
 needs, sees that everything before it is as told, and that the attack then does exactly what the check had kept from happening.
+
+A cell of its own takes a quarter of a minute each: one case of each kind is always played, the others by `make campaign`.
 """
 
 import os
@@ -57,6 +59,13 @@ CASES = [
     ("rtde-raw-denied", GATEWAY, "gateway_is_open", ("DENY", "IN_USE", True)),
     ("rtde-hijack-refused", GATEWAY, "gateway_lends_twice", ("DENY", "LEASE_HELD", False)),
 ]
+ALWAYS = frozenset(
+    {
+        "idp_lends_more", "pep_takes_any_key", "pep_is_blind_to_people", "pep_takes_one_for_two",
+        "pep_does_not_watch_the_world", "pep_does_not_watch_authority", "gateway_is_open",
+    }
+)  # fmt: skip
+"""Of the provider; of authority, physics, policy and watch at the tools; of the gateway."""
 STOPS = frozenset({"place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion"})
 """Steps that permit and refuse: what is not granted, and what goes on when it should not."""
 
@@ -64,11 +73,18 @@ STOPS = frozenset({"place-on-table", "human-enters-stops", "revoke-in-motion", "
 def test_every_refusing_step_has_a_case() -> None:
     refusing = {step.id for step in STORY.steps if step.expect.decision in ("DENY", "DEFER")}
     assert refusing | STOPS == {step for step, *_ in CASES}
+    assert {defect for _, _, defect, _ in CASES} >= ALWAYS
 
 
 @pytest.mark.e2e
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize(("name", "process", "defect", "seen"), CASES, ids=[f"{s}-{d}" for s, _, d, _ in CASES])
+@pytest.mark.parametrize(
+    ("name", "process", "defect", "seen"),
+    [
+        pytest.param(*case, id=f"{case[0]}-{case[2]}", marks=() if case[2] in ALWAYS else pytest.mark.campaign)
+        for case in CASES
+    ],
+)
 def test_step_fails_without_its_defence(
     name: str, process: str, defect: str, seen: tuple[str, str, bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
