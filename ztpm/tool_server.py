@@ -25,6 +25,7 @@ from pep.mcp.mapping import ARM_TOOLS
 from pep.mcp.vouching import Vouching
 from pep.observation import Unwatched
 from pep.rtde.dashboard import RemoteControl, stop_program
+from pep.rtde.dead_man import DeadMan
 from pep.rtde.devices import Devices
 from pep.rtde.drive import Drive
 from pep.rtde.governed import SpeedControl
@@ -93,6 +94,7 @@ class ToolServer(EnforcementPoint):
         control = commanded(
             connect(config.robot_host), program, robot, self.cell, holding, audience=config.audience, clock=self.clock
         )
+        self.dead_man = DeadMan(control)
         telemetry = Telemetry(config.robot_host)
         self.readiness = readiness(
             telemetry, RemoteControl(config.robot_host), program, control.isConnected, robot=robot, holding=holding
@@ -161,6 +163,7 @@ class ToolServer(EnforcementPoint):
 
     async def close(self) -> None:
         """The connections that move things have ended."""
+        self.dead_man.close()
         await self.devices.close()
         self.slider.close()
         self.judging.shutdown(wait=False, cancel_futures=True)

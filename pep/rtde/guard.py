@@ -14,7 +14,7 @@ from capabilities.units import Unit
 from pep.errors import ActuationRefusedError
 from pep.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SPEED_JOINT, digest_of, padded
 from pep.rtde.stops import JOINT_DECELERATION_LIMIT_RAD_S2, joint_stop, tool_stop
-from pep.stopping import patience_s
+from pep.stopping import dead_man_s, patience_s
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -98,6 +98,26 @@ class GuardedControl:
         self._speeding = False
         # What of a path was not sent yet, its speed and acceleration, and since which stop.
         self._legs: tuple[tuple[tuple[float, ...], ...], float, float, int] | None = None
+        self._idle_hz = UNWATCHED_HZ
+
+    def expect(self) -> bool:
+        """Whether the controller ends its program from now on, as soon as it has heard nothing for `dead_man_s`.
+
+        Say `kick` every `KICK_S`: ur_rtde's motion outlives its client.
+        """
+        with self._lock:
+            self._idle_hz = 1 / dead_man_s(self._deceleration)
+            return bool(self._control.setWatchdog(self._idle_hz))
+
+    def kick(self) -> None:
+        """The controller hears that we are still there. It does anyway while a command is being said, or a stream."""
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            if not self._speeding and self._control.isProgramRunning():
+                self._control.kickWatchdog()
+        finally:
+            self._lock.release()
 
     def moveJ(  # noqa: N802 - the interface's own name
         self,
@@ -276,7 +296,7 @@ class GuardedControl:
                 permit.spend(digest=digest, stopped_ms=self._stopped_ms)
             except ActuationRefusedError as refused:
                 if not prolongs:
-                    self._control.setWatchdog(UNWATCHED_HZ)
+                    self._control.setWatchdog(self._idle_hz)
                 return self._refuse(refused.reason, f"speedJ: {refused.detail}")
             since_ms = permit.since_ms if prolongs else self._clock.monotonic_ms()
             until_ms = since_ms + round(time * Unit.MILLISECOND.per_si)
@@ -307,12 +327,12 @@ class GuardedControl:
         return 0 if stream is None else max(0, stream[3] - self._clock.monotonic_ms())
 
     def end_speed(self) -> None:
-        """The arm stands, unless the controller did not listen: watch it. The controller's watchdog is at rest."""
+        """The arm stands, unless the controller did not listen: watch it. The controller is as patient as before."""
         with self._lock:
             self._stream = None
             if self._speeding:
                 self._brake_speed()
-            self._control.setWatchdog(UNWATCHED_HZ)
+            self._control.setWatchdog(self._idle_hz)
 
     def _send_speed(self) -> bool:
         """Whether the controller took the speeds. Under the lock; a stop that came meanwhile is given again."""

@@ -1,0 +1,36 @@
+"""A tool server that is gone leaves an arm that stands: ur_rtde's motion outlives its client, so the controller ends it."""
+
+import contextlib
+import time
+
+import pytest
+
+from pep.stopping import KICK_S, STOP_DECELERATION_RAD_S2, dead_man_s
+from ztpm.demo.eyes import Eyes
+from ztpm.demo.motion import Motion
+from ztpm.demo.run import play, stage
+from ztpm.demo.stage import RIGHT, until
+from ztpm.demo.stopping import SAMPLE_S
+from ztpm.demo.story import STORY
+from ztpm.demo.story.moving import SLOW_RAD_S, UNDER_WAY_RAD, at_left
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120)]
+
+
+def test_a_killed_tool_server_leaves_a_standing_arm():
+    with stage() as on_stage:
+        told = [play(on_stage, step) for step in STORY.only(frozenset({"delegate"}))]
+        assert [step.id for step in told if not step.ok] == []
+        at_left(on_stage)
+        with (
+            contextlib.closing(Eyes(on_stage.cell.addresses.host)) as seen,
+            Motion(on_stage, "robotic", to=RIGHT, speed=SLOW_RAD_S) as motion,
+        ):
+            motion.under_way(UNDER_WAY_RAD)
+            on_stage.cell.tools.kill()
+            t0 = time.monotonic()
+            until(lambda: seen.now().still, "standstill")
+            stop = motion.stop_after(t0)
+    patience_s = dead_man_s(STOP_DECELERATION_RAD_S2)
+    assert patience_s - KICK_S - 0.1 < stop.reaction_s < patience_s + 0.05 + SAMPLE_S
+    assert stop.within_model
