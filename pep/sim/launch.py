@@ -47,6 +47,8 @@ class Controller:
         stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2,
         version: str | None = None,
         gripper_object_m: float | None = None,
+        tcp_m: Sequence[float] | None = None,
+        payload: Sequence[float] | None = None,
     ) -> Controller:
         """A controller that is ready to be connected to.
 
@@ -56,6 +58,8 @@ class Controller:
             stop_deceleration_rad_s2: of every stop that does not say its own.
             version: PolyScope version, for example "5.15".
             gripper_object_m: width of what lies between the gripper's fingers.
+            tcp_m: tool centre point of the installation, in the flange frame.
+            payload: of the installation: kg, and its centre [m] in the flange frame.
 
         Raises:
             LaunchError: it ended, or was not ready within `START_DEADLINE_S`.
@@ -67,6 +71,9 @@ class Controller:
             options.append(f"--polyscope={version}")
         if gripper_object_m is not None:
             options.append(f"--gripper-object={gripper_object_m}")
+        for name, numbers in (("tcp", tcp_m), ("payload", payload)):
+            if numbers is not None:
+                options.append(f"--{name}=" + ",".join(repr(float(number)) for number in numbers))
         taken = ""
         for _ in range(1 if host else ATTEMPTS):
             address = host or f"127.{random.randint(1, 254)}.{random.randint(0, 254)}.{random.randint(1, 254)}"  # noqa: S311

@@ -8,28 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.statements import observation
 from pep.arrival import arrived
 from pep.cell_stream import Angles, CellStream, Judged, Speeds
-from pep.context.frames import Frame, Frames
 from pep.holding import Holding
-from pep.pit import CellParameters, JointLeg, JointPath, MoveJ, MoveL, SpeedL, adult_at_distance, observed
+from pep.pit import JointLeg, JointPath, MoveJ, MoveL, SpeedL, adult_at_distance
 from pep.pit.engine import chosen
 from pep.pit.inverse import solved, stance
 from pep.pit.twist import Twist, turn_of
 from pep.rtde import command_values as v
 from pep.rtde.state import JointState
 from pep.watch import Limits, Watch
-from pep.world import CellPhysics
 from policies.evidence import ImpactFault
 from policies.reasons import Reason
-from tests.pep.kit import CALIBRATION
 from tests.pit.scenes import FRONT, HOME, ROBOT
-from tests.rtde.leased import House, played, until
+from tests.rtde.leased import played, until
+from tests.rtde.world import CELL, World
 
-CELL = CellParameters(time_limit_s=20.0, watch_time_limit_s=20.0, perception_age_limit_s=30.0, watch_age_limit_s=1.0)
-"""A loaded host is slow, and this is not about that."""
 STILL = (0.0,) * 6
 ANY = 4_000
 SEED = b"a request's digest"
@@ -41,54 +35,6 @@ def pose(q=HOME, dz=0.0):
     x, y, z = here.position.tolist()
     numbers = (x, y, z + dz, *turn_of(here.rotation).tolist())
     return tuple(round(number, 6) for number in numbers)
-
-
-class World(House):
-    """A house whose physics is computed from what a sensor signs; the arm stands at `HOME`."""
-
-    def at(self, *people):
-        self.frames = Frames(sensors=self.registry, named=frozenset({"camera-1"}), clock=self.clock, caps=CAPS)
-        self.key, self.sequence = self.registry.add_sensor(), 0
-        self.show(*people)
-        self.arm.here = lambda: JointState(HOME, STILL, 7, 1)
-        self.physics = CellPhysics(
-            holding=Holding(ROBOT, CELL),
-            cell=CELL,
-            valid_until_s=2**40,
-            frames=self.frames,
-            state=self.arm,
-            clock=self.clock,
-        )
-        self.start_of = self.physics.start_of
-        return self.build()
-
-    def show(self, *people):
-        self.sequence += 1
-        seen = observation.Observation(
-            sensor="camera-1",
-            boot_id="0" * 32,
-            sequence=self.sequence,
-            captured_ms=int(self.clock.wall_s() * 1000),
-            calibration=CALIBRATION,
-            complete=True,
-            people=tuple(observed(person) for person in people),
-            objects=(),
-        )
-        assert isinstance(self.frames.admit(observation.sign(seen, self.key).encode()), Frame)
-
-    def begin_stream(self, touch):
-        return CellStream(holding=Holding(ROBOT, CELL), cell=CELL, frames=self.frames, touch=touch, clock=self.clock)
-
-    def decided(self, command):
-        """The held command, decided; what was forwarded is stopped at once."""
-        held = self.held(command, before=self.arm.halt)
-
-        async def scenario(judge):
-            judge.judge(held)
-            await until(lambda: held.answers)
-
-        played(self, scenario)
-        return held
 
 
 @pytest.fixture

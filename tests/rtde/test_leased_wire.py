@@ -11,17 +11,14 @@ import time
 
 import pytest
 
-from pep.rtde.codec import Framer, Recipe, encode_request
 from pep.rtde.dashboard import stop_program
-from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
-from pep.rtde.messages import Kind, RequestProtocol, SetupInputs, SetupOutputs, Start, Values
-from pep.rtde.recipes import control_recipes
+from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, SECONDARY
 from pep.rtde.state import STILL_RAD_S, ReceivedState
 from pep.sim.controller import UNLOCK_AFTER_S
 from pep.sim.launch import Controller
-from pep.rtde.variables import INPUTS
 from pep.stopping import STOP_DELAY_S
 from tests.rtde.leased_gateway import leased_gateway
+from tests.rtde.raw_program import Raw
 from tests.sim_controller.cell import HOME, until, upload
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -394,54 +391,11 @@ def test_a_controller_without_us_has_no_program_afterwards(here):
 # ---- a program that speaks RTDE by itself
 
 
-class Raw:
-    """A connection without any library: it writes what it likes, in one piece."""
-
-    RECIPES = (("input_int_register_0",), tuple(f"input_double_register_{i}" for i in range(18)), control_recipes(0)[0])
-
-    def __init__(self, here):
-        self.framer, self.recipes = Framer(0xFFFF), [Recipe(r, [INPUTS[n] for n in r]) for r in self.RECIPES]
-        self.link = socket.create_connection((here.gateway.host, RTDE), timeout=5)
-        self.ask(RequestProtocol(2), protocol=1)
-        for names in self.RECIPES:
-            self.ask(SetupInputs(names))
-        self.ask(SetupOutputs(("runtime_state", "timestamp"), 500.0))
-        self.ask(Start())
-        self.script = socket.create_connection((here.gateway.host, REALTIME), timeout=5)
-        self.script.sendall(upload().encode())
-        until(lambda: self.newest()[:4] == bytes((0, 0, 0, 2)))
-
-    def ask(self, request, protocol=2):
-        self.link.sendall(encode_request(request, protocol))
-        frames = []
-        while not frames:
-            frames = self.framer.feed(self.link.recv(65_536))
-
-    def newest(self):
-        frames = self.framer.feed(self.link.recv(65_536))
-        return next((f.payload[1:] for f in reversed(frames) if f.kind is Kind.VALUES), b"")
-
-    def say(self, *packages):
-        """Each is the number of a recipe and the values in it."""
-        self.link.sendall(
-            b"".join(
-                encode_request(
-                    Values(n, self.recipes[n - 1].pack({**dict.fromkeys(self.RECIPES[n - 1], 0), **values})), 2
-                )
-                for n, values in packages
-            )
-        )
-
-    def close(self):
-        for link in (self.link, self.script):
-            link.close()
-
-
 @contextlib.contextmanager
 def raw(here, manner):
     with program(here):
         pass
-    client = Raw(here)
+    client = Raw(here.gateway.host)
     try:
         here.gateway.tell(manner)
         yield client

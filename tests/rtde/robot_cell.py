@@ -1,0 +1,93 @@
+"""A simulated controller and everything before it that decides: real state, readiness, physics, gate, watch and journal.
+
+What is made by hand is the identity provider's word (keys, a token, its registry), and what a sensor sees: nobody.
+"""
+
+import asyncio
+import contextlib
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+from pep.pit import surveyed
+from pep.rtde.dashboard import RemoteControl
+from pep.rtde.leased_effects import LeasedEffects
+from pep.rtde.leased_judge import LeasedJudge
+from pep.rtde.leased_requests import Fitted
+from pep.rtde.state import ReceivedState
+from pep.rtde.telemetry import Telemetry
+from pep.sim.launch import Controller
+from pep.watch import Limits, Watch
+from policies.parameters import Parameters
+from tests.pep import kit
+from tests.pep.kit import AUDIENCE
+from tests.pit.scenes import HOME, ROBOT
+from tests.rtde.world import CELL, World
+from ztpm.robot import readiness
+
+TOOL = ROBOT.tool
+FITTED = Fitted((*TOOL.tcp_m, 0.0, 0.0, 0.0), TOOL.mass_kg, TOOL.com_m)
+FRAMES_S = 0.05
+"""Between two frames of the sensor."""
+
+
+def controller(*, off_m=0.0):
+    """One at home, whose installation has the model's tool, and what is said of it off by so much along the flange."""
+    *xy, z = FITTED.centre_m
+    payload, (*tcp_xy, tcp_z) = (FITTED.payload_kg, *xy, z - off_m), TOOL.tcp_m
+    return Controller.start(joints=HOME, tcp_m=(*tcp_xy, tcp_z - off_m), payload=payload)
+
+
+class RobotCell(World):
+    """A cell at a controller. On the event loop that it is opened on."""
+
+    def open(self, host, *, stopper, program, commanding=lambda: True):
+        """The judge of it.
+
+        Args:
+            host: of the controller.
+            stopper: of its arm.
+            program: what the controller runs, for its readiness.
+            commanding: whether the connection that commands stands.
+        """
+        self.cell = surveyed(kit.survey(self.clock.wall_s()), CELL)
+        self.at()
+        self.state = ReceivedState(host)
+        self.readiness = readiness(
+            Telemetry(host), RemoteControl(host), program, commanding, robot=ROBOT, holding=self.holding()
+        )
+        self.sighted(self.state)
+        self.judging = ThreadPoolExecutor(1, "rest")
+        self.begin_stream(frozenset()).see(self.state.read().q_rad)
+        self.seeing = asyncio.get_running_loop().create_task(self.see())
+        watching = partial(
+            Watch, views=self.frames, limits=Limits.of(self.cell), clock=self.clock, submit=self.judging.submit
+        )
+        self.judge_ = LeasedJudge(
+            gate=self.gate,
+            effects=LeasedEffects(
+                acts=self.physics, remaining=self.physics, certifying=self.begin_stream, watching=watching,
+                hurry=lambda *, moving: None, state=self.state, stopper=stopper, record=self.gate.record,
+                parameters=Parameters(), audience=AUDIENCE, clock=self.clock,
+            ),
+            asks=self.asks, registry=self.registry, stopper=stopper, fitted=lambda: FITTED, audience=AUDIENCE,
+            clock=self.clock,
+        )  # fmt: skip
+        return self.judge_
+
+    async def see(self):
+        """The sensor's frames."""
+        while True:
+            self.show()
+            await asyncio.sleep(FRAMES_S)
+
+    async def close(self):
+        """The arm stands, and nothing is open any more."""
+        await self.judge_.close()
+        self.seeing.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self.seeing
+        self.readiness.close()
+        self.state.close()
+        self.gate.close()
+        self.journal.close()
+        self.judging.shutdown()
