@@ -11,7 +11,7 @@ from capabilities.units import Unit
 from pep.errors import ConfigError, PepError, PepFault, RobotError
 from pep.pit import NOMINAL_ERROR_M
 from pep.pit.calibration import own_kinematics
-from pep.rtde.guard import GuardedControl
+from pep.rtde.permitted import PermittedControl
 from pep.rtde.readiness import OWN_POSE_M, RobotReadiness, equip
 from pep.world import tool_position
 
@@ -69,7 +69,7 @@ def commanded(
     *,
     audience: str,
     clock: Clock,
-) -> GuardedControl:
+) -> PermittedControl:
     """The guarded control connection: its script running and ours, the controller reckoning with our payload and tool.
 
     Args:
@@ -87,7 +87,7 @@ def commanded(
     equip(raw, payload_kg=holding.carried_kg, centre_m=holding.centre_m, tcp_m=robot.tool.tcp_m)
     # A script that is not seen to start is not known to be ours: then every motion is denied, and says so.
     program.claim(within_s=PROGRAM_S)
-    return GuardedControl(
+    return PermittedControl(
         raw,
         audience=audience,
         clock=clock,
@@ -149,7 +149,7 @@ def confirm_kinematics(readiness: RobotReadiness) -> None:
         raise ConfigError(PepFault.CONFIG_INVALID, "calibration_file: the controller has the tool elsewhere")
 
 
-async def committed(physics: CellPhysics, control: GuardedControl, holding: Holding, grip: Grip) -> None:
+async def committed(physics: CellPhysics, control: PermittedControl, holding: Holding, grip: Grip) -> None:
     """What the gripper holds after a grip is committed, and the controller reckons with it.
 
     A controller that does not take the new payload contradicts what is committed, and TEA-5 denies every motion.

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pep.rtde.guard import GuardedControl
+    from pep.rtde.guarded import GuardedControl
 
 __all__ = ["GuardedControl"]
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        from pep.rtde import guard
+        from pep.rtde import guarded
 
-        return getattr(guard, name)
+        return getattr(guarded, name)
     raise AttributeError(f"module {__name__} has no attribute {name}")

@@ -9,7 +9,7 @@ from pep.errors import PepFault, RobotError
 from pep.stopping import KICK_S
 
 if TYPE_CHECKING:
-    from pep.rtde.guard import GuardedControl
+    from pep.rtde.permitted import PermittedControl
 
 
 class DeadMan:
@@ -22,7 +22,7 @@ class DeadMan:
         RobotError: `ROBOT_UNREACHABLE` when the controller does not take its watchdog.
     """
 
-    def __init__(self, control: GuardedControl) -> None:
+    def __init__(self, control: PermittedControl) -> None:
         if not control.expect():
             raise RobotError(PepFault.ROBOT_UNREACHABLE, "the controller does not watch")
         self._control = control

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from pep.permit import Permit
     from pep.ports import Clock
     from pep.rtde.gripper import Grip
-    from pep.rtde.guard import GuardedControl
     from pep.rtde.needs import Gripper, Hurry, Watching
+    from pep.rtde.permitted import PermittedControl
     from pep.rtde.state import JointState, RobotState
     from pep.watch import Alarm
 
@@ -73,7 +73,7 @@ class Drive:
     def __init__(
         self,
         *,
-        control: GuardedControl,
+        control: PermittedControl,
         state: RobotState,
         gripper: Gripper,
         dashboard_stop: Callable[[], None],

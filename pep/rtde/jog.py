@@ -1,7 +1,7 @@
 """Moving at joint speeds for a time: a stream that is sent again and again, watched, and ended in time.
 
 Three things end it, each without the others: its time is over, or nobody looks any more at the arm, the authority and
-the world behind it (this module); a stop (`GuardedControl`); nothing is sent any more (the controller's watchdog).
+the world behind it (this module); a stop (`PermittedControl`); nothing is sent any more (the controller's watchdog).
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from pep.permit import Permit
     from pep.ports import Clock
     from pep.rtde.drive import Drive
-    from pep.rtde.guard import GuardedControl
     from pep.rtde.heard import Heard
+    from pep.rtde.permitted import PermittedControl
     from policies.model import Request
 
 SEND_S: Final = 0.02
@@ -74,7 +74,7 @@ class Jog:
     def __init__(
         self,
         drive: Drive,
-        control: GuardedControl,
+        control: PermittedControl,
         *,
         start_of: Callable[[str], tuple[float, ...] | None],
         clock: Clock,

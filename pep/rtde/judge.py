@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
+    from pep.authority import Credentials
     from pep.rtde.command_values import Command
     from pep.rtde.io_commands import IoCommand
-    from pep.rtde.lease import Lease
     from pep.rtde.move_path import Waypoint
     from policies.reasons import Reason
 
@@ -31,6 +31,15 @@ class Steps(Protocol):
         ...
 
 
+class Holder(Protocol):
+    """Whose program it is: a lease, or whoever runs a program in the judge's own process."""
+
+    @property
+    def credentials(self) -> Credentials:
+        """Token and proof, verified; looked at for each command."""
+        ...
+
+
 class Held(Protocol):
     """A command that waits for its decision. Nothing of it has reached the controller. Answered once."""
 
@@ -45,7 +54,7 @@ class Held(Protocol):
         ...
 
     @property
-    def lease(self) -> Lease:
+    def lease(self) -> Holder:
         """By whose authority."""
         ...
 

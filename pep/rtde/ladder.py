@@ -5,20 +5,20 @@ Any thread may stop, and no stop waits: each rung that may block has a thread of
 
 from __future__ import annotations
 
-import threading
-from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from pep.rtde.brake import Brake
 from pep.stopping import ESCALATE_MS, SAFE_MODES
 from pep.watch import End
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from concurrent.futures import Future
 
     from pep.governor import Change
     from pep.ports import Clock
-    from pep.rtde.guard import GuardedControl
+    from pep.rtde.permitted import PermittedControl
     from pep.rtde.state import Package
 
 STOP_LIMIT_MS: Final = 5_000
@@ -55,7 +55,7 @@ class StopLadder:
     def __init__(
         self,
         *,
-        control: GuardedControl,
+        control: PermittedControl,
         halt: Callable[[], None],
         dashboard_stop: Callable[[], None],
         newest: Callable[[], Package],
@@ -64,9 +64,9 @@ class StopLadder:
         self._control = control
         self._newest = newest
         self._clock = clock
-        self._arm = _Rung("stop arm", control.stopJ)
-        self._fingers = _Rung("stop fingers", halt)
-        self._dashboard = _Rung("stop program", dashboard_stop)
+        self._arm = Brake("stop arm", control.stopJ)
+        self._fingers = Brake("stop fingers", halt)
+        self._dashboard = Brake("stop program", dashboard_stop)
 
     def begin(self) -> Stop:
         """The stop is on its way when this returns, and every permit of an earlier request is void."""
@@ -123,29 +123,3 @@ class Stop:
             where = package.state.q_rad if heard and package.state is not None else ()
             return MotionEnd(End.ROBOT_FAILED, where, "no standstill was seen")
         return None
-
-
-class _Rung:
-    """One way to stop, given again and again, at most once at a time."""
-
-    def __init__(self, name: str, give: Callable[[], None]) -> None:
-        self._name = name
-        self._give = give
-        self._lock = threading.Lock()
-        self._given: Future[None] | None = None
-
-    def take(self) -> Future[None]:
-        """It is being given, or is about to be; how that ends."""
-        with self._lock:
-            if self._given is None or self._given.done():
-                self._given = Future()
-                threading.Thread(target=self._run, args=(self._given,), name=self._name, daemon=True).start()
-            return self._given
-
-    def _run(self, given: Future[None]) -> None:
-        try:
-            self._give()
-        except BaseException as error:  # noqa: BLE001 - a stop that failed is judged by the arm, which is watched
-            given.set_exception(error)
-        else:
-            given.set_result(None)

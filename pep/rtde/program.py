@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.listener import Listener, received
@@ -16,6 +17,7 @@ from pep.rtde.primary_frames import MESSAGE, Key, PrimaryCutter, decode_message
 
 if TYPE_CHECKING:
     import socket
+    from collections.abc import Iterator
 
     from pep.rtde.primary_frames import Content
 
@@ -58,6 +60,20 @@ class ProgramWatch:
             told = self._changed.wait_for(lambda: self._running == OURS, within_s)
             self._claimed = self._events if told else None
             return told
+
+    @contextmanager
+    def restarted(self, *, within_s: float) -> Iterator[None]:
+        """A block in which the program is sent again by us: the one that has started in it is taken for ours.
+
+        Args:
+            within_s: how long to wait, after the block, for the port to tell of that start.
+        """
+        with self._changed:
+            before = self._events
+        yield
+        with self._changed:
+            told = self._changed.wait_for(lambda: self._events > before and self._running == OURS, within_s)
+            self._claimed = self._events if told else None
 
     def undisturbed(self) -> bool:
         """Whether nothing has started or ended since `claim`, and nothing that did can have been missed."""

@@ -8,7 +8,7 @@ from pep.errors import RobotError
 from pep.operations import SPEED_JOINT, digest_of
 from pep.permit import Permit
 from pep.rtde.dead_man import DeadMan
-from pep.rtde.guard import GuardedControl
+from pep.rtde.permitted import PermittedControl
 from pep.stopping import FASTEST_RAD_S, KICK_S, STOP_DELAY_S, dead_man_s
 from tests.pep.kit import AUDIENCE, ManualClock
 
@@ -38,7 +38,7 @@ class Raw:
 
 
 def guarded(raw):
-    return GuardedControl(
+    return PermittedControl(
         raw, audience=AUDIENCE, clock=ManualClock(), raise_refusals=True, stop_deceleration_rad_s2=A
     )  # fmt: skip
 
@@ -108,7 +108,7 @@ def test_a_kick_never_comes_between_and_never_waits():
 
 def test_a_stream_keeps_a_watchdog_of_its_own_and_gives_ours_back():
     raw, clock = Raw(), ManualClock()
-    control = GuardedControl(raw, audience=AUDIENCE, clock=clock, raise_refusals=True, stop_deceleration_rad_s2=A)
+    control = PermittedControl(raw, audience=AUDIENCE, clock=clock, raise_refusals=True, stop_deceleration_rad_s2=A)
     control.expect()
     digest = digest_of(SPEED_JOINT, (*QD, 1.5, 0.5), audience=AUDIENCE)
     granted = Permit(

@@ -23,7 +23,7 @@ from pep.rtde import ladder
 from pep.rtde.drive import Drive, End
 from pep.rtde.governed import SpeedControl, least_fraction, put_back
 from pep.rtde.gripper import Grip
-from pep.rtde.guard import GuardedControl
+from pep.rtde.permitted import PermittedControl
 from pep.rtde.heard import SILENCE_MS
 from pep.rtde.slider import SpeedSlider
 from pep.rtde.state import JointState, Package
@@ -145,7 +145,7 @@ class World:
             self.arm.halt()
 
         return Drive(
-            control=GuardedControl(
+            control=PermittedControl(
                 self.arm,
                 audience=AUDIENCE,
                 clock=self.clock,

@@ -21,7 +21,7 @@ from pep.pit.stream import stream_envelope
 from pep.ports import Rest
 from pep.rtde.dashboard import stop_program
 from pep.rtde.drive import Drive
-from pep.rtde.guard import GuardedControl
+from pep.rtde.permitted import PermittedControl
 from pep.rtde.jog import Jog
 from pep.rtde.state import JointState, ReceivedState
 from pep.sim.launch import Controller
@@ -60,7 +60,7 @@ class Rig:
         self.clock, self.host, self.fault = SystemClock(), host, None
         self.state = ReceivedState(host)
         self.raw = rtde_control.RTDEControlInterface(host)
-        self.control = GuardedControl(
+        self.control = PermittedControl(
             self.raw, audience=AUDIENCE, clock=self.clock, raise_refusals=True, stop_deceleration_rad_s2=STOP
         )
         self.starts = {}

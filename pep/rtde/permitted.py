@@ -1,19 +1,20 @@
-"""`GuardedControl`: the interface of `rtde_control.RTDEControlInterface`, and nothing moves without a permit.
+"""`PermittedControl`: the interface of `rtde_control.RTDEControlInterface`, and nothing moves without a permit.
 
-Composition, not inheritance: every method is written here on purpose, and a name that is not is refused. Stops are
-always let through, past the lock and past the gate. This is a convenience inside one process, no isolation: who holds
-the raw object holds the robot.
+What commands the robot for tools that decide and act in one process (`pep.rtde.drive`): it asks nobody, and sends what
+it is shown a permit of. Stops are always let through, past the lock and past the gate. Who holds the raw object holds
+the robot.
 """
 
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.units import Unit
 from pep.errors import ActuationRefusedError
 from pep.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SPEED_JOINT, digest_of, padded
-from pep.rtde.stops import JOINT_DECELERATION_LIMIT_RAD_S2, joint_stop, tool_stop
+from pep.rtde.interface import STOPPING, UNWATCHED_HZ, ControlInterface
+from pep.rtde.stops import joint_stop, tool_stop
 from pep.stopping import dead_man_s, patience_s
 from policies.reasons import Reason
 
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
 
     from pep.permit import Permit
     from pep.ports import Clock
-
-STOP_PATIENCE_S: Final = 0.02
-"""Longest wait of a stop for a command that is just being handed over (a hand-over takes some milliseconds)."""
 
 MOTION: Final = (
     "directTorque", "forceMode", "forceModeSetDamping", "forceModeSetGainScaling", "freedriveMode",
@@ -39,32 +37,12 @@ CONFIGURATION: Final = (
     "zeroFtSensor",
 )  # fmt: skip
 """They change what later commands mean, run programs of the caller, or send registers beside the gate."""
-READING: Final = (
-    "getActualJointPositionsHistory", "getActualToolFlangePose", "getAsyncOperationProgress",
-    "getAsyncOperationProgressEx", "getCoriolisAndCentrifugalTorques", "getForwardKinematics", "getFreedriveStatus",
-    "getInverseKinematics", "getInverseKinematicsHasSolution", "getJacobian", "getJacobianTimeDerivative",
-    "getJointTorques", "getMassMatrix", "getRobotStatus", "getStepTime", "getTCPOffset", "getTargetJointAccelerations",
-    "getTargetWaypoint", "isConnected", "isJointsWithinSafetyLimits", "isPoseWithinSafetyLimits", "isProgramRunning",
-    "isSteady", "poseTrans", "readContactDetection",
-)  # fmt: skip
-"""They answer questions. Those that ask over the command register take the lock like a command."""
-LOCAL_READING: Final = frozenset(
-    {"getAsyncOperationProgress", "getAsyncOperationProgressEx", "getRobotStatus", "isConnected", "isProgramRunning"}
-)
-"""Answered from the last package, without a command."""
-STOPPING: Final = (
-    "endFreedriveMode", "endTeachMode", "forceModeStop", "jogStop", "servoStop", "speedStop", "stopJ", "stopL",
-    "stopScript", "triggerProtectiveStop",
-)  # fmt: skip
-"""They end motion and are never subject to a permit."""
 PROGRAM_STOPS: Final = frozenset({"stopScript", "triggerProtectiveStop"})
 """Stops that end a stream of speeds too. Any other but `speedStop` would meet the thread that moves the arm, and the
 controller ends a program in which two threads do."""
-UNWATCHED_HZ: Final = 1e-6
-"""A watchdog of once in twelve days is none; URScript has no word for taking one away."""
 
 
-class GuardedControl:
+class PermittedControl(ControlInterface):
     """A control connection behind permits.
 
     Args:
@@ -82,14 +60,10 @@ class GuardedControl:
     def __init__(
         self, control: Any, *, audience: str, clock: Clock, raise_refusals: bool, stop_deceleration_rad_s2: float
     ) -> None:
-        if not 0.0 < stop_deceleration_rad_s2 <= JOINT_DECELERATION_LIMIT_RAD_S2:
-            raise ValueError(f"the stop deceleration must lie in (0, {JOINT_DECELERATION_LIMIT_RAD_S2}] rad/s2")
-        self._control = control
+        super().__init__(control, stop_deceleration_rad_s2=stop_deceleration_rad_s2)
         self._audience = audience
         self._clock = clock
         self._raise = raise_refusals
-        self._deceleration = stop_deceleration_rad_s2
-        self._lock = threading.Lock()
         self._noting = threading.Lock()
         self._stopped_ms: int | None = None
         self._stops = 0
@@ -427,55 +401,35 @@ class GuardedControl:
             raise ActuationRefusedError(reason, detail)
         return False
 
-    def _read(self, name: str, arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
-        if name in LOCAL_READING:
-            return getattr(self._control, name)(*arguments, **options)
-        with self._lock:
-            return getattr(self._control, name)(*arguments, **options)
-
     def _stop(self, name: str, arguments: tuple[Any, ...], options: dict[str, Any]) -> Any:
         self.note_stop()
-        # The raw object is not thread-safe: a command under way is given a moment to end. It is never waited for.
-        ended = self._lock.acquire(timeout=STOP_PATIENCE_S)
-        try:
+
+        def give() -> Any:
             if self._speeding and name not in PROGRAM_STOPS:
                 asked = arguments[0] if name in {"stopJ", "speedStop"} else None
                 return self._brake_speed(asked)
             return getattr(self._control, name)(*arguments, **options)
-        finally:
-            if ended:
-                self._lock.release()
 
-    def __getattr__(self, name: str) -> NoReturn:
-        # A method that a later ur_rtde adds is refused until somebody has read what it does.
-        raise AttributeError(f"GuardedControl has no {name}")
+        return self._at_once(give)
 
 
 def _refusing(name: str) -> Callable[..., bool]:
-    def refuse(self: GuardedControl, *_: Any, **__: Any) -> bool:
+    def refuse(self: PermittedControl, *_: Any, **__: Any) -> bool:
         return self._refuse(Reason.NOT_GRANTED, f"{name}: no operation of this cell stands for it")
 
     refuse.__doc__ = f"Refused: no operation of this cell stands for `{name}`."
     return refuse
 
 
-def _reading(name: str) -> Callable[..., Any]:
-    def read(self: GuardedControl, *arguments: Any, **options: Any) -> Any:
-        return self._read(name, arguments, options)
-
-    read.__doc__ = f"`{name}` of the control interface."
-    return read
-
-
 def _stopping(name: str) -> Callable[..., Any]:
-    def stop(self: GuardedControl, *arguments: Any, **options: Any) -> Any:
+    def stop(self: PermittedControl, *arguments: Any, **options: Any) -> Any:
         return self._stop(name, arguments, options)
 
     stop.__doc__ = f"`{name}` of the control interface: past lock and gate."
     return stop
 
 
-for _names, _make in (((*MOTION, *CONFIGURATION), _refusing), (READING, _reading), (STOPPING, _stopping)):
+for _names, _make in (((*MOTION, *CONFIGURATION), _refusing), (STOPPING, _stopping)):
     for _name in _names:
-        if _name not in GuardedControl.__dict__:
-            setattr(GuardedControl, _name, _make(_name))
+        if _name not in PermittedControl.__dict__:
+            setattr(PermittedControl, _name, _make(_name))
