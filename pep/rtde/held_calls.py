@@ -275,6 +275,7 @@ class HeldCalls(ControlInterface):
             if not row.every_cycle or void:
                 self._ended(permitted.steps)
             if void:
+                self._unwatched()
                 return self._refused(Reason.VERDICT_EXPIRED, "a stop came, or it was too late")
             if row.every_cycle:
                 self._later(self._look, running)
@@ -335,6 +336,7 @@ class HeldCalls(ControlInterface):
             elif not waited and (stopped or not taken):
                 # A stop counts before it sends: one that is not counted yet is sent after this command anyway.
                 self._give(raised(running.ends, self._deceleration))
+                self._unwatched()
                 self._ended(running.steps)
         return taken or self._refused(Reason.EFFECT_FAILED, "the controller did not take the command, or was stopped")
 
@@ -464,11 +466,14 @@ class HeldCalls(ControlInterface):
         """No more; a command that is being handed over takes it away itself, when it is stopped."""
         if self._watched and self._lock.acquire(timeout=STOP_PATIENCE_S):
             try:
-                self._watched = False
-                if self._control.isProgramRunning():
-                    self._control.setWatchdog(self._own_hz)
+                self._unwatched()
             finally:
                 self._lock.release()
+
+    def _unwatched(self) -> None:
+        if self._watched and self._control.isProgramRunning():
+            self._control.setWatchdog(self._own_hz)
+        self._watched = False
 
     def _ended(self, steps: Steps | None) -> None:
         if steps is not None:

@@ -291,6 +291,15 @@ def test_a_stream_whose_program_stops_calling_is_stopped(shop, control):
     assert control.reason is Reason.VERDICT_EXPIRED
 
 
+def test_a_stream_that_nobody_here_ends_is_ended_by_the_controller(shop, control, monkeypatch):
+    monkeypatch.setattr(control, "_end", lambda *_: None)  # as when this process is gone
+    monkeypatch.setattr(shop.stopper, "stop", lambda reason: None)
+    assert control.speedJ(SPEED, 1.0, 0.2), control.told
+    until(lambda: shop.speed() > 0.15)
+    until(shop.still, deadline_s=2.0)
+    assert not control.isProgramRunning()
+
+
 def test_a_stop_of_another_kind_ends_a_stream_too(shop, control):
     assert control.speedJ(SPEED, 1.0, 1.0), control.told
     until(lambda: shop.speed() > 0.15)
