@@ -176,6 +176,15 @@ def test_what_is_handed_over_too_late_is_not(rehearsal):
     until(lambda: rehearsal.gone == ["stream"])
 
 
+def test_a_stop_between_the_answer_and_the_command_voids_it(rehearsal):
+    rehearsal.manner = rehearsal.permits
+    rehearsal.raw.first["setWatchdog"] = lambda: rehearsal.raw.first.clear() or rehearsal.control.servoStop()
+    assert rehearsal.control.servoJ(*SERVO) is False
+    assert rehearsal.control.reason is Reason.VERDICT_EXPIRED
+    assert "servoJ" not in rehearsal.raw.names
+    assert rehearsal.raw.calls[-1] == ("setWatchdog", (UNWATCHED_HZ,))
+
+
 def test_what_is_deferred_is_waited_for_and_a_stop_ends_the_waiting(rehearsal):
     rehearsal.manner = lambda held: held.defer("APPROVAL_REQUIRED: ask")
     with ThreadPoolExecutor(1) as pool:
