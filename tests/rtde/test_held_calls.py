@@ -162,8 +162,8 @@ def test_a_stop_while_it_is_decided_voids_it(rehearsal):
     rehearsal.manner = stopped_meanwhile
     assert rehearsal.control.moveJ(Q) is False
     assert rehearsal.control.reason is Reason.VERDICT_EXPIRED
-    assert rehearsal.raw.names == ["stopJ"]
     until(lambda: rehearsal.gone == rehearsal.asked)
+    assert rehearsal.raw.names == ["stopJ"]
 
 
 def test_what_is_handed_over_too_late_is_not(rehearsal):
