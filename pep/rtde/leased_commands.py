@@ -409,5 +409,11 @@ class LeasedCommands:
             stream[1].ended()
 
 
+def brake_registers(offset: Offset) -> tuple[str, ...]:
+    """The variables that stops and the watchdog are written with: without one of them it would be a stale one's."""
+    stops = (v.StopJ(0.0, asynchronous=False), v.SpeedStop(0.0), v.ServoStop(0.0), v.SetWatchdog(WATCHDOG_HZ))
+    return tuple(dict.fromkeys(name for command in stops for name in encode(command, offset)))
+
+
 def _asynchronous(command: v.Move) -> bool:
     return not isinstance(command, v.MoveUntilContact) and command.asynchronous

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 from pep.rtde.acts import ERROR, Act, Refresh, Tell, Write
 from pep.rtde.codec import Recipe, encode_answer, encode_request
 from pep.rtde.image import Image
-from pep.rtde.leased_commands import LeasedCommands
+from pep.rtde.leased_commands import LeasedCommands, brake_registers
 from pep.rtde.leased_outputs import LeasedOutputs
 from pep.rtde.messages import Message, SetupInputs, Start, Values, WireError, WireFault
 from pep.rtde.recipes import EXTERNAL_WRENCH, OFFSETS, Ignored, InputRecipes, Profile
@@ -194,6 +194,8 @@ class LeasedLine(Relay):
             return
         assert self._profile is not None
         if self._controls:
+            # Our stops and our watchdog are not less than that because a client has left their registers to others.
+            names = tuple(dict.fromkeys((*brake_registers(self._profile.offset), *names)))
             self.commands = LeasedCommands(self._profile, names, stop_deceleration_rad_s2=self._deceleration)
             # What an earlier client left in the registers is over.
             blank = Image.blank(self._profile).values

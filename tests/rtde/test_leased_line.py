@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from pep.rtde.acts import Ask, Withdraw
 from pep.rtde.codec import Framer, Recipe, decode_answer, decode_request, encode_answer, encode_request
-from pep.rtde.command_values import MoveJ
+from pep.rtde.command_values import MoveJ, StopJ
 from pep.rtde.commands import encode
 from pep.rtde.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
+from pep.rtde.leased_commands import WATCHDOG_HZ
 from pep.rtde.leased_line import LeasedLine
 from pep.rtde.messages import (
     InputsAnswer,
@@ -109,6 +110,22 @@ def test_after_the_clients_recipes_comes_one_of_ours_and_it_is_written_blank():
     (blank,) = talk.blank
     assert blank.recipe == 24
     assert set(talk.own.unpack(blank.packed).values()) == {0, 0.0}
+
+
+@pytest.mark.parametrize("offset", [0, 24])
+def test_the_registers_of_stops_and_watchdog_are_ours_though_the_client_leaves_them_out(offset):
+    talk = Talk().begun([(INT[offset], INT[offset + 1])])
+    ours = {INT[offset], INT[offset + 1], DOUBLE[offset]}
+    assert set(talk.own.names) == ours
+    (blank,) = talk.blank
+    assert set(talk.own.unpack(blank.packed).values()) == {0, 0.0}
+    talk.line.commands.arm()
+    (armed,) = talk.settled()
+    assert talk.own.unpack(armed.packed)[DOUBLE[offset]] == WATCHDOG_HZ
+    talk.running()
+    talk.line.commands.package(encode(StopJ(1e-9, asynchronous=False), offset), at_ms=0)
+    (stopped,) = talk.settled()
+    assert talk.own.unpack(stopped.packed)[DOUBLE[offset]] == 8.0
 
 
 def test_not_one_package_of_the_client_goes_on():
