@@ -2,7 +2,7 @@
 RUN ?= uv run --extra all --group dev
 TESTS ?=
 
-.PHONY: check format lint types imports test docs demo bench campaign soundness mutants constraints
+.PHONY: check format lint types imports test docs demo bench campaign soundness rtde-campaign mutants constraints
 
 check: lint types imports test  ## all of it; green before anything lands
 
@@ -40,6 +40,9 @@ campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in
 
 soundness:  ## 100,000 motions and scenes against MuJoCo, their certificates and corrupted ones; goes on where it was ended
 	uv run --extra all --extra bench --group dev python -m tests.pit.campaign --ledger .soundness
+
+rtde-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended
+	$(RUN) python -m tests.rtde.campaign --ledger .rtde-campaign
 
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation

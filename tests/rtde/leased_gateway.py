@@ -1,7 +1,7 @@
 """A gateway in a process of its own, with a judge that is told how to answer: ur_rtde's constructors never let go of the interpreter.
 
-`python leased_gateway.py LISTEN ROBOT FILE` prints `ready`; each line on its standard input is the judge's next manner.
-FILE gets one line for each word of the judge: what it was asked, what it answered, and what was withdrawn.
+`python -m tests.rtde.leased_gateway LISTEN ROBOT FILE` prints `ready`; each line on its standard input is the judge's
+next manner. FILE gets one line for each word of the judge: what it was asked, what it answered, and what was withdrawn.
 """
 
 import asyncio
@@ -20,6 +20,7 @@ from pep.stopping import STOP_DECELERATION_RAD_S2
 from policies.reasons import Reason
 
 LATER_S = 1.0
+REPOSITORY = Path(__file__).parents[2]
 
 
 class Judge:
@@ -100,8 +101,8 @@ class Holding:
         self.lease = object()
 
 
-async def serve(listen, robot, file):
-    judge = Judge(Path(file).open("a", buffering=1))
+async def serve(listen, robot, file, judged=Judge):
+    judge = judged(Path(file).open("a", buffering=1))
     ports = LeasedPorts(
         robot, judge, scripts=allow_list(installed_body), stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2,
         clock=SystemClock(), closed=lambda lease: holding.closed(lease),
@@ -151,12 +152,14 @@ class Running:
 
 
 @contextlib.contextmanager
-def leased_gateway(robot, file):
+def leased_gateway(robot, file, module="tests.rtde.leased_gateway", errors=None):
     """A gateway in front of `robot`, on a loopback address of its own, for whoever connects."""
     host = f"127.{random.randint(1, 254)}.{random.randint(0, 254)}.{random.randint(1, 254)}"
     Path(file).touch()
-    command = [sys.executable, __file__, host, robot, str(file)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-m", module, host, robot, str(file)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True, cwd=REPOSITORY
+    ) as process:
         try:
             assert process.stdout.readline() == "ready\n"
             yield Running(host, Path(file), process)
