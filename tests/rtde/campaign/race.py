@@ -50,7 +50,7 @@ class Words(Plain):
 
     def idle(self):
         """The newest package of all that were said, and of an idle script without a command."""
-        while select.select([self.socket], [], [], 0)[0]:
+        while self.waiting or select.select([self.socket], [], [], 0)[0]:
             self.until(lambda _: True)
         return self.until(lambda said: said["input_int_register_0"] == 0 and said["output_int_register_0"] == READY)[
             -1:
