@@ -195,21 +195,26 @@ class Lines:
 
     Args:
         asking: whether this is the program's end, which asks for lines; the other one opens or refuses them.
+
+    Attributes:
+        open: lines on which bytes may come: neither end has closed them.
+        leaving: lines that the other end has closed, and this one has not yet.
     """
 
     def __init__(self, *, asking: bool) -> None:
         self._asking = asking
         self._state: dict[int, _Line] = {}
+        self.open: frozenset[int] = frozenset()
+        self.leaving: frozenset[int] = frozenset()
 
-    @property
-    def open(self) -> frozenset[int]:
-        """Lines on which bytes may come: neither end has closed them."""
-        return self._in(_Line.OPEN)
-
-    @property
-    def leaving(self) -> frozenset[int]:
-        """Lines that the other end has closed, and this one has not yet."""
-        return self._in(_Line.LEAVING)
+    def _becomes(self, line: int, state: _Line | None) -> None:
+        """That line is in this state now; in none, its number is free."""
+        if state is None:
+            del self._state[line]
+        else:
+            self._state[line] = state
+        # Asked for with every word, and changed with few.
+        self.open, self.leaving = self._in(_Line.OPEN), self._in(_Line.LEAVING)
 
     def _in(self, wanted: _Line) -> frozenset[int]:
         return frozenset(line for line, state in self._state.items() if state is wanted)
@@ -254,23 +259,23 @@ class Lines:
             case Open() if asks and state is None:
                 if len(self._state) >= CONNECTIONS:
                     raise CarriageError(CarriageFault.TOO_MANY, f"more than {CONNECTIONS} lines")
-                self._state[word.line] = _Line.ASKED
+                self._becomes(word.line, _Line.ASKED)
                 return True
             case Opened() if not asks and state is _Line.ASKED:
-                self._state[word.line] = _Line.OPEN
+                self._becomes(word.line, _Line.OPEN)
                 return True
             case Refused() if not asks and state is _Line.ASKED:
-                del self._state[word.line]
+                self._becomes(word.line, None)
                 return True
             case Bytes() if state is _Line.OPEN:
                 return True
             case Bytes() if state is other:  # they crossed the closing of the end that no longer wants them
                 return False
             case Closed() if state is _Line.OPEN:
-                self._state[word.line] = closing
+                self._becomes(word.line, closing)
                 return True
             case Closed() if state is other:
-                del self._state[word.line]
+                self._becomes(word.line, None)
                 return True
             case _:
                 raise CarriageError(CarriageFault.OUT_OF_PLACE, f"{type(word).__name__} on line {word.line}")

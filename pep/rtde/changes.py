@@ -77,7 +77,9 @@ def changes(before: Image, after: Image) -> Change | Refused:
         return command
     if stands != was:
         return Commanded(command)
-    changed = [name for name, value in after.values.items() if value != before.values[name]]
-    if not READS[stands, after.profile.offset].isdisjoint(changed):
+    old, new = before.values, after.values
+    # A command reads variables that its profile does not have as zeros.
+    if any(name in new and new[name] != old[name] for name in READS[stands, after.profile.offset]):
         return Drifted(command) if ROWS[stands].every_cycle else Swapped(command)
+    changed = [name for name, value in new.items() if value != old[name]]
     return Staged(tuple(changed)) if changed else Unchanged()

@@ -252,7 +252,7 @@ class Recipe:
         WireError: the lengths differ, or a type has no layout.
     """
 
-    __slots__ = ("_struct", "names", "types")
+    __slots__ = ("_plain", "_struct", "names", "types")
 
     def __init__(self, names: Sequence[str], types: Sequence[VariableType]) -> None:
         if len(names) != len(types):
@@ -261,6 +261,7 @@ class Recipe:
             raise WireError(WireFault.TYPE_NAME, "a refused variable has no layout")
         self.names = tuple(names)
         self.types = tuple(types)
+        self._plain = WIDTH.keys().isdisjoint(types)  # a number for each name: nearly every record there is
         self._struct = struct.Struct(">" + "".join(LAYOUT[kind] for kind in types))
 
     @property
@@ -283,6 +284,8 @@ class Recipe:
         if len(packed) != self._struct.size:
             raise WireError(WireFault.PAYLOAD, f"{len(packed)} bytes for a record of {self._struct.size}")
         flat = self._struct.unpack(packed)
+        if self._plain:
+            return dict(zip(self.names, flat, strict=True))
         values: dict[str, Value] = {}
         at = 0
         for name, kind in zip(self.names, self.types, strict=True):
@@ -301,6 +304,8 @@ class Recipe:
         Raises:
             WireError: a value that does not fit its type.
         """
+        if self._plain:
+            return self.pack_flat([values[name] for name in self.names])
         flat: list[object] = []
         for name, kind in zip(self.names, self.types, strict=True):
             value = values[name]

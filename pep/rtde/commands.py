@@ -216,6 +216,8 @@ READS: Final[Mapping[tuple[int, Offset], frozenset[str]]] = MappingProxyType(
 )
 """The variables that hold a command's parameters, by its id and the client's offset."""
 
+_MEMBERS: Final = {row.make: tuple(each.name for each in fields(cast("Any", row.make))) for row in _ROWS}
+"""The parameters of a command's type, in order."""
 _BY_TYPE: Final = {row.make: row for row in _ROWS if row.make not in (v.Read, v.End)}
 
 
@@ -250,7 +252,6 @@ def encode(command: Command, offset: Offset) -> dict[str, Value]:
     """
     row = row_of(command)
     written: dict[str, Value] = {INT[offset]: row.id}
-    values = (getattr(command, each.name) for each in fields(cast("Any", command)))
-    for field, value in zip(row.fields, values, strict=True):
-        written |= field.write(value, offset)
+    for field, member in zip(row.fields, _MEMBERS[row.make], strict=True):
+        written |= field.write(getattr(command, member), offset)
     return written

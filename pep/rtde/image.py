@@ -72,7 +72,10 @@ class Image:
 
     def doubles(self, first: int, count: int) -> tuple[float, ...]:
         """Several in a row."""
-        return tuple(map(self.double, range(first, first + count)))
+        begin = self.profile.offset + first
+        found = tuple(self.values.get(name, 0.0) for name in DOUBLE[begin : begin + count])
+        assert all(isinstance(each, float) for each in found)
+        return found  # type: ignore[return-value]  # asserted
 
     def number(self, name: str) -> float:
         """A variable of one number, by its name; 0 when the profile does not have it."""

@@ -67,6 +67,7 @@ class LeasedCommands:
         self._claimed = frozenset(claimed)
         self._deceleration = stop_deceleration_rad_s2
         self._blank = self._client = Image.blank(profile)
+        self._zeros = {name: value for name, value in self._blank.values.items() if name in self._claimed}
         self._acts: list[Act] = []
         self._running = self._left = False
         self._path: tuple[Waypoint, ...] = ()
@@ -387,8 +388,9 @@ class LeasedCommands:
             self._modes -= ended_by(command, self._modes)
         elif row.id in MODES:
             self._modes.add(row.id)
-        written = {**self._blank.values, **encode(command, self.offset)}
-        self._acts.append(Write({name: value for name, value in written.items() if name in self._claimed}))
+        said = encode(command, self.offset)
+        # The order is the blank's, and what the connection does not have is not written.
+        self._acts.append(Write({**self._zeros, **{name: said[name] for name in said if name in self._claimed}}))
 
     def _blanked(self) -> None:
         self._write(v.Clear())

@@ -17,6 +17,7 @@ from pep.rtde.leased_requests import Asked, asked_of
 from pep.rtde.leased_stream import LATE_MS, LeasedStream, envelope
 from pep.rtde.limits import LIMITS
 from pep.rtde.refused import Refused
+from pep.rtde.stream_bounds import StreamBounds
 from pep.watch import End
 from policies.evidence import ImpactFault
 from policies.reasons import REASONS, Reason
@@ -229,8 +230,7 @@ class LeasedEffects:
         stream = LeasedStream(
             prepared.certifying,
             permit,
-            grant=prepared.grant,
-            own=LIMITS[asked.operation.name],
+            bounds=StreamBounds(asked.operation, prepared.grant, LIMITS[asked.operation.name]),
             parameters=self._parameters,
             fitted=fitted,
             arm=arm,

@@ -73,7 +73,8 @@ class LeasedLine(Relay):
     @property
     def parts(self) -> tuple[LeasedCommands | LeasedOutputs, ...]:
         """What reads its packages: one of both, or neither while it has written nothing."""
-        return tuple(part for part in (self.commands, self.outputs) if part is not None)
+        part = self.commands or self.outputs
+        return () if part is None else (part,)
 
     # ---- bytes
 

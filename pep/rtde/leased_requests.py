@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.errors import QuantityError
-from capabilities.scope import OneOf, Range, Tier
+from capabilities.scope import Tier
 from capabilities.units import Quantity, Unit, nearest, parse, si
 from pep.operations import (
     MOVE_JOINT,
@@ -40,7 +40,6 @@ from policies.reason import Reason
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from capabilities.scope import Bound, Grant
     from pep.operations import Operation
     from pep.rtde.command_values import Command
     from pep.rtde.io_commands import IoCommand
@@ -270,33 +269,3 @@ def request_of(asked: Asked, *, request_id: str, audience: str, at: float) -> Re
         except QuantityError as error:
             return Refused(Reason(error.code), f"{parameter.name}: {error.detail}")
     return Request(request_id, POINTS, audience, operation.object, operation.name, tuple(values), at)
-
-
-def outside(asked: Asked, grant: Grant, own: Mapping[str, Range]) -> Reason | None:
-    """Why a later value of a stream is not inside what was granted to it, and what the robot can do; None when it is.
-
-    Args:
-        asked: with the numbers that would be sent, on no grid.
-        grant: of the chain, for its operation.
-        own: limits of the robot, by parameter.
-    """
-    granted = {limit.parameter.name: limit.bound for limit in grant.limits}
-    for parameter, number in zip(asked.operation.parameters, asked.numbers, strict=True):
-        if not math.isfinite(number):
-            return Reason.NOT_FINITE
-        scaled = number * parameter.unit.per_si
-        if not _inside(scaled, granted[parameter.name]):
-            return Reason.LIMIT_EXCEEDED_BY_REQUEST
-        if not _inside(scaled, own[parameter.name]):
-            return Reason.ROBOT_LIMIT
-    return None
-
-
-def _inside(scaled: float, bound: Bound) -> bool:
-    match bound:
-        case Range(low, high):
-            return low <= scaled <= high
-        case OneOf(values):
-            return scaled in values
-        case _:
-            assert_never(bound)

@@ -16,15 +16,15 @@ from capabilities.units import Unit
 from pep.cell_stream import Angles, Judged, Shown, Speeds
 from pep.ports import Rest
 from pep.rtde import command_values as v
-from pep.rtde.leased_requests import Asked, asked_of, outside, stands_s
+from pep.rtde.leased_requests import Asked, asked_of, stands_s
 from policies.evidence import ImpactFault
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from capabilities.chain import Chain
-    from capabilities.scope import Grant, Range
+    from capabilities.scope import Grant
     from pep.cell_stream import Value
     from pep.permit import Permit
     from pep.ports import Clock
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from pep.rtde.judge import Stopper
     from pep.rtde.leased_requests import Fitted
     from pep.rtde.state import JointState
+    from pep.rtde.stream_bounds import StreamBounds
     from policies.model import Request
     from policies.parameters import Parameters
 
@@ -66,8 +67,7 @@ class LeasedStream:
     Args:
         certifying: of this stream; it has been shown a view.
         permit: of the request that opens it.
-        grant: of the chain, for the operation: its limits hold for every value.
-        own: limits of the robot.
+        bounds: of every value.
         parameters: of the policies: what an approval binds.
         fitted: as for the first value.
         arm: what the robot says, to whoever follows the stream.
@@ -80,8 +80,7 @@ class LeasedStream:
         certifying: Certifying,
         permit: Permit,
         *,
-        grant: Grant,
-        own: Mapping[str, Range],
+        bounds: StreamBounds,
         parameters: Parameters,
         fitted: Fitted,
         arm: Heard,
@@ -90,8 +89,7 @@ class LeasedStream:
     ) -> None:
         self._certifying = certifying
         self._permit = permit
-        self._grant = grant
-        self._own = own
+        self._bounds = bounds
         self._parameters = parameters
         self._fitted = fitted
         self._arm = arm
@@ -128,9 +126,9 @@ class LeasedStream:
         if self._ended_ms is not None or stopped or self.over:
             return Reason.VERDICT_EXPIRED
         asked = asked_of(command, path=(), fitted=self._fitted)
-        if not isinstance(asked, Asked) or asked.operation.name != self._grant.operation:
+        if not isinstance(asked, Asked) or asked.operation != self._bounds.operation:
             return Reason.NOT_WHAT_WAS_DECIDED
-        reason = outside(asked, self._grant, self._own)
+        reason = self._bounds.outside(asked.numbers)
         if reason is not None:
             return reason
         value, stands_ms = _value(command)

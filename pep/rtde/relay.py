@@ -152,7 +152,8 @@ class Relay:
                 recipe = self._outputs.get(number)
                 if recipe is None or len(packed) != recipe.size:
                     raise WireError(WireFault.PAYLOAD, "values of no recipe")
-                return encode_answer(self._shown(answer), self._protocol)
+                shown = self._shown(answer)
+                return frame.encode() if shown is answer else encode_answer(shown, self._protocol)
             case Message():
                 # Before the stream begins a client takes the next frame for its answer, whatever it is.
                 return encode_answer(answer, self._protocol) if self._started else b""

@@ -19,10 +19,11 @@ from pep.operations import (
 from pep.rtde import command_values as v
 from pep.rtde import io_commands as io
 from pep.rtde.commands import ROWS, CommandClass
-from pep.rtde.leased_requests import BASE_TIERS, Asked, Fitted, Free, asked_of, outside, request_of, stands_s
+from pep.rtde.leased_requests import BASE_TIERS, Asked, Fitted, Free, asked_of, request_of, stands_s
 from pep.rtde.limits import LIMITS, Ur3eLimits
 from pep.rtde.move_path import PathMove, Waypoint
 from pep.rtde.refused import Refused
+from pep.rtde.stream_bounds import StreamBounds
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE
 
@@ -271,11 +272,13 @@ def grant(operation, **bounds):
     ],
 )
 def test_each_value_of_a_stream_is_inside_what_was_granted(command, granted, reason):
-    assert outside(asked(command), grant(SERVO_JOINT, **granted), LIMITS["servo_joint"]) is reason
+    bounds = StreamBounds(SERVO_JOINT, grant(SERVO_JOINT, **granted), LIMITS["servo_joint"])
+    assert bounds.outside(asked(command).numbers) is reason
 
 
 @pytest.mark.clause("LSD-3")
 def test_each_speed_of_a_stream_is_too():
     fast = v.SpeedJ((1.01, *X[1:]), 0.5, 0.1)
-    assert outside(asked(fast), grant(SPEED_JOINT), LIMITS["speed_joint"]) is Reason.ROBOT_LIMIT
-    assert outside(asked(fast), grant(SPEED_JOINT, qd0=Range(0, 1)), {}) is Reason.LIMIT_EXCEEDED_BY_REQUEST
+    for granted, reason in ({}, Reason.ROBOT_LIMIT), ({"qd0": Range(0, 1)}, Reason.LIMIT_EXCEEDED_BY_REQUEST):
+        bounds = StreamBounds(SPEED_JOINT, grant(SPEED_JOINT, **granted), LIMITS["speed_joint"])
+        assert bounds.outside(asked(fast).numbers) is reason
