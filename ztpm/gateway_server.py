@@ -23,6 +23,7 @@ from capabilities.caps import DEFAULT as CAPS
 from capabilities.chain import Chain
 from pep.cell_stream import CellStream
 from pep.errors import ConfigError, JournalError, PepFault
+from pep.real_time import goes_first
 from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.dashboard import RemoteControl
 from pep.rtde.gateway import Gateway
@@ -164,6 +165,7 @@ class GatewayServer(EnforcementPoint):
         except OSError as error:
             raise ConfigError(PepFault.CONFIG_INVALID, f"host, listen_host: {error.strerror}") from error
         self._looking = asyncio.create_task(self._look())
+        goes_first()  # what was slow to make is made: what it does from now on a program waits for
 
     async def stand(self) -> None:
         """The lease is over, and the arm stands still."""

@@ -20,6 +20,7 @@ from capabilities.agreement import KEY_BYTES, NONCE_BYTES
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.errors import Fault
 from pep.clock import SystemClock
+from pep.real_time import goes_first
 from pep.rtde.lease import ID_BYTES
 from pep.rtde.lease_door import LOSSLESS
 from ztpm.program_ports import ProgramPorts
@@ -162,6 +163,7 @@ async def lend(leased: Leased, host: str, command: Sequence[str], *, begun: Call
         loop.add_signal_handler(number, passed_on, number)
     try:
         await ports.begin(gateway=leased.gateway, host=host)
+        goes_first()  # not the program: it is an ordinary one unless it says otherwise itself
         if command:
             place = os.environ | {VARIABLE: host}
             program = await asyncio.create_subprocess_exec(

@@ -6,6 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from pep.rtde.lines import UNREAD_BYTES
+from pep.rtde.prompt import acknowledge
 
 if TYPE_CHECKING:
     from pep.rtde.lines import Line
@@ -49,6 +50,7 @@ class Accepted(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """What the client says."""
+        acknowledge(self._transport)
         if self._line is not None:
             self._line.received(data)
         else:

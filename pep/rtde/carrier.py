@@ -24,6 +24,7 @@ from pep.rtde.carriage import (
     encode,
 )
 from pep.rtde.lease import BEAT_MS, SILENCE_MS, Ending
+from pep.rtde.prompt import acknowledge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -113,6 +114,8 @@ class Carrier(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Frames, or parts of some. After the end they are read and dropped."""
+        if self._transport is not None and not self._asking:
+            acknowledge(self._transport)  # commands; nobody waits for what goes the other way
         try:
             for frame in self._cutter.feed(b"" if self._over else data):
                 self._take(frame)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 from pep.errors import ActuationRefusedError, JournalError
 from pep.gate import Result
 from pep.operations import SPEED_LINEAR, Kind, digest_of, touchable
+from pep.real_time import goes_first
 from pep.rtde.drive import START_TOLERANCE_RAD
 from pep.rtde.heard import Heard
 from pep.rtde.leased_motion import Flow, Follower, Spell, Way
@@ -149,7 +150,7 @@ class LeasedEffects:
         self._audience = audience
         self._clock = clock
         self._looks = ThreadPoolExecutor(1, "leased look")
-        self._watch = ThreadPoolExecutor(1, "leased watch")
+        self._watch = ThreadPoolExecutor(1, "leased watch", initializer=goes_first)
 
     async def prepare(self, chain: Chain, request: Request) -> Prepared | Refused | None:
         """A stream under that chain, shown the world as it is; None where the chain does not grant it.

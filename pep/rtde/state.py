@@ -12,6 +12,12 @@ from pep.errors import PepFault, RobotError
 FRESH_S: Final = 0.1
 """Longest wait for a new package, fifty of which are due: a joint state older than 100 ms is none for a move."""
 POLL_S: Final = 0.001
+EVERY_CYCLE: Final = -1.0
+"""ur_rtde: as often as the controller has something new."""
+NAMES: Final = (
+    "timestamp", "actual_q", "actual_qd", "robot_mode", "safety_mode", "target_speed_fraction", "speed_scaling",
+)  # fmt: skip
+"""The outputs that are read here; ur_rtde would ask for 58."""
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
 
@@ -77,7 +83,7 @@ class ReceivedState:
 
         self._host = host
         try:
-            self._receive: Any = RTDEReceiveInterface(host)
+            self._receive: Any = RTDEReceiveInterface(host, EVERY_CYCLE, list(NAMES))
         except RuntimeError as error:
             raise RobotError(PepFault.ROBOT_UNREACHABLE, host) from error
 

@@ -1,6 +1,8 @@
 """The benchmark of the gateway: what its tap reads, and the figures that it tells."""
 
-from evaluation.bench.rtde.report import Result, Row, summary, tables
+import pytest
+
+from evaluation.bench.rtde.report import Result, Row, StreamBrokenError, row_of, summary, tables
 from evaluation.bench.rtde.tap import _values
 from pep.rtde.codec import Recipe, encode_request
 from pep.rtde.messages import RequestProtocol, SetupInputs, Values
@@ -26,9 +28,9 @@ def test_each_value_has_the_time_of_the_piece_that_completed_it():
 
 
 def test_what_is_added_is_the_difference_and_what_was_skipped_anyway_is_not_counted():
-    direct = Row("direct", 1_000, 4, 30.0, 100.0, 500.0)
-    policy = Row("policy", 1_000, 3, 180.0, 900.0, 2_000.0)
-    whole = Row("whole", 1_000, 6, 230.0, 1_900.0, 9_000.0)
+    direct = Row("direct", 1_000, 0, 4, 40.0, 30.0, 100.0, 500.0)
+    policy = Row("policy", 1_000, 20, 3, 40_000.0, 180.0, 900.0, 2_000.0)
+    whole = Row("whole", 1_000, 25, 6, 50_000.0, 230.0, 1_900.0, 9_000.0)
     result = Result((direct, policy, whole), physics_us=40.0, seconds=1.0, machine={})
     told = result.as_json()
     assert told["added_ms"] == {"p50": 0.15, "p99": 0.8}
@@ -38,3 +40,17 @@ def test_what_is_added_is_the_difference_and_what_was_skipped_anyway_is_not_coun
     assert [row["way"] for row in told["rows"]] == ["direct", "policy", "whole"]
     assert tables(result)[0].row_count == 3
     assert "0.15 ms" in summary(result)
+
+
+def test_values_that_came_while_the_first_was_decided_are_no_later_ones_that_were_skipped():
+    sent = [(1_000 * at, float(at)) for at in range(8)]
+    came = {0.0: 9_000, 3.0: 5_000, 4.0: 7_000, 6.0: 10_000, 7.0: 9_000}
+    row = row_of("way", sent, came)
+    assert (row.sent, row.opening, row.skipped) == (8, 2, 1)
+    assert (row.opened_us, row.p50_us, row.most_us) == (9.0, 2.5, 4.0)
+
+
+@pytest.mark.parametrize("came", [{}, {1.0: 5}, {0.0: 5}])
+def test_a_stream_that_was_not_opened_has_no_figures(came):
+    with pytest.raises(StreamBrokenError):
+        row_of("way", [(0, 0.0), (1, 1.0)], came)

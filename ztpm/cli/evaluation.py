@@ -136,8 +136,8 @@ def bench_rtde(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
 ) -> None:
     """A 500 Hz stream of an unmodified ur_rtde program: through the gateway, and directly to the controller."""
-    from evaluation.bench.rtde.report import summary, tables
-    from evaluation.bench.rtde.run import StreamBrokenError, run
+    from evaluation.bench.rtde.report import StreamBrokenError, summary, tables
+    from evaluation.bench.rtde.run import run
 
     try:
         if as_json:

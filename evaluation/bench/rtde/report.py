@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 from rich.table import Table
 
 from evaluation.bench.pit.report import CYCLE_US
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
 BARS: Final = (0.2, 1.0)
 """What a gateway may add at the median and at the 99th percentile, ms, with policy, without physics and record."""
+
+
+class StreamBrokenError(RuntimeError):
+    """A stream that did not go on to its end: its figures would be of something else."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,17 +28,43 @@ class Row:
     Attributes:
         way: which.
         sent: values of the stream.
-        skipped: of these, how many the controller was never given. A client sends the next one over one that its own
-            connection had not taken yet, so some are skipped without anybody in between.
-        p50_us, p99_us, most_us: from the call to the controller's port.
+        opening: how many came while the first one was decided; the newest of them is sent once it is permitted.
+        skipped: of the later ones, how many the controller was never given. A client sends the next one over one that
+            its own connection had not taken yet, so some are skipped without anybody in between.
+        opened_us: from the call of the first value to the controller's port: a whole decision, and its record.
+        p50_us, p99_us, most_us: the same of the later ones.
     """
 
     way: str
     sent: int
+    opening: int
     skipped: int
+    opened_us: float
     p50_us: float
     p99_us: float
     most_us: float
+
+
+def row_of(way: str, sent: Sequence[tuple[int, float]], came: Mapping[float, int]) -> Row:
+    """What one stream came to.
+
+    Args:
+        way: which.
+        sent: time of each call in ns, and its value, in order.
+        came: time in ns at which each value came to the controller's port.
+
+    Raises:
+        StreamBrokenError: the first value never came, or no other.
+    """
+    late_us = [(came[value] - sent_ns) / 1e3 if value in came else None for sent_ns, value in sent]
+    first = late_us[0] if late_us else None
+    second = next((at for at, late in enumerate(late_us) if at and late is not None), None)
+    if first is None or second is None:
+        raise StreamBrokenError(f"{way}: the stream was not opened")
+    later = [late for late in late_us[second:] if late is not None]
+    p50, p99 = np.percentile(later, (50, 99))
+    skipped = len(late_us) - second - len(later)
+    return Row(way, len(sent), second - 1, skipped, first, float(p50), float(p99), max(later))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +104,11 @@ def _added(us: float, direct_us: float) -> float:
 def tables(result: Result) -> list[Table]:
     """For people."""
     table = Table(title="A value of a stream, from ur_rtde's call to the controller's port")
-    for heading in ("way", "values", "skipped", "p50, us", "p99, us", "most, us"):
+    for heading in ("way", "values", "while it opened", "skipped", "opened, us", "p50, us", "p99, us", "most, us"):
         table.add_column(heading, justify="left" if heading == "way" else "right")
     for row in result.rows:
-        figures = (f"{row.p50_us:.0f}", f"{row.p99_us:.0f}", f"{row.most_us:.0f}")
-        table.add_row(row.way, str(row.sent), str(row.skipped), *figures)
+        figures = (f"{us:.0f}" for us in (row.opened_us, row.p50_us, row.p99_us, row.most_us))
+        table.add_row(row.way, str(row.sent), str(row.opening), str(row.skipped), *figures)
     return [table]
 
 

@@ -20,7 +20,7 @@ from evaluation.bench.machine import machine
 from evaluation.bench.pit import cells, workload
 from evaluation.bench.pit.report import SERVO_STEP
 from evaluation.bench.rtde import client
-from evaluation.bench.rtde.report import Result, Row
+from evaluation.bench.rtde.report import Result, StreamBrokenError, row_of
 from pep.operations import SERVO_JOINT
 from pep.rtde.limits import widest
 from pep.rtde.lines import PORTS
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from capabilities.scope import Scope
+    from evaluation.bench.rtde.report import Row
 
 DIRECT, POLICY, WHOLE = "direct", "gateway, without physics", "gateway"
 AGENT: Final = "streamer"
@@ -43,10 +44,6 @@ LIFETIME_S: Final = 900
 ANSWER_S: Final = 60.0
 STEPS: Final = 2_000
 """Steps of a prepared stream that are timed for the share of the cycle."""
-
-
-class StreamBrokenError(RuntimeError):
-    """A stream that did not go on to its end: its figures would be of something else."""
 
 
 def run(seconds: float, *, told: Callable[[str], None]) -> Result:
@@ -98,15 +95,13 @@ class _Place:
         done = subprocess.run(program, env=os.environ | secret, capture_output=True, text=True, check=False)  # noqa: S603 - our own
         if done.returncode != 0:
             raise StreamBrokenError(f"{way}: {done.stderr.strip()[-300:]}")
-        sent = {value: sent_ns for sent_ns, value in json.loads(file.read_bytes())}
+        sent = json.loads(file.read_bytes())
         if len(sent) < int(seconds * client.HZ):
             raise StreamBrokenError(f"{way}: {len(sent)} values were taken")
         answer = self.tap.ask({}, timeout_s=ANSWER_S)
         if answer is None:
             raise StreamBrokenError("the tap does not answer")
-        late = [(came_ns - sent[value]) / 1e3 for came_ns, value in answer["written"] if value in sent]
-        p50, p99 = np.percentile(late, (50, 99))
-        return Row(way, len(sent), len(sent) - len(late), float(p50), float(p99), float(max(late)))
+        return row_of(way, sent, {value: came_ns for came_ns, value in answer["written"]})
 
 
 @contextmanager
