@@ -18,11 +18,11 @@ from pep.pit.kernel.columns import ACCELERATION, BRAKING, PEAK, PROFILE, TOP, WA
 from pep.pit.kernel.compiled import compiled, entry, lent
 from pep.pit.kernel.effort import JOINTS
 from pep.pit.kernel.known import NOBODY
-from pep.pit.kernel.law import highest_rate, rate_at
+from pep.pit.kernel.law import highest_rate, rate_at, ratio_index
 from pep.pit.kernel.surface import rush_on
 from pep.pit.path import CHORD, GRID
 from pep.pit.speeds import CUTS_MOST, INDEX_WITHIN, RATIO_WITHIN
-from pep.pit.tier import BUSY_BAND, BUSY_RATIO, CALM_BAND, CALM_RATIO, HIGHEST, MOVING, TIE
+from pep.pit.tier import CALM_RATIO, TIE
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,18 +37,6 @@ SHARES: Final = 3  # quantities that are sums of speeds: of the tool, of the elb
 
 # Columns of what limits the arm, after the speeds and torques of its joints.
 ACCELERATION_LIMIT, TOOL_LIMIT, CARRIED_RATIO = 2 * JOINTS, 2 * JOINTS + 1, 2 * JOINTS + 2
-
-
-@lent
-def _index_of(ratio: float) -> float:
-    """As `pep.pit.tier.ratio_index`; of what is no number, the highest."""
-    if not ratio <= 1.0:
-        return HIGHEST
-    if ratio > BUSY_RATIO:
-        return 2.0 + (ratio - BUSY_RATIO) / BUSY_BAND
-    if ratio > CALM_RATIO:
-        return 1.0 + (ratio - CALM_RATIO) / CALM_BAND
-    return MOVING if ratio > 0.0 else 0.0
 
 
 @lent
@@ -77,7 +65,7 @@ def _slack(shares: Floats, most: Floats, met: Floats, slack: Floats) -> None:
         upper, lower = _sum(share, most), _sum(share, met)
         if not upper > CALM_RATIO:
             continue
-        above, below = _index_of(upper), _index_of(lower)
+        above, below = ratio_index(upper), ratio_index(lower)
         same = math.ceil(above - TIE) == math.ceil(below - TIE)
         for body in range(most.shape[0]):
             if share[body] > 0.0 and not same:
@@ -268,7 +256,7 @@ def fastest(
         )
         falls = True
         for quantity in range(ratios.shape[0]):
-            falls = falls and _index_of(ratios[quantity]) <= index
+            falls = falls and ratio_index(ratios[quantity]) <= index
         if falls:
             proven = speed
         elif proven == NOBODY:

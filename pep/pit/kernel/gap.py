@@ -127,7 +127,7 @@ def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape
 
 
 @lent
-def _support(numbers: Floats, pair: int, shape: int, x: float, y: float, z: float) -> float:
+def support(numbers: Floats, pair: int, shape: int, x: float, y: float, z: float) -> float:
     """Largest extent of the core along a direction; for a plane, of the forbidden side."""
     if shape == SEGMENT:
         first = numbers[pair, A] * x + numbers[pair, A + 1] * y + numbers[pair, A + 2] * z
@@ -143,7 +143,7 @@ def _support(numbers: Floats, pair: int, shape: int, x: float, y: float, z: floa
 
 
 @lent
-def _ahead(ends: Floats, at: int, body: int, x: float, y: float, z: float) -> float:
+def ahead(ends: Floats, at: int, body: int, x: float, y: float, z: float) -> float:
     """Least extent of the axis along a direction."""
     first = ends[at, body, 0, 0] * x + ends[at, body, 0, 1] * y + ends[at, body, 0, 2] * z
     return min(first, ends[at, body, 1, 0] * x + ends[at, body, 1, 1] * y + ends[at, body, 1, 2] * z)
@@ -174,6 +174,6 @@ def interval_gap(
     radii = numbers[pair, RADII]
     if shape != PLANE and not x * x + y * y + z * z > 0.5:  # a unit vector, or zero
         return -radii
-    ahead = min(_ahead(ends, low, body, x, y, z), _ahead(ends, mid, body, x, y, z), _ahead(ends, high, body, x, y, z))
-    bound = ahead - _support(numbers, pair, shape, x, y, z) - radii - sag - ROUNDING_M
+    least = min(ahead(ends, low, body, x, y, z), ahead(ends, mid, body, x, y, z), ahead(ends, high, body, x, y, z))
+    bound = least - support(numbers, pair, shape, x, y, z) - radii - sag - ROUNDING_M
     return bound if shape == PLANE else max(bound, -radii)

@@ -30,7 +30,7 @@ from pep.pit.kernel.columns import (
     ZONE,
 )
 from pep.pit.kernel.compiled import lent
-from pep.pit.tier import LEAST_TRAVEL_M
+from pep.pit.tier import BUSY_BAND, BUSY_RATIO, CALM_BAND, CALM_RATIO, HIGHEST, LEAST_TRAVEL_M, MOVING
 from pep.pit.tier import MEANT as MEANT_INDEX
 
 if TYPE_CHECKING:
@@ -81,6 +81,18 @@ def pair_index(kind: int, numbers: Floats, pair: int, clearance: float, speed: f
 
 
 @lent
+def ratio_index(ratio: float) -> float:
+    """As `pep.pit.tier.ratio_index`; of what is no number, the highest."""
+    if not ratio <= 1.0:
+        return HIGHEST
+    if ratio > BUSY_RATIO:
+        return 2.0 + (ratio - BUSY_RATIO) / BUSY_BAND
+    if ratio > CALM_RATIO:
+        return 1.0 + (ratio - CALM_RATIO) / CALM_BAND
+    return MOVING if ratio > 0.0 else 0.0
+
+
+@lent
 def calm_beyond(kind: int, numbers: Floats, pair: int, speed: float, law: Floats) -> float:
     """Clearance (m) from which on the pair's index is no more than that of any motion, at up to this speed."""
     if kind == PERSON:
@@ -103,6 +115,20 @@ def rate_at(s: float, profile: Floats) -> float:
     up = 2.0 * profile[ACCELERATION] * profile[WAY] * max(s, 0.0)
     down = 2.0 * profile[BRAKING] * profile[WAY] * max(1.0 - s, 0.0)
     return min(profile[PEAK], math.sqrt(min(up, down))) / profile[WAY]
+
+
+@lent
+def tangent(s: float, profile: Floats) -> tuple[float, float]:
+    """ds/dt at `s`, 0 < s < 1, and its slope there, 1/s each: the rate is concave, so nowhere above that line."""
+    way, peak, up_most, down_most = profile[WAY], profile[PEAK], profile[ACCELERATION], profile[BRAKING]
+    up, down = 2.0 * up_most * way * s, 2.0 * down_most * way * (1.0 - s)
+    if peak * peak <= min(up, down):
+        return peak / way, 0.0
+    if up <= down:
+        speed = math.sqrt(up)
+        return speed / way, up_most / speed
+    speed = math.sqrt(down)
+    return speed / way, -down_most / speed
 
 
 @lent

@@ -17,6 +17,7 @@ from pep.pit.kernel import tree as trees
 from pep.pit.kernel.arm import place, put
 from pep.pit.kernel.columns import BODY, GROUP, KIND, RADII, SHAPE, VIOLATED_BELOW
 from pep.pit.kernel.compiled import compiled, lent, merged
+from pep.pit.kernel.coupling import in_step_index, lowered
 from pep.pit.kernel.culling import first_rows
 from pep.pit.kernel.gap import core_gap, interval_gap
 from pep.pit.kernel.heap import heaped, lower, pop, push
@@ -151,7 +152,7 @@ def explored(
     spins, known, link, reference, own = nodes.spin, nodes.known, arm.link, arm.reference, arm.ends
     laws, kinds = field.numbers, field.whole
     witnesses, violated, top = met.witnesses, met.violated, met.top
-    look, on_top = NOT_LOOKED, False
+    look, on_top, bend = NOT_LOOKED, False, 0.0
     while True:
         # 1. Which row: the one with the highest bound, or one that may hide a violation, or one that tells of a group.
         if used[0] + 2 > whole.shape[0] or key_count[0] + 2 > keys.shape[0]:
@@ -253,6 +254,12 @@ def explored(
                     ends, speeds, spins, table, laws, first, middle, last, body, pair, shape, gap, bend
                 )
                 bound = pair_index(kind, laws, pair, clear, rush * rates[half, HIGHEST_RATE], law)
+                if not settled(bound, best):
+                    in_step = in_step_index(
+                        ends, speeds, spins, table, laws, spans[half, LOW], spans[half, HIGH], first, middle, last,
+                        body, pair, shape, kind, gap, bend, profile, law,
+                    )  # fmt: skip
+                    bound = lowered(bound, in_step, best)
                 whole[new, SPAN_OF], whole[new, PAIR], whole[new, STAGE] = half, pair, NODES
                 numbers[new, CLEAR], numbers[new, RUSH], numbers[new, BOUND] = clear, rush, bound
                 if not settled(bound, best):
@@ -264,6 +271,12 @@ def explored(
                 return True, best
             continue
         bound = pair_index(kind, laws, pair, numbers[row, CLEAR], numbers[row, RUSH] * rates[span, HIGHEST_RATE], law)
+        if stage == MIDDLE and not settled(bound, best):
+            in_step = in_step_index(
+                ends, speeds, spins, table, laws, spans[span, LOW], spans[span, HIGH], first, middle, last,
+                body, pair, shape, kind, gap, bend, profile, law,
+            )  # fmt: skip
+            bound = lowered(bound, in_step, best)
         numbers[row, BOUND] = bound
         # What is settled stays so, since the best only rises: it need not be in the heap.
         if settled(bound, best):

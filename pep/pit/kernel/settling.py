@@ -40,7 +40,7 @@ from pep.pit.kernel.columns import (
 )
 from pep.pit.kernel.compiled import compiled, entry
 from pep.pit.kernel.gap import core_gap, interval_gap
-from pep.pit.kernel.law import blow_of, pair_index
+from pep.pit.kernel.law import blow_of, pair_index, ratio_index
 from pep.pit.kernel.steps import (
     AGE_LIMIT,
     CARRIED,
@@ -68,7 +68,7 @@ from pep.pit.kernel.steps import (
 )
 from pep.pit.kernel.torque_bound import torque_bound
 from pep.pit.parameters import ELBOW, MOMENTUM, TOOL
-from pep.pit.tier import BUSY_BAND, BUSY_RATIO, CALM_BAND, CALM_RATIO, HIGHEST, MEANT, MOVING, TIE
+from pep.pit.tier import HIGHEST, MEANT, MOVING, TIE
 
 if TYPE_CHECKING:
     from pep.pit.kernel.arm import Floats
@@ -120,16 +120,6 @@ class Swept(NamedTuple):
 @compiled
 def _open() -> Settled:
     return Settled(False, HIGHEST, math.inf, math.inf)  # noqa: FBT003 - a named tuple's
-
-
-@compiled
-def _ratio_index(ratio: float) -> float:
-    """As `pep.pit.tier.ratio_index`."""
-    if not ratio <= 1.0:
-        return HIGHEST
-    if ratio > BUSY_RATIO:
-        return 2.0 + (ratio - BUSY_RATIO) / BUSY_BAND
-    return 1.0 + max(ratio - CALM_RATIO, 0.0) / CALM_BAND
 
 
 @compiled
@@ -281,7 +271,7 @@ def settle(ready: Ready, form: int, step: Floats, age: float, limit: float) -> S
     bends = _bends(ready, way)
     swept = _swept(ready, way, bends)
     ratio = max(ratio, swept.tool, swept.elbow, swept.momentum, rules[CARRIED], torque_bound(ready, way, bends))
-    index, limit = max(index, _ratio_index(ratio)), limit + TIE
+    index, limit = max(index, ratio_index(ratio)), limit + TIE
     if not index <= limit:
         return _open()
     # 4. Every pair.
