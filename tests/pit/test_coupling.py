@@ -79,7 +79,7 @@ def spans(seed, count):
     rng = np.random.default_rng(seed)
     for _ in range(count):
         each = Asked(*drawn(rng))
-        width = GRID >> int(rng.integers(1, 6))
+        width = GRID >> int(rng.integers(0, 5))
         low = int(rng.integers(0, GRID // width)) * width
         yield Span(each, low, low + width)
 
