@@ -56,6 +56,8 @@ if TYPE_CHECKING:
 
 LOOK_S: Final = 0.1
 """How often the open lease is asked whether its token still holds; revocations reach a view as fast while it moves."""
+FAREWELL_S: Final = 0.1
+"""Between what a program is told of its lease's end and the end of its connections; ur_rtde looks every few ms."""
 STANDS_S: Final = 6.0
 """Longest wait for standstill at the end."""
 
@@ -109,7 +111,7 @@ class GatewayServer(EnforcementPoint):
         self.judging = ThreadPoolExecutor(1, "rest")
         self.gate = self.gated(policies, slot=Slot(), readiness=self.readiness)
         stopper = _Stopper(self.ports, self._loop)
-        self.judge_ = LeasedJudge(
+        self.judging_commands = LeasedJudge(
             gate=self.gate,
             effects=LeasedEffects(
                 acts=self.physics,
@@ -170,8 +172,9 @@ class GatewayServer(EnforcementPoint):
     async def stand(self) -> None:
         """The lease is over, and the arm stands still."""
         self.gateway.close()
+        await self._end(Ending.GATEWAY)
         await self.carriages.close()
-        await self.judge_.close()
+        await self.judging_commands.close()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(STANDS_S):
                 while not self.ports.ladder.over:  # noqa: ASYNC110 - the arm itself sets no event
@@ -190,11 +193,11 @@ class GatewayServer(EnforcementPoint):
 
     def judge(self, held: Held) -> None:
         """See `Judge.judge`."""
-        self.judge_.judge(held)
+        self.judging_commands.judge(held)
 
     def withdrawn(self, held: Held) -> None:
         """See `Judge.withdrawn`."""
-        self.judge_.withdrawn(held)
+        self.judging_commands.withdrawn(held)
 
     # ---- the lease
 
@@ -235,7 +238,16 @@ class GatewayServer(EnforcementPoint):
             except Exception:  # noqa: BLE001 - a verification that breaks has not verified
                 stands = False
             if not stands:
-                self.carriages.end(Ending.AUTHORITY)
+                await self._end(Ending.AUTHORITY)
+
+    async def _end(self, ending: Ending) -> None:
+        """The lease is over, if there is one, and its program knows."""
+        lease = self.leases.current
+        if lease is not None:
+            self.ports.over(lease, ending)
+            await asyncio.sleep(FAREWELL_S)
+            if self.leases.current is lease:
+                self.carriages.end(ending)
 
 
 class _Stopper:

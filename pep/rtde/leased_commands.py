@@ -135,13 +135,17 @@ class LeasedCommands:
         self._wanted_ms = None
 
     def leave(self) -> None:
-        """The program has gone, or its lease is over: what goes on is stopped, and nothing is asked any more."""
+        """The program has gone, or its lease is over: what goes on is stopped, and nothing is asked any more.
+
+        A program that is still there hears that its command has failed: without its connection it would wait for that.
+        """
         if self._running:
             self._brake()
         running, self._running, self._left = self._running, False, True
         self._over()
         if running:
-            self._acts.append(Halt())
+            self._deny(Reason.ROBOT_NOT_RUNNING, "the lease is over")
+            self._acts += (Refresh(), Halt())
 
     # ---- the program
 

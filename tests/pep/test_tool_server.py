@@ -213,6 +213,12 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
             equipped.append(pose)
             return True
 
+        def setWatchdog(self, hz):
+            return hz > 0
+
+        def isProgramRunning(self):
+            return False
+
         def disconnect(self):
             pass
 
@@ -237,6 +243,7 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
                 policies=read_policies(config),
                 http=http,
             )
+            server.dead_man.close()
             await server.devices.close()
             server.readiness.close()
             server.gate.close()

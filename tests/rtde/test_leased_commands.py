@@ -373,6 +373,15 @@ def test_the_end_of_the_script_and_of_the_connection_withdraw_and_end():
         assert not [c for c in line.written(line.say(MOVE)) if c != v.Clear()]
 
 
+def test_a_program_whose_lease_ends_hears_that_its_command_has_failed():
+    line = Line().permitted(MOVE)
+    line.commands.leave()
+    acts = line.acts()
+    assert line.commands.denied
+    assert reasons(acts) == ["ROBOT_NOT_RUNNING"]
+    assert Refresh() in acts
+
+
 def test_a_connection_that_ends_stops_what_it_moves():
     line = Line().permitted(SPEED, Steps())
     line.commands.leave()
