@@ -23,7 +23,7 @@ MOVE = v.MoveJ(THERE, 1.0, 1.4, True)
 SLOW = v.MoveJ(THERE, 0.1, 1.4, True)
 SERVO = v.ServoJ((0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.002, 0.1, 300.0)
 SPEEDS = v.SpeedJ((0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.5, 0.4)
-pytestmark = pytest.mark.clause("LSD-2")
+pytestmark = [pytest.mark.e2e, pytest.mark.clause("LSD-2")]  # verdicts last 50 ms of real time
 
 
 @pytest.fixture
