@@ -77,6 +77,7 @@ class LeasedPorts:
         self._stopper = Upstream(lambda _: None, self._stopper_gone)
         self._tasks: set[asyncio.Task[None]] = set()
         self._tenant: Tenant | None = None
+        self._past: Lease | None = None  # the lease that was over last; its connections may be there a little longer
 
     async def begin(self) -> None:
         """The controller is listened to from now on; returns once it has said something."""
@@ -104,6 +105,8 @@ class LeasedPorts:
             return await self._anybody.open(lease, port, back)
         if self.feed.version is None or self.feed.silent_ms() > SILENCE_MS:
             return Reason.ROBOT_NOT_RUNNING
+        if lease is self._past:
+            return Reason.NOT_GRANTED
         tenant = self._tenant
         if tenant is None or tenant.lease is not lease:
             if tenant is not None:
@@ -119,7 +122,8 @@ class LeasedPorts:
         return await line.robot.reach(self.robot, port) or line
 
     def over(self, lease: Lease, ending: Ending) -> None:  # noqa: ARG002 - how a lease's end is told
-        """The lease is over: the arm is being stopped when this returns."""
+        """The lease is over: the arm is being stopped when this returns, and it opens nothing any more."""
+        self._past = lease
         tenant = self._tenant
         if tenant is not None and tenant.lease is lease:
             tenant.end()
