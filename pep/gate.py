@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -160,6 +161,15 @@ class Gate:
         # in the shell).
         self._recorder = ThreadPoolExecutor(1, "journal")
         self._assessor = ThreadPoolExecutor(1, "physics")
+
+    def with_readiness(self, readiness: Readiness) -> Gate:
+        """This gate for others who command the same robot: what they must have of it is asked there.
+
+        Everything else is one: slot, sequence, journal, questions, conduct.
+        """
+        other = copy(self)
+        other._readiness = readiness  # noqa: SLF001 - its own
+        return other
 
     async def run(self, call: Call, effect: Callable[[Permit], Awaitable[Result]]) -> Answer:
         """The answer to one call; its effect has happened exactly when the decision is PERMIT.

@@ -1,11 +1,12 @@
-"""The gateway of one robot: perception, feeds, gate, motion lease and the controller's ports in one process.
+"""The gateway of one robot: perception, feeds, gate, tools, motion lease and the controller's ports in one process.
 
     python -m ztpm.gateway_server --config gateway.toml [--robot HOST] [--listen HOST]
 
 Everybody finds the robot's state, and a stop, at the controller's ports on `listen_host`. Whoever has the motion lease
-finds the same ports at the end of its carriage, and there what its token allows, command by command. The passphrase of
-the PEP's key comes from the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready":
-true`. SIGTERM ends the lease, which stops the arm, and everything else after it.
+finds the same ports at the end of its carriage, and there what its token allows, command by command. While nobody has
+it, the cell's tools have the arm, over lines of their own to the same ports. The passphrase of the PEP's key comes from
+the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready": true`. SIGTERM stops the arm
+first and everything else after it. With `--reports` it tells whoever started it how things stand (ztpm/report.py).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import urlsplit
 
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.chain import Chain
@@ -36,9 +38,14 @@ from pep.rtde.leased_judge import LeasedJudge
 from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.leased_requests import Fitted
 from pep.rtde.leased_stop import Rung
+from pep.rtde.own_lease import OwnLease, OwnLines
+from pep.rtde.permitted import PermittedControl
 from pep.rtde.telemetry import Telemetry
-from pep.slot import Slot
+from pep.stopping import SAFE_MODES
 from pep.watch import Limits, Watch
+from policies.primitives.tools import RUNNING
+from ztpm.arm_tools import ArmTools
+from ztpm.by_path import ByPath
 from ztpm.enforcement import EnforcementPoint, main_of, opened
 from ztpm.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.robot import confirm_kinematics, found_holding, readiness
@@ -49,7 +56,7 @@ if TYPE_CHECKING:
     from capabilities.keys import PrivateKey
     from capabilities.statements.cell import Cell
     from capabilities.trust import TrustBundle
-    from pep.rtde.judge import Held
+    from pep.rtde.judge import Held, Holder
     from pep.rtde.lease import Lease
     from policies.policy import PolicySet
     from policies.reasons import Reason
@@ -60,6 +67,10 @@ FAREWELL_S: Final = 0.1
 """Between what a program is told of its lease's end and the end of its connections; ur_rtde looks every few ms."""
 STANDS_S: Final = 6.0
 """Longest wait for standstill at the end."""
+EQUIPPED_S: Final = 10.0
+"""Longest wait for the tools to have the arm at the beginning; it takes half a second."""
+VACATING: Final = "lease"
+"""Holds the slot while the tools let go of the arm."""
 
 
 class GatewayServer(EnforcementPoint):
@@ -86,30 +97,52 @@ class GatewayServer(EnforcementPoint):
     ) -> None:
         super().__init__(config, survey=survey, trust=trust, key=key, http=http)
         self._listen_host, self._carriage_port = config.listen_host, config.carriage_port
-        found_holding(self.holding, RobotiqGripper(config.robot_host))
+        gripper = RobotiqGripper(config.robot_host)
+        found_holding(self.holding, gripper)
         self._loop = asyncio.get_running_loop()
+        scripts = allow_list(installed_body)
         self.ports = LeasedPorts(
             config.robot_host,
             self,
-            scripts=allow_list(installed_body),
+            scripts=scripts,
             stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
             clock=self.clock,
-            closed=lambda _: self.carriages.end(Ending.LEFT),
+            closed=self._left,
         )
-        self.readiness = readiness(
-            Telemetry(config.robot_host),
-            RemoteControl(config.robot_host),
+        telemetry, remote = Telemetry(config.robot_host), RemoteControl(config.robot_host)
+        # Without its connection no program of a lease runs, and none of ours.
+        ready = partial(readiness, telemetry, remote, commanding=lambda: True, robot=self.robot, holding=self.holding)
+        self.readiness = ready(self.ports)
+        self.leases = Leases()
+        self.own = OwnLines(
             self.ports,
-            lambda: True,  # without its connection no program of a lease runs
-            robot=self.robot,
-            holding=self.holding,
+            scripts=scripts,
+            fitted=self._fitted,
+            free=lambda: self.leases.current is None,
+            able=self._able,
         )
         if config.calibration_file is not None:
             confirm_kinematics(self.readiness)
         # It compiles what its steps ask when it is made, or reads what was compiled before.
         self._stream(frozenset()).see(self.state.read().q_rad)
         self.judging = ThreadPoolExecutor(1, "rest")
-        self.gate = self.gated(policies, slot=Slot(), readiness=self.readiness)
+        control = PermittedControl(
+            self.own.control,
+            audience=config.audience,
+            clock=self.clock,
+            raise_refusals=True,
+            stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
+        )
+        self.tools = ArmTools.of(
+            self,
+            control=control,
+            io=self.own.switches,
+            gripper=gripper,
+            telemetry=telemetry,
+            judging=self.judging,
+        )
+        self.gate = self.gated(policies, slot=self.tools.devices, readiness=self.readiness)
+        tools_app = self.tools.app(self, self.gate.with_readiness(ready(self.own)), key)
         stopper = _Stopper(self.ports, self._loop)
         self.judging_commands = LeasedJudge(
             gate=self.gate,
@@ -135,10 +168,9 @@ class GatewayServer(EnforcementPoint):
             audience=config.audience,
             clock=self.clock,
         )
-        self.leases = Leases()
         self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, ended=self._ended)
         self.gateway = Gateway(self.ports)
-        self.app = Door(
+        door = Door(
             leases=self.leases,
             authority=self.authority,
             clock=self.clock,
@@ -149,9 +181,11 @@ class GatewayServer(EnforcementPoint):
             signer=key,
             port=config.carriage_port,
             lease_ms=policies.parameters.lease_motion_ms,
+            vacated=self._vacated,
         ).app()
+        self.app = ByPath(tools_app, {urlsplit(config.url).path: door})
         self._lease_ms = policies.parameters.lease_motion_ms
-        self._looking: asyncio.Task[None] | None = None
+        self._tasks: list[asyncio.Task[None]] = []
         self._notes: set[asyncio.Task[None]] = set()
 
     async def begin(self) -> None:
@@ -166,13 +200,15 @@ class GatewayServer(EnforcementPoint):
             await self.gateway.listen(self._listen_host)
         except OSError as error:
             raise ConfigError(PepFault.CONFIG_INVALID, f"host, listen_host: {error.strerror}") from error
-        self._looking = asyncio.create_task(self._look())
+        self._tasks = [asyncio.create_task(self._look()), asyncio.create_task(self.own.keep())]
+        await self._equipped()
         goes_first()  # what was slow to make is made: what it does from now on a program waits for
 
     async def stand(self) -> None:
         """The lease is over, and the arm stands still."""
         self.gateway.close()
         await self._end(Ending.GATEWAY)
+        await self.tools.devices.stop()
         await self.carriages.close()
         await self.judging_commands.close()
         with contextlib.suppress(TimeoutError):
@@ -182,8 +218,9 @@ class GatewayServer(EnforcementPoint):
 
     async def close(self) -> None:
         """The connections to the robot have ended."""
-        if self._looking is not None:
-            self._looking.cancel()
+        await self.tools.close()
+        for task in self._tasks:
+            task.cancel()
         await asyncio.gather(*self._notes, return_exceptions=True)
         self.ports.close()
         self.judging.shutdown(wait=False, cancel_futures=True)
@@ -193,13 +230,44 @@ class GatewayServer(EnforcementPoint):
 
     def judge(self, held: Held) -> None:
         """See `Judge.judge`."""
-        self.judging_commands.judge(held)
+        (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).judge(held)
 
     def withdrawn(self, held: Held) -> None:
         """See `Judge.withdrawn`."""
-        self.judging_commands.withdrawn(held)
+        (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).withdrawn(held)
+
+    # ---- the tools' own lines
+
+    def _able(self) -> bool:
+        """Whether the arm could move: powered, no safety stop, remote control."""
+        robot = self.readiness.reading()
+        return robot.robot_mode == RUNNING and robot.safety_mode in SAFE_MODES and robot.remote_control is True
+
+    def _vacated(self) -> bool:
+        """Whether the tools have let go of the arm: they are moving nothing, and are about to move nothing."""
+        if not self.tools.devices.reserve(VACATING):
+            return False
+        try:
+            self.own.give_way()
+        finally:
+            self.tools.devices.release(VACATING)
+        return True
+
+    async def _equipped(self) -> None:
+        """The tools have the arm, or it was waited long enough: an arm that is switched off has its gateway too."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(EQUIPPED_S):
+                while not self.own.up:  # noqa: ASYNC110 - a look at the controller, which sets no event
+                    await asyncio.sleep(FAREWELL_S)
 
     # ---- the lease
+
+    def _left(self, holder: Holder) -> None:
+        """The control connection of a lease has ended."""
+        if isinstance(holder, OwnLease):
+            self.own.give_way()
+        else:
+            self.carriages.end(Ending.LEFT)
 
     def _stream(self, touch: frozenset[str]) -> CellStream:
         return CellStream(holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
@@ -267,18 +335,19 @@ class _Stopper:
         return self._ports.stopped_ms
 
 
-async def serve(config: GatewayConfig) -> None:
+async def serve(config: GatewayConfig, *, reports: bool = False) -> None:
     """The gateway has run and ended, the arm standing still.
 
     Args:
         config: of it.
+        reports: it has told of itself.
 
     Raises:
         PepError: when a part cannot be had; nothing was served then.
     """
     server = GatewayServer(config, **opened(config))
     server.recover()
-    await server.run()
+    await server.run(reports=reports)
 
 
 def main() -> None:
@@ -287,6 +356,7 @@ def main() -> None:
     parser.add_argument("--config", type=Path, required=True)
     parser.add_argument("--robot", help="address of the controller, in place of robot_host")
     parser.add_argument("--listen", help="address to listen on as the controller, in place of listen_host")
+    parser.add_argument("--reports", action="store_true", help="answer questions on standard input")
     options = parser.parse_args()
 
     async def served() -> None:
@@ -297,7 +367,7 @@ def main() -> None:
             listen_host=options.listen or config.listen_host,
         )
         config.check()
-        await serve(config)
+        await serve(config, reports=options.reports)
 
     main_of(served)
 

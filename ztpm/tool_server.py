@@ -11,37 +11,22 @@ from __future__ import annotations
 
 import argparse
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
-from pep.context.flow import Flow
-from pep.governor import Pacing
-from pep.mcp.arm import arm_server
-from pep.mcp.guard import guard
-from pep.mcp.mapping import ARM_TOOLS
-from pep.mcp.vouching import Vouching
 from pep.observation import Unwatched
-from pep.rtde.dashboard import RemoteControl, stop_program
+from pep.rtde.dashboard import RemoteControl
 from pep.rtde.dead_man import DeadMan
-from pep.rtde.devices import Devices
-from pep.rtde.drive import Drive
-from pep.rtde.governed import SpeedControl
 from pep.rtde.gripper import RobotiqGripper
-from pep.rtde.jog import Jog
-from pep.rtde.outputs import DigitalOutputs
 from pep.rtde.program import ProgramWatch
-from pep.rtde.slider import SpeedSlider
 from pep.rtde.telemetry import Telemetry
 from pep.sim.recognition import recognise
-from pep.watch import Limits, Watch
+from pep.watch import Watch
+from ztpm.arm_tools import ArmTools
 from ztpm.enforcement import EnforcementPoint, main_of, opened
 from ztpm.robot import (
     PROGRAM_S,
     commanded,
-    committed,
     confirm_kinematics,
     connect,
     connect_outputs,
@@ -102,70 +87,28 @@ class ToolServer(EnforcementPoint):
         if config.calibration_file is not None:
             confirm_kinematics(self.readiness)
         self.judging = ThreadPoolExecutor(1, "rest")
-        # An observed motion begins wherever the arm is: what was denied may never have been assessed.
-        start_of = self.physics.start_of if unsafe_observe is None else lambda _: self.state.read().q_rad
-        io = connect_outputs(config.robot_host)
-        self.slider = SpeedSlider(io)
-        self.drive = Drive(
+        self.tools = ArmTools.of(
+            self,
             control=control,
-            state=self.state,
+            io=connect_outputs(config.robot_host),
             gripper=gripper,
-            dashboard_stop=lambda: stop_program(config.robot_host),
-            start_of=start_of,
-            watching=partial(
-                Watch if unsafe_observe is None else Unwatched,
-                remaining=self.physics,
-                views=self.frames,
-                limits=Limits.of(self.cell),
-                clock=self.clock,
-                submit=self.judging.submit,
-            ),
-            hurry=self.follower.hurry,
-            audience=config.audience,
-            clock=self.clock,
-            speed=SpeedControl(self.slider, Pacing.of(self.cell)),
+            telemetry=telemetry,
+            judging=self.judging,
+            watch=Watch if unsafe_observe is None else Unwatched,
+            # An observed motion begins wherever the arm is: what was denied may never have been assessed.
+            start_of=None if unsafe_observe is None else lambda _: self.state.read().q_rad,
         )
-        self.devices = Devices(
-            self.drive,
-            Jog(self.drive, control, start_of=start_of, clock=self.clock),
-            DigitalOutputs(
-                io,
-                telemetry,
-                audience=config.audience,
-                stopped_ms=lambda: control.stopped_ms,
-            ),
-            partial(committed, self.physics, control, holding),
-        )
-        self.gate = self.gated(policies, slot=self.devices, readiness=self.readiness)
-        self.app = guard(
-            arm_server(self.devices, self.physics.summary),
-            gate=self.gate,
-            authority=self.authority,
-            registry=self.follower,
-            bindings=ARM_TOOLS,
-            asks=self.asks,
-            audience=config.audience,
-            issuer=config.issuer,
-            clock=self.clock,
-            vouching=Vouching(
-                key=key,
-                audience=config.audience,
-                # Its own receipts alone: of other admission points the registry does not tell.
-                admitters={config.audience: keys.public_raw(key)}.copy,
-                flow=Flow(self.clock),
-                caps=CAPS,
-            ),
-        )
+        self.gate = self.gated(policies, slot=self.tools.devices, readiness=self.readiness)
+        self.app = self.tools.app(self, self.gate, key)
 
     async def stand(self) -> None:
         """The arm stands still."""
-        await self.drive.stop()
+        await self.tools.devices.stop()
 
     async def close(self) -> None:
         """The connections that move things have ended."""
         self.dead_man.close()
-        await self.devices.close()
-        self.slider.close()
+        await self.tools.close()
         self.judging.shutdown(wait=False, cancel_futures=True)
         self.readiness.close()
 

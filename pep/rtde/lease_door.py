@@ -61,6 +61,7 @@ class Door:
         signer: this enforcement point's key, by which a holder knows that it talks to it.
         port: where carriages arrive.
         lease_ms: oldest acceptable view of revocations: that of motion.
+        vacated: whether whoever has the robot while there is no lease has let go of it; asked where there is none.
         random: so many random bytes.
     """
 
@@ -74,6 +75,7 @@ class Door:
     signer: PrivateKey
     port: int
     lease_ms: int
+    vacated: Callable[[], bool] = lambda: True
     random: Callable[[int], bytes] = secrets.token_bytes
 
     def app(self) -> Starlette:
@@ -104,7 +106,8 @@ class Door:
         if isinstance(opened, Fault):
             return await self._refuse(401, Reason(opened.code), credentials)
         lease, answer = opened
-        if not self.leases.open(lease, at_ms=self.clock.monotonic_ms()):
+        vacant = self.leases.current is None and self.vacated()
+        if not (vacant and self.leases.open(lease, at_ms=self.clock.monotonic_ms())):
             return await self._refuse(409, Reason.LEASE_HELD, credentials)
         try:
             # No durable record, no lease: what moves under it is on record one by one besides.

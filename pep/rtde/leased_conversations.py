@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from pep.rtde.command_values import Command
     from pep.rtde.control_script import ControlScript
     from pep.rtde.io_commands import IoCommand
-    from pep.rtde.judge import Steps
-    from pep.rtde.lease import Lease
+    from pep.rtde.judge import Holder, Steps
     from pep.rtde.leased_tenant import Tenant
     from pep.rtde.lines import Back
     from pep.rtde.move_path import Waypoint
@@ -159,7 +158,7 @@ class LeasedRtdePort(Conversation):
 class _Held:
     """A question, as the judge has it."""
 
-    def __init__(self, port: LeasedRtdePort, question: Question, lease: Lease) -> None:
+    def __init__(self, port: LeasedRtdePort, question: Question, lease: Holder) -> None:
         self._port = port
         self._question = question
         self._lease = lease
@@ -173,7 +172,7 @@ class _Held:
         return self._question.path
 
     @property
-    def lease(self) -> Lease:
+    def lease(self) -> Holder:
         return self._lease
 
     def forward(self, steps: Steps | None = None) -> bool:

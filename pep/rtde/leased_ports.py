@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from pep.rtde import lines
     from pep.rtde.control_script import ControlScript
     from pep.rtde.feed import Sample
-    from pep.rtde.judge import Judge
-    from pep.rtde.lease import Ending, Lease
+    from pep.rtde.judge import Holder, Judge
+    from pep.rtde.lease import Ending
     from pep.rtde.lines import Back
 
 LOOK_S: Final = 0.02
@@ -61,7 +61,7 @@ class LeasedPorts:
         scripts: Sequence[ControlScript],
         stop_deceleration_rad_s2: float,
         clock: Clock,
-        closed: Callable[[Lease], None],
+        closed: Callable[[Holder], None],
     ) -> None:
         self.robot = robot
         self.judge = judge
@@ -77,7 +77,7 @@ class LeasedPorts:
         self._stopper = Upstream(lambda _: None, self._stopper_gone)
         self._tasks: set[asyncio.Task[None]] = set()
         self._tenant: Tenant | None = None
-        self._past: Lease | None = None  # the lease that was over last; its connections may be there a little longer
+        self._past: Holder | None = None  # the lease that was over last; its connections may be there a little longer
 
     async def begin(self) -> None:
         """The controller is listened to from now on; returns once it has said something."""
@@ -99,7 +99,7 @@ class LeasedPorts:
         for task in self._tasks:
             task.cancel()
 
-    async def open(self, lease: Lease | None, port: int, back: Back) -> lines.Line | Reason:
+    async def open(self, lease: Holder | None, port: int, back: Back) -> lines.Line | Reason:
         """A connection to that port."""
         if lease is None or port not in (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE):
             return await self._anybody.open(lease, port, back)
@@ -121,7 +121,7 @@ class LeasedPorts:
             line = LeasedScriptPort(tenant, back, scripts_for(self.feed.version.minor, self._all_scripts))
         return await line.robot.reach(self.robot, port) or line
 
-    def over(self, lease: Lease, ending: Ending) -> None:  # noqa: ARG002 - how a lease's end is told
+    def over(self, lease: Holder, ending: Ending) -> None:  # noqa: ARG002 - how a lease's end is told
         """The lease is over: the arm is being stopped when this returns, and it opens nothing any more."""
         self._past = lease
         tenant = self._tenant

@@ -12,7 +12,7 @@ from policies.reasons import Reason
 if TYPE_CHECKING:
     from pep.rtde.control_script import Upload
     from pep.rtde.feed import Sample
-    from pep.rtde.lease import Lease
+    from pep.rtde.judge import Holder
     from pep.rtde.leased_conversations import LeasedRtdePort, LeasedScriptPort
     from pep.rtde.leased_ports import LeasedPorts
 
@@ -25,7 +25,7 @@ PAUSED: Final = (3, 4, 5)
 class Tenant:
     """One lease: its control line, its control script, and who sends that."""
 
-    def __init__(self, ports: LeasedPorts, lease: Lease) -> None:
+    def __init__(self, ports: LeasedPorts, lease: Holder) -> None:
         self.ports = ports
         self.lease = lease
         self.program = ControlProgram()

@@ -10,7 +10,7 @@ from policies.reasons import Reason
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.rtde.lease import Lease
+    from pep.rtde.judge import Holder
 
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
 READ_ONLY: Final = (30011, 30012, 30013)
@@ -64,7 +64,7 @@ class Back(Protocol):
 class Ports(Protocol):
     """All ports of the controller."""
 
-    async def open(self, lease: Lease | None, port: int, back: Back) -> Line | Reason:
+    async def open(self, lease: Holder | None, port: int, back: Back) -> Line | Reason:
         """A connection to that port, for the holder of that lease or for anybody; or why there is none.
 
         What is sent before it returns is not lost.

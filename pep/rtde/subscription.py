@@ -1,4 +1,7 @@
-"""Our own word with the controller: which software runs, and packages of the outputs that we ask for. Bytes alone."""
+"""Our own word with the controller: which software runs, packages of the outputs that we ask for, and inputs of ours.
+
+Bytes alone.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,12 @@ from pep.rtde.codec import Framer, Recipe, decode_answer, encode_request
 from pep.rtde.messages import (
     AskControlVersion,
     ControlVersion,
+    InputsAnswer,
     Message,
     OutputsAnswer,
     ProtocolAnswer,
     RequestProtocol,
+    SetupInputs,
     SetupOutputs,
     Start,
     StartAnswer,
@@ -21,6 +26,8 @@ from pep.rtde.messages import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from pep.rtde.codec import Value
     from pep.rtde.messages import Request
 
@@ -31,21 +38,33 @@ class Subscription:
     Args:
         names: of the outputs.
         rate_hz: how often.
+        inputs: variables that we write; none, to listen alone.
+
+    Attributes:
+        version: of the controller's software, once it was told.
     """
 
-    def __init__(self, names: tuple[str, ...], rate_hz: float) -> None:
+    def __init__(self, names: tuple[str, ...], rate_hz: float, *, inputs: tuple[str, ...] = ()) -> None:
         self._names = names
         self._framer = Framer()
         self._protocol = 1
-        self._next: list[Request] = [AskControlVersion(), SetupOutputs(names, rate_hz), Start()]
+        writing: list[Request] = [SetupInputs(inputs)] if inputs else []
+        self._next: list[Request] = [AskControlVersion(), *writing, SetupOutputs(names, rate_hz), Start()]
         self._asked: Request = RequestProtocol(2)
         self._recipe: Recipe | None = None
         self._number: int | None = None
+        self._inputs: tuple[int, Recipe] | None = None
         self.version: ControlVersion | None = None
 
     def begin(self) -> bytes:
         """What is said first."""
         return encode_request(self._asked, 1)
+
+    def write(self, values: Mapping[str, Value]) -> bytes:
+        """What sets our inputs, all of them; once packages come."""
+        assert self._inputs is not None
+        number, recipe = self._inputs
+        return encode_request(Values(number, recipe.pack(values)), self._protocol)
 
     def feed(self, received: bytes) -> tuple[bytes, list[dict[str, Value]]]:
         """What to say now, and the packages that have come.
@@ -68,6 +87,8 @@ class Subscription:
                     self._protocol = 2
                 case AskControlVersion(), ControlVersion():
                     self.version = answer
+                case SetupInputs(inputs), InputsAnswer(types, granted) if granted:
+                    self._inputs = granted, Recipe(inputs, types)
                 case SetupOutputs(), OutputsAnswer(types, number):
                     self._recipe, self._number = Recipe(self._names, types), number
                 case Start(), StartAnswer(True):
