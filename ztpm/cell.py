@@ -1,4 +1,4 @@
-"""The embedded cell: identity provider, simulated controller, tool server and simulated sensor, a process each."""
+"""The embedded cell: identity provider, simulated robot and sensor, gateway and tool server, a process each."""
 
 from __future__ import annotations
 
@@ -23,11 +23,10 @@ PROCESSES: Final = {
     "idp": "identity provider",
     "robot": "controller",
     "sensor": "sensor",
+    "gateway": "gateway",
     "tools": "tool server",
 }
 """The processes of a cell by their attribute, those that others use first."""
-GATEWAY: Final = "gateway"
-"""Attribute and name of the robot's gateway, which a cell has when it is asked for."""
 
 
 @dataclass
@@ -41,7 +40,7 @@ class Cell:
         joints: the simulated arm's first configuration, 6 angles in rad.
         stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
         start_child: starts a child; `Child.start` unless a test breaks one.
-        idp, robot, sensor, tools, gateway: its processes, once started.
+        idp, robot, sensor, gateway, tools: its processes, once started.
     """
 
     layout: Layout
@@ -53,8 +52,8 @@ class Cell:
     idp: Child = field(init=False)
     robot: Child = field(init=False)
     sensor: Child = field(init=False)
-    tools: Child = field(init=False)
     gateway: Child = field(init=False)
+    tools: Child = field(init=False)
 
     @classmethod
     def start(
@@ -66,7 +65,7 @@ class Cell:
         joints: tuple[float, ...],
         start: Callable[..., Child] | None = None,
     ) -> Cell:
-        """Identity provider, controller and sensor run; the tool server comes with `start_tools`, after `register`.
+        """Identity provider, controller and sensor run; the others come with `start_enforcement`, after `register`.
 
         Args:
             layout: made by `ztpm.setup.initialise`.
@@ -78,9 +77,9 @@ class Cell:
         Raises:
             ztpm.processes.ChildError: when a process does not become ready.
         """
-        from ztpm.tool_config import read_config
+        from ztpm.gateway_config import read_gateway_config
 
-        stop_deceleration = read_config(layout.cell_config).cell.stop_deceleration_rad_s2
+        stop_deceleration = read_gateway_config(layout.gateway_config).cell.stop_deceleration_rad_s2
         cell = cls(layout, addresses, passphrase, joints, stop_deceleration, start or Child.start)
         try:
             cell.start_idp()
@@ -93,8 +92,8 @@ class Cell:
 
     @property
     def children(self) -> dict[str, Child]:
-        """The processes that were started, by attribute, in the order of `PROCESSES`; then the gateway."""
-        return {name: vars(self)[name] for name in (*PROCESSES, GATEWAY) if name in vars(self)}
+        """The processes that were started, by attribute, in the order of `PROCESSES`."""
+        return {name: vars(self)[name] for name in PROCESSES if name in vars(self)}
 
     def start_idp(self) -> None:
         """The identity provider runs."""
@@ -133,34 +132,34 @@ class Cell:
         self.end("sensor")
         self.sensor = self.start_child(
             PROCESSES["sensor"], "pep.sim.sensor", "--key-file", str(self.layout.sensor_key), "--sensor", SENSOR_ID,
-            "--calibration", SENSOR_CALIBRATION, "--to", f"{self.addresses.host}:{self.addresses.perception_port}",
+            "--calibration", SENSOR_CALIBRATION,
             "--to", f"{self.addresses.gateway_host}:{self.addresses.perception_port}", *options,
             environment=self._secret,
         )  # fmt: skip
 
-    def start_tools(self, *options: str) -> None:
-        """The tool server runs.
+    def start_gateway(self, *options: str) -> None:
+        """The robot's gateway runs, and the tools have the arm.
 
         Args:
             options: further ones of its command line.
         """
+        self.end("gateway")
+        self.gateway = self.start_child(
+            PROCESSES["gateway"], "ztpm.gateway_server", "--config", str(self.layout.gateway_config), *options,
+            environment=self._secret,
+        )  # fmt: skip
+
+    def start_tools(self) -> None:
+        """The tool server runs."""
         self.end("tools")
         self.tools = self.start_child(
-            PROCESSES["tools"], "ztpm.tool_server", "--config", str(self.layout.cell_config), *options,
-            environment=self._secret,
-        )  # fmt: skip
+            PROCESSES["tools"], "ztpm.tool_door", "--config", str(self.layout.cell_config), environment=self._secret
+        )
 
-    def start_gateway(self, *options: str) -> None:
-        """The robot's gateway runs. The tool server must not: the controller lends its registers to one of them.
-
-        Args:
-            options: further ones of its command line.
-        """
-        self.end(GATEWAY)
-        self.gateway = self.start_child(
-            GATEWAY, "ztpm.gateway_server", "--config", str(self.layout.gateway_config), *options,
-            environment=self._secret,
-        )  # fmt: skip
+    def start_enforcement(self) -> None:
+        """Every enforcement point runs: agents can call the tools, programs can open a lease."""
+        self.start_gateway()
+        self.start_tools()
 
     @property
     def _secret(self) -> dict[str, str]:

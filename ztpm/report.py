@@ -1,4 +1,4 @@
-"""What the tool server tells the process that started it, when asked: robot, perception, age of the revocation view.
+"""What a robot's enforcement point tells the process that started it, when asked: robot, perception, revocation view.
 
 The question `{"report": true}` comes as a line on standard input, and the answer goes to standard output. That pipe is
 nobody else's, so joint angles are told here that the server keeps from strangers on its HTTP port.

@@ -67,7 +67,7 @@ class Addresses:
     @property
     def ports(self) -> tuple[int, ...]:
         """Every port of the cell, the robot's fixed ones among them."""
-        return (self.idp_port, self.tools_port, self.perception_port, self.status_port, *ROBOT_PORTS)
+        return (self.idp_port, self.tools_port, self.status_port, *ROBOT_PORTS)
 
     @property
     def gateway_ports(self) -> tuple[int, ...]:
@@ -89,6 +89,18 @@ class Addresses:
     def door(self) -> str:
         """Canonical URL where leases of the robot are asked for."""
         return f"http://{self.gateway_host}:{self.door_port}/leases"
+
+    @property
+    def metadata(self) -> str:
+        """Where the cell's MCP server says whose tokens it takes, to anybody (RFC 9728)."""
+        from pep.mcp.dpop import WELL_KNOWN
+
+        return f"http://{self.host}:{self.tools_port}{WELL_KNOWN}/mcp"
+
+    @property
+    def calls(self) -> str:
+        """Canonical URL where the gateway takes the tool server's calls."""
+        return f"http://{self.gateway_host}:{self.door_port}/calls"
 
     @property
     def audience(self) -> str:

@@ -4,8 +4,9 @@
 | --- | --- |
 | sensor | started again as often as it takes, with the scene that it was told; until then perception is stale |
 | identity provider | started again, at most three times in ten minutes; until then the view ages and motion is denied |
-| tool server | the arm is stopped through the dashboard at once, since a motion outlives its client; then as above |
-| controller | the tool server, whose connections died with it, ends too; then both are started again, as above |
+| gateway | the arm is stopped through the dashboard at once, whatever its watchdog does; then as above |
+| controller | the gateway, whose connections died with it, ends too; then both are started again, as above |
+| tool server | the gateway stops what it called for, since nobody waits for that; then as above |
 
 What cannot be mended ends everything. A process that lives and does not answer is shown on the status page; it is not
 killed, since nothing moves without it anyway.
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 TICK_S: Final = 0.2
 """Time between two looks at the processes."""
-RESTARTS: Final = {"idp": 3, "robot": 3, "tools": 3}
+RESTARTS: Final = {"idp": 3, "robot": 3, "gateway": 3, "tools": 3}
 """Most restarts within `WINDOW_S`; a process that dies more often has something that a restart does not mend."""
 WINDOW_S: Final = 600.0
 BACKOFF_S: Final = 0.5
@@ -131,7 +132,7 @@ class Supervision:
         self._guard: threading.Thread | None = None
 
     def start(self) -> None:
-        """Controller, sensor and tool server run.
+        """Controller, sensor, gateway and tool server run.
 
         Raises:
             ChildError: when one does not become ready.
@@ -140,7 +141,9 @@ class Supervision:
         self._log.note("started", "the controller runs")
         self._start_sensor()
         self._log.note("started", "the sensor runs")
-        self._start_tools()
+        self._start_gateway()
+        self._log.note("started", "the gateway runs")
+        self.cell.start_tools()
 
     def run(self) -> None:
         """The processes have run until the end was asked for.
@@ -166,7 +169,8 @@ class Supervision:
 
     def stop(self) -> None:
         """Every process has ended; the arm stood still before its controller ended."""
-        self.cell.end("tools")
+        for name in ("tools", "gateway"):
+            self.cell.end(name)
         if self._guard is not None:
             self._guard.join(STOP_S)
         self.cell.stop()
@@ -212,11 +216,13 @@ class Supervision:
             case "sensor":
                 self._start_sensor()
             case "tools":
-                self._start_tools()
+                self.cell.start_tools()
+            case "gateway":
+                self._start_gateway()
             case "robot":
-                self.cell.end("tools")
+                self.cell.end("gateway")
                 self.cell.start_robot()
-                self._start_tools()
+                self._start_gateway()
             case _:
                 self.cell.start_idp()
 
@@ -233,18 +239,18 @@ class Supervision:
         except OSError:  # it has died; the next look finds it
             return
 
-    def _start_tools(self) -> None:
-        self.cell.start_tools("--reports")
-        self._guard = threading.Thread(target=self._arm_stands_after, args=(self.cell.tools,), daemon=True)
+    def _start_gateway(self) -> None:
+        self.cell.start_gateway("--reports")
+        self._guard = threading.Thread(target=self._arm_stands_after, args=(self.cell.gateway,), daemon=True)
         self._guard.start()
 
-    def _arm_stands_after(self, tools: Child) -> None:
-        """When the tool server is gone, and not in order, the arm is stopped in its place, at once."""
-        if tools.popen.wait() == 0:
+    def _arm_stands_after(self, gateway: Child) -> None:
+        """When the gateway is gone, and not in order, the arm is stopped in its place, at once."""
+        if gateway.popen.wait() == 0:
             return
         try:
             stop_program(self.cell.addresses.host)
         except RobotError as error:
             self._log.note("stop-failed", f"the arm could not be stopped: {error}")
         else:
-            self._log.note("arm-stopped", "the tool server is gone: the arm was stopped through the dashboard")
+            self._log.note("arm-stopped", "the gateway is gone: the arm was stopped through the dashboard")

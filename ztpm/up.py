@@ -76,10 +76,11 @@ def prepare(layout: Layout, *, passphrase: bytes, fresh: Callable[[], Addresses]
     try:
         if is_empty(layout):
             initialise(layout, fresh(), passphrase=passphrase, policy=policy, defer_timeout_s=60)
-        for path in (layout.idp_config, layout.cell_config, layout.trust, layout.pep_key):
+        for path in (layout.idp_config, layout.cell_config, layout.gateway_config, layout.trust, layout.pep_key):
             if not path.exists():
                 raise UpError("NOT_A_CELL", f"{layout.root} has files, but no {path.name}", usage=True)
-        read_key(layout.pep_key, passphrase)
+        for key in (layout.pep_key, layout.gateway_key):
+            read_key(key, passphrase)
         return read_addresses(layout)
     except SetupError as error:
         raise UpError("CONFIG_INVALID", str(error), usage=True) from error
@@ -116,14 +117,14 @@ def run(
         UpError: `ADDRESS_IN_USE`, `START_FAILED`, `REGISTRY_UNAVAILABLE`, `REGISTRATION_REFUSED`, `STATUS_UNAVAILABLE`
             or `PROCESS_LOST`; every process has ended then, too.
     """
-    from ztpm.tool_config import read_config
+    from ztpm.gateway_config import read_gateway_config
 
     cell = Cell(
         layout,
         addresses,
         passphrase,
         joints,
-        read_config(layout.cell_config).cell.stop_deceleration_rad_s2,
+        read_gateway_config(layout.gateway_config).cell.stop_deceleration_rad_s2,
         start_child=partial(Child.start, ended=ended.is_set),
     )
     supervision = Supervision(cell, scene=SceneFile(layout.scene, log), log=log, ended=ended, clock=time.monotonic)
@@ -206,8 +207,10 @@ def as_json(up: Up, layout: Layout, *, pid: int) -> dict[str, Any]:
         "data": str(layout.root),
         "issuer": up.addresses.issuer,
         "audience": up.addresses.audience,
-        "robot": up.addresses.host,
-        "perception": f"{up.addresses.host}:{up.addresses.perception_port}",
+        "robot": up.addresses.gateway_host,
+        "controller": up.addresses.host,
+        "leases": up.addresses.door,
+        "perception": f"{up.addresses.gateway_host}:{up.addresses.perception_port}",
         "status": up.status,
         "operators": list(OPERATORS),
         "processes": up.pids,

@@ -17,6 +17,7 @@ from pep.errors import PepFault, RobotError
 from pep.rtde import command_values as v
 from pep.rtde.control_script import Upload, scripts_for
 from pep.rtde.grid import on_grid
+from pep.rtde.io_commands import IoCommand
 from pep.rtde.lease import Ending
 from pep.rtde.leased_stop import Rung
 from pep.rtde.lines import SECONDARY
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from pep.authority import Credentials
     from pep.rtde.command_values import Command
     from pep.rtde.control_script import ControlScript
-    from pep.rtde.io_commands import IoCommand
     from pep.rtde.judge import Held
     from pep.rtde.leased_ports import LeasedPorts
     from pep.rtde.leased_requests import Fitted
@@ -105,8 +105,6 @@ class OwnLines:
         self._lease: OwnLease | None = None
         self._commands, self._switches, self._script = OwnCommands(), OwnSwitches(), _Script()
         self._up = self._over = False
-        self._saying: Command | IoCommand | None = None
-        self._refused = False
         self.control = OwnControl(self)
         self.switches = OwnOutputs(self)
 
@@ -175,28 +173,31 @@ class OwnLines:
 
     async def said(self, command: Command) -> bool:
         """Whether the control script took the command."""
+        line = self._commands
         if isinstance(command, v.Stop):
-            return await self._commands.say(command)
-        self._saying, self._refused = on_grid(command), False
-        taken = await self._commands.say(command)
-        if self._refused:
-            self._commands.clear()
-        return taken and not self._refused
+            return await line.say(command)
+        line.expected, line.refused = on_grid(command), False
+        taken = await line.say(command)
+        if line.refused:
+            line.clear()
+        return taken and not line.refused
 
     async def switched(self, command: IoCommand) -> bool:
         """Whether it was written."""
-        if self._switches.gone:
+        line = self._switches
+        if line.gone:
             return False
-        self._saying, self._refused = command, False
-        self._switches.say(command)
-        return not self._refused
+        line.expected, line.refused = command, False
+        line.say(command)
+        return not line.refused
 
     def judge(self, held: Held) -> None:
         """See `pep.rtde.judge.Judge`: what a permit was spent for, and nothing else."""
-        said, self._saying = self._saying, None
-        if held.command == said and held.forward():
+        line = self._switches if isinstance(held.command, IoCommand) else self._commands
+        expected, line.expected = line.expected, None
+        if held.command == expected and held.forward():
             return
-        self._refused = True
+        line.refused = True
         held.deny(Reason.NOT_WHAT_WAS_DECIDED, "no permit")
 
     def withdrawn(self, held: Held) -> None:

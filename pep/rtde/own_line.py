@@ -59,6 +59,9 @@ class OwnLine:
         self._inputs = inputs
         self._subscription = Subscription((_STATE, _SAID), RATE_HZ, inputs=inputs)
         self._newest: dict[str, Value] = {}
+        self.expected: Command | IoCommand | None = None
+        """What is about to be said: the judge permits that, once, and nothing else."""
+        self.refused = False
         self._waiting: dict[asyncio.Future[None], Callable[[], bool]] = {}
         self._line: Line | None = None
         self.gone = False
@@ -171,6 +174,8 @@ class OwnCommands(OwnLine):
         self.write(encode(command, OFFSET))
         if row.wait is Wait.AT_ONCE:
             return True
+        if self._number(_SAID) == DONE:  # of the command before, which a stop does not wait for
+            await self.until(lambda: over() or self._number(_SAID) != DONE, within_s=DONE_S)
         await self.until(lambda: over() or self._number(_SAID) == DONE, within_s=DONE_S)
         done = not over() and self._number(_SAID) == DONE
         if self._stops == stops:

@@ -66,9 +66,10 @@ class PretendedCell:
     start_idp = lambda self: self.start("idp")
     start_robot = lambda self: self.start("robot")
     start_sensor = lambda self, *options: self.start("sensor", options)
-    start_tools = lambda self, *options: self.start("tools", options)
+    start_gateway = lambda self, *options: self.start("gateway", options)
+    start_tools = lambda self: self.start("tools")
     sensor = property(lambda self: self.children["sensor"])
-    tools = property(lambda self: self.children["tools"])
+    gateway = property(lambda self: self.children["gateway"])
 
 
 class Ended(threading.Event):
@@ -127,7 +128,12 @@ def test_a_sensor_is_started_as_often_as_it_dies(kept):
 
 @pytest.mark.parametrize(
     ("name", "did"),
-    [("idp", [("idp",)]), ("tools", [("tools", "--reports")]), ("robot", [("robot",), ("tools", "--reports")])],
+    [
+        ("idp", [("idp",)]),
+        ("tools", [("tools",)]),
+        ("gateway", [("gateway", "--reports")]),
+        ("robot", [("robot",), ("gateway", "--reports")]),
+    ],
 )
 def test_others_are_started_three_times_in_ten_minutes(kept, name, did):
     for _ in range(3):
@@ -166,9 +172,9 @@ def test_nothing_is_started_once_the_end_was_asked_for(kept):
     assert kept.cell.did == []
 
 
-def test_the_arm_is_stopped_when_the_tool_server_dies_and_not_when_it_ends(kept, stops):
+def test_the_arm_is_stopped_when_the_gateway_dies_and_not_when_it_ends(kept, stops):
     guard = kept.supervision._guard
-    kept.cell.tools.die(-9)
+    kept.cell.gateway.die(-9)
     guard.join(10)
     assert stops == ["127.77.0.12"]
     assert len(kept.events("arm-stopped")) == 1
@@ -185,7 +191,7 @@ def test_an_arm_that_cannot_be_stopped_is_on_record(kept, monkeypatch):
 
     monkeypatch.setattr(module, "stop_program", refuse)
     guard = kept.supervision._guard
-    kept.cell.tools.die(1)
+    kept.cell.gateway.die(1)
     guard.join(10)
     assert len(kept.events("stop-failed")) == 1
 

@@ -146,7 +146,7 @@ def ballot(stage: Stage, signer: str, ask_id: str, *, approver: str) -> str:
     """An approval of an open ask, right in every member, but signed with an agent's key in the name of `approver`."""
     asked = stage.person("alice").approval(ask_id)
     stated = ask.open(
-        asked["ask"], {keys.public_raw(read_key(stage.cell.layout.pep_key, stage.cell.passphrase))}, DEFAULT
+        asked["ask"], {keys.public_raw(read_key(stage.cell.layout.gateway_key, stage.cell.passphrase))}, DEFAULT
     )
     now = int(time.time())
     return vote.sign(
@@ -176,5 +176,5 @@ def forged_frame(stage: Stage) -> None:
         keys.generate(),
     )  # fmt: skip
     addresses = stage.cell.addresses
-    with socket.create_connection((addresses.host, addresses.perception_port), timeout=5.0) as line:
+    with socket.create_connection((addresses.gateway_host, addresses.perception_port), timeout=5.0) as line:
         line.sendall(frame.encode() + b"\n")

@@ -152,7 +152,7 @@ def stage(*, start: Callable[..., Child] | None = None, directory: Path | None =
             on_stage = Stage(cell=cell, people={})
             on_stage.people = {name: on_stage.operator_from_disk(name) for name in OPERATORS}
             cell.register(on_stage.people["carol"])
-            cell.start_tools()
+            cell.start_enforcement()
             try:
                 yield on_stage
             finally:

@@ -156,8 +156,8 @@ class Stage:
         return {json.loads(line)["kind"] for line in fresh}
 
     def journal_records(self) -> int:
-        """How many records the PEP has on disk."""
-        return self.cell.layout.journal.read_bytes().count(b"\n")
+        """How many records both PEPs have on disk."""
+        return sum(journal.read_bytes().count(b"\n") for journal in self.journals)
 
     def exported_pep_records(self) -> int:
         """How many of them the ledger holds."""

@@ -1,4 +1,4 @@
-"""Taking the picture of a cell: its processes, the provider's public answers, the tool server's report, the journal.
+"""Taking the picture of a cell: its processes, the provider's public answers, the gateway's report, its journal.
 
 No key is used: what only a person may ask the provider, such as what an ask says, is one link or command away.
 """
@@ -59,7 +59,7 @@ class Camera:
         self._wall_s = wall_s
         self._clock = clock
         self._http = httpx2.Client(timeout=ANSWER_S, trust_env=False, transport=transport)
-        self._decisions = Decisions(cell.layout.journal)
+        self._decisions = Decisions(cell.layout.gateway_journal)
         self._lock = threading.Lock()
         self._kept: tuple[float, Picture] | None = None
 
@@ -74,12 +74,16 @@ class Camera:
     def _take(self) -> Picture:
         children, addresses = self._cell.children, self._cell.addresses
         incomplete = []
-        tools = children.get("tools")
-        report = None if tools is None or not tools.alive else tools.ask({"report": True}, timeout_s=ANSWER_S)
+        gateway = children.get("gateway")
+        report = None if gateway is None or not gateway.alive else gateway.ask({"report": True}, timeout_s=ANSWER_S)
         if report is None:
-            incomplete.append("The tool server says nothing.")
+            incomplete.append("The gateway says nothing.")
         agents = self._agents()
-        answers = {"idp": self._ready(), "tools": report is not None}
+        answers = {
+            "idp": self._answers(f"{addresses.issuer}/readyz"),
+            "gateway": report is not None,
+            "tools": self._answers(addresses.metadata),
+        }
         try:
             self._decisions.follow()
         except OSError as error:
@@ -110,9 +114,9 @@ class Camera:
         """Its connections are closed."""
         self._http.close()
 
-    def _ready(self) -> bool:
+    def _answers(self, url: str) -> bool:
         try:
-            return self._http.get(f"{self._cell.addresses.issuer}/readyz").status_code == 200
+            return self._http.get(url).status_code == 200
         except httpx2.HTTPError:
             return False
 

@@ -149,16 +149,16 @@ def _restart(stage: Stage) -> Seen:
     question = asked(stage, "robotic", target, 0.25)
     approve(stage, "alice", question)
     until(lambda: stage.answered(question), "alice's vote on the PEP's record")
-    for name in ("tools", "idp"):
+    for name in ("tools", "gateway", "idp"):
         stage.cell.children[name].kill()
     stage.cell.start_idp()
-    stage.cell.start_tools()
+    stage.cell.start_enforcement()
     until(lambda: stage.perception() == "fresh", "a fresh view")
     revoked = stage.ask("vision", "read_state", {}, token=token)
     answer = retry(stage, "robotic", target, 0.25, waiting="TIER_NEEDS_APPROVAL")
     ledger = verify_ledger(stage.person("carol").export_ledger().splitlines(), stage.trust)
     told = (
-        "provider and PEP killed and started again: the revoked hop stays "
+        "provider and both PEPs killed and started again: the revoked hop stays "
         f"{revoked.reason}, alice's vote from before moved the arm once, the ledger verifies"
     )
     ok = revoked.reason == "REVOKED" and isinstance(ledger, Verified)

@@ -1,7 +1,4 @@
-"""How a program that moves the robot by itself, without any tool, is held to the same authority.
-
-The robot's gateway takes the tool server's place here: a controller lends its registers to one of them.
-"""
+"""How a program that moves the robot by itself, without any tool, is held to the same authority."""
 
 from __future__ import annotations
 
@@ -49,8 +46,8 @@ STATES: Final = 5
 
 
 def behind_the_gateway(stage: Stage) -> None:
-    """The arm stands at the left end of the sweep, behind its gateway; an agent has authority to move it."""
-    if "gateway" in stage.cell.children:
+    """The arm stands at the left end of the sweep; an agent has authority to move it by a program."""
+    if AGENT in stage.agents:
         return
     at_left(stage)
     agent = stage.new_agent(AGENT, sponsor="alice", role="programmer")
@@ -59,8 +56,6 @@ def behind_the_gateway(stage: Stage) -> None:
         stage.cell.addresses.audience, delegates=frozenset(), now=int(time.time()), lifetime_s=LIFETIME_S
     )
     stage.tokens[AGENT] = stage.person("alice").issue(agent, scope, purpose="demonstration").token
-    stage.cell.end("tools")
-    stage.cell.start_gateway()
 
 
 @PROGRAMS.step(
