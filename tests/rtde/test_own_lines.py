@@ -215,7 +215,8 @@ def test_a_move_that_waits_for_its_turn_is_not_begun_after_a_stop():
         await asyncio.sleep(0)
         assert [values["input_int_register_0"] for values in written] == [34], "it has not said that of the stop"
         heard(READY)
-        await asyncio.sleep(0)
+        for _ in range(5):
+            await asyncio.sleep(0)
         heard(DONE)
         assert (await move, await stop) == (False, True)
         assert [values["input_int_register_0"] for values in written] == [34, 0]
