@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from pep.rtde.lines import Line, Ports
 
 OFFSET: Final = OFFSETS[0]
-RATE_HZ: Final = 500.0
+COMMANDS_HZ, SWITCHES_HZ = 500.0, 10.0
+"""How often the controller says what a line has to know; nothing has to, of outputs."""
 BEGINS_S: Final = 2.0
 """Longest wait for the controller's first package."""
 READY_S: Final = 2.0
@@ -53,11 +54,12 @@ class OwnLine:
 
     Args:
         inputs: variables that it writes.
+        rate_hz: how often packages come.
     """
 
-    def __init__(self, inputs: tuple[str, ...]) -> None:
+    def __init__(self, inputs: tuple[str, ...], rate_hz: float) -> None:
         self._inputs = inputs
-        self._subscription = Subscription((_STATE, _SAID), RATE_HZ, inputs=inputs)
+        self._subscription = Subscription((_STATE, _SAID), rate_hz, inputs=inputs)
         self._newest: dict[str, Value] = {}
         self.expected: Command | IoCommand | None = None
         """What is about to be said: the judge permits that, once, and nothing else."""
@@ -146,7 +148,7 @@ class OwnCommands(OwnLine):
     """The line that commands the arm, as ur_rtde's control interface does."""
 
     def __init__(self) -> None:
-        super().__init__(_REGISTERS)
+        super().__init__(_REGISTERS, COMMANDS_HZ)
         self._stops = 0
 
     @property
@@ -191,7 +193,7 @@ class OwnSwitches(OwnLine):
     """The line that sets outputs and the speed slider, as ur_rtde's IO interface does."""
 
     def __init__(self) -> None:
-        super().__init__(_SWITCHES)
+        super().__init__(_SWITCHES, SWITCHES_HZ)
 
     def say(self, command: IoCommand) -> None:
         """It is being set."""
