@@ -17,7 +17,8 @@ from pep.rtde.limits import widest
 from ztpm.cell import PASSPHRASE_VARIABLE, Cell
 from ztpm.demo.eyes import Eyes
 from ztpm.demo.stage import LEFT, Stage, sweep_scope, until
-from ztpm.demo.stopping import read_stop
+from ztpm.demo.motion import Motion
+from ztpm.demo.stopping import BAR_S, SAMPLE_S, read_stop
 from ztpm.layout import OPERATORS, Layout, write_private
 from ztpm.setup import free_addresses, initialise
 
@@ -82,7 +83,7 @@ class House:
         self.stage = Stage(cell=self.cell, people={})
         self.stage.people = {name: self.stage.operator_from_disk(name) for name in OPERATORS}
         self.cell.register(self.stage.person("carol"))
-        self.cell.start_gateway()
+        self.cell.start_enforcement()
         self.tokens, self.issued, self.folder = {}, {}, root
 
     def agent(self, name, *more):
@@ -93,7 +94,7 @@ class House:
             scope, grants=tuple(sorted((*scope.grants, *map(widest, more)), key=lambda g: (g.object, g.operation)))
         )
         self.issued[name] = self.stage.person("alice").issue(agent, scope, purpose="test")
-        self.tokens[name] = self.folder / name
+        self.stage.tokens[name], self.tokens[name] = self.issued[name].token, self.folder / name
         write_private(self.tokens[name], self.issued[name].token.encode())
 
     def endings(self):
@@ -252,6 +253,75 @@ def test_a_revoked_token_stops_the_arm_and_ends_the_lease(house, eyes):
         status, _, errors = run.ended()
     assert status == 128 + signal.SIGTERM
     assert "LEASE_OVER: authority" in errors
+
+
+# ---- the cell's tools, before the same arm
+
+
+def aside(house):
+    """Where the arm is, and a little farther."""
+    base, *others = house.stage.rounded_joints
+    return (round(base + (0.02 if base < 0 else -0.02), 6), *others)
+
+
+def tools_move(house):
+    """A tool has moved the arm, as soon as tools have it again."""
+    until(lambda: house.stage.move("mover", to=aside(house), speed=0.4).decision == "PERMIT", "the tools' arm")
+
+
+def test_tools_and_programs_have_the_arm_in_turns(house, eyes):
+    tools_move(house)
+    with Run(house, "say('here')\nsys.stdin.readline()\nsay(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))") as run:
+        assert run.line() == "here"
+        before = eyes.now().q_rad
+        answer = house.stage.move("mover", to=aside(house), speed=0.4)
+        assert (answer.decision, answer.reason) == ("DENY", "ROBOT_NOT_EXCLUSIVE")
+        assert eyes.now().q_rad == pytest.approx(before, abs=1e-4)
+        assert house.stage.ask("mover", "read_state", {}).decision == "PERMIT", "and nobody is kept from looking"
+        run.process.stdin.write("\n")
+        run.process.stdin.flush()
+        status, said, errors = run.ended()
+    assert (status, said) == (0, ["True"]), errors
+    tools_move(house)
+
+
+def test_a_tool_that_moves_keeps_the_arm(house, eyes):
+    tools_move(house)
+    base, *others = house.stage.rounded_joints
+    with Motion(house.stage, "mover", to=(-base, *others), speed=0.4) as motion:
+        motion.under_way(0.05)
+        with Run(house, "say('here')") as run:
+            status, said, errors = run.ended()
+        assert (status, said) == (3, [])
+        assert "LEASE_HELD" in errors
+        answer = motion.answer()
+    assert (answer.decision, answer.content["outcome"]) == ("PERMIT", "reached")
+
+
+def test_a_tools_stop_ends_a_programs_motion(house, eyes):
+    with Run(house, LONG) as run:
+        began_s = under_way(eyes, run)
+        t0 = time.monotonic()
+        assert house.stage.ask("mover", "stop", {}).decision == "PERMIT"
+        assert stopped(eyes, began_s, t0).within_bar
+        assert run.line() == "False"
+
+
+@pytest.mark.parametrize("who", ["gateway", "tools"])
+def test_a_tools_motion_does_not_outlive_who_carries_it_out(house, eyes, who):
+    """The controller's watchdog ends what a dead gateway began; the gateway ends what nobody waits for any more."""
+    tools_move(house)
+    base, *others = house.stage.rounded_joints
+    with Motion(house.stage, "mover", to=(-base, *others), speed=0.4) as motion:
+        motion.under_way(0.05)
+        house.cell.children[who].kill()
+        t0 = time.monotonic()
+        until(lambda: eyes.now().still, "standstill")
+        stop = motion.stop_after(t0)
+    assert stop.within_model
+    assert stop.reaction_s < BAR_S + SAMPLE_S
+    {"gateway": house.cell.start_gateway, "tools": house.cell.start_tools}[who]()
+    tools_move(house)
 
 
 def test_the_gateways_death_stops_the_arm_and_its_next_life_serves(house, eyes):
