@@ -22,6 +22,7 @@ from pep.authority import NO_TOKEN
 from pep.conduct import Conduct
 from pep.deferral import AskState
 from pep.denial import denial
+from pep.edge import Edge
 from pep.errors import ActuationRefusedError, JournalError
 from pep.observation import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.operations import Kind, touchable
@@ -103,7 +104,7 @@ class Answer:
     """The decision was not enforced (`unsafe_observe`)."""
 
 
-class Gate:
+class Gate(Edge):
     """Decides and enforces. All IO is in its ports.
 
     Args:
@@ -143,8 +144,11 @@ class Gate:
         announcer: Announcer,
         unsafe_observe: Simulated | None = None,
     ) -> None:
-        self._unsafe_observe = unsafe_observe
         journal = journal if unsafe_observe is None else Marked(journal)
+        # What is recorded here is heard: what this enforcement point saw itself counts at once.
+        self.conduct = Conduct(journal, registry=registry, clock=clock, parameters=policies.parameters)
+        super().__init__(policies=policies, journal=self.conduct)
+        self._unsafe_observe = unsafe_observe
         self._clock = clock
         self._authority = authority
         self._limits = limits
@@ -152,14 +156,9 @@ class Gate:
         self._readiness = readiness
         self._sequence = sequence
         self._physics = physics
-        self._policies = policies
-        # What is recorded here is heard: what this enforcement point saw itself counts at once.
-        self.conduct = self._journal = Conduct(journal, registry=registry, clock=clock, parameters=policies.parameters)
         self._asks = asks
         self._announcer = announcer
-        # A worker each, so that a long assessment never delays a record, and neither delays a stop (which has its own
-        # in the shell).
-        self._recorder = ThreadPoolExecutor(1, "journal")
+        # A worker of its own, so that a long assessment never delays a record, nor a stop.
         self._assessor = ThreadPoolExecutor(1, "physics")
 
     def with_readiness(self, readiness: Readiness) -> Gate:
@@ -312,12 +311,6 @@ class Gate:
             return credentials.fault or NO_TOKEN
         return self._authority.verify(credentials.token, lease_ms=self.lease_ms(call.request))
 
-    def lease_ms(self, request: Request | None) -> int:
-        """Oldest acceptable revocation view in ms, for a request, or (None) for what asks for no operation."""
-        if request is None:
-            return self._policies.parameters.lease_other_ms
-        return requirement(request, self._policies).lease_ms
-
     def _permit(self, call: Call, evidence: Evidence, decision: Decision, decided_ms: int) -> Permit:
         def standing() -> Fault | None:
             chain = self._standing(call)
@@ -371,7 +364,7 @@ class Gate:
         self, call: Call, evidence: Evidence, decision: Decision, effect: Callable[[Permit], Awaitable[Result]]
     ) -> Answer:
         """What was denied or deferred, and happened: in the simulator, on record before, and told as what it is."""
-        record = await self._record("decision", records.decision(call, evidence, decision))
+        record = await self.record("decision", records.decision(call, evidence, decision))
         permit = Permit(
             request_id=call.request.request_id,
             digest=call.request.digest,
@@ -393,7 +386,7 @@ class Gate:
         permit.concluded = True
         try:
             # Shielded: a caller who goes now leaves one outcome behind, not two and not none.
-            await asyncio.shield(self._record("outcome", body))
+            await asyncio.shield(self.record("outcome", body))
         except JournalError:
             return False
         return True
@@ -404,7 +397,7 @@ class Gate:
         """The outcome of a PERMIT that was not acted on; the use it took is there again where nothing was sent."""
         returned = decision.approval if permit.void() else None
         body = records.outcome(call.request, record, "refused", reason=why.reason, detail=why.detail, returned=returned)
-        await self._record("outcome", body)
+        await self.record("outcome", body)
         if returned is not None:
             self._asks.give_back(decision)
 
@@ -423,7 +416,7 @@ class Gate:
                 decision = denial(decision, Reason.APPROVAL_TIMEOUT, decision.primitive)
             elif state is AskState.REFUSED:
                 decision = denial(decision, Reason.ASK_BUDGET_SPENT, decision.primitive)
-        await self._record("decision", records.decision(call, evidence, decision, ask=ask))
+        await self.record("decision", records.decision(call, evidence, decision, ask=ask))
         return Answer(decision, ask=ask)
 
     def _denied(self, call: Call, evidence: Evidence, reason: Reason, primitive: str) -> Decision:
@@ -451,7 +444,7 @@ class Gate:
         if reason is not Reason.RECORD_FAILED:
             unknown = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms())
             try:
-                await self._record("decision", records.decision(call, unknown, decision))
+                await self.record("decision", records.decision(call, unknown, decision))
             except JournalError:
                 return Answer(replace(decision, reason=Reason.RECORD_FAILED))
         return Answer(decision)
@@ -461,18 +454,10 @@ class Gate:
         if not decided.cancelled() and decided.exception() is None:
             self._journal.append("outcome", records.outcome(request, decided.result(), "cancelled"))
 
-    async def _record(self, kind: str, body: dict[str, object]) -> str:
-        """The hash of a durable record. Raises when it cannot be one: the caller then has no effect to give."""
-        return await asyncio.get_running_loop().run_in_executor(self._recorder, self._journal.append, kind, body)
-
-    async def record(self, kind: str, body: dict[str, object]) -> str:
-        """A record that a shell makes beside decisions: a refusal at its edge, an incident, a stop."""
-        return await self._record(kind, body)
-
     def close(self) -> None:
         """The workers have ended."""
         self._assessor.shutdown(wait=False, cancel_futures=True)
-        self._recorder.shutdown(wait=True)
+        super().close()
 
 
 def _agent(call: Call) -> str:

@@ -163,6 +163,8 @@ CHARGES: Final[Mapping[str, Charge]] = MappingProxyType(
         Reason.IMPACT_ROSE: _HOUSE,
         Reason.WATCH_BLIND: _HOUSE,
         Reason.WATCH_LATE: _HOUSE,
+        Reason.TICKET_MISSING: _STRANGER,
+        Reason.GATEWAY_UNREACHABLE: _HOUSE,
     }
 )
 """For each reason, what a refusal for it counts against the edge."""

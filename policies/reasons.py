@@ -308,6 +308,12 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         ),
         Reason.WATCH_BLIND: ReasonRow("The view of the cell was lost during the motion.", _AFRESH),
         Reason.WATCH_LATE: ReasonRow("The moving arm could not be looked at often enough.", _AFRESH),
+        Reason.TICKET_MISSING: ReasonRow(
+            "No tool server of this cell passed the request on.", "Send the request to the cell's tool server."
+        ),
+        Reason.GATEWAY_UNREACHABLE: ReasonRow(
+            "The robot's gateway does not answer.", "Try again; where it stays so, the operator looks at the gateway."
+        ),
     }
 )
 """Every reason with its fixed text, remedy and owners."""

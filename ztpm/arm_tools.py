@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from pep.rtde.gripper import RobotiqGripper
     from pep.rtde.permitted import PermittedControl
     from pep.rtde.telemetry import Telemetry
-    from ztpm.enforcement import EnforcementPoint
+    from ztpm.robot_point import RobotPoint
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class ArmTools:
     @classmethod
     def of(
         cls,
-        point: EnforcementPoint,
+        point: RobotPoint,
         *,
         control: PermittedControl,
         io: Any,
@@ -105,7 +105,7 @@ class ArmTools:
         )
         return cls(devices, slider)
 
-    def app(self, point: EnforcementPoint, gate: Gate, key: PrivateKey) -> ASGIApp:
+    def app(self, point: RobotPoint, gate: Gate, key: PrivateKey) -> ASGIApp:
         """The guarded MCP server.
 
         Args:

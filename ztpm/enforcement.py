@@ -1,4 +1,7 @@
-"""What every enforcement point of a cell is made of: clock, journal, feeds, sensors, people, gate, and a door."""
+"""What every enforcement point of a cell is made of: clock, journal, feeds, authority, and a door.
+
+What has a robot, people and physics besides is on top of it (`ztpm.robot_point`). Nothing here loads physics.
+"""
 
 from __future__ import annotations
 
@@ -20,49 +23,34 @@ import uvicorn
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.freshness import Memory, earliest_iat_s, retention_ms
 from capabilities.verify import Verifier
-from pep import records
-from pep.approvals import Asks
-from pep.asking import Asking
 from pep.authority import Authority
 from pep.clock import HeldClock, SystemClock, TimeMark
-from pep.context.frames import Frames
 from pep.errors import PepError, PepFault
 from pep.feed import Follower, MarkFile
-from pep.gate import Gate
-from pep.holding import Holding
 from pep.mcp.deadline import DeadlineProtocol
-from pep.observation import Marked
-from pep.perception import Receiver
-from pep.pit import surveyed
-from pep.pit.engine import chosen
-from pep.question import Asker
 from pep.record import FileJournal
 from pep.replay import ReplayCache
-from pep.rtde.limits import Ur3eLimits
-from pep.rtde.state import ReceivedState
-from pep.sequence import Sequence
 from pep.ship import Shipper
-from pep.world import CellPhysics
-from ztpm.report import report_of, serve_reports
-from ztpm.tool_config import read_cell, read_key, read_policies, read_robot, read_trust
+from ztpm.point_config import read_key, read_policies, read_trust
+from ztpm.report import serve_reports, view_of
 from ztpm.trust_mark import check_mark
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
     from capabilities.keys import PrivateKey
-    from capabilities.statements.cell import Cell
     from capabilities.trust import TrustBundle
-    from pep.observation import Simulated
-    from pep.ports import Journal, MotionSlot, Readiness
+    from pep.edge import Edge
     from policies.policy import PolicySet
-    from ztpm.tool_config import CellConfig
+    from ztpm.point_config import PointConfig
 
 FIRST_VIEW_S: Final = 30.0
 """Longest wait for the first verified view before it listens anyway, denying everything until it comes."""
 SHUTDOWN_S: Final = 3
 KEEP_ALIVE_S: Final = 5
 SWITCH_S: Final = 0.001
+ACCEPTED: Final = frozenset({"decision"})
+"""Kinds of records that name a proof which had an effect."""
 CONNECTIONS: Final = 64
 """Callers at once; a cell has a handful of agents. The next are told 503."""
 
@@ -70,23 +58,21 @@ CONNECTIONS: Final = 64
 class Opened(TypedDict):
     """What an enforcement point is made with besides its configuration: read, verified and in force."""
 
-    survey: Cell
     trust: TrustBundle
     key: PrivateKey
     policies: PolicySet
     http: httpx2.AsyncClient
 
 
-def opened(config: CellConfig) -> Opened:
+def opened(config: PointConfig) -> Opened:
     """What the configuration names.
 
     Raises:
         PepError: one of them cannot be had, or must not be believed.
     """
     policies, trust, key = read_policies(config), read_trust(config), read_key(config)
-    survey = read_cell(config, at=SystemClock().wall_s())
     check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
-    return Opened(survey=survey, trust=trust, key=key, policies=policies, http=httpx2.AsyncClient())
+    return Opened(trust=trust, key=key, policies=policies, http=httpx2.AsyncClient())
 
 
 class _Server(uvicorn.Server):
@@ -103,31 +89,18 @@ class EnforcementPoint:
 
     Args:
         config: of it.
-        survey: the signed cell file, verified and in force.
         trust: the issuer's public keys.
         key: of this PEP.
         http: client of the identity provider.
-        unsafe_observe: the simulated controller, where nothing is to be enforced; None enforces.
 
     Attributes:
-        robot: the arm's model, with its tool and empty fingers.
         ended: set it to end the process.
-        gate, app: what is served at its door; made by whoever is one.
+        app: what is served at its door; made by whoever is one.
     """
 
-    gate: Gate
     app: Any
 
-    def __init__(
-        self,
-        config: CellConfig,
-        *,
-        survey: Cell,
-        trust: TrustBundle,
-        key: PrivateKey,
-        http: httpx2.AsyncClient,
-        unsafe_observe: Simulated | None = None,
-    ) -> None:
+    def __init__(self, config: PointConfig, *, trust: TrustBundle, key: PrivateKey, http: httpx2.AsyncClient) -> None:
         self.config = config
         # Proofs, tokens and statements are judged by a wall time that nobody can set back.
         self.clock = HeldClock(SystemClock(), mark=TimeMark(config.state_dir / "time.json"), skew_s=CAPS.skew_s)
@@ -137,7 +110,6 @@ class EnforcementPoint:
         self.http = http
         self.ended = asyncio.Event()
         self._told: dict[str, int] = {}
-        self._unsafe_observe = unsafe_observe
         self.follower = Follower(
             self.http,
             issuer=config.issuer,
@@ -156,40 +128,7 @@ class EnforcementPoint:
             clock=self.clock,
             incident=lambda error: self._log("ledger", error),
         )
-        self.cell = surveyed(survey, config.cell)
-        self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
-        self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
-        self.state = ReceivedState(config.robot_host)
-        chosen()  # compiled before anybody may ask: a minute or more the very first time, a second from then on
-        self.robot = read_robot(config, tool=survey.tool)
-        self.holding = Holding(self.robot, self.cell)
-        self.physics = CellPhysics(
-            holding=self.holding,
-            cell=self.cell,
-            valid_until_s=survey.not_after,
-            frames=self.frames,
-            state=self.state,
-            clock=self.clock,
-        )
         self.replay = ReplayCache(self.clock)
-        asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)
-        self.asks = Asks(
-            clock=self.clock,
-            journal=self.marked,
-            timeout_ms=config.defer_timeout_s * 1000,
-            asker=asker,
-            approvers=self.follower,
-            caps=CAPS,
-        )
-        self.asking = Asking(
-            self.asks,
-            self.http,
-            asker=asker,
-            trust=trust,
-            caps=CAPS,
-            clock=self.clock,
-            incident=self._feed_incident,
-        )
         self.authority = Authority(
             verifier=Verifier(trust, CAPS),
             feed=self.follower,
@@ -201,52 +140,22 @@ class EnforcementPoint:
         )
 
     @property
-    def marked(self) -> Journal:
-        """The journal; where nothing is enforced, every record says so."""
-        return self.journal if self._unsafe_observe is None else Marked(self.journal)
-
-    def gated(self, policies: PolicySet, *, slot: MotionSlot, readiness: Readiness) -> Gate:
-        """The gate over these parts.
-
-        Args:
-            policies: what is decided by.
-            slot: one motion at a time.
-            readiness: of the robot.
-        """
-        return Gate(
-            clock=self.clock,
-            authority=self.authority,
-            registry=self.follower,
-            limits=Ur3eLimits(),
-            slot=slot,
-            readiness=readiness,
-            sequence=Sequence(self.clock),
-            physics=self.physics,
-            policies=policies,
-            journal=self.journal,
-            asks=self.asks,
-            announcer=self.asking,
-            unsafe_observe=self._unsafe_observe,
-        )
+    def edge(self) -> Edge:
+        """Leases and records; the gate, where there is one."""
+        raise NotImplementedError
 
     def recover(self) -> None:
-        """What an earlier process left unfinished has an end on record, and what it accepted is not accepted again."""
-        permits = records.unfinished(self.journal.records())
-        self.asks.recover(self.journal.records())
-        self.gate.conduct.recall(self.journal.records())
+        """What an earlier process accepted is not accepted again, and that its journal was torn is on record."""
         earliest_ms = (self.clock.wall_s() * 1000) - retention_ms(CAPS)
         expires_ms = self.clock.monotonic_ms() + retention_ms(CAPS)
         for record in self.journal.records():
-            if record["kind"] == "decision" and record["at_ms"] >= earliest_ms and record["body"]["proof"]:
+            if record["kind"] in ACCEPTED and record["at_ms"] >= earliest_ms and record["body"]["proof"]:
                 self.replay.remember(bytes.fromhex(record["body"]["proof"]), expires_ms=expires_ms)
         if self.journal.repaired_bytes:
             self.journal.append("incident", {"what": "torn-tail", "bytes": self.journal.repaired_bytes})
-        for request_id, digest in permits:
-            self.journal.append("outcome", {"request_id": request_id, "decision": digest, "outcome": "unknown"})
-        self.asks.expire()
 
     async def run(self, *, reports: bool = False) -> None:
-        """It has served until it was told to end, and the arm stands still; `reports`: it has told of itself."""
+        """It has served until it was told to end, and nothing moves; `reports`: it has told of itself."""
         loop = asyncio.get_running_loop()
         server = _Server(
             uvicorn.Config(
@@ -264,15 +173,13 @@ class EnforcementPoint:
         )
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.ended.set)
-        keeping = self.clock.run(failed=lambda error: self._log("clock", error), set_back=self._clock_incident)
-        parts = [self.follower.run(), self.asking.run(), self.shipper.run(), keeping]
+        parts = self.beside()
         if reports:
-            parts.append(serve_reports(lambda: report_of(self)))
+            parts.append(serve_reports(self.report))
         tasks = [asyncio.create_task(part) for part in parts]
         try:
             await self._first_view()
-            # Not before: a frame is judged by the registered keys, and without them every sensor is a stranger.
-            await self.receiver.listen(self.config.host, self.config.perception_port)
+            await self.listen()
             await self.begin()
             serving = asyncio.create_task(server.serve())
             while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn offers no event for it
@@ -293,22 +200,34 @@ class EnforcementPoint:
             await asyncio.gather(*tasks, return_exceptions=True)
             with contextlib.suppress(OSError):  # what the last mark says is at most a period old
                 await asyncio.to_thread(self.clock.keep)
-            await self.receiver.close()
-            self.gate.close()
+            await self.release()
+            self.edge.close()
             await self.http.aclose()
-            self.state.close()
             self.journal.close()
+
+    def beside(self) -> list[Coroutine[Any, Any, None]]:
+        """What runs as long as it serves."""
+        keeping = self.clock.run(failed=lambda error: self._log("clock", error), set_back=self._clock_incident)
+        return [self.follower.run(), self.shipper.run(), keeping]
+
+    async def report(self) -> dict[str, object]:
+        """How things stand, for who started it."""
+        return {"view": view_of(self.follower)}
+
+    async def listen(self) -> None:
+        """What must be heard before anybody is served is heard. The first verified views are there."""
 
     async def begin(self) -> None:
         """What is served beside the door is there."""
 
     async def stand(self) -> None:
-        """The arm stands still."""
-        raise NotImplementedError
+        """Nothing moves any more."""
 
     async def close(self) -> None:
-        """What was composed beside these parts has ended, the arm standing still."""
-        raise NotImplementedError
+        """What was composed beside these parts has ended, and nothing moves."""
+
+    async def release(self) -> None:
+        """What was listened to is let go, after everything else has ended and before the last record is written."""
 
     async def _first_view(self) -> None:
         """The first verified views are there and proofs made now are accepted, or it was waited long enough."""
@@ -333,11 +252,8 @@ class EnforcementPoint:
     def _clock_incident(self, held_s: float) -> None:
         self._note({"what": "clock", "fault": str(PepFault.CLOCK_SET_BACK), "held_s": int(held_s)})
 
-    def _frame_incident(self, sensor: str, fault: str, detail: str, count: int) -> None:
-        self._note({"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count})
-
     def _note(self, body: dict[str, object]) -> None:
-        noted = asyncio.get_running_loop().create_task(self.gate.record("incident", body))
+        noted = asyncio.get_running_loop().create_task(self.edge.record("incident", body))
         noted.add_done_callback(lambda task: None if task.cancelled() else self._log("journal", task.exception()))
 
     def _log(self, what: str, error: BaseException | None) -> None:

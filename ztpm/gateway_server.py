@@ -46,9 +46,10 @@ from pep.watch import Limits, Watch
 from policies.primitives.tools import RUNNING
 from ztpm.arm_tools import ArmTools
 from ztpm.by_path import ByPath
-from ztpm.enforcement import EnforcementPoint, main_of, opened
+from ztpm.enforcement import main_of
 from ztpm.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.robot import confirm_kinematics, found_holding, readiness
+from ztpm.robot_point import RobotPoint, opened_cell
 
 if TYPE_CHECKING:
     import httpx2
@@ -73,7 +74,7 @@ VACATING: Final = "lease"
 """Holds the slot while the tools let go of the arm."""
 
 
-class GatewayServer(EnforcementPoint):
+class GatewayServer(RobotPoint):
     """All parts of one gateway, composed. To be made on the event loop that it runs on.
 
     Args:
@@ -345,7 +346,7 @@ async def serve(config: GatewayConfig, *, reports: bool = False) -> None:
     Raises:
         PepError: when a part cannot be had; nothing was served then.
     """
-    server = GatewayServer(config, **opened(config))
+    server = GatewayServer(config, **opened_cell(config))
     server.recover()
     await server.run(reports=reports)
 

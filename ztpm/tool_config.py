@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import ipaddress
-import tomllib
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
-from urllib.parse import urlsplit
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
 
 from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.errors import CapabilityError, FaultCode
 from capabilities.statements import cell
-from capabilities.trust import TrustBundle
-from pep import key_file
 from pep.errors import ConfigError, PepFault
 from pep.pit import (
     CALIBRATED_UNCERTAINTY_M,
@@ -29,16 +23,37 @@ from pep.pit import (
 )
 from pep.rtde.gripper import DRIVEN
 from pep.rtde.stops import JOINT_DECELERATION_LIMIT_RAD_S2
-from policies.errors import PolicyError
-from policies.load import SHIPPED, load, load_shipped
+from ztpm.point_config import (
+    PointConfig,
+    check_port,
+    check_url,
+    is_loopback,
+    read_key,
+    read_policies,
+    read_text,
+    read_trust,
+    spelled,
+)
 
 if TYPE_CHECKING:
-    from capabilities.keys import PrivateKey
-    from policies.policy import PolicySet
+    from pathlib import Path
+
+__all__ = [
+    "ROBOT_MODEL",
+    "CellConfig",
+    "check_port",
+    "check_url",
+    "is_loopback",
+    "read_cell",
+    "read_config",
+    "read_key",
+    "read_policies",
+    "read_robot",
+    "read_text",
+    "read_trust",
+]
 
 ROBOT_MODEL: Final = "ur3e"
-CONFIG_BYTES: Final = 1_048_576
-"""Largest configuration; ours."""
 CALIBRATION_BYTES: Final = 65_536
 """Largest calibration file that is read at all; the vendor's tool writes about 1000."""
 OPTIONAL: Final = frozenset({"calibration_file"})
@@ -46,21 +61,12 @@ OPTIONAL: Final = frozenset({"calibration_file"})
 
 
 @dataclass(frozen=True, slots=True)
-class CellConfig:
-    """`cell.toml`, checked.
+class CellConfig(PointConfig):
+    """`cell.toml`, checked: the keys of every enforcement point, and these of the robot, its cell and its people.
 
     Attributes:
-        audience: canonical URL of this server; also the `htu` of every proof.
-        host, port: where it listens.
-        pep_id: this PEP's registered id.
-        issuer: base URL of the identity provider.
-        trust_file: its public trust bundle.
-        pep_key_file: this PEP's key, encrypted.
-        journal_file: the durable journal.
-        state_dir: what is kept over restarts besides.
         robot_host: address of the controller.
         perception_port: where sensors push frames, on `host`.
-        policy: name of a shipped set, or a path.
         defer_timeout_s: how long a deferral waits for a person.
         cell_file: what stands in the cell, signed by a person (`ztpm cell sign`).
         cell_signer_key: that person's public key: 32 raw bytes in base64url.
@@ -69,18 +75,8 @@ class CellConfig:
             reckoned with at its nominal ones, and with more uncertainty.
     """
 
-    audience: str
-    host: str
-    port: int
-    pep_id: str
-    issuer: str
-    trust_file: Path
-    pep_key_file: Path
-    journal_file: Path
-    state_dir: Path
     robot_host: str
     perception_port: int
-    policy: str
     defer_timeout_s: int
     cell_file: Path
     cell_signer_key: str
@@ -94,22 +90,7 @@ class CellConfig:
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
         """
-        try:
-            table = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise ConfigError(PepFault.CONFIG_INVALID, "not TOML") from error
-        names = {field.name for field in fields(cls)}
-        for wrong in sorted((names - OPTIONAL - set(table)) | (set(table) - names)):
-            raise ConfigError(PepFault.CONFIG_INVALID, f"{wrong} is {'missing' if wrong in names else 'unknown'}")
-        given: dict[str, Any] = {}
-        for field in fields(cls):
-            if field.name not in table:
-                continue
-            value = table[field.name]
-            wanted = {"int": int, "CellParameters": dict}.get(str(field.type), str)
-            if type(value) is not wanted or value == "":
-                raise ConfigError(PepFault.CONFIG_INVALID, f"{field.name} must be a {wanted.__name__}, and not empty")
-            given[field.name] = Path(str(value)) if str(field.type).startswith("Path") else value
+        given = spelled(cls, text, optional=OPTIONAL)
         if "calibration_file" in given:
             given["cell"] = {"robot_uncertainty_m": CALIBRATED_UNCERTAINTY_M, **given["cell"]}
         try:
@@ -126,12 +107,8 @@ class CellConfig:
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
         """
-        for name, url in (("audience", self.audience), ("issuer", self.issuer)):
-            check_url(name, url)
-        if urlsplit(self.audience).scheme == "http" and not is_loopback(self.host):
-            raise ConfigError(PepFault.CONFIG_INVALID, "host: plain HTTP on loopback only")
-        for name, port in (("port", self.port), ("perception_port", self.perception_port)):
-            check_port(name, port)
+        PointConfig.check(self)  # a class with slots is another one than `super()` knows
+        check_port("perception_port", self.perception_port)
         if not 1 <= self.defer_timeout_s <= 3_600:
             raise ConfigError(PepFault.CONFIG_INVALID, "defer_timeout_s must be 1 to 3600")
         try:
@@ -142,43 +119,6 @@ class CellConfig:
             raise ConfigError(PepFault.CONFIG_INVALID, "cell: stop_deceleration_rad_s2 is harder than a stop can be")
 
 
-def check_url(name: str, url: str) -> None:
-    """It is a URL with a path, and a secure one.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`, naming the key.
-    """
-    parts = urlsplit(url)
-    if (
-        parts.scheme not in {"http", "https"}
-        or not parts.hostname
-        or len(parts.path) < 2
-        or parts.query
-        or parts.fragment
-    ):
-        raise ConfigError(PepFault.CONFIG_INVALID, f"{name} must be a URL with a path")
-    if parts.scheme == "http" and not is_loopback(parts.hostname):
-        raise ConfigError(PepFault.CONFIG_INVALID, f"{name}: plain HTTP on loopback only")
-
-
-def check_port(name: str, port: int) -> None:
-    """It is a TCP port.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`, naming the key.
-    """
-    if not 1 <= port <= 65_535:
-        raise ConfigError(PepFault.CONFIG_INVALID, f"{name} is no port")
-
-
-def is_loopback(host: str) -> bool:
-    """Whether the host is this machine alone."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
 def read_config(path: Path) -> CellConfig:
     """The configuration at `path`.
 
@@ -186,59 +126,6 @@ def read_config(path: Path) -> CellConfig:
         ConfigError: `CONFIG_INVALID`.
     """
     return CellConfig.from_toml(read_text(path))
-
-
-def read_text(path: Path) -> str:
-    """The text of a configuration.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`.
-    """
-    try:
-        raw = path.read_bytes()
-        if len(raw) > CONFIG_BYTES:
-            raise ConfigError(PepFault.CONFIG_INVALID, "too large")
-        return raw.decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(PepFault.CONFIG_INVALID, f"{path}: {type(error).__name__}") from error
-
-
-def read_trust(config: CellConfig) -> TrustBundle:
-    """The trust bundle of the configured issuer.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`.
-    """
-    try:
-        trust = TrustBundle.from_json(config.trust_file.read_bytes())
-    except (OSError, CapabilityError) as error:
-        raise ConfigError(PepFault.CONFIG_INVALID, f"trust_file: {type(error).__name__}") from error
-    if trust.issuer != config.issuer:
-        raise ConfigError(PepFault.CONFIG_INVALID, "trust_file is of another issuer")
-    return trust
-
-
-def read_key(config: CellConfig) -> PrivateKey:
-    """The PEP's key.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID` when it is missing, readable by others, or the passphrase is missing or wrong.
-    """
-    return key_file.read_key(config.pep_key_file, name="pep_key_file")
-
-
-def read_policies(config: CellConfig) -> PolicySet:
-    """The policy set.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`.
-    """
-    try:
-        if config.policy in SHIPPED:
-            return load_shipped(config.policy)
-        return load(Path(config.policy).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, PolicyError) as error:
-        raise ConfigError(PepFault.CONFIG_INVALID, f"policy: {error}") from error
 
 
 def read_robot(config: CellConfig, *, tool: str) -> Robot:

@@ -23,7 +23,7 @@ from pep.rtde.telemetry import Telemetry
 from pep.sim.recognition import recognise
 from pep.watch import Watch
 from ztpm.arm_tools import ArmTools
-from ztpm.enforcement import EnforcementPoint, main_of, opened
+from ztpm.enforcement import main_of
 from ztpm.robot import (
     PROGRAM_S,
     commanded,
@@ -33,6 +33,7 @@ from ztpm.robot import (
     found_holding,
     readiness,
 )
+from ztpm.robot_point import RobotPoint, opened_cell
 from ztpm.tool_config import CellConfig, read_config
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from policies.policy import PolicySet
 
 
-class ToolServer(EnforcementPoint):
+class ToolServer(RobotPoint):
     """All parts of one cell, composed.
 
     Args:
@@ -126,7 +127,7 @@ async def serve(config: CellConfig, *, reports: bool = False, unsafe_observe: bo
     """
     # Before anything is opened: a real robot is never observed.
     simulated = recognise(config.robot_host) if unsafe_observe else None
-    server = ToolServer(config, **opened(config), unsafe_observe=simulated)
+    server = ToolServer(config, **opened_cell(config), unsafe_observe=simulated)
     server.recover()
     await server.run(reports=reports)
 

@@ -23,6 +23,7 @@ from capabilities.statements import (
     registry,
     response,
     revocation,
+    ticket,
     trust,
     vote,
 )
@@ -70,6 +71,7 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         registry.KIND: Signer.REGISTRY,
         response.KIND: Signer.PEP,
         revocation.KIND: Signer.FEED,
+        ticket.KIND: Signer.PEP,
         trust.KIND: Signer.REGISTRY,
         vote.KIND: Signer.APPROVER,
     }

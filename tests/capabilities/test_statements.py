@@ -30,6 +30,7 @@ from capabilities.statements import (
     response,
     revocation,
     sealed,
+    ticket,
     trust,
     vote,
 )
@@ -239,6 +240,14 @@ ROW = memory.Remembered(
     tainted=False,
     at=NOW,
 )
+PASSED_ON = ticket.Ticket(
+    id="0e" * 16,
+    pep="cell-1",
+    audience=CELL,
+    url="http://127.0.0.1:8902/calls",
+    carried=ticket.Carried(token=HEX, proof="cd" * 32, body="ef" * 32),
+    at_ms=NOW * 1_000,
+)
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
 
 KINDS = {
@@ -259,6 +268,7 @@ KINDS = {
     message: SAID,
     intent: WANTED,
     admission: LET_IN,
+    ticket: PASSED_ON,
     trust: TRUST,
 }
 each = pytest.mark.parametrize("module", KINDS, ids=lambda module: module.KIND)

@@ -35,7 +35,7 @@ from pep.pit.calibration import own_kinematics
 from pep.rtde.state import JointState, Package
 from tests.pep.kit import AUDIENCE, issuer_keys, survey
 from tests.pit.test_calibration import ARMS, spelled
-from ztpm import enforcement, tool_config, tool_server
+from ztpm import robot_point, tool_config, tool_server
 from ztpm.cli import app as cli
 from ztpm.tool_config import CellConfig, read_cell, read_config, read_key, read_policies, read_robot, read_trust
 
@@ -231,7 +231,7 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
     stamps = itertools.count(1.0)
     monkeypatch.setattr(tool_server, "connect", Arm)
     monkeypatch.setattr(tool_server, "connect_outputs", Arm)
-    monkeypatch.setattr(enforcement, "ReceivedState", Arm)
+    monkeypatch.setattr(robot_point, "ReceivedState", Arm)
 
     async def scenario():
         async with httpx2.AsyncClient() as http:

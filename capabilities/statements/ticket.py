@@ -1,0 +1,189 @@
+"""A ticket: a tool server's word that this very request came to it just now, for one gateway of a robot.
+
+It lends nothing: the gateway verifies the caller's token and proof itself. It says which enrolled enforcement point
+passed the request on, and binds every byte of it that counts. Clauses [TKT-1] to [TKT-7] in docs/spec.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities import keys
+from capabilities.errors import CapabilityError, Fault, FaultCode, StatementError
+from capabilities.statements import sealed
+from capabilities.statements.ask import ID
+from capabilities.statements.claims import Claims
+from capabilities.statements.revocation import Revoked
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from capabilities.caps import Caps
+    from capabilities.keys import PrivateKey
+    from capabilities.statements.revocation import RevocationView
+
+KIND: Final = "ticket"
+BYTES: Final = 2_048
+"""Longest text: one with the longest id and URLs (256 bytes each) has 1,662."""
+AGE_MS: Final = 500
+"""Oldest accepted ticket. It is issued when everything else about the request is done; what is left is one connection
+on the cell's own network, and the reading of at most 32 KiB."""
+AHEAD_MS: Final = 100
+"""How far a ticket may come from the future, and no more: the skew that other statements have (5 s) would let one live
+ten times as long as it may. Machines of one cell keep time to milliseconds; where they do not, calls are refused."""
+_NAMES: Final = ("id", "pep", "audience", "url", "token", "proof", "body", "at_ms")
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """What a request carries that counts, each as its SHA-256 (hex).
+
+    Attributes:
+        token: the token's text as it was presented; of no byte when there was none.
+        proof: the text of the proof of possession, likewise.
+        body: its exact bytes.
+    """
+
+    token: str
+    proof: str
+    body: str
+
+    @classmethod
+    def of(cls, *, token: str | None, proof: str | None, body: bytes) -> Carried:
+        """What this request carries; None for what it does not have."""
+        # Nothing but ASCII is a token or a proof; whatever else came as one gets a digest of its own, and no exception.
+        texts = ((text or "").encode("utf-8", "surrogatepass") for text in (token, proof))
+        return cls(*(hashlib.sha256(raw).hexdigest() for raw in (*texts, body)))
+
+
+@dataclass(frozen=True, slots=True)
+class Ticket:
+    """What a tool server says of one request.
+
+    Attributes:
+        id: 32 random hex digits; the ticket is good once.
+        pep: registered id of the tool server that signed.
+        audience: canonical URL of the cell, as tokens name it.
+        url: canonical URL of the gateway's endpoint that it is for.
+        carried: the request.
+        at_ms: when it was issued, milliseconds since the epoch.
+    """
+
+    id: str
+    pep: str
+    audience: str
+    url: str
+    carried: Carried
+    at_ms: int
+
+
+def issue(carried: Carried, *, id: str, pep: str, audience: str, url: str, key: PrivateKey, at: float) -> str:  # noqa: A002 - the member's name
+    """The signed ticket for this request.
+
+    Args:
+        carried: the request.
+        id: 32 hex digits, never used before.
+        pep: registered id of who signs.
+        audience: canonical URL of the cell.
+        url: canonical URL of the gateway's endpoint.
+        key: of that enforcement point.
+        at: now, seconds since the epoch.
+    """
+    return sign(Ticket(id, pep, audience, url, carried, int(at * 1_000)), key)
+
+
+def sign(ticket: Ticket, key: PrivateKey) -> str:
+    """The ticket, signed."""
+    claims: dict[str, object] = {
+        "id": ticket.id,
+        "pep": ticket.pep,
+        "audience": ticket.audience,
+        "url": ticket.url,
+        "token": ticket.carried.token,
+        "proof": ticket.carried.proof,
+        "body": ticket.carried.body,
+        "at_ms": ticket.at_ms,
+    }
+    return sealed.sign(KIND, claims, key)
+
+
+def open(text: str, keys: Collection[bytes], caps: Caps) -> Ticket:  # noqa: A001 - read as ticket.open
+    """The ticket, signed by one of these keys.
+
+    Raises:
+        StatementError: as `sealed.open`; also for a text of more than `BYTES`.
+    """
+    if len(text) > BYTES:
+        raise StatementError(FaultCode.STATEMENT_MALFORMED, f"over {BYTES} bytes")
+    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    return Ticket(
+        id=claims.token("id", ID),
+        pep=claims.name("pep"),
+        audience=claims.url("audience"),
+        url=claims.url("url"),
+        carried=Carried(claims.hex_digest("token"), claims.hex_digest("proof"), claims.hex_digest("body")),
+        at_ms=claims.integer("at_ms"),
+    )
+
+
+def verify(
+    text: str,
+    carried: Carried,
+    *,
+    peps: Mapping[str, bytes],
+    view: RevocationView,
+    audience: str,
+    url: str,
+    at: float,
+    caps: Caps,
+) -> Ticket | Fault:
+    """The ticket, when it is for exactly this request, here and now; or the first fault. Never raises.
+
+    Whether it was used before is the verifier's memory ([TKT-7]), not this module's.
+
+    Args:
+        text: as it came.
+        carried: the request beside it, as it came.
+        peps: raw public key of each enrolled tool server, by its id.
+        view: what is revoked. Its age is asked when the token is verified, of which every effect depends.
+        audience: canonical URL of the cell.
+        url: canonical URL of the verifier's own endpoint.
+        at: now, seconds since the epoch.
+        caps: the bounds.
+    """
+    # [TKT-1] one short spelling, of this kind, by an enrolled key, with exactly its members
+    try:
+        ticket = open(text, frozenset(peps.values()), caps)
+    except CapabilityError as error:
+        return Fault(error.code, "TKT-1", error.detail)
+    # [TKT-2] by the key of the very enforcement point that it names
+    named = peps.get(ticket.pep)
+    if named is None or keys.thumbprint(named) != sealed.signer_thumbprint(text):
+        return Fault(FaultCode.STATEMENT_UNTRUSTED, "TKT-2", "signed by another than it names")
+    # [TKT-3] a key that is not revoked
+    if (str(Revoked.KEY), keys.b64u(keys.thumbprint_bytes(named))) in view.revoked:
+        return Fault(FaultCode.STATEMENT_UNTRUSTED, "TKT-3", "the key is revoked")
+    # [TKT-4] for this cell, and this very gateway
+    if (ticket.audience, ticket.url) != (audience, url):
+        return Fault(FaultCode.WRONG_AUDIENCE, "TKT-4")
+    # [TKT-5] for this request
+    if ticket.carried != carried:
+        return Fault(FaultCode.PROOF_NOT_FOR_THIS_REQUEST, "TKT-5")
+    # [TKT-6] just now
+    age_ms = at * 1_000 - ticket.at_ms
+    if not age_ms >= -AHEAD_MS:
+        return Fault(FaultCode.NOT_YET_VALID, "TKT-6")
+    if not age_ms <= AGE_MS:
+        return Fault(FaultCode.EXPIRED, "TKT-6")
+    return ticket
+
+
+def retention_ms(caps: Caps) -> int:
+    """How long the id of an accepted ticket is kept, on a monotonic clock from its acceptance ([TKT-7]), in ms.
+
+    The ticket may come from the future and lives for the greatest age after that, and the time may then be set back by
+    the skew ([PRF-9]). One second more covers whole milliseconds and a clock that runs slow.
+    """
+    return AHEAD_MS + AGE_MS + caps.skew_s * 1_000 + 1_000
