@@ -3,7 +3,7 @@
     request -> collect evidence -> decide -> record -> effect -> record its outcome
                cheap before dear    pure     durable   within the verdict's lifetime, and only what was decided
 
-One run stands for e4 and e5 together: the tool server that decides also holds the only connection that moves the robot.
+One run stands for e4 and e5 together: whoever decides also holds the only connection that moves the robot.
 """
 
 from __future__ import annotations

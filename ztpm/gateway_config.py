@@ -22,11 +22,13 @@ class GatewayConfig(CellConfig):
 
     Attributes:
         url: canonical URL of the door; the `htu` of openings.
+        calls_url: canonical URL at which tool servers' calls are taken.
         listen_host: address that has the controller's ports for everybody.
         carriage_port: where leases are carried, on `host`.
     """
 
     url: str
+    calls_url: str
     listen_host: str
     carriage_port: int
 
@@ -38,11 +40,27 @@ class GatewayConfig(CellConfig):
         """
         CellConfig.check(self)  # a class with slots is another one than `super()` knows
         check_url("url", self.url)
+        check_url("calls_url", self.calls_url)
         if urlsplit(self.url).scheme == "http" and not is_loopback(self.host):
             raise ConfigError(PepFault.CONFIG_INVALID, "host: plain HTTP on loopback only")
         check_port("carriage_port", self.carriage_port)
         if self.listen_host == self.robot_host:
             raise ConfigError(PepFault.CONFIG_INVALID, "listen_host is the controller's own address")
+
+
+def read_robot_config(path: Path) -> CellConfig:
+    """The configuration at `path` of whoever has the robot: a gateway, or a tool server without one.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
+    text = read_text(path)
+    try:
+        return GatewayConfig.from_toml(text)
+    except ConfigError:
+        if any(line.startswith("listen_host") for line in text.splitlines()):
+            raise
+        return CellConfig.from_toml(text)
 
 
 def read_gateway_config(path: Path) -> GatewayConfig:

@@ -21,10 +21,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
+from pep.mcp.ticketed import TicketLayer
+
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.chain import Chain
 from pep.cell_stream import CellStream
 from pep.errors import ConfigError, JournalError, PepFault
+from pep.mcp.mapping import ARM_TOOLS
 from pep.real_time import goes_first
 from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.dashboard import RemoteControl
@@ -184,7 +187,20 @@ class GatewayServer(RobotPoint):
             lease_ms=policies.parameters.lease_motion_ms,
             vacated=self._vacated,
         ).app()
-        self.app = ByPath(tools_app, {urlsplit(config.url).path: door})
+        # Nobody reaches the tools but by a tool server, whoever calls.
+        calls = TicketLayer(
+            tools_app,
+            edge=self.gate,
+            bindings=ARM_TOOLS,
+            peps=self.follower.peps,
+            feed=self.follower,
+            replay=self.replay,
+            audience=config.audience,
+            url=config.calls_url,
+            clock=self.clock,
+            caps=CAPS,
+        )
+        self.app = ByPath(calls, {urlsplit(config.url).path: door})
         self._lease_ms = policies.parameters.lease_motion_ms
         self._tasks: list[asyncio.Task[None]] = []
         self._notes: set[asyncio.Task[None]] = set()

@@ -129,29 +129,45 @@ class SetupError(ValueError):
 
 
 def read_addresses(layout: Layout) -> Addresses:
-    """Where the cell in a directory listens, by both its configurations.
+    """Where the cell in a directory listens, by all its configurations.
 
     Args:
         layout: made by `initialise`.
 
     Raises:
-        SetupError: naming what is missing, refused, or not the same in both; an embedded cell has one loopback host.
+        SetupError: naming what is missing, refused, or not the same in all; an embedded cell has one loopback host.
     """
     from pep.errors import ConfigError
-    from ztpm.tool_config import read_config
+    from ztpm.door_config import read_door_config
+    from ztpm.gateway_config import read_gateway_config
     from ztpm_idp.settings import SettingsError, load_settings
 
     try:
-        idp, cell = load_settings(layout.idp_config), read_config(layout.cell_config)
+        idp, door = load_settings(layout.idp_config), read_door_config(layout.cell_config)
+        gateway = read_gateway_config(layout.gateway_config)
     except (SettingsError, ConfigError) as error:
         raise SetupError(str(error)) from error
-    addresses = Addresses(cell.host, idp_port=idp.port, tools_port=cell.port, perception_port=cell.perception_port)
+    addresses = Addresses(
+        door.host,
+        idp_port=idp.port,
+        tools_port=door.port,
+        perception_port=gateway.perception_port,
+        door_port=gateway.port,
+        carriage_port=gateway.carriage_port,
+    )
     stated = (
         ("idp.toml: host", idp.host, addresses.host),
         ("idp.toml: issuer", idp.issuer, addresses.issuer),
-        ("cell.toml: issuer", cell.issuer, addresses.issuer),
-        ("cell.toml: audience", cell.audience, addresses.audience),
-        ("cell.toml: robot_host", cell.robot_host, addresses.host),
+        ("cell.toml: issuer", door.issuer, addresses.issuer),
+        ("cell.toml: audience", door.audience, addresses.audience),
+        ("cell.toml: gateway_url", door.gateway_url, addresses.calls),
+        ("gateway.toml: issuer", gateway.issuer, addresses.issuer),
+        ("gateway.toml: audience", gateway.audience, addresses.audience),
+        ("gateway.toml: host", gateway.host, addresses.gateway_host),
+        ("gateway.toml: listen_host", gateway.listen_host, addresses.gateway_host),
+        ("gateway.toml: url", gateway.url, addresses.door),
+        ("gateway.toml: calls_url", gateway.calls_url, addresses.calls),
+        ("gateway.toml: robot_host", gateway.robot_host, addresses.host),
     )
     for name, value, expected in stated:
         if value != expected:
@@ -199,12 +215,10 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
     write_private(layout.idp_config, _toml(_idp_settings(layout, addresses)))
     operators = {name: new_key(layout.operator_key(name), passphrase) for name in OPERATORS}
     surveyor = operators[SURVEYOR]
-    settings = _cell_settings(layout, addresses, policy, defer_timeout_s) | {
-        "cell_file": str(layout.cell_file),
-        "cell_signer_key": keys.b64u(keys.public_raw(surveyor)),
-    }
-    write_private(layout.cell_config, _toml(settings) + b"\n[cell]\n")
-    write_private(layout.gateway_config, _toml(settings | _gateway_settings(layout, addresses)) + b"\n[cell]\n")
+    door = _door_settings(layout, addresses, policy)
+    write_private(layout.cell_config, _toml(door | {"gateway_url": addresses.calls}))
+    gateway = door | _gateway_settings(layout, addresses, defer_timeout_s, surveyor)
+    write_private(layout.gateway_config, _toml(gateway) + b"\n[cell]\n")
     _check_readable(layout)
     stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
     write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
@@ -228,13 +242,14 @@ def _check_readable(layout: Layout) -> None:
         SetupError: naming what is refused.
     """
     from pep.errors import ConfigError
+    from ztpm.door_config import read_door_config
     from ztpm.gateway_config import read_gateway_config
-    from ztpm.tool_config import read_config, read_policies
+    from ztpm.tool_config import read_policies
     from ztpm_idp.settings import SettingsError, load_settings
 
     try:
         load_settings(layout.idp_config)
-        read_policies(read_config(layout.cell_config))
+        read_policies(read_door_config(layout.cell_config))
         read_gateway_config(layout.gateway_config)
     except (SettingsError, ConfigError) as error:
         raise SetupError(str(error)) from error
@@ -279,7 +294,7 @@ def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
     }
 
 
-def _cell_settings(layout: Layout, addresses: Addresses, policy: str, defer_timeout_s: int) -> dict[str, str | int]:
+def _door_settings(layout: Layout, addresses: Addresses, policy: str) -> dict[str, str | int]:
     return {
         "audience": addresses.audience,
         "host": addresses.host,
@@ -290,15 +305,14 @@ def _cell_settings(layout: Layout, addresses: Addresses, policy: str, defer_time
         "pep_key_file": str(layout.pep_key),
         "journal_file": str(layout.journal),
         "state_dir": str(layout.state),
-        "robot_host": addresses.host,
-        "perception_port": addresses.perception_port,
         # A server may start in another directory: a path is written whole.
         "policy": str(Path(policy).resolve()) if Path(policy).is_file() else policy,
-        "defer_timeout_s": defer_timeout_s,
     }
 
 
-def _gateway_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
+def _gateway_settings(
+    layout: Layout, addresses: Addresses, defer_timeout_s: int, surveyor: PrivateKey
+) -> dict[str, str | int]:
     """Where the gateway's differ from the tool server's, and its own."""
     return {
         "host": addresses.gateway_host,
@@ -307,7 +321,13 @@ def _gateway_settings(layout: Layout, addresses: Addresses) -> dict[str, str | i
         "pep_key_file": str(layout.gateway_key),
         "journal_file": str(layout.gateway_journal),
         "state_dir": str(layout.gateway_state),
+        "robot_host": addresses.host,
+        "perception_port": addresses.perception_port,
+        "defer_timeout_s": defer_timeout_s,
+        "cell_file": str(layout.cell_file),
+        "cell_signer_key": keys.b64u(keys.public_raw(surveyor)),
         "url": addresses.door,
+        "calls_url": addresses.calls,
         "listen_host": addresses.gateway_host,
         "carriage_port": addresses.carriage_port,
     }

@@ -74,7 +74,7 @@ def test_keys_that_others_can_read(run, copy):
     refused(run("up", "--data", copy.root, "--json"), "KEYS_UNREADABLE", 1)
 
 
-@pytest.mark.parametrize("name", ["trust", "pep_key", "cell_config", "idp_config"])
+@pytest.mark.parametrize("name", ["trust", "pep_key", "gateway_key", "cell_config", "gateway_config", "idp_config"])
 def test_a_cell_that_lacks_something(run, copy, name):
     getattr(copy, name).unlink()
     refused(run("up", "--data", copy.root, "--json"), "NOT_A_CELL", 2)
@@ -102,9 +102,13 @@ def test_addresses_are_read_back(cell):
         ("idp_config", "port = 8700", "port = 0"),
         ("idp_config", "issuer = ", "publisher = "),
         ("cell_config", "8800/mcp", "8800/other"),
-        ("cell_config", 'robot_host = "127.77.0.9"', 'robot_host = "192.0.2.1"'),
         ("cell_config", "8700/ztpm", "8701/ztpm"),
-        ("cell_config", "[cell]", "[cellar]"),
+        ("cell_config", "8900/calls", "8900/others"),
+        ("gateway_config", 'robot_host = "127.77.0.9"', 'robot_host = "192.0.2.1"'),
+        ("gateway_config", "8900/calls", "8900/others"),
+        ("gateway_config", "8900/leases", "8901/leases"),
+        ("gateway_config", 'listen_host = "127.77.0.10"', 'listen_host = "127.77.0.11"'),
+        ("gateway_config", "[cell]", "[cellar]"),
     ],
 )
 def test_configurations_that_do_not_hold_together(run, copy, file, before, after):

@@ -1,4 +1,4 @@
-"""A tool server that is gone leaves an arm that stands: ur_rtde's motion outlives its client, so the controller ends it."""
+"""A tool server without a gateway that is gone leaves an arm that stands: ur_rtde's motion outlives its client, so the controller ends it."""
 
 import contextlib
 import time
@@ -13,14 +13,32 @@ from ztpm.demo.stage import RIGHT, until
 from ztpm.demo.stopping import SAMPLE_S
 from ztpm.demo.story import STORY
 from ztpm.demo.story.moving import SLOW_RAD_S, UNDER_WAY_RAD, at_left
+from ztpm.layout import write_private
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120)]
+
+GATEWAYS = ("url = ", "calls_url = ", "listen_host = ", "carriage_port = ", "host = ", "port = ")
+"""Settings of a gateway that a tool server without one has not, or has differently."""
+
+
+def alone(cell):
+    """The cell's tool server is what commands its robot, and no gateway is there."""
+    addresses, layout = cell.addresses, cell.layout
+    for name in ("tools", "gateway"):
+        cell.end(name)
+    lines = [line for line in layout.gateway_config.read_text().splitlines() if not line.startswith(GATEWAYS)]
+    own = [f'host = "{addresses.host}"', f"port = {addresses.tools_port}", *lines]
+    config = layout.root / "alone.toml"
+    write_private(config, "\n".join(own).encode())
+    cell.start_sensor("--to", f"{addresses.host}:{addresses.perception_port}")
+    cell.tools = cell.start_child("tool server", "ztpm.tool_server", "--config", str(config), environment=cell._secret)
 
 
 def test_a_killed_tool_server_leaves_a_standing_arm():
     with stage() as on_stage:
         told = [play(on_stage, step) for step in STORY.only(frozenset({"delegate"}))]
         assert [step.id for step in told if not step.ok] == []
+        alone(on_stage.cell)
         at_left(on_stage)
         with (
             contextlib.closing(Eyes(on_stage.cell.addresses.host)) as seen,

@@ -124,7 +124,7 @@ class Caller:
         self.agent = Agent("mover", key, issuer, MEASUREMENT)
         self.agent.attest()
         self.audience = running.told["audience"]
-        stage = Stage(cell=type("Here", (), {"addresses": Addresses(running.told["robot"])})(), people={})
+        stage = Stage(cell=type("Here", (), {"addresses": Addresses(running.told["controller"])})(), people={})
         self.lent = self.alice.issue(self.agent, lent(stage), purpose="move")
 
     def move(self, to=RIGHT):
@@ -139,7 +139,7 @@ def assert_private(running):
     if os.getuid() == 0:  # only root can be somebody else
         code = (
             "import http.client\n"
-            f"c = http.client.HTTPConnection({running.told['robot']!r}, {httpx2.URL(running.told['status']).port}, timeout=10)\n"
+            f"c = http.client.HTTPConnection({running.told['controller']!r}, {httpx2.URL(running.told['status']).port}, timeout=10)\n"
             "c.request('GET', '/status.json'); r = c.getresponse(); print(r.status, r.read().decode())\n"
         )
         asked = ["/usr/bin/env", "python3", "-I", "-c", code]
@@ -149,7 +149,7 @@ def assert_private(running):
 
 def test_up_shows_how_it_stands_ends_in_order_and_comes_back_as_it_was(up, tmp_path):
     first = up()
-    assert set(first.pids) == {"identity provider", "controller", "sensor", "tool server"}
+    assert set(first.pids) == {"identity provider", "controller", "sensor", "gateway", "tool server"}
     assert first.told["differing"] == []
 
     # the page: for people and programs, no script, everything answers
@@ -232,7 +232,7 @@ def test_dead_children_are_mended_and_on_record(up):
 
     running = up()
     caller = Caller(running)
-    for name in ("sensor", "identity provider", "controller"):
+    for name in ("sensor", "identity provider", "controller", "tool server"):
         pid = running.pids[name]
         os.kill(pid, signal.SIGKILL)
         until(
@@ -241,26 +241,29 @@ def test_dead_children_are_mended_and_on_record(up):
             READY_S,
         )
 
-    # the tool server dies while the arm moves: the arm is stopped in its place, long before the server is back
+    # the gateway dies while the arm moves: the arm is stopped in its place, long before the gateway is back
     def whole():
         status = running.status()
         return status and not status["incomplete"] and status["perception"]["perception"] == "fresh" and status
 
-    tools = until(whole, "everything works", READY_S)["parts"][-1]["pid"]
-    eyes = RTDEReceiveInterface(running.told["robot"])
+    def gateway(status):
+        return next(part["pid"] for part in status["parts"] if part["name"] == "gateway")
+
+    pid = gateway(until(whole, "everything works", READY_S))
+    eyes = RTDEReceiveInterface(running.told["controller"])
     try:
-        # Until its server is gone: on a loaded machine a call may be refused, since a view grew too old for it.
+        # Until its gateway is gone: on a loaded machine a call may be refused, since a view grew too old for it.
         threading.Thread(target=until_refused, args=(caller.move,), daemon=True).start()
         until(lambda: max(map(abs, eyes.getActualQd())) > 0.2, "it moves")
-        os.kill(tools, signal.SIGKILL)
+        os.kill(pid, signal.SIGKILL)
         until(lambda: max(map(abs, eyes.getActualQd())) < 1e-3, "it stands", 2)
         assert abs(eyes.getActualQ()[0] - RIGHT[0]) > 0.1, "stopped, not arrived"
     finally:
         eyes.disconnect()
-    until(lambda: (s := whole()) and s["parts"][-1]["pid"] not in (None, tools), "the tool server is back", READY_S)
+    until(lambda: (s := whole()) and gateway(s) not in (None, pid), "the gateway is back", READY_S)
     until(lambda: caller.move().decision == "PERMIT", "it moves again")
     log = [json.loads(line) for line in Path(running.told["data"], "up.log").read_text().splitlines()]
-    assert [e["process"] for e in log if e["event"] == "restarted"] == ["sensor", "idp", "robot", "tools"]
+    assert [e["process"] for e in log if e["event"] == "restarted"] == ["sensor", "idp", "robot", "tools", "gateway"]
     assert "arm-stopped" in {event["event"] for event in log}
     assert running.end() == 0
 

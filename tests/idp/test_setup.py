@@ -13,9 +13,11 @@ from typer.testing import CliRunner
 from capabilities import keys, workload
 from capabilities.caps import DEFAULT
 from ztpm.cli import app
+from ztpm.door_config import read_door_config
+from ztpm.gateway_config import read_gateway_config
 from ztpm.layout import Layout, read_key
 from ztpm.platform import TRUST_DOMAIN, Attestor, workload_id
-from ztpm.tool_config import read_cell, read_config
+from ztpm.tool_config import read_cell
 from ztpm_idp.settings import load_keys, load_platform, load_settings
 
 PASSPHRASE = "correct horse battery staple"
@@ -37,7 +39,8 @@ def test_whatever_the_directory_is_called_both_services_read_their_files(tmp_pat
     own = load_keys(settings, layout.root, PASSPHRASE)
     assert load_platform(settings, layout.root, own).trust_domain == TRUST_DOMAIN
     assert settings.database_url == f"sqlite+aiosqlite:///{layout.database}"
-    config = read_config(layout.cell_config)
+    assert read_door_config(layout.cell_config).trust_file == layout.trust
+    config = read_gateway_config(layout.gateway_config)
     assert config.trust_file == layout.trust
     assert read_cell(config, at=time.time()).author == "carol"
     assert layout.trust.is_file()

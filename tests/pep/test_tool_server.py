@@ -244,7 +244,7 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
                 http=http,
             )
             server.dead_man.close()
-            await server.devices.close()
+            await server.tools.devices.close()
             server.readiness.close()
             server.gate.close()
             server.journal.close()

@@ -24,7 +24,7 @@ def sign(
     *,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Sign what stands in a cell. The tool server takes it when `cell_signer_key` names the key that signed."""
+    """Sign what stands in a cell. The robot's gateway takes it when `cell_signer_key` names the key that signed."""
     from capabilities import keys
     from capabilities.errors import BadKeyError
     from capabilities.statements import cell
@@ -50,7 +50,7 @@ def sign(
     if as_json:
         say_json({"ok": True, **made})
     else:
-        typer.echo(f'{out}: signed. In the tool server\'s configuration: cell_signer_key = "{made["signer_key"]}"')
+        typer.echo(f'{out}: signed. In the gateway\'s configuration: cell_signer_key = "{made["signer_key"]}"')
 
 
 @app.command("show")
@@ -60,7 +60,7 @@ def show(
     *,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Show what a cell file states, once its signature is checked. Exit 3 for one that a tool server refuses."""
+    """Show what a cell file states, once its signature is checked. Exit 3 for one that a gateway refuses."""
     from capabilities import keys
     from capabilities.caps import DEFAULT
     from capabilities.errors import BadKeyError, StatementError

@@ -30,7 +30,7 @@ def demo(
         with stage() as on_stage:
             told.extend(play(on_stage, step) for step in STORY.steps)
     else:
-        console.print("Starting identity provider, simulated UR3e, sensor and tool server ...")
+        console.print("Starting identity provider, simulated UR3e, sensor, gateway and tool server ...")
         with stage() as on_stage, Live(console=console, auto_refresh=False, vertical_overflow="visible") as live:
             for step in STORY.steps:
                 told.append(play(on_stage, step))

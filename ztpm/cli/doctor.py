@@ -38,14 +38,14 @@ TETHER_S: Final = 30.0
 
 
 ConfigFile = Annotated[
-    Path | None, typer.Option("--config", help="Also check a tool server's cell.toml.", exists=True, dir_okay=False)
+    Path | None, typer.Option("--config", help="Also check a gateway's configuration.", exists=True, dir_okay=False)
 ]
 
 
 def doctor(*, config: ConfigFile = None, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
     """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.
 
-    With a tool server's configuration also that it would be taken, and how well it knows its arm.
+    With the configuration of a gateway (or of a tool server without one) also that it would be taken, and how well it knows its arm.
     """
     rows: list[dict[str, object]] = []
     checks = list(CHECKS)
@@ -108,14 +108,15 @@ def _physics() -> tuple[bool, str]:
 
 
 def _arm(config: Path) -> tuple[bool, str]:
-    """The configuration is one that a tool server takes, and so is the arm's calibration where it names one."""
+    """A gateway or a tool server takes the configuration, and the arm's calibration where it names one."""
     from pep.errors import ConfigError
     from pep.pit.calibration import own_kinematics
+    from ztpm.gateway_config import read_robot_config
     from ztpm.status.page import kinematics_said
-    from ztpm.tool_config import read_cell, read_config, read_robot
+    from ztpm.tool_config import read_cell, read_robot
 
     try:
-        found = read_config(config)
+        found = read_robot_config(config)
         robot = read_robot(found, tool=read_cell(found, at=time.time()).tool)
     except ConfigError as error:
         return False, str(error)

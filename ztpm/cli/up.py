@@ -27,7 +27,7 @@ def up(
     policy: Annotated[str, typer.Option(help="Of a new cell: shipped policy set or a file.")] = "paper-default",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line when the cell is ready.")] = False,
 ) -> None:
-    """Run a cell until SIGINT or SIGTERM: identity provider, simulated UR3e and sensor, tool server, status page."""
+    """Run a cell until SIGINT or SIGTERM: identity provider, simulated UR3e and sensor, gateway, tools, status page."""
     from ztpm.event_log import EventLog
     from ztpm.layout import Layout
     from ztpm.lock import DirectoryLock, LockedError
@@ -96,7 +96,8 @@ def _overview(cell: Up, layout: Layout) -> None:
         ("status page", cell.status),
         ("tool server", f"{audience}   (MCP; a token and a proof with each request)"),
         ("identity provider", issuer),
-        ("simulated UR3e", f"{cell.addresses.host}   (RTDE 30004, dashboard 29999)"),
+        ("robot", f"{cell.addresses.gateway_host}   (its gateway: state and stop for everybody, motion in a lease)"),
+        ("simulated UR3e", f"{cell.addresses.host}   (what is behind the gateway)"),
         ("operators", f"{operators}; their keys, encrypted: {data}/operators"),
         ("log", str(layout.log)),
     ]
@@ -110,6 +111,7 @@ def _overview(cell: Up, layout: Layout) -> None:
         f"ztpm agent register mover --role mover --software FILE --data {data} --as alice",
         f"ztpm agent attest mover --software FILE --data {data}",
         f"ztpm token issue mover --software FILE --purpose 'try it' --out mover.token --data {data} --as alice",
+        f"ztpm rtde run mover --token mover.token --data {data} -- python PROGRAM {{robot}}",
         f"ztpm revoke agent mover --reason 'no longer needed' --data {data} --as alice",
         f"""echo '{{"people": [{{"id": "p1", "x_m": 0.69, "y_m": 0.0}}]}}' > {layout.scene}""",
     ):

@@ -1,6 +1,6 @@
 """Serving the status page: GET only, on loopback, to the user who runs the cell and to nobody else.
 
-It shows where the arm is and who asks for what, which the tool server keeps from strangers; so whoever else has an
+It shows where the arm is and who asks for what, which the gateway keeps from strangers; so whoever else has an
 account on this machine is refused by the owner of the connection's other end. Nothing here changes anything.
 """
 
