@@ -45,7 +45,8 @@ ConfigFile = Annotated[
 def doctor(*, config: ConfigFile = None, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
     """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.
 
-    With the configuration of a gateway (or of a tool server without one) also that it would be taken, and how well it knows its arm.
+    With the configuration of a gateway, or of a tool server without one, also that it would be taken, and how well it
+    knows its arm.
     """
     rows: list[dict[str, object]] = []
     checks = list(CHECKS)
