@@ -91,7 +91,7 @@ class Addresses:
         return f"http://{self.gateway_host}:{self.door_port}/leases"
 
     @property
-    def metadata(self) -> str:
+    def well_known(self) -> str:
         """Where the cell's MCP server says whose tokens it takes, to anybody (RFC 9728)."""
         from pep.mcp.dpop import WELL_KNOWN
 

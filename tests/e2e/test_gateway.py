@@ -209,7 +209,7 @@ def stopped(eyes, began_s, t0):
 
 LONG = """
     there = list(q)
-    there[0] = -q[0]
+    there[0] = 0.6 if q[0] < 0 else -0.6
     say("begins")
     say(control.moveJ(there, 0.4, 1.4))
 """
@@ -264,6 +264,12 @@ def aside(house):
     return (round(base + (0.02 if base < 0 else -0.02), 6), *others)
 
 
+def across(house):
+    """The other end of the sweep."""
+    base, *others = house.stage.rounded_joints
+    return (0.6 if base < 0 else -0.6, *others)
+
+
 def tools_move(house):
     """A tool has moved the arm, as soon as tools have it again."""
     until(lambda: house.stage.move("mover", to=aside(house), speed=0.4).decision == "PERMIT", "the tools' arm")
@@ -287,8 +293,7 @@ def test_tools_and_programs_have_the_arm_in_turns(house, eyes):
 
 def test_a_tool_that_moves_keeps_the_arm(house, eyes):
     tools_move(house)
-    base, *others = house.stage.rounded_joints
-    with Motion(house.stage, "mover", to=(-base, *others), speed=0.4) as motion:
+    with Motion(house.stage, "mover", to=across(house), speed=0.4) as motion:
         motion.under_way(0.05)
         with Run(house, "say('here')") as run:
             status, said, errors = run.ended()
@@ -311,8 +316,7 @@ def test_a_tools_stop_ends_a_programs_motion(house, eyes):
 def test_a_tools_motion_does_not_outlive_who_carries_it_out(house, eyes, who):
     """The controller's watchdog ends what a dead gateway began; the gateway ends what nobody waits for any more."""
     tools_move(house)
-    base, *others = house.stage.rounded_joints
-    with Motion(house.stage, "mover", to=(-base, *others), speed=0.4) as motion:
+    with Motion(house.stage, "mover", to=across(house), speed=0.4) as motion:
         motion.under_way(0.05)
         house.cell.children[who].kill()
         t0 = time.monotonic()

@@ -82,7 +82,7 @@ class Camera:
         answers = {
             "idp": self._answers(f"{addresses.issuer}/readyz"),
             "gateway": report is not None,
-            "tools": self._answers(addresses.metadata),
+            "tools": self._answers(addresses.well_known),
         }
         try:
             self._decisions.follow()
