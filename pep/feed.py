@@ -169,6 +169,7 @@ class Follower:
         self._ended = 0
         self._over = asyncio.Event()
         self._approvers: dict[str, bytes] = {}
+        self._peps: dict[str, bytes] = {}
         self.standings = Standings(self._get, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident)
 
     # -- ports
@@ -204,6 +205,10 @@ class Follower:
     def approvers(self) -> Mapping[str, bytes]:
         """The registered approvers' keys, by person."""
         return self._approvers
+
+    def peps(self) -> Mapping[str, bytes]:
+        """The registered enforcement points of this audience, by id."""
+        return self._peps
 
     # -- pulling
 
@@ -317,6 +322,7 @@ class Follower:
         if known is None or known.snapshot is not snapshot:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
             self._approvers = {approver.id: approver.key for approver in snapshot.approvers}
+            self._peps = {pep.id: pep.key for pep in snapshot.peps}
         before = frozenset() if known is None else known.revoked
         self._known = Known(index.epoch, before | fresh if fresh else before, sent_ms, snapshot)
 

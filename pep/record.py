@@ -117,7 +117,7 @@ class FileJournal:
 
         Args:
             kind: "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired", "incident",
-                "lease", "stream" or "stream-values".
+                "lease", "lease-ended", "stream", "stream-values" or "ticket".
             body: plain JSON values, finite numbers.
 
         Raises:

@@ -49,7 +49,7 @@ FIRST_VIEW_S: Final = 30.0
 SHUTDOWN_S: Final = 3
 KEEP_ALIVE_S: Final = 5
 SWITCH_S: Final = 0.001
-ACCEPTED: Final = frozenset({"decision"})
+ACCEPTED: Final = frozenset({"decision", "ticket"})
 """Kinds of records that name a proof which had an effect."""
 CONNECTIONS: Final = 64
 """Callers at once; a cell has a handful of agents. The next are told 503."""

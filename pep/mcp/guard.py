@@ -29,7 +29,8 @@ from pep.authority import NOBODY, Credentials
 from pep.errors import ActuationRefusedError, JournalError
 from pep.gate import Answer, Call, Gate, Result
 from pep.mcp import defer
-from pep.mcp.dpop import CREDENTIALS, DPoPLayer
+from pep.mcp.dpop import DPoPLayer
+from pep.mcp.knock import CREDENTIALS
 from pep.mcp.mapping import Misfit, ToolBinding, to_request
 from pep.mcp.pins import definition_digest
 from pep.mcp.vouching import Unreadable, shown, unvouched, wanted
@@ -288,7 +289,7 @@ def guard(
         ),
     )
     return DPoPLayer(
-        app, authority=authority, gate=gate, bindings=bindings, audience=audience, issuer=issuer, clock=clock
+        app, authority=authority, edge=gate, bindings=bindings, audience=audience, issuer=issuer, clock=clock
     )
 
 

@@ -9,7 +9,7 @@ from capabilities import keys
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.scope import Tier
 from capabilities.statements import revocation
-from capabilities.statements.registry import SensorEntry, ToolEntry, TrustEntry
+from capabilities.statements.registry import PartyEntry, SensorEntry, ToolEntry, TrustEntry
 from pep.errors import FeedError, PepFault
 from pep.feed import Follower, MarkFile
 from tests.pep.kit import AUDIENCE, CALIBRATION, ISSUER, FakeIssuer, ManualClock, issuer_keys
@@ -173,9 +173,13 @@ def test_the_registry_is_fetched_when_its_version_changes_and_only_then(world):
     assert world.issuer.asked.count("/registry") == 1
     world.issuer.trust = (TrustEntry("robotic", 650),)
     world.issuer.sensors = (SensorEntry("camera-1", keys.public_raw(keys.generate()), CALIBRATION, 20),)
+    door = keys.public_raw(keys.generate())
+    world.issuer.peps = (PartyEntry("door-1", door),)
     world.issuer.registry_version += 1
+    assert world.follower.peps() == {}
     world.pull()
     assert world.issuer.asked.count("/registry") == 2
+    assert world.follower.peps() == {"door-1": door}
     assert world.follower.trust_permille("robotic") == 650
     assert world.follower.trust_permille("vision") is None
     assert world.follower.sensors()["camera-1"].transit_ms == 20

@@ -39,6 +39,7 @@ RECORD_KINDS: Final = frozenset(
         "lease-ended",
         "stream",
         "stream-values",
+        "ticket",
     }
 )
 RECORD_FIELDS: Final = frozenset({"v", "pep", "seq", "prev", "at_ms", "kind", "body"})

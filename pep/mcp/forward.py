@@ -1,0 +1,257 @@
+"""A tool server without tools: what its callers ask goes to the gateway of the robot, each request whole.
+
+It stands behind `DPoPLayer`, which has verified token and proof. Each request goes out with a ticket of its own, issued
+at the last moment; a call of a tool is on record before. The answer comes back as it comes, however long a motion
+lasts; a caller that goes away ends the call at the gateway.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+import socket
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import httpx2
+
+from capabilities.chain import Chain
+from capabilities.statements import ticket
+from capabilities.statements.ticket import Carried
+from pep.errors import JournalError
+from pep.mcp.knock import CREDENTIALS, KNOCK, Knock, Refusals, digest, short, token_in
+from pep.mcp.ticketed import TICKET
+from pep.operations import Kind
+from policies.reasons import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from starlette.types import Receive, Scope, Send
+
+    from capabilities.keys import PrivateKey
+    from pep.authority import Credentials
+    from pep.edge import Edge
+    from pep.mcp.mapping import ToolBinding
+    from pep.ports import Clock
+
+PASSED_ON: Final = frozenset({"authorization", "dpop", "content-type", "accept", "host", "origin", "last-event-id"})
+"""Headers of a request that go on, besides those of MCP. Host and origin are judged where the tools are."""
+MCP_HEADERS: Final = "mcp-"
+HOP_BY_HOP: Final = frozenset(
+    {
+        "connection", "keep-alive", "proxy-authenticate", "proxy-authorization", "te", "trailer", "trailers",
+        "transfer-encoding", "upgrade",
+    }
+)  # fmt: skip
+"""Headers that are of one connection (RFC 9110 section 7.6.1)."""
+OWN: Final = frozenset({"date", "server"})
+"""Headers that each server says of itself."""
+CONNECT_S: Final = 2.0
+"""Longest wait for a connection; within a cell it takes milliseconds."""
+ANSWER_S: Final = 25.0
+"""Longest wait for the beginning of an answer. The gateway begins after 15 s at the latest, whatever takes longer."""
+SILENCE_S: Final = 45.0
+"""Longest silence within an answer: three of the signs of life that come every 15 s."""
+IDLE_S: Final = 2.0
+"""How long a connection waits for the next request: less than the 5 s after which the gateway closes it."""
+PROBE_S: Final = 5
+"""How often a silent connection is asked whether somebody is at its other end; a third of how long that may last."""
+
+
+def client() -> httpx2.AsyncClient:
+    """A client of the gateway: no bound on the whole of a request, and a peer that is gone is noticed."""
+    # Linux's names for the interval and the number of probes; elsewhere the system's own are what there is.
+    probes = [
+        (socket.IPPROTO_TCP, getattr(socket, name), value)
+        for name, value in (("TCP_KEEPIDLE", PROBE_S), ("TCP_KEEPINTVL", PROBE_S), ("TCP_KEEPCNT", 2))
+        if hasattr(socket, name)
+    ]
+    return httpx2.AsyncClient(
+        transport=httpx2.AsyncHTTPTransport(
+            limits=httpx2.Limits(max_connections=None, max_keepalive_connections=8, keepalive_expiry=IDLE_S),
+            socket_options=[(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1), *probes],
+        ),
+        timeout=httpx2.Timeout(CONNECT_S, read=SILENCE_S),
+        follow_redirects=False,
+    )
+
+
+class Forward:
+    """The ASGI app that passes requests on.
+
+    Args:
+        http: client of the gateway, as `client` makes it.
+        edge: takes records.
+        bindings: the tools, by name: a stop waits for no record.
+        audience: canonical URL of the cell.
+        url: canonical URL of the gateway's endpoint.
+        pep_id: registered id of this enforcement point.
+        key: of it.
+        clock: both clocks.
+        random: so many random bytes, in hex.
+    """
+
+    def __init__(
+        self,
+        http: httpx2.AsyncClient,
+        *,
+        edge: Edge,
+        bindings: Mapping[str, ToolBinding],
+        audience: str,
+        url: str,
+        pep_id: str,
+        key: PrivateKey,
+        clock: Clock,
+        random: Callable[[int], str] = secrets.token_hex,
+    ) -> None:
+        self._http = http
+        self._edge = edge
+        self._refusals = Refusals(edge, clock)
+        self._bindings = bindings
+        self._audience = audience
+        self._url = url
+        self._pep_id = pep_id
+        self._key = key
+        self._clock = clock
+        self._random = random
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """One ASGI connection; of a request that came through `DPoPLayer`."""
+        if scope["type"] == "lifespan":
+            await _lives(receive, send)
+            return
+        knock, credentials = cast("Knock", scope[KNOCK]), cast("Credentials", scope[CREDENTIALS])
+        if self._stops(knock):  # whether or not somebody waits for the answer
+            await self._pass_on(knock, credentials, send)
+            return
+        passing = asyncio.create_task(self._pass_on(knock, credentials, send))
+        gone = asyncio.create_task(_gone(receive))
+        try:
+            await asyncio.wait({passing, gone}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            # Whoever goes away has its call ended, here and by the closed connection at the gateway.
+            for task in (passing, gone):
+                task.cancel()
+            ended = await asyncio.gather(passing, gone, return_exceptions=True)
+        for end in ended:
+            if isinstance(end, Exception):
+                raise end
+
+    async def _pass_on(self, knock: Knock, credentials: Credentials, send: Send) -> None:
+        """The request has gone to the gateway, and its answer has come back; or it was refused."""
+        stops = self._stops(knock)
+        headers = {n: v for n, v in knock.headers.items() if n in PASSED_ON or n.startswith(MCP_HEADERS)}
+        where: dict[str, object] = {"method": knock.method, "tool": short(knock.tool), "body": digest(knock.body)}
+        if None in headers.values() and not stops:
+            await self._refusals.refuse(send, 400, Reason.BODY_MALFORMED, credentials=credentials, where=where)
+            return
+        # Of a stop's headers, what came twice is not passed on.
+        once = {name: value for name, value in headers.items() if value is not None}
+        name = self._random(16)
+        record = self._record(name, knock, credentials)
+        if knock.calls and not stops:
+            try:
+                await self._edge.record("ticket", record)
+            except JournalError:
+                await self._refusals.refuse(send, 503, Reason.RECORD_FAILED, credentials=credentials, where=where)
+                return
+        try:
+            response = await self._asked(name, knock, once, again=stops)
+        except (httpx2.HTTPError, TimeoutError) as error:
+            where |= {"ticket": name, "error": type(error).__name__}
+            await self._refusals.refuse(send, 503, Reason.GATEWAY_UNREACHABLE, credentials=credentials, where=where)
+        else:
+            await self._come_back(response, send, name)
+        if stops:  # recorded when it has been passed on, and passed on also without
+            with contextlib.suppress(JournalError):
+                await self._edge.record("ticket", record)
+
+    def _stops(self, knock: Knock) -> bool:
+        """Whether it only stops: then it waits for no record, and for nobody who may have gone."""
+        binding = self._bindings.get(knock.tool or "")
+        return binding is not None and binding.operation.kind is Kind.STOP
+
+    def _record(self, name: str, knock: Knock, credentials: Credentials) -> dict[str, object]:
+        chain = credentials.chain
+        leaf = chain.leaf if isinstance(chain, Chain) and credentials.fault is None else None
+        return {
+            "ticket": name,
+            "proof": credentials.proof_name,
+            "tool": short(knock.tool),
+            "agent": None if leaf is None else leaf.agent,
+            "hop": None if leaf is None else leaf.hop_id,
+            "gateway": self._url,
+        }
+
+    async def _asked(self, name: str, knock: Knock, headers: Mapping[str, str], *, again: bool) -> httpx2.Response:
+        """The beginning of the gateway's answer.
+
+        Args:
+            name: of the ticket.
+            knock: the request.
+            headers: that go with it.
+            again: it may be sent twice: stopping twice is stopping.
+
+        Raises:
+            httpx2.HTTPError, TimeoutError: there is none.
+        """
+        try:
+            return await self._sent(name, knock, headers)
+        except httpx2.TransportError:
+            if not again:
+                raise
+        return await self._sent(name, knock, headers)
+
+    async def _sent(self, name: str, knock: Knock, headers: Mapping[str, str]) -> httpx2.Response:
+        carried = Carried.of(token=token_in(knock.headers), proof=knock.headers.get("dpop"), body=knock.body)
+        issued = ticket.issue(
+            carried,
+            id=name,
+            pep=self._pep_id,
+            audience=self._audience,
+            url=self._url,
+            key=self._key,
+            at=self._clock.wall_s(),
+        )
+        # Made by hand, so that no header and no cookie is added to what the caller said.
+        request = httpx2.Request(knock.method, self._url, headers={**headers, TICKET: issued}, content=knock.body)
+        async with asyncio.timeout(ANSWER_S):
+            return await self._http.send(request, stream=True)
+
+    async def _come_back(self, response: httpx2.Response, send: Send, name: str) -> None:
+        """The answer has been passed back as it came; one that broke off is left without its end, as it came."""
+        try:
+            await send(
+                {"type": "http.response.start", "status": response.status_code, "headers": _passed_back(response)}
+            )
+            async for chunk in response.aiter_raw():
+                await send({"type": "http.response.body", "body": chunk, "more_body": True})
+            await send({"type": "http.response.body", "body": b""})
+        except httpx2.HTTPError as error:
+            with contextlib.suppress(JournalError):
+                body: dict[str, Any] = {"what": "gateway", "ticket": name, "fault": type(error).__name__}
+                await self._edge.record("incident", body)
+        finally:
+            await response.aclose()
+
+
+def _passed_back(response: httpx2.Response) -> list[tuple[bytes, bytes]]:
+    named = {name.strip().lower() for name in response.headers.get("connection", "").split(",")}
+    kept = ((name.lower(), value) for name, value in response.headers.raw)
+    return [(name, value) for name, value in kept if name.decode("latin-1") not in HOP_BY_HOP | OWN | named]
+
+
+async def _gone(receive: Receive) -> None:
+    """The caller has gone."""
+    while (await receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _lives(receive: Receive, send: Send) -> None:
+    """The server's beginning and end, of which there is nothing to do."""
+    while True:
+        message = await receive()
+        await send({"type": f"{message['type']}.complete"})
+        if message["type"] == "lifespan.shutdown":
+            return
