@@ -293,7 +293,7 @@ def test_tools_and_programs_have_the_arm_in_turns(house, eyes):
 
 def test_a_tool_that_moves_keeps_the_arm(house, eyes):
     tools_move(house)
-    with Motion(house.stage, "mover", to=across(house), speed=0.4) as motion:
+    with Motion(house.stage, "mover", to=across(house), speed=0.1) as motion:  # for as long as a program takes to come
         motion.under_way(0.05)
         with Run(house, "say('here')") as run:
             status, said, errors = run.ended()
@@ -320,7 +320,6 @@ def test_a_tools_motion_does_not_outlive_who_carries_it_out(house, eyes, who):
         motion.under_way(0.05)
         house.cell.children[who].kill()
         t0 = time.monotonic()
-        until(lambda: eyes.now().still, "standstill")
         stop = motion.stop_after(t0)
     assert stop.within_model
     assert stop.reaction_s < BAR_S + SAMPLE_S

@@ -59,7 +59,7 @@ class Motion:
         return answer
 
     def stop_after(self, at_s: float) -> Stopped:
-        """The stop that followed an event.
+        """The stop that followed an event, once the arm stands.
 
         Args:
             at_s: CLOCK_MONOTONIC of the event.
@@ -67,6 +67,7 @@ class Motion:
         Raises:
             StageError: the arm was not stopped, or had ended before.
         """
+        until(lambda: self._eyes.now().still, "standstill")
         stopped = read_stop(self._eyes.since(self._began_s), at_s=at_s, acceleration_rad_s2=ACCELERATION_RAD_S2)
         if stopped is None:
             raise StageError("no stop was seen")
