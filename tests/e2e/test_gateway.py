@@ -318,8 +318,8 @@ def test_a_tools_motion_does_not_outlive_who_carries_it_out(house, eyes, who):
     tools_move(house)
     with Motion(house.stage, "mover", to=across(house), speed=0.4) as motion:
         motion.under_way(0.05)
-        house.cell.children[who].kill()
         t0 = time.monotonic()
+        house.cell.children[who].kill()
         stop = motion.stop_after(t0)
     assert stop.within_model
     assert stop.reaction_s < BAR_S + SAMPLE_S
@@ -330,8 +330,8 @@ def test_a_tools_motion_does_not_outlive_who_carries_it_out(house, eyes, who):
 def test_the_gateways_death_stops_the_arm_and_its_next_life_serves(house, eyes):
     with Run(house, LONG) as run:
         began_s = under_way(eyes, run)
-        house.cell.gateway.kill()
         t0 = time.monotonic()
+        house.cell.gateway.kill()
         assert stopped(eyes, began_s, t0).within_bar
     house.cell.start_gateway()
     with Run(house, "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))") as run:

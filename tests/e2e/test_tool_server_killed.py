@@ -40,8 +40,8 @@ def test_a_killed_tool_server_leaves_a_standing_arm():
         at_left(on_stage)
         with Motion(on_stage, "robotic", to=RIGHT, speed=SLOW_RAD_S) as motion:
             motion.under_way(UNDER_WAY_RAD)
-            on_stage.cell.tools.kill()
             t0 = time.monotonic()
+            on_stage.cell.tools.kill()
             stop = motion.stop_after(t0)
     patience_s = dead_man_s(STOP_DECELERATION_RAD_S2)
     assert patience_s - KICK_S - 0.1 < stop.reaction_s < patience_s + 0.05 + SAMPLE_S

@@ -129,8 +129,8 @@ def _revoked_in_motion(stage: Stage) -> Seen:
 def _idp_killed(stage: Stage) -> Seen:
     with Motion(stage, "robotic", to=RIGHT, speed=SLOW_RAD_S) as motion:
         motion.under_way(UNDER_WAY_RAD)
-        stage.cell.idp.kill()
         t0 = time.monotonic()
+        stage.cell.idp.kill()
         answer = motion.answer()
         stop = motion.stop_after(t0)
     stage.cell.start_idp()

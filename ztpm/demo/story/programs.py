@@ -157,8 +157,8 @@ def _killed(stage: Stage) -> Seen:
             program.said()
             program.go()
             until(lambda: abs(eyes.now().q_rad[0] - start[0]) >= UNDER_WAY_RAD, "the arm under way")
-            stage.cell.gateway.kill()
             t0 = time.monotonic()
+            stage.cell.gateway.kill()
             until(lambda: eyes.now().still, "standstill")
         stop = read_stop(eyes.since(began_s), at_s=t0, acceleration_rad_s2=ACCELERATION_RAD_S2)
     finally:
