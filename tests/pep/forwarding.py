@@ -38,6 +38,7 @@ async def listening(app, port):
         port=port,
         log_level="critical",
         http=DeadlineProtocol,
+        interface="asgi3",
         h11_max_incomplete_event_size=32_768,
         timeout_graceful_shutdown=1,
     )

@@ -240,6 +240,7 @@ def test_a_body_that_is_too_large(house):
     ticketed = house.ticket(Carried.of(token=None, proof=None, body=body))
     answer = house.run_behind(lambda: house.knock(body, HEADERS, ticket=ticketed))
     refused(house, answer, "BODY_TOO_LARGE", status=400)
+    assert house.tickets._seen == set(), "refused before anything else was asked"
 
 
 def test_nothing_answers_anywhere_else(house):
