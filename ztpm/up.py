@@ -76,10 +76,11 @@ def prepare(layout: Layout, *, passphrase: bytes, fresh: Callable[[], Addresses]
     try:
         if is_empty(layout):
             initialise(layout, fresh(), passphrase=passphrase, policy=policy, defer_timeout_s=60)
-        for path in (layout.idp_config, layout.cell_config, layout.gateway_config, layout.trust, layout.pep_key):
+        keys = (layout.pep_key, layout.gateway_key)
+        for path in (layout.idp_config, layout.cell_config, layout.gateway_config, layout.trust, *keys):
             if not path.exists():
                 raise UpError("NOT_A_CELL", f"{layout.root} has files, but no {path.name}", usage=True)
-        for key in (layout.pep_key, layout.gateway_key):
+        for key in keys:
             read_key(key, passphrase)
         return read_addresses(layout)
     except SetupError as error:
