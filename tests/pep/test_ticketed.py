@@ -250,6 +250,7 @@ def test_nothing_answers_anywhere_else(house):
         return [(await request.sent(url=url)).status_code for url in addresses]
 
     assert house.run_behind(scenario) == [404] * 4
+    assert house.tickets._seen == set(), "nothing was asked of them"
 
 
 def test_what_the_app_behind_sees_is_the_request_at_the_audience_and_no_ticket(house):
