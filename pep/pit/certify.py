@@ -115,13 +115,19 @@ def first_cut(path: Route, pairs: Pairs, rows: NDArray[np.intp], *, since: int =
 
 
 def cut(path: Route) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Equal intervals, a power of two of them, more for a longer way."""
+    """Equal intervals, so many as `cuts` says."""
+    count = cuts(path)
+    edges = np.arange(count + 1, dtype=np.int64) * (GRID // count)
+    return edges[:-1], edges[1:]
+
+
+def cuts(path: Route) -> int:
+    """How many intervals the first cut has: a power of two, more for a longer way."""
     wanted = float(np.abs(path.delta).sum()) / RADIANS_PER_CUT
     count = FIRST_CUT_LEAST
     while count < min(wanted, FIRST_CUT_MOST):
         count *= 2
-    edges = np.arange(count + 1, dtype=np.int64) * (GRID // count)
-    return edges[:-1], edges[1:]
+    return count
 
 
 def _tiers(index: Floats) -> Floats:

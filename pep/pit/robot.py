@@ -132,8 +132,15 @@ class Robot:
 
     def beyond_rad(self, q: Iterable[float]) -> list[float]:
         """How far each joint at angles `q` (6,), rad, is beyond its range: above it more than 0, below it less."""
-        ranges = [joint.range_rad for joint in self.model.joints]
-        return [max(angle - high, 0.0) + min(angle - low, 0.0) for angle, (low, high) in zip(q, ranges, strict=True)]
+        ranges = zip(q, self._ranges, strict=True)
+        return [
+            0.0 if low <= angle <= high else (angle - high if angle > high else angle - low)
+            for angle, (low, high) in ranges
+        ]
+
+    @cached_property
+    def _ranges(self) -> list[tuple[float, float]]:
+        return [joint.range_rad for joint in self.model.joints]
 
     @cached_property
     def speed_limits_rad_s(self) -> NDArray[np.float64]:

@@ -31,7 +31,7 @@ class Stage:
         geometry, found: pinocchio's geometry model and its data.
         data: pinocchio's kinematic data.
         distances: of each pair, where coal writes what it found.
-        turns, origins: of each link, where pinocchio writes its pose.
+        turns, origins: of all links, where pinocchio writes their poses, (links, 3, 3) and (links, 3).
         things: each thing's body, and its shape.
         placed: what each of these stands for now; None while it is half placed.
         own_radius: radii of the arm's own pairs, which stand last.
@@ -45,8 +45,8 @@ class Stage:
     found: Any
     data: Any
     distances: tuple[Any, ...]
-    turns: tuple[Floats, ...]
-    origins: tuple[Floats, ...]
+    turns: Floats
+    origins: Floats
     things: tuple[tuple[Any, Any], ...]
     placed: list[Core | None]
     own_radius: Floats
@@ -74,11 +74,26 @@ class Stage:
 
     def put(self, cores: Sequence[Core]) -> None:
         """These things stand there; what stood there before is not touched."""
+        if self.placed == [*cores]:  # each is itself alone
+            return
         for k, core in enumerate(cores):
             if self.placed[k] is not core:
                 self.placed[k] = None
                 core.put_into(*self.things[k])
                 self.placed[k] = core
+
+
+def _in_one(parts: Sequence[Floats]) -> Floats:
+    """What lies in memory at equal distances, as one array: no copy, so that it is always what the parts are.
+
+    Raises:
+        ValueError: the parts lie otherwise.
+    """
+    at = [part.ctypes.data for part in parts]
+    step, first = at[1] - at[0], parts[0]
+    if at != [at[0] + k * step for k in range(len(at))] or any(part.strides != first.strides for part in parts):
+        raise ValueError("the parts do not lie at equal distances")
+    return np.lib.stride_tricks.as_strided(first, (len(parts), *first.shape), (step, *first.strides), writeable=False)
 
 
 def _built(robot: Robot, kinds: tuple[Kind, ...]) -> Stage:
@@ -113,8 +128,8 @@ def _built(robot: Robot, kinds: tuple[Kind, ...]) -> Stage:
         found=found,
         data=data,
         distances=tuple(found.distanceResults),
-        turns=tuple(frame.rotation for frame in data.oMi),
-        origins=tuple(frame.translation for frame in data.oMi),
+        turns=_in_one([frame.rotation for frame in data.oMi]),
+        origins=_in_one([frame.translation for frame in data.oMi]),
         things=tuple((body, body.geometry) for body in map(geometry.geometryObjects.__getitem__, things)),
         placed=[None] * len(things),
         own_radius=np.array(own),

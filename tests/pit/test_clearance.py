@@ -155,11 +155,23 @@ def test_the_second_engine_measures_things_where_they_are_now():
             # What is read again and again is where coal writes.
             told = [result.min_distance for result in world.stage.found.distanceResults]
             assert [result.min_distance for result in world.stage.distances] == told
+            frames = list(world.stage.data.oMi)
+            assert (world.stage.turns == np.array([frame.rotation for frame in frames])).all()
+            assert (world.stage.origins == np.array([frame.translation for frame in frames])).all()
         assert np.abs(seen[0] - seen[2]).max() <= 2e-6
         assert np.abs(seen[0] - seen[1]).max() > 1e-3
         stage.STAGES.of.cache_clear()
         world = oracle.World(ROBOT, moved, pairs_of(ROBOT, moved, CELL, grown_m=0.0))
         assert np.abs(world.ask(q, np.ones(6))[0] - seen[1]).max() <= 2e-6
+
+
+def test_what_does_not_lie_at_equal_distances_is_no_array():
+    rows = np.arange(12.0).reshape(6, 2)
+    from pep.pit import stage
+
+    assert (stage._in_one([rows[0], rows[2], rows[4]]) == rows[::2]).all()
+    with pytest.raises(ValueError, match="equal distances"):
+        stage._in_one([rows[0], rows[1], rows[3]])
 
 
 def _lifted(shape):

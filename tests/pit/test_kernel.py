@@ -10,7 +10,9 @@ from pep.pit.engine import NUMPY, chosen
 from pep.pit.kernel import arm as arm_module
 from pep.pit.kernel import culling
 from pep.pit.kernel.arm import no_nodes, pose, put
-from pep.pit.kernel.engine import arm_of
+from pep.pit.kernel.asks import laid_out
+from pep.pit.kernel.effort import torques
+from pep.pit.kernel.engine import arm_of, blocks
 from pep.pit.motion import profile_of
 from pep.pit.obstacles import Kind
 from pep.pit.pairs import pairs_of
@@ -18,11 +20,12 @@ from pep.pit.path import GRID
 from pep.pit.scene import Box, Capsule, Scene, Sphere, Thing, Workspace, Zone
 from pep.pit.separation import stopping
 from pep.pit.tier import TIE
+from pep.pit.torques import masses_with
 
 ROBOT, CELL = Robot.load("ur3e"), CellParameters()
 KERNEL = chosen()
 FINER = 8  # times that a row is halved
-NEARLY = 2e-4  # of an index: so fine rows resolve it
+NEARLY = 2e-4  # of an index: so fine rows resolve it; `test_coupling` holds each leaf to its own nodes, to rounding
 
 
 def ready():
@@ -136,6 +139,20 @@ def test_p12_rows_are_the_same_to_rounding():
         assert np.allclose(
             each.kernel.rush_at(each.pairs, key, pair), each.numpy.rush_at(each.pairs, key, pair), atol=1e-9
         )
+
+
+@pytest.mark.parametrize("count", [8, 16, 64])
+def test_places_side_by_side_are_to_the_last_bit_what_each_is_alone(count):
+    """Speeds and torques that the demands rest on, beside the searches' own speeds and the torques of any places."""
+    edges, masses = np.arange(count + 1, dtype=np.int64) * (GRID // count), masses_with(ROBOT, 1.0)
+    seen = np.array([body.reference == 0 for body in ROBOT.bodies])
+    for each in asked(40, 4):
+        path = each.kernel
+        equal, bears = laid_out(*blocks(ROBOT), masses, path.asked, edges)
+        assert (equal[:, seen] == path.rush(edges[:-1], edges[1:])[:, seen]).all()
+        q = path.start + (edges / GRID)[:, None] * path.delta
+        every = torques(masses, q, np.tile(path.delta, (count + 1, 1)), np.zeros_like(q))
+        assert (bears == np.stack(every)).all()
 
 
 @pytest.fixture

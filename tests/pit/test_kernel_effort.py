@@ -25,6 +25,15 @@ def test_torques_are_those_of_pinocchio(tool, carried_kg):
         assert np.abs(theirs).max() > 1
 
 
+@pytest.mark.parametrize("count", [1, 2, 7, 8, 9, 16, 19])
+def test_torques_of_places_side_by_side_are_to_the_last_bit_those_of_each(count):
+    rng, masses = np.random.default_rng(16), masses_of(ROBOT.pinocchio)
+    asked = [rng.uniform(-6, 6, (count, 6)) for _ in range(3)]
+    alone = [torques(masses, *(each[n : n + 1] for each in asked)) for n in range(count)]
+    for run, together in enumerate(torques(masses, *asked)):
+        assert (together == np.concatenate([each[run] for each in alone])).all()
+
+
 def test_gravity_is_the_models_own():
     """An arm on a wall: what holds it turns with gravity, what pushes it does not."""
     model = pinocchio.Model(ROBOT.pinocchio)

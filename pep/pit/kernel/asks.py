@@ -16,7 +16,7 @@ from pep.pit.certify import DEPTH, SPEED_STEPS
 from pep.pit.kernel.arm import arm_in, bends_of
 from pep.pit.kernel.columns import ACCELERATION, BRAKING, PEAK, PROFILE, TOP, WAY
 from pep.pit.kernel.compiled import compiled, entry, lent
-from pep.pit.kernel.effort import JOINTS
+from pep.pit.kernel.effort import JOINTS, bears
 from pep.pit.kernel.known import NOBODY
 from pep.pit.kernel.law import highest_rate, rate_at, ratio_index
 from pep.pit.kernel.surface import rush_on
@@ -27,6 +27,8 @@ from pep.pit.tier import CALM_RATIO, TIE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from pep.pit.kernel.arm import Arm
+    from pep.pit.kernel.effort import Masses
     from pep.pit.motion import Floats
 
     Whole = NDArray[np.int64]
@@ -90,9 +92,7 @@ def _calm(shares: Floats, most: Floats) -> bool:
 
 
 @compiled
-def _most(
-    arm_numbers: Floats, arm_whole: Whole, asked: Floats, shares: Floats, equal: Floats, profile: Floats
-) -> Floats:
+def _most(arm: Arm, asked: Floats, shares: Floats, equal: Floats, profile: Floats) -> Floats:
     """Proven surface speed of every body on the whole path, as `pep.pit.speeds.Intervals` settles it, (bodies,)."""
     count, bodies = equal.shape
     step = GRID // count
@@ -106,7 +106,7 @@ def _most(
         low[n], high[n] = n * step, (n + 1) * step
     rush[:count] = equal
     part_low, part_high, halves = np.empty_like(low), np.empty_like(low), np.empty_like(rush)
-    third, least = bends_of(arm_in(arm_numbers, arm_whole), asked[JOINTS:]).third, step >> DEPTH
+    third, least = bends_of(arm, asked[JOINTS:]).third, step >> DEPTH
     met, slack, wide = np.empty(bodies), np.empty(bodies), np.empty(CUTS_MOST, np.int64)
     while True:
         met[:] = 0.0
@@ -133,7 +133,7 @@ def _most(
             part_low[2 * k], part_high[2 * k] = low[n], middle
             part_low[2 * k + 1], part_high[2 * k + 1] = middle, high[n]
         used = 2 * split
-        rush_on(arm_numbers, arm_whole, asked, part_low[:used], part_high[:used], halves[:used])
+        rush_on(arm, asked, part_low[:used], part_high[:used], halves[:used])
         for k in range(split):  # the second halves stand behind all
             n = wide[k]
             high[n], low[count], high[count] = part_high[2 * k], part_low[2 * k + 1], part_high[2 * k + 1]
@@ -147,14 +147,14 @@ def _most(
 
 
 @lent
-def _torque(holds: Floats, pushes: Floats, swings: Floats, limits: Floats, profile: Floats) -> float:
+def _torque(bears: Floats, limits: Floats, profile: Floats) -> float:
     """Worst torque by limit over the places (`pep.pit.torques.Torques.ratio`)."""
     forward, backward = profile[ACCELERATION] / profile[WAY], profile[BRAKING] / profile[WAY]
-    places, worst = holds.shape[0], 0.0
+    places, worst = bears.shape[1], 0.0
     for n in range(places):
         rate = rate_at(n * (GRID // (places - 1)) / GRID, profile)
         for joint in range(JOINTS):
-            hold, push, swing = holds[n, joint], pushes[n, joint], swings[n, joint]
+            hold, push, swing = bears[0, n, joint], bears[1, n, joint], bears[2, n, joint]
             moving = hold + swing * (rate * rate)
             up, down = abs(hold + push * forward), abs(hold - push * backward)
             faster, slower = abs(moving + push * forward), abs(moving - push * backward)
@@ -166,20 +166,17 @@ def _torque(holds: Floats, pushes: Floats, swings: Floats, limits: Floats, profi
 
 @compiled
 def _ratios(
-    arm_numbers: Floats,
-    arm_whole: Whole,
+    arm: Arm,
     asked: Floats,
     shares: Floats,
     limits: Floats,
     equal: Floats,
-    holds: Floats,
-    pushes: Floats,
-    swings: Floats,
+    bears: Floats,
     profile: Floats,
     speed: float,
 ) -> tuple[Floats, Floats]:
     """Every quantity by its limit, in the order of `QUANTITIES`, and the proven speeds of all bodies."""
-    ratios, most = np.empty(len(QUANTITIES)), _most(arm_numbers, arm_whole, asked, shares, equal, profile)
+    ratios, most = np.empty(len(QUANTITIES)), _most(arm, asked, shares, equal, profile)
     wanted = reached = 0.0
     for joint in range(JOINTS):
         share = abs(asked[JOINTS + joint]) / profile[WAY]
@@ -193,75 +190,87 @@ def _ratios(
     for body in range(most.shape[0]):
         if shares[0, body] > 0.0:
             ratios[TOOL_SPEED] = most[body] / limits[TOOL_LIMIT]
-    ratios[TORQUE] = _torque(holds, pushes, swings, limits, profile)
+    ratios[TORQUE] = _torque(bears, limits, profile)
     ratios[CARRIED] = limits[CARRIED_RATIO]
     return ratios, most
 
 
+@lent
+def _at_most(ratios: Floats, index: float) -> bool:
+    """Whether no ratio's index is above this."""
+    falls = True
+    for quantity in range(ratios.shape[0]):
+        falls = falls and ratio_index(ratios[quantity]) <= index
+    return falls
+
+
 @entry
-def met(
-    arm_numbers: Floats,
-    arm_whole: Whole,
-    asked: Floats,
-    shares: Floats,
-    limits: Floats,
-    equal: Floats,
-    holds: Floats,
-    pushes: Floats,
-    swings: Floats,
-    timing: Floats,
+def laid_out(
+    arm_numbers: Floats, arm_whole: Whole, masses: Masses, asked: Floats, edges: Whole
 ) -> tuple[Floats, Floats]:
-    """Every quantity by its limit under one timing, in the order of `QUANTITIES`, and the proven speeds of all bodies.
+    """What does not depend on the timing.
 
     Args:
-        arm_numbers, arm_whole, asked: as `surface.rush_on` has them.
-        shares: as `pep.pit.parameters.speed_shares`.
-        limits: speeds and torques of the joints, then what `ACCELERATION_LIMIT` and so on name.
-        equal: what `surface.rush_on` writes of equal intervals that tile the path.
-        holds, pushes, swings: torques at their ends, as `effort.torques` gives them.
-        timing: way, commanded speed, acceleration and braking of the leading axis.
+        arm_numbers, arm_whole: the arm (`arm.blocks_of`).
+        masses: its links with what they carry.
+        asked: start and way of the joints, side by side, rad.
+        edges: ends of equal intervals that tile the path, in 1 / GRID.
+
+    Returns:
+        What `surface.rush_on` writes of the intervals, (intervals, bodies).
+        Torques at their ends, as `effort.torques` gives them, (3, edges, 6).
     """
-    profile = np.empty(PROFILE)
-    _timed(timing, timing[1], profile)
-    return _ratios(arm_numbers, arm_whole, asked, shares, limits, equal, holds, pushes, swings, profile, timing[1])
+    arm, places = arm_in(arm_numbers, arm_whole), edges.shape[0]
+    equal, found = np.empty((places - 1, arm.link.shape[0])), np.empty((3, places, JOINTS))
+    cosines, sines = rush_on(arm, asked, edges[:-1], edges[1:], equal)
+    rates, still = np.empty((places, JOINTS)), np.zeros((places, JOINTS))
+    rates[:] = asked[JOINTS:]
+    found[0], found[1], found[2] = bears(masses, cosines, sines, 2, rates, still)  # between two ends is one middle
+    return equal, found
 
 
 @entry
-def fastest(
+def under(
     arm_numbers: Floats,
     arm_whole: Whole,
     asked: Floats,
     shares: Floats,
     limits: Floats,
     equal: Floats,
-    holds: Floats,
-    pushes: Floats,
-    swings: Floats,
+    bears: Floats,
     timing: Floats,
     slowest: float,
     index: float,
-) -> float:
-    """The highest commanded speed, to a step of the bisection, at which no ratio's index is above `index`, or `NOBODY`.
+) -> tuple[Floats, Floats, float]:
+    """What one timing asks of the arm, and at what slower speed it asks for no more than this index.
 
     Args:
-        arm_numbers, arm_whole, asked, shares, limits, equal, holds, pushes, swings, timing: as `met` has them.
-        slowest: a slower one is of no use, rad/s.
+        arm_numbers, arm_whole, asked: as `laid_out` has them.
+        shares: as `pep.pit.parameters.speed_shares`.
+        limits: speeds and torques of the joints, then what `ACCELERATION_LIMIT` and so on name.
+        equal, bears: as `laid_out` gives them.
+        timing: way, commanded speed, acceleration and braking of the leading axis.
+        slowest: a slower one is of no use, rad/s; where it is no slower than the commanded one, none is looked for.
         index: what no ratio may exceed; at the commanded speed one does.
+
+    Returns:
+        Every quantity by its limit at the commanded speed, in the order of `QUANTITIES`.
+        The proven speeds of all bodies there.
+        The highest commanded speed, to a step of the bisection, at which no ratio's index is above `index`, or else
+        `NOBODY`.
     """
-    profile, proven, top, speed = np.empty(PROFILE), NOBODY, timing[1], slowest
+    arm, profile, proven, top, speed = arm_in(arm_numbers, arm_whole), np.empty(PROFILE), NOBODY, timing[1], slowest
+    _timed(timing, top, profile)
+    ratios, most = _ratios(arm, asked, shares, limits, equal, bears, profile, top)
+    if not top > slowest:
+        return ratios, most, proven
     for _ in range(SPEED_STEPS + 1):
         _timed(timing, speed, profile)
-        ratios, _most_of_it = _ratios(
-            arm_numbers, arm_whole, asked, shares, limits, equal, holds, pushes, swings, profile, speed
-        )
-        falls = True
-        for quantity in range(ratios.shape[0]):
-            falls = falls and ratio_index(ratios[quantity]) <= index
-        if falls:
+        if _at_most(_ratios(arm, asked, shares, limits, equal, bears, profile, speed)[0], index):
             proven = speed
         elif proven == NOBODY:
-            return proven
+            break
         else:
             top = speed
         speed = 0.5 * (proven + top)
-    return proven
+    return ratios, most, proven

@@ -16,6 +16,13 @@ from numba import njit
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+LANES: Final = 8
+"""Places that a loop goes through side by side, which a processor then takes several of at once.
+
+Such a loop ends at a number that is known only when it runs, or it would be written out instead. It works on flat
+arrays in rows of `LANES`: who compiles has to know how far apart they are to know that none is written over another.
+"""
+
 _made: Final = partial(njit, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
 

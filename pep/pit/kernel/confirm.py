@@ -218,8 +218,7 @@ def sight(
     measured = np.empty((len(kernel), len(world.radius)))
     for k, (q, _) in enumerate(places):
         jacobians[k] = pinocchio.computeJointJacobians(model, stage.data, q)
-        np.concatenate(stage.turns, out=turns[k].reshape(-1, AXES))
-        np.concatenate(stage.origins, out=origins[k].reshape(-1))
+        turns[k], origins[k] = stage.turns, stage.origins
         if k < len(kernel):
             measured[k] = world.distances(q)
     workspace = world.scene.workspace

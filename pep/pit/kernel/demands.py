@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pep.pit.cell import CellParameters
-from pep.pit.certify import cut
+from pep.pit.certify import cuts
 from pep.pit.errors import WorkLimitError
-from pep.pit.kernel.asks import QUANTITIES, fastest, met
-from pep.pit.kernel.effort import torques
+from pep.pit.kernel.asks import QUANTITIES, laid_out, under
 from pep.pit.kernel.engine import CompiledPath, blocks
 from pep.pit.kernel.known import NOBODY
-from pep.pit.kernel.surface import rush_on
 from pep.pit.motion import Run, profile_of
 from pep.pit.parameters import Demands, Ratio, carried_ratio, speed_shares
 from pep.pit.path import GRID
 from pep.pit.robot import Robot
 from pep.pit.speeds import FINER
-from pep.pit.tier import MOVING
+from pep.pit.tier import HIGHEST, MOVING
 from pep.pit.torques import carried_kg, masses_with
 
 if TYPE_CHECKING:
@@ -44,9 +42,9 @@ def _shares_of(robot: Robot, cell: CellParameters) -> Floats:
 
 
 @lru_cache(maxsize=16)  # as many as there are powers of two
-def _edges(cuts: int) -> NDArray[np.int64]:
+def _edges(count: int) -> NDArray[np.int64]:
     """Ends of so many equal intervals."""
-    return np.arange(cuts + 1, dtype=np.int64) * (GRID // cuts)
+    return np.arange(count + 1, dtype=np.int64) * (GRID // count)
 
 
 class CompiledDemands(Demands):
@@ -54,15 +52,10 @@ class CompiledDemands(Demands):
 
     def __init__(self, path: Path, cell: CellParameters) -> None:
         """Torque and speed terms at the path's nodes."""
-        robot = path.robot
-        asked, edges = np.concatenate([path.start, path.delta]), _edges(FINER * len(cut(path)[0]))
-        equal = np.empty((len(edges) - 1, len(robot.bodies)))
-        rush_on(*blocks(robot), asked, edges[:-1], edges[1:], equal)
-        q = path.start + (edges / GRID)[:, None] * path.delta
-        bears = torques(
-            masses_with(robot, carried_kg(robot, cell)), q, np.tile(path.delta, (len(q), 1)), np.zeros_like(q)
-        )
-        self._known = *blocks(robot), asked, _shares_of(robot, cell), _limits_of(robot, cell), equal, *bears
+        robot, asked = path.robot, np.concatenate([path.start, path.delta])
+        arm, edges = blocks(robot), _edges(FINER * cuts(path))
+        found = laid_out(*arm, masses_with(robot, carried_kg(robot, cell)), asked, edges)
+        self._known = *arm, asked, _shares_of(robot, cell), _limits_of(robot, cell), *found
         self._last: tuple[Profile, Floats, Floats] | None = None
 
     def surface_speed_m_s(self, profile: Profile) -> Floats:
@@ -81,12 +74,14 @@ class CompiledDemands(Demands):
         profile = profile_of(move)
         if profile is None or not profile.speed_rad_s > slowest:
             return None
-        found = fastest(*self._known, _timing(profile), slowest, index)
+        found = under(*self._known, _timing(profile), slowest, index)[-1]
         return None if found == NOBODY else float(found)
 
     def _found(self, profile: Profile) -> tuple[Profile, Floats, Floats]:
         if self._last is None or self._last[0] != profile:
-            self._last = profile, *met(*self._known, _timing(profile))
+            # At no slower speed than its own: there is none to look for.
+            ratios, most, _ = under(*self._known, _timing(profile), profile.speed_rad_s, HIGHEST)
+            self._last = profile, ratios, most
         return self._last
 
 

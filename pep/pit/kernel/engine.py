@@ -131,6 +131,11 @@ class CompiledPath(Path):
         return Way(self._arm, self.start, self.delta, bends_of(self._arm, self.delta))
 
     @cached_property
+    def asked(self) -> Floats:
+        """Start and way of the joints, side by side, rad."""
+        return np.concatenate([self.start, self.delta])
+
+    @cached_property
     def _held(self) -> Known:
         return nothing_known(len(self.robot.bodies))
 
@@ -155,9 +160,8 @@ class CompiledPath(Path):
 
     def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """As `Path.clearance_at`."""
-        asked = np.concatenate([self.start, self.delta])
         _, numbers, whole = self.packed(pairs)
-        return np.asarray(clearances(*blocks(self.robot), numbers, whole, asked, key, pair))
+        return np.asarray(clearances(*blocks(self.robot), numbers, whole, self.asked, key, pair))
 
     def certify(
         self,
