@@ -184,7 +184,10 @@ class Gate(Edge):
             while True:
                 attempt += 1
                 evidence = self._cheap(call)
-                if physical and not _fault(evidence):
+                dear = physical and not _fault(evidence)
+                if dear and (denied := self._without_arm(call, evidence)) is not None:
+                    evidence = denied
+                elif dear:
                     held = held or self._slot.reserve(call.request.request_id) or self._joins(call, evidence)
                     if not held:
                         return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
@@ -239,6 +242,15 @@ class Gate(Edge):
         chain = evidence.chain
         return isinstance(chain, Chain) and self._slot.joins(call.request, agent=chain.leaf.agent)
 
+    def _without_arm(self, call: Call, seen: Evidence) -> Evidence | None:
+        """The evidence that denies whoever has not the arm, who takes no slot from who has; None for all others."""
+        robot = self._readiness.reading()
+        seen = replace(seen, robot=robot)
+        return None if robot.exclusive or not self._unready(call, seen) else seen
+
+    def _unready(self, call: Call, seen: Evidence) -> bool:
+        return any(finding.primitive == STATE for finding in decide(call.request, seen, self._policies).findings)
+
     def _cheap(self, call: Call) -> Evidence:
         """Everything but physics, in order, up to the first fault."""
         seen = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms(), proof=call.credentials.proof)
@@ -270,7 +282,7 @@ class Gate(Edge):
     async def _dear(self, call: Call, seen: Evidence) -> Evidence:
         """The robot's state, physics, and then authority once more: a revocation may arrive during an assessment."""
         seen = replace(seen, robot=self._readiness.reading())
-        if any(finding.primitive == STATE for finding in decide(call.request, seen, self._policies).findings):
+        if self._unready(call, seen):
             return seen
         touch = touchable(seen.chain) if isinstance(seen.chain, Chain) else frozenset()
         answer = await self._in_time(partial(self._physics.assess, call.request, touch=touch))

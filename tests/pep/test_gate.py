@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+from types import SimpleNamespace
 from dataclasses import replace
 
 import pytest
@@ -569,6 +570,25 @@ def test_a_robot_that_is_not_ready_is_asked_for_no_physics(rig, name):
     assert (rig.sent, rig.physics.asked, rig.slot.holder) == ([], 0, None)
     (key,) = changes
     assert rig.records("decision")[0]["body"]["evidence"]["robot"][key] == changes[key]
+
+
+def test_who_has_not_the_arm_takes_no_slot_from_who_has(rig):
+    rig.readiness.answer = replace(rig.readiness.answer, exclusive=False)
+    assert rig.slot.reserve("another")
+    rig.slot.reserve = None
+    decision = run(rig, rig.call(rig.agent())).decision
+    assert (decision.effect, decision.reason) == (Effect.DENY, Reason.ROBOT_NOT_EXCLUSIVE)
+    assert rig.slot.holder == "another"
+
+
+def test_a_gate_for_others_of_the_same_robot_has_another_readiness_and_one_of_everything_else(rig):
+    others = SimpleNamespace(reading=lambda: replace(rig.readiness.answer, exclusive=False))
+    gate = rig.gate.with_readiness(others)
+    assert gate.conduct is rig.gate.conduct
+    denied = asyncio.run(gate.run(rig.call(rig.agent()), rig.effect)).decision
+    assert denied.reason is Reason.ROBOT_NOT_EXCLUSIVE
+    assert run(rig, rig.call(rig.agent())).decision.effect is Effect.PERMIT
+    assert [row["body"]["decision"]["reason"] for row in rig.records("decision")] == [denied.reason, Reason.PERMITTED]
 
 
 def test_reading_and_stopping_ask_for_no_ready_robot(rig):

@@ -1,4 +1,4 @@
-"""`ztpm idp serve`, `ztpm rtde gateway` and `ztpm rtde sim`: one process of a cell in the foreground."""
+"""`ztpm idp serve`, `ztpm mcp serve`, `ztpm rtde gateway|sim`: one process of a cell in the foreground."""
 
 from __future__ import annotations
 
@@ -35,6 +35,22 @@ def _become(module: str, *arguments: str) -> NoReturn:
 def serve(config: Annotated[Path, typer.Option("--config", exists=True, dir_okay=False)]) -> None:
     """Serve; the passphrase of its keys comes from ZTPM_PASSPHRASE."""
     _become("ztpm_idp", "--config", str(config))
+
+
+def tools(
+    *,
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Its configuration (default: of the cell in --data).", exists=True, dir_okay=False),
+    ] = None,
+    data: Data = None,
+) -> None:
+    """Serve a cell's tools to agents: verify who calls, and pass the call on to the robot's gateway.
+
+    The passphrase of its key comes from ZTPM_PASSPHRASE.
+    """
+    file = config or layout_of(data, as_json=False).cell_config
+    _become("ztpm.tool_door", "--config", str(file))
 
 
 @rtde.command("gateway")
