@@ -333,6 +333,29 @@ def test_they_give_way_while_they_move_and_come_back(served, eyes):
     home(served, eyes)
 
 
+def test_a_program_that_comes_while_they_are_being_brought_has_the_arm(served):
+    async def program():
+        served.free = False
+        served.own.give_way()
+        back = Program()
+        return back, await served.ports.open(back, RTDE, back)
+
+    for step in range(12):
+        served.free = True
+        until(lambda: served.own._lease is not None)
+        time.sleep(0.03 * step)
+        lease, line = served.do(program())
+        assert not isinstance(line, Reason)
+        time.sleep(0.1)
+        assert served.own._lease is None
+        assert not served.own.up
+        assert served.ports._tenant.lease is lease
+        assert line in served.ports._tenant.lines, "it was not cut by what was still on its way"
+        served.loop.call_soon_threadsafe(line.left)
+    served.free = True
+    until(lambda: served.own.up)
+
+
 @pytest.mark.parametrize("how", ["script", "dashboard"])
 def test_whoever_stops_the_arm_stops_ours_and_we_come_back(served, eyes, how):
     served.own.control.moveJ(THERE, 0.5, 4.0, True)
