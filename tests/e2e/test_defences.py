@@ -11,51 +11,53 @@ from pathlib import Path
 
 import pytest
 
-from ztpm.demo.run import play, stage
+from ztpm.demo.run import Told, play, stage
 from ztpm.demo.story import STORY
 from ztpm.processes import Child
 
 TOP = Path(__file__).parents[2]
-IDP, PEP, GATEWAY = "identity provider", "tool server", "gateway"
+IDP, GATEWAY, TOOLS = ("identity provider",), ("gateway",), ("tool server",)
+BOTH = (*TOOLS, *GATEWAY)
+"""What each of them verifies by itself: one alone would be found out by the other."""
 
 FOREVER = ("NONE", "STEP_FAILED", False)
 """The refusal that the step waits for never comes: the wait itself is the observation."""
 MOVED = ("PERMIT", "PERMITTED", True)
 
-# step, process, defect, what is then seen: decision, reason, whether the arm moved
+# step, processes, defect, what is then seen: decision, reason, whether the arm moved
 CASES = [
     ("widen-refused", IDP, "idp_lends_more", ("PERMIT", "DELEGATED", False)),
     ("unattested-refused", IDP, "idp_takes_any_evidence", ("DENY", "HOP_NOT_ATTESTED", False)),
-    ("unattested-refused", PEP, "pep_takes_unattested_blocks", MOVED),
-    ("scope-refused", PEP, "pep_grants_everything", ("PERMIT", "PERMITTED", False)),
-    ("limit-refused", PEP, "pep_grants_everything", MOVED),
-    ("replay-refused", PEP, "pep_forgets_proofs", ("PERMIT", "PERMITTED", False)),
-    ("stolen-refused", PEP, "pep_takes_any_key", MOVED),
-    ("tampered-refused", PEP, "pep_trusts_a_token_it_knows", MOVED),
-    ("fragile-untrusted", PEP, "pep_ignores_trust", MOVED),
+    ("unattested-refused", BOTH, "pep_takes_unattested_blocks", MOVED),
+    ("scope-refused", GATEWAY, "pep_grants_everything", ("PERMIT", "PERMITTED", False)),
+    ("limit-refused", GATEWAY, "pep_grants_everything", MOVED),
+    ("replay-refused", BOTH, "pep_forgets_proofs", ("PERMIT", "PERMITTED", False)),
+    ("stolen-refused", BOTH, "pep_takes_any_key", MOVED),
+    ("tampered-refused", BOTH, "pep_trusts_a_token_it_knows", MOVED),
+    ("fragile-untrusted", GATEWAY, "pep_ignores_trust", MOVED),
     ("trust-fell", IDP, "idp_charges_nobody", FOREVER),
-    ("trust-fell", PEP, "pep_ignores_trust", MOVED),
-    ("human-deferred", PEP, "pep_is_blind_to_people", MOVED),
-    ("human-deferred", PEP, "pep_moves_without_asking", MOVED),
-    ("deferral-expires", PEP, "pep_never_ends_an_ask", FOREVER),
+    ("trust-fell", GATEWAY, "pep_ignores_trust", MOVED),
+    ("human-deferred", GATEWAY, "pep_is_blind_to_people", MOVED),
+    ("human-deferred", GATEWAY, "pep_moves_without_asking", MOVED),
+    ("deferral-expires", GATEWAY, "pep_never_ends_an_ask", FOREVER),
     # TEA-6 asks for the ceiling, too, of the act with what it follows; and what is known of behaviour has an age of its own
-    ("ceiling-refused", PEP, "pep_ignores_the_ceiling", ("DENY", "SEQUENCE_TOO_HIGH", False)),
-    ("through-person-denied", PEP, "pep_is_blind_to_people", MOVED),
-    ("not-finite-refused", PEP, "pep_reads_nan", ("DENY", "NOT_FINITE", False)),
-    ("revoked-refused", PEP, "pep_ignores_revocations", FOREVER),
-    ("sponsor-disabled", PEP, "pep_ignores_sponsors", FOREVER),
-    ("stale-feed-refused", PEP, "pep_ignores_the_age_of_its_view", ("DENY", "BEHAVIOUR_OLD", False)),
-    ("approval-used-up", PEP, "pep_never_uses_an_approval_up", MOVED),
-    ("approval-changed-world", PEP, "pep_ignores_what_was_shown", MOVED),
+    ("ceiling-refused", GATEWAY, "pep_ignores_the_ceiling", ("DENY", "SEQUENCE_TOO_HIGH", False)),
+    ("through-person-denied", GATEWAY, "pep_is_blind_to_people", MOVED),
+    ("not-finite-refused", BOTH, "pep_reads_nan", ("DENY", "NOT_FINITE", False)),
+    ("revoked-refused", BOTH, "pep_ignores_revocations", FOREVER),
+    ("sponsor-disabled", BOTH, "pep_ignores_sponsors", FOREVER),
+    ("stale-feed-refused", BOTH, "pep_ignores_the_age_of_its_view", ("DENY", "BEHAVIOUR_OLD", False)),
+    ("approval-used-up", GATEWAY, "pep_never_uses_an_approval_up", MOVED),
+    ("approval-changed-world", GATEWAY, "pep_ignores_what_was_shown", MOVED),
     ("agent-approval-refused", IDP, "idp_lets_anybody_vote", ("PERMIT", "NONE", False)),
-    ("zone-denied", PEP, "pep_sees_no_zones", MOVED),
-    ("one-of-two-refused", PEP, "pep_takes_one_for_two", MOVED),
-    ("stale-world-deferred", PEP, "pep_sees_no_age", FOREVER),
-    ("forged-frame-refused", PEP, "pep_believes_any_frame", FOREVER),
-    ("place-on-table", PEP, "pep_touches_anything", MOVED),
-    ("human-enters-stops", PEP, "pep_does_not_watch_the_world", FOREVER),
-    ("revoke-in-motion", PEP, "pep_does_not_watch_authority", FOREVER),
-    ("idp-killed-in-motion", PEP, "pep_ignores_the_age_of_its_view", FOREVER),
+    ("zone-denied", GATEWAY, "pep_sees_no_zones", MOVED),
+    ("one-of-two-refused", GATEWAY, "pep_takes_one_for_two", MOVED),
+    ("stale-world-deferred", GATEWAY, "pep_sees_no_age", FOREVER),
+    ("forged-frame-refused", GATEWAY, "pep_believes_any_frame", FOREVER),
+    ("place-on-table", GATEWAY, "pep_touches_anything", MOVED),
+    ("human-enters-stops", GATEWAY, "pep_does_not_watch_the_world", FOREVER),
+    ("revoke-in-motion", GATEWAY, "pep_does_not_watch_authority", FOREVER),
+    ("idp-killed-in-motion", BOTH, "pep_ignores_the_age_of_its_view", FOREVER),
     ("rtde-raw-denied", GATEWAY, "gateway_is_open", ("DENY", "IN_USE", True)),
     ("rtde-hijack-refused", GATEWAY, "gateway_lends_twice", ("DENY", "LEASE_HELD", False)),
 ]
@@ -76,22 +78,11 @@ def test_every_refusing_step_has_a_case() -> None:
     assert {defect for _, _, defect, _ in CASES} >= ALWAYS
 
 
-@pytest.mark.e2e
-@pytest.mark.timeout(180)
-@pytest.mark.parametrize(
-    ("name", "process", "defect", "seen"),
-    [
-        pytest.param(*case, id=f"{case[0]}-{case[2]}", marks=() if case[2] in ALWAYS else pytest.mark.campaign)
-        for case in CASES
-    ],
-)
-def test_step_fails_without_its_defence(
-    name: str, process: str, defect: str, seen: tuple[str, str, bool], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("ztpm.demo.stage.WAIT_S", 5.0)
+def played(name: str, broken: tuple[str, ...], defect: str) -> Told:
+    """The step, in a cell in which these processes run with that defect; what it needs was as told."""
 
     def start(child: str, module: str, *arguments: str, environment: dict[str, str]) -> Child:
-        if child != process:
+        if child not in broken:
             return Child.start(child, module, *arguments, environment=environment)
         path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
         return Child.start(
@@ -103,9 +94,43 @@ def test_step_fails_without_its_defence(
     with stage(start=start) as on_stage:
         told = [play(on_stage, step) for step in steps]
     assert [step.id for step in told[:-1] if not step.ok] == []
-    last = told[-1]
+    return told[-1]
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize(
+    ("name", "broken", "defect", "seen"),
+    [
+        pytest.param(*case, id=f"{case[0]}-{case[2]}", marks=() if case[2] in ALWAYS else pytest.mark.campaign)
+        for case in CASES
+    ],
+)
+def test_step_fails_without_its_defence(
+    name: str, broken: tuple[str, ...], defect: str, seen: tuple[str, str, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ztpm.demo.stage.WAIT_S", 5.0)
+    last = played(name, broken, defect)
     assert not last.ok, last
     assert (last.decision, last.reason, last.moved_rad > 0.1) == seen, last
+
+
+@pytest.mark.e2e
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize(
+    ("name", "defect"),
+    [
+        ("stolen-refused", "pep_takes_any_key"),
+        pytest.param("replay-refused", "pep_forgets_proofs", marks=pytest.mark.campaign),
+        pytest.param("unattested-refused", "pep_takes_unattested_blocks", marks=pytest.mark.campaign),
+        pytest.param("not-finite-refused", "pep_reads_nan", marks=pytest.mark.campaign),
+        pytest.param("revoked-refused", "pep_ignores_revocations", marks=pytest.mark.campaign),
+    ],
+)
+def test_a_tool_server_without_a_defence_opens_nothing(name: str, defect: str) -> None:
+    """The gateway verifies for itself what the tool server has verified."""
+    told = played(name, TOOLS, defect)
+    assert told.ok, told
 
 
 @pytest.mark.e2e
