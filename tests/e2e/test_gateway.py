@@ -18,7 +18,7 @@ from ztpm.cell import PASSPHRASE_VARIABLE, Cell
 from ztpm.demo.eyes import Eyes
 from ztpm.demo.stage import LEFT, Stage, sweep_scope, until
 from ztpm.demo.motion import Motion
-from ztpm.demo.stopping import BAR_S, SAMPLE_S, read_stop
+from ztpm.demo.stopping import read_stop
 from ztpm.layout import OPERATORS, Layout, write_private
 from ztpm.setup import free_addresses, initialise
 
@@ -322,7 +322,7 @@ def test_a_tools_motion_does_not_outlive_who_carries_it_out(house, eyes, who):
         house.cell.children[who].kill()
         stop = motion.stop_after(t0)
     assert stop.within_model
-    assert stop.reaction_s < BAR_S + SAMPLE_S
+    assert stop.within_bar
     {"gateway": house.cell.start_gateway, "tools": house.cell.start_tools}[who]()
     tools_move(house)
 

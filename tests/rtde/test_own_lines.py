@@ -123,7 +123,7 @@ def moving(eyes, rad_s=0.2):
 def test_a_move_is_begun_and_made(served, eyes):
     began = time.monotonic()
     assert served.own.control.moveJ(THERE, 1.0, 4.0, True) is True
-    assert time.monotonic() - began < 0.3, "asynchronous"
+    assert time.monotonic() - began < 0.5, "asynchronous"
     at(eyes, THERE)
     home(served, eyes)
 
@@ -160,7 +160,7 @@ def test_speeds_that_are_said_no_more_end(served, eyes):
     control.setWatchdog(5.0)
     control.speedJ((0.3, *(0.0,) * 5), 2.0, 0.0)
     moving(eyes)
-    until(lambda: eyes.now().still, 1.0)
+    until(lambda: eyes.now().still, 2.0)
     until(lambda: served.own.up)
     home(served, eyes)
 
@@ -174,7 +174,7 @@ def test_a_stop_ends_a_move_at_once(served, eyes, stop):
     getattr(control, stop)(8.0 if stop == "stopJ" else 10.0, False)
     until(lambda: eyes.now().still)
     stood = next(s for s in eyes.since(told_s) if s.still)
-    assert stood.arrived_s - told_s < 0.35
+    assert stood.arrived_s - told_s < 0.5
     assert stood.q_rad[0] < THERE[0] - 0.05
     until(lambda: served.own.up)
     home(served, eyes)
