@@ -21,13 +21,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
-from pep.mcp.ticketed import TicketLayer
-
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.chain import Chain
 from pep.cell_stream import CellStream
 from pep.errors import ConfigError, JournalError, PepFault
 from pep.mcp.mapping import ARM_TOOLS
+from pep.mcp.ticketed import TicketLayer
 from pep.real_time import goes_first
 from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.dashboard import RemoteControl
