@@ -53,10 +53,11 @@ def test_the_first_fault_is_told():
     stranger = Forge.hop(Forge.authority(), Restriction(), signer="stranger")
     idle = Forge.hop(Forge.authority(), Restriction())  # narrows nothing
     head, *rest = fields(stranger)
+    proof = rest[-1][1]
     assert clause(b"", **everything) == "TOK-1"
     assert clause(stranger[:-1], caps=replace(DEFAULT, token_bytes=9), **everything) == "TOK-1"
     assert clause(stranger[:-1], **everything) == "TOK-2"
-    assert clause(joined([head, *rest[:-1], (4, rest[-1][1][:-1] + b"\0")]), **everything) == "TOK-3"
+    assert clause(joined([head, *rest[:-1], (4, proof[:-1] + bytes([proof[-1] ^ 1]))]), **everything) == "TOK-3"
     assert clause(b"\x08\x87\x00" + stranger[2:], **everything) == "TOK-4"
     assert clause(b"\x08\x87\x00" + idle[2:], **everything) == "TOK-5"
     assert clause(idle, **everything) == "TOK-6"

@@ -321,12 +321,17 @@ def form(value):
             return "number"  # JSON has one kind
 
 
-def test_records_are_those_of_the_gateways_line(shop, control):
-    """Of the same move: as a held command of a line, which an arm that is none carries out, and as a call."""
+def held_move(shop):
+    """How a line's move ended that an arm carried out which is none."""
     line = Held(Arm(), shop.lease, v.MoveJ(THERE, 0.8, 2.0, asynchronous=False))
     shop.on_loop(asked(shop.judge, line))
     until(lambda: line.answers)
-    shop.ended()
+    return shop.ended()
+
+
+def test_records_are_those_of_the_gateways_line(shop, control):
+    """Of the same move: as a held command of a line, which an arm that is none carries out, and as a call."""
+    until(lambda: "watch" not in held_move(shop)["body"])  # the watch ends what it sees too late on a busy machine
     until(lambda: control.moveJ(THERE, 0.8, 2.0), pause_s=0.1)
     theirs, ours = shop.permitted()[-2:]
     assert form(ours) == form(theirs)
