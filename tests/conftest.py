@@ -36,14 +36,6 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.xdist_group("e2e"))
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_node_collection_finished(node, ids):
-    """Nothing begins where the group is silently lost: such tests beside each other fail at random."""
-    lost = [name for name in ids if name.startswith("tests/e2e/") and not name.endswith("@e2e")]
-    if node.config.getoption("dist") == "loadgroup" and lost:
-        pytest.exit(f"pytest-xdist keeps no group, and these must run one after the other: {lost[0]}", returncode=4)
-
-
 @pytest.fixture(autouse=True)
 def polite(request):
     """Tests that only compute leave the processor to those in which real time passes.

@@ -77,6 +77,14 @@ def test_top_level_names_belong_to_us() -> None:
 
 
 @pytest.mark.e2e
+def test_tests_in_which_real_time_passes_follow_each_other(request: pytest.FixtureRequest) -> None:
+    """`--dist loadgroup` does keep them to one worker: beside each other they fail at random."""
+    if not request.config.getoption("loadgroup", default=False):
+        pytest.skip("there is one worker")
+    assert request.node.nodeid.endswith("@e2e")
+
+
+@pytest.mark.e2e
 @pytest.mark.timeout(300)
 def test_core_installs_alone(tmp_path: Path) -> None:
     """In an empty environment the bare distribution brings `capabilities` and `policies`, and no web, database or robot package."""
