@@ -11,6 +11,7 @@ settings.register_profile(
     "shared-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
 )
 settings.load_profile("shared-machine")
+NAMED = 60  # characters
 
 
 def pytest_addoption(parser):
@@ -22,6 +23,13 @@ def pytest_configure(config):
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         compile_it = "from pep.pit.engine import chosen; chosen()"
         subprocess.run([sys.executable, "-c", compile_it], cwd=config.rootpath, check=True, timeout=600)
+
+
+def pytest_make_parametrize_id(config, val, argname):  # noqa: ARG001 - pytest's signature
+    """Cases are named by how a long text begins: what follows may be a megabyte, or drawn anew by each worker."""
+    if isinstance(val, str | bytes) and len(val) > NAMED:
+        return f"{argname}: {ascii(val[:NAMED])}"
+    return None
 
 
 @pytest.hookimpl(tryfirst=True)
