@@ -114,8 +114,6 @@ class Carrier(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Frames, or parts of some. After the end they are read and dropped."""
-        if self._transport is not None and not self._asking:
-            acknowledge(self._transport)  # commands; nobody waits for what goes the other way
         try:
             for frame in self._cutter.feed(b"" if self._over else data):
                 self._take(frame)
@@ -123,6 +121,9 @@ class Carrier(asyncio.Protocol):
                     return
         except CarriageError:
             self.close(Ending.MALFORMED)
+        finally:
+            if self._transport is not None and not self._asking:
+                acknowledge(self._transport)  # commands; nobody waits for what goes the other way
 
     def eof_received(self) -> bool:
         """The other end says nothing more."""

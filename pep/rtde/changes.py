@@ -81,5 +81,6 @@ def changes(before: Image, after: Image) -> Change | Refused:
     # A command reads variables that its profile does not have as zeros.
     if any(name in new and new[name] != old[name] for name in READS[stands, after.profile.offset]):
         return Drifted(command) if ROWS[stands].every_cycle else Swapped(command)
-    changed = [name for name, value in new.items() if value != old[name]]
+    # What nothing reads may be NaN, which is another than itself.
+    changed = [name for name, value in new.items() if value != old[name] and repr(value) != repr(old[name])]
     return Staged(tuple(changed)) if changed else Unchanged()

@@ -30,7 +30,7 @@ from pep.rtde.changes import Cleared, Commanded, Drifted, Staged, Swapped, Uncha
 from pep.rtde.commands import EVERY_CYCLE, CommandClass, Wait, decode, encode, row_of
 from pep.rtde.grid import on_grid
 from pep.rtde.image import Image
-from pep.rtde.recipes import INT
+from pep.rtde.recipes import DOUBLE, INT
 from pep.rtde.refused import Refused
 from pep.rtde.stops import MODES, STOPS, ended_by, raised
 from policies.reasons import Reason
@@ -61,12 +61,17 @@ class LeasedCommands:
         profile: what it may write.
         claimed: the variables that it has from the controller.
         stop_deceleration_rad_s2: of the cell's stop model.
+
+    Attributes:
+        denied: whether the program sees its command as failed, until it clears it.
+        stands: the newest value of a stream that goes on, where the controller has nothing newer; else None.
     """
 
     def __init__(self, profile: Profile, claimed: Collection[str], *, stop_deceleration_rad_s2: float) -> None:
         self._claimed = frozenset(claimed)
         self._deceleration = stop_deceleration_rad_s2
         self._blank = self._client = Image.blank(profile)
+        self._later: v.Six | None = None  # first doubles that the client has written since
         self._zeros = {name: value for name, value in self._blank.values.items() if name in self._claimed}
         self._acts: list[Act] = []
         self._running = self._left = False
@@ -85,6 +90,7 @@ class LeasedCommands:
         self._wanted_ms: float | None = None  # the program's own watchdog
         self._wrote_ms = 0
         self.denied = False
+        self.stands: Command | None = None
 
     def take(self) -> list[Act]:
         """What follows from all that was said since the last time, in order."""
@@ -109,7 +115,7 @@ class LeasedCommands:
     def begin(self, path: tuple[Waypoint, ...]) -> None:
         """Our control script runs, with that path in it, and listens to us alone."""
         self._running, self._path = True, path
-        self._sent, self._once, self._inside = 0, None, False
+        self._sent, self._once, self._inside, self.stands = 0, None, False, None
         self._stop_next = None
         self._modes.clear()
         if self.denied:
@@ -153,10 +159,9 @@ class LeasedCommands:
         """The program wrote these variables."""
         if self._left:
             return
-        before, after = self._client, self._client.merge(values)
-        if isinstance(after, Refused):  # a recipe is of the profile's variables, and types are the wire's
-            raise TypeError(after.place)
-        self._client = after
+        self.stands = None
+        before = self._merged({})
+        after = self._merged(values)
         if INT[self.offset] in values:
             self._wrote_ms = at_ms
         match changes(before, after):
@@ -175,6 +180,32 @@ class LeasedCommands:
                     self._refuse(Reason.NOT_WHAT_WAS_DECIDED, "a command was changed after it was given")
             case Refused() as refused:
                 self._misread(refused, at_ms)
+
+    def follow(self, command: Command, six: v.Six, *, at_ms: int) -> bool:
+        """The program wrote the value that follows the one that `stands`: its first six doubles are others.
+
+        Args:
+            command: that value.
+            six: those doubles.
+            at_ms: monotonic time.
+
+        Returns:
+            Whether it is to be written now, as that one was; else the stream has ended with it.
+        """
+        self._later = six
+        self._wrote_ms = at_ms
+        return self._certain(command)
+
+    def _merged(self, values: Mapping[str, Value]) -> Image:
+        """What the client has written until now."""
+        six, self._later = self._later, None
+        if six is not None:
+            values = {**dict(zip(DOUBLE[self.offset :], six, strict=False)), **values}
+        after = self._client.merge(values)
+        if isinstance(after, Refused):  # a recipe is of the profile's variables, and types are the wire's
+            raise TypeError(after.place)
+        self._client = after
+        return after
 
     def _again(self, image: Image) -> None:
         """The program says the same once more: a stream goes on, and whoever judges its values hears that."""
@@ -236,16 +267,21 @@ class LeasedCommands:
             self._refuse(Reason.NOT_WHAT_WAS_DECIDED, row.name)
 
     def _step(self, command: Command) -> None:
+        if self._certain(command):
+            self._write(command)
+            self.stands = command
+
+    def _certain(self, command: Command) -> bool:
+        """Whether the stream goes on with this value; otherwise it has ended."""
         assert self._stream is not None
         steps = self._stream[1]
         try:
             reason = Reason.NOT_WHAT_WAS_DECIDED if steps is None else steps.step(command)
         except Exception:  # noqa: BLE001 - a judgement that breaks has not permitted
             reason = Reason.POLICY_ERROR
-        if reason is None:
-            self._write(command)
-        else:
+        if reason is not None:
             self._refuse(reason, row_of(command).name)
+        return reason is None
 
     def _refuse(self, reason: Reason, place: str) -> None:
         """What the program says is not taken, and a stream ends with it: it is not what was permitted any more."""
@@ -272,7 +308,7 @@ class LeasedCommands:
         self._last = question
         if row.every_cycle:
             self._stream = (row.id, steps)
-            latest = decode(self._client)
+            latest = decode(self._merged({}))
             if isinstance(latest, Refused):
                 self._misread(latest, at_ms)
             elif on_grid(latest) != command:
@@ -384,7 +420,7 @@ class LeasedCommands:
     def _write(self, command: Command) -> None:
         """The whole image with that command in it, from our own copy."""
         row = row_of(command)
-        self._sent = row.id
+        self._sent, self.stands = row.id, None
         if not row.every_cycle and row.id:
             self._once = row.id
             self._inside = isinstance(command, v.Stop) or (isinstance(command, v.Move) and not _asynchronous(command))
@@ -400,6 +436,7 @@ class LeasedCommands:
         self._write(v.Clear())
 
     def _deny(self, reason: Reason, told: str) -> None:
+        self.stands = None
         if not self.denied:
             self.denied = True
             self._acts.append(Tell(f"{reason}: {told}", ERROR))
@@ -410,7 +447,7 @@ class LeasedCommands:
             self._acts.append(Withdraw(question))
 
     def _end_stream(self) -> None:
-        stream, self._stream = self._stream, None
+        stream, self._stream, self.stands = self._stream, None, None
         if stream is not None and stream[1] is not None:
             stream[1].ended()
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 from pep.rtde.acts import ERROR, Act, Refresh, Tell, Write
 from pep.rtde.codec import Recipe, encode_answer, encode_request
+from pep.rtde.following import Following
 from pep.rtde.image import Image
 from pep.rtde.leased_commands import LeasedCommands, brake_registers
 from pep.rtde.leased_outputs import LeasedOutputs
@@ -64,6 +65,8 @@ class LeasedLine(Relay):
         self._newest: dict[int | None, Values] = {}
         self._places: dict[int | None, tuple[int | None, int | None]] = {}
         self._last_written: bytes | None = None
+        self._last_had: Values | None = None
+        self._following: Following | None = None
         self._rest: list[Act] = []
         self.commands: LeasedCommands | None = None
         self.outputs: LeasedOutputs | None = None
@@ -92,13 +95,17 @@ class LeasedLine(Relay):
         self._hear(received)
         packages, self._packages = self._packages, []
         for package in packages:
+            if self._followed(package, at_ms):
+                continue
             assert self._inputs_had is not None
+            self._following = None
             match self._inputs_had.read(package):
                 case Ignored():
                     pass
                 case Refused() as refused:
                     raise WireError(WireFault.PAYLOAD, refused.place)
                 case values:
+                    self._last_had = package
                     self._package(values, slider, at_ms)
         return self.settle()
 
@@ -124,6 +131,7 @@ class LeasedLine(Relay):
                         self.refresh()
                     case _:
                         self._rest.append(act)
+        self._follow()
         return self._said()
 
     def take(self) -> list[Act]:
@@ -146,6 +154,31 @@ class LeasedLine(Relay):
         self._tell(text, ERROR)
 
     # ---- inside
+
+    def _follow(self) -> None:
+        """What the controller has now may be a value that others follow."""
+        commands, package, frame = self.commands, self._last_had, self._last_written
+        if self._following is not None or commands is None or commands.stands is None:
+            return
+        if package is None or frame is None or self._own is None or self._inputs_had is None:
+            return
+        recipe = self._inputs_had.recipe(package)
+        if recipe is not None:
+            self._following = Following.of(
+                package, recipe, frame=frame, own=self._own[1], command=commands.stands, offset=commands.offset
+            )
+
+    def _followed(self, package: Values, at_ms: int) -> bool:
+        """Whether it is the next value of what stands; then it is judged, and written if it may be."""
+        if self._following is None or self.commands is None or self.commands.stands is None:
+            return False
+        found = self._following.read(package)
+        if found is None:
+            return False
+        if self.commands.follow(*found, at_ms=at_ms):
+            self._last_written = self._following.written(package)
+            self._to_robot += self._last_written
+        return True
 
     def _package(self, values: dict[str, Value], slider: float, at_ms: int) -> None:
         if self.commands is not None:

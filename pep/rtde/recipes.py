@@ -142,12 +142,16 @@ class InputRecipes:
         """Every variable of its recipes, once."""
         return tuple(dict.fromkeys(name for recipe in self._recipes for name in recipe.names))
 
+    def recipe(self, values: Values) -> Recipe | None:
+        """The recipe that a package is of."""
+        number = values.recipe
+        return self._recipes[number - 1] if number is not None and 1 <= number <= len(self._recipes) else None
+
     def read(self, values: Values) -> dict[str, Value] | Ignored | Refused:
         """What a package writes, by name; refused as `TOOL_UNKNOWN` when it is of no recipe."""
-        number = values.recipe
-        if number is None or not 1 <= number <= len(self._recipes):
+        number, recipe = values.recipe, self.recipe(values)
+        if recipe is None or number is None:
             return Refused(Reason.TOOL_UNKNOWN, "a package of no recipe")
-        recipe = self._recipes[number - 1]
         if len(values.packed) != recipe.size:
             return Ignored(number, len(values.packed), recipe.size)
         return recipe.unpack(values.packed)

@@ -388,6 +388,13 @@ def test_parameters_of_a_live_command_drift_without_its_id():
 
 
 @pytest.mark.clause("RTDE-5")
+def test_rubbish_that_stays_is_no_news():
+    image, _ = step(blank(), {**encode(SPEED, 0), DOUBLE[8]: NAN})
+    assert step(image, {**encode(SPEED, 0), DOUBLE[8]: float("nan")})[1] == Unchanged()
+    assert step(image, {DOUBLE[8]: 0.0})[1] == Staged((DOUBLE[8],))
+
+
+@pytest.mark.clause("RTDE-5")
 def test_parameters_of_a_command_that_is_read_once_are_swapped_without_its_id():
     image, _ = step(blank(), encode(MOVE, 0))
     assert step(image, {DOUBLE[0]: 3.0})[1] == Swapped(

@@ -42,8 +42,8 @@ PLAYING = {"runtime_state": 2, "robot_status_bits": 3, "timestamp": 7.0}
 class Talk:
     """A line between a client and a controller that are both made by hand."""
 
-    def __init__(self, *, may=True, slider=1.0):
-        self.line = LeasedLine(lambda: may, stop_deceleration_rad_s2=8.0)
+    def __init__(self, *, may=True, slider=1.0, line=LeasedLine):
+        self.line = line(lambda: may, stop_deceleration_rad_s2=8.0)
         self.inputs, self.slider, self.seen = [], slider, []
         self.say(RequestProtocol(2), protocol=1)
         self.answer(ProtocolAnswer(True), protocol=1)

@@ -1,0 +1,101 @@
+"""A stream that goes on: its next value is read and written by the six doubles in which it differs from the one before.
+
+A program that streams says one package five hundred times a second, and nothing in it changes but six doubles in a row.
+Whatever else is different goes the long way through the image (`pep.rtde.changes`), as the first value does.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from pep.rtde import command_values as v
+from pep.rtde.commands import encode
+from pep.rtde.recipes import DOUBLE
+
+if TYPE_CHECKING:
+    from pep.rtde.codec import Recipe
+    from pep.rtde.command_values import Command
+    from pep.rtde.messages import Values
+    from pep.rtde.recipes import Offset
+
+Streamed: TypeAlias = v.ServoJ | v.SpeedJ
+_SIX: Final = struct.Struct(">6d")
+_DOUBLE_BYTES: Final = 8
+
+
+class Following:
+    """What may change from one value to the next, and where. Use `of`.
+
+    Args:
+        package: of the client, in which everything else stays.
+        first: at which byte of it the six doubles begin.
+        frame: that was written for it.
+        places: at which bytes of the frame the six doubles begin.
+        command: that both say.
+    """
+
+    def __init__(self, package: Values, first: int, frame: bytes, places: tuple[int, ...], command: Streamed) -> None:
+        self._recipe, self._size = package.recipe, len(package.packed)
+        self._first, self._beyond = first, first + _SIX.size
+        self._before, self._after = package.packed[:first], package.packed[self._beyond :]
+        self._frame = bytearray(frame)
+        self._places = tuple(zip(range(first, self._beyond, _DOUBLE_BYTES), places, strict=True))
+        self._command = command
+
+    @classmethod
+    def of(
+        cls, package: Values, recipe: Recipe, *, frame: bytes, own: Recipe, command: Command, offset: Offset
+    ) -> Following | None:
+        """What follows a command that is of one package, and was written in one frame.
+
+        Args:
+            package: newest of the client, of the form of `recipe`.
+            recipe: the client's.
+            frame: newest of ours; it ends with values of the form of `own`.
+            own: ours.
+            command: that was written.
+            offset: where the registers of both begin.
+
+        Returns:
+            None where values of this command do not follow each other in six doubles, or one package does not say it.
+        """
+        if not isinstance(command, v.ServoJ | v.SpeedJ):
+            return None
+        there = recipe.unpack(package.packed)
+        if any(name not in there or there[name] != value for name, value in encode(command, offset).items()):
+            return None
+        six = DOUBLE[offset : offset + 6]
+        begin, head = recipe.names.index(six[0]), len(frame) - own.size
+        if recipe.names[begin : begin + len(six)] != six:
+            return None
+        first, places = recipe.place(six[0]), [own.place(name) for name in six]
+        assert first is not None
+        return cls(package, first, frame, tuple(head + place for place in places if place is not None), command)
+
+    def read(self, package: Values) -> tuple[Streamed, v.Six] | None:
+        """The next value and its six doubles; None where the package is another one in anything but these."""
+        packed = package.packed
+        if (
+            package.recipe != self._recipe
+            or len(packed) != self._size
+            or packed[: self._first] != self._before
+            or packed[self._beyond :] != self._after
+        ):
+            return None
+        six = _SIX.unpack_from(packed, self._first)
+        if not all(map(math.isfinite, six)):
+            return None
+        match self._command:
+            case v.ServoJ(_, time_s, lookahead_s, gain):
+                return v.ServoJ(six, time_s, lookahead_s, gain), six
+            case v.SpeedJ(_, acceleration, time_s):
+                return v.SpeedJ(six, acceleration, time_s), six
+
+    def written(self, package: Values) -> bytes:
+        """The frame to write for a package that `read` has read."""
+        packed, frame = package.packed, self._frame
+        for at, place in self._places:
+            frame[place : place + _DOUBLE_BYTES] = packed[at : at + _DOUBLE_BYTES]
+        return bytes(frame)
