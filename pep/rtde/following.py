@@ -15,6 +15,8 @@ from pep.rtde.commands import encode
 from pep.rtde.recipes import DOUBLE
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from pep.rtde.codec import Recipe
     from pep.rtde.command_values import Command
     from pep.rtde.messages import Values
@@ -41,7 +43,7 @@ class Following:
         self._first, self._beyond = first, first + _SIX.size
         self._before, self._after = package.packed[:first], package.packed[self._beyond :]
         self._frame = bytearray(frame)
-        self._places = tuple(zip(range(first, self._beyond, _DOUBLE_BYTES), places, strict=True))
+        self._runs = _runs(zip(range(first, self._beyond, _DOUBLE_BYTES), places, strict=True))
         self._command = command
 
     @classmethod
@@ -80,8 +82,8 @@ class Following:
         if (
             package.recipe != self._recipe
             or len(packed) != self._size
-            or packed[: self._first] != self._before
-            or packed[self._beyond :] != self._after
+            or not packed.startswith(self._before)
+            or not packed.endswith(self._after)
         ):
             return None
         six = _SIX.unpack_from(packed, self._first)
@@ -96,6 +98,17 @@ class Following:
     def written(self, package: Values) -> bytes:
         """The frame to write for a package that `read` has read."""
         packed, frame = package.packed, self._frame
-        for at, place in self._places:
-            frame[place : place + _DOUBLE_BYTES] = packed[at : at + _DOUBLE_BYTES]
+        for at, place, length in self._runs:
+            frame[place : place + length] = packed[at : at + length]
         return bytes(frame)
+
+
+def _runs(places: Iterable[tuple[int, int]]) -> list[tuple[int, int, int]]:
+    """From where to where each double goes, and how many bytes; those side by side in both go together."""
+    runs: list[tuple[int, int, int]] = []
+    for at, place in places:
+        if runs and (at, place) == (runs[-1][0] + runs[-1][2], runs[-1][1] + runs[-1][2]):
+            runs[-1] = (*runs[-1][:2], runs[-1][2] + _DOUBLE_BYTES)
+        else:
+            runs.append((at, place, _DOUBLE_BYTES))
+    return runs

@@ -127,12 +127,12 @@ def asked_of(command: Command | IoCommand, *, path: Sequence[Waypoint], fitted: 
         the model's, `PAYLOAD_MISMATCH` for another mass or centre than the committed one, `PARAMETERS_WRONG` for a path
         that no operation can say.
     """
+    if isinstance(command, v.Held):  # first, since it is asked five hundred times a second
+        return _streamed(command)
     if isinstance(command, v.Clear | v.Stop | v.Question):
         return Free()
     if isinstance(command, v.Move):
         return _moved(command, path)
-    if isinstance(command, v.Held):
-        return _streamed(command)
     if isinstance(command, v.Setting):
         return _set(command, fitted)
     return _switched(command)
