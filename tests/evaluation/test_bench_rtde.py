@@ -29,16 +29,18 @@ def test_each_value_has_the_time_of_the_piece_that_completed_it():
 
 def test_what_is_added_is_the_difference_and_what_was_skipped_anyway_is_not_counted():
     direct = Row("direct", 1_000, 0, 4, 40.0, 30.0, 100.0, 500.0)
+    relayed = Row("relays", 1_000, 0, 4, 90.0, 70.0, 250.0, 500.0)
     policy = Row("policy", 1_000, 20, 3, 40_000.0, 180.0, 900.0, 2_000.0)
     whole = Row("whole", 1_000, 25, 6, 50_000.0, 230.0, 1_900.0, 9_000.0)
-    result = Result((direct, policy, whole), physics_us=40.0, seconds=1.0, machine={})
+    result = Result((direct, relayed, policy, whole), physics_us=40.0, seconds=1.0, machine={})
     told = result.as_json()
     assert told["added_ms"] == {"p50": 0.15, "p99": 0.8}
+    assert told["relays_ms"] == {"p50": 0.04, "p99": 0.15}
     assert told["added_whole_ms"] == {"p50": 0.2, "p99": 1.8}
     assert told["skipped"] == 2
     assert told["ratios"] == {"stream_physics_p50": 0.02}
-    assert [row["way"] for row in told["rows"]] == ["direct", "policy", "whole"]
-    assert tables(result)[0].row_count == 3
+    assert [row["way"] for row in told["rows"]] == ["direct", "relays", "policy", "whole"]
+    assert tables(result)[0].row_count == 4
     assert "0.15 ms" in summary(result)
 
 

@@ -128,7 +128,7 @@ def test_a_read_only_port_refuses_and_runs_nothing(cell):
 def test_each_port_runs_programs_and_the_primary_one_tells_it(cell, port):
     with Reader(cell, PRIMARY) as observer, Reader(cell, port) as client:
         client.send("def here():\n sleep(0.02)\nend\n")
-        assert observer.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STARTED", "here")
+        until(lambda: observer.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STARTED", "here"))
         assert observer.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STOPPED", "here")
         client.send("def wrong():\n x = [1]\n y = x[3]\nend\n")
         assert observer.told(f.RuntimeException).line == 3
@@ -138,7 +138,7 @@ def test_the_secondary_port_tells_states_alone(cell):
     with Reader(cell, PRIMARY) as primary, Reader(cell, SECONDARY) as client:
         assert isinstance(client.next().content, f.Version)
         primary.send("def heard():\n sync()\nend\n")
-        primary.told(f.Key)
+        until(lambda: primary.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STARTED", "heard"))  # after that of one before
         assert all(isinstance(client.next(), f.RobotState) for _ in range(5))
         assert primary.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STOPPED", "heard")
 

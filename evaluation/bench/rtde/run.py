@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from capabilities.scope import Scope
     from evaluation.bench.rtde.report import Row
 
-DIRECT, POLICY, WHOLE = "direct", "gateway, without physics", "gateway"
+DIRECT, RELAYED, POLICY, WHOLE = "direct", "two relays that only pass on", "gateway, without physics", "gateway"
 AGENT: Final = "streamer"
 LIFETIME_S: Final = 900
 ANSWER_S: Final = 60.0
@@ -47,7 +47,7 @@ STEPS: Final = 2_000
 
 
 def run(seconds: float, *, told: Callable[[str], None]) -> Result:
-    """The stream, three times.
+    """The stream, once on each way.
 
     Args:
         seconds: how long each.
@@ -59,9 +59,14 @@ def run(seconds: float, *, told: Callable[[str], None]) -> Result:
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="ztpm-bench-") as folder, _place(Path(folder)) as place:
         rows = []
-        for way, module in ((DIRECT, ""), (POLICY, "evaluation.bench.rtde.bare"), (WHOLE, "ztpm.gateway_server")):
+        for way, host, module in (
+            (DIRECT, place.host, ""),
+            (RELAYED, place.relayed, ""),
+            (POLICY, PLACE, "evaluation.bench.rtde.bare"),
+            (WHOLE, PLACE, "ztpm.gateway_server"),
+        ):
             told(f"{way}: {seconds:g} s at {client.HZ} Hz")
-            rows.append(place.streamed(way, module, seconds))
+            rows.append(place.streamed(way, host, module, seconds))
     told("a prepared stream, step by step")
     return Result(tuple(rows), physics_us=_physics_us(), seconds=time.monotonic() - began, machine=machine())
 
@@ -73,19 +78,21 @@ class _Place:
     Attributes:
         cell: identity provider, controller and sensor run.
         tap: before the controller, at `host`.
+        relayed: where two processes pass everything on to the tap: as many as a gateway is, and nothing else in them.
         folder: for files.
     """
 
     cell: Cell
     tap: Child
     host: str
+    relayed: str
     folder: Path
 
-    def streamed(self, way: str, module: str, seconds: float) -> Row:
-        """One stream, through the gateway that the module is, or directly."""
+    def streamed(self, way: str, host: str, module: str, seconds: float) -> Row:
+        """One stream to that host, through the gateway that the module is, if there is one."""
         cell, file = self.cell, self.folder / "sent.json"
         secret = {PASSPHRASE_VARIABLE: cell.passphrase.decode()}
-        program = [sys.executable, client.__file__, PLACE if module else self.host, str(seconds), str(file)]
+        program = [sys.executable, client.__file__, host, str(seconds), str(file)]
         if module:
             cell.end("gateway")
             config = ("--config", str(cell.layout.gateway_config), "--robot", self.host)
@@ -118,14 +125,19 @@ def _place(root: Path) -> Iterator[_Place]:
         agent.attest()
         issued = stage.person("alice").issue(agent, _scope(addresses.audience), purpose="benchmark")
         write_private(root / "token", issued.token.encode())
-        host = free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in PORTS))
-        ends = ("--listen", host, "--robot", addresses.host)
-        tap = Child.start("tap", "evaluation.bench.rtde.tap", *ends, environment={})
-        try:
-            yield _Place(cell, tap, host, root)
-        finally:
-            tap.stop()
-            stage.close()
+        with ExitStack() as relays:
+            robot, taps = addresses.host, []
+            for name in ("tap", "relay", "relay"):
+                host = free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in PORTS))
+                ends = ("--listen", host, "--robot", robot)
+                child = Child.start(name, "evaluation.bench.rtde.tap", *ends, environment={})
+                relays.callback(child.stop)
+                taps.append((child, host))
+                robot = host
+            try:
+                yield _Place(cell, *taps[0], robot, root)
+            finally:
+                stage.close()
 
 
 def _scope(audience: str) -> Scope:
