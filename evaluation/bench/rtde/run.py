@@ -77,12 +77,14 @@ class _Place:
 
     Attributes:
         cell: identity provider, controller and sensor run.
+        stage: its people and agents.
         tap: before the controller, at `host`.
         relayed: where two processes pass everything on to the tap: as many as a gateway is, and nothing else in them.
         folder: for files.
     """
 
     cell: Cell
+    stage: Stage
     tap: Child
     host: str
     relayed: str
@@ -104,7 +106,8 @@ class _Place:
             raise StreamBrokenError(f"{way}: {done.stderr.strip()[-300:]}")
         sent = json.loads(file.read_bytes())
         if len(sent) < int(seconds * client.HZ):
-            raise StreamBrokenError(f"{way}: {len(sent)} values were taken")
+            ends = [row["body"].get("reason") for row in self.stage.journal(since=0) if row["kind"] == "outcome"]
+            raise StreamBrokenError(f"{way}: {len(sent)} values were taken, {ends[-1:]}")
         answer = self.tap.ask({}, timeout_s=ANSWER_S)
         if answer is None:
             raise StreamBrokenError("the tap does not answer")
@@ -135,7 +138,7 @@ def _place(root: Path) -> Iterator[_Place]:
                 taps.append((child, host))
                 robot = host
             try:
-                yield _Place(cell, *taps[0], robot, root)
+                yield _Place(cell, stage, *taps[0], robot, root)
             finally:
                 stage.close()
 
