@@ -201,6 +201,8 @@ class LeasedCommands:
         six, self._later = self._later, None
         if six is not None:
             values = {**dict(zip(DOUBLE[self.offset :], six, strict=False)), **values}
+        if not values:
+            return self._client
         after = self._client.merge(values)
         if isinstance(after, Refused):  # a recipe is of the profile's variables, and types are the wire's
             raise TypeError(after.place)

@@ -176,8 +176,7 @@ class LeasedLine(Relay):
         if found is None:
             return False
         if self.commands.follow(*found, at_ms=at_ms):
-            self._last_written = self._following.written(package)
-            self._to_robot += self._last_written
+            self._sends(self._following.written(package))
         return True
 
     def _package(self, values: dict[str, Value], slider: float, at_ms: int) -> None:
@@ -250,7 +249,9 @@ class LeasedLine(Relay):
             self._unwritten.append(values)
             return
         number, recipe = self._own
-        frame = encode_request(Values(number, recipe.pack(values)), self._protocol)
+        self._sends(encode_request(Values(number, recipe.pack(values)), self._protocol))
+
+    def _sends(self, frame: bytes) -> None:
         self._last_written = frame
         self._to_robot += frame
 

@@ -40,7 +40,7 @@ class Judge:
         self.seen = []
 
     def step(self, command):
-        self.seen.append(repr(command))
+        self.seen.append(repr(command))  # 0.0 is like -0.0, and spelt otherwise
         match command:
             case v.ServoJ(six) | v.SpeedJ(six):
                 if six[1] == BROKEN:
@@ -62,7 +62,6 @@ class Side:
     def took(self, said):
         acts = self.line.take()
         self.asked = next((act.question for act in acts if isinstance(act, Ask)), self.asked)
-        # NaN is unlike itself, and spelt alike.
         self.told.append((said, [type(act).__name__ for act in acts], self.commands.denied, self.judge.seen[:]))
 
     def says(self, *packages, at_ms=5):
@@ -222,17 +221,17 @@ def test_values_that_follow_go_the_short_way(command, monkeypatch):
     monkeypatch.setattr("pep.rtde.leased_commands.changes", lambda *_: calls.append(1))
     for q in (0.11, 0.12, -0.0):
         side.says(saying(command, **{DOUBLE[0]: q}))
-        ((_, frame),) = [(0, side.told[-1][0].to_robot)]
-        assert struct.pack(">d", q) in frame
+        assert struct.pack(">d", q) in side.told[-1][0].to_robot
     assert not calls
     assert len(side.judge.seen) == 4
 
 
-def first(command=SERVO, frame=b"head" + bytes(96), **changes):
+def first(command=SERVO, **changes):
     """What follows a command, where its package has these changes."""
     layout = LAYOUTS[1]
     own = Recipe(layout.names[:12], layout.types[:12])
-    return Following.of(saying(command, 1, **changes), layout, frame=frame, own=own, command=command, offset=0)
+    said = saying(command, 1, **changes)
+    return Following.of(said, layout, frame=b"head" + bytes(own.size), own=own, command=command, offset=0)
 
 
 def test_nothing_follows_what_a_package_does_not_say():
