@@ -32,6 +32,11 @@ def pytest_make_parametrize_id(config, val, argname):  # noqa: ARG001 - pytest's
     return None
 
 
+def in_real_time(item):
+    """Whether an arm moves, or a short limit runs, on the machine's own clock."""
+    return any(item.get_closest_marker(name) is not None for name in ("e2e", "real_time"))
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
     """Tests in which real time passes run one after the other, on one worker, with `--dist loadgroup`.
@@ -44,7 +49,7 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if item.get_closest_marker("campaign") is None]
         config.hook.pytest_deselected(items=later)
     for item in items:
-        if item.get_closest_marker("e2e") is not None:
+        if in_real_time(item):
             item.add_marker(pytest.mark.xdist_group("e2e"))
             item.add_marker(pytest.mark.flaky(reruns=1))
 
@@ -60,7 +65,7 @@ def polite(request):
     if not hasattr(os, "sched_setscheduler"):
         yield
         return
-    if request.node.get_closest_marker("e2e") is None:
+    if not in_real_time(request.node):
         os.sched_setscheduler(0, os.SCHED_IDLE if os.geteuid() == 0 else os.SCHED_BATCH, os.sched_param(0))
     try:
         yield

@@ -15,6 +15,8 @@ from policies.reasons import Reason
 from tests.pep.kit import MOVE, reading
 from tests.pep.test_approvals import NEAR, People, closing
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.fixture
 def rig(tmp_path):

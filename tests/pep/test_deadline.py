@@ -9,6 +9,8 @@ import uvicorn
 
 from pep.mcp import deadline
 
+pytestmark = pytest.mark.real_time
+
 LATE_S = 0.4
 PATIENCE_S = 10.0
 REQUEST = b"POST / HTTP/1.1\r\nhost: x\r\ncontent-length: 4\r\n\r\nbody"

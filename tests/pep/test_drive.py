@@ -31,6 +31,8 @@ from pep.watch import Limits, Watch
 from policies.reasons import Reason
 from tests.pep.kit import AUDIENCE
 
+pytestmark = pytest.mark.real_time
+
 HERE = (0.0,) * 6
 PACING = Pacing(delay_ms=400, change_ms=250, slowest=0.1, dwell_ms=100, gain=0.1)
 THERE = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)

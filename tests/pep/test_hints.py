@@ -13,6 +13,8 @@ from pep.errors import PepFault
 from pep.feed import BACKOFF_S, MOVING_PERIOD_S, Follower, MarkFile
 from tests.pep.kit import AUDIENCE, ISSUER, FakeIssuer, issuer_keys
 
+pytestmark = pytest.mark.real_time
+
 NEVER_S = 3_600.0
 """A period that does not end while a test lasts: what is pulled, a hint has caused."""
 

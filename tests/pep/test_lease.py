@@ -24,6 +24,8 @@ from ztpm.peer import user_of
 from pep.rtde.lines import UNREAD_BYTES
 from ztpm.program_ports import ProgramPorts
 
+pytestmark = pytest.mark.real_time
+
 URL = f"{AUDIENCE}/leases"
 ECHO, BIG, SHUT = 30004, 30003, 29999
 OWN = os.getuid()

@@ -14,6 +14,8 @@ from pep.mcp import defer
 from tests.pep.kit import AUDIENCE, ISSUER, MOVE, reading
 from tests.pep.test_mcp import Cell, Signed, call_body
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.fixture
 def cell(tmp_path):

@@ -24,6 +24,8 @@ from tests.pit.scenes import FRONT, HOME, ROBOT
 from tests.rtde.leased import played, until
 from tests.rtde.world import CELL, World
 
+pytestmark = pytest.mark.real_time
+
 STILL = (0.0,) * 6
 ANY = 4_000
 SEED = b"a request's digest"
