@@ -1,6 +1,6 @@
 """The second engine: pinocchio moves the arm, coal measures, and the certified answer has to hold for what they say.
 
-It shares with the kernel the model file, the scene and the index functions, and nothing else: not the kinematics, not
+It shares with the kernel the model file, the scene and the laws of an index, and nothing else: not the kinematics, not
 the distances, not the speeds, not the profile's form. All pairs are asked at the witness and at a few configurations
 that nobody can foresee (seeded by the command's digest). Cores have radius 0 here, and meeting cores count as 0 apart:
 penetration depth differs between engines.
@@ -19,19 +19,19 @@ import coal
 import numpy as np
 import pinocchio
 
-from pep.pit.certify import VIOLATION_RESOLUTION_M, Certified
+from pep.pit.certify import VIOLATION_RESOLUTION_M
 from pep.pit.engine import NUMPY, chosen
-from pep.pit.path import NO_LEAVES
 from pep.pit.stage import STAGES
 from pep.pit.tier import MOVING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Container, Sequence
 
     from numpy.typing import NDArray
 
-    from pep.pit.certify import Witness
+    from pep.pit.certify import Certified, Witness
     from pep.pit.motion import Floats, Profile
+    from pep.pit.obstacles import Kind
     from pep.pit.pairs import Pairs
     from pep.pit.path import Path
     from pep.pit.robot import Robot
@@ -91,12 +91,12 @@ def cross_check(
     at = [profile.at(profile.time_of(w.s)) for w in watched]
     at += [profile.at(share * profile.duration_s) for share in fractions(seed)]  # nobody can foresee these places
     met = np.array(at)
-    places = list(zip(path.start + met[:, :1] * path.delta, path.delta * met[:, 1:], strict=True))
+    q, qd = path.start + met[:, :1] * path.delta, path.delta * met[:, 1:]
     kernel, every = np.empty((len(watched), len(pairs))), np.arange(len(pairs))
     for told, witness in zip(kernel, watched, strict=True):
         told[:] = path.clearance_at(pairs, witness.key, every)
         told[witness.pair] = witness.clearance_m
-    sight = world.look(places, kernel, stop=stop, since=0)
+    sight = world.look(q, qd, kernel, stop=stop, since=0, upper=certified.upper)
     if not sight.agrees:
         return Disagreement("clearance at the witness")
     for moving, witness in zip(sight.speed, watched, strict=False):
@@ -110,15 +110,16 @@ class Sight:
     """What the second engine sees at some places.
 
     Attributes:
-        places: joint angles and speeds.
-        measured: how many of them coal measured, the first ones.
+        q: joint angles of the places, (places, 6), rad.
+        measured: how many of the places coal measured, the first ones.
         near: signed clearances, (places, pairs); where nobody measured, what they are at least.
         speed: surface speeds, (places, bodies).
         agrees: whether the first engine found the same clearances where coal measured.
-        open: rows of (place, pair) that may count more than any motion does, or be violated, for all that this says.
+        open: rows of (place, pair) that may be violated for all that this says, or count more: where coal measured than
+            any motion does, elsewhere than the first engine's answer.
     """
 
-    places: Sequence[tuple[Floats, Floats]]
+    q: Floats
     measured: int
     near: Floats
     speed: Floats
@@ -142,19 +143,21 @@ def judged_where_near(
     if len(rows) < len(pairs):
         doubts = doubts[np.isin(doubts[:, 1], rows)]
     if not len(doubts):
-        return Agreement(len(sight.places))
+        return Agreement(len(sight.q))
     world.measure(sight, doubts)
     place, pair = doubts.T
     clearance, speed = sight.near[place, pair], sight.speed[place, pairs.body[pair]]
-    return _told(_doubted(pairs, stop, certified, pair, clearance, speed), len(sight.places))
+    found = _doubted(pairs, stop, pair, clearance, speed, upper=certified.upper, violated=certified.violated)
+    return _told(found, len(sight.q))
 
 
 def judged(
     pairs: Pairs, stop: Stopping, certified: Certified, rows: NDArray[np.intp], *, clearance: Floats, speed: Floats
 ) -> Agreement | Disagreement:
     """Whether the certified answer holds for what was measured of `rows`, both of shape (places, rows)."""
-    asked = np.tile(rows, len(clearance))
-    return _told(_doubted(pairs, stop, certified, asked, clearance.ravel(), speed.ravel()), len(clearance))
+    asked, upper, violated = np.tile(rows, len(clearance)), certified.upper, certified.violated
+    found = _doubted(pairs, stop, asked, clearance.ravel(), speed.ravel(), upper=upper, violated=violated)
+    return _told(found, len(clearance))
 
 
 def _told(found: _Doubted, places: int) -> Agreement | Disagreement:
@@ -172,16 +175,33 @@ class _Doubted(NamedTuple):
     below: NDArray[np.bool_]
 
 
-def _doubted(  # noqa: PLR0917 - one column each
-    pairs: Pairs, stop: Stopping, certified: Certified, asked: NDArray[np.intp], clearance: Floats, speed: Floats
+def _doubted(
+    pairs: Pairs,
+    stop: Stopping,
+    asked: NDArray[np.intp],
+    clearance: Floats,
+    speed: Floats,
+    *,
+    upper: float | Floats,
+    violated: Container[Kind],
 ) -> _Doubted:
-    """What speaks against the certified answer: of a clearance that is at least so much, no less does."""
+    """What speaks against an answer: of a clearance that is at least so much, no less does.
+
+    Args:
+        pairs: of them the laws.
+        stop: how the motion ends when it must.
+        asked: a pair each.
+        clearance: how far it is apart at least, metre.
+        speed: of its body, m/s.
+        upper: the index that none may exceed, or that of each.
+        violated: kinds of which violations were found.
+    """
     near = clearance + DISTANCE_TOLERANCE_M
     index = pairs.index(asked, near, speed, stop)
     below = near + VIOLATION_RESOLUTION_M < pairs.violated_below[asked]
     for row in np.flatnonzero(below).tolist():
-        below[row] = pairs.kind_of(int(asked[row])) not in certified.violated
-    return _Doubted(~(index <= certified.upper + INDEX_TOLERANCE), below)
+        below[row] = pairs.kind_of(int(asked[row])) not in violated
+    return _Doubted(~(index <= upper + INDEX_TOLERANCE), below)
 
 
 def cross_check_rest(path: Path, pairs: Pairs, scene: Scene, clearance: Floats) -> Agreement | Disagreement:
@@ -219,39 +239,43 @@ class World:
 
     def ask_all(self, places: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
         """The same at several joint angles and speeds: clearance and speed, each of shape (places, pairs)."""
-        ends, _, _, speed = self._motion(places)
+        ends, _, _, speed = self._motion(*np.array(places).swapaxes(0, 1))
         near = self._unmeasured(ends)
         for row, (q, _) in zip(near, places, strict=True):
             self._measure(row, q)
         return near, speed[:, self.pairs.body]
 
-    def look(self, places: Sequence[tuple[Floats, Floats]], kernel: Floats, *, stop: Stopping, since: int) -> Sight:
+    def look(self, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float) -> Sight:
         """What is seen at these places; coal measures at the first ones.
 
         Args:
-            places: joint angles (6,), rad, and speeds, rad/s.
+            q: joint angles, (places, 6), rad.
+            qd: their speeds, (places, 6), rad/s.
             kernel: the first engine's clearances at the first places, (measured, pairs).
             stop: how the motion ends when it must.
             since: the first place of which what is open counts.
+            upper: the index that the first engine proved of the motion.
         """
         if chosen() is NUMPY or self.pairs.solids.hulls:
-            return self._look(places, kernel, stop=stop, since=since)
+            return self._look(q, qd, kernel, stop=stop, since=since, upper=upper)
         from pep.pit.kernel.confirm import sight  # here, since numba may be missing
 
-        return Sight(places, len(kernel), *sight(self, places, kernel, stop=stop, since=since))
+        return Sight(q, len(kernel), *sight(self, q, qd, kernel, stop=stop, since=since, upper=upper))
 
-    def _look(self, places: Sequence[tuple[Floats, Floats]], kernel: Floats, *, stop: Stopping, since: int) -> Sight:
-        ends, turns, origins, speed = self._motion(places)
+    def _look(self, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float) -> Sight:
+        ends, turns, origins, speed = self._motion(q, qd)
         near, later, pairs = self._unmeasured(ends), slice(len(kernel), None), self.pairs
         near[later, : len(self.radius)] = self._balls(ends[later], turns[later], origins[later])
-        for row, (q, _) in zip(near, places[: len(kernel)], strict=False):
-            self._measure(row, q)
+        for row, angles in zip(near, q[: len(kernel)], strict=False):
+            self._measure(row, angles)
         agrees = bool((np.abs(near[: len(kernel)] - kernel) <= DISTANCE_TOLERANCE_M).all())
-        every = np.tile(np.arange(len(pairs)), len(places) - since)
-        calm = Certified(MOVING, MOVING, (), {}, NO_LEAVES, np.zeros(0))
-        found = _doubted(pairs, stop, calm, every, near[since:].ravel(), speed[since:, pairs.body].ravel())
+        allowed = np.where(np.arange(len(q)) < len(kernel), MOVING, upper)[since:]
+        every, speeds = np.tile(np.arange(len(pairs)), len(allowed)), speed[since:, pairs.body].ravel()
+        found = _doubted(
+            pairs, stop, every, near[since:].ravel(), speeds, upper=allowed.repeat(len(pairs)), violated=()
+        )
         place, pair = np.nonzero((found.above | found.below).reshape(-1, len(pairs)))
-        return Sight(places, len(kernel), near, speed, agrees, np.stack([place + since, pair], axis=1))
+        return Sight(q, len(kernel), near, speed, agrees, np.stack([place + since, pair], axis=1))
 
     def distances(self, q: Floats) -> Floats:
         """Coal's distances of the cores of all pairs of bodies."""
@@ -266,8 +290,10 @@ class World:
         placed, distances = -1, []
         for at, which in zip(place.tolist(), pair.tolist(), strict=True):
             if at != placed:
-                q, placed = sight.places[at][0], at
-                pinocchio.updateGeometryPlacements(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
+                placed = at
+                pinocchio.updateGeometryPlacements(
+                    self.robot.pinocchio, stage.data, stage.geometry, stage.found, sight.q[at]
+                )
             distances.append(_LEAST(of(stage.geometry, stage.found, which)))
         sight.near[place, pair] = np.maximum(distances, 0.0) - self.radius[pair]
 
@@ -304,20 +330,20 @@ class World:
         radius = self.stage.radius[bodies]
         return np.concatenate([room[:, :, axis] - radius for axis in range(3) for room in (high, low)], axis=1)
 
-    def _motion(self, places: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats, Floats, Floats]:
+    def _motion(self, q: Floats, qd: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Where all bodies' ends are, how the links are turned and where, and surface speeds relative to references.
 
         Pinocchio's Jacobian has a column per joint: the turning, and the speed of what is at the base's origin, that it
         gives all links behind it.
         """
         model, stage = self.robot.pinocchio, self.stage
-        count, links = len(places), len(stage.turns)
+        count, links = len(q), len(stage.turns)
         turns, origins = np.empty((count, links, 3, 3)), np.empty((count, links, 3))
         gives = np.empty((count, links - 1, 6))  # velocity and spin
-        for k, (q, qd) in enumerate(places):
-            columns = pinocchio.computeJointJacobians(model, stage.data, q)
+        for k, (angles, rates) in enumerate(zip(q, qd, strict=True)):
+            columns = pinocchio.computeJointJacobians(model, stage.data, angles)
             turns[k], origins[k] = stage.turns, stage.origins
-            np.multiply(columns.T, qd[:, None], out=gives[k])
+            np.multiply(columns.T, rates[:, None], out=gives[k])
         ends = np.einsum("pbij,bej->pbei", turns[:, stage.link], stage.ends) + origins[:, stage.link, None]
         twist = stage.moved_by @ gives
         spin = twist[..., 3:]

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit.kernel.columns import BODY, GROUP, KIND, RADII
+from pep.pit.clearance import NONE
+from pep.pit.kernel.columns import BODY, GROUP, KIND, RADII, WHOLE
 from pep.pit.kinematics import layout
 from pep.pit.model import PAYLOAD
 from pep.pit.obstacles import CODE, KINDS_IN_ORDER, LAW_COLUMNS, Kind, groups_of, own_of, seen_in, walls_of
-from pep.pit.solids import RADIUS, Solids
+from pep.pit.solids import RADIUS, SOLID, Solids
 from pep.pit.tier import meant_index, person_index, thing_index, zone_index
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from pep.pit.clearance import Cores
     from pep.pit.motion import Floats
     from pep.pit.robot import Robot
-    from pep.pit.scene import Scene
+    from pep.pit.scene import Scene, Workspace
     from pep.pit.separation import Stopping
 
 SCENES_KEPT: Final = 4  # with people where they are seen and where they may have come meanwhile
@@ -187,28 +188,33 @@ def pairs_of(
 
 
 def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, touch: frozenset[str]) -> Pairs:
-    things, (_, inner) = seen_in(robot, scene, cell, grown_m), own_of(robot, cell)
-    walls = walls_of(scene.workspace, cell)
-    every = (things, inner, walls)
-    rows = _rows(robot, cell, len(things.names), len(walls.names))
-    solids = Solids.joined([each.solids for each in every]).take(rows.column)
-    whole = np.concatenate([each.whole for each in every])
-    whole[len(things.names) :, GROUP] += things.groups  # no kind is found in two of them
-    whole[len(things.names) + len(inner.names) :, GROUP] += inner.groups
-    numbers, whole = solids.numbers, whole[rows.column]
-    numbers[:, RADII] = numbers[:, RADIUS] + rows.radius
-    whole[:, BODY] = rows.body
+    things, count = seen_in(robot, scene, cell, grown_m), robot.world_bodies
+    fixed = _fixed(robot, cell, scene.workspace, len(things.names))
+    moved, rows = len(things.names) * count, len(fixed.column)
+    numbers, whole = np.empty((rows, SOLID)), np.empty((rows, WHOLE), dtype=np.int64)
+    by_body = numbers[:moved].reshape(-1, count, SOLID)
+    by_body[:] = things.solids.numbers[:, None]
+    by_body[:, :, RADII] = by_body[:, :, RADIUS] + fixed.radius
+    numbers[moved:] = fixed.numbers
+    kinds = whole[:moved].reshape(-1, count, WHOLE)
+    kinds[:] = things.whole[:, None]
+    kinds[:, :, BODY] = fixed.body[:count]
+    whole[moved:] = fixed.whole
+    whole[moved:, GROUP] += things.groups  # no kind is found among both
+    hull = np.full(rows, NONE, dtype=np.intp)
+    if things.solids.hulls:
+        hull[:moved] = np.repeat(things.solids.hull, count)
     pairs = Pairs(
-        body=rows.body,
-        solids=solids,
+        body=fixed.body,
+        solids=Solids(numbers, hull, things.solids.hulls),
         radii=numbers[:, RADII],
         kind=whole[:, KIND],
         **{name: numbers[:, at] for name, at in LAW_COLUMNS.items()},
-        column=rows.column,
-        names=(*things.names, *inner.names, *walls.names),
-        sources=(*things.sources, *inner.sources, *walls.sources),
+        column=fixed.column,
+        names=(*things.names, *fixed.names),
+        sources=(*things.sources, *fixed.sources),
         group=whole[:, GROUP],
-        touchable=_touchable(robot, scene, cell, touch, len(rows.column)),
+        touchable=_touchable(robot, scene, cell, touch, rows),
         contact_speed=cell.contact_speed_m_s,
         warn_band=cell.warn_band_m,
         penetration_band=cell.penetration_band_m,
@@ -218,30 +224,54 @@ def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, to
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
-    """Which obstacle and which body each row is of.
+class _Fixed:
+    """What is the same of all rows, whatever so many things are.
 
     One row per thing and moving body, then the arm's own pairs, then one per face of the room and moving body.
 
     Attributes:
         column, body: of each row, the obstacle's and the body's index.
-        radius: of each row's body, metre.
+        radius: of each moving body, metre.
+        numbers, whole: of the rows behind those of things; their groups are counted from 0.
+        names, sources: of the obstacles there.
     """
 
     column: NDArray[np.intp]
     body: NDArray[np.intp]
     radius: Floats
+    numbers: Floats
+    whole: NDArray[np.int64]
+    names: tuple[str, ...]
+    sources: tuple[str, ...]
 
 
 @lru_cache(maxsize=16)  # people come and go: a handful of numbers in a cell
-def _rows(robot: Robot, cell: CellParameters, things: int, planes: int) -> _Rows:
-    moving, (inner, _) = np.arange(robot.world_bodies), own_of(robot, cell)
-    times = np.array([len(moving)] * things + [1] * len(inner) + [len(moving)] * planes, dtype=np.intp)
-    column = np.repeat(np.arange(len(times)), times)
-    body = np.concatenate([np.tile(moving, things), inner, np.tile(moving, planes)])
-    for array in (column, body):
+def _fixed(robot: Robot, cell: CellParameters, workspace: Workspace | None, things: int) -> _Fixed:
+    moving, (own, inner), walls = np.arange(robot.world_bodies), own_of(robot, cell), walls_of(workspace, cell)
+    faces = len(walls.names)
+    times = np.array([len(moving)] * things + [1] * len(own) + [len(moving)] * faces, dtype=np.intp)
+    column, radius = np.repeat(np.arange(len(times)), times), layout(robot).radius
+    body = np.concatenate([np.tile(moving, things), own, np.tile(moving, faces)])
+    behind = slice(things * len(moving), None)
+    of = column[behind] - things
+    numbers = np.concatenate([inner.solids.numbers, walls.solids.numbers])[of]
+    numbers[:, RADII] = numbers[:, RADIUS] + radius[body[behind]]
+    whole = np.concatenate([inner.whole, walls.whole])
+    whole[len(inner.names) :, GROUP] += inner.groups
+    whole = whole[of]
+    whole[:, BODY] = body[behind]
+    found = _Fixed(
+        column,
+        body,
+        radius[moving],
+        numbers,
+        whole,
+        (*inner.names, *walls.names),
+        (*inner.sources, *walls.sources),
+    )
+    for array in (found.column, found.body, found.radius, found.numbers, found.whole):
         array.setflags(write=False)
-    return _Rows(column, body, layout(robot).radius[body])
+    return found
 
 
 def _touchable(

@@ -62,9 +62,10 @@ def drive_check(
         for (s, _), (q, dq) in zip(places, angles, strict=True):
             if s <= drive.line_until and not line.holds(s, q, dq):
                 return Disagreement("joint angles on the line")
-    moving_at = [(q, dq * rate) for (_, rate), (q, dq) in zip(places, angles, strict=True)]
+    at = np.array([q for q, _ in angles])
+    moving_at = np.array([dq * rate for (_, rate), (_, dq) in zip(places, angles, strict=True)])
     kernel = np.array([course.clearance_at(pairs, witness.key, every) for witness in watched]).reshape(-1, len(pairs))
-    sight = world.look(moving_at, kernel, stop=stop, since=len(met))
+    sight = world.look(at, moving_at, kernel, stop=stop, since=len(met), upper=certified.upper)
     if not sight.agrees:
         return Disagreement("clearance at the witness")
     for k, witness in enumerate(watched):

@@ -40,7 +40,7 @@ _NO_TURN: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solids:
-    """Shapes as numbers, one row each, which cost less to join and to take rows of than cores.
+    """Shapes as numbers, one row each, which cost less to write again for each body than cores.
 
     Attributes:
         numbers: everything but polytopes' corners, (n, `SOLID`).
@@ -50,19 +50,6 @@ class Solids:
     numbers: Floats
     hull: NDArray[np.intp]
     hulls: tuple[Hull, ...] = ()
-
-    @staticmethod
-    def joined(parts: Sequence[Solids]) -> Solids:
-        """All rows of all parts, of which only the first has polytopes."""
-        return Solids(
-            np.concatenate([each.numbers for each in parts]),
-            np.concatenate([each.hull for each in parts]),
-            parts[0].hulls,
-        )
-
-    def take(self, rows: NDArray[np.intp]) -> Solids:
-        """These rows."""
-        return Solids(self.numbers.take(rows, axis=0), self.hull[rows], self.hulls)
 
     @property
     def radius(self) -> Floats:

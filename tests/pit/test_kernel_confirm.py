@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pep.pit import Robot, Workspace, adult_at_distance
+from pep.pit.certify import VIOLATION_RESOLUTION_M
 from pep.pit.engine import NUMPY, chosen
 from pep.pit.oracle import DISTANCE_TOLERANCE_M, World
 from pep.pit.pairs import pairs_of
@@ -22,7 +23,7 @@ STOP = stopping(CELL, perception_age_s=0.1, joint_speed_rad_s=1.0)
 ROOMS = (None, Workspace((-0.6, -0.6, -0.1), (0.6, 0.6, 0.9)))
 
 
-def sights(monkeypatch, rng, room, *, robot=ROBOT, wrong=0.0, since=0):
+def sights(monkeypatch, rng, room, *, robot=ROBOT, wrong=0.0, since=0, upper=MOVING):
     """What both see at a few random places, and the pairs; the first engine's clearances are off by `wrong`."""
     scene = replace(random_scene(rng), people=(adult_at_distance(0.7, bearing_rad=0.4),), workspace=room)
     pairs = pairs_of(robot, scene, CELL, grown_m=0.0)
@@ -31,36 +32,46 @@ def sights(monkeypatch, rng, room, *, robot=ROBOT, wrong=0.0, since=0):
     exact, _ = world.ask_all(places)
     kernel = exact[:MEASURED].copy()
     kernel[1, rng.integers(len(pairs))] += wrong
-    ours = world.look(places, kernel, stop=STOP, since=since)
+    q, qd = np.array(places).swapaxes(0, 1)
+    ours = world.look(q, qd, kernel, stop=STOP, since=since, upper=upper)
     with monkeypatch.context() as without:
         without.setattr("pep.pit.oracle.chosen", lambda: NUMPY)
-        theirs = world.look(places, kernel, stop=STOP, since=since)
+        theirs = world.look(q, qd, kernel, stop=STOP, since=since, upper=upper)
     return ours, theirs, exact, pairs, world
 
 
 @pytest.mark.parametrize("room", ROOMS)
-def test_clearances_speeds_and_doubts_are_the_twins(monkeypatch, room):
+@pytest.mark.parametrize("upper", [MOVING, 2.0, 2.9])
+def test_clearances_speeds_and_doubts_are_the_twins(monkeypatch, room, upper):
     rng = np.random.default_rng(94)
-    doubts = calm = 0
+    doubts = calm = settled = 0
     for _ in range(12):
-        ours, theirs, exact, pairs, world = sights(monkeypatch, rng, room)
+        ours, theirs, exact, pairs, world = sights(monkeypatch, rng, room, upper=upper)
         assert ours.near == pytest.approx(theirs.near, abs=NEAR)
         assert ours.speed == pytest.approx(theirs.speed, abs=NEAR)
         assert (ours.near <= exact + DISTANCE_TOLERANCE_M).all()
         assert ours.agrees
         assert theirs.agrees
-        # Whatever may count more than any motion is a doubt of both.
+        # Whatever may count more than it should is a doubt of both.
         found, known = ({tuple(row) for row in each.open.tolist()} for each in (ours, theirs))
         assert known <= found
+        assert {row for row in found if row[0] >= MEASURED} == {row for row in known if row[0] >= MEASURED}
         every = np.arange(len(pairs))
         for place, clearance in enumerate(exact):
             index = pairs.index(every, clearance, ours.speed[place, pairs.body], STOP)
-            assert {(place, pair) for pair in np.flatnonzero(index > MOVING + NEAR).tolist()} <= found
+            most = MOVING if place < MEASURED else upper
+            assert {(place, pair) for pair in np.flatnonzero(index > most + NEAR).tolist()} <= known
+            if place >= MEASURED:
+                wrong = np.flatnonzero(clearance < pairs.violated_below - VIOLATION_RESOLUTION_M)
+                assert {(place, pair) for pair in wrong.tolist()} <= known
+                may = set(np.flatnonzero(index > MOVING + NEAR).tolist())
+                settled += len(may - {pair for at, pair in found if at == place})
         world.measure(ours, ours.open)
         for place, pair in ours.open.tolist():
             assert ours.near[place, pair] == pytest.approx(exact[place, pair], abs=2e-6)
         doubts, calm = doubts + len(found), calm + exact.size - len(found)
     assert min(doubts, calm) > 1000
+    assert (settled > 100) == (upper > MOVING)
 
 
 def test_what_is_open_counts_from_the_place_that_is_said(monkeypatch):

@@ -1,7 +1,7 @@
 """The second engine's arithmetic: what follows from where pinocchio puts the links and how coal measures the cores.
 
-It takes pinocchio's frames and Jacobians, and no function of the searches: whatever is wrong with these is not wrong
-here as well. The twin in numpy is `pep.pit.oracle.World`.
+It takes pinocchio's frames and Jacobians, and of the searches the law of an index, by which it settles what nobody has
+measured; whatever else is wrong with these is not wrong here as well. The twin in numpy is `pep.pit.oracle.World`.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from pep.pit.cell import CellParameters
 from pep.pit.certify import VIOLATION_RESOLUTION_M
 from pep.pit.kernel.columns import BAND, BODY, INTRUSION, KIND, PERSON, UNCERTAINTY, VIOLATED_BELOW
 from pep.pit.kernel.compiled import compiled, entry, lent
-from pep.pit.kernel.engine import field_of
-from pep.pit.oracle import DISTANCE_TOLERANCE_M, World
+from pep.pit.kernel.engine import field_of, law_of
+from pep.pit.kernel.law import pair_index
+from pep.pit.oracle import DISTANCE_TOLERANCE_M, INDEX_TOLERANCE, World
 from pep.pit.pairs import pairs_of
 from pep.pit.robot import Robot
 from pep.pit.scene import Scene
 from pep.pit.separation import stopping
+from pep.pit.tier import MOVING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from pep.pit.motion import Floats
@@ -148,8 +148,10 @@ def confirmed(
     pair_numbers: Floats,
     pair_whole: Whole,
     stop: Floats,
+    law: Floats,
     moving: int,
     since: int,
+    upper: float,
 ) -> tuple[Floats, Floats, bool, Whole]:
     """What the second engine says of all pairs at some places, and what of it is to be judged.
 
@@ -165,8 +167,10 @@ def confirmed(
         kernel: the first engine's clearances there, (measured, pairs).
         pair_numbers, pair_whole: the pairs' laws, kinds and bodies (`rows.Field`), and of it nothing else.
         stop: how the motion ends, and what is granted (`STANDS_OFF` and so on).
+        law: how it ends, and the common bands (`columns.REACTION` and so on).
         moving: how many bodies move in the world; they stand first.
         since: the first place of which what is open counts.
+        upper: the index that what was not measured may not exceed.
 
     Returns:
         As the last four of `pep.pit.oracle.Sight`.
@@ -200,38 +204,39 @@ def confirmed(
             calm = stop[KNOWN_PER_SPEED] * fast + pair_numbers[pair, BAND]
             if pair_whole[pair, KIND] == PERSON:
                 calm = stop[PER_SPEED] * fast + pair_numbers[pair, INTRUSION] + stop[STANDS_OFF]
-            far = gap - pair_numbers[pair, UNCERTAINTY] >= calm
-            if not far or gap + stop[GRAZES] < pair_numbers[pair, VIOLATED_BELOW]:
+            settled = gap - pair_numbers[pair, UNCERTAINTY] >= calm
+            if not settled and place >= measured.shape[0]:
+                settled = pair_index(pair_whole[pair, KIND], pair_numbers, pair, gap, fast, law) <= upper
+            if not settled or gap + stop[GRAZES] < pair_numbers[pair, VIOLATED_BELOW]:
                 doubts[used, 0], doubts[used, 1] = place, pair
                 used += 1
     return near, speed, agrees, doubts[:used].copy()
 
 
 def sight(
-    world: World, places: Sequence[tuple[Floats, Floats]], kernel: Floats, *, stop: Stopping, since: int
+    world: World, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float
 ) -> tuple[Floats, Floats, bool, Whole]:
     """As `pep.pit.oracle.World.look`: the last four of its `Sight`."""
     model, stage, pairs = world.robot.pinocchio, world.stage, world.pairs
-    count, links = len(places), len(stage.turns)
+    count, links = len(q), len(stage.turns)
     turns, origins = np.empty((count, links, AXES, AXES)), np.empty((count, links, AXES))
-    jacobians, rates = np.empty((count, 6, links - 1)), np.array([qd for _, qd in places])
-    measured = np.empty((len(kernel), len(world.radius)))
-    for k, (q, _) in enumerate(places):
-        jacobians[k] = pinocchio.computeJointJacobians(model, stage.data, q)
+    jacobians, measured = np.empty((count, 6, links - 1)), np.empty((len(kernel), len(world.radius)))
+    for k, angles in enumerate(q):
+        jacobians[k] = pinocchio.computeJointJacobians(model, stage.data, angles)
         turns[k], origins[k] = stage.turns, stage.origins
         if k < len(kernel):
-            measured[k] = world.distances(q)
+            measured[k] = world.distances(angles)
     workspace = world.scene.workspace
     room = np.zeros((0, AXES)) if workspace is None else np.array([workspace.low_m, workspace.high_m])
     stands_off = float(stop.approach_m(np.zeros(()))) + pairs.warn_band
     per_speed = stop.reaction_s + stop.travel_s
-    laws = np.array([stands_off, per_speed, stop.travel_s, DISTANCE_TOLERANCE_M, VIOLATION_RESOLUTION_M])
+    ends = np.array([stands_off, per_speed, stop.travel_s, DISTANCE_TOLERANCE_M, VIOLATION_RESOLUTION_M])
     _, numbers, whole = field_of(pairs)
     return confirmed(
         turns,
         origins,
         jacobians,
-        rates,
+        qd,
         *stage.blocks,
         world.balls,
         room,
@@ -239,16 +244,18 @@ def sight(
         kernel,
         numbers,
         whole,
-        laws,
+        ends,
+        np.array(law_of(pairs, stop)),
         world.robot.world_bodies,
         since,
+        upper + INDEX_TOLERANCE,
     )
 
 
 def compile_all() -> None:
     """Every entry is compiled, or read from where it was kept."""
     robot, cell = Robot.load("ur3e"), CellParameters()
-    scene, still = Scene.of_cell(cell), np.zeros(len(robot.model.joints))
+    scene, still = Scene.of_cell(cell), np.zeros((1, len(robot.model.joints)))
     pairs = pairs_of(robot, scene, cell, grown_m=0.0)
     stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=0.0)
-    sight(World(robot, scene, pairs), [(still, still)], np.zeros((1, len(pairs))), stop=stop, since=0)
+    sight(World(robot, scene, pairs), still, still, np.zeros((1, len(pairs))), stop=stop, since=0, upper=MOVING)

@@ -22,7 +22,7 @@ from pep.pit.kernel.halving import blow, examined, fits, met_at, nothing_known, 
 from pep.pit.kernel.known import KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
 from pep.pit.kernel.near import clearances
 from pep.pit.kernel.room import ASKED, room_for
-from pep.pit.kernel.rows import Field, Rows, Way
+from pep.pit.kernel.rows import Field, Rows, Way, balls_of
 from pep.pit.kernel.straight import certify
 from pep.pit.kinematics import layout
 from pep.pit.motion import MoveJ, profile_of
@@ -281,12 +281,9 @@ def packed(pairs: Pairs) -> Field:
     solids = pairs.solids
     if solids.hulls:
         raise PitError("PHYSICS_FAULT", "the kernel knows no polytopes")
-    numbers = solids.numbers if pairs.whole is not None else solids.numbers.copy()
-    numbers[:, columns.CALM] = pairs.uncertainty + np.where(
-        pairs.kind == columns.PERSON, pairs.intrusion + pairs.warn_band, pairs.band
-    )
     if pairs.whole is not None:
-        return Field(_balls_of(pairs, numbers, pairs.whole), numbers, pairs.whole)
+        return Field(balls_of(solids.numbers, pairs.whole, pairs.warn_band), solids.numbers, pairs.whole)
+    numbers = solids.numbers.copy()
     numbers[:, columns.RADII] = pairs.radii
     numbers[:, columns.UNCERTAINTY] = pairs.uncertainty
     numbers[:, columns.HARM_SPEED] = pairs.harm_speed
@@ -300,17 +297,7 @@ def packed(pairs: Pairs) -> Field:
     whole[:, columns.SHAPE] = numbers[:, FORM]
     whole[:, columns.KIND] = pairs.kind
     whole[:, columns.GROUP] = pairs.group
-    return Field(_balls_of(pairs, numbers, whole), numbers, whole)
-
-
-def _balls_of(pairs: Pairs, numbers: Floats, whole: NDArray[np.int64]) -> Floats:
-    balls = np.empty((len(pairs), columns.BALL_NUMBERS))
-    balls[:, columns.BALL : columns.BALL + 3] = numbers[:, columns.CENTER : columns.CENTER + 3]
-    apart = np.maximum(numbers[:, columns.CALM], pairs.violated_below) + numbers[:, columns.AROUND] + pairs.radii
-    balls[:, columns.APART] = np.where(whole[:, columns.SHAPE] == columns.PLANE, np.inf, apart)  # it has no centre
-    balls[:, columns.BALL_BODY] = pairs.body
-    balls[:, columns.BALL_PERSON] = pairs.kind == columns.PERSON
-    return balls
+    return Field(balls_of(numbers, whole, pairs.warn_band), numbers, whole)
 
 
 def timing_of(profile: Profile) -> tuple[float, ...]:

@@ -46,10 +46,12 @@ def clearances(
         q[joint] = asked[joint] + key / GRID * delta[joint]
     nodes, found = no_nodes(1, arm.link.shape[0]), np.empty(pairs.shape[0])
     pose(nodes, 0, arm, q, delta)
+    ends, placed = nodes.ends, nodes.known
     for row in range(pairs.shape[0]):
         pair = pairs[row]
         body = pair_whole[pair, BODY]
-        place(nodes, 0, arm, body)
-        gap = core_gap(nodes.ends, 0, body, pair_numbers, pair, pair_whole[pair, SHAPE])[0]
+        if not placed[0, body]:
+            place(nodes, 0, arm, body)
+        gap = core_gap(ends, 0, body, pair_numbers, pair, pair_whole[pair, SHAPE])[0]
         found[row] = gap - pair_numbers[pair, RADII]
     return found

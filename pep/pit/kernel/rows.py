@@ -9,8 +9,27 @@ import numpy as np
 
 from pep.pit.clearance import ROUNDING_M
 from pep.pit.kernel.arm import more_nodes, place, pose
-from pep.pit.kernel.columns import AROUND, BODY, CENTER, RADII, SHAPE
-from pep.pit.kernel.compiled import compiled, lent
+from pep.pit.kernel.columns import (
+    APART,
+    AROUND,
+    BALL,
+    BALL_BODY,
+    BALL_NUMBERS,
+    BALL_PERSON,
+    BAND,
+    BODY,
+    CALM,
+    CENTER,
+    INTRUSION,
+    KIND,
+    PERSON,
+    PLANE,
+    RADII,
+    SHAPE,
+    UNCERTAINTY,
+    VIOLATED_BELOW,
+)
+from pep.pit.kernel.compiled import compiled, entry, lent
 from pep.pit.kernel.gap import core_gap, interval_gap
 from pep.pit.path import CHORD, GRID
 
@@ -83,6 +102,24 @@ def configuration(nodes: Nodes, used: int, way: Way, key: int) -> Nodes:
         q[joint] = way.start[joint] + key / GRID * way.delta[joint]
     pose(nodes, used, way.arm, q, way.delta)
     return nodes
+
+
+@entry
+def balls_of(numbers: Floats, whole: Whole, warn_band: float) -> Floats:
+    """`Field.balls` of these rows, (pairs, `BALL_NUMBERS`); the column `CALM` of `numbers` is written, too."""
+    balls = np.empty((numbers.shape[0], BALL_NUMBERS))
+    for pair in range(numbers.shape[0]):
+        person = whole[pair, KIND] == PERSON
+        calm = numbers[pair, INTRUSION] + warn_band if person else numbers[pair, BAND]
+        calm += numbers[pair, UNCERTAINTY]
+        numbers[pair, CALM] = calm
+        for i in range(3):
+            balls[pair, BALL + i] = numbers[pair, CENTER + i]
+        apart = max(calm, numbers[pair, VIOLATED_BELOW]) + numbers[pair, AROUND] + numbers[pair, RADII]
+        balls[pair, APART] = math.inf if whole[pair, SHAPE] == PLANE else apart  # a plane has no centre
+        balls[pair, BALL_BODY] = whole[pair, BODY]
+        balls[pair, BALL_PERSON] = 1.0 if person else 0.0
+    return balls
 
 
 @lent
