@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from typing import TYPE_CHECKING, Final
 
 from pep.rtde.lines import UNREAD_BYTES
 from pep.rtde.prompt import acknowledge
 
 if TYPE_CHECKING:
     from pep.rtde.lines import Line
+
+CHUNK: Final = 65_536
 
 
 class Accepted(asyncio.Protocol):
@@ -57,8 +60,22 @@ class Accepted(asyncio.Protocol):
             self._early.append(data)
             self._transport.pause_reading()
 
-    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+    def connection_lost(self, exc: Exception | None) -> None:
         """The client has gone."""
         self._left = True
-        if self._line is not None:
-            self._line.left()
+        try:
+            if exc is not None:
+                self._hear_out()
+        finally:
+            if self._line is not None:
+                self._line.left()
+
+    def _hear_out(self) -> None:
+        """What was said last is heard: who says "stop" and goes, without having read, ends the connection before it.
+
+        A write that fails on such a connection ends it for asyncio, whatever has come on it by then.
+        """
+        with suppress(OSError), self._transport.get_extra_info("socket").dup() as rest:
+            rest.settimeout(0.0)
+            while content := rest.recv(CHUNK):
+                self.data_received(content)

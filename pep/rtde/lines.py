@@ -22,6 +22,8 @@ UNREAD_BYTES: Final = 1 << 20
 ur_rtde never reads what port 30003 sends it 500 times a second.
 """
 CONNECT_S: Final = 2.0
+LINGER_S: Final = 1.0
+"""So long a controller has to end a connection on which it was told something last."""
 
 
 class Line(Protocol):
@@ -109,6 +111,17 @@ class Upstream(asyncio.Protocol):
         transport, self._transport = self._transport, None
         if transport is not None:
             transport.close()
+
+    def finish(self) -> None:
+        """Nothing more is heard, and what was sent arrives.
+
+        The system tells the end of a connection with bytes unread as a reset, and a controller that finds one when it
+        writes need not have read what came before.
+        """
+        transport, self._transport = self._transport, None
+        if transport is not None and not transport.is_closing():
+            transport.write_eof()
+            asyncio.get_running_loop().call_later(LINGER_S, transport.abort)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The connection is there."""
