@@ -186,10 +186,6 @@ class ScriptPort(StreamPort):
             if only_stops(text):
                 self.robot.send(self._stop)
 
-    def left(self) -> None:
-        """The client has gone; the stop that it may have asked for has not."""
-        self.robot.finish()
-
 
 class StatePorts:
     """What anybody gets: `pep.rtde.lines.Ports` without a lease.

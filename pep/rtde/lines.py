@@ -107,12 +107,6 @@ class Upstream(asyncio.Protocol):
             self._transport.write(content)
 
     def close(self) -> None:
-        """Nothing more is heard."""
-        transport, self._transport = self._transport, None
-        if transport is not None:
-            transport.close()
-
-    def finish(self) -> None:
         """Nothing more is heard, and what was sent arrives.
 
         The system tells the end of a connection with bytes unread as a reset, and a controller that finds one when it

@@ -10,6 +10,8 @@ from pep.rtde.gateway import ScriptPort, stop_text
 from pep.rtde.lines import Upstream
 from pep.stopping import STOP_DECELERATION_RAD_S2
 
+pytestmark = pytest.mark.clause("RTDE-13")
+
 STOP = b"stopj(2.0)\n"
 STATE = b"\0\0\0\4"
 WAIT_S = 10
@@ -110,9 +112,9 @@ class Slow:
             return text
 
 
-@pytest.mark.parametrize("left", [False, True])
-def test_a_stop_arrives_at_a_controller_that_says_something_first(monkeypatch, left):
-    """The line is left at once, with the controller's state unread."""
+@pytest.mark.parametrize("at_once", [False, True])
+def test_a_stop_arrives_at_a_controller_that_says_something_first(monkeypatch, at_once):
+    """The line is left with the controller's state unread; `at_once`, what it would be without our care."""
 
     async def scenario():
         slow, back = Slow(), Served(at_once=False)
@@ -125,14 +127,14 @@ def test_a_stop_arrives_at_a_controller_that_says_something_first(monkeypatch, l
         await asyncio.sleep(0.05)
         line.received(STOP)
         transport.resume_reading()
-        line.left() if left else line.robot.close()
+        transport.close() if at_once else line.left()
         return await told
 
-    if left:
-        assert asyncio.run(asyncio.wait_for(scenario(), WAIT_S)) == stop_text(STOP_DECELERATION_RAD_S2)
-    else:  # what an end at once is like
+    if at_once:
         with pytest.raises(OSError):
             asyncio.run(asyncio.wait_for(scenario(), WAIT_S))
+    else:
+        assert asyncio.run(asyncio.wait_for(scenario(), WAIT_S)) == stop_text(STOP_DECELERATION_RAD_S2)
 
 
 def test_a_controller_that_keeps_the_connection_is_left_in_time(monkeypatch):
@@ -144,8 +146,8 @@ def test_a_controller_that_keeps_the_connection_is_left_in_time(monkeypatch):
             assert await upstream.reach(*server.getsockname()) is None
             link, _ = server.accept()
             with link:
-                upstream.finish()
-                upstream.finish()
+                upstream.close()
+                upstream.close()
                 assert not upstream.connected
                 link.sendall(STATE)
                 assert link.recv(1) == b""
