@@ -77,6 +77,7 @@ class Carrier(asyncio.Protocol):
         self._heard_ms = clock.monotonic_ms()
         self._why = Ending.CLOSED
         self._over = False
+        self._unsent: list[bytes] = []
 
     @property
     def lines(self) -> Lines:
@@ -162,8 +163,18 @@ class Carrier(asyncio.Protocol):
     def _send(self, frame: bytes | Fault) -> None:
         if isinstance(frame, Fault):  # the session's time is over
             self._end(Ending.AUTHORITY)
-        elif self._transport is not None and not self._transport.is_closing():
-            self._transport.write(delimited(frame))
+        else:
+            self._unsent.append(delimited(frame))
+            if self._asking:
+                self._flush()  # a command
+            elif len(self._unsent) == 1:
+                # What the controller says comes on several lines at once: it goes on, and wakes the other end, once.
+                asyncio.get_running_loop().call_soon(self._flush)
+
+    def _flush(self) -> None:
+        unsent, self._unsent = self._unsent, []
+        if unsent and self._transport is not None and not self._transport.is_closing():
+            self._transport.write(b"".join(unsent))
 
     def _beat(self) -> None:
         if self._over:
@@ -177,6 +188,7 @@ class Carrier(asyncio.Protocol):
     def _end(self, ending: Ending) -> None:
         if self._over:
             return
+        self._flush()
         self._over = True
         if self._timer is not None:
             self._timer.cancel()

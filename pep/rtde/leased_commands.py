@@ -32,7 +32,7 @@ from pep.rtde.grid import on_grid
 from pep.rtde.image import Image
 from pep.rtde.recipes import DOUBLE, INT
 from pep.rtde.refused import Refused
-from pep.rtde.stops import MODES, STOPS, ended_by, raised
+from pep.rtde.stops import MODES, STOPS, ended_by, of_stream, raised
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -383,11 +383,12 @@ class LeasedCommands:
         return self._stop_next is not None or self._inside
 
     def _stop(self, stop: Stop, at_ms: int) -> None:
-        """The program's own stop: at once, at least as hard as the cell's."""
-        stop = raised(stop, self._deceleration)
+        """The program's own stop: at once, at least as hard as the cell's, and of the stream that goes on."""
+        fits = of_stream(stop, self._modes)
+        stop = raised(fits or stop, self._deceleration)
         self._withdraw()
         self._end_stream()
-        if not self._running or (self._inside and self._once not in STOPS):
+        if fits is None or not self._running or (self._inside and self._once not in STOPS):
             self._halt()  # nobody reads the registers, or the script is in the midst of a move
         elif self._once is None:
             self._write(stop)

@@ -70,6 +70,9 @@ MODES: Final[Mapping[int, Stop]] = MappingProxyType(
 )
 """What goes on after its command has been cleared, by command id, and the stop that ends it, still to be raised."""
 
+STREAMS: Final = frozenset(mode for mode, stop in MODES.items() if stop in (_SPEED, _SERVO))
+"""Those that move the arm in a thread of the control script, until the stop of their mode."""
+
 STOPS: Final[Mapping[int, Stop]] = MappingProxyType(
     {
         15: _SPEED,
@@ -89,3 +92,17 @@ def ended_by(stop: Stop, modes: set[int]) -> set[int]:
     return {
         mode for mode in modes if type(MODES[mode]) is type(stop) and (not isinstance(stop, End) or MODES[mode] == stop)
     }
+
+
+def of_stream(stop: Stop, modes: set[int]) -> Stop | None:
+    """A stop of the arm as it ends the stream that goes on, still to be raised; None where there are two kinds of them.
+
+    Any other would meet the thread that moves the arm: the arm would go on, or the controller end a program in which
+    two threads do.
+    """
+    ends = {MODES[mode] for mode in modes & STREAMS}
+    if isinstance(stop, End) or not ends:
+        return stop
+    if len(ends) > 1:
+        return None
+    return stop if ended_by(stop, modes & STREAMS) else ends.pop()

@@ -445,6 +445,39 @@ def test_a_move_whose_end_the_controller_skipped_is_over_when_script_and_arm_are
     line.ask(SPEED)
 
 
+@pytest.mark.parametrize(
+    "asked", [v.StopJ(0.1, asynchronous=False), v.StopL(99.0, asynchronous=True), v.SpeedStop(12.0), v.ServoStop(12.0)]
+)
+@pytest.mark.parametrize(("stream", "ends"), [(SPEED, v.SpeedStop), (SERVO, v.ServoStop)])
+def test_any_stop_of_a_stream_is_given_as_that_ends_it(stream, ends, asked):
+    steps = Steps()
+    line = Line().permitted(stream, steps)
+    acts = line.say(asked)
+    assert line.written(acts) == [ends(12.0 if type(asked) is ends else 10.0)]
+    assert acts[-1] == Braked()
+    assert steps.over == 1
+    line.robot(line.sent.whole(0), DONE)
+    line.robot(0, READY, still=True)
+    line.write({INT[0]: 0})
+    assert line.written(line.say(v.StopJ(9.0, asynchronous=False))) == [v.StopJ(9.0, asynchronous=False)], "it is over"
+
+
+def test_a_stop_of_two_kinds_of_streams_ends_the_program():
+    line = Line().permitted(SPEED)
+    line.write({INT[0]: 0})
+    line.robot(0, READY)
+    line.permitted(SERVO)
+    acts = line.say(v.ServoStop(9.0))
+    assert not line.written(acts)
+    assert Halt() in acts
+
+
+def test_the_end_of_a_mode_beside_a_stream_is_given_as_it_is():
+    line = Line().permitted(SERVO)
+    ending = v.End(v.Ending.FORCE_MODE)
+    assert line.written(line.say(ending)) == [ending]
+
+
 def test_a_stop_after_what_was_not_cleared_is_given_once_the_script_listens():
     line = Line().permitted(v.ServoC(Q, 0.1, 1.0, 0.0))
     assert line.written(line.say(v.ServoStop(9.0))) == [v.Clear()]
