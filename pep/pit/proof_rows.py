@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pep.pit.certify import DEPTH, FIRST_CUT_MOST, ROWS_MOST, VIOLATION_RESOLUTION_M
+from pep.pit.certify import ROWS_MOST, VIOLATION_RESOLUTION_M
 from pep.pit.course import Course
 from pep.pit.departure import RETREAT_CUT
 from pep.pit.errors import ProofError
@@ -30,7 +30,12 @@ if TYPE_CHECKING:
 ALL_BUT_ON_IT: Final = 1e-6  # rad: what Newton leaves beside a line, with much room
 CLEARLY: Final = 1e-3  # of an index: far more than that can count
 DIGITS: Final = "0123456789abcdefghijklmn"  # PHY-32: of an interval's depth
-DEEPEST: Final = DEPTH + FIRST_CUT_MOST.bit_length() - 1  # halvings of the whole way that the search can have made
+DEEPEST: Final = len(DIGITS) - 1
+"""Halvings of the whole way: a narrower interval has no exact middle.
+
+They are more than the search makes, which takes clearance and speed at the same place (PHY-9): where the arm comes to
+rest just short of an obstacle, its plainer rows here follow it farther.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,6 +28,7 @@ from pep.rtde.acts import (
 )
 from pep.rtde.changes import Cleared, Commanded, Drifted, Staged, Swapped, Unchanged, changes
 from pep.rtde.commands import EVERY_CYCLE, CommandClass, Wait, decode, encode, row_of
+from pep.rtde.echo import QUIET, Echo
 from pep.rtde.grid import on_grid
 from pep.rtde.image import Image
 from pep.rtde.recipes import DOUBLE, INT
@@ -46,8 +47,6 @@ if TYPE_CHECKING:
 
 READY, DONE = 1, 2
 """What the control script says in its output register 0."""
-QUIET: Final = 50
-"""Packages (0.1 s) of an idle script and an arm that stands: a controller may skip the one that says DONE."""
 TAKEN_MS: Final = 50
 """Within so long the control script begins with a stop, when it can hear it at all."""
 WATCHDOG_HZ: Final = 8.0
@@ -85,6 +84,7 @@ class LeasedCommands:
         # A command that the script carries out once, until the script is seen idle; whether it may still be in it.
         self._once: int | None = None
         self._inside = False
+        self._echo = Echo()
         self._quiet = 0
         self._stop_next: tuple[Stop, int | None] | None = None  # and since when it has waited for the script
         self._wanted_ms: float | None = None  # the program's own watchdog
@@ -116,6 +116,7 @@ class LeasedCommands:
         """Our control script runs, with that path in it, and listens to us alone."""
         self._running, self._path = True, path
         self._sent, self._once, self._inside, self.stands = 0, None, False, None
+        self._echo = Echo()
         self._stop_next = None
         self._modes.clear()
         if self.denied:
@@ -346,15 +347,17 @@ class LeasedCommands:
 
     def robot(self, command: int, said: int, *, still: bool) -> None:
         """What the controller has in the command register, what the script says and whether the arm stands, at once."""
-        idle = command == 0 and said == READY
+        self._echo.told(command)
+        idle, newest = command == 0 and said == READY, self._echo.newest
         # A move goes on when the program clears it; a stop is not cleared before it is over.
         over = command == self._once or (command == 0 and self._once not in STOPS)
         self._quiet = self._quiet + 1 if idle and still else 0
-        if self._inside and ((said == DONE and over) or self._quiet > QUIET):
+        # A controller may skip the package that says DONE.
+        if self._inside and newest and ((said == DONE and over) or self._quiet > QUIET):
             self._inside = False
             if command in STOPS and self._client.whole(0) == 0:
                 self._blanked()  # the program did not wait for its end
-        if idle and not self._inside:
+        if idle and newest and not self._inside:
             self._once = None
             if self._stop_next is not None and not self._sent:
                 stop, _ = self._stop_next
@@ -424,6 +427,7 @@ class LeasedCommands:
         """The whole image with that command in it, from our own copy."""
         row = row_of(command)
         self._sent, self.stands = row.id, None
+        self._echo.wrote(row.id)
         if not row.every_cycle and row.id:
             self._once = row.id
             self._inside = isinstance(command, v.Stop) or (isinstance(command, v.Move) and not _asynchronous(command))

@@ -426,6 +426,7 @@ def test_no_register_reaches_a_script_that_is_in_a_move():
 
 def test_nothing_is_asked_while_the_script_is_in_a_move():
     line = Line().permitted(MOVE)
+    line.robot(1, READY)
     line.write({INT[0]: 0})
     for command in (SPEED, v.MoveJ(Q, 1.0, 1.0, asynchronous=True), v.Read(v.Reading.STEADY)):
         line.robot(0, READY)
@@ -460,6 +461,39 @@ def test_any_stop_of_a_stream_is_given_as_that_ends_it(stream, ends, asked):
     line.robot(0, READY, still=True)
     line.write({INT[0]: 0})
     assert line.written(line.say(v.StopJ(9.0, asynchronous=False))) == [v.StopJ(9.0, asynchronous=False)], "it is over"
+
+
+def test_a_stop_waits_for_a_script_that_has_not_seen_the_clear_of_what_it_did():
+    """What the controller said before a question came there is no word of that question."""
+    read = v.Read(v.Reading.TARGET_WAYPOINT)
+    line = Line()
+    assert line.written(line.say(read)) == [read]
+    line.robot(28, DONE)
+    line.write({INT[0]: 0})
+    assert line.written(line.say(read)) == [read]
+    line.robot(0, READY)  # on its way while the second question was
+    line.robot(28, DONE)
+    line.write({INT[0]: 0})
+    line.permitted(SERVO, Steps())
+    line.robot(11, READY)  # both in one cycle: the script still waits for the end of the question
+    assert line.written(line.say(v.ServoStop(9.0))) == [v.Clear()]
+    line.robot(0, READY)
+    acts = line.acts()
+    assert line.written(acts) == [v.ServoStop(10.0)]
+    assert Braked() in acts
+
+
+def test_a_word_of_the_move_before_is_none_of_the_same_move_again():
+    line = Line().permitted(MOVE)
+    line.robot(1, DONE)
+    line.write({INT[0]: 0})
+    line.permitted(MOVE)
+    line.robot(1, DONE)  # still of the first
+    assert reasons(line.say(SPEED)) == ["BUSY"]
+    line.write({INT[0]: 0})
+    line.robot(0, READY)
+    line.robot(1, READY)
+    assert Halt() in line.say(v.StopJ(9.0, asynchronous=False)), "the script is in it"
 
 
 def test_a_stop_of_two_kinds_of_streams_ends_the_program():

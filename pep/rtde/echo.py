@@ -1,0 +1,61 @@
+"""How far the controller is behind what was written to its command register.
+
+What it says of that register is some milliseconds old: a register that "is" 0 may be about to get a command, and one
+that has a command may have had the same one before. Ids go out in an order, and come back in that order; some of them
+are overwritten before the controller looks.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+QUIET: Final = 50
+"""Packages (0.1 s) that all say the same: whatever was written before them and not said was overwritten."""
+MOST: Final = 32
+"""Ids that are followed one by one."""
+
+
+class Echo:
+    """Command ids that were written, and those that came back."""
+
+    def __init__(self) -> None:
+        self._told = 0  # came back last
+        self._ahead: deque[int] = deque()  # were written after it, each other than the one before
+        self._followed = True
+        self._same = 0
+
+    @property
+    def newest(self) -> bool:
+        """Whether the controller has what was written last, and not only an earlier one of the same id."""
+        return not self._ahead
+
+    def wrote(self, command: int) -> None:
+        """That id was written."""
+        self._same = 0
+        if command != (self._ahead[-1] if self._ahead else self._told):
+            self._ahead.append(command)
+            if len(self._ahead) > MOST:
+                self._followed = False  # which of them it is that comes back cannot be told any more
+                self._ahead.popleft()
+
+    def told(self, command: int) -> None:
+        """The controller has that id."""
+        if not self._ahead:
+            return
+        self._same = self._same + 1 if command == self._ahead[-1] else 0
+        if self._same > QUIET:
+            self._caught_up()
+        elif self._followed and command != self._told and command in self._ahead:
+            # The earliest that it can be.
+            while self._ahead.popleft() != command:
+                pass
+            self._told = command
+            if not self._ahead:
+                self._caught_up()
+
+    def _caught_up(self) -> None:
+        if self._ahead:
+            self._told = self._ahead[-1]
+        self._ahead.clear()
+        self._followed, self._same = True, 0
