@@ -381,6 +381,11 @@ class LeasedCommands:
     # ---- stops
 
     @property
+    def stopping(self) -> bool:
+        """Whether the script is in a stop, or about to be."""
+        return self._stop_next is not None or (self._inside and self._once in STOPS)
+
+    @property
     def _busy(self) -> bool:
         """Whether the script is in a move or a stop, or about to stop: it reads no register."""
         return self._stop_next is not None or self._inside

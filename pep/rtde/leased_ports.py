@@ -173,7 +173,8 @@ class LeasedPorts:
             self._tenant.heard(sample, at_ms)
 
     def _climb(self, at_ms: int) -> None:
-        rung = self.ladder.look(self.feed.newest, at_ms=at_ms)
+        stopping = self._tenant is not None and self._tenant.stopping
+        rung = self.ladder.look(self.feed.newest, at_ms=at_ms, carried_out=not stopping)
         if rung is not None:
             self._take(rung)
 

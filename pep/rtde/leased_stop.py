@@ -50,12 +50,18 @@ class Ladder:
         self._take(rung, newest, at_ms)
         return True
 
-    def look(self, newest: Sample | None, *, at_ms: int) -> Rung | None:
-        """The rung that is to be taken now; None when there is none. What was said before the stop tells nothing."""
+    def look(self, newest: Sample | None, *, at_ms: int, carried_out: bool = True) -> Rung | None:
+        """The rung that is to be taken now; None when there is none. What was said before the stop tells nothing.
+
+        Args:
+            newest: what the controller has said last.
+            at_ms: monotonic time.
+            carried_out: whether the control script is in no stop by register, and about to be in none.
+        """
         if self._rung is None:
             return None
         heard = newest is not None and newest.arrived_ms > self._since_ms
-        if heard and newest is not None and newest.still and self._done(newest):
+        if heard and newest is not None and newest.still and self._done(newest, carried_out=carried_out):
             self._rung = None
             return None
         waited_ms = at_ms - self._since_ms
@@ -69,9 +75,9 @@ class Ladder:
         self._take(_ORDER[min(_ORDER.index(self._rung) + 1, len(_ORDER) - 1)], newest, at_ms)
         return self._rung
 
-    def _done(self, newest: Sample) -> bool:
-        # A register stop leaves the control script running.
-        return self._rung is Rung.REGISTERS or newest.runtime_state != PLAYING
+    def _done(self, newest: Sample, *, carried_out: bool) -> bool:
+        # A stop by register leaves the script running, and its threads until it has carried the stop out.
+        return carried_out if self._rung is Rung.REGISTERS else newest.runtime_state != PLAYING
 
     def _take(self, rung: Rung, newest: Sample | None, at_ms: int) -> None:
         self._rung, self._since_ms = rung, at_ms

@@ -34,6 +34,13 @@ class Tenant:
         self._sender: LeasedScriptPort | None = None
         self._over = False
 
+    @property
+    def stopping(self) -> bool:
+        """Whether its control script has a stop to carry out."""
+        return (
+            self.control is not None and self.control.line.commands is not None and self.control.line.commands.stopping
+        )
+
     def claim(self, port: LeasedRtdePort) -> bool:
         """Whether that line is the one that commands."""
         if self._over or (self.control is not None and self.control is not port):

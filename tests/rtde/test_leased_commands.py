@@ -453,11 +453,14 @@ def test_a_move_whose_end_the_controller_skipped_is_over_when_script_and_arm_are
 def test_any_stop_of_a_stream_is_given_as_that_ends_it(stream, ends, asked):
     steps = Steps()
     line = Line().permitted(stream, steps)
+    assert not line.commands.stopping
     acts = line.say(asked)
     assert line.written(acts) == [ends(12.0 if type(asked) is ends else 10.0)]
     assert acts[-1] == Braked()
     assert steps.over == 1
+    assert line.commands.stopping
     line.robot(line.sent.whole(0), DONE)
+    assert not line.commands.stopping
     line.robot(0, READY, still=True)
     line.write({INT[0]: 0})
     assert line.written(line.say(v.StopJ(9.0, asynchronous=False))) == [v.StopJ(9.0, asynchronous=False)], "it is over"
@@ -477,6 +480,7 @@ def test_a_stop_waits_for_a_script_that_has_not_seen_the_clear_of_what_it_did():
     line.permitted(SERVO, Steps())
     line.robot(11, READY)  # both in one cycle: the script still waits for the end of the question
     assert line.written(line.say(v.ServoStop(9.0))) == [v.Clear()]
+    assert line.commands.stopping
     line.robot(0, READY)
     acts = line.acts()
     assert line.written(acts) == [v.ServoStop(10.0)]

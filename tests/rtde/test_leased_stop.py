@@ -1,17 +1,21 @@
 """The stop ladder, the life of the control script, and what a script port takes: pure parts of a lease."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pep.clock import SystemClock
 from pep.rtde.control_program import START_MS, WAIT_MS, ControlProgram, Phase, Turn
 from pep.rtde.control_script import Upload, allow_list, installed_body, scripts_for
 from pep.rtde.feed import Sample
 from pep.rtde.leased_commands import DONE, READY
+from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.leased_scripts import ONLY_STOPS, LeasedScripts
 from pep.rtde.leased_stop import OBEYS_MS, Ladder, Rung
+from pep.rtde.leased_tenant import Tenant
 from pep.rtde.refused import Refused
 from pep.stopping import ESCALATE_MS
 from policies.reasons import Reason
@@ -75,6 +79,35 @@ def test_a_script_that_goes_on_is_not_over_and_a_safety_stop_needs_the_dashboard
     assert ladder.look(seen(6, 0.0, PLAYING, safety=3), at_ms=6) is Rung.DASHBOARD
     assert ladder.look(seen(9, 0.0, STOPPED), at_ms=9) is None
     assert ladder.over
+
+
+def test_an_arm_that_stands_by_itself_has_not_been_stopped():
+    """A servo thread that has come to its target holds the arm there, and goes on."""
+    ladder = Ladder()
+    ladder.begin(Rung.REGISTERS, newest=seen(0, 1.0), at_ms=0)
+    for at_ms in range(2, ESCALATE_MS + 1):
+        assert ladder.look(seen(at_ms, 0.0), at_ms=at_ms, carried_out=False) is None
+        assert not ladder.over
+    at_ms = ESCALATE_MS + 1
+    assert ladder.look(seen(at_ms, 0.0), at_ms=at_ms, carried_out=False) is Rung.PROGRAM
+    assert ladder.look(seen(at_ms + 2, 0.0, STOPPED), at_ms=at_ms + 2, carried_out=False) is None
+    assert ladder.over, "whatever was in its registers"
+
+
+def test_the_ports_ask_the_tenant_what_its_script_has_carried_out():
+    ports = LeasedPorts(
+        "127.0.0.1", None, scripts=SCRIPTS, stop_deceleration_rad_s2=8.0, clock=SystemClock(), closed=lambda lease: None
+    )
+    tenant = Tenant(ports, object())
+    tenant.control = SimpleNamespace(line=SimpleNamespace(commands=SimpleNamespace(stopping=True)))
+    ports._tenant = tenant
+    ports.feed.newest = seen(2, 0.0)
+    ports.ladder.begin(Rung.REGISTERS, newest=seen(0, 1.0), at_ms=0)
+    ports._climb(10)
+    assert not ports.ladder.over
+    tenant.control.line.commands.stopping = False
+    ports._climb(12)
+    assert ports.ladder.over
 
 
 def test_a_weaker_stop_changes_nothing():

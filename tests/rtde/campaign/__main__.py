@@ -20,7 +20,7 @@ from tests.rtde.campaign.figures import Figures, keep, known, sources
 PARTS = {
     "fuzz": (fuzz.piece, 20_000, 250),
     "race": (race.piece, 10_000, 250),
-    **{f"kills-{death}": (partial(kills.piece, death), 200, 10) for death in kills.DEATHS},
+    **{f"kills-{death}": (partial(kills.piece, death), 200, 25) for death in kills.DEATHS},
 }
 """By name: some trials in a row, how many there are, and how many are one piece of work."""
 
