@@ -198,7 +198,7 @@ def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, to
     numbers[moved:] = fixed.numbers
     kinds = whole[:moved].reshape(-1, count, WHOLE)
     kinds[:] = things.whole[:, None]
-    kinds[:, :, BODY] = fixed.body[:count]
+    kinds[:, :, BODY] = np.arange(count)
     whole[moved:] = fixed.whole
     whole[moved:, GROUP] += things.groups  # no kind is found among both
     hull = np.full(rows, NONE, dtype=np.intp)

@@ -3,6 +3,7 @@
 import math
 import re
 import struct
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path as File
 
@@ -10,10 +11,11 @@ import numpy as np
 import pinocchio
 import pytest
 
-from pep.pit import ModelError, MoveJ, Robot
+from pep.pit import ModelError, MoveJ, Robot, Scene
 from pep.pit.kinematics import layout, link_frames, poses
+from pep.pit.pairs import pairs_of
 from pep.pit.path import Path
-from tests.pit.scenes import ROBOT, random_move
+from tests.pit.scenes import CELL, ROBOT, random_move
 
 TEXT = (resources.files("pep.pit") / "robots" / "ur3e.toml").read_text()
 VENDOR = File(__file__).parents[3] / "shared" / "data" / "ur3e"
@@ -345,3 +347,11 @@ def test_six_joints_are_needed():
 def test_a_path_knows_no_configuration_before_it_is_asked():
     with pytest.raises(ValueError):
         Path(ROBOT, MoveJ((0,) * 6, (0,) * 6, 1.0, 1.0)).nodes(np.array([], dtype=np.int64))
+
+
+@pytest.mark.parametrize("own", [0, 3])
+def test_an_arm_with_few_pairs_of_its_own_stands_in_an_empty_room(own):
+    bare = replace(ROBOT, self_pairs=ROBOT.self_pairs[:own])
+    pairs = pairs_of(bare, Scene(), CELL, grown_m=0.0)
+    assert pairs.body.tolist() == [body for body, _ in bare.self_pairs]
+    assert len(pairs.solids.numbers) == len(pairs.group) == own
