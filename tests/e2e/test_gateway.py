@@ -297,10 +297,10 @@ def test_a_tool_that_moves_keeps_the_arm(house, eyes):
         motion.under_way(0.05)
         with Run(house, "say('here')") as run:
             status, said, errors = run.ended()
-        assert (status, said) == (3, []), errors
-        assert "LEASE_HELD" in errors
         answer = motion.answer()
-    assert (answer.decision, answer.content["outcome"]) == ("PERMIT", "reached")
+    assert (answer.decision, answer.content["outcome"]) == ("PERMIT", "reached"), answer.content
+    assert (status, said) == (3, []), errors
+    assert "LEASE_HELD" in errors
 
 
 def test_a_tools_stop_ends_a_programs_motion(house, eyes):
