@@ -124,6 +124,7 @@ def eyes(house):
 
 
 def test_what_is_granted_moves_and_what_is_not_does_not(house, eyes):
+    decided, refused = (len(house.journal(kind)) for kind in ("decision", "refusal"))
     with Run(house, """
         there = list(q)
         there[0] += 0.3
@@ -146,10 +147,10 @@ def test_what_is_granted_moves_and_what_is_not_does_not(house, eyes):
         status, said, errors = run.ended()
     assert said == ["True True", "False", "False", "False", "True True", "False", "False", "True True"], errors
     assert status == 0
-    reasons = [body["decision"]["reason"] for body in house.journal("decision")]
+    reasons = [body["decision"]["reason"] for body in house.journal("decision")[decided:]]
     assert reasons.count("PERMITTED") == 3
     assert "LIMIT_EXCEEDED_BY_REQUEST" in reasons
-    assert {"NOT_GRANTED", "PAYLOAD_MISMATCH"} <= {body["reason"] for body in house.journal("refusal")}
+    assert {"NOT_GRANTED", "PAYLOAD_MISMATCH"} <= {body["reason"] for body in house.journal("refusal")[refused:]}
 
 
 def test_a_program_that_runs_already_is_lent_a_lease(house, eyes):
