@@ -24,6 +24,7 @@ from pep.rtde.carriage import (
     encode,
 )
 from pep.rtde.lease import BEAT_MS, SILENCE_MS, Ending
+from pep.rtde.lines import leave
 from pep.rtde.prompt import acknowledge
 
 if TYPE_CHECKING:
@@ -35,10 +36,6 @@ if TYPE_CHECKING:
 
 MOST_BYTES: Final = DEFAULT.frame_bytes - HEAD_BYTES
 """Bytes of a connection in one word."""
-
-
-LINGER_S: Final = 0.5
-"""Longest wait for the other end to close, too."""
 
 
 class Carrier(asyncio.Protocol):
@@ -192,11 +189,6 @@ class Carrier(asyncio.Protocol):
         self._over = True
         if self._timer is not None:
             self._timer.cancel()
-        transport = self._transport
-        if transport is not None and transport.can_write_eof() and not transport.is_closing():
-            # Closed with something unread, a connection is reset, and the last words are lost on the way.
-            transport.write_eof()
-            asyncio.get_running_loop().call_later(LINGER_S, transport.close)
-        elif transport is not None:
-            transport.close()
+        if self._transport is not None:
+            leave(self._transport)
         self._ended(ending)

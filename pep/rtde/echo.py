@@ -45,17 +45,10 @@ class Echo:
             return
         self._same = self._same + 1 if command == self._ahead[-1] else 0
         if self._same > QUIET:
-            self._caught_up()
+            self._told, self._followed = command, True
+            self._ahead.clear()
         elif self._followed and command != self._told and command in self._ahead:
             # The earliest that it can be.
             while self._ahead.popleft() != command:
                 pass
             self._told = command
-            if not self._ahead:
-                self._caught_up()
-
-    def _caught_up(self) -> None:
-        if self._ahead:
-            self._told = self._ahead[-1]
-        self._ahead.clear()
-        self._followed, self._same = True, 0

@@ -22,8 +22,21 @@ UNREAD_BYTES: Final = 1 << 20
 ur_rtde never reads what port 30003 sends it 500 times a second.
 """
 CONNECT_S: Final = 2.0
-LINGER_S: Final = 1.0
-"""So long a controller has to end a connection on which it was told something last."""
+LINGER_S: Final = 0.5
+"""Longest wait for the other end to close, too."""
+
+
+def leave(transport: asyncio.Transport) -> None:
+    """End a connection so that what was sent arrives.
+
+    The system tells the end of one with bytes unread as a reset, and who finds that when it writes need not have read
+    what came before.
+    """
+    if transport.can_write_eof() and not transport.is_closing():
+        transport.write_eof()
+        asyncio.get_running_loop().call_later(LINGER_S, transport.close)
+    else:
+        transport.close()
 
 
 class Line(Protocol):
@@ -107,15 +120,10 @@ class Upstream(asyncio.Protocol):
             self._transport.write(content)
 
     def close(self) -> None:
-        """Nothing more is heard, and what was sent arrives.
-
-        The system tells the end of a connection with bytes unread as a reset, and a controller that finds one when it
-        writes need not have read what came before.
-        """
+        """Nothing more is heard, and what was sent arrives."""
         transport, self._transport = self._transport, None
-        if transport is not None and not transport.is_closing():
-            transport.write_eof()
-            asyncio.get_running_loop().call_later(LINGER_S, transport.abort)
+        if transport is not None:
+            leave(transport)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The connection is there."""

@@ -61,8 +61,13 @@ CASES = [
     ("rtde-raw-denied", GATEWAY, "gateway_is_open", ("DENY", "IN_USE", True)),
     ("rtde-hijack-refused", GATEWAY, "gateway_lends_twice", ("DENY", "LEASE_HELD", False)),
 ]
-ALWAYS = frozenset({"idp_lends_more", "pep_takes_any_key", "pep_does_not_watch_the_world", "gateway_is_open"})
-"""Of the provider; of authority and of the watch at the tools; of the gateway."""
+ALWAYS = frozenset(
+    {
+        "idp_lends_more", "pep_takes_any_key", "pep_is_blind_to_people", "pep_takes_one_for_two",
+        "pep_does_not_watch_the_world", "pep_does_not_watch_authority", "gateway_is_open",
+    }
+)  # fmt: skip
+"""Of the provider; of authority, physics, policy and watch at the tools; of the gateway."""
 STOPS = frozenset({"place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion"})
 """Steps that permit and refuse: what is not granted, and what goes on when it should not."""
 

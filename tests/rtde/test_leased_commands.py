@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from pep.rtde import command_values as v
 from pep.rtde.acts import PATIENCE_MS, Ask, Braked, Halt, Refresh, Tell, Withdraw, Write
 from pep.rtde.commands import EVERY_CYCLE, ROWS, CommandClass, decode, encode, row_of
+from pep.rtde.echo import QUIET
 from pep.rtde.grid import on_grid
 from pep.rtde.image import Image
-from pep.rtde.leased_commands import DONE, QUIET, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
+from pep.rtde.leased_commands import DONE, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
 from pep.rtde.move_path import PathMove, Waypoint
 from pep.rtde.recipes import DOUBLE, EXTERNAL_WRENCH, INT, Profile
 from pep.rtde.stops import MODES, STOPS
