@@ -53,12 +53,12 @@ class Accepted(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """What the client says."""
-        acknowledge(self._transport)
         if self._line is not None:
             self._line.received(data)
         else:
             self._early.append(data)
             self._transport.pause_reading()
+        acknowledge(self._transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The client has gone."""

@@ -110,6 +110,7 @@ class _Kind(IntEnum):
     OVER = 6
 
 
+_BYTES: Final = int(_Kind.BYTES)
 HEAD_BYTES: Final = _WORD.size
 """Bytes of a message that are not content."""
 
@@ -121,6 +122,10 @@ def encode(word: Word) -> bytes:
         CarriageError: a line or port of no number, no content, or a reason that is no code.
     """
     match word:
+        case Bytes(line, content):  # first, since nearly every word is one
+            if not content:
+                raise CarriageError(CarriageFault.MALFORMED, "no bytes")
+            return _packed(_BYTES, line) + content
         case Beat():
             return _packed(_Kind.BEAT, 0)
         case Open(line, port):
@@ -133,10 +138,6 @@ def encode(word: Word) -> bytes:
             if not _is_code(reason):
                 raise CarriageError(CarriageFault.MALFORMED, "no reason code")
             return _packed(_Kind.REFUSED, line) + reason.encode()
-        case Bytes(line, content):
-            if not content:
-                raise CarriageError(CarriageFault.MALFORMED, "no bytes")
-            return _packed(_Kind.BYTES, line) + content
         case Closed(line):
             return _packed(_Kind.CLOSED, line)
         case Over(reason):
@@ -157,6 +158,8 @@ def decode(message: bytes) -> Word:
         raise CarriageError(CarriageFault.MALFORMED, "cut short")
     kind, line = _WORD.unpack_from(message)
     rest = message[HEAD_BYTES:]
+    if kind == _BYTES and rest:
+        return Bytes(line, rest)
     match kind, len(rest):
         case _Kind.BEAT, 0 if line == 0:
             return Beat()
@@ -166,8 +169,6 @@ def decode(message: bytes) -> Word:
             return Opened(line)
         case _Kind.REFUSED, _ if rest.isascii() and _is_code(rest.decode()):
             return Refused(line, rest.decode())
-        case _Kind.BYTES, length if length > 0:
-            return Bytes(line, rest)
         case _Kind.CLOSED, 0:
             return Closed(line)
         case _Kind.OVER, _ if line == 0 and rest.isascii() and _is_code(rest.decode()):
@@ -247,6 +248,8 @@ class Lines:
         return self._next(word, own=False)
 
     def _next(self, word: Word, *, own: bool) -> bool:
+        if isinstance(word, Bytes) and word.line in self.open:
+            return True
         if isinstance(word, Beat):
             return True
         if isinstance(word, Over):
@@ -266,8 +269,6 @@ class Lines:
                 return True
             case Refused() if not asks and state is _Line.ASKED:
                 self._becomes(word.line, None)
-                return True
-            case Bytes() if state is _Line.OPEN:
                 return True
             case Bytes() if state is other:  # they crossed the closing of the end that no longer wants them
                 return False

@@ -126,6 +126,8 @@ def decode_request(frame: Frame, protocol: int) -> Request:
     """
     payload = frame.payload
     match frame.kind:
+        case Kind.VALUES:  # first, since nearly every frame is one
+            return _decode_values(payload, numbered=True)
         case Kind.PROTOCOL_VERSION:
             return RequestProtocol(_unpack(">H", payload)[0])
         case Kind.CONTROL_VERSION:
@@ -133,8 +135,6 @@ def decode_request(frame: Frame, protocol: int) -> Request:
             return AskControlVersion()
         case Kind.TEXT:
             return _decode_text(payload, protocol)
-        case Kind.VALUES:
-            return _decode_values(payload, numbered=True)
         case Kind.SETUP_OUTPUTS:
             if protocol == 1:
                 return SetupOutputs(_decode_names(payload), None)
@@ -189,14 +189,14 @@ def decode_answer(frame: Frame, protocol: int) -> Answer:
     """
     payload = frame.payload
     match frame.kind:
+        case Kind.VALUES:
+            return _decode_values(payload, numbered=protocol != 1)
         case Kind.PROTOCOL_VERSION:
             return ProtocolAnswer(_decode_flag(payload))
         case Kind.CONTROL_VERSION:
             return ControlVersion(*_unpack(">4I", payload))
         case Kind.TEXT:
             return _decode_text(payload, protocol)
-        case Kind.VALUES:
-            return _decode_values(payload, numbered=protocol != 1)
         case Kind.SETUP_OUTPUTS if protocol == 1:
             return OutputsAnswer(_decode_types(payload), None)
         case Kind.SETUP_OUTPUTS | Kind.SETUP_INPUTS:

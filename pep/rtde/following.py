@@ -1,7 +1,8 @@
 """A stream that goes on: its next value is read and written by the six doubles in which it differs from the one before.
 
 A program that streams says one package five hundred times a second, and nothing in it changes but six doubles in a row.
-Whatever else is different goes the long way through the image (`pep.rtde.changes`), as the first value does.
+Whatever else is different, or comes torn or with something else, goes the long way through the image
+(`pep.rtde.changes`), as the first value does.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import struct
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from pep.rtde import command_values as v
+from pep.rtde.codec import encode_request
 from pep.rtde.commands import encode
 from pep.rtde.recipes import DOUBLE
 
@@ -25,25 +27,26 @@ if TYPE_CHECKING:
 Streamed: TypeAlias = v.ServoJ | v.SpeedJ
 _SIX: Final = struct.Struct(">6d")
 _DOUBLE_BYTES: Final = 8
+_PROTOCOL: Final = 2
+"""A client's values are the same in both."""
 
 
 class Following:
     """What may change from one value to the next, and where. Use `of`.
 
     Args:
-        package: of the client, in which everything else stays.
+        said: the client's frame, in which everything else stays.
         first: at which byte of it the six doubles begin.
         frame: that was written for it.
-        places: at which bytes of the frame the six doubles begin.
+        places: at which bytes of that the six doubles begin.
         command: that both say.
     """
 
-    def __init__(self, package: Values, first: int, frame: bytes, places: tuple[int, ...], command: Streamed) -> None:
-        self._recipe, self._size = package.recipe, len(package.packed)
-        self._first, self._beyond = first, first + _SIX.size
-        self._before, self._after = package.packed[:first], package.packed[self._beyond :]
+    def __init__(self, said: bytes, first: int, frame: bytes, places: tuple[int, ...], command: Streamed) -> None:
+        self._size, self._first, beyond = len(said), first, first + _SIX.size
+        self._before, self._after = said[:first], said[beyond:]
         self._frame = bytearray(frame)
-        self._runs = _runs(zip(range(first, self._beyond, _DOUBLE_BYTES), places, strict=True))
+        self._runs = _runs(zip(range(first, beyond, _DOUBLE_BYTES), places, strict=True))
         self._command = command
 
     @classmethod
@@ -72,21 +75,17 @@ class Following:
         begin, head = recipe.names.index(six[0]), len(frame) - own.size
         if recipe.names[begin : begin + len(six)] != six:
             return None
-        first, places = recipe.place(six[0]), [own.place(name) for name in six]
-        assert first is not None
-        return cls(package, first, frame, tuple(head + place for place in places if place is not None), command)
+        said = encode_request(package, _PROTOCOL)
+        place, places = recipe.place(six[0]), [own.place(name) for name in six]
+        assert place is not None
+        first = len(said) - len(package.packed) + place
+        return cls(said, first, frame, tuple(head + place for place in places if place is not None), command)
 
-    def read(self, package: Values) -> tuple[Streamed, v.Six] | None:
-        """The next value and its six doubles; None where the package is another one in anything but these."""
-        packed = package.packed
-        if (
-            package.recipe != self._recipe
-            or len(packed) != self._size
-            or not packed.startswith(self._before)
-            or not packed.endswith(self._after)
-        ):
+    def read(self, received: bytes) -> tuple[Streamed, v.Six] | None:
+        """The next value and its six doubles; None where these bytes are another frame in anything but these."""
+        if len(received) != self._size or not received.startswith(self._before) or not received.endswith(self._after):
             return None
-        six = _SIX.unpack_from(packed, self._first)
+        six = _SIX.unpack_from(received, self._first)
         if not all(map(math.isfinite, six)):
             return None
         match self._command:
@@ -95,11 +94,11 @@ class Following:
             case v.SpeedJ(_, acceleration, time_s):
                 return v.SpeedJ(six, acceleration, time_s), six
 
-    def written(self, package: Values) -> bytes:
-        """The frame to write for a package that `read` has read."""
-        packed, frame = package.packed, self._frame
+    def written(self, received: bytes) -> bytes:
+        """The frame to write for bytes that `read` has read."""
+        frame = self._frame
         for at, place, length in self._runs:
-            frame[place : place + length] = packed[at : at + length]
+            frame[place : place + length] = received[at : at + length]
         return bytes(frame)
 
 

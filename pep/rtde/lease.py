@@ -92,11 +92,6 @@ class Leases:
         held.carried, held.heard_ms = True, at_ms
         return held.lease
 
-    def heard(self, lease: Lease, *, at_ms: int) -> None:
-        """Its holder was heard: an authentic word of the session came."""
-        if self._held is not None and self._held.lease is lease:
-            self._held.heard_ms = at_ms
-
     def silent(self, *, at_ms: int) -> bool:
         """Whether the open lease has not been heard of for too long."""
         return self._held is not None and not at_ms - self._held.heard_ms <= SILENCE_MS

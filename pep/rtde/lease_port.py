@@ -83,7 +83,7 @@ class LeasePort:
         lease = self._leases.carry(lease_id, at_ms=self._clock.monotonic_ms())
         if lease is None:
             return None
-        self._held = _Carried(lease, self._ports, self, self._leases, self._clock)
+        self._held = _Carried(lease, self._ports, self, self._clock)
         return self._held.carrier
 
 
@@ -120,12 +120,10 @@ class _Door(asyncio.Protocol):
 class _Carried:
     """A lease with its carriage and its lines."""
 
-    def __init__(self, lease: Lease, ports: Ports, port: LeasePort, leases: Leases, clock: Clock) -> None:
+    def __init__(self, lease: Lease, ports: Ports, port: LeasePort, clock: Clock) -> None:
         self._lease = lease
         self._ports = ports
         self._port = port
-        self._leases = leases
-        self._clock = clock
         self._lines: dict[int, Line] = {}
         self._opening: set[asyncio.Task[None]] = set()
         self._ended = False
@@ -135,14 +133,13 @@ class _Carried:
         )
 
     def _heard(self, word: Word) -> None:
-        self._leases.heard(self._lease, at_ms=self._clock.monotonic_ms())
         match word:
+            case Bytes(number, content):
+                self._lines[number].received(content)
             case Open(number, port):
                 task = asyncio.get_running_loop().create_task(self._open(number, port))
                 self._opening.add(task)
                 task.add_done_callback(self._opening.discard)
-            case Bytes(number, content):
-                self._lines[number].received(content)
             case Closed(number):
                 self._lines.pop(number).left()
                 if number in self.carrier.lines.leaving:

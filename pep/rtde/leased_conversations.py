@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from typing import TYPE_CHECKING
 
 from pep.rtde.acts import Ask, Braked, Halt, Withdraw
@@ -47,8 +48,7 @@ class LeasedRtdePort(Conversation):
         """The program sent these bytes."""
         if self._over:
             return
-        newest, silent_ms = self._tenant.ports.feed.newest, self._tenant.ports.feed.silent_ms()
-        slider = newest.slider if newest is not None and silent_ms <= SILENCE_MS else float("nan")
+        slider = math.nan if self.line.commands is not None else self._slider()
         try:
             said = self.line.said(content, slider=slider, at_ms=self._now())
         except WireError:
@@ -150,6 +150,12 @@ class LeasedRtdePort(Conversation):
                     ports.stop(Rung.PROGRAM)
                 case _:
                     raise AssertionError(act)
+
+    def _slider(self) -> float:
+        """Where it stands; NaN when that is not known."""
+        feed = self._tenant.ports.feed
+        newest = feed.newest
+        return newest.slider if newest is not None and feed.silent_ms() <= SILENCE_MS else math.nan
 
     def _now(self) -> int:
         return self._tenant.ports.clock.monotonic_ms()

@@ -92,11 +92,12 @@ class LeasedLine(Relay):
         Raises:
             WireError: as `StateRelay.asked`; a package of no recipe, or set-up after the first package.
         """
+        said = self._next(received, at_ms)
+        if said is not None:
+            return said
         self._hear(received)
         packages, self._packages = self._packages, []
         for package in packages:
-            if self._followed(package, at_ms):
-                continue
             assert self._inputs_had is not None
             self._following = None
             match self._inputs_had.read(package):
@@ -168,16 +169,18 @@ class LeasedLine(Relay):
                 package, recipe, frame=frame, own=self._own[1], command=commands.stands, offset=commands.offset
             )
 
-    def _followed(self, package: Values, at_ms: int) -> bool:
-        """Whether it is the next value of what stands; then it is judged, and written if it may be."""
-        if self._following is None or self.commands is None or self.commands.stands is None:
-            return False
-        found = self._following.read(package)
+    def _next(self, received: bytes, at_ms: int) -> Said | None:
+        """The next value of what stands is judged, and written if it may be; None where it is anything else."""
+        following, commands = self._following, self.commands
+        if following is None or commands is None or commands.stands is None or self._from_client.pending:
+            return None
+        found = following.read(received)
         if found is None:
-            return False
-        if self.commands.follow(*found, at_ms=at_ms):
-            self._sends(self._following.written(package))
-        return True
+            return None
+        if not commands.follow(*found, at_ms=at_ms):
+            return self.settle()
+        self._sends(following.written(received))
+        return self._said()
 
     def _package(self, values: dict[str, Value], slider: float, at_ms: int) -> None:
         if self.commands is not None:

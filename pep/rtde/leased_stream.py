@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import struct
-import threading
 from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.algebra import bound_to_json
@@ -95,14 +94,13 @@ class LeasedStream:
         self._arm = arm
         self._stopper = stopper
         self._clock = clock
-        self._lock = threading.Lock()
         self._seed = bytes.fromhex(permit.digest)
         self._began_ms = clock.monotonic_ms()
         self._until_ms = self._began_ms + LASTS_MS
         self._stands: tuple[Value, int | None] | None = None  # and until when, where it is not for ever
         self._lost: Reason | None = None
         self._ended_ms: int | None = None
-        self._count, self._first_ms, self._digest = 0, 0, hashlib.sha256()
+        self._taken: list[tuple[int, tuple[float, ...]]] = []
 
     # -- the line's side, on the event loop
 
@@ -123,7 +121,7 @@ class LeasedStream:
             return self._lost
         stopped_ms = self._stopper.stopped_ms
         stopped = stopped_ms is not None and stopped_ms >= self._permit.since_ms
-        if self._ended_ms is not None or stopped or self.over:
+        if self._ended_ms is not None or stopped or self._over_at(began_ms):
             return Reason.VERDICT_EXPIRED
         asked = asked_of(command, path=(), fitted=self._fitted)
         if not isinstance(asked, Asked) or asked.operation != self._bounds.operation:
@@ -137,15 +135,9 @@ class LeasedStream:
         if reason is None and now_ms - began_ms > SLOW_MS:
             reason = Reason.WATCH_LATE
         if reason is None:
-            self._take(asked, value, None if stands_ms is None else now_ms + stands_ms, now_ms)
+            self._stands = value, None if stands_ms is None else now_ms + stands_ms
+            self._taken.append((now_ms, asked.numbers))
         return reason
-
-    def _take(self, asked: Asked, value: Value, until_ms: int | None, now_ms: int) -> None:
-        with self._lock:
-            self._stands = value, until_ms
-            self._first_ms = self._first_ms if self._count else now_ms
-            self._count += 1
-            self._digest.update(struct.pack(f">q{len(asked.numbers)}d", now_ms, *asked.numbers))
 
     def _certified(self, value: Value, authorised_milli: int) -> Reason | None:
         state = self._state()
@@ -188,7 +180,9 @@ class LeasedStream:
     @property
     def over(self) -> bool:
         """Whether its time is over, or that of the value that stands."""
-        now_ms = self._clock.monotonic_ms()
+        return self._over_at(self._clock.monotonic_ms())
+
+    def _over_at(self, now_ms: int) -> bool:
         stands = self._stands
         late = stands is not None and stands[1] is not None and now_ms > stands[1] + LATE_MS
         return late or now_ms >= self._until_ms
@@ -225,17 +219,17 @@ class LeasedStream:
 
         The digest is SHA-256 of each value's monotonic time in ms (signed 64 bits) and numbers (doubles), big-endian.
         """
-        with self._lock:
-            if not self._count:
-                return None
-            body: dict[str, object] = {
-                "request_id": self._permit.request_id,
-                "values": self._count,
-                "first_ms": self._first_ms,
-                "digest": self._digest.hexdigest(),
-            }
-            self._count, self._digest = 0, hashlib.sha256()
-            return body
+        taken, self._taken = self._taken, []
+        if not taken:
+            return None
+        image = struct.Struct(f">q{len(taken[0][1])}d")
+        content = b"".join(image.pack(at_ms, *numbers) for at_ms, numbers in taken)
+        return {
+            "request_id": self._permit.request_id,
+            "values": len(taken),
+            "first_ms": taken[0][0],
+            "digest": hashlib.sha256(content).hexdigest(),
+        }
 
 
 def envelope(request: Request, chain: Chain, grant: Grant) -> dict[str, object]:

@@ -33,6 +33,7 @@ class StreamBounds:
         self._bounds: tuple[tuple[int, Bound, Range], ...] = tuple(
             (each.unit.per_si, granted[each.name], own[each.name]) for each in operation.parameters
         )
+        self._inside = tuple((per_si, *_both(bound, robot)) for per_si, bound, robot in self._bounds)
 
     def outside(self, numbers: Sequence[float]) -> Reason | None:
         """Why a value is not inside both; None when it is.
@@ -40,6 +41,12 @@ class StreamBounds:
         Args:
             numbers: of the operation's parameters in order, in SI units, as they would be sent: on no grid.
         """
+        for number, (per_si, low, high) in zip(numbers, self._inside, strict=True):
+            if not low <= number * per_si <= high:
+                return self._why_not(numbers)
+        return None
+
+    def _why_not(self, numbers: Sequence[float]) -> Reason | None:
         for number, (per_si, granted, own) in zip(numbers, self._bounds, strict=True):
             if not math.isfinite(number):
                 return Reason.NOT_FINITE
@@ -56,3 +63,8 @@ class StreamBounds:
             if not own.low <= scaled <= own.high:
                 return Reason.ROBOT_LIMIT
         return None
+
+
+def _both(granted: Bound, own: Range) -> tuple[int, int]:
+    """From where to where a number is inside of both without another look; nowhere, where one number or another is."""
+    return (max(granted.low, own.low), min(granted.high, own.high)) if isinstance(granted, Range) else (1, 0)
