@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from policies.model import Request
     from policies.parameters import Parameters
 
-LASTS_MS: Final = 60_000
-"""Ours: a stream is decided anew after a minute, whatever it does."""
+LASTS_MS: Final = 300_000
+"""Ours: a stream is decided anew after five minutes, whatever it does: what no watch looks at is asked again then."""
 LATE_MS: Final = 100
 """Ours: a program may be so late to end its speeds, or to give them anew; physics has patience for thrice that."""
 SLOW_MS: Final = 50
