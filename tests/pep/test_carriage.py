@@ -55,6 +55,13 @@ def test_what_is_read_has_one_spelling(message):
     assert encode(word) == message
 
 
+def test_bytes_without_content_are_no_word():
+    head = encode(Bytes(3, b"."))[:-1]
+    with pytest.raises(CarriageError) as refused:
+        decode(head)
+    assert refused.value.code is CarriageFault.MALFORMED
+
+
 @pytest.mark.parametrize(
     "word",
     [Open(0, 0), Open(0, 65_536), Open(256, 1), Open(-1, 1), Bytes(0, b""), Refused(0, ""), Refused(0, "no"),

@@ -11,7 +11,7 @@ from pep.rtde.codec import Recipe, encode_request
 from pep.rtde.commands import encode
 from pep.rtde.following import Following
 from pep.rtde.leased_line import LeasedLine
-from pep.rtde.messages import Values
+from pep.rtde.messages import Values, WireError
 from pep.rtde.recipes import DOUBLE, INT, control_recipes
 from pep.rtde.variables import INPUTS
 from policies.reasons import Reason
@@ -261,6 +261,18 @@ def test_another_package_does_not_follow(other):
     assert following.read(said) is not None
     for content in (encode_request(other, 2), said[:-1], said[1:], said + said, b""):
         assert following.read(content) is None
+
+
+def test_a_value_after_half_of_one_is_not_read_by_itself():
+    side = Side(LeasedLine)
+    side.says(saying(SERVO))
+    side.permits()
+    half, whole = (encode_request(saying(SERVO, **{DOUBLE[0]: q}), 2) for q in (0.11, 0.12))
+    side.took(side.line.said(half[:9], slider=1.0, at_ms=5))
+    seen = side.judge.seen[:]
+    with pytest.raises(WireError):
+        side.line.said(whole, slider=1.0, at_ms=5)
+    assert side.judge.seen == seen
 
 
 def test_a_torn_value_goes_the_long_way():

@@ -1,6 +1,8 @@
 """The judge of a leased program's commands: nothing is forwarded but in the gate's effect, and what moves is watched to its end."""
 
 import asyncio
+import hashlib
+import struct
 from dataclasses import replace
 
 import pytest
@@ -522,6 +524,31 @@ def test_values_of_a_stream_are_certified_one_by_one_and_on_record_by_their_dige
     assert sum(r["body"]["values"] for r in house.records("stream-values")) == 3
     assert house.outcomes()[0]["result"]["outcome"] == "ended"
     assert house.arm.stops == []  # its program had stopped it
+
+
+@pytest.mark.clause("LSD-3")
+def test_the_digest_of_a_batch_is_of_each_value_and_when_it_was_taken(house):
+    others = [replace(SERVO, q_rad=(angle, *HERE[1:])) for angle in (0.12345678, 0.2)]
+
+    async def during(steps):
+        steps.batch()
+        for each in others:
+            assert steps.step(each) is None
+            await asyncio.sleep(0.003)
+        batch = steps.batch()
+        assert batch["values"] == 2
+        first, *later = (struct.pack(">6d3d", *each.q_rad, each.time_s, each.lookahead_s, each.gain) for each in others)
+        began_ms = batch["first_ms"]
+        assert batch["digest"] in {
+            hashlib.sha256(
+                struct.pack(">q", began_ms) + first + struct.pack(">q", began_ms + ms) + later[0]
+            ).hexdigest()
+            for ms in range(1, 1_000)
+        }
+        assert steps.batch() is None
+        steps.ended()
+
+    streamed(house, SERVO, during)
 
 
 @pytest.mark.clause("LSD-3")

@@ -267,6 +267,7 @@ def grant(operation, **bounds):
         (v.ServoJ(Q, 0.002, 0.1, 300.0), {"gain": OneOf(frozenset({200, 300}))}, None),
         (v.ServoJ(Q, 0.002, 0.1, 301.0), {"gain": OneOf(frozenset({200, 300}))}, Reason.LIMIT_EXCEEDED_BY_REQUEST),
         (v.ServoJ((6.3, *Q[1:]), 0.002, 0.1, 300.0), {}, Reason.ROBOT_LIMIT),
+        (v.ServoJ((-6.3, *Q[1:]), 0.002, 0.1, 300.0), {}, Reason.ROBOT_LIMIT),
         (v.ServoJ(Q, 0.002, 0.3, 300.0), {}, Reason.ROBOT_LIMIT),
         (v.ServoJ((math.nan, *Q[1:]), 0.002, 0.1, 300.0), {}, Reason.NOT_FINITE),
     ],
