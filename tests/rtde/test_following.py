@@ -267,6 +267,7 @@ def test_a_value_after_half_of_one_is_not_read_by_itself():
     side = Side(LeasedLine)
     side.says(saying(SERVO))
     side.permits()
+    side.says(saying(SERVO))
     half, whole = (encode_request(saying(SERVO, **{DOUBLE[0]: q}), 2) for q in (0.11, 0.12))
     side.took(side.line.said(half[:9], slider=1.0, at_ms=5))
     seen = side.judge.seen[:]
@@ -279,6 +280,7 @@ def test_a_torn_value_goes_the_long_way():
     side = Side(LeasedLine)
     side.says(saying(SERVO))
     side.permits()
+    side.says(saying(SERVO))
     later = [encode_request(saying(SERVO, **{DOUBLE[0]: q}), 2) for q in (0.11, 0.12)]
     for piece in (later[0][:9], later[0][9:] + later[1][:30], later[1][30:]):
         side.took(side.line.said(piece, slider=1.0, at_ms=5))
