@@ -72,7 +72,8 @@ def opened(config: PointConfig) -> Opened:
     """
     policies, trust, key = read_policies(config), read_trust(config), read_key(config)
     check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
-    return Opened(trust=trust, key=key, policies=policies, http=httpx2.AsyncClient())
+    http = httpx2.AsyncClient(transport=httpx2.AsyncHTTPTransport(), trust_env=False)
+    return Opened(trust=trust, key=key, policies=policies, http=http)
 
 
 class _Server(uvicorn.Server):

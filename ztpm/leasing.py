@@ -102,7 +102,7 @@ def open_lease(url: str, audience: str, token: str, key: PrivateKey, *, gateway_
     )
     headers = {"Authorization": f"DPoP {token}", "DPoP": pending.proof, "Content-Type": "application/json"}
     try:
-        with httpx2.Client(timeout=TIMEOUT_S, trust_env=False) as http:
+        with httpx2.Client(transport=httpx2.HTTPTransport(), timeout=TIMEOUT_S, trust_env=False) as http:
             answer = http.post(url, content=pending.body, headers=headers, follow_redirects=False)
     except httpx2.HTTPError as error:
         raise LeaseError("GATEWAY_UNREACHABLE", f"{url}: {type(error).__name__}", refused=False) from error

@@ -100,7 +100,7 @@ class _Caller:
         self.issuer = issuer
         self._key = key
         self._now = now
-        self._http = httpx2.Client(transport=transport, timeout=TIMEOUT_S, trust_env=False)
+        self._http = httpx2.Client(transport=transport or httpx2.HTTPTransport(), timeout=TIMEOUT_S, trust_env=False)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.id!r}, {self.issuer!r})"

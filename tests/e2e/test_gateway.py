@@ -1,5 +1,6 @@
 """A cell with its gateway, real processes all: what an unmodified ur_rtde program may do in a lease, and what ends it."""
 
+import contextlib
 import json
 import os
 import secrets
@@ -14,6 +15,7 @@ import pytest
 
 from pep.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
 from pep.rtde.limits import widest
+from tests.e2e.tls import TlsAddresses, reached_by_tls
 from ztpm.cell import PASSPHRASE_VARIABLE, Cell
 from ztpm.demo.eyes import Eyes
 from ztpm.demo.stage import LEFT, Stage, sweep_scope, until
@@ -43,9 +45,11 @@ class Command:
     """A command of `ztpm rtde` by a holder."""
 
     def __init__(self, house, verb, holder, *more):
+        addresses = house.cell.addresses
         command = [sys.executable, "-m", "ztpm", "rtde", verb, holder, "--token", str(house.tokens[holder])]
+        places = ["--gateway", addresses.door, "--audience", addresses.audience]
         self.process = subprocess.Popen(
-            [*command, "--data", str(house.cell.layout.root), *more],
+            [*command, *places, "--data", str(house.cell.layout.root), *more],
             env=os.environ | {PASSPHRASE_VARIABLE: house.cell.passphrase.decode()},
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
@@ -73,12 +77,13 @@ class Run(Command):
 
 
 class House:
-    """The cell, and its agents with their tokens in files."""
+    """The cell, and its agents with their tokens in files; `settled` is told once its configuration is written."""
 
-    def __init__(self, root):
-        layout, addresses = Layout(root / "cell"), free_addresses(secrets.token_bytes(16))
+    def __init__(self, root, addresses=None, *, settled=lambda layout: None):
+        layout, addresses = Layout(root / "cell"), addresses or free_addresses(secrets.token_bytes(16))
         passphrase = secrets.token_urlsafe(16).encode()
         initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=20)
+        settled(layout)
         self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT)
         self.stage = Stage(cell=self.cell, people={})
         self.stage.people = {name: self.stage.operator_from_disk(name) for name in OPERATORS}
@@ -106,13 +111,20 @@ class House:
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory):
-    house = House(tmp_path_factory.mktemp("gateway"))
-    try:
+    """One that is reached as from other machines, by TLS."""
+    folder = tmp_path_factory.mktemp("gateway")
+    addresses = TlsAddresses(free_addresses(secrets.token_bytes(16)).host)
+    with contextlib.ExitStack() as ends:
+        believed = ends.enter_context(pytest.MonkeyPatch.context())
+
+        def settled(layout):
+            believed.setenv("SSL_CERT_FILE", str(reached_by_tls(folder, addresses, layout.idp_config, ends)))
+
+        house = House(folder, addresses, settled=settled)
+        ends.callback(house.cell.stop)
+        ends.callback(house.stage.close)
         house.agent("mover", SPEED_JOINT, SERVO_JOINT, MOVE_LINEAR)
         yield house
-    finally:
-        house.stage.close()
-        house.cell.stop()
 
 
 @pytest.fixture
@@ -170,6 +182,13 @@ def test_a_lease_is_given_back_at_will(house):
         assert json.loads(lent.line())["ready"]
         lent.process.send_signal(signal.SIGINT)
         assert lent.ended()[0] == 0
+
+
+def test_a_gateway_whose_certificate_is_not_believed_is_told_nothing(house, monkeypatch):
+    monkeypatch.delenv("SSL_CERT_FILE")
+    with Command(house, "connect", "mover", "--json") as lent:
+        status, said, _ = lent.ended()
+    assert (status, json.loads(said[-1])["code"]) == (1, "REGISTRY_UNAVAILABLE")
 
 
 def test_a_gateway_that_is_not_registered_for_the_robot_is_told_nothing(house):
