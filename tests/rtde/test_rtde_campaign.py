@@ -83,9 +83,9 @@ def way(*, brakes_after_s, deceleration=8.0, again=False):
     return samples
 
 
-def judged(samples, stood_s=1.7):
+def judged(samples, stood_s=1.7, death="client", done_s=1.0):
     found = Figures()
-    kills.judge("client", samples, 1.0, stood_s, found, "this one")
+    kills.judge(death, samples, done_s, 1.0, stood_s, found, "this one")
     kills.judged(found)
     return found
 
@@ -107,6 +107,21 @@ def test_a_stop_in_time_is_one():
 )
 def test_a_stop_that_is_late_long_or_none_is_seen(samples, seen):
     assert seen in " ".join(judged(samples).failed)
+
+
+@pytest.mark.parametrize(
+    ("death", "done_s", "early_s", "fails"),
+    [
+        ("provider", 0.5, kills.PULL_S - 0.05, False),  # its last answer was so old already
+        ("provider", 0.5, kills.PULL_S + 0.05, True),
+        ("expiry", 0.5, 0.1, True),
+        ("servo-revoked", 0.8, 0.1, False),  # it takes effect before it is acknowledged
+    ],
+)
+def test_a_stop_before_its_time_is_seen(death, done_s, early_s, fails):
+    found = judged(way(brakes_after_s=-early_s), death=death, done_s=done_s)
+    assert ["before its time" in failed for failed in found.failed] == [True] * fails
+    assert found.values["t1 - t0, s"][0] == pytest.approx(-early_s, abs=0.004)
 
 
 # ---- the ledger
