@@ -15,7 +15,7 @@ import asyncio
 import contextlib
 import json
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import httpx2
@@ -123,7 +123,7 @@ class Follower:
     """The `RevocationFeed`, `Registry`, `Sensors` and `Approvers` ports over HTTP.
 
     An index is published only together with the registry version that it names: when one of the two cannot be had,
-    neither is, and the view grows old until nothing may move.
+    neither is, and the view grows old until nothing may move. What it revokes is revoked at once.
 
     Args:
         http: client of the identity provider.
@@ -303,12 +303,16 @@ class Follower:
         """One question and its answer, accepted whole.
 
         Raises:
-            FeedError: when the answer is refused or there is none; what was known before still stands, and ages.
+            FeedError: when the answer is refused or there is none; what was known before still stands, and ages. What
+                a verified index revokes counts even so.
         """
         known = self._known
         epoch = 0 if known is None else known.epoch
         sent_ms = self._clock.monotonic_ms()
         index, fresh = await self._ask_all(epoch)
+        if known is not None and fresh:
+            # Revoked is revoked, whatever else of the answer cannot be had: what makes the view young comes last.
+            known = self._known = replace(known, revoked=known.revoked | fresh)
         snapshot = known.snapshot if known is not None else None
         if snapshot is None or snapshot.version != index.registry_version:
             snapshot = await self._registry(least=index.registry_version)
@@ -323,8 +327,7 @@ class Follower:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
             self._approvers = {approver.id: approver.key for approver in snapshot.approvers}
             self._peps = {pep.id: pep.key for pep in snapshot.peps}
-        before = frozenset() if known is None else known.revoked
-        self._known = Known(index.epoch, before | fresh if fresh else before, sent_ms, snapshot)
+        self._known = Known(index.epoch, fresh if known is None else known.revoked, sent_ms, snapshot)
 
     async def _ask_all(self, since: int) -> tuple[RevocationIndex, frozenset[tuple[str, str]]]:
         """Everything after `since`, page by page: the last index, and what was revoked."""

@@ -213,12 +213,34 @@ def test_a_registry_signed_by_the_feed_key_is_refused(world):
     world.refused(PepFault.FEED_UNTRUSTED)
 
 
-def test_a_mark_that_cannot_be_written_keeps_the_view_old(world, monkeypatch):
-    def full(_):
-        raise OSError("disk full")
+def full(_):
+    raise OSError("disk full")
 
+
+def test_a_mark_that_cannot_be_written_keeps_the_view_old(world, monkeypatch):
     monkeypatch.setattr(world.follower._mark_file, "write", full)
     world.refused(PepFault.STATE_UNREADABLE)
+
+
+@pytest.mark.parametrize("missing", ["mark", "registry"])
+def test_what_is_revoked_waits_for_nothing_else(world, monkeypatch, missing):
+    world.pull()
+    world.issuer.revoke("agent", "robotic")
+    world.clock.advance(300)
+    if missing == "mark":
+        monkeypatch.setattr(world.follower._mark_file, "write", full)
+    else:
+        world.issuer.registry_audience = "http://127.0.0.1:1/mcp"
+        world.issuer.registry_version += 1
+    with pytest.raises(FeedError):
+        world.pull()
+    view = world.follower.view()
+    assert (view.epoch, view.age_ms, view.revoked) == (0, 300, {("agent", "robotic")}), "revoked, and no younger"
+    monkeypatch.undo()
+    world.issuer.registry_audience = AUDIENCE
+    world.pull()
+    view = world.follower.view()
+    assert (view.epoch, view.age_ms, view.revoked) == (1, 0, {("agent", "robotic")})
 
 
 def test_following_goes_on_after_a_refusal(world):
