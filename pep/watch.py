@@ -1,6 +1,6 @@
 """The watch over whatever moves: its authority, what the sensors see, and the impact of what is left of it.
 
-One look is cheap and waits for nothing: the clock, the authority when it is due, the newest frames, and the newest word
+One look is cheap and waits for nothing: the clock, the authority, the newest frames, and the newest word
 of a physics worker, who is asked again whenever the frames show something else. The first thing that is not as it was
 authorised is an alarm, and whoever looks stops the arm; unless going slower suffices, which is the governor's. What the
 watch cannot see counts as lost: no frame, no word, or no look in time.
@@ -30,8 +30,6 @@ LOOK_MS: Final = 8
 """Longest pause between two looks at what moves: four packages of the controller."""
 PAUSE_S: Final = LOOK_MS / 2000
 """Pause between two looks: half of the longest, so that waking up late has the other half."""
-AUTHORITY_PERIOD_MS: Final = 40
-"""How often the authority behind a motion is looked at again: well inside the 150 ms to a stop."""
 FRAME_PERIOD_MS: Final = 25
 """A view that shows something else is judged at most this often: a sensor at 30 Hz in full."""
 UNCHANGED_PERIOD_MS: Final = 100
@@ -160,7 +158,6 @@ class Watch:
         self._asked: tuple[float, int] | None = None  # the speed that the judgement is about, and when it was heard
         now = clock.monotonic_ms()
         self._looked_ms = now
-        self._authority_ms = now
         self._asked_ms = now - UNCHANGED_PERIOD_MS
         self._judged_ms = now  # the verdict itself: the time to send it is far below every limit
         self._judging: Future[Rest] | None = None
@@ -187,9 +184,6 @@ class Watch:
         return self._changed(Reason.IMPACT_ROSE, now, lost) if lost else None
 
     def _authority(self, now: int) -> Alarm | None:
-        if now - self._authority_ms < AUTHORITY_PERIOD_MS:
-            return None
-        self._authority_ms = now
         fault = self._permit.standing()
         if fault is None:
             return None

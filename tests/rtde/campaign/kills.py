@@ -273,6 +273,9 @@ def one(death, rng, cell, found, name):
             raise NotBegunError(f"{name}: it went no longer: {outcomes}")
         found.counts["motions"] += 1
         judge(death, samples, done_s, t0, stood_s, found, name)
+        seen = outcomes[-1].get("watch") if outcomes else None
+        if seen is not None:
+            found.saw("seen by the watch - t0, s", seen["t_seen_ms"] / 1000 - t0)
         accepted = cell.permitted(t0)
         found.claim(accepted == 0, f"{name}: {accepted} commands accepted afterwards")
 
