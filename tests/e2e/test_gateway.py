@@ -22,10 +22,13 @@ from ztpm.demo.stage import LEFT, Stage, sweep_scope, until
 from ztpm.demo.motion import Motion
 from ztpm.demo.stopping import read_stop
 from ztpm.layout import OPERATORS, Layout, write_private
+from ztpm.processes import Child
 from ztpm.setup import free_addresses, initialise
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
 
+NO_WAY = dict.fromkeys(("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"), "http://127.0.0.1:9")
+"""Proxies that no part of a cell may use."""
 HEAD = """
 import sys, time
 from rtde_control import RTDEControlInterface
@@ -50,7 +53,7 @@ class Command:
         places = ["--gateway", addresses.door, "--audience", addresses.audience]
         self.process = subprocess.Popen(
             [*command, *places, "--data", str(house.cell.layout.root), *more],
-            env=os.environ | {PASSPHRASE_VARIABLE: house.cell.passphrase.decode()},
+            env=os.environ | NO_WAY | {PASSPHRASE_VARIABLE: house.cell.passphrase.decode()},
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
 
@@ -84,7 +87,11 @@ class House:
         passphrase = secrets.token_urlsafe(16).encode()
         initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=20)
         settled(layout)
-        self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT)
+
+        def start(*command, environment):
+            return Child.start(*command, environment=environment | NO_WAY)
+
+        self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, start=start)
         self.stage = Stage(cell=self.cell, people={})
         self.stage.people = {name: self.stage.operator_from_disk(name) for name in OPERATORS}
         self.cell.register(self.stage.person("carol"))
