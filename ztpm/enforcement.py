@@ -72,6 +72,7 @@ def opened(config: PointConfig) -> Opened:
     """
     policies, trust, key = read_policies(config), read_trust(config), read_key(config)
     check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
+    # Its own transport: as in ztpm_idp/client.py.
     http = httpx2.AsyncClient(transport=httpx2.AsyncHTTPTransport(), trust_env=False)
     return Opened(trust=trust, key=key, policies=policies, http=http)
 

@@ -72,6 +72,7 @@ def registered(issuer: str, audience: str, trust: TrustBundle) -> RegistrySnapsh
         EnrolmentError: when there is no answer, or none that verifies.
     """
     try:
+        # Its own transport: as in ztpm_idp/client.py.
         with httpx2.Client(transport=httpx2.HTTPTransport(), timeout=TIMEOUT_S, trust_env=False) as http:
             answer = http.get(f"{issuer}/registry", params={"audience": audience}, follow_redirects=False)
         if answer.status_code != 200:

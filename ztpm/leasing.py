@@ -102,6 +102,7 @@ def open_lease(url: str, audience: str, token: str, key: PrivateKey, *, gateway_
     )
     headers = {"Authorization": f"DPoP {token}", "DPoP": pending.proof, "Content-Type": "application/json"}
     try:
+        # Its own transport: as in ztpm_idp/client.py.
         with httpx2.Client(transport=httpx2.HTTPTransport(), timeout=TIMEOUT_S, trust_env=False) as http:
             answer = http.post(url, content=pending.body, headers=headers, follow_redirects=False)
     except httpx2.HTTPError as error:

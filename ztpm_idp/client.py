@@ -100,6 +100,7 @@ class _Caller:
         self.issuer = issuer
         self._key = key
         self._now = now
+        # A transport of our own: without the environment's proxies, and with its certificates (SSL_CERT_FILE).
         self._http = httpx2.Client(transport=transport or httpx2.HTTPTransport(), timeout=TIMEOUT_S, trust_env=False)
 
     def __repr__(self) -> str:
