@@ -17,7 +17,6 @@ import sys
 import traceback
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 
-import httpx2
 import uvicorn
 
 from capabilities.caps import DEFAULT as CAPS
@@ -34,9 +33,12 @@ from pep.ship import Shipper
 from ztpm.point_config import read_key, read_policies, read_trust
 from ztpm.report import serve_reports, view_of
 from ztpm.trust_mark import check_mark
+from ztpm_idp import direct
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
+
+    import httpx2
 
     from capabilities.keys import PrivateKey
     from capabilities.trust import TrustBundle
@@ -72,9 +74,7 @@ def opened(config: PointConfig) -> Opened:
     """
     policies, trust, key = read_policies(config), read_trust(config), read_key(config)
     check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
-    # Its own transport: as in ztpm_idp/client.py.
-    http = httpx2.AsyncClient(transport=httpx2.AsyncHTTPTransport(), trust_env=False)
-    return Opened(trust=trust, key=key, policies=policies, http=http)
+    return Opened(trust=trust, key=key, policies=policies, http=direct.async_client())
 
 
 class _Server(uvicorn.Server):

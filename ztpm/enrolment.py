@@ -18,6 +18,7 @@ from capabilities.errors import CapabilityError
 from capabilities.statements import registry
 from ztpm.layout import read_key, write_private
 from ztpm.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS
+from ztpm_idp import direct
 
 if TYPE_CHECKING:
     from capabilities.statements.registry import RegistrySnapshot
@@ -72,8 +73,7 @@ def registered(issuer: str, audience: str, trust: TrustBundle) -> RegistrySnapsh
         EnrolmentError: when there is no answer, or none that verifies.
     """
     try:
-        # Its own transport: as in ztpm_idp/client.py.
-        with httpx2.Client(transport=httpx2.HTTPTransport(), timeout=TIMEOUT_S, trust_env=False) as http:
+        with direct.client(TIMEOUT_S) as http:
             answer = http.get(f"{issuer}/registry", params={"audience": audience}, follow_redirects=False)
         if answer.status_code != 200:
             raise EnrolmentError(f"the registry answers {answer.status_code}")

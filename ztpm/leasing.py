@@ -25,6 +25,7 @@ from pep.rtde.lease import ID_BYTES
 from pep.rtde.lease_door import LOSSLESS
 from ztpm.program_ports import ProgramPorts
 from ztpm.tether import ends_with_parent
+from ztpm_idp import direct
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -102,8 +103,7 @@ def open_lease(url: str, audience: str, token: str, key: PrivateKey, *, gateway_
     )
     headers = {"Authorization": f"DPoP {token}", "DPoP": pending.proof, "Content-Type": "application/json"}
     try:
-        # Its own transport: as in ztpm_idp/client.py.
-        with httpx2.Client(transport=httpx2.HTTPTransport(), timeout=TIMEOUT_S, trust_env=False) as http:
+        with direct.client(TIMEOUT_S) as http:
             answer = http.post(url, content=pending.body, headers=headers, follow_redirects=False)
     except httpx2.HTTPError as error:
         raise LeaseError("GATEWAY_UNREACHABLE", f"{url}: {type(error).__name__}", refused=False) from error

@@ -26,7 +26,7 @@ from capabilities.errors import StatementError
 from capabilities.keys import b64u, public_raw, thumbprint
 from capabilities.scope_json import restriction_to_json, scope_to_json
 from capabilities.statements import attestation, opening
-from ztpm_idp import answering
+from ztpm_idp import answering, direct
 from ztpm_idp.signing import ProofAuth as ProofAuth  # noqa: PLC0414 - part of what this module offers
 
 if TYPE_CHECKING:
@@ -100,8 +100,7 @@ class _Caller:
         self.issuer = issuer
         self._key = key
         self._now = now
-        # A transport of our own: without the environment's proxies, and with its certificates (SSL_CERT_FILE).
-        self._http = httpx2.Client(transport=transport or httpx2.HTTPTransport(), timeout=TIMEOUT_S, trust_env=False)
+        self._http = direct.client(TIMEOUT_S, transport)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.id!r}, {self.issuer!r})"

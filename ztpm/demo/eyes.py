@@ -13,6 +13,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self, cast
 
+from pep.real_time import goes_first
 from pep.rtde.codec import MAX_FRAME, Framer, Recipe, decode_answer, encode_request
 from pep.rtde.messages import OutputsAnswer, ProtocolAnswer, RequestProtocol, SetupOutputs, Start, StartAnswer, Values
 
@@ -112,6 +113,7 @@ class Eyes:
                 yield decode_answer(frame, PROTOCOL)
 
     def _keep(self) -> None:
+        goes_first()  # when a sample came is not when this thread had its turn
         for answer in self._answers:
             if not isinstance(answer, Values):
                 continue

@@ -16,6 +16,7 @@ from capabilities.statements import registry
 from ztpm.cell import PROCESSES
 from ztpm.status.decisions import Decisions
 from ztpm.status.picture import Known, Part, Picture
+from ztpm_idp import direct
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,7 +59,7 @@ class Camera:
         self._trust = trust
         self._wall_s = wall_s
         self._clock = clock
-        self._http = httpx2.Client(timeout=ANSWER_S, trust_env=False, transport=transport)
+        self._http = direct.client(ANSWER_S, transport)
         self._decisions = Decisions(cell.layout.gateway_journal)
         self._lock = threading.Lock()
         self._kept: tuple[float, Picture] | None = None

@@ -8,7 +8,6 @@ import contextlib
 import os
 import random
 import signal
-import threading
 import time
 from dataclasses import replace
 
@@ -79,14 +78,14 @@ for _ in range(200):
 """
 
 
-def go_first(*threads):
-    """These go before ordinary ones, where that is allowed: a controller is a machine of its own, and so is who looks.
+def go_first(pid):
+    """That process's threads go before ordinary ones, where that is allowed: a controller is a machine of its own.
 
-    Here they share two cores with all that loads its libraries anew in each trial.
+    Here it shares two cores with all that loads its libraries anew in each trial.
     """
     with contextlib.suppress(PermissionError):
-        for thread in threads:
-            os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(LEAST))
+        for thread in os.listdir(f"/proc/{pid}/task"):
+            os.sched_setscheduler(int(thread), os.SCHED_RR, os.sched_param(LEAST))
 
 
 class Cell:
@@ -103,11 +102,7 @@ class Cell:
         self.start_gateway(again=self.relay is not None)
         self.house.agent("mover", SPEED_JOINT, SERVO_JOINT, MOVE_LINEAR)
         self.eyes = ends.enter_context(Eyes(self.house.cell.addresses.host))
-        robot = self.house.cell.robot.popen.pid
-        go_first(
-            *map(int, os.listdir(f"/proc/{robot}/task")),
-            *(thread.native_id for thread in threading.enumerate() if thread.name == "eyes"),
-        )
+        go_first(self.house.cell.robot.popen.pid)
 
     def start_gateway(self, *, again=True):
         if again:

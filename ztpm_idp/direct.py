@@ -1,0 +1,23 @@
+"""HTTP straight to the address that was named: no proxy or password of the environment, and its certificates.
+
+`trust_env=False` alone leaves SSL_CERT_FILE unread too; a client with a transport of its own reads it.
+"""
+
+from __future__ import annotations
+
+import httpx2
+
+
+def client(timeout_s: float, transport: httpx2.BaseTransport | None = None) -> httpx2.Client:
+    """A client that waits so long for each step of a request.
+
+    Args:
+        timeout_s: longest wait to connect, to send, for an answer, seconds.
+        transport: in place of the network's, for tests.
+    """
+    return httpx2.Client(transport=transport or httpx2.HTTPTransport(), timeout=timeout_s, trust_env=False)
+
+
+def async_client() -> httpx2.AsyncClient:
+    """The same for an event loop. Who asks bounds each request."""
+    return httpx2.AsyncClient(transport=httpx2.AsyncHTTPTransport(), trust_env=False)
