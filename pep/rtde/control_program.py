@@ -3,7 +3,9 @@
     none -> waiting: for no program, and no command -> sent -> arming: the watchdog -> clearing: that -> running
 
 It acts on the command that it reads first, whenever that was written: so it is not sent before the controller itself
-says that none stands. Pure: what the controller says and the time are arguments, what follows is an act.
+says that none stands. It is over when the controller tells of any program's start or end after its own start: while
+the arm stands a program takes the place of another from one package to the next. Pure: what the controller says and
+the time are arguments, what follows is an act.
 """
 
 from __future__ import annotations
@@ -13,10 +15,12 @@ from typing import TYPE_CHECKING, Final
 
 from pep.rtde.leased_commands import DONE, READY
 from pep.rtde.leased_stop import PLAYING
+from pep.rtde.program import OURS, STARTED
 
 if TYPE_CHECKING:
     from pep.rtde.control_script import Upload
     from pep.rtde.feed import Sample
+    from pep.rtde.primary_frames import Key
 
 STOPPED: Final = 1
 """`runtime_state` of no program."""
@@ -63,6 +67,8 @@ class ControlProgram:
         self.phase = Phase.NONE
         self.upload: Upload | None = None
         self._since_ms = 0
+        self._begun = False  # the controller has told of its start
+        self._disturbed = False  # and of another event since
 
     @property
     def starting(self) -> bool:
@@ -83,22 +89,32 @@ class ControlProgram:
         """There is none."""
         self.phase, self.upload = Phase.NONE, None
 
+    def told(self, event: Key) -> None:
+        """The controller tells of a program that starts or ends. What is before its own start was of others."""
+        self._disturbed = self._disturbed or self._begun
+        self._begun = self._begun or (self.sent and event.title == STARTED and event.text == OURS)
+
+    def unheard(self) -> None:
+        """The controller may have told something that was not heard."""
+        self._disturbed = self.sent
+
     def look(self, sample: Sample, *, at_ms: int) -> Turn | None:
         """What the newest package brings about."""
         if self.upload is None:
             return None
         command, said = sample.registers[self.upload.script.offset]
-        playing = sample.runtime_state == PLAYING
+        playing = sample.runtime_state == PLAYING and not self._disturbed
         turn: Turn | None = None
         match self.phase:
             case Phase.WAITING if sample.runtime_state == STOPPED and command == 0:
+                self._begun = self._disturbed = False
                 turn = self._go(Phase.SENT, at_ms, Turn.SEND)
             # Only a script that has been idle is seen to have done something: the last one's word may still stand.
             case Phase.SENT if playing and said == READY:
                 turn = self._go(Phase.ARMING, at_ms, Turn.ARM)
             case Phase.ARMING if playing and command == ARM and said == DONE:
                 turn = self._go(Phase.CLEARING, at_ms, Turn.CLEAR)
-            case Phase.CLEARING if playing and command == 0 and said == READY:
+            case Phase.CLEARING if playing and self._begun and command == 0 and said == READY:
                 turn = self._go(Phase.RUNNING, at_ms, Turn.BEGIN)
             case Phase.ARMING | Phase.CLEARING if not playing:
                 self.end()

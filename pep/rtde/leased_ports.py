@@ -10,17 +10,19 @@ import asyncio
 import contextlib
 from typing import TYPE_CHECKING, Final
 
-from pep.errors import RobotError
+from pep.errors import PepFault, RobotError
 from pep.rtde.control_program import STOPPED, Phase
 from pep.rtde.control_script import scripts_for
 from pep.rtde.dashboard import stop_program
-from pep.rtde.feed import RETRY_S, Feed
+from pep.rtde.feed import Feed
 from pep.rtde.gateway import StatePorts, stop_text
 from pep.rtde.heard import SILENCE_MS
 from pep.rtde.leased_conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
 from pep.rtde.leased_stop import Ladder, Rung
 from pep.rtde.leased_tenant import Tenant
-from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY, Upstream
+from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
+from pep.rtde.primary_line import SILENCE_MS as HIDDEN_MS
+from pep.rtde.primary_line import PrimaryLine
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -33,7 +35,10 @@ if TYPE_CHECKING:
     from pep.rtde.judge import Holder, Judge
     from pep.rtde.lease import Ending
     from pep.rtde.lines import Back
+    from pep.rtde.primary_frames import Key
 
+BEGINS_S: Final = 10.0
+"""Longest wait for the controller at the beginning."""
 LOOK_S: Final = 0.02
 """How often time alone is looked at."""
 
@@ -74,28 +79,38 @@ class LeasedPorts:
         self.feed = Feed(robot, clock=clock, heard=self._heard)
         self.ladder = Ladder()
         self.stopped_ms: int | None = None
-        self._stopper = Upstream(lambda _: None, self._stopper_gone)
+        self._primary = PrimaryLine(robot, clock=clock, told=self._told, lost=self._unheard)
         self._tasks: set[asyncio.Task[None]] = set()
         self._tenant: Tenant | None = None
         self._past: Holder | None = None  # the lease that was over last; its connections may be there a little longer
 
     async def begin(self) -> None:
-        """The controller is listened to from now on; returns once it has said something."""
-        await self.feed.begin()
-        await self._reach_stopper()
+        """The controller is listened to from now on; returns once it has said something.
+
+        Raises:
+            RobotError: `ROBOT_UNREACHABLE` when it has not within `BEGINS_S`.
+        """
+        try:
+            async with asyncio.timeout(BEGINS_S):
+                await self.feed.begin()
+                await self._primary.begin()
+                await self.feed.first()
+        except TimeoutError:
+            port = PRIMARY if not self._primary.connected else RTDE
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, f"{self.robot}, port {port}") from None
         self._do(self._keep_looking())
-        await self.feed.first()
 
     def undisturbed(self) -> bool:
-        """Whether what the controller runs is the control script that we sent for the lease."""
-        return self._tenant is not None and self._tenant.program.phase is Phase.RUNNING
+        """Whether what the controller runs is the control script that we sent for the lease, and nothing hides that."""
+        running = self._tenant is not None and self._tenant.program.phase is Phase.RUNNING
+        return running and self._primary.silent_ms() <= HIDDEN_MS
 
     def close(self) -> None:
         """Nobody is served any more."""
         if self._tenant is not None:
             self._tenant.end()
         self.feed.close()
-        self._stopper.close()
+        self._primary.close()
         for task in self._tasks:
             task.cancel()
 
@@ -148,8 +163,8 @@ class LeasedPorts:
             return
         if self._tenant is not None:
             self._tenant.script_over(Reason.ROBOT_NOT_RUNNING)
-        if rung is Rung.PROGRAM and self._stopper.connected:
-            self._stopper.send(self._stop_text)
+        if rung is Rung.PROGRAM and self._primary.connected:
+            self._primary.send(self._stop_text)
         else:
             self._do(self._stop_by_dashboard())
 
@@ -157,14 +172,15 @@ class LeasedPorts:
         with contextlib.suppress(RobotError):  # the ladder sees what the arm does, and asks again
             await asyncio.to_thread(stop_program, self.robot)
 
-    def _stopper_gone(self) -> None:
-        self._do(self._reach_stopper())
-
-    async def _reach_stopper(self) -> None:
-        while await self._stopper.reach(self.robot, SECONDARY) is not None:  # noqa: ASYNC110 - nobody sets an event
-            await asyncio.sleep(RETRY_S)
-
     # ---- looking
+
+    def _told(self, event: Key) -> None:
+        if self._tenant is not None:
+            self._tenant.program.told(event)
+
+    def _unheard(self) -> None:
+        if self._tenant is not None:
+            self._tenant.program.unheard()
 
     def _heard(self, sample: Sample) -> None:
         at_ms = self.clock.monotonic_ms()

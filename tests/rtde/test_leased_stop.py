@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pep.clock import SystemClock
+from pep.rtde import program as program_words
 from pep.rtde.control_program import START_MS, WAIT_MS, ControlProgram, Phase, Turn
 from pep.rtde.control_script import Upload, allow_list, installed_body, scripts_for
 from pep.rtde.feed import Sample
@@ -16,6 +17,7 @@ from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.leased_scripts import ONLY_STOPS, LeasedScripts
 from pep.rtde.leased_stop import OBEYS_MS, Ladder, Rung
 from pep.rtde.leased_tenant import Tenant
+from pep.rtde.primary_frames import Key
 from pep.rtde.refused import Refused
 from pep.stopping import ESCALATE_MS
 from policies.reasons import Reason
@@ -128,9 +130,23 @@ def test_a_speed_that_is_no_number_is_no_standstill():
 # ---- the control script
 
 
+BEGINS, ENDS = Key(0, 0, program_words.STARTED, program_words.OURS), Key(0, 0, program_words.STOPPED, "it")
+ANOTHER = Key(0, 0, program_words.STARTED, "other")
+
+
 def program():
     begun = ControlProgram()
     begun.begin(UPLOAD, at_ms=0)
+    return begun
+
+
+def running():
+    begun = program()
+    begun.look(seen(3, runtime=STOPPED), at_ms=3)
+    begun.told(BEGINS)
+    for sample in (seen(6, said=READY), seen(8, said=DONE, command=35), seen(10, said=READY)):
+        begun.look(sample, at_ms=sample.arrived_ms)
+    assert begun.phase is Phase.RUNNING
     return begun
 
 
@@ -153,6 +169,8 @@ def test_it_is_sent_armed_and_cleared_and_only_then_is_it_the_clients():
     ]
     for sample, turn, phase in steps:
         assert (begun.look(sample, at_ms=sample.arrived_ms), begun.phase) == (turn, phase)
+        if turn is Turn.SEND:
+            begun.told(BEGINS)
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from([0, 1, 9, 35, 255]), st.integers(0, 2)), max_size=30))
@@ -162,6 +180,8 @@ def test_it_is_never_sent_over_a_command_nor_the_clients_before_its_watchdog(sai
         turn = begun.look(seen(at_ms, 0.0, runtime, command, word), at_ms=at_ms)
         if turn is not None:
             turns.append((turn, runtime, command, word))
+        if turn is Turn.SEND:
+            begun.told(BEGINS)
     order = [Turn.SEND, Turn.ARM, Turn.CLEAR, Turn.BEGIN, Turn.END]
     kinds = [turn for turn, *_ in turns if turn is not Turn.FAIL]
     assert kinds == order[: len(kinds)]
@@ -183,6 +203,40 @@ def test_a_script_that_ends_while_it_is_armed_has_failed():
     for sample in (seen(3, runtime=STOPPED), seen(6, said=READY)):
         begun.look(sample, at_ms=sample.arrived_ms)
     assert begun.look(seen(7, runtime=STOPPED, command=35), at_ms=7) is Turn.FAIL
+
+
+@pytest.mark.parametrize("event", [ENDS, ANOTHER, BEGINS, None])
+def test_whatever_starts_or_ends_after_it_has_taken_its_place(event):
+    """The controller says that a program is playing before and after."""
+    begun = running()
+    assert begun.look(seen(12, said=READY), at_ms=12) is None
+    if event is None:
+        begun.unheard()
+    else:
+        begun.told(event)
+    assert begun.look(seen(14, said=READY), at_ms=14) is Turn.END
+    assert begun.phase is Phase.NONE
+
+
+def test_what_started_or_ended_before_it_was_of_others():
+    begun = program()
+    begun.told(ANOTHER)
+    begun.look(seen(3, runtime=STOPPED), at_ms=3)
+    for event in (ENDS, BEGINS):
+        begun.told(event)
+    for sample in (seen(6, said=READY), seen(8, said=DONE, command=35)):
+        begun.look(sample, at_ms=sample.arrived_ms)
+    assert begun.look(seen(10, said=READY), at_ms=10) is Turn.BEGIN
+
+
+def test_without_the_controllers_word_that_it_has_started_it_is_not_the_clients():
+    begun = program()
+    for sample in (seen(3, runtime=STOPPED), seen(6, said=READY), seen(8, said=DONE, command=35)):
+        begun.look(sample, at_ms=sample.arrived_ms)
+    begun.told(ANOTHER)
+    assert begun.look(seen(10, said=READY), at_ms=10) is None
+    assert begun.phase is Phase.CLEARING
+    assert begun.late(at_ms=11 + START_MS) is Turn.FAIL
 
 
 # ---- what a script port takes

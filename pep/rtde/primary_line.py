@@ -1,0 +1,93 @@
+"""Our own connection to the primary port: what the controller tells of programs, and the way of a stop.
+
+It tells here of each program that starts or ends, whoever sent it. On one event loop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.feed import RETRY_S
+from pep.rtde.lines import PRIMARY, Upstream
+from pep.rtde.messages import WireError
+from pep.rtde.primary_frames import MESSAGE, Key, PrimaryCutter, decode_message
+from pep.rtde.program import STARTED, STOPPED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.ports import Clock
+
+SILENCE_MS: Final = 500
+"""The port sends the robot's state ten times a second; one that is silent for longer may hide a start."""
+
+
+class PrimaryLine:
+    """It comes back by itself when it is lost.
+
+    Args:
+        host: of the controller.
+        clock: the monotonic one counts.
+        told: is given each start and end of a program.
+        lost: is told that one may have been missed.
+    """
+
+    def __init__(self, host: str, *, clock: Clock, told: Callable[[Key], None], lost: Callable[[], None]) -> None:
+        self._host = host
+        self._clock = clock
+        self._told = told
+        self._lost = lost
+        self._robot = Upstream(self._heard, self._gone)
+        self._cutter = PrimaryCutter()
+        self._heard_ms: int | None = None
+        self._again: asyncio.Task[None] | None = None
+
+    async def begin(self) -> None:
+        """It is there; tried until it is."""
+        self._cutter = PrimaryCutter()
+        self._robot = Upstream(self._heard, self._gone)
+        while await self._robot.reach(self._host, PRIMARY) is not None:  # noqa: ASYNC110 - nobody sets an event
+            await asyncio.sleep(RETRY_S)
+
+    def close(self) -> None:
+        """Nothing more is heard or said."""
+        if self._again is not None:
+            self._again.cancel()
+        self._robot.close()
+
+    @property
+    def connected(self) -> bool:
+        """Whether something can be said."""
+        return self._robot.connected
+
+    def silent_ms(self) -> float:
+        """For how long nothing was heard on this connection."""
+        return math.inf if self._heard_ms is None else self._clock.monotonic_ms() - self._heard_ms
+
+    def send(self, program: bytes) -> None:
+        """To the controller."""
+        self._robot.send(program)
+
+    def _heard(self, content: bytes) -> None:
+        try:
+            for kind, body in self._cutter.feed(content):
+                # A state of the robot is not read: what a younger controller says in it is none of ours.
+                said = decode_message(body).content if kind == MESSAGE else None
+                if isinstance(said, Key) and said.title in (STARTED, STOPPED):
+                    self._told(said)
+        except WireError:
+            self._robot.close()
+            self._gone()
+            return
+        self._heard_ms = self._clock.monotonic_ms()
+
+    def _gone(self) -> None:
+        self._heard_ms = None
+        self._lost()
+        self._again = asyncio.get_running_loop().create_task(self._retry())
+
+    async def _retry(self) -> None:
+        await asyncio.sleep(RETRY_S)
+        await self.begin()
