@@ -111,6 +111,7 @@ class GatewayServer(RobotPoint):
             stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
             clock=self.clock,
             closed=self._left,
+            stopped=self._stopped,
         )
         telemetry, remote = Telemetry(config.robot_host), RemoteControl(config.robot_host)
         # Without its connection no program of a lease runs, and none of ours.
@@ -129,7 +130,7 @@ class GatewayServer(RobotPoint):
         # It compiles what its steps ask when it is made, or reads what was compiled before.
         self._stream(frozenset()).see(self.state.read().q_rad)
         self.judging = ThreadPoolExecutor(1, "rest")
-        control = PermittedControl(
+        self.control = PermittedControl(
             self.own.control,
             audience=config.audience,
             clock=self.clock,
@@ -138,7 +139,7 @@ class GatewayServer(RobotPoint):
         )
         self.tools = ArmTools.of(
             self,
-            control=control,
+            control=self.control,
             io=self.own.switches,
             gripper=gripper,
             telemetry=telemetry,
@@ -276,14 +277,18 @@ class GatewayServer(RobotPoint):
                 while not self.own.up:  # noqa: ASYNC110 - a look at the controller, which sets no event
                     await asyncio.sleep(FAREWELL_S)
 
+    def _stopped(self) -> None:
+        """Somebody has stopped the arm past the tools: what they were about to do is not done."""
+        self.control.note_stop()
+
     # ---- the lease
 
-    def _left(self, holder: Holder) -> None:
+    def _left(self, holder: Holder, ending: Ending) -> None:
         """The control connection of a lease has ended."""
         if isinstance(holder, OwnLease):
             self.own.give_way()
         else:
-            self.carriages.end(Ending.LEFT)
+            self.carriages.end(ending)
 
     def _stream(self, touch: frozenset[str]) -> CellStream:
         return CellStream(holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
@@ -312,26 +317,34 @@ class GatewayServer(RobotPoint):
         """A lease ends when its token does, or when nobody can tell any more whether that holds."""
         while True:
             await asyncio.sleep(LOOK_S)
-            self.carriages.look()
-            lease = self.leases.current
-            token = None if lease is None else lease.credentials.token
-            if token is None:
-                continue
             try:
-                stands = isinstance(self.authority.verify(token, lease_ms=self._lease_ms), Chain)
-            except Exception:  # noqa: BLE001 - a verification that breaks has not verified
-                stands = False
-            if not stands:
-                await self._end(Ending.AUTHORITY)
+                self.carriages.look()
+                if not self._stands():
+                    await self._end(Ending.AUTHORITY)
+            except Exception as error:  # noqa: BLE001 - who looks goes on looking
+                self._log("lease", error)
+
+    def _stands(self) -> bool:
+        """Whether the token of the open lease does, if there is one."""
+        lease = self.leases.current
+        token = None if lease is None else lease.credentials.token
+        if token is None:
+            return True
+        try:
+            return isinstance(self.authority.verify(token, lease_ms=self._lease_ms), Chain)
+        except Exception:  # noqa: BLE001 - a verification that breaks has not verified
+            return False
 
     async def _end(self, ending: Ending) -> None:
         """The lease is over, if there is one, and its program knows."""
         lease = self.leases.current
         if lease is not None:
-            self.ports.over(lease, ending)
-            await asyncio.sleep(FAREWELL_S)
-            if self.leases.current is lease:
-                self.carriages.end(ending)
+            try:
+                self.ports.over(lease, ending)
+                await asyncio.sleep(FAREWELL_S)
+            finally:
+                if self.leases.current is lease:
+                    self.carriages.end(ending)
 
 
 class _Stopper:

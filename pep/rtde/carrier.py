@@ -71,6 +71,7 @@ class Carrier(asyncio.Protocol):
         self._cutter = Cutter()
         self._transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
+        self._silence: asyncio.TimerHandle | None = None
         self._heard_ms = clock.monotonic_ms()
         self._why = Ending.CLOSED
         self._over = False
@@ -109,6 +110,7 @@ class Carrier(asyncio.Protocol):
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._beat()
+        self._listen()
 
     def data_received(self, data: bytes) -> None:
         """Frames, or parts of some. After the end they are read and dropped."""
@@ -176,19 +178,27 @@ class Carrier(asyncio.Protocol):
     def _beat(self) -> None:
         if self._over:
             return
-        if self._clock.monotonic_ms() - self._heard_ms > SILENCE_MS:
-            self.close(Ending.SILENT)
-            return
         self.say(Beat())
         self._timer = asyncio.get_running_loop().call_later(BEAT_MS / 1000, self._beat)
+
+    def _listen(self) -> None:
+        """The other end has been silent for too long, or is listened to for as long as it may be."""
+        if self._over:
+            return
+        left_ms = SILENCE_MS - (self._clock.monotonic_ms() - self._heard_ms)
+        if left_ms < 0:
+            self.close(Ending.SILENT)
+        else:
+            self._silence = asyncio.get_running_loop().call_later((left_ms + 1) / 1000, self._listen)
 
     def _end(self, ending: Ending) -> None:
         if self._over:
             return
         self._flush()
         self._over = True
-        if self._timer is not None:
-            self._timer.cancel()
+        for timer in (self._timer, self._silence):
+            if timer is not None:
+                timer.cancel()
         if self._transport is not None:
             leave(self._transport)
         self._ended(ending)

@@ -14,7 +14,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.leased_commands import DONE, READY
-from pep.rtde.leased_stop import PLAYING
+from pep.rtde.leased_stop import PLAYING, STOPPED
 from pep.rtde.program import OURS, STARTED
 
 if TYPE_CHECKING:
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from pep.rtde.feed import Sample
     from pep.rtde.primary_frames import Key
 
-STOPPED: Final = 1
-"""`runtime_state` of no program."""
 ARM: Final = 35
 """Command id of the watchdog."""
 WAIT_MS: Final = 2_000

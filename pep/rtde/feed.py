@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 RATE_HZ: Final = 500.0
 RETRY_S: Final = 0.5
+FRESH_MS: Final = 40
+"""Twenty packages: what was said longer ago need not hold."""
 _NAMES: Final = (
     "actual_qd", "runtime_state", "safety_mode", "target_speed_fraction",
     "input_int_register_0", "output_int_register_0", "input_int_register_24", "output_int_register_24",

@@ -6,12 +6,14 @@ Each connection is ended here and begun anew at the robot; nothing goes through 
 from __future__ import annotations
 
 import asyncio
+from collections import Counter
 from typing import TYPE_CHECKING, Final, assert_never
 
 from pep.rtde.accepted import Accepted
 from pep.rtde.command_values import StopJ, StopL
 from pep.rtde.cutter import LENGTH, Cutter, LengthError
 from pep.rtde.dashboard_words import MAX_LINE, LineClass, parse_line
+from pep.rtde.leased_stop import Rung
 from pep.rtde.lines import DASHBOARD, PORTS, PRIMARY, READ_ONLY, REALTIME, RTDE, SECONDARY, Conversation
 from pep.rtde.messages import WireError
 from pep.rtde.refused import Refused
@@ -22,6 +24,8 @@ from pep.rtde.urscript import ProgramStream, ScriptError
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from pep.rtde import lines
     from pep.rtde.dashboard_words import Line
     from pep.rtde.lines import Back, Ports
@@ -34,8 +38,14 @@ FRAME_BYTES: Final = 65_536
 """Of a stream of states: the controller's longest has some 1.5 KiB, a popup's text may have more."""
 ANSWER_BYTES: Final = 4_096
 """Of one line of the dashboard."""
-CONNECTIONS: Final = 64
-"""Strangers at once, on all ports together."""
+GUESTS: Final = 8
+"""Strangers at once on one port; each has a connection to the controller, which has other clients too."""
+LINES: Final = 64
+"""Of the dashboard, in one piece: each takes time, and nobody asks so much before an answer."""
+STOPS: Final = 8
+"""Programs in one piece."""
+STOPPING: Final = {"stop": Rung.DASHBOARD, "pause": Rung.REGISTERS, "power off": Rung.DASHBOARD}
+"""Lines that stop the arm, and how hard the least stop is that they must come to."""
 
 
 class StatePort(Conversation):
@@ -76,15 +86,20 @@ class DashboardPort(Conversation):
 
     Args:
         back: the way back to the client.
+        stopping: is told of each stop.
     """
 
-    def __init__(self, back: Back) -> None:
+    def __init__(self, back: Back, *, stopping: Callable[[Rung], None]) -> None:
         super().__init__(back)
+        self._stopping = stopping
         self._asked, self._said = bytearray(), bytearray()
 
     def received(self, content: bytes) -> None:
         """The client sent these bytes."""
         self._asked += content
+        if content.count(b"\n") > LINES:
+            self.end()
+            return
         while (end := self._asked.find(b"\n")) >= 0:
             line = parse_line(bytes(self._asked[:end]))
             del self._asked[: end + 1]
@@ -101,6 +116,8 @@ class DashboardPort(Conversation):
         match line.row.line_class:
             case LineClass.ALLOW | LineClass.READ:
                 self.robot.send(line.render())
+                if line.row.words in STOPPING:
+                    self._stopping(STOPPING[line.row.words])
             case LineClass.DECIDE | LineClass.HUMAN | LineClass.DENY:
                 self._back.send(f"Failed to execute: {line.row.words}\n".encode())
                 self._refused(line.row.words)
@@ -164,14 +181,18 @@ def stop_text(stop_deceleration_rad_s2: float) -> bytes:
 class ScriptPort(StreamPort):
     """Serves a script port without a lease: the same stream, and programs that do nothing but stop the arm.
 
+    Any other ends the connection.
+
     Args:
         back: the way back to the client.
         stop_deceleration_rad_s2: of the cell's stop model. Whatever stop is asked for, the arm is stopped so: a weak
             one would be a motion.
+        stopping: is told of each stop.
     """
 
-    def __init__(self, back: Back, *, stop_deceleration_rad_s2: float) -> None:
+    def __init__(self, back: Back, *, stop_deceleration_rad_s2: float, stopping: Callable[[Rung], None]) -> None:
         super().__init__(back)
+        self._stopping = stopping
         self._programs = ProgramStream(MAX_STOP)
         self._stop = stop_text(stop_deceleration_rad_s2)
 
@@ -182,9 +203,14 @@ class ScriptPort(StreamPort):
         except (ScriptError, UnicodeDecodeError):
             self.end()
             return
-        for text in programs:
-            if only_stops(text):
-                self.robot.send(self._stop)
+        for text in programs[:STOPS]:
+            if not only_stops(text):
+                self.end()
+                return
+            self.robot.send(self._stop)
+            self._stopping(Rung.PROGRAM)
+        if len(programs) > STOPS:
+            self.end()
 
 
 class StatePorts:
@@ -193,11 +219,15 @@ class StatePorts:
     Args:
         robot: host of the controller.
         stop_deceleration_rad_s2: of the cell's stop model.
+        stopping: is told of each stop that somebody sends to the controller, and how hard it is.
     """
 
-    def __init__(self, robot: str, *, stop_deceleration_rad_s2: float) -> None:
+    def __init__(
+        self, robot: str, *, stop_deceleration_rad_s2: float, stopping: Callable[[Rung], None] = lambda _: None
+    ) -> None:
         self._robot = robot
         self._deceleration = stop_deceleration_rad_s2
+        self._stopping = stopping
 
     async def open(self, lease: object, port: int, back: Back) -> lines.Line | Reason:  # noqa: ARG002 - the port's own form
         """A connection to that port."""
@@ -205,9 +235,9 @@ class StatePorts:
         if port == RTDE:
             line = StatePort(back)
         elif port == DASHBOARD:
-            line = DashboardPort(back)
+            line = DashboardPort(back, stopping=self._stopping)
         elif port in (PRIMARY, SECONDARY, REALTIME):
-            line = ScriptPort(back, stop_deceleration_rad_s2=self._deceleration)
+            line = ScriptPort(back, stop_deceleration_rad_s2=self._deceleration, stopping=self._stopping)
         elif port in READ_ONLY:
             line = StreamPort(back)
         else:
@@ -225,7 +255,7 @@ class Gateway:
     def __init__(self, ports: Ports) -> None:
         self._ports = ports
         self._servers: list[asyncio.Server] = []
-        self.guests: set[_Guest] = set()
+        self.guests: list[_Guest] = []
 
     async def listen(self, host: str) -> None:
         """From now on.
@@ -238,6 +268,25 @@ class Gateway:
             self._servers.append(
                 await loop.create_server(lambda port=port: _Guest(self, self._ports, port), host, port)  # type: ignore[misc]
             )
+
+    def admits(self, guest: _Guest) -> bool:
+        """Whether there is room at its port: for an address that has fewer of them, the oldest of the one with most."""
+        there = [other for other in self.guests if other.port == guest.port]
+        if len(there) >= GUESTS:
+            many = Counter(other.address for other in there)
+            address, most = many.most_common(1)[0]
+            if most <= many[guest.address] + 1:
+                return False
+            oldest = next(other for other in there if other.address == address)
+            self.guests.remove(oldest)
+            oldest.drop()
+        self.guests.append(guest)
+        return True
+
+    def leaves(self, guest: _Guest) -> None:
+        """It is gone."""
+        if guest in self.guests:
+            self.guests.remove(guest)
 
     def close(self) -> None:
         """Nobody is served any more."""
@@ -254,24 +303,29 @@ class _Guest(Accepted):
         super().__init__()
         self._gateway = gateway
         self._ports = ports
-        self._port = port
+        self.port = port
+        self.address = ""
         self._opening: asyncio.Task[None] | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         super().connection_made(transport)
-        if len(self._gateway.guests) >= CONNECTIONS:
-            self._transport.abort()
+        self.address = str((transport.get_extra_info("peername") or ("",))[0])
+        if not self._gateway.admits(self):
+            self.drop()
             return
-        self._gateway.guests.add(self)
         self._opening = asyncio.get_running_loop().create_task(self._open())
 
     async def _open(self) -> None:
-        line = await self._ports.open(None, self._port, self)
+        line = await self._ports.open(None, self.port, self)
         if isinstance(line, Reason):
             self._transport.abort()
         else:
             self.begin(line)
 
+    def drop(self) -> None:
+        """Its connection has ended, whatever was still to be sent."""
+        self._transport.abort()
+
     def connection_lost(self, exc: Exception | None) -> None:
-        self._gateway.guests.discard(self)
+        self._gateway.leaves(self)
         super().connection_lost(exc)

@@ -155,6 +155,21 @@ def encode_io(command: IoCommand, offset: Offset) -> dict[str, Value]:
             assert_never(command)
 
 
+def sets(command: IoCommand) -> frozenset[tuple[object, int]]:
+    """What it sets: two commands with one of these in common set the same thing."""
+    match command:
+        case SetDigitalOutputs(bank, mask):
+            return frozenset((bank, output) for output in range(_WIDTH[bank]) if mask >> output & 1)
+        case SetAnalogOutput(channel):
+            return frozenset({(SetAnalogOutput, channel)})
+        case SetInputInteger(register) | SetInputDouble(register):
+            return frozenset({(type(command), register)})
+        case SetSpeedSlider() | SetExternalWrench():
+            return frozenset({(type(command), 0)})
+        case _:
+            assert_never(command)
+
+
 def _said(image: Image, written: Collection[str]) -> Iterator[IoCommand]:
     def touched(*names: str) -> bool:
         return not set(names).isdisjoint(written)

@@ -8,6 +8,7 @@ Whoever has no lease, or the id of one that is carried already, is left without 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.carriage import Bytes, Closed, Open, Opened, Refused
@@ -172,9 +173,10 @@ class _Carried:
     def _over(self, ending: Ending) -> None:
         self._ended = True
         lines, self._lines = self._lines, {}
-        self._port.over(self._lease, ending)
-        for line in lines.values():
-            line.left()
+        with contextlib.ExitStack() as rest:  # each, whatever becomes of another
+            for line in lines.values():
+                rest.callback(line.left)
+            self._port.over(self._lease, ending)
 
 
 class _Back:

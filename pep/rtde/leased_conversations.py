@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from pep.rtde.acts import Ask, Braked, Halt, Withdraw
 from pep.rtde.control_script import Upload
+from pep.rtde.feed import FRESH_MS
 from pep.rtde.gateway import DashboardPort, StreamPort
-from pep.rtde.heard import SILENCE_MS
+from pep.rtde.lease import Ending
 from pep.rtde.leased_line import LeasedLine
 from pep.rtde.leased_scripts import LeasedScripts
 from pep.rtde.leased_stop import Rung
@@ -52,21 +53,21 @@ class LeasedRtdePort(Conversation):
         try:
             said = self.line.said(content, slider=slider, at_ms=self._now())
         except WireError:
-            self.lose()
+            self.lose(Ending.MALFORMED)
             return
         self._send(said)
 
     def left(self) -> None:
         """The program has closed it, or the lease is over."""
         try:
-            self._gone_from()
+            self._gone_from(Ending.LEFT)
         finally:
             super().left()
 
-    def lose(self) -> None:
-        """It cannot go on."""
+    def lose(self, ending: Ending) -> None:
+        """It cannot go on, and where it is the one that commands, nor can the lease."""
         try:
-            self._gone_from()
+            self._gone_from(ending)
         finally:
             self.end()
 
@@ -107,22 +108,22 @@ class LeasedRtdePort(Conversation):
         try:
             said = self.line.answered(content)
         except WireError:
-            self.lose()
+            self.lose(Ending.ROBOT)
             return
         self._send(said)
 
     def _gone(self) -> None:
-        self._gone_from()
+        self._gone_from(Ending.ROBOT)
         super()._gone()
 
-    def _gone_from(self) -> None:
+    def _gone_from(self, ending: Ending) -> None:
         self._over = True
         self._tenant.lines.discard(self)
         try:
             self.leave()
         finally:
             if self._tenant.control is self:
-                self._tenant.lost()
+                self._tenant.lost(ending)
                 self._tenant.control = None
 
     def _send(self, said: Said) -> None:
@@ -155,7 +156,7 @@ class LeasedRtdePort(Conversation):
         """Where it stands; NaN when that is not known."""
         feed = self._tenant.ports.feed
         newest = feed.newest
-        return newest.slider if newest is not None and feed.silent_ms() <= SILENCE_MS else math.nan
+        return newest.slider if newest is not None and feed.silent_ms() <= FRESH_MS else math.nan
 
     def _now(self) -> int:
         return self._tenant.ports.clock.monotonic_ms()
@@ -234,7 +235,7 @@ class LeasedDashboardPort(DashboardPort):
     """Serves the dashboard as for anybody, and tells the program what was refused."""
 
     def __init__(self, tenant: Tenant, back: Back) -> None:
-        super().__init__(back)
+        super().__init__(back, stopping=tenant.ports.note)
         self._tenant = tenant
 
     def _refused(self, words: str) -> None:

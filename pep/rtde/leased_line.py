@@ -20,7 +20,7 @@ from pep.rtde.following import Following
 from pep.rtde.image import Image
 from pep.rtde.leased_commands import LeasedCommands, brake_registers
 from pep.rtde.leased_outputs import LeasedOutputs
-from pep.rtde.messages import Message, SetupInputs, Start, Values, WireError, WireFault
+from pep.rtde.messages import Message, OutputsAnswer, SetupInputs, Start, Values, WireError, WireFault
 from pep.rtde.recipes import EXTERNAL_WRENCH, OFFSETS, Ignored, InputRecipes, Profile
 from pep.rtde.refused import Refused
 from pep.rtde.relay import OwnInputs, Relay, Said, belongs_to_others
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from pep.rtde.codec import Value
     from pep.rtde.messages import InputsAnswer, Request
+    from pep.rtde.relay import SetUpAnswer
 
 STOPPED: Final = (1).to_bytes(4, "big")
 """`runtime_state` of no program."""
@@ -210,6 +211,13 @@ class LeasedLine(Relay):
         assert self._inputs_had is not None
         if answer.recipe:
             self._inputs_had.set_up(names)
+
+    def _taken(self, answer: SetUpAnswer) -> bytes:
+        if isinstance(answer, OutputsAnswer):
+            # The number may have been another recipe's, of another form.
+            self._newest.pop(answer.recipe, None)
+            self._places.pop(answer.recipe, None)
+        return super()._taken(answer)
 
     def _granted(self, names: tuple[str, ...], answer: InputsAnswer) -> None:
         if not answer.recipe:

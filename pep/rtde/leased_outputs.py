@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from pep.rtde.acts import ERROR, INFORMATION, PATIENCE_MS, Act, Ask, Question, Tell, Withdraw, Write
 from pep.rtde.command_values import SetExternalWrench
 from pep.rtde.image import Image
-from pep.rtde.io_commands import MASKS, IoCommand, SetSpeedSlider, decode_io, encode_io
+from pep.rtde.io_commands import MASKS, IoCommand, SetSpeedSlider, decode_io, encode_io, sets
 from pep.rtde.refused import Refused
 from policies.reasons import Reason
 
@@ -61,9 +61,14 @@ class LeasedOutputs:
             self._tell(commands.reason, commands.place)
             return
         for command in commands:
+            if any(question.command == command for question in self._held):
+                continue  # it is being decided
+            self._supersede(command)
             if isinstance(command, SetExternalWrench) or not self._claimed.issuperset(self._written(command)):
                 self._tell(Reason.NOT_GRANTED, type(command).__name__)
-            elif isinstance(command, SetSpeedSlider) and command.fraction <= slider:
+            elif isinstance(command, SetSpeedSlider) and command.fraction == slider:
+                pass  # it stands there; written again it could raise what somebody lowers in this moment
+            elif isinstance(command, SetSpeedSlider) and command.fraction < slider:
                 self._write(command)
             elif len(self._held) >= WAITING:
                 self._tell(Reason.BUSY, type(command).__name__)
@@ -71,6 +76,12 @@ class LeasedOutputs:
                 question = Question(command)
                 self._held[question] = at_ms
                 self._acts.append(Ask(question))
+
+    def _supersede(self, command: IoCommand) -> None:
+        """What waits and would set the same is not wanted any more, however it is decided."""
+        for question in [q for q in self._held if isinstance(q.command, IoCommand) and sets(q.command) & sets(command)]:
+            del self._held[question]
+            self._acts.append(Withdraw(question))
 
     def forward(self, question: Question) -> bool:
         """Whether it was written."""

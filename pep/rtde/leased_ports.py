@@ -11,14 +11,15 @@ import contextlib
 from typing import TYPE_CHECKING, Final
 
 from pep.errors import PepFault, RobotError
-from pep.rtde.control_program import STOPPED, Phase
+from pep.rtde.control_program import Phase
 from pep.rtde.control_script import scripts_for
 from pep.rtde.dashboard import stop_program
-from pep.rtde.feed import Feed
+from pep.rtde.feed import FRESH_MS, Feed
 from pep.rtde.gateway import StatePorts, stop_text
 from pep.rtde.heard import SILENCE_MS
+from pep.rtde.lease import Ending
 from pep.rtde.leased_conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
-from pep.rtde.leased_stop import Ladder, Rung
+from pep.rtde.leased_stop import STOPPED, Ladder, Rung
 from pep.rtde.leased_tenant import Tenant
 from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
 from pep.rtde.primary_line import SILENCE_MS as HIDDEN_MS
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from pep.rtde.control_script import ControlScript
     from pep.rtde.feed import Sample
     from pep.rtde.judge import Holder, Judge
-    from pep.rtde.lease import Ending
     from pep.rtde.lines import Back
     from pep.rtde.primary_frames import Key
 
@@ -52,7 +52,8 @@ class LeasedPorts:
         scripts: every control script there is (`pep.rtde.control_script.allow_list`).
         stop_deceleration_rad_s2: of the cell's stop model.
         clock: the monotonic one counts.
-        closed: is told of a lease whose control connection has ended; the arm is being stopped then.
+        closed: is told of a lease whose control connection has ended, and why; the arm is being stopped then.
+        stopped: is told of each stop by whoever has no lease.
 
     Attributes:
         stopped_ms: monotonic time of the newest stop, whoever asked for it; None while there was none.
@@ -66,7 +67,8 @@ class LeasedPorts:
         scripts: Sequence[ControlScript],
         stop_deceleration_rad_s2: float,
         clock: Clock,
-        closed: Callable[[Holder], None],
+        closed: Callable[[Holder, Ending], None],
+        stopped: Callable[[], None] = lambda: None,
     ) -> None:
         self.robot = robot
         self.judge = judge
@@ -74,7 +76,8 @@ class LeasedPorts:
         self.clock = clock
         self.closed = closed
         self._all_scripts = scripts
-        self._anybody = StatePorts(robot, stop_deceleration_rad_s2=stop_deceleration_rad_s2)
+        self._stopped = stopped
+        self._anybody = StatePorts(robot, stop_deceleration_rad_s2=stop_deceleration_rad_s2, stopping=self.note)
         self._stop_text = stop_text(stop_deceleration_rad_s2)
         self.feed = Feed(robot, clock=clock, heard=self._heard)
         self.ladder = Ladder()
@@ -134,15 +137,18 @@ class LeasedPorts:
             line = LeasedDashboardPort(tenant, back)
         else:
             line = LeasedScriptPort(tenant, back, scripts_for(self.feed.version.minor, self._all_scripts))
-        return await line.robot.reach(self.robot, port) or line
+        refused = await line.robot.reach(self.robot, port)
+        if refused is not None:
+            line.left()
+        return refused or line
 
     def over(self, lease: Holder, ending: Ending) -> None:  # noqa: ARG002 - how a lease's end is told
         """The lease is over: the arm is being stopped when this returns, and it opens nothing any more."""
         self._past = lease
         tenant = self._tenant
         if tenant is not None and tenant.lease is lease:
-            tenant.end()
             self._tenant = None
+            tenant.end()
 
     # ---- stopping
 
@@ -150,7 +156,8 @@ class LeasedPorts:
         """The arm is being stopped, this way or a harder one."""
         self.stopped_ms = self.clock.monotonic_ms()
         newest, tenant = self.feed.newest, self._tenant
-        idle = newest is not None and newest.still and newest.runtime_state == STOPPED
+        known = newest is not None and self.feed.silent_ms() <= FRESH_MS
+        idle = known and newest is not None and newest.still and newest.runtime_state == STOPPED
         if rung is Rung.PROGRAM and idle and (tenant is None or not tenant.program.sent):
             if tenant is not None:
                 tenant.script_over(Reason.ROBOT_NOT_RUNNING)
@@ -158,15 +165,21 @@ class LeasedPorts:
         if self.ladder.begin(rung, newest=newest, at_ms=self.clock.monotonic_ms()):
             self._take(rung)
 
+    def note(self, rung: Rung) -> None:
+        """Somebody has sent such a stop past us: it counts, and a harder one follows where it does not help."""
+        self.stopped_ms = self.clock.monotonic_ms()
+        self._stopped()
+        self.ladder.begin(rung, newest=self.feed.newest, at_ms=self.stopped_ms)
+
     def _take(self, rung: Rung) -> None:
         if rung is Rung.REGISTERS:
             return
-        if self._tenant is not None:
-            self._tenant.script_over(Reason.ROBOT_NOT_RUNNING)
         if rung is Rung.PROGRAM and self._primary.connected:
             self._primary.send(self._stop_text)
         else:
             self._do(self._stop_by_dashboard())
+        if self._tenant is not None:  # after the stop: nothing that it is in may keep that
+            self._tenant.script_over(Reason.ROBOT_NOT_RUNNING)
 
     async def _stop_by_dashboard(self) -> None:
         with contextlib.suppress(RobotError):  # the ladder sees what the arm does, and asks again
@@ -197,12 +210,21 @@ class LeasedPorts:
     async def _keep_looking(self) -> None:
         while True:
             await asyncio.sleep(LOOK_S)
-            at_ms = self.clock.monotonic_ms()
+            try:
+                self._look()
+            except Exception as error:  # noqa: BLE001 - who looks goes on looking
+                told = {"message": "a look at the lease broke", "exception": error}
+                asyncio.get_running_loop().call_exception_handler(told)
+
+    def _look(self) -> None:
+        at_ms = self.clock.monotonic_ms()
+        try:
             tenant = self._tenant
             if tenant is not None:
                 if tenant.control is not None and self.feed.silent_ms() > SILENCE_MS:
-                    tenant.control.lose()
+                    tenant.control.lose(Ending.ROBOT)
                 tenant.look(at_ms)
+        finally:
             self._climb(at_ms)
 
     def _do(self, what: Coroutine[None, None, None]) -> None:

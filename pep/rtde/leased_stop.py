@@ -13,6 +13,8 @@ from pep.stopping import ESCALATE_MS, SAFE_MODES, STOP_DELAY_S
 if TYPE_CHECKING:
     from pep.rtde.feed import Sample
 
+STOPPED: Final = 1
+"""`runtime_state` of no program."""
 PLAYING: Final = 2
 """`runtime_state` of a program that runs."""
 OBEYS_MS: Final = round(1000 * STOP_DELAY_S) + 40
@@ -77,7 +79,8 @@ class Ladder:
 
     def _done(self, newest: Sample, *, carried_out: bool) -> bool:
         # A stop by register leaves the script running, and its threads until it has carried the stop out.
-        return carried_out if self._rung is Rung.REGISTERS else newest.runtime_state != PLAYING
+        # One that is paused is not ended: somebody could let it go on.
+        return carried_out if self._rung is Rung.REGISTERS else newest.runtime_state == STOPPED
 
     def _take(self, rung: Rung, newest: Sample | None, at_ms: int) -> None:
         self._rung, self._since_ms = rung, at_ms

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pep.rtde.control_script import Upload
     from pep.rtde.feed import Sample
     from pep.rtde.judge import Holder
+    from pep.rtde.lease import Ending
     from pep.rtde.leased_conversations import LeasedRtdePort, LeasedScriptPort
     from pep.rtde.leased_ports import LeasedPorts
 
@@ -79,17 +80,21 @@ class Tenant:
         if self._over:
             return
         self._over = True
-        for line in tuple(self.lines):
-            line.leave()
-        if self.program.sent:
-            self.ports.stop(Rung.PROGRAM)
-        self.program.end()
+        try:
+            for line in tuple(self.lines):
+                line.leave()
+        finally:  # whatever a line is in: the arm is stopped
+            if self.program.sent:
+                self.ports.stop(Rung.PROGRAM)
+            self.program.end()
 
-    def lost(self) -> None:
+    def lost(self, ending: Ending) -> None:
         """The control line is gone, and with it the lease."""
         if not self._over:
-            self.end()
-            self.ports.closed(self.lease)
+            try:
+                self.end()
+            finally:
+                self.ports.closed(self.lease, ending)
 
     def heard(self, sample: Sample, at_ms: int) -> None:
         """The controller said something."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, assert_never
+from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 
 from pep.rtde.codec import MAX_FRAME, Framer, Recipe, decode_answer, decode_request, encode_answer, encode_request
 from pep.rtde.messages import (
@@ -36,8 +36,11 @@ if TYPE_CHECKING:
     from pep.rtde.codec import Frame
     from pep.rtde.messages import Answer, Request
 
+SetUpAnswer: TypeAlias = ProtocolAnswer | ControlVersion | OutputsAnswer | InputsAnswer | StartAnswer | PauseAnswer
 UNANSWERED: Final = 8
 """Requests that may wait for their answers. No client library sends a second one before the first is answered."""
+AT_ONCE: Final = 64
+"""Requests in one piece from a client without a lease: no library says two before it has heard, and each takes time."""
 RECIPES: Final = 255
 
 
@@ -67,8 +70,11 @@ class Relay:
         self._set_up = self._started = False
         self._to_robot, self._to_client = bytearray(), bytearray()
 
-    def _hear(self, received: bytes) -> None:
-        for frame in self._from_client.feed(received):
+    def _hear(self, received: bytes, *, most: int | None = None) -> None:
+        frames = self._from_client.feed(received)
+        if most is not None and len(frames) > most:
+            raise WireError(WireFault.PAYLOAD, "more at once than a client says")
+        for frame in frames:
             request = decode_request(frame, self._protocol)
             if isinstance(request, Values):
                 self._written(request)
@@ -131,6 +137,8 @@ class Relay:
                 self._set_up = True
                 return self._inputs(names)
             case SetupOutputs():
+                if self._started or any(isinstance(waits, Start) for waits in self._waiting):
+                    raise WireError(WireFault.KIND, "outputs set up while they are sent")
                 self._set_up = True
                 if len(self._outputs) >= RECIPES:
                     raise WireError(WireFault.FIELD_LIST, "more recipes than there are numbers")
@@ -160,9 +168,7 @@ class Relay:
             case _:
                 return self._taken(answer)
 
-    def _taken(
-        self, answer: ProtocolAnswer | ControlVersion | OutputsAnswer | InputsAnswer | StartAnswer | PauseAnswer
-    ) -> bytes:
+    def _taken(self, answer: SetUpAnswer) -> bytes:
         request = self._waiting.popleft() if self._waiting else None
         match request, answer:
             case RequestProtocol(version), ProtocolAnswer(accepted):
@@ -203,7 +209,7 @@ class StateRelay(Relay):
         Raises:
             WireError: see `pep.rtde.codec`; too many requests at once, a protocol version in the middle, or values.
         """
-        self._hear(received)
+        self._hear(received, most=AT_ONCE)
         return self._said()
 
     def answered(self, received: bytes) -> Said:

@@ -232,12 +232,14 @@ class _Parser:
         name = self.identifier()
         self.expect("(")
         parameters: list[Parameter] = []
+        names: set[str] = set()
         while not self.accept(")"):
             if parameters:
                 self.expect(",")
             parameter = self.identifier()
-            if any(parameter == other.name for other in parameters):
+            if parameter in names:
                 raise self.wrong(f"two parameters named {parameter!r}")
+            names.add(parameter)
             parameters.append(Parameter(parameter, self.expression() if self.accept("=") else None))
         self.expect(":")
         body = self.block("end")
@@ -321,6 +323,7 @@ class _Parser:
     def arguments(self) -> tuple[Argument, ...]:
         self.expect("(")
         found: list[Argument] = []
+        names: set[str] = set()
         while not self.accept(")"):
             if found:
                 self.expect(",")
@@ -330,8 +333,10 @@ class _Parser:
                 self.take()
             if name is None and found and found[-1].name is not None:
                 raise self.wrong("a positional argument follows a named one")
-            if name is not None and any(name == other.name for other in found):
-                raise self.wrong(f"the argument {name!r} is given twice")
+            if name is not None:
+                if name in names:
+                    raise self.wrong(f"the argument {name!r} is given twice")
+                names.add(name)
             found.append(Argument(name, self.expression()))
         return tuple(found)
 
@@ -425,13 +430,13 @@ class ProgramStream:
             self._size += len(line) + 1
             self._count(line)
             self._open.append(line)
+            if self._size > self._limit:
+                raise ScriptError(ScriptFault.SIZE, len(self._open), f"a program of more than {self._limit} characters")
             if self._depth == 0:
                 program = "\n".join(self._open) + "\n"
                 if any(not word.startswith("#") for word in _WORD.findall(program)):
                     found.append(program)
                 self._open, self._size = [], 0
-            elif self._size > self._limit:
-                raise ScriptError(ScriptFault.SIZE, len(self._open), f"a program of more than {self._limit} characters")
         if self._size + len(self._line) > self._limit:
             raise ScriptError(ScriptFault.SIZE, len(self._open) + 1, f"a program of more than {self._limit} characters")
         return found

@@ -47,7 +47,7 @@ class Desk:
         self.credentials = self.cell.credentials(agent)
         self.lease.credentials = self.credentials
 
-    def closed(self, lease):
+    def closed(self, *_):
         self.lease = SimpleNamespace(credentials=self.credentials)
 
     async def open(self, lease, port, back):

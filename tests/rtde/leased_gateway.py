@@ -105,7 +105,7 @@ async def serve(listen, robot, file, judged=Judge):
     judge = judged(Path(file).open("a", buffering=1))
     ports = LeasedPorts(
         robot, judge, scripts=allow_list(installed_body), stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2,
-        clock=SystemClock(), closed=lambda lease: holding.closed(lease),
+        clock=SystemClock(), closed=lambda lease, _: holding.closed(lease),
     )  # fmt: skip
     holding = Holding(ports)
     gateway = Gateway(holding)

@@ -9,7 +9,7 @@ from capabilities.frames import End, Session
 from pep.clock import SystemClock
 from pep.rtde.carriage import Bytes, Cutter, Open, Opened, Over, decode
 from pep.rtde.carrier import Carrier
-from pep.rtde.lease import Ending
+from pep.rtde.lease import SILENCE_MS, Ending
 
 KEYS = {True: (b"a" * 32, b"b" * 32), False: (b"b" * 32, b"a" * 32)}
 
@@ -120,5 +120,21 @@ def test_what_was_said_before_the_end_is_written_before_it(later):
         await asyncio.sleep(0.01)
         assert len(words(wire, asking=False)) == len(found)
         assert told == [Ending.AUTHORITY]
+
+    asyncio.run(scenario())
+
+
+def test_silence_is_noticed_when_it_has_lasted_and_not_a_beat_later():
+    async def scenario():
+        loop, told = asyncio.get_running_loop(), []
+        carrier, _ = begun(asking=False, over=told.append)
+        for _ in range(3):
+            assert carrier._silence.when() - loop.time() <= (SILENCE_MS + 1) / 1000
+            carrier._listen()
+        carrier._heard_ms -= SILENCE_MS + 1
+        carrier._listen()
+        assert told == [Ending.SILENT]
+        carrier._listen()
+        assert told == [Ending.SILENT]
 
     asyncio.run(scenario())

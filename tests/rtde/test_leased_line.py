@@ -17,6 +17,8 @@ from pep.rtde.messages import (
     InputsAnswer,
     Message,
     OutputsAnswer,
+    Pause,
+    PauseAnswer,
     ProtocolAnswer,
     RequestProtocol,
     SetupInputs,
@@ -293,13 +295,45 @@ def test_a_refused_output_is_not_written():
 
 
 @pytest.mark.parametrize(
-    ("slider", "fraction", "asked"), [(1.0, 0.5, 0), (0.5, 0.5, 0), (0.5, 0.6, 1), (float("nan"), 0.1, 1)]
+    ("slider", "fraction", "written", "asked"),
+    [(1.0, 0.5, 1, 0), (0.5, 0.5, 0, 0), (0.5, 0.6, 0, 1), (float("nan"), 0.1, 0, 1)],
 )
-def test_the_slider_goes_down_without_a_judge_and_up_with_one(slider, fraction, asked):
+def test_the_slider_goes_down_without_a_judge_and_up_with_one(slider, fraction, written, asked):
+    """Where it stands it is not set: written late, that would raise what a person has just lowered."""
     talk = setting(slider)
-    written = talk.write({"speed_slider_mask": 1, "speed_slider_fraction": fraction})
+    assert len(talk.write({"speed_slider_mask": 1, "speed_slider_fraction": fraction})) == written
     assert [act.question.command for act in talk.line.take()] == [SetSpeedSlider(fraction)] * asked
-    assert len(written) == 1 - asked
+
+
+def test_an_output_that_is_asked_for_again_is_asked_for_once():
+    talk = setting()
+    for _ in range(3):
+        talk.write({"standard_digital_output_mask": 8, "standard_digital_output": 8})
+    assert [type(act) for act in talk.line.take()] == [Ask]
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "same"),
+    [
+        ({"standard_digital_output": 8}, {"standard_digital_output": 0}, True),
+        ({"standard_digital_output": 8}, {"standard_digital_output_mask": 12}, True),
+        ({"standard_digital_output": 8}, {"standard_digital_output_mask": 4}, False),
+        ({"standard_analog_output_mask": 1}, {"standard_analog_output_mask": 1, "standard_analog_output_0": 0.5}, True),
+        ({"standard_analog_output_mask": 1}, {"standard_analog_output_mask": 2}, False),
+        ({"speed_slider_mask": 1, "speed_slider_fraction": 1.0}, {"speed_slider_mask": 1}, True),
+        ({INT[18]: 5}, {INT[18]: 6}, True),
+        ({INT[18]: 5}, {DOUBLE[18]: 6.0}, False),
+    ],
+)
+def test_who_asks_anew_for_the_same_output_does_not_want_what_was_asked_before(first, then, same):
+    """Whoever decides it late: the older is not set over the newer."""
+    talk = setting(0.5)
+    digital = {"standard_digital_output_mask": 8}
+    talk.write({**(digital if "standard_digital_output" in first else {}), **first})
+    (asked,) = talk.line.take()
+    talk.write({**(digital if any(name.startswith("standard_digital") for name in then) else {}), **then})
+    assert [act for act in talk.line.take() if isinstance(act, Withdraw)] == [Withdraw(asked.question)] * same
+    assert talk.line.outputs.forward(asked.question) is not same
 
 
 def test_a_free_register_keeps_what_was_judged():
@@ -318,11 +352,44 @@ def test_a_free_register_keeps_what_was_judged():
 
 def test_what_waits_has_a_bound_and_an_end():
     talk = setting()
-    for _ in range(9):
-        talk.write({"standard_digital_output_mask": 8})
+    for output in range(8):
+        talk.write({"standard_digital_output_mask": 1 << output})
+    talk.write({INT[18]: 1})
     asked = talk.line.take()
     assert [type(act) for act in asked] == [Ask] * 8
     talk.line.outputs.look(at_ms=60_001)
     talk.settled()
     assert [type(act) for act in talk.line.take()] == [Withdraw] * 8
     assert not talk.line.outputs.forward(asked[0].question)
+
+
+# ---- a recipe of outputs that comes in place of another
+
+
+def test_a_recipe_that_has_the_number_of_an_older_one_is_shown_in_its_own_form():
+    """A controller may number the next one as the last: what was found in that says nothing of this."""
+    talk = controlling()
+    assert talk.package()["runtime_state"] == 1
+    talk.say(Pause())
+    talk.answer(PauseAnswer(True))
+    talk.say(SetupOutputs(("timestamp", "robot_status_bits"), 500.0))
+    shorter = Recipe(("timestamp", "robot_status_bits"), (VariableType.DOUBLE, VariableType.UINT32))
+    talk.answer(OutputsAnswer(shorter.types, 1))
+    talk.line.refresh()
+    assert talk.settled() == []
+    talk.say(Start())
+    talk.answer(StartAnswer(True))
+    talk.seen.clear()
+    talk.answer(Values(1, shorter.pack({"timestamp": 7.0, "robot_status_bits": 3})))
+    assert shorter.unpack(talk.seen[-1].packed) == {"timestamp": 7.0, "robot_status_bits": 1}
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_outputs_are_not_set_up_while_they_are_sent(answered):
+    talk = controlling()
+    if not answered:
+        talk.say(Pause())
+        talk.answer(PauseAnswer(True))
+        talk.say(Start())
+    with pytest.raises(WireError):
+        talk.say(SetupOutputs(SHOWN, 500.0))

@@ -11,7 +11,7 @@ from pep.clock import SystemClock
 from pep.rtde import program as program_words
 from pep.rtde.control_program import START_MS, WAIT_MS, ControlProgram, Phase, Turn
 from pep.rtde.control_script import Upload, allow_list, installed_body, scripts_for
-from pep.rtde.feed import Sample
+from pep.rtde.feed import FRESH_MS, Sample
 from pep.rtde.leased_commands import DONE, READY
 from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.leased_scripts import ONLY_STOPS, LeasedScripts
@@ -98,7 +98,7 @@ def test_an_arm_that_stands_by_itself_has_not_been_stopped():
 
 def test_the_ports_ask_the_tenant_what_its_script_has_carried_out():
     ports = LeasedPorts(
-        "127.0.0.1", None, scripts=SCRIPTS, stop_deceleration_rad_s2=8.0, clock=SystemClock(), closed=lambda lease: None
+        "127.0.0.1", None, scripts=SCRIPTS, stop_deceleration_rad_s2=8.0, clock=SystemClock(), closed=lambda *_: None
     )
     tenant = Tenant(ports, object())
     tenant.control = SimpleNamespace(line=SimpleNamespace(commands=SimpleNamespace(stopping=True)))
@@ -110,6 +110,78 @@ def test_the_ports_ask_the_tenant_what_its_script_has_carried_out():
     tenant.control.line.commands.stopping = False
     ports._climb(12)
     assert ports.ladder.over
+
+
+@pytest.fixture
+def ports():
+    return LeasedPorts(
+        "127.0.0.1", None, scripts=SCRIPTS, stop_deceleration_rad_s2=8.0, clock=SystemClock(), closed=lambda *_: None
+    )
+
+
+def test_a_program_that_is_paused_has_not_been_ended():
+    """Somebody could let it go on: the dashboard is asked until it has ended."""
+    ladder = Ladder()
+    ladder.begin(Rung.DASHBOARD, newest=seen(0, 0.0), at_ms=0)
+    assert ladder.look(seen(2, 0.0, runtime=4), at_ms=2) is None
+    assert not ladder.over
+    assert ladder.look(seen(ESCALATE_MS + 1, 0.0, runtime=4), at_ms=ESCALATE_MS + 1) is Rung.DASHBOARD
+    ladder.look(seen(ESCALATE_MS + 3, 0.0, runtime=STOPPED), at_ms=ESCALATE_MS + 3)
+    assert ladder.over
+
+
+def test_an_arm_of_which_nothing_new_is_heard_is_stopped_though_it_stood(ports):
+    ports._take = (taken := []).append
+    ports.feed.newest = seen(ports.clock.monotonic_ms(), 0.0, STOPPED)
+    ports.stop(Rung.PROGRAM)
+    assert taken == []
+    ports.feed.newest = seen(ports.clock.monotonic_ms() - FRESH_MS - 1, 0.0, STOPPED)
+    ports.stop(Rung.PROGRAM)
+    assert taken == [Rung.PROGRAM]
+    assert not ports.ladder.over
+
+
+class Broken:
+    """A line in a state that nobody thought of."""
+
+    commands = SimpleNamespace(stopping=False, offset=0, end=lambda _: None)
+    running = True
+
+    def __init__(self):
+        self.line, self.parts = self, ()
+
+    def leave(self):
+        raise IndexError
+
+    refresh = settle = leave
+
+
+def test_a_line_that_breaks_keeps_no_stop(ports):
+    """Neither that of the judge nor that at the lease's end."""
+    ports._primary = SimpleNamespace(connected=True, send=(sent := []).append)
+    lease = object()
+    tenant = ports._tenant = Tenant(ports, lease)
+    tenant.control, tenant.program = Broken(), running()
+    with pytest.raises(IndexError):
+        ports.stop(Rung.PROGRAM)
+    assert len(sent) == 1
+
+    ports.ladder, tenant.program = Ladder(), running()
+    tenant.control, tenant.lines = None, {Broken()}
+    with pytest.raises(IndexError):
+        ports.over(lease, None)
+    assert len(sent) == 2
+    assert ports._tenant is None
+
+
+def test_a_stop_that_goes_past_us_counts_and_is_seen_to_its_end(ports):
+    told = []
+    ports._stopped = lambda: told.append(True)
+    ports.feed.newest = seen(0, 1.0)
+    ports.note(Rung.PROGRAM)
+    assert told == [True]
+    assert ports.stopped_ms is not None
+    assert not ports.ladder.over
 
 
 def test_a_weaker_stop_changes_nothing():

@@ -61,7 +61,7 @@ class Served:
         scripts = allow_list(installed_body)
         self.ports = LeasedPorts(
             self.host, self, scripts=scripts, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, clock=SystemClock(),
-            closed=lambda lease: self.own.give_way() if isinstance(lease, OwnLease) else None,
+            closed=lambda lease, _: self.own.give_way() if isinstance(lease, OwnLease) else None,
         )  # fmt: skip
         self.own = OwnLines(
             self.ports, scripts=scripts, fitted=lambda: FITTED, free=lambda: self.free, able=lambda: self.able
