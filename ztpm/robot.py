@@ -142,7 +142,8 @@ def confirm_kinematics(readiness: RobotReadiness) -> None:
     """The controller has the tool where the arm's own kinematics have it.
 
     Raises:
-        ConfigError: `CONFIG_INVALID`: it has not, so the calibration is another arm's.
+        ConfigError: `CONFIG_INVALID`: it has not, so the calibration is another arm's, or has another tool than the
+            model.
         RobotError: the controller does not tell.
     """
     if not readiness.confirmed(within_s=PROGRAM_S):

@@ -38,7 +38,7 @@ FRAME_BYTES: Final = 65_536
 """Of a stream of states: the controller's longest has some 1.5 KiB, a popup's text may have more."""
 ANSWER_BYTES: Final = 4_096
 """Of one line of the dashboard."""
-GUESTS: Final = 8
+GUESTS: Final = 16
 """Strangers at once on one port; each has a connection to the controller, which has other clients too."""
 LINES: Final = 64
 """Of the dashboard, in one piece: each takes time, and nobody asks so much before an answer."""

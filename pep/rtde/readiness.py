@@ -7,9 +7,10 @@ import time
 from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.units import Unit
-from pep.errors import PepFault, RobotError
+from pep.errors import ConfigError, PepFault, RobotError
 from pep.rtde.limits import OFFSET_M, OFFSET_RAD
 from policies.evidence import RobotReading
+from policies.primitives.tools import NO_CONTROLLER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from pep.rtde.telemetry import Posture, Telemetry
 
 PLAYING: Final = 2  # RTDE runtime_state
-NO_CONTROLLER, UNDEFINED = -1, 11  # RTDE robot_mode and safety_mode of a robot that says nothing
+UNDEFINED = 11  # RTDE safety_mode of a robot that says nothing
 OWN_POSE_M: Final = 0.0003
 """PHY-41: by its own kinematics model and controller reckon with the same numbers; of four arms each is farther
 from every other one, and from nominal, in 94 of 100 poses, and each motion asks again."""
@@ -103,7 +104,8 @@ class RobotReadiness:
             within_s: longest wait, s.
 
         Raises:
-            RobotError: `ROBOT_STALLED` when the controller says nothing, or nothing of our tool, for so long.
+            RobotError: `ROBOT_STALLED` when the controller says nothing for so long.
+            ConfigError: `CONFIG_INVALID` when it has said of another tool all the while.
         """
         until_s = time.monotonic() + within_s
         while True:
@@ -115,7 +117,9 @@ class RobotReadiness:
                 if time.monotonic() >= until_s:
                     raise
             if time.monotonic() >= until_s:
-                raise RobotError(PepFault.ROBOT_STALLED, "the controller has not taken the tool")
+                raise ConfigError(
+                    PepFault.CONFIG_INVALID, "the controller has another tool than the model"
+                )
 
     def equipped(self, posture: Posture) -> bool:
         """Whether the controller reckons with our tool."""

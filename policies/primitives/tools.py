@@ -287,6 +287,8 @@ class PhysicalImpactGate:
 
 RUNNING: Final = 7
 """RTDE robot_mode RUNNING: power is on and the brakes are open."""
+NO_CONTROLLER: Final = -1
+"""RTDE robot_mode of a controller that is not there, or says nothing."""
 UNSTOPPED: Final = frozenset({1, 2})
 """RTDE safety_mode NORMAL and REDUCED; recovery, where a person frees the arm by hand, is none of them."""
 
@@ -311,6 +313,8 @@ class StatePreconditions:
                 assert_never(case.evidence.robot)
 
     def _reading(self, robot: RobotReading) -> Verdict:
+        if robot.robot_mode == NO_CONTROLLER:  # nothing else is known of a controller that says nothing
+            return Fails((found(self.id, Reason.ROBOT_NOT_RUNNING, robot_mode=robot.robot_mode),))
         payload: dict[str, object] = {"payload_g": robot.payload_g, "expected_payload_g": robot.expected_payload_g}
         parts: tuple[tuple[bool, Reason, dict[str, object]], ...] = (
             (robot.safety_mode in UNSTOPPED, Reason.ROBOT_SAFETY_STOP, {"safety_mode": robot.safety_mode}),

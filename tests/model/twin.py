@@ -193,6 +193,8 @@ def judge(primitive, r, e, physical):
         b = e.robot
         if b is NOT_COLLECTED:
             return NO, missing(me)
+        if b.robot_mode == -1:
+            return NO, {(me, "ROBOT_NOT_RUNNING")}
         bad = set()
         if b.robot_mode != 7:
             bad.add((me, "ROBOT_NOT_RUNNING"))

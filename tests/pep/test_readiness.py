@@ -4,6 +4,7 @@ import dataclasses
 import socket
 import threading
 import time
+from types import SimpleNamespace
 from functools import partial
 
 import pytest
@@ -324,3 +325,17 @@ def test_a_controller_that_does_not_take_the_tool():
     with pytest.raises(RobotError) as raised:
         equip(Deaf(), payload_kg=1.0, centre_m=(0.0, 0.0, 0.0), tcp_m=(0.0, 0.0, 0.1))
     assert raised.value.code is PepFault.ROBOT_UNREACHABLE
+
+
+def test_a_controller_with_another_tool_is_told_as_that():
+    class Other:
+        def next(self):
+            return SimpleNamespace(tcp_offset=(0.0, 0.0, 0.2, 0.0, 0.0, 0.0))
+
+    readiness = RobotReadiness(
+        telemetry=Other(), remote=None, program=None, commanding=None, tool_position=None, tcp_m=(0.0,) * 3,
+        pose_m=OWN_POSE_M, expected_payload_g=None,
+    )  # fmt: skip
+    with pytest.raises(ConfigError) as raised:
+        readiness.confirmed(within_s=0.0)
+    assert raised.value.code is PepFault.CONFIG_INVALID

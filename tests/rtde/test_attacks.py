@@ -16,6 +16,7 @@ import pytest
 from pep.rtde.acts import Ask, Withdraw
 from pep.rtde.command_values import MovePath
 from pep.rtde.commands import encode
+from pep.rtde.gateway import GUESTS
 from pep.rtde.lines import REALTIME, RTDE
 from pep.rtde.move_path import PathMove, Waypoint
 from pep.rtde.recipes import control_recipes
@@ -199,7 +200,8 @@ def test_a_frame_that_no_client_says_stops_what_moves(here, breach):
 
 @pytest.mark.e2e
 def test_a_storm_of_connections_leaves_the_registers_to_be_had(here):
-    halves = [socket.create_connection((here.gateway.host, RTDE), timeout=5) for _ in range(20)]
+    stranger = ("127.9.9.1", 0)
+    halves = [socket.create_connection((here.gateway.host, RTDE), 5, stranger) for _ in range(2 * GUESTS)]
     for number in range(30):
         with contextlib.suppress(OSError, AssertionError):
             one = Hostile(here.gateway.host, offset=0, recipes=control_recipes(0)[: number % 5])

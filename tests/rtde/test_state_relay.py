@@ -369,7 +369,7 @@ def test_a_dashboard_line_without_end_ends_the_connection(gateway):
         (PRIMARY, b"stopj(2)\n" * (STOPS + 1)),
         (PRIMARY, b"def f(" + b",".join(b"a%d" % n for n in range(MAX_STOP)) + b"):end\n"),
         (DASHBOARD, b"robotmode\n" * (LINES + 1)),
-        (RTDE, encode_request(AskControlVersion(), 1) * (AT_ONCE + 1)),
+        (RTDE, encode_request(SetupInputs(("speed_slider_mask",)), 1) * (AT_ONCE + 1)),
     ],
 )
 def test_more_at_once_than_anybody_says_ends_the_connection_and_holds_up_nobody(gateway, port, said):
