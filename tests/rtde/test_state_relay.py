@@ -361,6 +361,7 @@ def test_a_dashboard_line_without_end_ends_the_connection(gateway):
             assert lines.readline() == b""
 
 
+@pytest.mark.clause("RTDE-16")
 @pytest.mark.e2e
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize(
@@ -407,6 +408,7 @@ def answers(link):
 ONE, ANOTHER = "127.9.9.1", "127.9.9.2"
 
 
+@pytest.mark.clause("RTDE-16")
 @pytest.mark.e2e
 @pytest.mark.timeout(60)
 def test_who_takes_all_places_of_a_port_keeps_nobody_else_from_it(gateway):
@@ -422,6 +424,7 @@ def test_who_takes_all_places_of_a_port_keeps_nobody_else_from_it(gateway):
             assert other.recv(64)
 
 
+@pytest.mark.clause("RTDE-16")
 @pytest.mark.e2e
 @pytest.mark.timeout(60)
 def test_places_are_shared_evenly_and_then_kept(gateway):
