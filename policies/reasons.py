@@ -80,7 +80,9 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.PROOF_NOT_FOR_THIS_REQUEST: ReasonRow("The proof is for another request.", _PROVE, ("AID-1",)),
         Reason.REPLAYED: ReasonRow("The proof was used before.", _PROVE, ("AID-1",)),
         Reason.NOT_GRANTED: ReasonRow(
-            "The token does not grant this operation.", "Ask the delegator for this grant.", ("TEA-1",)
+            "The token does not grant this operation.",
+            "Ask the delegator for this grant; where no operation stands for a command, nobody can give it.",
+            ("TEA-1",),
         ),
         Reason.PARAMETERS_WRONG: ReasonRow(
             "The parameters are not those of the operation.",
@@ -169,12 +171,14 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
             "There is no fresh view of the cell.", "Wait for a person's answer, or for the sensor.", ("TEA-4",)
         ),
         Reason.ROBOT_SAFETY_STOP: ReasonRow("The robot is stopped for safety.", _AT_THE_ROBOT, ("TEA-5",)),
-        Reason.ROBOT_NOT_RUNNING: ReasonRow("The robot is not running.", _AT_THE_ROBOT, ("TEA-5",)),
+        Reason.ROBOT_NOT_RUNNING: ReasonRow("The robot is not running, or says nothing.", _AT_THE_ROBOT, ("TEA-5",)),
         Reason.ROBOT_NOT_REMOTE: ReasonRow(
             "The robot is not known to be in remote control.", _AT_THE_ROBOT, ("TEA-5",)
         ),
         Reason.ROBOT_NOT_EXCLUSIVE: ReasonRow(
-            "The enforcement point is not known to command the robot alone.", _AT_THE_ROBOT, ("TEA-5",)
+            "The enforcement point is not known to command the robot alone.",
+            "Wait until the program that has the lease ends; where none has it, a person looks at the robot.",
+            ("TEA-5",),
         ),
         Reason.PAYLOAD_MISMATCH: ReasonRow(
             "The robot reckons with another payload than is known to be carried.", _AT_THE_ROBOT, ("TEA-5",)
@@ -291,7 +295,8 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.APPROVAL_TIMEOUT: ReasonRow("Nobody answered in time.", "Ask again while an approver is present."),
         Reason.BUSY: ReasonRow("A motion is not finished.", "Wait until it ends, or stop it.", ("TEA-6", "TEA-4")),
         Reason.LEASE_HELD: ReasonRow(
-            "Somebody else holds the motion lease of this robot.", "Ask again when their lease is over."
+            "Somebody else holds the motion lease of this robot, or a tool is moving it.",
+            "Ask again when that is over.",
         ),
         Reason.VERDICT_EXPIRED: ReasonRow("The decision was too old to act on.", "Send the request again."),
         Reason.NOT_WHAT_WAS_DECIDED: ReasonRow("What was about to be sent is not what was decided.", _REPORT),

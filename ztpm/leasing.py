@@ -23,6 +23,7 @@ from pep.clock import SystemClock
 from pep.real_time import goes_first
 from pep.rtde.lease import ID_BYTES
 from pep.rtde.lease_door import LOSSLESS
+from policies.reasons import REASONS, Reason
 from ztpm.program_ports import ProgramPorts
 from ztpm.tether import ends_with_parent
 from ztpm_idp import direct
@@ -109,7 +110,7 @@ def open_lease(url: str, audience: str, token: str, key: PrivateKey, *, gateway_
         raise LeaseError("GATEWAY_UNREACHABLE", f"{url}: {type(error).__name__}", refused=False) from error
     said = _members(answer.content)
     if answer.status_code != 201:
-        raise LeaseError(str(said.get("reason", "GATEWAY_FAILED")), f"{url} answers {answer.status_code}", refused=True)
+        raise LeaseError(*_refusal(said.get("reason"), f"{url} answers {answer.status_code}"), refused=True)
     lease_id, text, port = said.get("lease"), said.get("session"), said.get("port")
     if not (isinstance(lease_id, str) and isinstance(text, str) and type(port) is int and _ID.fullmatch(lease_id)):
         raise LeaseError("GATEWAY_NOT_BELIEVED", "its answer has another form", refused=False)
@@ -184,6 +185,14 @@ async def lend(leased: Leased, host: str, command: Sequence[str], *, begun: Call
         ports.close()
     status = 0 if program is None or program.returncode is None else program.returncode
     return Ended(early, status if status >= 0 else KILLED - status)
+
+
+def _refusal(reason: object, otherwise: str) -> tuple[str, str]:
+    """Code and detail of a refusal: what is said of a reason everywhere, and `otherwise` of what is none."""
+    if isinstance(reason, str) and reason in Reason.__members__:
+        row = REASONS[Reason(reason)]
+        return reason, f"{row.text} {row.remedy}"
+    return "GATEWAY_FAILED", otherwise
 
 
 def _members(content: bytes) -> dict[str, object]:

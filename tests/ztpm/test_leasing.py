@@ -14,6 +14,7 @@ from capabilities import keys
 from pep.clock import SystemClock
 from pep.rtde.lease import Ending
 from pep.rtde.lines import PORTS
+from policies.reasons import REASONS, Reason
 from tests.pep.kit import AUDIENCE, HOST, PORT, Rig
 from tests.pep.test_lease import ECHO, URL, House, Robot, until
 from ztpm.leasing import PLACE, VARIABLE, LeaseError, lend, open_lease
@@ -148,6 +149,24 @@ def test_no_lease(tmp_path):
         with pytest.raises(LeaseError) as refused:
             await door.lease()
         assert (refused.value.code, refused.value.refused) == ("LEASE_HELD", True)
+        row = REASONS[Reason.LEASE_HELD]
+        assert row.text in refused.value.detail
+        assert row.remedy in refused.value.detail
+
+    served(scenario, tmp_path)
+
+
+@pytest.mark.parametrize("said", [b"", b"{}", b'{"reason":7}', b'{"reason":"\\u001b[2J"}', b'{"reason":"NO_SUCH"}'])
+def test_a_refusal_without_a_reason_that_there_is_says_nothing_in_the_gateways_words(tmp_path, said):
+    async def scenario(door):
+        async def other(scope, receive, send):
+            await send({"type": "http.response.start", "status": 409, "headers": []})
+            await send({"type": "http.response.body", "body": said})
+
+        door.server.config.loaded_app = other
+        with pytest.raises(LeaseError) as refused:
+            await door.lease()
+        assert (refused.value.code, refused.value.refused) == ("GATEWAY_FAILED", True)
 
     served(scenario, tmp_path)
 
