@@ -103,11 +103,10 @@ class GatewayServer(RobotPoint):
         gripper = RobotiqGripper(config.robot_host)
         found_holding(self.holding, gripper)
         self._loop = asyncio.get_running_loop()
-        scripts = allow_list(installed_body)
         self.ports = LeasedPorts(
             config.robot_host,
             self,
-            scripts=scripts,
+            scripts=allow_list(installed_body),
             stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
             clock=self.clock,
             closed=self._left,
@@ -120,7 +119,6 @@ class GatewayServer(RobotPoint):
         self.leases = Leases()
         self.own = OwnLines(
             self.ports,
-            scripts=scripts,
             fitted=self._fitted,
             free=lambda: self.leases.current is None,
             able=self._able,

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from pep.rtde.lines import Back
     from pep.rtde.primary_frames import Key
 
+MAJOR: Final = 5
+"""PolyScope 5, of e-Series: another one's script is another."""
 BEGINS_S: Final = 10.0
 """Longest wait for the controller at the beginning."""
 LOOK_S: Final = 0.02
@@ -108,6 +110,14 @@ class LeasedPorts:
         running = self._tenant is not None and self._tenant.program.phase is Phase.RUNNING
         return running and self._primary.silent_ms() <= HIDDEN_MS
 
+    @property
+    def scripts(self) -> Sequence[ControlScript]:
+        """What may be uploaded to this controller: nothing while it has not said what it is, or is none of ours."""
+        version = self.feed.version
+        if version is None or version.major != MAJOR:
+            return ()
+        return scripts_for(version.minor, self._all_scripts)
+
     def close(self) -> None:
         """Nobody is served any more."""
         if self._tenant is not None:
@@ -136,7 +146,7 @@ class LeasedPorts:
         elif port == DASHBOARD:
             line = LeasedDashboardPort(tenant, back)
         else:
-            line = LeasedScriptPort(tenant, back, scripts_for(self.feed.version.minor, self._all_scripts))
+            line = LeasedScriptPort(tenant, back, self.scripts)
         refused = await line.robot.reach(self.robot, port)
         if refused is not None:
             line.left()

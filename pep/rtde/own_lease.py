@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from pep.authority import NOBODY
 from pep.errors import PepFault, RobotError
 from pep.rtde import command_values as v
-from pep.rtde.control_script import Upload, scripts_for
+from pep.rtde.control_script import Upload
 from pep.rtde.grid import on_grid
 from pep.rtde.io_commands import IoCommand
 from pep.rtde.lease import Ending
@@ -26,11 +26,10 @@ from pep.rtde.own_line import DONE_S, OFFSET, READY_S, OwnCommands, OwnSwitches
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Sequence
+    from collections.abc import Callable, Coroutine
 
     from pep.authority import Credentials
     from pep.rtde.command_values import Command
-    from pep.rtde.control_script import ControlScript
     from pep.rtde.judge import Held
     from pep.rtde.leased_ports import LeasedPorts
     from pep.rtde.leased_requests import Fitted
@@ -77,7 +76,6 @@ class OwnLines:
 
     Args:
         ports: of the controller.
-        scripts: every control script there is.
         fitted: tool and payload that the controller is to reckon with.
         free: whether no program has the lease, or is about to.
         able: whether the arm could move: powered, no safety stop, remote control.
@@ -91,13 +89,11 @@ class OwnLines:
         self,
         ports: LeasedPorts,
         *,
-        scripts: Sequence[ControlScript],
         fitted: Callable[[], Fitted],
         free: Callable[[], bool],
         able: Callable[[], bool],
     ) -> None:
         self._ports = ports
-        self._scripts = scripts
         self._fitted = fitted
         self._free = free
         self._able = able
@@ -147,9 +143,9 @@ class OwnLines:
         """See `pep.rtde.readiness.Program`. The lines go with their ports."""
 
     async def _bring(self) -> None:
-        version = self._ports.feed.version
-        if version is None:
-            raise RobotError(PepFault.ROBOT_UNREACHABLE, "the controller has not said what it is")
+        script = next((each for each in self._ports.scripts if each.offset == OFFSET), None)
+        if script is None:
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, "the controller has not said what it is, or is none of ours")
         self._commands, self._switches, self._script = OwnCommands(), OwnSwitches(), _Script()
         lease = self._lease = OwnLease()
         await self._commands.open(self._ports, lease)
@@ -158,7 +154,6 @@ class OwnLines:
         if isinstance(line, Reason):
             raise RobotError(PepFault.ROBOT_UNREACHABLE, str(line))
         self._script.line = line
-        script = next(s for s in scripts_for(version.minor, self._scripts) if s.offset == OFFSET)
         line.received(Upload(script, ()).render())
         if not await self._commands.until(lambda: self._commands.running, within_s=STARTS_S):
             raise RobotError(PepFault.ROBOT_UNREACHABLE, "the control script does not run")

@@ -117,9 +117,7 @@ class RobotReadiness:
                 if time.monotonic() >= until_s:
                     raise
             if time.monotonic() >= until_s:
-                raise ConfigError(
-                    PepFault.CONFIG_INVALID, "the controller has another tool than the model"
-                )
+                raise ConfigError(PepFault.CONFIG_INVALID, "the controller has another tool than the model")
 
     def equipped(self, posture: Posture) -> bool:
         """Whether the controller reckons with our tool."""

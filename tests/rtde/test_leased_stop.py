@@ -17,6 +17,7 @@ from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.leased_scripts import ONLY_STOPS, LeasedScripts
 from pep.rtde.leased_stop import OBEYS_MS, Ladder, Rung
 from pep.rtde.leased_tenant import Tenant
+from pep.rtde.messages import ControlVersion
 from pep.rtde.primary_frames import Key
 from pep.rtde.refused import Refused
 from pep.stopping import ESCALATE_MS
@@ -172,6 +173,13 @@ def test_a_line_that_breaks_keeps_no_stop(ports):
         ports.over(lease, None)
     assert len(sent) == 2
     assert ports._tenant is None
+
+
+@pytest.mark.parametrize(("major", "some"), [(5, True), (3, False), (10, False)])
+def test_a_controller_of_another_kind_is_sent_no_script(ports, major, some):
+    assert ports.scripts == ()
+    ports.feed._subscription.version = ControlVersion(major, 11, 0, 0)
+    assert bool(ports.scripts) is some
 
 
 def test_a_stop_that_goes_past_us_counts_and_is_seen_to_its_end(ports):

@@ -63,9 +63,7 @@ class Served:
             self.host, self, scripts=scripts, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, clock=SystemClock(),
             closed=lambda lease, _: self.own.give_way() if isinstance(lease, OwnLease) else None,
         )  # fmt: skip
-        self.own = OwnLines(
-            self.ports, scripts=scripts, fitted=lambda: FITTED, free=lambda: self.free, able=lambda: self.able
-        )
+        self.own = OwnLines(self.ports, fitted=lambda: FITTED, free=lambda: self.free, able=lambda: self.able)
         await self.ports.begin()
         self.keeping = asyncio.create_task(self.own.keep())
 
