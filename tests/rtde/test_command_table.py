@@ -8,6 +8,7 @@ import contextlib
 import functools
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 
 from pep.operations import (
@@ -22,12 +23,16 @@ from pep.operations import (
     SPEED_JOINT,
     SPEED_LINEAR,
 )
+from pep.pit.inverse import stance
+from pep.pit.twist import turn_of, turned_by
 from pep.rtde.commands import ROWS
+from pep.rtde.leased_commands import WATCHDOG_HZ
 from pep.rtde.limits import OFFSET_M
 from pep.rtde.recipes import EXTERNAL_WRENCH
 from pep.rtde.state import STILL_RAD_S
 from pep.rtde.telemetry import Telemetry
-from tests.pit.scenes import HOME
+from tests.pit.scenes import HOME, ROBOT
+from tests.rtde.campaign.race import NAMES, Words
 from tests.rtde.judged_gateway import judged_gateway
 from tests.rtde.leased import leased_scope
 from tests.rtde.raw_program import VECTOR, Raw
@@ -50,6 +55,9 @@ UNSEEN_S = 0.1
 """What the controller has not begun by then, fifty of its cycles later, was not sent."""
 OFF_M = OFFSET_M / 2
 """The controller's tool and payload are off by so much, which counts as the same; what sets them again shows by it."""
+ODD = (0.3, -0.2, 0.1, 0.02, -0.01, 0.03)
+"""What stands in the registers of an answer before a question that has another."""
+WORDS = (*NAMES, "input_double_register_0")
 
 
 @dataclass(frozen=True)
@@ -182,12 +190,25 @@ class Granted:
 
 @dataclass(frozen=True)
 class Free:
-    """A command that needs no grant, and changes nothing of a robot that stands."""
+    """A command that needs no grant, and changes nothing of a robot that stands.
+
+    Attributes:
+        id: of the table.
+        method: that says it.
+        arguments: of the call.
+        says: whether the answer is right, at that place.
+        raises: what the call raises instead.
+        polled: whether ur_rtde gives what stood in the registers when it asked, so that it is to be asked again.
+        arrives: whether the controller gets it.
+    """
 
     id: int
     method: str
     arguments: tuple = ()
+    says: object = lambda place, said: said is True
     raises: type | None = None
+    polled: bool = False
+    arrives: bool = True
 
 
 @dataclass(frozen=True)
@@ -224,6 +245,37 @@ def moves(before, now):
     return now.away(before.q) > 2e-3
 
 
+def says(expected, within=1e-9):
+    """What is expected: a value, or what it is at that place."""
+    what = expected if callable(expected) else lambda place: expected
+    return lambda place, said: np.shape(said) == np.shape(want := what(place)) and np.allclose(said, want, 0, within)
+
+
+def seen_pose(place):
+    return place.eyes.getActualTCPPose()
+
+
+def seen_flange(place):
+    """Where the tool is, without the tool."""
+    *at, rx, ry, rz = seen_pose(place)
+    *tool, _, _, _ = place.now.tcp
+    return [*(np.array(at) - turned_by(np.array((rx, ry, rz))) @ tool), rx, ry, rz]
+
+
+def modelled(place):
+    """Where the model has the tool at home."""
+    here = stance(ROBOT, np.array(HOME))
+    return [*here.position, *turn_of(here.rotation)]
+
+
+def reaches(place, said):
+    """Whether the model has the tool at `UP` with these joint angles."""
+    there, wanted = stance(ROBOT, np.array(said)), pose(place, RISE_M)
+    turned = there.rotation.T @ turned_by(np.array(wanted[3:]))
+    return np.allclose(there.position, wanted[:3], 0, 2 * OFF_M) and np.allclose(turned, np.eye(3), 0, 1e-4)
+
+
+RISE_M = 0.03
 UP = "a pose above"
 TABLE = [
     Granted(1, "moveJ", (THERE, 1.0, 2.0), MOVE_JOINT, at(THERE)),
@@ -260,29 +312,29 @@ TABLE = [
     ),
     Denied(23, "setAnalogOutputVoltage", (0, 0.5), io=True),
     Denied(24, "servoL", (UP, 0.0, 0.0, 0.1, 0.1, 300.0)),
-    Free(25, "toolContact", (TWIST,)),
-    Free(26, "getStepTime"),
-    Free(27, "getActualJointPositionsHistory", (3,)),
-    Free(28, "getTargetWaypoint"),
+    Free(25, "toolContact", (TWIST,), says(0), polled=True),
+    Free(26, "getStepTime", (), says(0.002), polled=True),
+    Free(27, "getActualJointPositionsHistory", (3,), says(lambda place: place.now.q), polled=True),
+    Free(28, "getTargetWaypoint", (), says(seen_pose)),
     Granted(
         *(29, "setTcp", (FITTED.tcp_m_rad,), SET_TCP),
         *(lambda before, now: now.tcp == pytest.approx(FITTED.tcp_m_rad, abs=1e-9),),
     ),
-    Free(30, "getInverseKinematics", (UP, HOME, 1e-9, 1e-8)),
+    Free(30, "getInverseKinematics", (UP, HOME, 1e-9, 1e-8), reaches),
     Stops(33, "stopL", ("moveL", (UP, 0.02, 0.5, True))),
     Stops(34, "stopJ", ("moveJ", (FAR, 0.3, 1.0, True))),
     Free(35, "setWatchdog", (1.0,)),
     Free(36, "isPoseWithinSafetyLimits", (UP,)),
     Free(37, "isJointsWithinSafetyLimits", (HOME,)),
-    Free(38, "getJointTorques"),
-    Free(39, "poseTrans", (TWIST, TWIST)),
-    Free(40, "getTCPOffset"),
+    Free(38, "getJointTorques", (), says(ZERO), polled=True),  # corrected by what the robot itself needs
+    Free(39, "poseTrans", (TWIST, TWIST), says([2 * x for x in TWIST])),
+    Free(40, "getTCPOffset", (), says(lambda place: place.now.tcp)),
     Denied(41, "jogStart", (TWIST, 0, 0.5, ZERO)),
     Free(42, "jogStop"),
-    Free(43, "getForwardKinematics"),
-    Free(44, "getForwardKinematics", (HOME, FITTED.tcp_m_rad)),
+    Free(43, "getForwardKinematics", (), says(seen_pose)),
+    Free(44, "getForwardKinematics", (HOME, FITTED.tcp_m_rad), says(modelled, within=1e-6)),
     Granted(45, "moveJ", ([[*THERE, 1.0, 2.0, 0.0]],), MOVE_PATH, at(THERE)),
-    Free(46, "getInverseKinematics", (UP,)),
+    Free(46, "getInverseKinematics", (UP,), reaches),
     Free(47, "isSteady"),
     Denied(48, "setConfigurableDigitalOut", (0, True), io=True),
     Denied(49, "setInputIntRegister", (18, 7), io=True),
@@ -290,24 +342,24 @@ TABLE = [
     Denied(51, "moveUntilContact", (TWIST, ZERO, 0.5)),
     Denied(52, "freedriveMode", ((1,) * 6, ZERO)),
     Free(53, "endFreedriveMode"),
-    Free(54, "getFreedriveStatus"),
+    Free(54, "getFreedriveStatus", (), says(0)),
     # The client's package is as long as no recipe of its: the controller would drop it, too.
-    Free(55, "setExternalForceTorque", (TWIST,)),
+    Free(55, "setExternalForceTorque", (TWIST,), arrives=False),
     Denied(56, "ftRtdeInputEnable", SENSOR),
     Denied(57, "enableExternalFtSensor", SENSOR),
-    Free(58, "getActualToolFlangePose"),
+    Free(58, "getActualToolFlangePose", (), says(seen_flange, within=1e-6), polled=True),
     Denied(59, "setGravity", (DOWN,)),
     Free(60, "getInverseKinematicsHasSolution", (UP,)),
     Free(61, "getInverseKinematicsHasSolution", (UP, HOME, 1e-9, 1e-8)),
     Denied(62, "startContactDetection", (TWIST,)),
-    Free(63, "stopContactDetection"),
-    Free(64, "readContactDetection"),
+    Free(63, "stopContactDetection", (), says(False)),
+    Free(64, "readContactDetection", (), says(False)),
     Denied(65, "setTargetPayload", (1.0, (0.0, 0.0, 0.05), ZERO)),
     Denied(66, "directTorque", (ZERO,)),
     # Before PolyScope 5.23 there are no registers for a matrix.
     Free(67, "getMassMatrix", raises=RuntimeError),
-    Free(68, "getCoriolisAndCentrifugalTorques"),
-    Free(69, "getTargetJointAccelerations"),
+    Free(68, "getCoriolisAndCentrifugalTorques", (), says(ODD)),  # nor are these answered
+    Free(69, "getTargetJointAccelerations", (), says(ODD)),
     Free(70, "getJacobian", raises=RuntimeError),
     Free(71, "getJacobianTimeDerivative", raises=RuntimeError),
     Free(0, "kickWatchdog"),
@@ -329,7 +381,7 @@ def calling(place, row, method=None, arguments=None):
     """The call, its poses made of where the arm is."""
     side = place.io if getattr(row, "io", False) else place.control
     given = row.arguments if arguments is None else arguments
-    given = [pose(place, 0.03) if each is UP else each for each in given]
+    given = [pose(place, RISE_M) if each is UP else each for each in given]
     return functools.partial(getattr(side, method or row.method), *given)
 
 
@@ -388,12 +440,27 @@ def test_what_no_operation_stands_for_never_happens(place, row):
 
 
 @pytest.mark.parametrize("row", rows(Free))
-def test_what_asks_or_ends_is_nobodys_to_grant(place, row):
+def test_what_asks_or_ends_is_answered_and_nobodys_to_grant(place, row):
     place.home()
     place.gateway.without(*EVERYTHING)
-    begun, before = len(place.gateway.records()), place.now
-    with pytest.raises(row.raises) if row.raises else contextlib.nullcontext():
-        assert called(place, row) is not None
+    begun, before, call = len(place.gateway.records()), place.now, calling(place, row)
+    # What an answer would be read from holds another one.
+    assert place.control.poseTrans(ODD, ZERO) == pytest.approx(ODD)
+    assert place.control.isSteady() is True
+    with Words(place.robot.host, WORDS) as words:
+        if row.raises:
+            with pytest.raises(row.raises):
+                call()
+        elif row.polled:
+            until(lambda: row.says(place, call()), deadline_s=2.0)
+        else:
+            said = call()
+            assert row.says(place, said), said
+        if row.arrives:
+            *_, last = words.until(lambda seen: seen["input_int_register_0"] == row.id)
+            assert row.id != 35 or last["input_double_register_0"] == WATCHDOG_HZ  # the script's is not the program's
+        else:
+            assert row.id not in {seen["input_int_register_0"] for seen in words.for_s(UNSEEN_S)}
     assert place.control.isProgramRunning()
     place.cycles()
     assert place.now.same(before)

@@ -32,9 +32,9 @@ NAMES = ("runtime_state", "output_int_register_0", "input_int_register_0", "actu
 class Words(Plain):
     """What the controller says, package by package."""
 
-    def __init__(self, host):
+    def __init__(self, host, names=NAMES):
         super().__init__(host)
-        self.recipe = Recipe(NAMES, self.ask(SetupOutputs(NAMES, 500.0)).types)
+        self.recipe = Recipe(names, self.ask(SetupOutputs(names, 500.0)).types)
         self.ask(Start())
 
     def until(self, condition, wait_s=3.0):
