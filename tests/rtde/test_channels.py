@@ -19,15 +19,20 @@ from pep.clock import SystemClock
 from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.cutter import LENGTH, Cutter
 from pep.rtde.gateway import FRAME_BYTES, Gateway
+from pep.rtde.lease import Ending
 from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.lines import PORTS, PRIMARY, READ_ONLY, REALTIME, SECONDARY
+from pep.rtde.recipes import control_recipes
+from pep.rtde.state import STILL_RAD_S
 from pep.sim.launch import Controller
 from pep.stopping import STOP_DECELERATION_RAD_S2
 from tests.pep.kit import Rig
 from tests.pep.test_lease import OWN, House
 from tests.pep.test_lease_program import Permits
+from tests.rtde.campaign.hostile import Hostile
 from tests.rtde.campaign.race import READY, Words
 from tests.rtde.relay import relay
+from tests.rtde.test_attacks import BREACHES
 from tests.rtde.test_leased_wire import AWAY
 from tests.sim_controller.cell import HOME, until, upload
 from ztpm.program_ports import ProgramPorts
@@ -80,7 +85,7 @@ class Cell:
             rig = Rig(self.folder, SystemClock())
             ports = LeasedPorts(
                 self.towards.host, self.judge, scripts=allow_list(installed_body), clock=rig.clock,
-                stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, closed=lambda lease: None,
+                stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, closed=lambda lease: self.house.port.end(Ending.CLOSED),
             )  # fmt: skip
             await ports.begin()
             gateway = Gateway(ports)
@@ -134,6 +139,9 @@ class Cell:
             eyes.getActualQ(), eyes.getActualDigitalOutputBits(), eyes.getTargetSpeedFraction(),
             eyes.getStandardAnalogOutput0(), eyes.getStandardAnalogOutput1(), eyes.getRuntimeState(),
         )  # fmt: skip
+
+    def still(self):
+        return max(map(abs, self.eyes.getActualQd())) < STILL_RAD_S
 
     def cycles(self):
         """The controller has gone on for `UNMOVED_S`."""
@@ -290,4 +298,69 @@ def test_the_same_loop_moves_a_robot_that_has_no_gateway_before_it(cell):
         link.sendall(text(*REVERSE["a loop that asks nobody"]))
         until(lambda: abs(cell.now[0][0] - q[0]) > 0.01)
         link.sendall(b"stop program\n")
-        until(lambda: max(map(abs, cell.eyes.getActualQd())) < 1e-3)
+        until(cell.still)
+
+
+# ---- a violation
+
+
+SPEED_RAD_S = 0.05
+CYCLE_S = 0.002
+
+
+@contextlib.contextmanager
+def moving(cell, host):
+    """A program in a lease that moves the arm."""
+    one = Hostile(host, offset=0, recipes=control_recipes(0)[:8])
+    try:
+        assert one.ready()
+        one.say({one.int(0): 9, **{one.double(i): a for i, a in enumerate((SPEED_RAD_S, 0, 0, 0, 0, 0, 2.0, 0.0))}})
+        until(lambda: cell.eyes.getActualQd()[0] > 0.9 * SPEED_RAD_S)
+        yield one
+    finally:
+        one.close()
+        until(cell.still)
+
+
+def unbroken(packages):
+    """Whether each package is of the cycle after the one before."""
+    stamps = [package["timestamp"] for package in packages]
+    return all(abs(b - a - CYCLE_S) < CYCLE_S / 10 for a, b in zip(stamps, stamps[1:], strict=False))
+
+
+@pytest.mark.clause("RTDE-13", "RTDE-14")
+@pytest.mark.parametrize("breach", BREACHES)
+def test_a_violation_ends_its_connection_and_what_that_moved_and_nobody_elses(cell, breach):
+    with (
+        cell.reached(leased=True) as host,
+        Words(cell.stranger, ("timestamp",)) as stranger,
+        moving(cell, host) as one,
+    ):
+        stranger.until(lambda said: True)
+        one.socket.sendall(BREACHES[breach])
+        until(cell.still, deadline_s=1.0)
+        assert one.ended()
+        until(lambda: cell.house.leases.current is None)
+        last_s = cell.eyes.getTimestamp()
+        assert unbroken(stranger.until(lambda said: said["timestamp"] > last_s + UNMOVED_S))
+
+
+STRANGERS = [breach for breach in BREACHES if breach != "inputs after the start"]  # they have none at any time: in use
+
+
+@pytest.mark.clause("RTDE-13")
+@pytest.mark.parametrize("breach", STRANGERS)
+def test_a_strangers_violation_ends_its_own_connection_and_nothing_of_a_lease(cell, breach):
+    with (
+        cell.reached(leased=True) as host,
+        moving(cell, host) as one,
+        Words(cell.stranger, ("timestamp",)) as stranger,
+    ):
+        stranger.until(lambda said: True)
+        stranger.socket.sendall(BREACHES[breach])
+        assert stranger.ended()
+        q = cell.now[0][0]
+        cell.cycles()
+        assert cell.now[0][0] - q == pytest.approx(SPEED_RAD_S * UNMOVED_S, rel=0.5)
+        one.hear()  # its connection stands
+        assert one.runtime == 2

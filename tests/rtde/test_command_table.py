@@ -6,6 +6,8 @@ connections of our own to the controller, past the gateway.
 
 import contextlib
 import functools
+import statistics
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +47,7 @@ rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not instal
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120), pytest.mark.clause("RTDE-12", "RTDE-13", "LSD-1")]
 
-THERE, FAR = (0.1, *HOME[1:]), (0.5, *HOME[1:])
+THERE, AWAY, FAR = (0.1, *HOME[1:]), (0.3, *HOME[1:]), (0.5, *HOME[1:])
 JOINTS, TWIST = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.05, 0.0, 0.0, 0.0)
 ZERO, NOWHERE = (0.0,) * 6, (0.0, 0.0, 0.0)
 DOWN = (0.0, 0.0, 9.82)
@@ -134,6 +136,14 @@ class Place:
             record["body"]["decision"]["reason"] if record["kind"] == "decision" else record["body"]["reason"]
             for record in self.gateway.records()[since:]
             if record["kind"] in ("decision", "refusal")
+        ]
+
+    def outcomes(self, since=0):
+        """How what was sent has ended."""
+        return [
+            record["body"]["result"]["outcome"]
+            for record in self.gateway.records()[since:]
+            if record["kind"] == "outcome"
         ]
 
     def home(self):
@@ -486,6 +496,65 @@ def test_what_is_no_command_is_told_so_and_nothing_moves(place):
             until(lambda: raw.heard()[1] == [1])  # its program has ended, it is told
             place.cycles()
             assert place.now.same(before)
+
+
+# ------------------------------------------------------------------------------------------------------- while it moves
+
+
+def test_the_slider_is_not_raised_while_the_arm_moves_and_may_be_lowered(place):
+    place.home()
+    place.io.setSpeedSlider(0.3)
+    until(lambda: place.now.slider == 0.3)
+    begun = len(place.gateway.records())
+    assert place.control.moveJ(AWAY, 1.0, 2.0, True)
+    until(lambda: place.now.speed > 0.2)
+    place.io.setSpeedSlider(1.0)
+    until(lambda: len(place.reasons(begun)) == 2)
+    assert place.reasons(begun) == ["PERMITTED", "BUSY"]
+    place.cycles()
+    assert place.now.slider == 0.3
+    assert STILL_RAD_S < place.now.speed <= 0.3 + 1e-3
+    place.io.setSpeedSlider(0.25)
+    until(lambda: place.now.slider == 0.25)
+    assert place.now.speed > STILL_RAD_S
+    until(lambda: place.outcomes(begun))
+    assert place.outcomes(begun) == ["reached"]
+    assert place.now.away(AWAY) < 1e-3
+    assert place.now.slider == 0.25
+    assert place.reasons(begun) == ["PERMITTED", "BUSY"]
+    place.io.setSpeedSlider(1.0)
+    until(lambda: place.now.slider == 1.0)
+
+
+# ----------------------------------------------------------------------------------------------------- how soon it fails
+
+
+DENIED_S = 0.2
+TIMES = 5
+
+
+@pytest.mark.parametrize(
+    "row",
+    [row for row in TABLE if row.method in ("moveJ", "moveL", "moveJ_IK", "moveL_FK") and row.id != 45],
+    ids=lambda row: row.method,
+)
+def test_a_refused_move_is_back_at_once(place, row):
+    place.home()
+    place.gateway.without(*EVERYTHING)
+    took_s = []
+    for _ in range(TIMES):
+        until(place.control.isSteady, pause_s=0.005)
+        call, begun = calling(place, row), len(place.gateway.records())
+        began_s = time.monotonic()
+        said = call()
+        took_s.append(time.monotonic() - began_s)
+        assert said is False
+        assert place.reasons(begun) == ["NOT_GRANTED"]  # ur_rtde itself refuses without asking
+    print(row.method, f"{1_000 * statistics.median(took_s):.1f} ms")
+    assert statistics.median(took_s) < DENIED_S
+
+
+# --------------------------------------------------------------------------------------------------------------- stops
 
 
 @pytest.mark.parametrize("row", rows(Stops))
