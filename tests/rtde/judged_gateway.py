@@ -1,7 +1,8 @@
 """A gateway in a process of its own, before a controller, with everything behind it that decides (`robot_cell`).
 
 `python judged_gateway.py LISTEN ROBOT FOLDER` prints `ready`. Whoever connects has the lease; each line on standard input
-is what its token is without from then on: operations, or nothing. The journal is FOLDER/journal.ndjson.
+is what its token is without from then on: operations, or nothing; or `remember` and `forget`, from where on what was
+done with the arm counts, or does not. The journal is FOLDER/journal.ndjson.
 """
 
 import asyncio
@@ -21,9 +22,14 @@ from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.gateway import Gateway
 from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.leased_stop import Rung
+from pep.sequence import Sequence
 from pep.stopping import STOP_DECELERATION_RAD_S2
+from tests.pep.kit import Still
 from tests.rtde.leased import leased_scope
 from tests.rtde.robot_cell import RobotCell
+
+
+SEQUENCES = {"remember": Sequence, "forget": Still}
 
 
 class Desk:
@@ -73,7 +79,10 @@ async def serve(listen, robot, folder):
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
     print("ready", flush=True)
     while line := (await lines.readline()).decode():
-        desk.without(tuple(line.split()))
+        if line.strip() in SEQUENCES:
+            cell.gate._sequence = SEQUENCES[line.strip()](cell.clock)
+        else:
+            desk.without(tuple(line.split()))
         print("done", flush=True)
     gateway.close()
     await cell.close()
@@ -95,7 +104,19 @@ class Judged:
 
     def without(self, *operations):
         """The lease's token grants everything else from now on."""
-        self.process.stdin.write(" ".join(operations) + "\n")
+        self._tell(" ".join(operations))
+
+    @contextlib.contextmanager
+    def remembering(self):
+        """What is done with the arm counts meanwhile for what is done next."""
+        self._tell("remember")
+        try:
+            yield
+        finally:
+            self._tell("forget")
+
+    def _tell(self, line):
+        self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
         assert self.process.stdout.readline() == "done\n"
 

@@ -24,7 +24,7 @@ REPOSITORY = Path(__file__).parents[2]
 
 
 class Judge:
-    """`permit`, `refuse`, `defer` (then permits), `silent`, `stop` (permits, then stops), `steps:N` (N values of a stream pass), `zeros`, `break` (raises)."""
+    """`permit`, `refuse`, `defer:S` (then permits, S seconds later; `LATER_S` without), `silent`, `stop` (permits, then stops), `steps:N` (N values of a stream pass), `zeros`, `break` (raises)."""
 
     def __init__(self, out):
         self.manner, self.out = "permit", out
@@ -47,7 +47,8 @@ class Judge:
         elif manner == "defer":
             held.defer("somebody is asked")
             loop.call_later(
-                LATER_S, lambda: self.note("sent" if held.forward(Count(self, 10**9)) else "late", held.command)
+                float(number or LATER_S),
+                lambda: self.note("sent" if held.forward(Count(self, 10**9)) else "late", held.command),
             )
         elif manner == "break":
             raise ValueError

@@ -1,6 +1,8 @@
 """A program that speaks RTDE by itself, in a lease."""
 
 import socket
+import struct
+import time
 
 from pep.rtde.codec import Framer, Recipe, decode_answer, encode_request
 from pep.rtde.lines import REALTIME, RTDE
@@ -60,6 +62,15 @@ class Raw:
         told = [decode_answer(f, 2).text for f in frames if f.kind is Kind.TEXT]
         states = [int.from_bytes(f.payload[1:5], "big") for f in frames if f.kind is Kind.VALUES]
         return told, states[-1:]
+
+    def until(self, condition):
+        """`runtime_state` and `timestamp` of each package until it is so."""
+        found, due = [], time.monotonic() + 10
+        while not condition():
+            assert time.monotonic() < due
+            frames = self.framer.feed(self.link.recv(65_536))
+            found += [struct.unpack(">Id", f.payload[1:13]) for f in frames if f.kind is Kind.VALUES]
+        return found
 
     def close(self):
         for link in (self.link, self.script):

@@ -33,7 +33,7 @@ from tests.rtde.campaign.hostile import Hostile
 from tests.rtde.campaign.race import READY, Words
 from tests.rtde.relay import relay
 from tests.rtde.test_attacks import BREACHES
-from tests.rtde.test_leased_wire import AWAY
+from tests.rtde.test_leased_wire import AWAY, CYCLE_S
 from tests.sim_controller.cell import HOME, until, upload
 from ztpm.program_ports import ProgramPorts
 
@@ -305,7 +305,6 @@ def test_the_same_loop_moves_a_robot_that_has_no_gateway_before_it(cell):
 
 
 SPEED_RAD_S = 0.05
-CYCLE_S = 0.002
 
 
 @contextlib.contextmanager

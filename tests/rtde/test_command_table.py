@@ -6,6 +6,7 @@ connections of our own to the controller, past the gateway.
 
 import contextlib
 import functools
+import socket
 import statistics
 import time
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ from pep.pit.twist import turn_of, turned_by
 from pep.rtde.commands import ROWS
 from pep.rtde.leased_commands import WATCHDOG_HZ
 from pep.rtde.limits import OFFSET_M
+from pep.rtde.lines import REALTIME
 from pep.rtde.recipes import EXTERNAL_WRENCH
 from pep.rtde.state import STILL_RAD_S
 from pep.rtde.telemetry import Telemetry
@@ -524,6 +526,28 @@ def test_the_slider_is_not_raised_while_the_arm_moves_and_may_be_lowered(place):
     assert place.reasons(begun) == ["PERMITTED", "BUSY"]
     place.io.setSpeedSlider(1.0)
     until(lambda: place.now.slider == 1.0)
+
+
+PAST = (0.15, *HOME[1:])
+
+
+def test_an_arm_that_was_moved_past_the_gateway_is_not_moved_on_as_if_it_were_not(place):
+    place.home()
+    with place.gateway.remembering():
+        begun = len(place.gateway.records())
+        assert place.control.moveJ(THERE, 1.0, 2.0)
+        until(lambda: place.outcomes(begun) == ["reached"])
+        with socket.create_connection((place.robot.host, REALTIME), timeout=5) as link:
+            link.sendall(f"def past():\n  movej({list(PAST)}, a=2, v=1)\nend\n".encode())
+            until(lambda: place.now.away(PAST) < 1e-4)
+            until(lambda: not place.now.running)
+        place.control.reuploadScript()
+        until(place.control.isSteady, pause_s=0.005)
+        begun, before = len(place.gateway.records()), place.now
+        assert place.control.moveJ(HOME, 1.0, 2.0) is False
+        assert place.reasons(begun) == ["SEQUENCE_DRIFT"]
+        place.cycles()
+        assert place.now.same(before)
 
 
 # ----------------------------------------------------------------------------------------------------- how soon it fails

@@ -23,6 +23,7 @@ from tests.rtde.leased import FITTED, HERE, THERE, House, leased_scope, played, 
 
 MOVE = v.MoveJ(THERE, 1.0, 1.4, True)
 SLOW = v.MoveJ(THERE, 0.1, 1.4, True)
+OTHER = v.MoveJ(THERE, 0.9, 1.4, True)
 SERVO = v.ServoJ((0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.002, 0.1, 300.0)
 SPEEDS = v.SpeedJ((0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.5, 0.4)
 pytestmark = [pytest.mark.e2e, pytest.mark.clause("LSD-2")]  # verdicts last 50 ms of real time
@@ -461,6 +462,35 @@ def test_whom_nobody_answers_is_denied_in_time_and_the_question_stays_open(house
         assert house.asks.state_of(ask_id) is AskState.OPEN
 
     assert deferred(house, then) == ["defer", Reason.APPROVAL_TIMEOUT]
+
+
+@pytest.mark.clause("LSD-7")
+def test_the_same_again_uses_the_answer_that_people_gave_meanwhile_and_once(house, monkeypatch):
+    monkeypatch.setattr(leased_judge, "HOLD_MS", 200)
+
+    async def then(judge, held, ask_id):
+        await until(lambda: len(held.answers) == 2)  # nobody had answered
+        await vote(house, ask_id)
+        other, again, once_more = house.held(OTHER), house.held(MOVE), house.held(MOVE)
+        judge.judge(other)  # the answer is not about this one
+        await until(lambda: other.answers)
+        judge.withdrawn(other)
+        await until(lambda: not judge._cases)
+        assert other.answers == ["defer"]
+        assert len(house.issuer.asks) == 2
+        judge.judge(again)
+        await until(lambda: again.answers and house.outcomes())
+        assert again.answers == ["forward"]
+        assert len(house.issuer.asks) == 2
+        await until(lambda: house.arm.here().still)
+        house.arm.q = HERE[0]  # somebody has brought it back: nothing is another than it was
+        judge.judge(once_more)  # and the answer was about one
+        await until(lambda: once_more.answers)
+        assert once_more.answers == ["defer"]
+        assert len(house.issuer.asks) == 3
+
+    assert deferred(house, then) == ["defer", Reason.APPROVAL_TIMEOUT]
+    assert [r["body"]["decision"]["effect"] for r in house.records("decision")] == ["DEFER", "DEFER", "PERMIT", "DEFER"]
 
 
 # --------------------------------------------------------------------------------------------------------------- streams

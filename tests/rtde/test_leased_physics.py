@@ -126,6 +126,10 @@ class Runner:
                 twist = Twist.between(ROBOT, self.q, pose)
                 found = solved(ROBOT, twist.at(min(1.0, done_s * speed / twist.way_m)), np.array(self.q))
                 return tuple(found.q.tolist())
+            case v.MoveJ(there, speed):
+                whole_s = max(abs(b - a) for a, b in zip(self.q, there, strict=True)) / speed
+                done = min(1.0, done_s / whole_s) if whole_s else 1.0
+                return tuple(a + done * (b - a) for a, b in zip(self.q, there, strict=True))
             case v.SpeedJ(qd):
                 return tuple(q + done_s * speed for q, speed in zip(self.q, qd, strict=True))
             case _:

@@ -17,7 +17,7 @@ from pep.rtde.state import STILL_RAD_S, ReceivedState
 from pep.sim.controller import UNLOCK_AFTER_S
 from pep.sim.launch import Controller
 from pep.stopping import STOP_DELAY_S
-from tests.rtde.leased_gateway import leased_gateway
+from tests.rtde.leased_gateway import LATER_S, leased_gateway
 from tests.rtde.raw_program import Raw
 from tests.sim_controller.cell import HOME, until, upload
 
@@ -33,6 +33,7 @@ X = (0.02, 0.0, 0.0, 0.0, 0.0, 0.0)
 JOINTS = (0.1, 0.0, 0.0, 0.0, 0.0, 0.0)
 ZERO = (0.0,) * 6
 FREE = (1,) * 6
+CYCLE_S = 0.002
 
 
 class Here:
@@ -168,11 +169,16 @@ def test_what_the_judge_permits_happens(here, name, arguments):
         assert len(here.asked(asked)) == 1
 
 
-def test_what_is_deferred_is_waited_for(here):
-    with program(here, "defer") as control:
-        begun = time.monotonic()
+READ_DEADLINE_S = 2.5
+"""ur_rtde's: so long it waits for a word of its robot."""
+
+
+def test_what_is_held_for_longer_than_ur_rtde_waits_for_a_word_is_carried_out(here):
+    with program(here, "defer:3.0") as control:
+        begun, resting = time.monotonic(), here.now.q_rad
         assert control.moveJ(AWAY, 1.0, 2.0)
-        assert time.monotonic() - begun > 1.0
+        assert time.monotonic() - begun > 3.0 > READ_DEADLINE_S
+        assert here.moved(resting, beyond=0.3)
         assert not here.moved(AWAY)
 
 
@@ -439,6 +445,19 @@ def test_no_order_of_packages_moves_the_arm_past_the_judge(here, attack):
                 time.sleep(pause_s)
             time.sleep(0.2 if manner != "defer" else 1.2)
             assert not here.moved(where)
+
+
+def test_whoever_waits_for_people_hears_each_cycle_of_the_robot(here):
+    with raw(here, "defer") as client:
+        packages = [(2, dict(zip(FAST, (*AWAY, 1.0, 2.0), strict=True))), (1, {COMMAND: 1})]
+        begun = time.monotonic()
+        client.say(*packages)
+        heard = client.until(lambda: here.moved(HOME))
+        assert time.monotonic() - begun > LATER_S
+        states, stamps = zip(*heard, strict=True)
+        assert set(states) == {2}
+        assert stamps[-1] - stamps[0] > LATER_S
+        assert max(b - a for a, b in zip(stamps, stamps[1:], strict=False)) < 1.1 * CYCLE_S
 
 
 # ---- outputs
