@@ -208,8 +208,7 @@ def _set(command: v.Setting, fitted: Fitted) -> Asked | Refused:
                 return Refused(Reason.FRAMES_MISMATCH, "another tool centre point than the model's")
             return Asked(SET_TCP, pose)
         case v.SetPayload(mass_kg, centre_m):
-            grams = Unit.GRAM.per_si
-            same = round(mass_kg * grams) == round(fitted.payload_kg * grams)
+            same = nearest(mass_kg, Unit.GRAM) == nearest(fitted.payload_kg, Unit.GRAM)
             if not (same and (centre_m == _KEPT or math.dist(centre_m, fitted.centre_m) <= CENTRE_M)):
                 return Refused(Reason.PAYLOAD_MISMATCH, "another payload than the committed one")
             return Asked(SET_PAYLOAD, (mass_kg, *centre_m))

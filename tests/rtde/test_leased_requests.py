@@ -19,6 +19,7 @@ from pep.operations import (
 from pep.rtde import command_values as v
 from pep.rtde import io_commands as io
 from pep.rtde.commands import ROWS, CommandClass
+from pep.rtde.grid import on_grid
 from pep.rtde.leased_requests import BASE_TIERS, Asked, Fitted, Free, asked_of, request_of, stands_s
 from pep.rtde.limits import LIMITS, Ur3eLimits
 from pep.rtde.move_path import PathMove, Waypoint
@@ -237,6 +238,77 @@ def test_a_streams_angles_are_spelt_to_half_a_microradian(q):
 )
 def test_what_is_no_number_is_refused(make, number):
     assert request(make(number)).reason is Reason.NOT_FINITE
+
+
+OUT, OFF, LIMIT = Reason.OUT_OF_RANGE, Reason.NOT_ON_GRID, Reason.LIMIT_EXCEEDED_BY_REQUEST
+ODD = {
+    # What a command is of a number, that number in the request, and what comes of: 1e308, -0.0, and less than any unit.
+    "angle": (lambda n: v.MoveJ((n, *Q[1:]), 0.5, 1.4, False), "q0", OUT, 0, 0),
+    "speed": (lambda n: v.MoveJ(Q, n, 1.4, False), "speed", OUT, LIMIT, LIMIT),
+    "acceleration": (lambda n: v.MoveJ(Q, 0.5, n, False), "acceleration", OUT, LIMIT, LIMIT),
+    "place": (lambda n: v.MoveL((n, *POSE[1:]), 0.1, 0.5, True), "x", OUT, 0, 0),
+    "turn": (lambda n: v.MoveL((*POSE[:5], n), 0.1, 0.5, True), "rz", OUT, 0, 0),
+    "tool's speed": (lambda n: v.MoveL(POSE, n, 0.5, True), "speed", OUT, LIMIT, LIMIT),
+    "joint's speed in a stream": (lambda n: v.SpeedJ((n, *X[1:]), 0.5, 0.4), "qd0", OUT, 0, 0),
+    "time of a speed": (lambda n: v.SpeedJ(X, 0.5, n), "duration", OUT, 2_000, 50),
+    "speed of the tool": (lambda n: v.SpeedL((n, *X[1:]), 0.5, 0.4), "vx", OUT, 0, 0),
+    "time of that": (lambda n: v.SpeedL(X, 0.5, n), "duration", OUT, 2_000, 2_000),
+    "angle in a stream": (lambda n: v.ServoJ((n, *Q[1:]), 0.002, 0.1, 300.0), "q0", OUT, 0, 0),
+    "period": (lambda n: v.ServoJ(Q, n, 0.1, 300.0), "period", OUT, LIMIT, OFF),
+    "lookahead": (lambda n: v.ServoJ(Q, 0.002, n, 300.0), "lookahead", OUT, LIMIT, OFF),
+    "gain": (lambda n: v.ServoJ(Q, 0.002, 0.1, n), "gain", OUT, LIMIT, OFF),
+    "tool centre point": (lambda n: v.SetTcp((n, *TCP[1:])), "x", Reason.FRAMES_MISMATCH, 0, 0),
+    "mass": (lambda n: v.SetPayload(n, CENTRE), "mass", *[Reason.PAYLOAD_MISMATCH] * 3),
+    "centre": (lambda n: v.SetPayload(MASS, (n, *CENTRE[1:])), "cx", Reason.PAYLOAD_MISMATCH, 0, 0),
+    "slider": (io.SetSpeedSlider, "fraction", OUT, 0, OFF),
+}
+
+
+def taken(command, parameter):
+    """The integer that is asked for, or why nothing is."""
+    found = asked(command if _io(command) else on_grid(command))
+    if isinstance(found, Refused):
+        return found.reason
+    made = request_of(found, request_id="r", audience=AUDIENCE, at=0.0)
+    if isinstance(made, Refused):
+        return made.reason
+    refused = Ur3eLimits().refuse(made)
+    if refused is not None:
+        assert refused.parameter == parameter
+        return Reason(refused.code)
+    return next(value.value for value in made.values if value.name == parameter)
+
+
+@pytest.mark.parametrize("what", ODD)
+def test_a_number_that_is_hardly_one_has_its_exact_answer(what):
+    make, parameter, huge, nothing, least = ODD[what]
+    numbers = {1e308: huge, -1e308: huge, -0.0: nothing, math.ulp(0.0): least, 1e-310: least}
+    if parameter == "duration":
+        del numbers[-1e308]  # no command has such a time (RTDE-4)
+    assert {number: taken(make(number), parameter) for number in numbers} == numbers
+
+
+@pytest.mark.parametrize("number", [-0.0, math.ulp(0.0), -math.ulp(0.0), 1e-310])
+def test_what_is_less_than_any_unit_is_written_as_the_zero_that_was_judged(number):
+    q = on_grid(v.MoveJ((number,) * 6, 0.5, 1.4, False)).q_rad
+    assert [math.copysign(1.0, angle) for angle in q] == [1.0] * 6
+    assert q == (0.0,) * 6
+
+
+@pytest.mark.clause("LSD-3")
+@pytest.mark.parametrize(
+    ("number", "angle", "period"),
+    [
+        (1e308, LIMIT, LIMIT),
+        (-1e308, LIMIT, LIMIT),
+        (-0.0, None, Reason.ROBOT_LIMIT),
+        (math.ulp(0.0), None, Reason.ROBOT_LIMIT),
+    ],
+)
+def test_each_later_value_of_a_stream_has_that_answer_too(number, angle, period):
+    bounds = StreamBounds(SERVO_JOINT, grant(SERVO_JOINT), LIMITS["servo_joint"])
+    assert bounds.outside(asked(v.ServoJ((number, *Q[1:]), 0.002, 0.1, 300.0)).numbers) is angle
+    assert bounds.outside(asked(v.ServoJ(Q, number, 0.1, 300.0)).numbers) is period
 
 
 @pytest.mark.parametrize(
