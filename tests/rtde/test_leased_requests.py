@@ -4,9 +4,10 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capabilities.chain import Refusal
 from capabilities.scope import Grant, Limit, OneOf, Range
 from capabilities.units import si
 from pep.operations import (
@@ -18,11 +19,13 @@ from pep.operations import (
 )
 from pep.rtde import command_values as v
 from pep.rtde import io_commands as io
-from pep.rtde.commands import ROWS, CommandClass
+from pep.rtde.commands import ROWS, CommandClass, decode
 from pep.rtde.grid import on_grid
+from pep.rtde.image import Image
 from pep.rtde.leased_requests import BASE_TIERS, Asked, Fitted, Free, asked_of, request_of, stands_s
 from pep.rtde.limits import LIMITS, Ur3eLimits
 from pep.rtde.move_path import PathMove, Waypoint
+from pep.rtde.recipes import DOUBLE, INT, Profile
 from pep.rtde.refused import Refused
 from pep.rtde.stream_bounds import StreamBounds
 from policies.reasons import Reason
@@ -309,6 +312,27 @@ def test_each_later_value_of_a_stream_has_that_answer_too(number, angle, period)
     bounds = StreamBounds(SERVO_JOINT, grant(SERVO_JOINT), LIMITS["servo_joint"])
     assert bounds.outside(asked(v.ServoJ((number, *Q[1:]), 0.002, 0.1, 300.0)).numbers) is angle
     assert bounds.outside(asked(v.ServoJ(Q, number, 0.1, 300.0)).numbers) is period
+
+
+HARDLY = st.sampled_from((1e308, -1e308, -0.0, math.ulp(0.0), 1e-310, 0.0, 1.0, MASS)) | st.floats()
+
+
+@settings(max_examples=300)
+@given(
+    st.sampled_from(sorted(ROWS)),
+    st.lists(HARDLY, min_size=18, max_size=18),
+    st.lists(st.integers(0, 3), min_size=7, max_size=7),
+)
+def test_nothing_that_a_client_can_write_breaks_what_is_asked(number, doubles, ints):
+    written = {INT[0]: number, **dict(zip(INT[1:], ints, strict=False)), **dict(zip(DOUBLE, doubles, strict=False))}
+    command = decode(Image.blank(Profile.of(0, control=True, io=False)).merge(written))
+    if isinstance(command, Refused):
+        return
+    found = asked(on_grid(command))
+    assert isinstance(found, Asked | Free | Refused)
+    if isinstance(found, Asked):
+        made = request_of(found, request_id="r", audience=AUDIENCE, at=0.0)
+        assert isinstance(made, Refused) or isinstance(Ur3eLimits().refuse(made), Refusal | None)
 
 
 @pytest.mark.parametrize(

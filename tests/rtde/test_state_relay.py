@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pep.rtde.codec import Framer, decode_answer, encode_answer, encode_request
+from pep.rtde.codec import Framer, Recipe, decode_answer, encode_answer, encode_request
 from pep.rtde.gateway import GUESTS, LINES, MAX_STOP, STOPS, Gateway, StatePorts
 from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
 from pep.rtde.messages import (
@@ -34,12 +34,15 @@ from pep.rtde.messages import (
     Values,
     WireError,
 )
+from pep.rtde.recipes import io_recipes
 from pep.rtde.relay import AT_ONCE, UNANSWERED, StateRelay
 from pep.rtde.state import ReceivedState
 from pep.stopping import STOP_DECELERATION_RAD_S2
-from pep.rtde.variables import VariableType
+from pep.rtde.variables import INPUTS, VariableType
 from tests.pep.kit import HOST
 from tests.pep.test_cell import Child
+from tests.rtde.campaign.race import Words
+from tests.sim_controller.plain import Plain
 
 D = VariableType.DOUBLE
 HERE = f"{HOST.rsplit('.', 1)[0]}.13"
@@ -232,27 +235,41 @@ def test_who_would_move_or_set_cannot_even_begin(gateway):
     )
     assert said.startswith("refused")
     assert "already in use" in said
-    state = ReceivedState(HOST)
-    before = state.read()
-    program(
-        """
-        import sys
-        from rtde_io import RTDEIOInterface
-        try:
-            io = RTDEIOInterface(sys.argv[1])
+    told = (
+        "actual_q", "target_speed_fraction", "actual_digital_output_bits", "tool_output_voltage", "input_int_register_23",
+        "standard_analog_output0", "standard_analog_output1", "input_double_register_18", "input_int_register_18",
+    )  # fmt: skip
+    with Words(HOST, told) as words:
+        before = words.until(lambda said: True)[-1]
+        tried = program(
+            """
+            import os, sys
+            from rtde_io import RTDEIOInterface
+            try:
+                io = RTDEIOInterface(sys.argv[1])
+            except RuntimeError:
+                print("refused", flush=True)
+                os._exit(0)
             io.setStandardDigitalOut(2, True)
             io.setSpeedSlider(0.2)
-        except RuntimeError:
-            pass
-        print("tried", flush=True)
-        import os
-        os._exit(0)
-        """,
-        gateway,
-    )
-    after = state.read()
-    state.close()
-    assert (after.q_rad, after.slider) == (before.q_rad, before.slider)
+            print("tried", flush=True)
+            os._exit(0)
+            """,
+            gateway,
+        )
+        assert tried == "refused"
+        with Plain(gateway) as raw:  # one that does not take no for an answer
+            own = io_recipes(0)[1:4]
+            assert [raw.ask(SetupInputs(recipe)).recipe for recipe in own] == [0, 0, 0]
+            ones = b"".join(
+                encode_request(
+                    Values(number, Recipe(names, [INPUTS[name] for name in names]).pack(dict.fromkeys(names, 1))), 2
+                )
+                for number, names in enumerate(own, 1)
+            )
+            raw.socket.sendall(ones)
+            assert raw.ended()
+        assert [said for said in words.for_s(0.2) if said != before] == []
 
 
 FAR, NEAR = (0.0, -1.57, 1.2, -1.2, -1.57, 0.0), (2.5, -1.57, 1.2, -1.2, -1.57, 0.0)
