@@ -137,7 +137,7 @@ def test_it_runs_when_each_of_its_commands_is_judged_and_its_lease_ends_with_its
             scripts=allow_list(installed_body),
             stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2,
             clock=rig.clock,
-            closed=lambda lease: house.port.end(Ending.CLOSED),
+            closed=lambda lease, ending: house.port.end(ending),
         )
         await ports.begin()
         async with asyncio.timeout(90), House(rig, ports, ended=ports.over) as house:
@@ -151,7 +151,7 @@ def test_it_runs_when_each_of_its_commands_is_judged_and_its_lease_ends_with_its
             out, _ = await program.communicate()
             assert out.decode().splitlines()[-1].endswith(" True")
             await until(lambda: over and house.over)
-            assert (house.over, over) == ([("robotic", Ending.CLOSED)], [Ending.CLOSED])
+            assert (house.over, over) == ([("robotic", Ending.LEFT)], [Ending.LEFT])
             assert judge.asked[:3] == [("robotic", "MoveJ"), ("robotic", "SetDigitalOutputs"), ("robotic", "ServoJ")]
             assert judge.asked[3:] == [(None, "ServoJ")] * 99
         ports.close()

@@ -19,7 +19,6 @@ from pep.clock import SystemClock
 from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.cutter import LENGTH, Cutter
 from pep.rtde.gateway import FRAME_BYTES, Gateway
-from pep.rtde.lease import Ending
 from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.lines import PORTS, PRIMARY, READ_ONLY, REALTIME, SECONDARY
 from pep.rtde.recipes import control_recipes
@@ -85,7 +84,7 @@ class Cell:
             rig = Rig(self.folder, SystemClock())
             ports = LeasedPorts(
                 self.towards.host, self.judge, scripts=allow_list(installed_body), clock=rig.clock,
-                stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, closed=lambda lease: self.house.port.end(Ending.CLOSED),
+                stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, closed=lambda lease, ending: self.house.port.end(ending),
             )  # fmt: skip
             await ports.begin()
             gateway = Gateway(ports)
@@ -251,12 +250,9 @@ def test_no_program_comes_through_that_would_call_back(cell, leased, port, back)
                 link.sendall(text(*lines).replace(b"{here}", listener.getsockname()[0].encode()).replace(
                     b"{port}", str(back).encode()
                 ))  # fmt: skip
-                if leased:
-                    with contextlib.suppress(ConnectionResetError):
-                        while link.recv(65_536):
-                            pass  # to its end: it was closed
-                else:
-                    frames(link, FRAMES)
+                with contextlib.suppress(ConnectionResetError):
+                    while link.recv(65_536):
+                        pass  # to its end: it was closed
         cell.cycles()
         with pytest.raises(BlockingIOError):
             listener.accept()
