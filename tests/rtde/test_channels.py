@@ -19,6 +19,7 @@ from pep.clock import SystemClock
 from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.cutter import LENGTH, Cutter
 from pep.rtde.gateway import FRAME_BYTES, Gateway
+from pep.rtde.lease import Ending
 from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.lines import PORTS, PRIMARY, READ_ONLY, REALTIME, SECONDARY
 from pep.rtde.recipes import control_recipes
@@ -336,6 +337,7 @@ def test_a_violation_ends_its_connection_and_what_that_moved_and_nobody_elses(ce
         until(cell.still, deadline_s=1.0)
         assert one.ended()
         until(lambda: cell.house.leases.current is None)
+        assert cell.house.over[-1] == ("robotic", Ending.MALFORMED)
         last_s = cell.eyes.getTimestamp()
         assert unbroken(stranger.until(lambda said: said["timestamp"] > last_s + UNMOVED_S))
 
