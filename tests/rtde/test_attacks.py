@@ -32,6 +32,7 @@ pytestmark = [pytest.mark.timeout(60), pytest.mark.clause("RTDE-11", "RTDE-12", 
 
 COMMANDS, LINES, WIRE = "test_leased_commands", "test_leased_line", "test_leased_wire"
 SCRIPT, ASKED, HERE = "test_control_script", "test_leased_requests", "test_attacks"
+CHANNELS, TABLE = "test_channels", "test_command_table"
 ATTACKS = {
     "registers staged for a later id": [
         (COMMANDS, "test_staged_registers_are_judged_with_the_command_that_uses_them"),
@@ -55,10 +56,13 @@ ATTACKS = {
         (LINES, "test_what_a_client_may_not_say_ends_the_connection"),
         ("test_recipes", "test_there_are_no_more_recipes_than_numbers"),
         (HERE, "test_a_frame_that_no_client_says_stops_what_moves"),
+        (CHANNELS, "test_a_violation_ends_its_connection_and_what_that_moved_and_nobody_elses"),
     ],
     "numbers that are none": [
         ("test_commands", "test_every_wrong_parameter_is_refused_with_its_reason_and_its_command"),
         ("test_commands", "test_a_refused_or_decoded_command_never_holds_what_is_not_finite"),
+        (ASKED, "test_a_number_that_is_hardly_one_has_its_exact_answer"),
+        (ASKED, "test_nothing_that_a_client_can_write_breaks_what_is_asked"),
     ],
     "weak stops": [
         (COMMANDS, "test_stops_pass_at_once_and_none_is_weak"),
@@ -81,6 +85,7 @@ ATTACKS = {
     "the slider raised afterwards": [
         (LINES, "test_the_slider_goes_down_without_a_judge_and_up_with_one"),
         (WIRE, "test_outputs_are_judged_one_by_one_and_the_slider_goes_down_alone"),
+        (TABLE, "test_the_slider_is_not_raised_while_the_arm_moves_and_may_be_lowered"),
     ],
     "reconnect storms and half-open sockets": [
         (WIRE, "test_a_second_one_that_would_command_is_refused"),
@@ -110,6 +115,21 @@ ATTACKS = {
     "a custom script": [
         (WIRE, "test_a_program_of_its_own_is_refused"),
         (WIRE, "test_a_script_that_is_not_the_control_script_is_refused_and_its_connection_closed"),
+    ],
+    "another way to the controller": [
+        (CHANNELS, "test_where_nothing_may_listen_nothing_does"),
+        (CHANNELS, "test_what_only_tells_takes_nothing"),
+        (CHANNELS, "test_no_program_comes_through_that_would_call_back"),
+    ],
+    "a control script that is somebody else's": [
+        (CHANNELS, "test_a_client_that_sends_no_control_script_commands_nothing"),
+    ],
+    "a sweep in steps that are nothing by themselves": [
+        ("test_leased_slicing", "test_a_sweep_in_steps_needs_the_person_that_the_sweep_needs"),
+    ],
+    "an arm moved past the gateway": [
+        ("test_leased_slicing", "test_an_arm_that_was_moved_past_the_gateway_does_not_go_on_as_if_it_were_not"),
+        (TABLE, "test_an_arm_that_was_moved_past_the_gateway_is_not_moved_on_as_if_it_were_not"),
     ],
     "a control script that the lease did not upload": [
         (HERE, "test_a_control_script_that_somebody_else_started_is_not_commanded"),
