@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from capabilities.trust import TrustBundle
     from pep.rtde.judge import Held, Holder
     from pep.rtde.lease import Lease
+    from pep.rtde.refused import Refused
     from policies.policy import PolicySet
     from policies.reasons import Reason
 
@@ -250,6 +251,10 @@ class GatewayServer(RobotPoint):
     def withdrawn(self, held: Held) -> None:
         """See `Judge.withdrawn`."""
         (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).withdrawn(held)
+
+    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+        """See `Judge.refused`."""
+        (self.own if isinstance(holder, OwnLease) else self.judging_commands).refused(holder, refused, what)
 
     # ---- the tools' own lines
 

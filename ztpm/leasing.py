@@ -133,7 +133,9 @@ class Ended:
     status: int
 
 
-async def lend(leased: Leased, host: str, command: Sequence[str], *, begun: Callable[[], None]) -> Ended:
+async def lend(
+    leased: Leased, host: str, command: Sequence[str], *, begun: Callable[[], None], told: Callable[[str], None]
+) -> Ended:
     """Serves the robot's ports at `host` until the lease or the program is over.
 
     A program is told where in `VARIABLE`, and wherever `PLACE` stands in its command; SIGTERM and SIGINT are passed on
@@ -145,13 +147,17 @@ async def lend(leased: Leased, host: str, command: Sequence[str], *, begun: Call
         host: an address on this machine.
         command: the program and its arguments; none, to serve until a signal.
         begun: called once the ports are there.
+        told: is given each reason for which the gateway has refused something, a line of text. Must not wait: the lease
+            does meanwhile.
 
     Raises:
         OSError: the gateway cannot be reached, the address cannot be had, or the program cannot be started.
     """
     loop = asyncio.get_running_loop()
     over: asyncio.Future[Ending] = loop.create_future()
-    ports = ProgramPorts(leased.session, leased.id, clock=SystemClock(), user=os.getuid(), ended=over.set_result)
+    ports = ProgramPorts(
+        leased.session, leased.id, clock=SystemClock(), user=os.getuid(), ended=over.set_result, told=told
+    )
     stopped = asyncio.Event()
     program: asyncio.subprocess.Process | None = None
 

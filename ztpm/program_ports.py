@@ -10,9 +10,11 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from pep.rtde.accepted import Accepted
-from pep.rtde.carriage import Bytes, CarriageError, Closed, Open, Opened, Refused
+from pep.rtde.carriage import Bytes, CarriageError, Closed, Open, Opened, Refused, Told
 from pep.rtde.carrier import Carrier
 from pep.rtde.lines import GONE, PORTS
+from pep.rtde.told import told
+from policies.reasons import Reason
 from ztpm.peer import user_of
 
 if TYPE_CHECKING:
@@ -33,14 +35,23 @@ class ProgramPorts:
         clock: both clocks.
         user: the id of the one user whose processes may connect.
         ended: is told once when the lease is over; every connection is closed then.
+        told: is given each reason for which the gateway has refused something, a line of text.
     """
 
     def __init__(
-        self, session: Session, lease_id: bytes, *, clock: Clock, user: int, ended: Callable[[Ending], None]
+        self,
+        session: Session,
+        lease_id: bytes,
+        *,
+        clock: Clock,
+        user: int,
+        ended: Callable[[Ending], None],
+        told: Callable[[str], None],
     ) -> None:
         self._lease_id = lease_id
         self._user = user
-        self._tell = ended
+        self._over = ended
+        self._told = told
         self._carrier = Carrier(
             session, asking=True, clock=clock, heard=self._heard, ended=self._ended, flowing=self._flow
         )
@@ -103,8 +114,12 @@ class ProgramPorts:
         match word:
             case Opened(line):
                 self._lines[line].opened()
-            case Refused(line, _):
+            case Refused(line, reason):
                 self._lines.pop(line).gone()
+                # One that is not known here is of a younger gateway.
+                self._told(told(Reason(reason)) if reason in Reason.__members__ else reason)
+            case Told(_, text):
+                self._told(text)
             case Bytes(line, content):
                 self._lines[line].send(content)
             case Closed(line):
@@ -125,7 +140,7 @@ class ProgramPorts:
         lines, self._lines = self._lines, {}
         for connection in lines.values():
             connection.gone()
-        self._tell(ending)
+        self._over(ending)
 
 
 class _First(asyncio.Protocol):

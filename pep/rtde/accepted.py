@@ -43,6 +43,9 @@ class Accepted(asyncio.Protocol):
         """As the controller would."""
         self._transport.close()
 
+    def tell(self, text: str) -> None:
+        """Nobody listens beside the connection."""
+
     # ---- asyncio
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pep.rtde.command_values import Command
     from pep.rtde.io_commands import IoCommand
     from pep.rtde.move_path import Waypoint
+    from pep.rtde.refused import Refused
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +58,19 @@ class Tell:
 
 
 @dataclass(frozen=True, slots=True)
+class Note:
+    """The line has refused this by itself, and that goes on record.
+
+    Attributes:
+        refused: why.
+        what: was refused: the name of a command.
+    """
+
+    refused: Refused
+    what: str
+
+
+@dataclass(frozen=True, slots=True)
 class Refresh:
     """The program sees the newest truthful package at once: what it was shown instead is over."""
 
@@ -71,7 +85,7 @@ class Halt:
     """No register stops the arm: the control script is to be replaced by a program that does."""
 
 
-Act: TypeAlias = Write | Ask | Withdraw | Tell | Refresh | Braked | Halt
+Act: TypeAlias = Write | Ask | Withdraw | Tell | Note | Refresh | Braked | Halt
 
 ERROR, INFORMATION = 1, 3  # levels of an RTDE text message
 PATIENCE_MS: Final = 60_000

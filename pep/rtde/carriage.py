@@ -3,8 +3,9 @@
     program --TCP--> `ztpm rtde run` == one TCP connection, frames of one session ==> gateway --TCP--> robot
 
 Each message of the session (`capabilities.frames`) is one word of this module: a connection is opened to one of the
-controller's ports, bytes go both ways, either end closes it. Between whiles there are beats. A carriage neither loses
-nor reorders, so nothing here is numbered or repeated. Whoever says what has no meaning has ended the lease.
+controller's ports, bytes go both ways, either end closes it, and the gateway tells why it refused something. Between
+whiles there are beats. A carriage neither loses nor reorders, so nothing here is numbered or repeated. Whoever says
+what has no meaning has ended the lease.
 
 No sockets here: bytes in, bytes out.
 """
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 from capabilities.caps import DEFAULT
 from capabilities.frames import OVERHEAD_BYTES
 from pep.rtde import cutter
+from pep.rtde.told import TOLD_BYTES, fits
 
 if TYPE_CHECKING:
     from capabilities.caps import Caps
@@ -91,13 +93,21 @@ class Closed:
 
 
 @dataclass(frozen=True, slots=True)
+class Told:
+    """Gateway's: why something that came on the line was refused, or waits. For people: nothing follows from it."""
+
+    line: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class Over:
     """Gateway's: the lease ends now, for this reason. Nothing follows but the end of the session."""
 
     reason: str
 
 
-Word: TypeAlias = Beat | Open | Opened | Refused | Bytes | Closed | Over
+Word: TypeAlias = Beat | Open | Opened | Refused | Bytes | Closed | Told | Over
 
 
 class _Kind(IntEnum):
@@ -108,6 +118,7 @@ class _Kind(IntEnum):
     BYTES = 4
     CLOSED = 5
     OVER = 6
+    TOLD = 7
 
 
 _BYTES: Final = int(_Kind.BYTES)
@@ -119,7 +130,7 @@ def encode(word: Word) -> bytes:
     """The message that says `word`; `decode` gives it back.
 
     Raises:
-        CarriageError: a line or port of no number, no content, or a reason that is no code.
+        CarriageError: a line or port of no number, no content, a reason that is no code, or a text that does not fit.
     """
     match word:
         case Bytes(line, content):  # first, since nearly every word is one
@@ -140,6 +151,10 @@ def encode(word: Word) -> bytes:
             return _packed(_Kind.REFUSED, line) + reason.encode()
         case Closed(line):
             return _packed(_Kind.CLOSED, line)
+        case Told(line, text):
+            if not fits(text):
+                raise CarriageError(CarriageFault.MALFORMED, "no text that fits")
+            return _packed(_Kind.TOLD, line) + text.encode()
         case Over(reason):
             if not _is_code(reason):
                 raise CarriageError(CarriageFault.MALFORMED, "no reason code")
@@ -171,6 +186,8 @@ def decode(message: bytes) -> Word:
             return Refused(line, rest.decode())
         case _Kind.CLOSED, 0:
             return Closed(line)
+        case _Kind.TOLD, length if length <= TOLD_BYTES and rest.isascii() and fits(rest.decode()):
+            return Told(line, rest.decode())
         case _Kind.OVER, _ if line == 0 and rest.isascii() and _is_code(rest.decode()):
             return Over(rest.decode())
         case _:
@@ -269,6 +286,9 @@ class Lines:
                 return True
             case Refused() if not asks and state is _Line.ASKED:
                 self._becomes(word.line, None)
+                return True
+            # Of what came before either end closed the line, too.
+            case Told() if not asks and state in (_Line.OPEN, other):
                 return True
             case Bytes() if state is other:  # they crossed the closing of the end that no longer wants them
                 return False

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from pep.rtde.command_values import Command
     from pep.rtde.io_commands import IoCommand
     from pep.rtde.move_path import Waypoint
+    from pep.rtde.refused import Refused
     from policies.reasons import Reason
 
 
@@ -95,6 +96,16 @@ class Judge(Protocol):
 
     def withdrawn(self, held: Held) -> None:
         """The program no longer waits for the answer: it cleared the command, or has gone."""
+        ...
+
+    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+        """The line has refused something without asking; it goes on record. Returns at once.
+
+        Args:
+            holder: whose program it is.
+            refused: why.
+            what: was refused.
+        """
         ...
 
 

@@ -22,6 +22,10 @@ ID_BYTES: Final = 16
 """Of a lease: nobody guesses it, and whoever learned it has no key of the session."""
 
 
+LEASE_OVER: Final = "LEASE_OVER"
+"""What a program is told then, with the ending."""
+
+
 class Ending(StrEnum):
     """Why a lease is over; the record's word."""
 

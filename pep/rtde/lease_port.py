@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.carriage import Bytes, Closed, Open, Opened, Refused
+from pep.rtde.carriage import Bytes, Closed, Open, Opened, Refused, Told
 from pep.rtde.carrier import Carrier
 from pep.rtde.lease import ID_BYTES, Ending
 from pep.rtde.lines import GONE
@@ -208,3 +208,8 @@ class _Back:
         self._closed = True
         if self._early is None:
             self._carried.dropped(self._number)
+
+    def tell(self, text: str) -> None:
+        # Nothing is kept for who does not read: the program itself has its answer.
+        if not self._closed and self._carried.flowing and self._number in self._carried.carrier.lines.open:
+            self._carried.carrier.say(Told(self._number, text))

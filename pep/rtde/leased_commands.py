@@ -20,6 +20,7 @@ from pep.rtde.acts import (
     Ask,
     Braked,
     Halt,
+    Note,
     Question,
     Refresh,
     Tell,
@@ -27,13 +28,15 @@ from pep.rtde.acts import (
     Write,
 )
 from pep.rtde.changes import Cleared, Commanded, Drifted, Staged, Swapped, Unchanged, changes
-from pep.rtde.commands import EVERY_CYCLE, CommandClass, Wait, decode, encode, row_of
+from pep.rtde.commands import EVERY_CYCLE, ROWS, CommandClass, Wait, decode, encode, row_of
 from pep.rtde.echo import QUIET, Echo
 from pep.rtde.grid import on_grid
 from pep.rtde.image import Image
+from pep.rtde.lease import LEASE_OVER, Ending
 from pep.rtde.recipes import DOUBLE, INT
 from pep.rtde.refused import Refused
 from pep.rtde.stops import MODES, STOPS, ended_by, of_stream, raised
+from pep.rtde.told import said, told
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -141,8 +144,8 @@ class LeasedCommands:
         self._once, self._inside, self._stop_next = None, False, None
         self._wanted_ms = None
 
-    def leave(self) -> None:
-        """The program has gone, or its lease is over: what goes on is stopped, and nothing is asked any more.
+    def leave(self, ending: Ending = Ending.LEFT) -> None:
+        """The program has gone, or its lease is over so: what goes on is stopped, and nothing is asked any more.
 
         A program that is still there hears that its command has failed: without its connection it would wait for that.
         """
@@ -151,7 +154,7 @@ class LeasedCommands:
         running, self._running, self._left = self._running, False, True
         self._over()
         if running:
-            self._deny(Reason.ROBOT_NOT_RUNNING, "the lease is over")
+            self._fail(f"{LEASE_OVER}: {ending}")
             self._acts += (Refresh(), Halt())
 
     # ---- the program
@@ -178,7 +181,8 @@ class LeasedCommands:
                 self._drifted(command)
             case Swapped(command):
                 if not isinstance(command, v.Stop):  # a stop is carried out as it was first said
-                    self._refuse(Reason.NOT_WHAT_WAS_DECIDED, "a command was changed after it was given")
+                    changed = Refused(Reason.NOT_WHAT_WAS_DECIDED, "it was changed after it was given")
+                    self._refuse(changed, row_of(command).name)
             case Refused() as refused:
                 self._misread(refused, at_ms)
 
@@ -230,7 +234,8 @@ class LeasedCommands:
         if refused.command is not None and refused.command in STOPS:
             self._stop(STOPS[refused.command], at_ms)
         else:
-            self._refuse(refused.reason, refused.place)
+            row = ROWS.get(-1 if refused.command is None else refused.command)
+            self._refuse(refused, "command" if row is None else row.name)
 
     def _commanded(self, command: Command, before: int, at_ms: int) -> None:
         self._withdraw()
@@ -240,11 +245,12 @@ class LeasedCommands:
         elif self.denied:
             pass  # told already; a clear ends that
         elif not self._running:
-            self._refuse(Reason.ROBOT_NOT_RUNNING, "no control script of this lease runs")
+            self._refuse(Refused(Reason.ROBOT_NOT_RUNNING, NO_SCRIPT), row.name)
         elif self._busy or (before and before not in EVERY_CYCLE and not row.every_cycle):
-            self._refuse(Reason.BUSY, "the command before is not over")  # the script would carry this one out late
+            # The script would carry this one out late.
+            self._refuse(Refused(Reason.BUSY, "the command before is not over"), row.name)
         elif not self._claimed.issuperset(encode(command, self.offset)):
-            self._refuse(Reason.NOT_GRANTED, row.name)
+            self._refuse(Refused(Reason.NOT_GRANTED, "its registers were not set up"), row.name)
         elif isinstance(command, v.SetWatchdog):
             # The script has one watchdog, and it is ours; the program's is kept here.
             self._wanted_ms, self._wrote_ms = 1000.0 / command.least_hz, at_ms
@@ -267,7 +273,7 @@ class LeasedCommands:
         elif self._stream is not None and self._stream[0] == row.id:
             self._step(command)
         else:
-            self._refuse(Reason.NOT_WHAT_WAS_DECIDED, row.name)
+            self._refuse(_FOLLOWS, row.name)
 
     def _step(self, command: Command) -> None:
         if self._certain(command):
@@ -278,20 +284,31 @@ class LeasedCommands:
         """Whether the stream goes on with this value; otherwise it has ended."""
         assert self._stream is not None
         steps = self._stream[1]
+        if steps is None:
+            self._refuse(_FOLLOWS, row_of(command).name)
+            return False
         try:
-            reason = Reason.NOT_WHAT_WAS_DECIDED if steps is None else steps.step(command)
+            reason = steps.step(command)
         except Exception:  # noqa: BLE001 - a judgement that breaks has not permitted
-            reason = Reason.POLICY_ERROR
+            self._refuse(Refused(Reason.POLICY_ERROR, "the judgement broke"), row_of(command).name)
+            return False
         if reason is not None:
-            self._refuse(reason, row_of(command).name)
+            self._break_off()
+            self._deny(reason, told(reason, row_of(command).name))  # on record with the stream
         return reason is None
 
-    def _refuse(self, reason: Reason, place: str) -> None:
-        """What the program says is not taken, and a stream ends with it: it is not what was permitted any more."""
+    def _refuse(self, refused: Refused, what: str) -> None:
+        """What the program says is not taken, and that goes on record: nobody else was asked."""
+        self._break_off()
+        if not self.denied:
+            self._acts.append(Note(refused, what))
+        self._deny(refused.reason, f"{what}: {refused.place}")
+
+    def _break_off(self) -> None:
+        """Nothing waits, and a stream has ended: what the program says is not what was permitted any more."""
         self._withdraw()
         if self._stream is not None:
             self._brake()
-        self._deny(reason, place)
 
     # ---- the judge
 
@@ -448,10 +465,14 @@ class LeasedCommands:
         self._write(v.Clear())
 
     def _deny(self, reason: Reason, told: str) -> None:
+        self._fail(said(reason, told))
+
+    def _fail(self, text: str) -> None:
+        """The program sees that its command has failed, and is told why, once."""
         self.stands = None
         if not self.denied:
             self.denied = True
-            self._acts.append(Tell(f"{reason}: {told}", ERROR))
+            self._acts.append(Tell(text, ERROR))
 
     def _withdraw(self) -> None:
         question, self._held = self._held, None
@@ -462,6 +483,10 @@ class LeasedCommands:
         stream, self._stream, self.stands = self._stream, None, None
         if stream is not None and stream[1] is not None:
             stream[1].ended()
+
+
+NO_SCRIPT: Final = "no control script runs: call reuploadScript()"
+_FOLLOWS: Final = Refused(Reason.NOT_WHAT_WAS_DECIDED, "no other value may follow")
 
 
 def brake_registers(offset: Offset) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import contextlib
 import math
 from typing import TYPE_CHECKING
 
-from pep.rtde.acts import Ask, Braked, Halt, Withdraw
+from pep.rtde.acts import Ask, Braked, Halt, Note, Tell, Withdraw
 from pep.rtde.control_script import Upload
 from pep.rtde.feed import FRESH_MS
 from pep.rtde.gateway import DashboardPort, StreamPort
@@ -17,12 +17,13 @@ from pep.rtde.leased_stop import Rung
 from pep.rtde.lines import Conversation
 from pep.rtde.messages import WireError
 from pep.rtde.refused import Refused
+from pep.rtde.told import said
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.rtde.acts import Question
+    from pep.rtde.acts import Act, Question
     from pep.rtde.command_values import Command
     from pep.rtde.control_script import ControlScript
     from pep.rtde.io_commands import IoCommand
@@ -75,10 +76,14 @@ class LeasedRtdePort(Conversation):
         """What has come together is sent, and the rest done."""
         self._send(self.line.settle())
 
-    def leave(self) -> None:
-        """The lease is over: what it moves is stopped, and nothing of it goes further."""
+    def leave(self, ending: Ending = Ending.LEFT) -> None:
+        """The lease is over: what it moves is stopped, and nothing of it goes further.
+
+        Args:
+            ending: how it is over.
+        """
         for part in self.line.parts:
-            part.leave()
+            part.leave(ending)
         self.settle()
 
     def look(self, at_ms: int) -> None:
@@ -120,7 +125,7 @@ class LeasedRtdePort(Conversation):
         self._over = True
         self._tenant.lines.discard(self)
         try:
-            self.leave()
+            self.leave(ending)
         finally:
             if self._tenant.control is self:
                 self._tenant.lost(ending)
@@ -132,8 +137,8 @@ class LeasedRtdePort(Conversation):
             self.wrote_ms = self._now()
         if said.to_client:
             self._back.send(said.to_client)
-        ports = self._tenant.ports
-        for act in self.line.take():
+        ports, acts = self._tenant.ports, self.line.take()
+        for act in acts:
             match act:
                 case Ask(question):
                     held = self._asked[question] = _Held(self, question, self._tenant.lease)
@@ -149,8 +154,20 @@ class LeasedRtdePort(Conversation):
                     ports.stop(Rung.REGISTERS)
                 case Halt():
                     ports.stop(Rung.PROGRAM)
+                case Tell() | Note():
+                    pass
                 case _:
                     raise AssertionError(act)
+        self._account(acts)
+
+    def _account(self, acts: list[Act]) -> None:
+        """What was refused is told and recorded; neither before, nor in place of, what is done about it."""
+        for act in acts:
+            if isinstance(act, Tell):
+                with contextlib.suppress(Exception):
+                    self._back.tell(act.text)
+            elif isinstance(act, Note):
+                self._tenant.note(act.refused, act.what)
 
     def _slider(self) -> float:
         """Where it stands; NaN when that is not known."""
@@ -226,7 +243,7 @@ class LeasedScriptPort(StreamPort):
 
     def _refuse(self, refused: Refused) -> None:
         """Told where the program listens, and closed."""
-        _tell(self._tenant, refused)
+        _refuse(self._tenant, self._back, refused, "script")
         self._tenant.left(self)
         self.end()
 
@@ -239,10 +256,16 @@ class LeasedDashboardPort(DashboardPort):
         self._tenant = tenant
 
     def _refused(self, words: str) -> None:
-        _tell(self._tenant, Refused(Reason.NOT_GRANTED, words))
+        _refuse(self._tenant, self._back, Refused(Reason.NOT_GRANTED, words), "dashboard")
 
 
-def _tell(tenant: Tenant, refused: Refused) -> None:
+def _refuse(tenant: Tenant, back: Back, refused: Refused, what: str) -> None:
+    """On record, and told on the line that commands; whoever runs the program hears of it without such a line, too."""
+    tenant.note(refused, what)
+    text = said(refused.reason, f"{what}: {refused.place}")
     if tenant.control is not None:
-        tenant.control.line.tell(f"{refused.reason}: {refused.place}")
+        tenant.control.line.tell(text)
         tenant.control.settle()
+    else:
+        with contextlib.suppress(Exception):
+            back.tell(text)

@@ -19,9 +19,10 @@ from pep.rtde.leased_stream import LATE_MS, LeasedStream, envelope
 from pep.rtde.limits import LIMITS
 from pep.rtde.refused import Refused
 from pep.rtde.stream_bounds import StreamBounds
+from pep.rtde.told import told
 from pep.watch import End
 from policies.evidence import ImpactFault
-from policies.reasons import REASONS, Reason
+from policies.reasons import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,8 +42,6 @@ if TYPE_CHECKING:
     from policies.model import Request
     from policies.parameters import Parameters
 
-TOLD_BYTES: Final = 250
-"""Of a text message on the wire: its length is one byte."""
 BATCH_S: Final = 1.0
 """How often the digest of a stream's values goes on record."""
 
@@ -90,12 +89,6 @@ class Case:
     withdrawn: bool = False
     forwarded: bool = False
     task: asyncio.Task[None] | None = None
-
-
-def told(reason: Reason, detail: str = "") -> str:
-    """What a program is told, in a text message."""
-    text = f"{reason}: {REASONS[reason].text}" + (f" ({detail})" if detail else "")
-    return text.encode("ascii", "replace")[:TOLD_BYTES].decode()
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,13 +16,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from capabilities.chain import Chain
-from pep import records
 from pep.deferral import AskState
 from pep.errors import JournalError
 from pep.gate import Call
-from pep.rtde.leased_effects import Case, told
+from pep.rtde.leased_effects import Case
 from pep.rtde.leased_requests import BASE_TIERS, Asked, Free, asked_of, request_of
+from pep.rtde.line_refusals import LineRefusals, refusal_of
 from pep.rtde.refused import Refused
+from pep.rtde.told import told
 from policies.evidence import ToolReading
 from policies.model import Effect
 from policies.reasons import Reason
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from pep.gate import Answer, Gate
     from pep.operations import Operation
     from pep.ports import Clock, Registry
-    from pep.rtde.judge import Held, Stopper
+    from pep.rtde.judge import Held, Holder, Stopper
     from pep.rtde.leased_effects import LeasedEffects, Prepared
     from pep.rtde.leased_requests import Fitted
     from policies.model import Decision
@@ -84,6 +85,7 @@ class LeasedJudge:
         self._audience = audience
         self._clock = clock
         self._cases: list[Case] = []
+        self._line = LineRefusals(gate.record, clock)
 
     def judge(self, held: Held) -> None:
         """See `Judge.judge`."""
@@ -99,6 +101,10 @@ class LeasedJudge:
                 case.withdrawn = True
                 case.task.cancel()
 
+    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+        """See `Judge.refused`."""
+        self._line.note(holder, refused, what)
+
     async def close(self) -> None:
         """What moves has been told to stop, and has ended; nothing is decided any more."""
         self._stopper.stop(Reason.EFFECT_FAILED)
@@ -107,6 +113,7 @@ class LeasedJudge:
             self.withdrawn(case.held)
         if tasks:
             await asyncio.wait(tasks, timeout=CLOSE_S)
+        await self._line.close()
         self._effects.close()
 
     async def _judged(self, case: Case, before: list[asyncio.Task[None]]) -> None:
@@ -191,14 +198,7 @@ class LeasedJudge:
 
     async def _refuse(self, held: Held, refused: Refused) -> None:
         """Denied before there was a request to decide; that is on record."""
-        body = records.refusal(
-            at=self._clock.wall_s(),
-            at_ms=self._clock.monotonic_ms(),
-            reason=refused.reason,
-            status=200,
-            credentials=held.lease.credentials,
-            where={"command": type(held.command).__name__, "detail": refused.place},
-        )
+        body = refusal_of(held.lease, refused, type(held.command).__name__, clock=self._clock)
         with suppress(JournalError):  # refused either way
             await self._gate.record("refusal", body)
         held.deny(refused.reason, told(refused.reason, refused.place))

@@ -24,6 +24,7 @@ from pep.rtde.messages import Message, OutputsAnswer, SetupInputs, Start, Values
 from pep.rtde.recipes import EXTERNAL_WRENCH, OFFSETS, Ignored, InputRecipes, Profile
 from pep.rtde.refused import Refused
 from pep.rtde.relay import OwnInputs, Relay, Said, belongs_to_others
+from pep.rtde.told import fitted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,8 +38,6 @@ STOPPED: Final = (1).to_bytes(4, "big")
 RUNNING_BIT: Final = 2
 """Of `robot_status_bits`: a program runs."""
 SOURCE: Final = "ZTPM"
-MAX_TOLD: Final = 200
-"""Characters of a text message; the wire has room for 255 bytes."""
 _PROFILES: Final = tuple(
     (Profile.of(offset, control=control, io=not control), control) for control in (True, False) for offset in OFFSETS
 )
@@ -152,7 +151,7 @@ class LeasedLine(Relay):
             self._to_client += encode_answer(self._shown(values), self._protocol)
 
     def tell(self, text: str) -> None:
-        """The program is told in a text message."""
+        """The program is told in a text message, and whoever runs it beside that."""
         self._tell(text, ERROR)
 
     # ---- inside
@@ -267,9 +266,10 @@ class LeasedLine(Relay):
         self._to_robot += frame
 
     def _tell(self, text: str, level: int) -> None:
+        text = fitted(text)
         if self._started:  # before that a client takes the next frame for its answer, whatever it is
-            told = text.encode("ascii", "replace").decode()[:MAX_TOLD]
-            self._to_client += encode_answer(Message(told, SOURCE, level), self._protocol)
+            self._to_client += encode_answer(Message(text, SOURCE, level), self._protocol)
+        self._rest.append(Tell(text, level))
 
     def _shown(self, values: Values) -> Values:
         self._newest[values.recipe] = values

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.acts import ERROR, INFORMATION, PATIENCE_MS, Act, Ask, Question, Tell, Withdraw, Write
+from pep.rtde.acts import ERROR, INFORMATION, PATIENCE_MS, Act, Ask, Note, Question, Tell, Withdraw, Write
 from pep.rtde.command_values import SetExternalWrench
 from pep.rtde.image import Image
 from pep.rtde.io_commands import MASKS, IoCommand, SetSpeedSlider, decode_io, encode_io, sets
+from pep.rtde.lease import Ending
 from pep.rtde.refused import Refused
+from pep.rtde.told import said
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
@@ -58,20 +60,20 @@ class LeasedOutputs:
         self._client = after
         commands = decode_io(after, values)
         if isinstance(commands, Refused):
-            self._tell(commands.reason, commands.place)
+            self._refuse(commands, "output")
             return
         for command in commands:
             if any(question.command == command for question in self._held):
                 continue  # it is being decided
             self._supersede(command)
             if isinstance(command, SetExternalWrench) or not self._claimed.issuperset(self._written(command)):
-                self._tell(Reason.NOT_GRANTED, type(command).__name__)
+                self._refuse(Refused(Reason.NOT_GRANTED, "its registers were not set up"), type(command).__name__)
             elif isinstance(command, SetSpeedSlider) and command.fraction == slider:
                 pass  # it stands there; written again it could raise what somebody lowers in this moment
             elif isinstance(command, SetSpeedSlider) and command.fraction < slider:
                 self._write(command)
             elif len(self._held) >= WAITING:
-                self._tell(Reason.BUSY, type(command).__name__)
+                self._refuse(Refused(Reason.BUSY, "so many wait already"), type(command).__name__)
             else:
                 question = Question(command)
                 self._held[question] = at_ms
@@ -108,7 +110,7 @@ class LeasedOutputs:
             self._acts.append(Withdraw(question))
             self._tell(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
 
-    def leave(self) -> None:
+    def leave(self, ending: Ending = Ending.LEFT) -> None:  # noqa: ARG002 - as of commands
         """The program has gone, or its lease is over."""
         self._acts += map(Withdraw, self._held)
         self._held.clear()
@@ -123,5 +125,10 @@ class LeasedOutputs:
         self._sent = after
         self._acts.append(Write({name: value for name, value in after.values.items() if name in self._claimed}))
 
+    def _refuse(self, refused: Refused, what: str) -> None:
+        """Nobody else was asked, so it goes on record."""
+        self._acts.append(Note(refused, what))
+        self._tell(refused.reason, f"{what}: {refused.place}")
+
     def _tell(self, reason: Reason, told: str) -> None:
-        self._acts.append(Tell(f"{reason}: {told}", ERROR))
+        self._acts.append(Tell(said(reason, told), ERROR))

@@ -121,7 +121,7 @@ class LeasedPorts:
     def close(self) -> None:
         """Nobody is served any more."""
         if self._tenant is not None:
-            self._tenant.end()
+            self._tenant.end(Ending.GATEWAY)
         self.feed.close()
         self._primary.close()
         for task in self._tasks:
@@ -138,7 +138,7 @@ class LeasedPorts:
         tenant = self._tenant
         if tenant is None or tenant.lease is not lease:
             if tenant is not None:
-                tenant.end()
+                tenant.end(Ending.CLOSED)
             tenant = self._tenant = Tenant(self, lease)
         line: LeasedRtdePort | LeasedScriptPort | LeasedDashboardPort
         if port == RTDE:
@@ -152,13 +152,13 @@ class LeasedPorts:
             line.left()
         return refused or line
 
-    def over(self, lease: Holder, ending: Ending) -> None:  # noqa: ARG002 - how a lease's end is told
+    def over(self, lease: Holder, ending: Ending) -> None:
         """The lease is over: the arm is being stopped when this returns, and it opens nothing any more."""
         self._past = lease
         tenant = self._tenant
         if tenant is not None and tenant.lease is lease:
             self._tenant = None
-            tenant.end()
+            tenant.end(ending)
 
     # ---- stopping
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.control_program import ControlProgram, Phase, Turn
@@ -75,14 +76,14 @@ class Tenant:
             self.control.line.commands.end(reason)
             self._show()
 
-    def end(self) -> None:
+    def end(self, ending: Ending) -> None:
         """The lease is over, or its control line gone: the arm is being stopped."""
         if self._over:
             return
         self._over = True
         try:
             for line in tuple(self.lines):
-                line.leave()
+                line.leave(ending)
         finally:  # whatever a line is in: the arm is stopped
             if self.program.sent:
                 self.ports.stop(Rung.PROGRAM)
@@ -92,9 +93,14 @@ class Tenant:
         """The control line is gone, and with it the lease."""
         if not self._over:
             try:
-                self.end()
+                self.end(ending)
             finally:
                 self.ports.closed(self.lease, ending)
+
+    def note(self, refused: Refused, what: str) -> None:
+        """What a line of it has refused by itself goes on record; it is refused either way."""
+        with contextlib.suppress(Exception):
+            self.ports.judge.refused(self.lease, refused, what)
 
     def heard(self, sample: Sample, at_ms: int) -> None:
         """The controller said something."""

@@ -75,6 +75,14 @@ class Back(Protocol):
         """End the connection, as the controller would."""
         ...
 
+    def tell(self, text: str) -> None:
+        """Beside the connection: why something was refused, for whoever runs the program. Waits for nothing.
+
+        Args:
+            text: that fits (`pep.rtde.told`).
+        """
+        ...
+
 
 class Ports(Protocol):
     """All ports of the controller."""

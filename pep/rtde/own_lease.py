@@ -30,10 +30,11 @@ if TYPE_CHECKING:
 
     from pep.authority import Credentials
     from pep.rtde.command_values import Command
-    from pep.rtde.judge import Held
+    from pep.rtde.judge import Held, Holder
     from pep.rtde.leased_ports import LeasedPorts
     from pep.rtde.leased_requests import Fitted
     from pep.rtde.lines import Line
+    from pep.rtde.refused import Refused
 
 STARTS_S: Final = 6.5
 """Longest wait for the control script to run: the controller's own limits (2 s and 4 s), and a little."""
@@ -69,6 +70,9 @@ class _Script:
     def close(self) -> None:
         """The controller has closed it; what was uploaded runs on."""
         self.line = None
+
+    def tell(self, text: str) -> None:
+        """See `OwnLine.tell`."""
 
 
 class OwnLines:
@@ -197,6 +201,9 @@ class OwnLines:
 
     def withdrawn(self, held: Held) -> None:
         """See `pep.rtde.judge.Judge`: each was answered at once."""
+
+    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+        """See `pep.rtde.judge.Judge`: what a permit was shown for has an outcome on record."""
 
     async def stop(self) -> None:
         """Whatever moves the arm is being ended, whoever it is of."""

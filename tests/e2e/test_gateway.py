@@ -166,10 +166,16 @@ def test_what_is_granted_moves_and_what_is_not_does_not(house, eyes):
         status, said, errors = run.ended()
     assert said == ["True True", "False", "False", "False", "True True", "False", "False", "True True"], errors
     assert status == 0
+    told = [line.split(": ")[1] for line in errors.splitlines() if line.startswith("ztpm: ")]
+    assert {"NOT_GRANTED", "PAYLOAD_MISMATCH", "LIMIT_EXCEEDED_BY_REQUEST", "NOT_FINITE"} <= set(told), errors
+    assert len(told) == 5, "each refusal once, and nothing else"
     reasons = [body["decision"]["reason"] for body in house.journal("decision")[decided:]]
     assert reasons.count("PERMITTED") == 3
     assert "LIMIT_EXCEEDED_BY_REQUEST" in reasons
-    assert {"NOT_GRANTED", "PAYLOAD_MISMATCH"} <= {body["reason"] for body in house.journal("refusal")[refused:]}
+    refusals = {body["reason"] for body in house.journal("refusal")[refused:]}
+    assert {"NOT_GRANTED", "PAYLOAD_MISMATCH", "NOT_FINITE"} <= refusals, (
+        "whoever refused: the judge, or the line before"
+    )
 
 
 def test_a_program_that_runs_already_is_lent_a_lease(house, eyes):
@@ -279,7 +285,8 @@ def test_a_revoked_token_stops_the_arm_and_ends_the_lease(house, eyes):
         run.process.send_signal(signal.SIGTERM)
         status, _, errors = run.ended()
     assert status == 128 + signal.SIGTERM
-    assert "LEASE_OVER: authority" in errors
+    assert "\nLEASE_OVER: authority" in errors
+    assert "ztpm: REVOKED" in errors or "ztpm: LEASE_OVER: authority" in errors, "why the move had failed"
 
 
 # ---- the cell's tools, before the same arm

@@ -23,10 +23,12 @@ from pep.rtde.carriage import (
     Opened,
     Over,
     Refused,
+    Told,
     decode,
     delimited,
     encode,
 )
+from pep.rtde.told import TOLD_BYTES
 
 LINE = st.integers(0, 255)
 WORDS = st.one_of(
@@ -36,6 +38,7 @@ WORDS = st.one_of(
     st.builds(Refused, LINE, st.sampled_from(["LEASE_HELD", "A", "X9_" * 21])),
     st.builds(Bytes, LINE, st.binary(min_size=1, max_size=300)),
     st.builds(Closed, LINE),
+    st.builds(Told, LINE, st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=TOLD_BYTES)),
     st.builds(Over, st.sampled_from(["AUTHORITY", "LEFT"])),
 )
 
@@ -65,7 +68,8 @@ def test_bytes_without_content_are_no_word():
 @pytest.mark.parametrize(
     "word",
     [Open(0, 0), Open(0, 65_536), Open(256, 1), Open(-1, 1), Bytes(0, b""), Refused(0, ""), Refused(0, "no"),
-     Refused(0, "X" * 65), Refused(0, "Ä"), Refused(0, "A B"), Closed(256), Over("no")],
+     Refused(0, "X" * 65), Refused(0, "Ä"), Refused(0, "A B"), Closed(256), Over("no"), Told(256, "A"), Told(0, ""),
+     Told(0, "a\nb"), Told(0, "\x1b[2J"), Told(0, "\x7f"), Told(0, "ä"), Told(0, "A" * (TOLD_BYTES + 1))],
 )  # fmt: skip
 def test_what_no_message_says_is_refused(word):
     with pytest.raises(CarriageError) as refused:
@@ -92,6 +96,18 @@ def test_a_length_that_no_frame_has_is_refused_before_its_bytes_are_waited_for(l
 
 def test_the_largest_package_of_the_controller_fits_a_word():
     assert DEFAULT.frame_bytes - HEAD_BYTES >= 4096  # its longest request; what comes back may be cut
+
+
+@pytest.mark.parametrize(
+    "text", [b"", b"a\nb", b"\x1b[2J", b"\0", b"\x7f", "ä".encode(), b"\xff", b"A" * (TOLD_BYTES + 1), b"A" * 60_000]
+)
+@pytest.mark.clause("RTDE-17")
+def test_a_text_that_is_no_line_is_no_word(text):
+    head = encode(Told(3, "."))[:-1]
+    assert decode(head + b"A" * TOLD_BYTES) == Told(3, "A" * TOLD_BYTES)
+    with pytest.raises(CarriageError) as refused:
+        decode(head + text)
+    assert refused.value.code is CarriageFault.MALFORMED
 
 
 def opened(line=0):
@@ -129,6 +145,9 @@ def test_bytes_that_cross_a_closing_are_dropped_and_the_number_waits_for_both():
         (True, Opened(0)),  # it is already
         (True, Opened(1)),  # never asked for
         (True, Refused(0, "NO")),
+        (True, Told(1, "BUSY")),  # of no line
+        (False, Told(0, "BUSY")),  # the gateway's word
+        (False, Told(1, "BUSY")),
     ],
 )
 def test_a_word_out_of_place_ends_the_lease(asking, word):
@@ -137,6 +156,32 @@ def test_a_word_out_of_place_ends_the_lease(asking, word):
     with pytest.raises(CarriageError) as refused:
         end.heard(word)
     assert refused.value.code is CarriageFault.OUT_OF_PLACE
+
+
+@pytest.mark.clause("RTDE-17")
+def test_the_gateway_alone_tells_as_long_as_either_end_has_not_closed_the_line():
+    program, gateway = Lines(asking=True), Lines(asking=False)
+    assert program.said(Open(0, 30004))
+    assert gateway.heard(Open(0, 30004))
+    why = Told(0, "BUSY: why")
+    for say in (gateway.said, program.heard, program.said, gateway.heard):
+        with pytest.raises(CarriageError):
+            say(why)  # it is not open yet
+    program, gateway = opened()
+    assert gateway.said(why)
+    assert program.heard(why)
+    with pytest.raises(CarriageError):
+        program.said(why)
+    assert program.said(Closed(0))
+    assert program.heard(why), "it was said before the gateway heard of the closing"
+    assert gateway.heard(Closed(0))
+    assert gateway.said(why)
+    assert gateway.said(Closed(0))
+    with pytest.raises(CarriageError):
+        gateway.said(why)
+    assert program.heard(Closed(0))
+    with pytest.raises(CarriageError):
+        program.heard(why)
 
 
 def test_nothing_comes_on_a_line_before_it_is_opened_or_after_it_was_closed():
@@ -209,6 +254,11 @@ class TwoEnds(RuleBasedStateMachine):
     def gateway_says(self, data, close):
         line = data.draw(st.sampled_from(sorted(self.gateway.open)))
         self.say(self.gateway, Closed(line) if close else Bytes(line, b"x"))
+
+    @precondition(lambda self: self.gateway.open or self.gateway.leaving)
+    @rule(data=st.data())
+    def gateway_tells(self, data):
+        self.say(self.gateway, Told(data.draw(st.sampled_from(sorted(self.gateway.open | self.gateway.leaving))), "NO"))
 
     @precondition(lambda self: self.program.leaving)
     @rule()

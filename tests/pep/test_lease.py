@@ -6,6 +6,7 @@ import os
 import secrets
 import socket
 import time
+from enum import StrEnum
 
 import httpx2
 import pytest
@@ -14,7 +15,7 @@ from capabilities import keys, session
 from capabilities.caps import DEFAULT as CAPS
 from capabilities.errors import Fault
 from pep.clock import SystemClock
-from pep.rtde.carriage import Beat, Bytes, Cutter, Open, Opened, decode, delimited, encode
+from pep.rtde.carriage import Beat, Bytes, Cutter, Open, Opened, decode, delimited, encode, Told
 from pep.rtde.lease import SILENCE_MS, Ending, Leases
 from pep.rtde.lease_door import LOSSLESS, Door
 from pep.rtde.lease_port import LeasePort
@@ -45,6 +46,8 @@ class Echo:
     def received(self, content):
         self.heard += content
         self.back.send(content)
+        if content == b"why":
+            self.back.tell("BUSY: so it is")
         if content == b"quit":
             self.back.close()
 
@@ -72,7 +75,7 @@ class House:
     """A gateway's door and port over a robot that only listens."""
 
     def __init__(self, rig, robot=None, ended=lambda lease, why: None):
-        self.rig, self.robot, self.over = rig, robot or Robot(), []
+        self.rig, self.robot, self.over, self.told = rig, robot or Robot(), [], []
         self.signer = keys.generate()
         self.leases = Leases()
         self.port = LeasePort(self.leases, self.robot, clock=rig.clock, ended=self._ended)
@@ -124,7 +127,9 @@ class House:
         """Ports of a program on an address of its own; with them, where they are and what ended them."""
         lease_id, opened = await self.lease(holder)
         over, host = [], f"127.{HOST.split('.')[1]}.{HOST.split('.')[2]}.11"
-        ports = ProgramPorts(opened, lease_id, clock=self.rig.clock, user=user, ended=over.append)
+        ports = ProgramPorts(
+            opened, lease_id, clock=self.rig.clock, user=user, ended=over.append, told=self.told.append
+        )
         await ports.begin(gateway=self.address, host=host, ports=(ECHO, BIG, SHUT))
         return ports, host, over
 
@@ -304,10 +309,40 @@ def test_a_shut_port_refuses_one_connection_only(tmp_path):
         reader, writer = await asyncio.open_connection(host, SHUT)
         assert await reader.read() == b""
         writer.close()
+        assert [text.partition(":")[0] for text in house.told] == ["NOT_GRANTED"], "and why it is shut is told"
         again, say = await asyncio.open_connection(host, ECHO)
         assert await read(again, 6) == b"banner"
         say.close()
         assert over == []
+
+    in_house(scenario, tmp_path)
+
+
+def test_what_a_line_tells_comes_beside_the_connection(tmp_path):
+    async def scenario(house):
+        _, host, over = await house.program(house.rig.agent())
+        reader, writer = await asyncio.open_connection(host, ECHO)
+        assert await read(reader, 6) == b"banner"
+        writer.write(b"why")
+        assert await read(reader, 3) == b"why", "the connection has what it had"
+        await until(lambda: house.told)
+        assert house.told == ["BUSY: so it is"]
+        writer.close()
+        assert over == []
+
+    in_house(scenario, tmp_path)
+
+
+def test_a_reason_that_is_not_known_is_told_as_it_is(tmp_path, monkeypatch):
+    """A younger gateway may have more of them."""
+    monkeypatch.setattr("ztpm.program_ports.Reason", StrEnum("Reason", ["BUSY"]))
+
+    async def scenario(house):
+        _, host, _ = await house.program(house.rig.agent())
+        reader, writer = await asyncio.open_connection(host, SHUT)
+        assert await reader.read() == b""
+        writer.close()
+        assert house.told == ["NOT_GRANTED"]
 
     in_house(scenario, tmp_path)
 
@@ -420,6 +455,7 @@ def flipped(frame):
         lambda bare: b"\xff" * 8,
         lambda bare: bare.frame(Bytes(3, b"x")),  # a line that is not open
         lambda bare: bare.frame(Opened(3)),
+        lambda bare: bare.frame(Told(7, "BUSY: said I")),  # the gateway's word
         lambda bare: b"".join(bare.frame(Open(n, ECHO)) for n in range(17)),
         lambda bare: (lambda frame: frame + frame)(bare.frame(Beat())),
     ],
@@ -467,7 +503,7 @@ def test_a_program_whose_gateway_is_silent_ends_too(tmp_path):
         deaf = await asyncio.start_server(lambda r, w: None, HOST, 0)
         lease_id, opened = await house.lease(house.rig.agent())
         over = []
-        ports = ProgramPorts(opened, lease_id, clock=house.rig.clock, user=OWN, ended=over.append)
+        ports = ProgramPorts(opened, lease_id, clock=house.rig.clock, user=OWN, ended=over.append, told=over.append)
         await ports.begin(gateway=deaf.sockets[0].getsockname(), host=HOST, ports=())
         await until(lambda: over)
         assert over == [Ending.SILENT]

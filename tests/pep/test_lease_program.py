@@ -93,6 +93,9 @@ class Permits:
     def withdrawn(self, held):
         pass
 
+    def refused(self, holder, refused, what):
+        raise AssertionError(refused)
+
 
 @pytest.fixture(scope="module")
 def controller():
@@ -106,7 +109,7 @@ def test_an_unmodified_program_runs_in_its_lease(controller, tmp_path):
         async with asyncio.timeout(90), House(Rig(tmp_path, SystemClock()), Relay(HOST)) as house:
             lease_id, opened = await house.lease(house.rig.agent())
             over, host = [], f"{HOST.rsplit('.', 1)[0]}.12"
-            ports = ProgramPorts(opened, lease_id, clock=house.rig.clock, user=OWN, ended=over.append)
+            ports = ProgramPorts(opened, lease_id, clock=house.rig.clock, user=OWN, ended=over.append, told=over.append)
             await ports.begin(gateway=house.address, host=host, ports=PORTS)
             program = await asyncio.create_subprocess_exec(
                 sys.executable, "-c", textwrap.dedent(PROGRAM), host, stdout=asyncio.subprocess.PIPE
@@ -143,7 +146,9 @@ def test_it_runs_when_each_of_its_commands_is_judged_and_its_lease_ends_with_its
         async with asyncio.timeout(90), House(rig, ports, ended=ports.over) as house:
             lease_id, opened = await house.lease(rig.agent())
             over, host = [], f"{HOST.rsplit('.', 1)[0]}.12"
-            program_ports = ProgramPorts(opened, lease_id, clock=rig.clock, user=OWN, ended=over.append)
+            program_ports = ProgramPorts(
+                opened, lease_id, clock=rig.clock, user=OWN, ended=over.append, told=over.append
+            )
             await program_ports.begin(gateway=house.address, host=host, ports=PORTS)
             program = await asyncio.create_subprocess_exec(
                 sys.executable, "-c", textwrap.dedent(PROGRAM), host, stdout=asyncio.subprocess.PIPE

@@ -42,7 +42,7 @@ class Desk:
             clock=cell.clock, closed=self.closed,
         )  # fmt: skip
         self.decides = cell.open(robot, stopper=self, program=self.ports)
-        self.judge, self.withdrawn = self.decides.judge, self.decides.withdrawn
+        self.judge, self.withdrawn, self.refused = self.decides.judge, self.decides.withdrawn, self.decides.refused
         self.lease = SimpleNamespace()
         self.without(())
 

@@ -19,6 +19,7 @@ from pep.rtde.leased_judge import LeasedJudge
 from pep.rtde.leased_requests import Fitted
 from pep.rtde.limits import LIMITS
 from pep.rtde.state import JointState, Package
+from pep.rtde.told import fits
 from pep.slot import Slot
 from pep.watch import Limits, Watch
 from policies.parameters import Parameters
@@ -140,7 +141,7 @@ class Held:
 
     def deny(self, reason, told):
         assert told.startswith(str(reason))
-        assert len(told) <= 250
+        assert fits(told)
         self.answers.append(reason)
 
     def defer(self, told):

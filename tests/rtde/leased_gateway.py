@@ -15,6 +15,7 @@ from pathlib import Path
 from pep.clock import SystemClock
 from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.gateway import Gateway
+from pep.rtde.lease import Ending
 from pep.rtde.leased_ports import LeasedPorts
 from pep.stopping import STOP_DECELERATION_RAD_S2
 from policies.reasons import Reason
@@ -60,6 +61,9 @@ class Judge:
         self.note("withdrawn", held.command)
         if self.manner == "break":
             raise ValueError
+
+    def refused(self, holder, refused, what):
+        self.note(f"refused {refused.reason}", what)
 
 
 class Zeros:
@@ -118,7 +122,7 @@ async def serve(listen, robot, file, judged=Judge):
     print("ready", flush=True)
     while line := (await lines.readline()).decode().strip():
         if line == "over":
-            ports.over(holding.lease, None)
+            ports.over(holding.lease, Ending.AUTHORITY)
             holding.closed(None)
         else:
             judge.manner = line

@@ -117,7 +117,14 @@ class Cell:
 
         async def lend():
             lease_id, opened = await self.house.lease(self.house.rig.agent())
-            ports = ProgramPorts(opened, lease_id, clock=self.house.rig.clock, user=OWN, ended=lambda ending: None)
+            ports = ProgramPorts(
+                opened,
+                lease_id,
+                clock=self.house.rig.clock,
+                user=OWN,
+                ended=lambda ending: None,
+                told=lambda text: None,
+            )
             await ports.begin(gateway=self.house.address, host=self.program)
             return ports
 

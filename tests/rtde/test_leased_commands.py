@@ -7,11 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pep.rtde import command_values as v
-from pep.rtde.acts import PATIENCE_MS, Ask, Braked, Halt, Refresh, Tell, Withdraw, Write
+from pep.rtde.acts import PATIENCE_MS, Ask, Braked, Halt, Note, Refresh, Tell, Withdraw, Write
 from pep.rtde.commands import EVERY_CYCLE, ROWS, CommandClass, decode, encode, row_of
 from pep.rtde.echo import QUIET
 from pep.rtde.grid import on_grid
 from pep.rtde.image import Image
+from pep.rtde.lease import Ending
 from pep.rtde.leased_commands import DONE, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
 from pep.rtde.move_path import PathMove, Waypoint
 from pep.rtde.recipes import DOUBLE, EXTERNAL_WRENCH, INT, Profile
@@ -117,6 +118,11 @@ def reasons(acts):
     return [act.text.partition(":")[0] for act in acts if isinstance(act, Tell)]
 
 
+def noted(acts):
+    """What goes on record, and of which command."""
+    return [(str(act.refused.reason), act.what) for act in acts if isinstance(act, Note)]
+
+
 EXAMPLES = {number: of_row(row) for number, row in ROWS.items()}
 PASSES = {n for n, row in ROWS.items() if row.command_class is CommandClass.GETTER} | {63}
 JUDGED = set(ROWS) - PASSES - set(STOPS) - {0, 35, 55}
@@ -147,6 +153,7 @@ def test_what_is_refused_is_never_written_and_fails_until_it_is_cleared(number, 
     line.commands.deny(question, Reason.ABOVE_CEILING, "too high")
     acts = line.acts()
     assert reasons(acts) == ["ABOVE_CEILING"]
+    assert noted(acts) == [], "the judge has it on record"
     assert not line.written(acts)
     assert line.commands.denied
     assert line.forward(question) == (False, [])
@@ -193,6 +200,7 @@ def test_an_unknown_id_is_refused(number):
     line = Line()
     acts = line.write({INT[0]: number})
     assert reasons(acts) == ["TOOL_UNKNOWN"]
+    assert noted(acts) == [("TOOL_UNKNOWN", "command")]
     assert not line.written(acts)
 
 
@@ -201,13 +209,17 @@ def test_a_command_with_a_number_that_it_cannot_have_is_refused(values):
     line = Line()
     acts = line.write({**encode(MOVE, 0), **values})
     assert reasons(acts)[0] in {"NOT_FINITE", "ROBOT_LIMIT", "PARAMETERS_WRONG"}
+    assert noted(acts) == [(reasons(acts)[0], "moveJ")]
+    assert noted(line.write({DOUBLE[1]: math.nan})) == [], "once, until it is cleared"
     assert not line.written(acts)
 
 
 def test_without_the_control_script_nothing_is_written():
     line = Line(running=False)
     for command in (MOVE, SPEED, v.SetWatchdog(10.0), v.Read(v.Reading.STEADY)):
-        assert reasons(line.say(command)) == ["ROBOT_NOT_RUNNING"]
+        acts = line.say(command)
+        assert reasons(acts) == ["ROBOT_NOT_RUNNING"]
+        assert noted(acts) == [("ROBOT_NOT_RUNNING", row_of(command).name)]
         assert line.write({INT[0]: 0}) == [Refresh()]
     assert line.say(v.StopJ(1.0, asynchronous=False)) == [Halt()], "a stop needs no register"
 
@@ -235,6 +247,7 @@ def test_a_drift_without_steps_ends_the_stream():
     acts = line.say(v.SpeedJ((0.2,) * 6, 1.0, 0.0))
     assert line.written(acts) == [v.SpeedStop(10.0)]
     assert reasons(acts) == ["NOT_WHAT_WAS_DECIDED"]
+    assert noted(acts) == [("NOT_WHAT_WAS_DECIDED", "speedJ")]
 
 
 def test_each_value_of_a_stream_is_judged_and_the_first_that_is_not_permitted_ends_it():
@@ -245,6 +258,7 @@ def test_each_value_of_a_stream_is_judged_and_the_first_that_is_not_permitted_en
     acts = line.say(third)
     assert line.written(acts) == [v.ServoStop(10.0)]
     assert reasons(acts) == ["IMPACT_ROSE"]
+    assert noted(acts) == [], "the stream's own record says it"
     assert (steps.asked, steps.over) == ([second, third], 1)
     assert line.say(second) == [], "and nothing more"
 
@@ -273,7 +287,9 @@ def test_a_judgement_that_breaks_ends_a_stream():
             raise ValueError
 
     line = Line().permitted(SERVO, Broken())
-    assert reasons(line.say(v.ServoJ((0.2,) * 6, 0.002, 0.1, 300.0))) == ["POLICY_ERROR"]
+    acts = line.say(v.ServoJ((0.2,) * 6, 0.002, 0.1, 300.0))
+    assert reasons(acts) == ["POLICY_ERROR"]
+    assert noted(acts) == [("POLICY_ERROR", "servoJ")]
 
 
 def test_the_newest_value_of_a_stream_is_judged_when_the_first_is_forwarded():
@@ -293,6 +309,7 @@ def test_a_swap_before_the_script_has_read_is_refused():
     line = Line().permitted(MOVE)
     acts = line.write({DOUBLE[0]: 2.0})
     assert reasons(acts) == ["NOT_WHAT_WAS_DECIDED"]
+    assert noted(acts) == [("NOT_WHAT_WAS_DECIDED", "moveJ")]
     assert not line.written(acts)
 
 
@@ -306,12 +323,16 @@ def test_a_swap_while_it_waits_withdraws_it():
 
 def test_one_id_over_another_is_refused_for_the_script_would_not_carry_it_out():
     line = Line().permitted(MOVE)
-    assert reasons(line.say(v.MoveL(Q, 0.1, 1.0, asynchronous=False))) == ["BUSY"]
+    acts = line.say(v.MoveL(Q, 0.1, 1.0, asynchronous=False))
+    assert reasons(acts) == ["BUSY"]
+    assert noted(acts) == [("BUSY", "moveL")]
 
 
 def test_registers_that_the_program_has_not_set_up_are_not_used():
     line = Line(claimed={INT[0], DOUBLE[0]})
-    assert reasons(line.say(MOVE)) == ["NOT_GRANTED"]
+    acts = line.say(MOVE)
+    assert reasons(acts) == ["NOT_GRANTED"]
+    assert noted(acts) == [("NOT_GRANTED", "moveJ")]
 
 
 def test_what_an_external_sensor_says_is_not_taken():
@@ -376,10 +397,10 @@ def test_the_end_of_the_script_and_of_the_connection_withdraw_and_end():
 
 def test_a_program_whose_lease_ends_hears_that_its_command_has_failed():
     line = Line().permitted(MOVE)
-    line.commands.leave()
+    line.commands.leave(Ending.AUTHORITY)
     acts = line.acts()
     assert line.commands.denied
-    assert reasons(acts) == ["ROBOT_NOT_RUNNING"]
+    assert [act.text for act in acts if isinstance(act, Tell)] == ["LEASE_OVER: authority"]
     assert Refresh() in acts
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pep.rtde.acts import Ask, Withdraw
+from pep.rtde.acts import Ask, Note, Tell, Withdraw
 from pep.rtde.codec import Framer, Recipe, decode_answer, decode_request, encode_answer, encode_request
 from pep.rtde.command_values import MoveJ, StopJ
 from pep.rtde.commands import encode
@@ -157,6 +157,7 @@ def test_a_refused_command_looks_like_a_program_that_has_ended_until_it_is_clear
     talk.line.commands.deny(asked.question, Reason.ABOVE_CEILING, "too high")
     talk.settled()
     assert talk.seen[-1] == Message("ABOVE_CEILING: too high", "ZTPM", 1)
+    assert [type(act) for act in talk.line.take()] == [Tell], "and beside the connection"
     shown = talk.package(timestamp=8.0)
     assert shown == {"runtime_state": 1, "robot_status_bits": 3, "timestamp": 8.0}, "and no lie about anything else"
     talk.write({INT[0]: 0})
@@ -289,9 +290,12 @@ def test_a_refused_output_is_not_written():
     talk = setting()
     talk.write({"standard_digital_output_mask": 8, "standard_digital_output": 8})
     (asked,) = talk.line.take()
-    talk.line.outputs.deny(asked.question, Reason.NOT_GRANTED, "no")
+    talk.seen.clear()
+    talk.line.outputs.deny(asked.question, Reason.NOT_GRANTED, "NOT_GRANTED: no")
     assert not talk.line.outputs.forward(asked.question)
     assert talk.settled() == []
+    assert talk.seen == [], "a client that has not started takes the next frame for an answer"
+    assert talk.line.take() == [Tell("NOT_GRANTED: no", 1)], "but whoever runs it is told"
 
 
 @pytest.mark.parametrize(
@@ -336,6 +340,21 @@ def test_who_asks_anew_for_the_same_output_does_not_want_what_was_asked_before(f
     assert talk.line.outputs.forward(asked.question) is not same
 
 
+def test_an_output_that_the_line_refuses_itself_goes_on_record():
+    talk = setting()
+    for values, reason in (
+        ({"tool_digital_output_mask": 255}, Reason.OUT_OF_RANGE),
+        ({"speed_slider_mask": 1, "speed_slider_fraction": float("nan")}, Reason.NOT_FINITE),
+    ):
+        assert talk.write(values) == []
+        noted, told = talk.line.take()
+        assert isinstance(noted, Note)
+        assert noted.refused.reason is reason
+        assert told.text.startswith(f"{reason}: ")
+        talk.write(dict.fromkeys(values, 0))
+        talk.line.take()
+
+
 def test_a_free_register_keeps_what_was_judged():
     talk = setting()
     talk.write({INT[18]: 5})
@@ -355,11 +374,13 @@ def test_what_waits_has_a_bound_and_an_end():
     for output in range(8):
         talk.write({"standard_digital_output_mask": 1 << output})
     talk.write({INT[18]: 1})
-    asked = talk.line.take()
+    *asked, noted, told = talk.line.take()
     assert [type(act) for act in asked] == [Ask] * 8
+    assert (noted.refused.reason, noted.what) == (Reason.BUSY, "SetInputInteger")
+    assert isinstance(told, Tell)
     talk.line.outputs.look(at_ms=60_001)
     talk.settled()
-    assert [type(act) for act in talk.line.take()] == [Withdraw] * 8
+    assert [type(act) for act in talk.line.take()] == [Withdraw, Tell] * 8
     assert not talk.line.outputs.forward(asked[0].question)
 
 

@@ -12,6 +12,7 @@ from pep.rtde import program as program_words
 from pep.rtde.control_program import START_MS, WAIT_MS, ControlProgram, Phase, Turn
 from pep.rtde.control_script import Upload, allow_list, installed_body, scripts_for
 from pep.rtde.feed import FRESH_MS, Sample
+from pep.rtde.lease import Ending
 from pep.rtde.leased_commands import DONE, READY
 from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.leased_scripts import ONLY_STOPS, LeasedScripts
@@ -151,7 +152,7 @@ class Broken:
     def __init__(self):
         self.line, self.parts = self, ()
 
-    def leave(self):
+    def leave(self, *_):
         raise IndexError
 
     refresh = settle = leave
@@ -170,7 +171,7 @@ def test_a_line_that_breaks_keeps_no_stop(ports):
     ports.ladder, tenant.program = Ladder(), running()
     tenant.control, tenant.lines = None, {Broken()}
     with pytest.raises(IndexError):
-        ports.over(lease, None)
+        ports.over(lease, Ending.AUTHORITY)
     assert len(sent) == 2
     assert ports._tenant is None
 

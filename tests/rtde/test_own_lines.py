@@ -43,6 +43,9 @@ class Program:
     def close(self):
         pass
 
+    def tell(self, text):
+        pass
+
 
 class Served:
     """The ports of a controller and our own lines there, on a loop in a thread of its own; also the ports' judge."""
@@ -73,6 +76,9 @@ class Served:
 
     def withdrawn(self, held):
         self.own.withdrawn(held)
+
+    def refused(self, holder, refused, what):
+        self.own.refused(holder, refused, what)
 
     def close(self):
         async def over():

@@ -82,12 +82,16 @@ def nothing():
     """Nobody waits for the ports."""
 
 
+def unheard(text):
+    """Nobody asks why."""
+
+
 def test_a_program_finds_the_robot_and_its_status_is_told(tmp_path):
     async def scenario(door):
         host = free_host(secrets.token_bytes(16), vacant)
-        ended = await lend(await door.lease(), host, program(ASKS), begun=nothing)
+        ended = await lend(await door.lease(), host, program(ASKS), begun=nothing, told=unheard)
         assert (ended.early, ended.status) == (None, 0)
-        ended = await lend(await door.lease(), host, program(ASKS + "sys.exit(5)"), begun=nothing)
+        ended = await lend(await door.lease(), host, program(ASKS + "sys.exit(5)"), begun=nothing, told=unheard)
         assert (ended.early, ended.status) == (None, 5)
         await until(lambda: len(door.house.over) == 2)
         assert {why for _, why in door.house.over} == {Ending.CLOSED}
@@ -99,7 +103,7 @@ def test_a_program_finds_the_robot_and_its_status_is_told(tmp_path):
 def test_who_serves_until_a_signal_gives_the_lease_back_then(tmp_path):
     async def scenario(door):
         host, begun = free_host(secrets.token_bytes(16), vacant), asyncio.Event()
-        serving = asyncio.create_task(lend(await door.lease(), host, [], begun=begun.set))
+        serving = asyncio.create_task(lend(await door.lease(), host, [], begun=begun.set, told=unheard))
         await begun.wait()
         reader, writer = await asyncio.open_connection(host, ECHO)
         assert await reader.readexactly(6) == b"banner"
@@ -117,7 +121,7 @@ def test_a_signal_goes_on_to_the_program_and_its_death_is_told(tmp_path, number)
     async def scenario(door):
         host, begun = free_host(secrets.token_bytes(16), vacant), asyncio.Event()
         waits = "import signal, sys, time; signal.signal(signal.SIGINT, signal.SIG_DFL); print(1, flush=True); time.sleep(60)"
-        running = asyncio.create_task(lend(await door.lease(), host, program(waits), begun=begun.set))
+        running = asyncio.create_task(lend(await door.lease(), host, program(waits), begun=begun.set, told=unheard))
         await begun.wait()
         await asyncio.sleep(0.5)  # it has said how it takes the signal
         os.kill(os.getpid(), number)
@@ -130,7 +134,9 @@ def test_a_signal_goes_on_to_the_program_and_its_death_is_told(tmp_path, number)
 def test_a_lease_that_ends_first_closes_the_programs_connections_and_is_told(tmp_path):
     async def scenario(door):
         host = free_host(secrets.token_bytes(16), vacant)
-        running = asyncio.create_task(lend(await door.lease(), host, program(STAYS, "0.2"), begun=nothing))
+        running = asyncio.create_task(
+            lend(await door.lease(), host, program(STAYS, "0.2"), begun=nothing, told=unheard)
+        )
         await until(lambda: any(line.heard == b"hello" for line in door.house.robot.lines))
         door.house.port.end(Ending.AUTHORITY)
         ended = await running

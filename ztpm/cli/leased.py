@@ -45,13 +45,15 @@ def run(
     """Run a program that moves the robot under an agent's lease. The lease ends with the program.
 
     The exit status is the program's own; 3 where the lease was refused, 1 where it ended before the program did and the
-    program called that a success.
+    program called that a success. Why the gateway refuses something is told on standard error.
     """
+    from pep.rtde.lease import LEASE_OVER
+
     ended = _lent(
         agent, command, token=token, gateway=(gateway, audience, pep), address=address, data=data, as_json=False
     )
     if _cut_short(ended):
-        typer.echo(f"LEASE_OVER: {ended.early}", err=True)
+        typer.echo(f"{LEASE_OVER}: {ended.early}", err=True)
         raise typer.Exit(ended.status or FAILURE)
     raise typer.Exit(ended.status)
 
@@ -69,11 +71,13 @@ def connect(
 ) -> None:
     """Hold an agent's lease for a program that runs already; prints where that finds the robot.
 
-    It ends with the program's connection, or with Ctrl-C.
+    It ends with the program's connection, or with Ctrl-C. Why the gateway refuses something is told on standard error.
     """
+    from pep.rtde.lease import LEASE_OVER
+
     ended = _lent(agent, [], token=token, gateway=(gateway, audience, pep), address=address, data=data, as_json=as_json)
     if _cut_short(ended):
-        fail("LEASE_OVER", str(ended.early), as_json=as_json)
+        fail(LEASE_OVER, str(ended.early), as_json=as_json)
 
 
 def _lent(
@@ -92,6 +96,7 @@ def _lent(
     from pep.rtde.lines import PORTS
     from ztpm.leasing import LeaseError, lend, open_lease
     from ztpm.loopback import free_host, is_free
+    from ztpm.told_lines import ToldLines, on_standard_error
 
     text = read_token(token, as_json=as_json)
     key = key_of(agent, data=data, as_json=as_json)
@@ -107,7 +112,8 @@ def _lent(
     try:
         host = address or free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in PORTS))
         leased = open_lease(door, audience, text, key, gateway_key=expected)
-        return asyncio.run(lend(leased, host, command, begun=lambda: begun(host)))
+        with ToldLines(on_standard_error) as lines:
+            return asyncio.run(lend(leased, host, command, begun=lambda: begun(host), told=lines.tell))
     except LeaseError as error:
         fail(error.code, error.detail, as_json=as_json, status=DENY if error.refused else FAILURE)
     except OSError as error:

@@ -49,6 +49,9 @@ class Rule:
     def withdrawn(self, held):
         pass
 
+    def refused(self, holder, refused, what):
+        pass
+
     def forward(self, held):
         number = self.note(held.command)
         if not held.forward(self):
