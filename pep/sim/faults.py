@@ -36,6 +36,8 @@ class Faults:
             "release_emergency_stop": self._act(lambda c: c.release_emergency_stop()),
             "violation": self._act(lambda c: c.emergency_stop(SafetyMode.VIOLATION)),
             "fault": self._act(lambda c: c.emergency_stop(SafetyMode.FAULT)),
+            "reduced_mode": self._act(lambda c: c.reduced_mode(on=True)),
+            "normal_mode": self._act(lambda c: c.reduced_mode(on=False)),
             "local_control": self._act(lambda c: setattr(c, "remote", False)),
             "remote_control": self._act(lambda c: setattr(c, "remote", True)),
             "touch": self._act(lambda c: setattr(c.robot, "touched_at", c.robot.step)),
