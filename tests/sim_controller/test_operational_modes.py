@@ -71,22 +71,24 @@ class Watcher:
         return kind, body
 
     def error(self):
-        """Code and argument of the next error message."""
-        while True:
+        """Code and argument of the next error message, within two seconds of states."""
+        for _ in range(20):
             kind, body = self.frame()
             if kind == MESSAGE and body[9] == ERROR:
                 return struct.unpack_from(">ii", body, 10)
             assert kind == STATE or body[9] not in {EXCEPTION, KEY}, "a program was taken"
+        raise AssertionError("no error is told")
 
     def mode(self):
         """What the Masterboard part of the next state says: its operational mode."""
-        while True:
+        for _ in range(20):
             kind, body = self.frame()
             while kind == STATE and body:
                 size, part = struct.unpack_from(">iB", body)
                 if part == MASTERBOARD:
                     return body[size - 3]  # before the enabling device and a reserved byte
                 body = body[size:]
+        raise AssertionError("no state is told")
 
 
 def be(cell, panel, kind):
