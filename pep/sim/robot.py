@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from pep.rtde.variables import INPUTS, OUTPUTS, WIDTH, VariableType
 from pep.sim.arm import AXES, GRAVITY_M_S2, Body
 from pep.sim.drive import Drive
-from pep.sim.dynamics import joint_torques, linear_momentum
+from pep.sim.dynamics import acceleration, joint_torques, linear_momentum
 from pep.sim.motion import ZERO, Brake, MoveJoints, MoveTool
 from pep.sim.spatial import IDENTITY, Frame, Triple, chain, rotate, to_frame, to_pose, transpose
 
@@ -192,7 +192,6 @@ class Robot:
         drive = self.drive
         return {
             "timestamp": lambda: self.step * TICK_S,
-            "control_step": lambda: self.step,
             "actual_q": lambda: drive.now.q,
             "target_q": lambda: drive.now.q,
             "actual_qd": lambda: drive.now.qd,
@@ -202,6 +201,8 @@ class Robot:
             "target_TCP_pose": lambda: self.tool_pose,
             "actual_TCP_speed": self.tool_speed,
             "target_TCP_speed": self.tool_speed,
+            "actual_TCP_acceleration": self.tool_acceleration,
+            "target_TCP_acceleration": self.tool_acceleration,
             "target_moment": self.torques,
             "actual_TCP_force": self.tool_force,
             "ft_raw_wrench": self.tool_force,
@@ -214,7 +215,6 @@ class Robot:
             "payload": lambda: self.payload_kg,
             "payload_cog": lambda: self.payload_cog_m,
             "payload_inertia": lambda: self.payload_inertia,
-            "target_gravity": lambda: self.gravity,
             "robot_mode": lambda: self.mode,
             "joint_mode": lambda: (self.joint_mode,) * AXES,
             "safety_mode": lambda: self.safety,
@@ -226,6 +226,7 @@ class Robot:
             "time_scale_source": lambda: self.slowed_for if self.runtime is RuntimeState.PLAYING else 0,
             "target_speed_fraction": lambda: drive.slider,
             "actual_digital_output_bits": lambda: self.digital_out,
+            "actual_configurable_digital_output_bits": lambda: self.digital_out >> 8 & 0xFF,
             "standard_analog_output0": lambda: self.analog_out(0),
             "standard_analog_output1": lambda: self.analog_out(1),
             "analog_io_types": lambda: self.analog_domain << 2,
@@ -238,6 +239,10 @@ class Robot:
     def tool_speed(self) -> tuple[float, ...]:
         """Velocity of the tool centre point: m/s, then rad/s."""
         return self.once(_tool_speed)
+
+    def tool_acceleration(self) -> tuple[float, ...]:
+        """Acceleration of the tool centre point: m/s2, then rad/s2."""
+        return self.once(_tool_acceleration)
 
     def flange_speed(self) -> tuple[float, ...]:
         """Velocity of the tool flange: m/s, then rad/s."""
@@ -337,6 +342,10 @@ def _tool_pose(robot: Robot) -> tuple[float, ...]:
 def _tool_speed(robot: Robot) -> tuple[float, ...]:
     now = robot.drive.now
     return ZERO if now.at_rest else robot.arm.twist(robot.frames, now.qd, robot.tcp)
+
+
+def _tool_acceleration(robot: Robot) -> tuple[float, ...]:
+    return acceleration(robot.frames, robot.drive.now, robot.tcp)
 
 
 def _flange_speed(robot: Robot) -> tuple[float, ...]:
