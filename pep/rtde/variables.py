@@ -78,10 +78,12 @@ OUTPUTS: Final = (
         (T.VECTOR6D, "target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_current"),
         (T.VECTOR6D, "actual_current_window joint_control_output joint_temperatures actual_joint_voltage"),
         (T.VECTOR6D, "actual_TCP_pose target_TCP_pose actual_TCP_speed target_TCP_speed actual_TCP_force"),
-        (T.VECTOR6D, "ft_raw_wrench payload_inertia tcp_offset"),
+        (T.VECTOR6D, "ft_raw_wrench wrench_calc_from_currents payload_inertia tcp_offset"),
+        (T.VECTOR6D, "actual_TCP_acceleration target_TCP_acceleration target_base_acceleration"),
         (T.VECTOR6INT32, "joint_mode"),
-        (T.VECTOR3D, "actual_tool_accelerometer elbow_position elbow_velocity payload_cog target_gravity"),
-        (T.UINT64, "actual_digital_input_bits actual_digital_output_bits control_step"),
+        (T.VECTOR3D, "actual_tool_accelerometer elbow_position elbow_velocity payload_cog"),
+        (T.UINT64, "actual_digital_input_bits actual_digital_output_bits"),
+        (T.UINT64, "actual_configurable_digital_input_bits actual_configurable_digital_output_bits"),
         (T.UINT32, "runtime_state robot_status_bits safety_status_bits analog_io_types tool_mode"),
         (T.UINT32, "tool_analog_input_types script_control_line euromap67_input_bits euromap67_output_bits"),
         (T.INT32, "robot_mode safety_mode safety_status tool_output_voltage encoder0_raw encoder1_raw"),
@@ -92,5 +94,13 @@ OUTPUTS: Final = (
     | _registers("input")
 )
 
-# Output names younger than PolyScope 5.11; an older controller answers NOT_FOUND.
-OUTPUTS_SINCE: Final[dict[str, int]] = {"actual_current_as_torque": 23}
+# Output names younger than PolyScope 5.11; an older controller answers NOT_FOUND. The first four are in the tests of
+# the vendor's client library, the first in ur_rtde too; of the last two only that they are younger than 5.22 is known.
+OUTPUTS_SINCE: Final[dict[str, int]] = {
+    "actual_current_as_torque": 23,
+    "control_step": 26,
+    "target_gravity": 26,
+    "target_base_wrench": 26,
+    "actual_robot_energy_consumed": 23,
+    "actual_robot_braking_energy_dissipated": 23,
+}

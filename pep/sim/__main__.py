@@ -2,7 +2,7 @@
 
 Prints one JSON line when every port listens, and another with its timing when it ends; with `--words` both are for
 people. SIGTERM and SIGINT end it, and so does a client's `shutdown`. With `--commands` it also reads faults as JSON
-lines (`pep.sim.faults`) from standard input, and ends when that does.
+lines (`pep.sim.faults`) from standard input, and ends when that does. `--fault` has some come by themselves.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from pep.rtde.messages import ControlVersion
-from pep.sim.faults import FaultError, Faults
+from pep.sim.faults import USAGE, FaultError, Faults, PlannedFault
 from pep.sim.server import HOME, Settings, Simulator
 from pep.stopping import STOP_DECELERATION_RAD_S2
 
@@ -61,6 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
     version = f"{options.polyscope.major}.{options.polyscope.minor}"
     ports = [port.number for port in simulator.ports]
     say({"ready": True, "host": options.host, "polyscope": version, "ports": ports})
+    _befall(simulator, options.fault, over)
     over.wait()
     simulator.stop()
     with suppress(BrokenPipeError):  # nobody may be left to hear it
@@ -92,6 +94,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--words", action="store_true", help="say it in words instead of JSON")
     parser.add_argument("--gripper-object", type=float, default=None, help="width between the gripper's fingers [m]")
+    parser.add_argument(
+        "--fault",
+        type=_fault,
+        action="append",
+        default=[],
+        metavar="NAME[=VALUE][@SECONDS]",
+        help=f"comes when the controller is ready, or so long after; again for more: {USAGE}",
+    )
     parser.add_argument("--commands", action="store_true", help="read faults from standard input; end with it")
     return parser
 
@@ -111,6 +121,22 @@ def _version(text: str) -> ControlVersion:
     if not 2 <= len(numbers) <= 4 or not all(0 <= number < 2**31 for number in numbers):
         raise argparse.ArgumentTypeError("two to four numbers, separated by dots")
     return ControlVersion(*numbers, *[0] * (4 - len(numbers)))
+
+
+def _fault(text: str) -> PlannedFault:
+    try:
+        return PlannedFault.parse(text)
+    except FaultError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def _befall(simulator: Simulator, planned: list[PlannedFault], over: threading.Event) -> None:
+    """Each fault at its time, those of one time in the order they were given, until it is over."""
+    begun = time.monotonic()
+    for fault in sorted(planned, key=lambda each: each.at_s):
+        if over.wait(max(0.0, begun + fault.at_s - time.monotonic())):
+            return
+        fault.deed(simulator)
 
 
 def _obey(simulator: Simulator, end: Callable[[], None]) -> None:

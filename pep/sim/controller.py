@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 from pep.sim.motion import MotionError
 from pep.sim.program import Ended, Execution
-from pep.sim.robot import TICK_S, Robot, RobotMode, RuntimeState, SafetyMode
+from pep.sim.robot import TICK_S, UNSTOPPED, OperationalMode, Robot, RobotMode, RuntimeState, SafetyMode
+from pep.sim.safety import SafetyLimits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from pep.rtde.codec import Value
     from pep.sim.compiler import Compiled
     from pep.sim.gripper import Gripper
+    from pep.sim.safety import Cause
 
 MAX_INBOX: Final = 4096  # writes waiting for the next tick; a connection that outruns the controller waits for it
 ANSWER_DEADLINE_S: Final = 5.0  # for a question to the tick thread; it answers within one tick unless the host stalls
@@ -57,7 +59,7 @@ class Controller:
         gripper: moved by the same tick.
 
     Attributes:
-        remote: whether it takes programs over its ports (remote control), or from its own panel alone (local control).
+        remote: whether a person at its panel has given it to its ports (remote control), or kept it (local control).
             What runs when a person switches goes on.
     """
 
@@ -67,14 +69,25 @@ class Controller:
         self.listeners: list[Callable[[], None]] = []
         self.on_event: Callable[[Event, str], object] = _unheard
         self.on_exception: Callable[[int, str], object] = _unheard
+        self.on_operational_mode: Callable[[OperationalMode], object] = _unheard
         self.program_name = ""
         self.remote = True
+        self._limits = SafetyLimits(robot)
+        self._reduced = False
         self._execution: Execution | None = None
         self._next: Compiled | None = None
         self._inbox: deque[Mapping[str, Value] | Callable[[], None]] = deque()
         self._stopped_at: int | None = None  # step of the last protective stop
         self._power_goal = RobotMode.RUNNING
         self._power_due = 0
+
+    @property
+    def obeys(self) -> bool:
+        """Whether it takes programs and power over its ports: in remote control, and not in manual mode.
+
+        Manual mode is for a person at the panel; the ports are then as in local control.
+        """
+        return self.remote and self.robot.operational is not OperationalMode.MANUAL
 
     # -- for other threads
 
@@ -115,6 +128,7 @@ class Controller:
                 robot.write(received)
         self._power()
         self._run()
+        self._limits.slow()
         try:
             robot.drive.advance(TICK_S)
         except MotionError as error:
@@ -123,6 +137,8 @@ class Controller:
             robot.alarm = "a joint would need more torque than it has"
         if robot.alarm is not None:
             self._protective_stop(robot.alarm)
+        if robot.safety in UNSTOPPED and (cause := self._limits.exceeded()) is not None:
+            self._violate(cause)
         self._settle()
         self.gripper.tick(TICK_S)
         for listener in self.listeners:
@@ -164,14 +180,14 @@ class Controller:
         A secondary program runs at once, beside whatever runs.
         """
         robot = self.robot
-        if not self.remote:
+        if not self.obeys:
             return Refusal.LOCAL
         if compiled.secondary:
             ending = Execution(compiled, robot).run_through()
             if ending.why is Ended.FAILED:
                 self.on_exception(ending.line, ending.text)
             return None
-        if robot.mode is not RobotMode.RUNNING or robot.safety is not SafetyMode.NORMAL:
+        if robot.mode is not RobotMode.RUNNING or robot.safety not in UNSTOPPED:
             return Refusal.NOT_READY
         self._end()
         self._next = compiled
@@ -194,7 +210,7 @@ class Controller:
     def play(self) -> bool:
         """A paused program goes on; whether there was one and it may."""
         robot = self.robot
-        if not self.remote or robot.runtime is not RuntimeState.PAUSED or robot.safety is not SafetyMode.NORMAL:
+        if not self.obeys or robot.runtime is not RuntimeState.PAUSED or robot.safety not in UNSTOPPED:
             return False
         robot.drive.resume()
         robot.runtime = RuntimeState.RESUMING
@@ -216,6 +232,12 @@ class Controller:
             self.on_event(Event.STOPPED, self.program_name)
         self.robot.runtime = RuntimeState.STOPPING
 
+    def set_operational_mode(self, mode: OperationalMode) -> None:
+        """The robot is in `mode`, and whoever hears is told of a change. What runs goes on."""
+        if self.robot.operational is not mode:
+            self.robot.operational = mode
+            self.on_operational_mode(mode)
+
     # -- safety and power; called in the tick thread
 
     def _protective_stop(self, reason: str) -> None:
@@ -228,8 +250,23 @@ class Controller:
         self.on_exception(0, f"protective stop: {reason}")
         self._hold()
 
+    def _violate(self, cause: Cause) -> None:
+        """A safety limit was exceeded: a stop of category 0, and the safety system must be restarted."""
+        self.on_exception(0, f"safety limit exceeded: {cause.name}")
+        self.emergency_stop(SafetyMode.VIOLATION)
+
+    def reduced_mode(self, *, on: bool) -> None:
+        """The safety input for reduced mode: its limits apply, or those of normal mode again."""
+        self._reduced = on
+        if self.robot.safety in UNSTOPPED:
+            self._calm()
+
+    def _calm(self) -> None:
+        self.robot.safety = SafetyMode.REDUCED if self._reduced else SafetyMode.NORMAL
+
     def _hold(self) -> None:
-        if not self.pause():
+        waiting = self.robot.runtime in (RuntimeState.PAUSING, RuntimeState.PAUSED)
+        if not waiting and not self.pause():  # a second stop takes nothing from the motion that waits
             self.robot.drive.halt()
 
     def emergency_stop(self, safety: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
@@ -240,23 +277,23 @@ class Controller:
     def release_emergency_stop(self) -> None:
         """The button is pulled out; power stays off."""
         if self.robot.safety in (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP):
-            self.robot.safety = SafetyMode.NORMAL
+            self._calm()
 
     def safeguard_stop(self) -> None:
         """A safeguard input opens: the arm brakes, the program waits, the power stays."""
-        if self.robot.safety is SafetyMode.NORMAL:
+        if self.robot.safety in UNSTOPPED:
             self.robot.safety = SafetyMode.SAFEGUARD_STOP
             self._hold()
 
     def release_safeguard_stop(self) -> None:
         """The input closes; the program goes on when somebody plays it."""
         if self.robot.safety is SafetyMode.SAFEGUARD_STOP:
-            self.robot.safety = SafetyMode.NORMAL
+            self._calm()
 
     def restart_safety(self) -> None:
         """After a violation or a fault: the safety system starts anew, without power. No button is pulled out by it."""
         if self.robot.safety in (SafetyMode.VIOLATION, SafetyMode.FAULT):
-            self.robot.safety = SafetyMode.NORMAL
+            self._calm()
         self.power_off()
 
     def unlock_protective_stop(self) -> bool:
@@ -266,7 +303,7 @@ class Controller:
             return True
         if self._stopped_at is not None and (robot.step - self._stopped_at) * TICK_S < UNLOCK_AFTER_S:
             return False
-        robot.safety = SafetyMode.NORMAL
+        self._calm()
         return True
 
     def power_on(self) -> None:

@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING, Final
 
 from pep.sim.recognition import ANSWER, QUESTION
-from pep.sim.robot import RuntimeState
+from pep.sim.robot import OperationalMode, RuntimeState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,6 +22,11 @@ SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}_2022-04-01_00-00-00.zip"  # a name al
 MODEL: Final = "UR3"  # what a UR3e answers
 TOO_SOON: Final = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
+)
+# What a robot in local control answers, as reported in issue 181 of UR's ROS 2 driver.
+NOT_REMOTE: Final = (
+    "Command is not allowed due to safety reasons, "
+    "please switch robot to Remote Control mode and reconnect to port 29999"
 )
 _ROLES: Final = ("none", "operator", "programmer", "locked", "restricted")
 
@@ -49,7 +54,6 @@ class Dashboard:
         self._version = version
         self._shutdown = shutdown
         self._role = "programmer"
-        self._mode = "NONE"
         self._reports = 0
         self._rows = [
             (re.compile(pattern), answer) for since, pattern, answer in self._grammar() if since <= version.minor
@@ -89,14 +93,14 @@ class Dashboard:
         file = r"([A-Za-z0-9_./-]{1,200})"
         return [
             (0, "stop", self._stop),
-            (0, "play", self._play),
+            (0, "play", self._remotely(self._play)),
             (0, "pause", self._pause),
             (0, "quit", say("Disconnected")),
             (0, "shutdown", self._turn_off),
             (0, "running", lambda: f"Program running: {_flag(self._runtime is RuntimeState.PLAYING)}"),
             (0, "robotmode", lambda: f"Robotmode: {self._controller.robot.mode.name}"),
-            (0, f"load {file}", lambda name: f"File not found: {name}"),  # this controller keeps no files
-            (0, f"load installation {file}", lambda name: f"File not found: {name}"),
+            (0, f"load {file}", self._remotely(_no_file)),
+            (0, f"load installation {file}", self._remotely(_no_file)),
             (0, "get loaded program", say("No program loaded")),
             (0, r"popup (.{0,500})", lambda _text: "showing popup"),
             (0, "close popup", say("closing popup")),
@@ -112,16 +116,16 @@ class Dashboard:
             (0, "getUserRole", self._get_role),
             (0, "set operational mode (manual|automatic)", self._set_mode),
             (0, "clear operational mode", self._clear_mode),
-            (6, "get operational mode", lambda: self._mode),
-            (0, "power on", self._power(self._controller.power_on, "Powering on")),
+            (6, "get operational mode", lambda: self._controller.robot.operational.name),
+            (0, "power on", self._remotely(self._power(self._controller.power_on, "Powering on"))),
             (0, "power off", self._power(self._controller.power_off, "Powering off")),
-            (0, "brake release", self._power(self._controller.brake_release, "Brake releasing")),
+            (0, "brake release", self._remotely(self._power(self._controller.brake_release, "Brake releasing"))),
             (0, "safetymode", lambda: f"Safetymode: {self._controller.robot.safety.name}"),
             (4, "safetystatus", lambda: f"Safetystatus: {self._controller.robot.safety.name}"),
-            (0, "unlock protective stop", self._unlock),
+            (0, "unlock protective stop", self._remotely(self._unlock)),
             (0, "close safety popup", say("closing safety popup")),
-            (1, "restart safety", self._restart_safety),
-            (6, "is in remote control", lambda: _flag(self._controller.remote)),
+            (1, "restart safety", self._remotely(self._restart_safety)),
+            (6, "is in remote control", lambda: _flag(self._controller.obeys)),
             (6, "get serial number", say(SERIAL_NUMBER)),
             (6, "get robot model", say(MODEL)),
             (0, f"{QUESTION} ([0-9a-f]{{32}})", lambda nonce: f"{ANSWER}{nonce}"),  # no robot says this
@@ -148,6 +152,10 @@ class Dashboard:
 
     def _get_role(self) -> str:
         return self._role.upper()
+
+    def _remotely(self, answer: Callable[..., str]) -> Callable[..., str]:
+        """What makes the robot ready to move is for remote control; stops and questions are for everybody."""
+        return lambda *found: answer(*found) if self._controller.obeys else NOT_REMOTE
 
     def _stop(self) -> str:
         self._controller.ask(self._controller.stop)
@@ -186,17 +194,22 @@ class Dashboard:
         return f"Setting user role: {role}"
 
     def _set_mode(self, mode: str) -> str:
-        self._mode = mode.upper()
-        return f"Operational mode {self._mode} is set"
+        wanted = OperationalMode[mode.upper()]
+        self._controller.ask(lambda: self._controller.set_operational_mode(wanted))
+        return f"Operational mode {wanted.name} is set"
 
     def _clear_mode(self) -> str:
-        self._mode = "NONE"
+        self._controller.ask(lambda: self._controller.set_operational_mode(OperationalMode.NONE))
         return "No longer controlling the operational mode. Current operational mode: 'NONE'."
 
     def _report(self, kind: str) -> str:
         del kind
         self._reports += 1
         return f"Flight Report generated with id: {self._reports}"
+
+
+def _no_file(name: str) -> str:
+    return f"File not found: {name}"  # this controller keeps no files
 
 
 def _say(text: str) -> Callable[[], str]:

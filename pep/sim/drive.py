@@ -27,6 +27,8 @@ class Drive:
         self.now = Kinetic(q, ZERO, ZERO)
         self.stop_deceleration_rad_s2 = stop_deceleration_rad_s2
         self.scaling = 1.0
+        self.allowed = 1.0  # of the scaling, by the safety limits; it acts at once, the slider by and by
+        self._slid = 1.0
         self.slider = 1.0
         self.slider_change_per_s = SLIDER_CHANGE_PER_S
         self.history: deque[Joints] = deque(maxlen=HISTORY)
@@ -94,7 +96,8 @@ class Drive:
         """
         self.history.append(self.now.q)
         change = self.slider_change_per_s * dt_s
-        self.scaling += max(-change, min(change, self.slider - self.scaling))
+        self._slid += max(-change, min(change, self.slider - self._slid))
+        self.scaling = min(self._slid, self.allowed)
         motion = self._motion
         if motion is None:
             return

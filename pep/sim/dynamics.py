@@ -32,7 +32,7 @@ def joint_torques(arm: Arm, frames: Sequence[Frame], now: Kinetic, load: Body, l
     last = len(frames) - 1
     for j, (joint, (position, r)) in enumerate(zip(arm.joints, frames, strict=True)):
         step = _less(position, origin)
-        rise = add(rise, add(cross(gain, step), cross(spin, cross(spin, step))))
+        rise = add(rise, _carried(spin, gain, step))
         axis = (r[2], r[5], r[8])
         turn = _times(axis, now.qd[j])
         gain = add(gain, add(_times(axis, now.qdd[j]), cross(spin, turn)))
@@ -53,6 +53,30 @@ def joint_torques(arm: Arm, frames: Sequence[Frame], now: Kinetic, load: Body, l
     return tuple(reversed(torques))
 
 
+def acceleration(frames: Sequence[Frame], now: Kinetic, tcp: Frame) -> tuple[float, ...]:
+    """Acceleration of the tool centre point in the base frame: m/s2, then rad/s2.
+
+    Args:
+        frames: the arm's link frames at `now.q`.
+        now: joint speeds and accelerations.
+        tcp: the tool centre point in the flange frame.
+    """
+    spin, gain, push, origin = NOUGHT, NOUGHT, NOUGHT, NOUGHT
+    for (position, r), rate, growth in zip(frames, now.qd, now.qdd, strict=True):
+        push = add(push, _carried(spin, gain, _less(position, origin)))
+        axis = (r[2], r[5], r[8])
+        turn = _times(axis, rate)
+        gain = add(gain, add(_times(axis, growth), cross(spin, turn)))
+        spin = add(spin, turn)
+        origin = position
+    return (*add(push, _carried(spin, gain, rotate(frames[-1][1], tcp[0]))), *gain)
+
+
+def _carried(spin: Triple, gain: Triple, arm: Triple) -> Triple:
+    """What a body's turning adds to the acceleration of a point at `arm`."""
+    return add(cross(gain, arm), cross(spin, cross(spin, arm)))
+
+
 def linear_momentum(
     arm: Arm, frames: Sequence[Frame], qd: Sequence[float], payload_kg: float, payload_com_m: Triple
 ) -> float:
@@ -71,7 +95,7 @@ def _wrench(frame: Frame, body: Body, motion: tuple[Triple, Triple, Triple]) -> 
     """Force, and moment about the base's origin, that move one body with its frame."""
     (position, r), (spin, gain, rise) = frame, motion
     arm = rotate(r, body.com_m)
-    push = _times(add(rise, add(cross(gain, arm), cross(spin, cross(spin, arm)))), body.mass_kg)
+    push = _times(add(rise, _carried(spin, gain, arm)), body.mass_kg)
     xx, yy, zz, xy, xz, yz = body.inertia_kg_m2
     back, inertia = transpose(r), (xx, xy, xz, xy, yy, yz, xz, yz, zz)
     flow = rotate(r, rotate(inertia, rotate(back, spin)))

@@ -44,9 +44,9 @@ def exception_message(line: int, text: str) -> bytes:
     return _message(f.RuntimeException(line, 0, text))
 
 
-def error_message(code: int) -> bytes:
+def error_message(code: int, argument: int = 0) -> bytes:
     """An error by its number; UR's client library looks for 210."""
-    return _message(f.ErrorCode(code, 0, 1, 0, 0, ""))
+    return _message(f.ErrorCode(code, argument, 1, 0, 0, ""))
 
 
 def state_message(robot: Robot) -> bytes:
@@ -94,11 +94,11 @@ def state_message(robot: Robot) -> bytes:
             robot_current=0.0,
             io_current=0.0,
             safety_mode=robot.safety,
-            reduced=0,
+            reduced=int(robot.safety is SafetyMode.REDUCED),
             euromap=0,
             reserved=0,
-            operational_mode=0,
-            enabling_device=1,
+            operational_mode=robot.operational,
+            enabling_device=1,  # none is configured: as one that is always held
             reserved_too=0,
         ),
         state.Cartesian(robot.tool_pose, to_pose(robot.tcp)),

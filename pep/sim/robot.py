@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from pep.rtde.variables import INPUTS, OUTPUTS, WIDTH, VariableType
 from pep.sim.arm import AXES, GRAVITY_M_S2, Body
 from pep.sim.drive import Drive
-from pep.sim.dynamics import joint_torques, linear_momentum
+from pep.sim.dynamics import acceleration, joint_torques, linear_momentum
 from pep.sim.motion import ZERO, Brake, MoveJoints, MoveTool
 from pep.sim.spatial import IDENTITY, Frame, Triple, chain, rotate, to_frame, to_pose, transpose
 
@@ -44,12 +44,21 @@ class SafetyMode(IntEnum):
     """RTDE safety_mode."""
 
     NORMAL = 1
+    REDUCED = 2
     PROTECTIVE_STOP = 3
     SAFEGUARD_STOP = 5
     SYSTEM_EMERGENCY_STOP = 6
     ROBOT_EMERGENCY_STOP = 7
     VIOLATION = 8
     FAULT = 9
+
+
+class OperationalMode(IntEnum):
+    """Who may use the robot how, numbered as in the controller's message C211 and on the primary interface."""
+
+    NONE = 0  # disabled: nobody has set a password for it, or taken control of it
+    AUTOMATIC = 1
+    MANUAL = 2
 
 
 class RuntimeState(IntEnum):
@@ -65,6 +74,7 @@ class RuntimeState(IntEnum):
 
 _SAFETY_BITS: Final = {  # RTDE guide, safety_status_bits; bit 10: stopped due to safety
     SafetyMode.NORMAL: 1 << 0,
+    SafetyMode.REDUCED: 1 << 1,
     SafetyMode.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
     SafetyMode.SAFEGUARD_STOP: 1 << 4 | 1 << 10,
     SafetyMode.SYSTEM_EMERGENCY_STOP: 1 << 5 | 1 << 7 | 1 << 10,
@@ -73,6 +83,7 @@ _SAFETY_BITS: Final = {  # RTDE guide, safety_status_bits; bit 10: stopped due t
     SafetyMode.FAULT: 1 << 9 | 1 << 10,
 }
 POWERED: Final = frozenset([RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING])
+UNSTOPPED: Final = frozenset([SafetyMode.NORMAL, SafetyMode.REDUCED])  # programs run in these
 
 
 class Robot:
@@ -91,6 +102,7 @@ class Robot:
         self.mode = RobotMode.RUNNING
         self.safety = SafetyMode.NORMAL
         self.runtime = RuntimeState.STOPPED
+        self.operational = OperationalMode.NONE
         self.tcp = FLANGE
         self.payload_kg = 0.0
         self.payload_cog_m: Triple = (0.0, 0.0, 0.0)
@@ -99,6 +111,7 @@ class Robot:
         self.digital_out = 0
         self.analog_domain = 3  # a bit for each analog output: 1 volts, 0 amperes
         self._analog_level = [0.0, 0.0]  # of full scale
+        self.slowed_for = 1  # RTDE time_scale_source of a running program: not slowed down
         self.alarm: str | None = None  # a protective stop that a program or the drive asks for
         self.touched_at: int | None = None  # step since which the tool touches something
         self.force_from_client = False  # the wrench at the tool is what external_force_torque says
@@ -179,7 +192,6 @@ class Robot:
         drive = self.drive
         return {
             "timestamp": lambda: self.step * TICK_S,
-            "control_step": lambda: self.step,
             "actual_q": lambda: drive.now.q,
             "target_q": lambda: drive.now.q,
             "actual_qd": lambda: drive.now.qd,
@@ -189,6 +201,8 @@ class Robot:
             "target_TCP_pose": lambda: self.tool_pose,
             "actual_TCP_speed": self.tool_speed,
             "target_TCP_speed": self.tool_speed,
+            "actual_TCP_acceleration": self.tool_acceleration,
+            "target_TCP_acceleration": self.tool_acceleration,
             "target_moment": self.torques,
             "actual_TCP_force": self.tool_force,
             "ft_raw_wrench": self.tool_force,
@@ -201,7 +215,6 @@ class Robot:
             "payload": lambda: self.payload_kg,
             "payload_cog": lambda: self.payload_cog_m,
             "payload_inertia": lambda: self.payload_inertia,
-            "target_gravity": lambda: self.gravity,
             "robot_mode": lambda: self.mode,
             "joint_mode": lambda: (self.joint_mode,) * AXES,
             "safety_mode": lambda: self.safety,
@@ -210,8 +223,10 @@ class Robot:
             "robot_status_bits": lambda: (self.mode in POWERED) | (self.runtime is RuntimeState.PLAYING) << 1,
             "runtime_state": lambda: self.runtime,
             "speed_scaling": lambda: drive.scaling,
+            "time_scale_source": lambda: self.slowed_for if self.runtime is RuntimeState.PLAYING else 0,
             "target_speed_fraction": lambda: drive.slider,
             "actual_digital_output_bits": lambda: self.digital_out,
+            "actual_configurable_digital_output_bits": lambda: self.digital_out >> 8 & 0xFF,
             "standard_analog_output0": lambda: self.analog_out(0),
             "standard_analog_output1": lambda: self.analog_out(1),
             "analog_io_types": lambda: self.analog_domain << 2,
@@ -224,6 +239,14 @@ class Robot:
     def tool_speed(self) -> tuple[float, ...]:
         """Velocity of the tool centre point: m/s, then rad/s."""
         return self.once(_tool_speed)
+
+    def tool_acceleration(self) -> tuple[float, ...]:
+        """Acceleration of the tool centre point: m/s2, then rad/s2."""
+        return self.once(_tool_acceleration)
+
+    def flange_speed(self) -> tuple[float, ...]:
+        """Velocity of the tool flange: m/s, then rad/s."""
+        return self.once(_flange_speed)
 
     def torques(self) -> Joints:
         """Torques [Nm] that the motion takes; a model without friction or contact."""
@@ -319,6 +342,14 @@ def _tool_pose(robot: Robot) -> tuple[float, ...]:
 def _tool_speed(robot: Robot) -> tuple[float, ...]:
     now = robot.drive.now
     return ZERO if now.at_rest else robot.arm.twist(robot.frames, now.qd, robot.tcp)
+
+
+def _tool_acceleration(robot: Robot) -> tuple[float, ...]:
+    return acceleration(robot.frames, robot.drive.now, robot.tcp)
+
+
+def _flange_speed(robot: Robot) -> tuple[float, ...]:
+    return robot.arm.twist(robot.frames, robot.drive.now.qd, FLANGE)
 
 
 def _torques(robot: Robot) -> Joints:

@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 
     from pep.rtde.messages import ControlVersion
     from pep.sim.controller import Controller, Event
+    from pep.sim.robot import OperationalMode
     from pep.sim.sockets import Connection, Port
 
 MAX_PROGRAM: Final = 512 * 1024  # characters; ur_rtde's script has 42 thousand, a waypoint about 100
+OPERATIONAL_MODE: Final = 211  # code of the message that tells a change of it, the mode its argument
 STATE_EVERY: Final = 50  # ticks: 10 Hz
 
 
@@ -45,6 +47,7 @@ class ScriptServer:
         self.realtime: list[Port] = []
         controller.on_event = self._event
         controller.on_exception = self._exception
+        controller.on_operational_mode = self._operational_mode
         self._commands: dict[str, Callable[[], object]] = {
             "stop program": controller.stop,
             "power on": controller.power_on,
@@ -107,7 +110,10 @@ class ScriptServer:
     def _run(self, program: str) -> None:
         command = self._commands.get(" ".join(program.split()))
         if command is not None:
-            self._controller.ask(command)
+            if self._controller.obeys:
+                self._controller.ask(command)
+            else:
+                self._tell(error_message(READ_ONLY))
             return
         try:
             compiled = compile_text(program)
@@ -128,6 +134,9 @@ class ScriptServer:
 
     def _event(self, event: Event, name: str) -> None:
         self._tell(key_message(event.value, name))
+
+    def _operational_mode(self, mode: OperationalMode) -> None:
+        self._tell(error_message(OPERATIONAL_MODE, mode))
 
     def _exception(self, line: int, text: str) -> None:
         self._tell(exception_message(line, text))

@@ -1,7 +1,6 @@
 """The primary, secondary and real-time ports, their read-only twins, and RTDE as the vendor's own client speaks it."""
 
 import math
-import re
 import socket
 import time
 
@@ -11,7 +10,7 @@ from pep.rtde import messages as m
 from pep.rtde import primary_frames as f
 from pep.rtde import realtime_frames as realtime
 from pep.rtde.codec import Recipe
-from pep.rtde.variables import OUTPUTS, OUTPUTS_SINCE, VariableType
+from pep.rtde.variables import OUTPUTS, VariableType
 from pep.sim.launch import Controller
 from tests.sim_controller.cell import HOME, until
 from tests.sim_controller.plain import Plain
@@ -260,20 +259,3 @@ def test_a_client_that_does_not_read_is_dropped_after_ten_seconds_and_its_inputs
         begun = time.monotonic()
         until(lambda: other.ask(mine).recipe, deadline_s=30.0, pause_s=0.2)
         assert time.monotonic() - begun > 9.0
-
-
-@pytest.mark.parametrize("version", ["5.11", "5.22"])
-def test_every_output_of_the_version_and_no_younger_one(version):
-    with Controller.start(joints=HOME, version=version) as cell, Plain(cell.host) as client:
-        told = client.ask(m.AskControlVersion())
-        assert f"{told.major}.{told.minor}" == version
-        known = [name for name in OUTPUTS if not re.search(r"_register", name)]
-        for name in known:
-            found = client.ask(m.SetupOutputs((name,), 500.0))
-            assert found.types == (OUTPUTS[name],)
-            assert found.recipe == 1
-        younger = [*OUTPUTS_SINCE, "actual_robot_energy_consumed", "no_such_output", "input_int_register_48"]
-        for name in younger:
-            found = client.ask(m.SetupOutputs(("timestamp", name), 500.0))
-            assert found.types == (VariableType.DOUBLE, VariableType.NOT_FOUND)
-            assert client.ask(m.Start()) == m.StartAnswer(False)

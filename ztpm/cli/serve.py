@@ -79,8 +79,18 @@ def sim(
     host: Annotated[str, typer.Option(help="Loopback address to listen on.")] = "127.0.0.1",
     joints: Annotated[str, typer.Option(help="First configuration: six angles in rad, comma separated.")] = "",
     polyscope: Annotated[str, typer.Option(help="PolyScope version to be, 5.11 to 5.22.")] = "",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=VALUE][@SECONDS]",
+            help="What goes wrong, at the start or so long after it; again for more. "
+            "Among others: torn_frames, delay=0.02, slow_frames=16, drop_connections@5, stop@5, protective_stop@5, "
+            "in_use=input_int_register_0, reduced_mode, local_control. A name that is none lists them all.",
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Run a simulated UR3e controller that real clients can talk to."""
     options = [f"--{name}={value}" for name, value in (("joints", joints), ("polyscope", polyscope)) if value]
+    options += [f"--fault={each}" for each in fault or ()]
     _become("pep.sim", "--host", host, *options, *([] if as_json else ["--words"]))
