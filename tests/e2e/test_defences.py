@@ -68,6 +68,8 @@ ALWAYS = frozenset(
     }
 )  # fmt: skip
 """Of the provider; of authority, physics, policy and watch at the tools; of the gateway."""
+SHORT_RAD = {"rtde-raw-denied": 1e-3}
+"""How far the arm goes at least where another defence comes: the tools take it back from a stranger's program."""
 STOPS = frozenset({"place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion"})
 """Steps that permit and refuse: what is not granted, and what goes on when it should not."""
 
@@ -112,7 +114,7 @@ def test_step_fails_without_its_defence(
     monkeypatch.setattr("ztpm.demo.stage.WAIT_S", 5.0)
     last = played(name, broken, defect)
     assert not last.ok, last
-    assert (last.decision, last.reason, last.moved_rad > 0.1) == seen, last
+    assert (last.decision, last.reason, last.moved_rad > SHORT_RAD.get(name, 0.1)) == seen, last
 
 
 @pytest.mark.e2e

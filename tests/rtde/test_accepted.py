@@ -118,7 +118,7 @@ def test_a_stop_arrives_at_a_controller_that_says_something_first(monkeypatch, a
 
     async def scenario():
         slow, back = Slow(), Served(at_once=False)
-        line = ScriptPort(back, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2)
+        line = ScriptPort(back, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, stopping=lambda _: None)
         monkeypatch.setattr("pep.rtde.gateway.StreamPort._heard", lambda *_: None)
         told = asyncio.ensure_future(slow.told(0.2))
         assert await line.robot.reach("127.0.0.1", slow.port()) is None
