@@ -318,7 +318,7 @@ class _Guest(Accepted):
     async def _open(self) -> None:
         line = await self._ports.open(None, self.port, self)
         if isinstance(line, Reason):
-            self._transport.abort()
+            self.drop()
         else:
             self.begin(line)
 

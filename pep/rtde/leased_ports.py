@@ -22,7 +22,6 @@ from pep.rtde.leased_conversations import LeasedDashboardPort, LeasedRtdePort, L
 from pep.rtde.leased_stop import STOPPED, Ladder, Rung
 from pep.rtde.leased_tenant import Tenant
 from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
-from pep.rtde.primary_line import SILENCE_MS as HIDDEN_MS
 from pep.rtde.primary_line import PrimaryLine
 from policies.reasons import Reason
 
@@ -55,7 +54,7 @@ class LeasedPorts:
         stop_deceleration_rad_s2: of the cell's stop model.
         clock: the monotonic one counts.
         closed: is told of a lease whose control connection has ended, and why; the arm is being stopped then.
-        stopped: is told of each stop by whoever has no lease.
+        stopped: is told of each stop that somebody sends past the judge and the tools.
 
     Attributes:
         stopped_ms: monotonic time of the newest stop, whoever asked for it; None while there was none.
@@ -108,7 +107,7 @@ class LeasedPorts:
     def undisturbed(self) -> bool:
         """Whether what the controller runs is the control script that we sent for the lease, and nothing hides that."""
         running = self._tenant is not None and self._tenant.program.phase is Phase.RUNNING
-        return running and self._primary.silent_ms() <= HIDDEN_MS
+        return running and self._primary.hears
 
     @property
     def scripts(self) -> Sequence[ControlScript]:

@@ -6,22 +6,21 @@ It tells here of each program that starts or ends, whoever sent it. On one event
 from __future__ import annotations
 
 import asyncio
-import math
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.feed import RETRY_S
 from pep.rtde.lines import PRIMARY, Upstream
 from pep.rtde.messages import WireError
-from pep.rtde.primary_frames import MESSAGE, Key, PrimaryCutter, decode_message
-from pep.rtde.program import STARTED, STOPPED
+from pep.rtde.primary_frames import PrimaryCutter
+from pep.rtde.program import HEARD_S, event_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.ports import Clock
+    from pep.rtde.primary_frames import Key
 
-SILENCE_MS: Final = 500
-"""The port sends the robot's state ten times a second; one that is silent for longer may hide a start."""
+HEARD_MS: Final = round(1000 * HEARD_S)
 
 
 class PrimaryLine:
@@ -62,9 +61,10 @@ class PrimaryLine:
         """Whether something can be said."""
         return self._robot.connected
 
-    def silent_ms(self) -> float:
-        """For how long nothing was heard on this connection."""
-        return math.inf if self._heard_ms is None else self._clock.monotonic_ms() - self._heard_ms
+    @property
+    def hears(self) -> bool:
+        """Whether no start or end is hidden: the connection is there, and not silent for too long."""
+        return self._heard_ms is not None and self._clock.monotonic_ms() - self._heard_ms <= HEARD_MS
 
     def send(self, program: bytes) -> None:
         """To the controller."""
@@ -73,10 +73,8 @@ class PrimaryLine:
     def _heard(self, content: bytes) -> None:
         try:
             for kind, body in self._cutter.feed(content):
-                # A state of the robot is not read: what a younger controller says in it is none of ours.
-                said = decode_message(body).content if kind == MESSAGE else None
-                if isinstance(said, Key) and said.title in (STARTED, STOPPED):
-                    self._told(said)
+                if (event := event_of(kind, body)) is not None:
+                    self._told(event)
         except WireError:
             self._robot.close()
             self._gone()

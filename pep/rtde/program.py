@@ -19,14 +19,24 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Iterator
 
-    from pep.rtde.primary_frames import Content
-
 PORT: Final = 30001  # UR primary interface
 OURS: Final = "rtde_control"
 """Name of the control script in ur_rtde's upload."""
 HEARD_S: Final = 0.5
 """The port sends the robot's state ten times a second; a port that is silent for longer may hide a start."""
 STARTED, STOPPED = "PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED"
+
+
+def event_of(kind: int, body: bytes) -> Key | None:
+    """A program's start or end, if that is what a frame of the port tells.
+
+    A state of the robot is not read: what a younger controller says in it is none of ours.
+
+    Raises:
+        WireError: a message that contradicts itself.
+    """
+    content = decode_message(body).content if kind == MESSAGE else None
+    return content if isinstance(content, Key) and content.title in (STARTED, STOPPED) else None
 
 
 class ProgramWatch:
@@ -95,17 +105,16 @@ class ProgramWatch:
         try:
             while True:
                 for kind, body in cutter.feed(received(link)):
-                    # A state of the robot is not read: what a younger controller says in it is none of ours.
-                    self._heard(decode_message(body).content if kind == MESSAGE else None)
+                    self._heard(event_of(kind, body))
         finally:
             # What happens now is not heard: only a new start of ours, or a new claim, makes the program ours again.
             with self._changed:
                 self._heard_s = self._running = self._claimed = None
 
-    def _heard(self, content: Content | None) -> None:
+    def _heard(self, event: Key | None) -> None:
         with self._changed:
             self._heard_s = time.monotonic()
-            if isinstance(content, Key) and content.title in (STARTED, STOPPED):
+            if event is not None:
                 self._events += 1
-                self._running = content.text if content.title == STARTED else None
+                self._running = event.text if event.title == STARTED else None
             self._changed.notify_all()

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pep.rtde.codec import Value
     from pep.sim.compiler import Compiled
     from pep.sim.gripper import Gripper
-    from pep.sim.safety import Cause
+    from pep.sim.robot import Cause
 
 MAX_INBOX: Final = 4096  # writes waiting for the next tick; a connection that outruns the controller waits for it
 ANSWER_DEADLINE_S: Final = 5.0  # for a question to the tick thread; it answers within one tick unless the host stalls

@@ -61,6 +61,16 @@ class OperationalMode(IntEnum):
     MANUAL = 2
 
 
+class Cause(IntEnum):
+    """Why a program is slowed down: RTDE time_scale_source, as far as it is computed here."""
+
+    NO_PROGRAM = 0
+    NOT_SLOWED = 1
+    MOMENTUM = 5
+    TOOL_SPEED = 8
+    ELBOW_SPEED = 9
+
+
 class RuntimeState(IntEnum):
     """RTDE runtime_state."""
 
@@ -111,7 +121,7 @@ class Robot:
         self.digital_out = 0
         self.analog_domain = 3  # a bit for each analog output: 1 volts, 0 amperes
         self._analog_level = [0.0, 0.0]  # of full scale
-        self.slowed_for = 1  # RTDE time_scale_source of a running program: not slowed down
+        self.slowed_for = Cause.NOT_SLOWED
         self.alarm: str | None = None  # a protective stop that a program or the drive asks for
         self.touched_at: int | None = None  # step since which the tool touches something
         self.force_from_client = False  # the wrench at the tool is what external_force_torque says
@@ -223,7 +233,7 @@ class Robot:
             "robot_status_bits": lambda: (self.mode in POWERED) | (self.runtime is RuntimeState.PLAYING) << 1,
             "runtime_state": lambda: self.runtime,
             "speed_scaling": lambda: drive.scaling,
-            "time_scale_source": lambda: self.slowed_for if self.runtime is RuntimeState.PLAYING else 0,
+            "time_scale_source": lambda: self.slowed_for if self.runtime is RuntimeState.PLAYING else Cause.NO_PROGRAM,
             "target_speed_fraction": lambda: drive.slider,
             "actual_digital_output_bits": lambda: self.digital_out,
             "actual_configurable_digital_output_bits": lambda: self.digital_out >> 8 & 0xFF,

@@ -11,24 +11,13 @@ it computes the rest.
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from pep.sim.motion import Brake, MoveJoints, MoveTool
-from pep.sim.robot import TICK_S, SafetyMode
+from pep.sim.robot import TICK_S, Cause, SafetyMode
 
 if TYPE_CHECKING:
     from pep.sim.robot import Robot
-
-
-class Cause(IntEnum):
-    """Why a program is slowed down: RTDE time_scale_source, as far as it is computed here."""
-
-    NO_PROGRAM = 0
-    NOT_SLOWED = 1
-    MOMENTUM = 5
-    TOOL_SPEED = 8
-    ELBOW_SPEED = 9
 
 
 class Quantities(NamedTuple):

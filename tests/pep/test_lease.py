@@ -416,6 +416,24 @@ def test_the_gateways_end_is_the_programs(tmp_path):
     in_house(scenario, tmp_path)
 
 
+def test_a_line_that_breaks_at_the_end_keeps_no_other_from_it(tmp_path):
+    async def scenario(house):
+        _, host, _ = await house.program(house.rig.agent())
+        links = [await asyncio.open_connection(host, ECHO) for _ in range(3)]
+        for reader, _ in links:
+            await read(reader, 6)
+        broken = house.robot.lines[1]
+        broken.left = {}.__getitem__  # raises
+        with contextlib.suppress(TypeError):
+            house.port.end(Ending.AUTHORITY)
+        assert house.over == [("robotic", Ending.AUTHORITY)]
+        assert [line.gone for line in house.robot.lines] == [True, False, True]
+        for _, writer in links:
+            writer.close()
+
+    in_house(scenario, tmp_path)
+
+
 class Bare:
     """A program's end made by hand, to say what none would say."""
 

@@ -19,7 +19,7 @@ from policies.evidence import ImpactFault
 from policies.reasons import Reason
 from tests.pep.kit import FailingJournal, reading
 from ztpm_idp.domain.ledger import RECORD_KINDS
-from tests.rtde.leased import FITTED, HERE, THERE, House, leased_scope, played, until
+from tests.rtde.leased import FITTED, HERE, THERE, leased_scope, played, until
 
 MOVE = v.MoveJ(THERE, 1.0, 1.4, True)
 SLOW = v.MoveJ(THERE, 0.1, 1.4, True)
@@ -27,14 +27,6 @@ OTHER = v.MoveJ(THERE, 0.9, 1.4, True)
 SERVO = v.ServoJ((0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.002, 0.1, 300.0)
 SPEEDS = v.SpeedJ((0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.5, 0.4)
 pytestmark = [pytest.mark.e2e, pytest.mark.clause("LSD-2")]  # verdicts last 50 ms of real time
-
-
-@pytest.fixture
-def house(tmp_path):
-    house = House(tmp_path)
-    yield house
-    house.gate.close()
-    house.journal.close()
 
 
 def ended(house, command, **changes):

@@ -1,6 +1,8 @@
 """The stop ladder, the life of the control script, and what a script port takes: pure parts of a lease."""
 
+import asyncio
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -8,16 +10,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pep.clock import SystemClock
+from pep.errors import PepFault, RobotError
 from pep.rtde import program as program_words
 from pep.rtde.control_program import START_MS, WAIT_MS, ControlProgram, Phase, Turn
 from pep.rtde.control_script import Upload, allow_list, installed_body, scripts_for
 from pep.rtde.feed import FRESH_MS, Sample
 from pep.rtde.lease import Ending
 from pep.rtde.leased_commands import DONE, READY
+from pep.rtde.leased_conversations import LeasedRtdePort
 from pep.rtde.leased_ports import LeasedPorts
 from pep.rtde.leased_scripts import ONLY_STOPS, LeasedScripts
 from pep.rtde.leased_stop import OBEYS_MS, Ladder, Rung
 from pep.rtde.leased_tenant import Tenant
+from pep.rtde.lines import DASHBOARD, RTDE, SECONDARY
 from pep.rtde.messages import ControlVersion
 from pep.rtde.primary_frames import Key
 from pep.rtde.refused import Refused
@@ -181,6 +186,65 @@ def test_a_controller_of_another_kind_is_sent_no_script(ports, major, some):
     assert ports.scripts == ()
     ports.feed._subscription.version = ControlVersion(major, 11, 0, 0)
     assert bool(ports.scripts) is some
+
+
+def test_a_controller_that_is_not_there_is_waited_for_so_long(ports, monkeypatch):
+    monkeypatch.setattr("pep.rtde.leased_ports.BEGINS_S", 0.2)
+
+    async def scenario():
+        try:
+            await ports.begin()
+        finally:
+            ports.close()
+
+    with pytest.raises(RobotError) as raised:
+        asyncio.run(asyncio.wait_for(scenario(), 5.0))
+    assert (raised.value.code, raised.value.detail) == (PepFault.ROBOT_UNREACHABLE, "127.0.0.1, port 30001")
+
+
+def said_now(ports):
+    ports.feed._subscription.version = ControlVersion(5, 11, 0, 0)
+    ports.feed.newest = seen(ports.clock.monotonic_ms(), 0.0, STOPPED)
+
+
+@pytest.mark.parametrize("port", [RTDE, SECONDARY, DASHBOARD])
+def test_a_line_that_has_no_controller_is_none(ports, port):
+    said_now(ports)
+    assert asyncio.run(ports.open(object(), port, None)) is Reason.ROBOT_NOT_RUNNING
+    assert ports._tenant.lines == set()
+
+
+def test_where_the_slider_stands_is_known_for_twenty_packages(ports):
+    said_now(ports)
+    port = LeasedRtdePort(Tenant(ports, object()), None)
+    assert port._slider() == ports.feed.newest.slider
+    ports.feed.newest = replace(ports.feed.newest, arrived_ms=ports.feed.newest.arrived_ms - FRESH_MS - 1)
+    assert math.isnan(port._slider())
+
+
+def test_a_look_that_breaks_is_told_and_the_next_one_comes(ports):
+    told, looks = [], []
+
+    class Bad:
+        control, stopping = None, False
+
+        def look(self, at_ms):
+            looks.append(at_ms)
+            raise IndexError
+
+    async def scenario():
+        asyncio.get_running_loop().set_exception_handler(lambda _, what: told.append(what["exception"]))
+        looking = asyncio.create_task(ports._keep_looking())
+        while len(looks) < 3:
+            await asyncio.sleep(0.005)
+        looking.cancel()
+
+    ports._tenant = Bad()
+    ports.ladder.begin(Rung.PROGRAM, newest=None, at_ms=0)
+    ports.feed.newest = seen(2, 0.0, STOPPED)
+    asyncio.run(asyncio.wait_for(scenario(), 5.0))
+    assert {type(each) for each in told} == {IndexError}
+    assert ports.ladder.over, "stops are seen to their end all the same"
 
 
 def test_a_stop_that_goes_past_us_counts_and_is_seen_to_its_end(ports):

@@ -17,21 +17,13 @@ from pep.rtde.line_refusals import MOST, LineRefusals
 from pep.rtde.refused import Refused
 from policies.reasons import Reason
 from tests.pep.kit import FailingJournal
-from tests.rtde.leased import House, played, until
+from tests.rtde.leased import played, until
 from ztpm_idp.domain.ledger import RECORD_KINDS
 
 pytestmark = [pytest.mark.e2e, pytest.mark.clause("RTDE-17")]
 
 BUSY = Refused(Reason.BUSY, "the command before is not over")
 LIMIT = Refused(Reason.ROBOT_LIMIT, "acceleration", 1)
-
-
-@pytest.fixture
-def house(tmp_path):
-    house = House(tmp_path)
-    yield house
-    house.gate.close()
-    house.journal.close()
 
 
 def written(house):

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from pep.rtde.codec import Framer, Recipe, decode_answer, encode_answer, encode_request
 from pep.rtde.gateway import GUESTS, LINES, MAX_STOP, STOPS, Gateway, StatePorts
+from pep.rtde.leased_stop import Rung
 from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
 from pep.rtde.messages import (
     AskControlVersion,
@@ -161,13 +162,18 @@ def controller():
     child.end()
 
 
+STOPPINGS = []
+"""What the gateway has been told of stops."""
+
+
 @pytest.fixture(scope="module")
 def gateway(controller):
     """A gateway in a thread of its own, since the clients of this process block."""
     loop, ready = asyncio.new_event_loop(), threading.Event()
 
     async def serve():
-        gateway, ended = Gateway(StatePorts(HOST, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2)), asyncio.Event()
+        ports = StatePorts(HOST, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, stopping=STOPPINGS.append)
+        gateway, ended = Gateway(ports), asyncio.Event()
         await gateway.listen(HERE)
         stop.append(lambda: loop.call_soon_threadsafe(ended.set))
         ready.set()
@@ -328,11 +334,13 @@ def test_anybody_stops_and_as_hard_as_the_cell_says(gateway, said):
             robot.sendall(program_text(f"movej({list(target)}, a=1.4, v=1.0)"))
             until(lambda: max(map(abs, now().qd_rad_s)) > 0.9)
             with socket.create_connection((gateway, SECONDARY), timeout=5) as link:
+                STOPPINGS.clear()
                 link.sendall(said)
                 asked = time.monotonic()
                 until(lambda: max(map(abs, now().qd_rad_s)) < 1e-3)
             # 1 rad/s at 8 rad/s2 is 0.125 s; at 0.01 it would be 100 s
             assert time.monotonic() - asked < 2.0
+            assert STOPPINGS == [Rung.PROGRAM]
             assert abs(now().q_rad[0] - target[0]) > 0.1
 
 
@@ -357,8 +365,12 @@ def test_the_dashboard_answers_questions_stops_and_nothing_else(gateway):
             lines.flush()
             return lines.readline().decode().strip()
 
+        STOPPINGS.clear()
         assert said(b"robotmode") == "Robotmode: RUNNING"
+        assert STOPPINGS == []
         assert said(b"stop") in {"Stopped", "Failed to execute: stop"}
+        assert said(b"pause") in {"Pausing program", "Failed to execute: pause"}
+        assert STOPPINGS == [Rung.DASHBOARD, Rung.REGISTERS]
         assert said(b"play") == "Failed to execute: play"
         assert said(b"power on") == "Failed to execute: power on"
         assert said(b"unlock protective stop") == "Failed to execute: unlock protective stop"
