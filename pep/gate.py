@@ -170,6 +170,10 @@ class Gate(Edge):
         other._readiness = readiness  # noqa: SLF001 - its own
         return other
 
+    def looked(self) -> None:
+        """Somebody is told where the arm stands, and by no tool that reads: `pep.sequence.Sequence.looked`."""
+        self._sequence.looked()
+
     async def run(self, call: Call, effect: Callable[[Permit], Awaitable[Result]]) -> Answer:
         """The answer to one call; its effect has happened exactly when the decision is PERMIT.
 

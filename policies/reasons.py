@@ -253,7 +253,9 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         ),
         Reason.MESSAGE_OLD: ReasonRow("The message is too old.", "Send it again.", ("CII-6",)),
         Reason.SEQUENCE_DRIFT: ReasonRow(
-            "The arm is not where the sequence assumes.", "Read the state, and ask from there.", ("TEA-6",)
+            "The arm is not where the sequence assumes.",
+            "Read the state, and ask from there. A program that has the lease is begun again.",
+            ("TEA-6",),
         ),
         Reason.SEQUENCE_ALTERNATES: ReasonRow(
             "Acts undo each other too often.", "Wait, or ask for one act that does it.", ("TEA-6",)

@@ -171,7 +171,7 @@ class GatewayServer(RobotPoint):
             audience=config.audience,
             clock=self.clock,
         )
-        self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, ended=self._ended)
+        self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, begun=self.gate.looked, ended=self._ended)
         self.gateway = Gateway(self.ports)
         door = Door(
             leases=self.leases,

@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.lines import RTDE, Upstream
-from pep.rtde.messages import WireError
+from pep.rtde.kept import Kept
+from pep.rtde.lines import RTDE
 from pep.rtde.state import STILL_RAD_S
 from pep.rtde.subscription import Subscription
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from pep.rtde.recipes import Offset
 
 RATE_HZ: Final = 500.0
-RETRY_S: Final = 0.5
 FRESH_MS: Final = 40
 """Twenty packages: what was said longer ago need not hold."""
 _NAMES: Final = (
@@ -65,33 +64,21 @@ class Feed:
     """
 
     def __init__(self, host: str, *, clock: Clock, heard: Callable[[Sample], None]) -> None:
-        self._host = host
         self._clock = clock
         self._tell = heard
+        self._robot = Kept(host, RTDE, begin=self._begin, heard=self._heard, lost=lambda: None)
         self._subscription = Subscription(_NAMES, RATE_HZ)
-        self._robot = Upstream(self._heard, self._gone)
-        self._again: asyncio.Task[None] | None = None
-        self.newest: Sample | None = None
         self._came = asyncio.Event()
-
-    async def first(self) -> None:
-        """Something was heard."""
-        await self._came.wait()
+        self.newest: Sample | None = None
 
     async def begin(self) -> None:
-        """It listens, or tries to, from now on."""
-        self._subscription = Subscription(_NAMES, RATE_HZ)
-        self._robot = Upstream(self._heard, self._gone)
-        if await self._robot.reach(self._host, RTDE) is None:
-            self._robot.send(self._subscription.begin())
-        else:
-            self._gone()
+        """It listens, or tries to, from now on; returns once something was heard."""
+        await self._robot.begin()
+        await self._came.wait()
 
     def close(self) -> None:
         """Nothing more is heard."""
         self._robot.close()
-        if self._again is not None:
-            self._again.cancel()
 
     @property
     def version(self) -> ControlVersion | None:
@@ -102,26 +89,18 @@ class Feed:
         """For how long nothing was said."""
         return math.inf if self.newest is None else self._clock.monotonic_ms() - self.newest.arrived_ms
 
+    def _begin(self) -> bytes:
+        self._subscription = Subscription(_NAMES, RATE_HZ)
+        return self._subscription.begin()
+
     def _heard(self, content: bytes) -> None:
-        try:
-            said, packages = self._subscription.feed(content)
-        except WireError:
-            self._robot.close()
-            self._gone()
-            return
+        said, packages = self._subscription.feed(content)
         if said:
             self._robot.send(said)
         for values in packages:
             self.newest = _sample(values, self._clock.monotonic_ms())
             self._came.set()
             self._tell(self.newest)
-
-    def _gone(self) -> None:
-        self._again = asyncio.get_running_loop().create_task(self._retry())
-
-    async def _retry(self) -> None:
-        await asyncio.sleep(RETRY_S)
-        await self.begin()
 
 
 def _sample(values: dict[str, Value], at_ms: int) -> Sample:

@@ -36,13 +36,23 @@ class LeasePort:
         leases: of the robot.
         ports: what the lines are opened to.
         clock: both clocks.
+        begun: is told of a lease whose carriage has come: its program is told from now on how the arm stands.
         ended: is told of a lease that is over, before anything else; the arm is stopped there.
     """
 
-    def __init__(self, leases: Leases, ports: Ports, *, clock: Clock, ended: Callable[[Lease, Ending], None]) -> None:
+    def __init__(
+        self,
+        leases: Leases,
+        ports: Ports,
+        *,
+        clock: Clock,
+        begun: Callable[[], None],
+        ended: Callable[[Lease, Ending], None],
+    ) -> None:
         self._leases = leases
         self._ports = ports
         self._clock = clock
+        self._begun = begun
         self._ended = ended
         self._held: _Carried | None = None
         self._server: asyncio.Server | None = None
@@ -84,6 +94,7 @@ class LeasePort:
         lease = self._leases.carry(lease_id, at_ms=self._clock.monotonic_ms())
         if lease is None:
             return None
+        self._begun()
         self._held = _Carried(lease, self._ports, self, self._clock)
         return self._held.carrier
 

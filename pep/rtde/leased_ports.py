@@ -96,11 +96,10 @@ class LeasedPorts:
         """
         try:
             async with asyncio.timeout(BEGINS_S):
-                await self.feed.begin()
-                await self._primary.begin()
-                await self.feed.first()
+                await asyncio.gather(self.feed.begin(), self._primary.begin())
         except TimeoutError:
             port = PRIMARY if not self._primary.connected else RTDE
+            self.close()
             raise RobotError(PepFault.ROBOT_UNREACHABLE, f"{self.robot}, port {port}") from None
         self._do(self._keep_looking())
 

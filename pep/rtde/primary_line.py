@@ -5,12 +5,10 @@ It tells here of each program that starts or ends, whoever sent it. On one event
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.feed import RETRY_S
-from pep.rtde.lines import PRIMARY, Upstream
-from pep.rtde.messages import WireError
+from pep.rtde.kept import Kept
+from pep.rtde.lines import PRIMARY
 from pep.rtde.primary_frames import PrimaryCutter
 from pep.rtde.program import HEARD_S, event_of
 
@@ -34,26 +32,19 @@ class PrimaryLine:
     """
 
     def __init__(self, host: str, *, clock: Clock, told: Callable[[Key], None], lost: Callable[[], None]) -> None:
-        self._host = host
         self._clock = clock
         self._told = told
-        self._lost = lost
-        self._robot = Upstream(self._heard, self._gone)
+        self._tell_lost = lost
+        self._robot = Kept(host, PRIMARY, begin=self._begin, heard=self._heard, lost=self._lost)
         self._cutter = PrimaryCutter()
         self._heard_ms: int | None = None
-        self._again: asyncio.Task[None] | None = None
 
     async def begin(self) -> None:
-        """It is there; tried until it is."""
-        self._cutter = PrimaryCutter()
-        self._robot = Upstream(self._heard, self._gone)
-        while await self._robot.reach(self._host, PRIMARY) is not None:  # noqa: ASYNC110 - nobody sets an event
-            await asyncio.sleep(RETRY_S)
+        """It listens, or tries to, from now on; returns once it is there."""
+        await self._robot.begin()
 
     def close(self) -> None:
         """Nothing more is heard or said."""
-        if self._again is not None:
-            self._again.cancel()
         self._robot.close()
 
     @property
@@ -70,22 +61,16 @@ class PrimaryLine:
         """To the controller."""
         self._robot.send(program)
 
+    def _begin(self) -> bytes:
+        self._cutter = PrimaryCutter()
+        return b""
+
     def _heard(self, content: bytes) -> None:
-        try:
-            for kind, body in self._cutter.feed(content):
-                if (event := event_of(kind, body)) is not None:
-                    self._told(event)
-        except WireError:
-            self._robot.close()
-            self._gone()
-            return
+        for kind, body in self._cutter.feed(content):
+            if (event := event_of(kind, body)) is not None:
+                self._told(event)
         self._heard_ms = self._clock.monotonic_ms()
 
-    def _gone(self) -> None:
+    def _lost(self) -> None:
         self._heard_ms = None
-        self._lost()
-        self._again = asyncio.get_running_loop().create_task(self._retry())
-
-    async def _retry(self) -> None:
-        await asyncio.sleep(RETRY_S)
-        await self.begin()
+        self._tell_lost()

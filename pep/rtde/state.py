@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from pep.errors import PepFault, RobotError
+from pep.rtde.packages import Packages, number, vector
+
+if TYPE_CHECKING:
+    from pep.rtde.codec import Value
 
 FRESH_S: Final = 0.1
 """Longest wait for a new package, fifty of which are due: a joint state older than 100 ms is none for a move."""
-POLL_S: Final = 0.001
-EVERY_CYCLE: Final = -1.0
-"""ur_rtde: as often as the controller has something new."""
+BEGINS_S: Final = 2.0
+"""Longest wait for the first one."""
+RATE_HZ: Final = 500.0
+"""As often as an e-Series controller has something new."""
 NAMES: Final = (
     "timestamp", "actual_q", "actual_qd", "robot_mode", "safety_mode", "target_speed_fraction", "speed_scaling",
 )  # fmt: skip
-"""The outputs that are read here; ur_rtde would ask for 58."""
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
 
@@ -72,20 +75,20 @@ class RobotState(Protocol):
 
 
 class ReceivedState:
-    """`RobotState` over `rtde_receive.RTDEReceiveInterface`.
+    """`RobotState` over a connection of our own, which comes back by itself when it is lost. From any thread.
 
     Args:
         host: of the controller.
+
+    Raises:
+        RobotError: `ROBOT_UNREACHABLE` when it has said nothing within `BEGINS_S`.
     """
 
     def __init__(self, host: str) -> None:
-        from rtde_receive import RTDEReceiveInterface
-
-        self._host = host
-        try:
-            self._receive: Any = RTDEReceiveInterface(host, EVERY_CYCLE, list(NAMES))
-        except RuntimeError as error:
-            raise RobotError(PepFault.ROBOT_UNREACHABLE, host) from error
+        self._packages = Packages("state", host, NAMES, RATE_HZ, read=package_of)
+        if self._packages.newest is None and self._packages.next(within_s=BEGINS_S) is None:
+            self.close()
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, host)
 
     def read(self) -> JointState:
         """A package that arrived during the call.
@@ -93,30 +96,33 @@ class ReceivedState:
         Raises:
             RobotError: `ROBOT_STALLED` when none arrives, or one that holds no finite numbers.
         """
-        before = self._receive.getTimestamp()
-        deadline = time.monotonic() + FRESH_S
-        while self._receive.getTimestamp() == before:
-            if time.monotonic() > deadline:
-                raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
-            time.sleep(POLL_S)
-        state = self._said()
-        if state is None:
+        package = self._packages.next(within_s=FRESH_S)
+        if package is None:
+            raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
+        if package.state is None:
             raise RobotError(PepFault.ROBOT_STALLED, "joint angles that are no six finite numbers")
-        return state
+        return package.state
 
     def newest(self) -> Package:
-        """The newest package. The stamp is read first: a package that comes meanwhile looks older, never younger."""
-        stamp_s = float(self._receive.getTimestamp())
-        return Package(stamp_s, self._said())
-
-    def _said(self) -> JointState | None:
-        q, qd = tuple(self._receive.getActualQ()), tuple(self._receive.getActualQd())
-        slider, scaling = float(self._receive.getTargetSpeedFraction()), float(self._receive.getSpeedScaling())
-        if not (len(q) == len(qd) == 6 and all(math.isfinite(number) for number in (*q, *qd, slider, scaling))):
-            return None
-        robot_mode, safety_mode = int(self._receive.getRobotMode()), int(self._receive.getSafetyMode())
-        return JointState(q, qd, robot_mode, safety_mode, slider, scaling)
+        """The newest package, however old: its reader sees that its stamp does not change."""
+        newest = self._packages.newest
+        assert newest is not None
+        return newest
 
     def close(self) -> None:
         """The connection has ended."""
-        self._receive.disconnect()
+        self._packages.close()
+
+
+def package_of(values: dict[str, Value], arrived_s: float) -> Package:  # noqa: ARG001 - `Packages` says it to each
+    """What a package of `NAMES` says.
+
+    Raises:
+        WireError: a value of another form than the controller's tables promise.
+    """
+    stamp, slider, scaling = (number(values[name]) for name in ("timestamp", "target_speed_fraction", "speed_scaling"))
+    q, qd = vector(values["actual_q"]), vector(values["actual_qd"])
+    if not all(map(math.isfinite, (*q, *qd, slider, scaling))):
+        return Package(stamp, None)
+    robot_mode, safety_mode = int(number(values["robot_mode"])), int(number(values["safety_mode"]))
+    return Package(stamp, JointState(q, qd, robot_mode, safety_mode, slider, scaling))

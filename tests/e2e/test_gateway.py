@@ -292,10 +292,17 @@ def test_a_revoked_token_stops_the_arm_and_ends_the_lease(house, eyes):
 # ---- the cell's tools, before the same arm
 
 
-def aside(house):
+HERE_THEN_MOVES = """
+    say("here")
+    sys.stdin.readline()
+    say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))
+"""
+
+
+def aside(house, by_rad=0.02):
     """Where the arm is, and a little farther."""
     base, *others = house.stage.rounded_joints
-    return (round(base + (0.02 if base < 0 else -0.02), 6), *others)
+    return (round(base + (by_rad if base < 0 else -by_rad), 6), *others)
 
 
 def across(house):
@@ -311,7 +318,7 @@ def tools_move(house):
 
 def test_tools_and_programs_have_the_arm_in_turns(house, eyes):
     tools_move(house)
-    with Run(house, "say('here')\nsys.stdin.readline()\nsay(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))") as run:
+    with Run(house, HERE_THEN_MOVES) as run:
         assert run.line() == "here"
         before = eyes.now().q_rad
         answer = house.stage.move("mover", to=aside(house), speed=0.4)
@@ -371,3 +378,45 @@ def test_the_gateways_death_stops_the_arm_and_its_next_life_serves(house, eyes):
     with Run(house, "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))") as run:
         status, said, errors = run.ended()
     assert (status, said) == (0, ["True"]), errors
+
+
+def without_robot(house, there):
+    """No tool moves an arm that says nothing."""
+    until(lambda: house.stage.move("mover", to=there, speed=0.4).reason == "ROBOT_NOT_RUNNING", "no robot")
+
+
+def test_a_controller_that_was_switched_off_is_served_when_it_is_back(house):
+    """Nobody begins the gateway or the tool server anew for it."""
+    tools_move(house)
+    assert house.stage.move("mover", to=aside(house, 0.1), speed=0.4).decision == "PERMIT"
+    there = aside(house)
+    house.cell.robot.kill()
+    without_robot(house, there)
+    house.cell.start_robot()
+    house.stage.eyes = None
+    until(lambda: house.stage.move("mover", to=there, speed=0.4).reason == "SEQUENCE_DRIFT", "an arm that is elsewhere")
+    with Run(house, "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))") as run:  # which sees where it is
+        status, said, errors = run.ended()
+    assert (status, said) == (0, ["True"]), errors
+    tools_move(house)
+
+
+def test_a_controller_that_fell_silent_is_served_when_it_is_back(house):
+    """No connection is closed, as when its power is cut."""
+    tools_move(house)
+    there = aside(house)
+    with Run(house, HERE_THEN_MOVES) as run:
+        assert run.line() == "here"
+        house.cell.robot.popen.send_signal(signal.SIGSTOP)
+        until(lambda: house.endings()[-1:] == ["robot"], "the end on record")
+        run.process.stdin.write("\n")
+        run.process.stdin.flush()
+        time.sleep(3.0)  # meanwhile each connection is given up, and had again from a port that says nothing
+        house.cell.robot.kill()
+        _, said, errors = run.ended()
+    assert "True" not in said
+    assert "LEASE_OVER: robot" in errors
+    without_robot(house, there)
+    house.cell.start_robot()
+    house.stage.eyes = None
+    tools_move(house)

@@ -75,15 +75,18 @@ class House:
     """A gateway's door and port over a robot that only listens."""
 
     def __init__(self, rig, robot=None, ended=lambda lease, why: None):
-        self.rig, self.robot, self.over, self.told = rig, robot or Robot(), [], []
+        self.rig, self.robot, self.over, self.told, self.carried = rig, robot or Robot(), [], [], 0
         self.signer = keys.generate()
         self.leases = Leases()
-        self.port = LeasePort(self.leases, self.robot, clock=rig.clock, ended=self._ended)
+        self.port = LeasePort(self.leases, self.robot, clock=rig.clock, begun=self._carried, ended=self._ended)
         self._told = ended
         self.door = Door(
             leases=self.leases, authority=rig.authority, clock=rig.clock, journal=rig.journal, caps=CAPS,
             url=URL, audience=AUDIENCE, signer=self.signer, port=0, lease_ms=2_000,
         )  # fmt: skip
+
+    def _carried(self):
+        self.carried += 1
 
     def _ended(self, lease, why):
         self.over.append((lease.agent, why))
@@ -183,6 +186,7 @@ def test_a_lease_is_on_record_and_held(tmp_path):
     async def scenario(house):
         holder = house.rig.agent()
         lease_id, _ = await house.lease(holder)
+        assert house.carried == 0, "its program is told nothing yet"
         (record,) = [r["body"] for r in house.rig.journal.records() if r["kind"] == "lease"]
         assert record["agent"] == "robotic"
         assert lease_id.hex() not in str(record), "whoever reads the record cannot bring a carriage"
@@ -271,6 +275,7 @@ def test_a_program_has_its_connections_side_by_side_and_what_it_says_first_is_no
         say_two.write(b"second")
         assert await read(one, 11) == b"bannerfirst"
         assert await read(two, 12) == b"bannersecond"
+        assert house.carried == 1
         big = secrets.token_bytes(300_000)
         say_one.write(big)
         assert await read(one, len(big)) == big

@@ -1,6 +1,7 @@
 """What the robot says about itself, from the real controller and the real ur_rtde client: true things, in time, and unknown otherwise."""
 
 import dataclasses
+import math
 import socket
 import threading
 import time
@@ -13,8 +14,10 @@ from pep.errors import ConfigError, PepFault, RobotError
 from pep.pit import NOMINAL_ERROR_M, Calibration, CellParameters, Robot
 from pep.holding import Holding
 from pep.rtde.dashboard import RemoteControl
+from pep.rtde.messages import WireError
 from pep.rtde.program import ProgramWatch
 from pep.rtde.readiness import OWN_POSE_M, RobotReadiness, equip
+from pep.rtde.state import JointState, Package, ReceivedState, package_of
 from pep.rtde.telemetry import Posture, Telemetry
 from pep.sim.launch import Controller
 from pep.world import tool_position
@@ -184,6 +187,46 @@ def test_telemetry_waits_for_a_package_that_is_newer(cell):
     with pytest.raises(RobotError) as raised:
         telemetry.next()
     assert raised.value.code is PepFault.ROBOT_STALLED
+
+
+def test_what_is_heard_comes_back_with_the_controller(cell):
+    telemetry, state = Telemetry(cell.host), ReceivedState(cell.host)
+    cell.fault("drop_connections")
+    with pytest.raises(RobotError) as raised:
+        until(lambda: state.read() is None)
+    assert raised.value.code is PepFault.ROBOT_STALLED
+    stale = state.newest()
+    until(lambda: state.newest().stamp_s > stale.stamp_s)
+    assert state.read().q_rad == pytest.approx(HOME, abs=1e-6)
+    until(lambda: _read(telemetry) is not None)
+    telemetry.close()
+    state.close()
+
+
+def test_a_controller_that_says_nothing_is_no_state(monkeypatch):
+    silent = Speaker(b"")
+    monkeypatch.setattr("pep.rtde.packages.PORT", silent.server.getsockname()[1])
+    monkeypatch.setattr("pep.rtde.state.BEGINS_S", 0.2)
+    with pytest.raises(RobotError) as raised:
+        ReceivedState("127.0.0.1")
+    assert raised.value.code is PepFault.ROBOT_UNREACHABLE
+    silent.close()
+
+
+NOT_A_NUMBER = {"q": {"actual_q": (math.nan,) * 6}, "speed": {"actual_qd": (math.inf,) * 6}, "slider": {"target_speed_fraction": math.nan}}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", NOT_A_NUMBER)
+def test_a_state_without_finite_numbers_is_none(what):
+    said = {
+        "timestamp": 1.5, "actual_q": HOME, "actual_qd": (0.0,) * 6, "robot_mode": 7, "safety_mode": 1,
+        "target_speed_fraction": 0.5, "speed_scaling": 0.25,
+    }  # fmt: skip
+    assert package_of(said, 0.0) == Package(1.5, JointState(tuple(HOME), (0.0,) * 6, 7, 1, 0.5, 0.25))
+    assert package_of(said | NOT_A_NUMBER[what], 0.0) == Package(1.5, None)
+    for name in said:
+        with pytest.raises(WireError):
+            package_of(said | {name: 1.0 if name.startswith("actual") else (1.0,) * 6}, 0.0)
 
 
 def _read(telemetry):
