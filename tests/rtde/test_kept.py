@@ -79,6 +79,8 @@ async def malformed(writer):
 @pytest.mark.parametrize("then", [ended, silent, malformed])
 def test_it_is_had_again_and_begins_as_the_first(then):
     async def scenario():
+        broken = []
+        asyncio.get_running_loop().set_exception_handler(lambda _, told: broken.append(told))
         robot = Robot(then)
         async with robot.listening() as port:
             client = Client(port)
@@ -90,6 +92,7 @@ def test_it_is_had_again_and_begins_as_the_first(then):
             client.kept.close()
             await until(lambda: robot.gone >= len(robot.heard) - 1)
             assert not client.kept.connected
+            assert broken == [], "none of it is a fault of ours"
 
     asyncio.run(scenario())
 
