@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import math
+import socket
+import threading
+import time
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import Any, Final, Protocol
 
 from pep.errors import PepFault, RobotError
-from pep.rtde.packages import Packages, number, vector
-
-if TYPE_CHECKING:
-    from pep.rtde.codec import Value
+from pep.rtde.lines import RTDE
+from pep.rtde.listener import CONNECT_S, SILENCE_S, received
+from pep.rtde.messages import WireError
+from pep.rtde.subscription import Subscription
 
 FRESH_S: Final = 0.1
 """Longest wait for a new package, fifty of which are due: a joint state older than 100 ms is none for a move."""
-BEGINS_S: Final = 2.0
-"""Longest wait for the first one."""
-RATE_HZ: Final = 500.0
-"""As often as an e-Series controller has something new."""
+POLL_S: Final = 0.001
+EVERY_CYCLE: Final = -1.0
+"""ur_rtde: as often as the controller has something new."""
+RATE_HZ: Final = 125.0
+"""Of a trial whether it says anything."""
+LOOK_S: Final = 0.5
+"""How often it is looked whether packages still come."""
+CLOSE_S: Final = 5.0
+"""Longest wait for a turn that is being taken."""
 NAMES: Final = (
     "timestamp", "actual_q", "actual_qd", "robot_mode", "safety_mode", "target_speed_fraction", "speed_scaling",
 )  # fmt: skip
+"""The outputs that are read here; ur_rtde would ask for 58."""
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
 
@@ -75,20 +85,28 @@ class RobotState(Protocol):
 
 
 class ReceivedState:
-    """`RobotState` over a connection of our own, which comes back by itself when it is lost. From any thread.
+    """`RobotState` over `rtde_receive.RTDEReceiveInterface`, which leaves it to others to come back when it is lost.
+
+    Two of them take turns then. One that others read is never begun anew under their eyes, and none is disposed of:
+    either would keep the whole process for half a second, or end it.
 
     Args:
         host: of the controller.
 
     Raises:
-        RobotError: `ROBOT_UNREACHABLE` when it has said nothing within `BEGINS_S`.
+        RobotError: `ROBOT_UNREACHABLE`.
     """
 
     def __init__(self, host: str) -> None:
-        self._packages = Packages("state", host, NAMES, RATE_HZ, read=package_of)
-        if self._packages.newest is None and self._packages.next(within_s=BEGINS_S) is None:
-            self.close()
-            raise RobotError(PepFault.ROBOT_UNREACHABLE, host)
+        self._host = host
+        try:
+            self._receive = _received(host)
+        except RuntimeError as error:
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, host) from error
+        self._spare: Any = None
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._keep, name="state", daemon=True)
+        self._thread.start()
 
     def read(self) -> JointState:
         """A package that arrived during the call.
@@ -96,33 +114,91 @@ class ReceivedState:
         Raises:
             RobotError: `ROBOT_STALLED` when none arrives, or one that holds no finite numbers.
         """
-        package = self._packages.next(within_s=FRESH_S)
-        if package is None:
-            raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
-        if package.state is None:
+        before = self._receive.getTimestamp()
+        deadline = time.monotonic() + FRESH_S
+        while self._receive.getTimestamp() == before:
+            if time.monotonic() > deadline:
+                raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
+            time.sleep(POLL_S)
+        state = _said(self._receive)
+        if state is None:
             raise RobotError(PepFault.ROBOT_STALLED, "joint angles that are no six finite numbers")
-        return package.state
+        return state
 
     def newest(self) -> Package:
-        """The newest package, however old: its reader sees that its stamp does not change."""
-        newest = self._packages.newest
-        assert newest is not None
-        return newest
+        """The newest package. The stamp is read first: a package that comes meanwhile looks older, never younger."""
+        receive = self._receive
+        stamp_s = float(receive.getTimestamp())
+        return Package(stamp_s, _said(receive))
 
     def close(self) -> None:
         """The connection has ended."""
-        self._packages.close()
+        self._ending.set()
+        self._thread.join(CLOSE_S)
+        self._receive.disconnect()
+
+    # ---- in the background
+
+    def _keep(self) -> None:
+        stamp_s, since_s = math.nan, time.monotonic()
+        while not self._ending.wait(LOOK_S):
+            now_s, newest_s = time.monotonic(), self._receive.getTimestamp()
+            if newest_s != stamp_s:
+                stamp_s, since_s = newest_s, now_s
+            elif now_s - since_s > SILENCE_S and _speaks(self._host):
+                with suppress(RuntimeError):  # gone again: there is a next look
+                    self._again()
+
+    def _again(self) -> None:
+        """The other one takes over, once packages come on it that are none of its earlier life's."""
+        if self._spare is None:
+            self._spare = _received(self._host)
+        else:
+            self._spare.reconnect()
+        if not _goes_on(self._spare):
+            self._spare.disconnect()
+            return
+        self._receive, self._spare = self._spare, self._receive
+        self._spare.disconnect()
 
 
-def package_of(values: dict[str, Value], arrived_s: float) -> Package:  # noqa: ARG001 - `Packages` says it to each
-    """What a package of `NAMES` says.
+def _received(host: str) -> Any:
+    """A connection; raises `RuntimeError` where there is none."""
+    from rtde_receive import RTDEReceiveInterface
 
-    Raises:
-        WireError: a value of another form than the controller's tables promise.
-    """
-    stamp, slider, scaling = (number(values[name]) for name in ("timestamp", "target_speed_fraction", "speed_scaling"))
-    q, qd = vector(values["actual_q"]), vector(values["actual_qd"])
-    if not all(map(math.isfinite, (*q, *qd, slider, scaling))):
-        return Package(stamp, None)
-    robot_mode, safety_mode = int(number(values["robot_mode"])), int(number(values["safety_mode"]))
-    return Package(stamp, JointState(q, qd, robot_mode, safety_mode, slider, scaling))
+    return RTDEReceiveInterface(host, EVERY_CYCLE, list(NAMES))
+
+
+def _said(receive: Any) -> JointState | None:
+    q, qd = tuple(receive.getActualQ()), tuple(receive.getActualQd())
+    slider, scaling = float(receive.getTargetSpeedFraction()), float(receive.getSpeedScaling())
+    if not (len(q) == len(qd) == 6 and all(math.isfinite(number) for number in (*q, *qd, slider, scaling))):
+        return None
+    robot_mode, safety_mode = int(receive.getRobotMode()), int(receive.getSafetyMode())
+    return JointState(q, qd, robot_mode, safety_mode, slider, scaling)
+
+
+def _goes_on(receive: Any) -> bool:
+    """Whether its newest package is of now: what was there is followed by another one, and that by a third."""
+    until_s = time.monotonic() + SILENCE_S
+    stamps = {receive.getTimestamp()}
+    while len(stamps) < 3 and time.monotonic() < until_s:
+        time.sleep(POLL_S)
+        stamps.add(receive.getTimestamp())
+    return len(stamps) >= 3
+
+
+def _speaks(host: str) -> bool:
+    """Whether the controller sends packages: for one that connects and says nothing ur_rtde waits for ever."""
+    subscription = Subscription(NAMES, RATE_HZ)
+    try:
+        with socket.create_connection((host, RTDE), CONNECT_S) as link:
+            link.settimeout(SILENCE_S)
+            link.sendall(subscription.begin())
+            while True:
+                said, packages = subscription.feed(received(link))
+                if packages:
+                    return True
+                link.sendall(said)
+    except (OSError, WireError):
+        return False

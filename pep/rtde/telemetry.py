@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.errors import PepFault, RobotError
-from pep.rtde.packages import Packages, number, vector
+from pep.rtde.listener import Listener, received
+from pep.rtde.subscription import Subscription
 
 if TYPE_CHECKING:
+    import socket
+
     from pep.rtde.codec import Value
 
+PORT: Final = 30004  # RTDE
 RATE_HZ: Final = 125.0
 FRESH_S: Final = 0.1
 """A package older than this (twelve are due) is none."""
@@ -55,7 +60,10 @@ class Telemetry:
     """
 
     def __init__(self, host: str) -> None:
-        self._packages = Packages("telemetry", host, _NAMES, RATE_HZ, read=_posture)
+        self._newest: Posture | None = None
+        self._came = threading.Condition()
+        self._listener = Listener("telemetry", host, PORT, self._talk)
+        self._listener.start()
 
     def read(self) -> Posture:
         """The newest package.
@@ -63,7 +71,7 @@ class Telemetry:
         Raises:
             RobotError: `ROBOT_STALLED` when it is older than 100 ms, or there is none.
         """
-        newest = self._packages.newest
+        newest = self._newest
         if newest is None or time.monotonic() - newest.arrived_s > FRESH_S:
             raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
         return newest
@@ -74,30 +82,56 @@ class Telemetry:
         Raises:
             RobotError: `ROBOT_STALLED`.
         """
-        package = self._packages.next(within_s=FRESH_S)
-        if package is None:
+        asked_s = time.monotonic()
+        with self._came:
+            self._came.wait_for(lambda: self._newest is not None and self._newest.arrived_s > asked_s, FRESH_S)
+        newest = self._newest
+        if newest is None or newest.arrived_s <= asked_s:
             raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
-        return package
+        return newest
 
     def close(self) -> None:
         """The connection has ended."""
-        self._packages.close()
+        self._listener.close()
+
+    def _talk(self, link: socket.socket) -> None:
+        subscription = Subscription(_NAMES, RATE_HZ)  # a name that the controller does not know is a WireError
+        link.sendall(subscription.begin())
+        while True:
+            said, packages = subscription.feed(received(link))
+            if said:
+                link.sendall(said)
+            for values in packages:
+                self._take(values)
+
+    def _take(self, values: dict[str, Value]) -> None:
+        joints, pose, offset = (_vector(values[name]) for name in _NAMES[:3])
+        payload = _number(values["payload"])
+        if not all(map(math.isfinite, (*joints, *pose, *offset, payload))):
+            return  # no package at all: the one before it grows too old
+        robot_mode, safety_mode, runtime_state, output_bits = (int(_number(values[name])) for name in _NAMES[4:])
+        with self._came:
+            self._newest = Posture(
+                q_rad=joints,
+                tool_pose=pose,
+                tcp_offset=offset,
+                payload_kg=payload,
+                robot_mode=robot_mode,
+                safety_mode=safety_mode,
+                runtime_state=runtime_state,
+                output_bits=output_bits,
+                arrived_s=time.monotonic(),
+            )
+            self._came.notify_all()
 
 
-def _posture(values: dict[str, Value], arrived_s: float) -> Posture | None:
-    joints, pose, offset = (vector(values[name]) for name in _NAMES[:3])
-    payload = number(values["payload"])
-    if not all(map(math.isfinite, (*joints, *pose, *offset, payload))):
-        return None  # no package at all: the one before it grows too old
-    robot_mode, safety_mode, runtime_state, output_bits = (int(number(values[name])) for name in _NAMES[4:])
-    return Posture(
-        q_rad=joints,
-        tool_pose=pose,
-        tcp_offset=offset,
-        payload_kg=payload,
-        robot_mode=robot_mode,
-        safety_mode=safety_mode,
-        runtime_state=runtime_state,
-        output_bits=output_bits,
-        arrived_s=arrived_s,
-    )
+def _vector(value: Value) -> tuple[float, ...]:
+    if not isinstance(value, tuple):
+        raise RobotError(PepFault.ROBOT_UNREACHABLE, "a vector was promised")
+    return tuple(map(float, value))
+
+
+def _number(value: Value) -> float:
+    if isinstance(value, tuple):
+        raise RobotError(PepFault.ROBOT_UNREACHABLE, "a number was promised")
+    return value
