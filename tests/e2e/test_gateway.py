@@ -385,6 +385,7 @@ def without_robot(house, there):
     until(lambda: house.stage.move("mover", to=there, speed=0.4).reason == "ROBOT_NOT_RUNNING", "no robot")
 
 
+@pytest.mark.clause("RTDE-18", "LSD-2")
 def test_a_controller_that_was_switched_off_is_served_when_it_is_back(house):
     """Nobody begins the gateway or the tool server anew for it."""
     tools_move(house)
@@ -401,6 +402,7 @@ def test_a_controller_that_was_switched_off_is_served_when_it_is_back(house):
     tools_move(house)
 
 
+@pytest.mark.clause("RTDE-18")
 def test_a_controller_that_fell_silent_is_served_when_it_is_back(house):
     """No connection is closed, as when its power is cut."""
     tools_move(house)

@@ -187,6 +187,7 @@ def test_telemetry_waits_for_a_package_that_is_newer(cell):
     assert raised.value.code is PepFault.ROBOT_STALLED
 
 
+@pytest.mark.clause("RTDE-18")
 def test_a_state_comes_back_with_the_controller_each_time(cell):
     state = ReceivedState(cell.host)
     had = [state._receive]
@@ -234,6 +235,7 @@ def came(state):
         return False
 
 
+@pytest.mark.clause("RTDE-18")
 def test_a_state_waits_for_no_controller_that_says_nothing(cell, monkeypatch):
     """It is taken up again once one speaks; ur_rtde itself would wait for the silent one for ever."""
     state, silent = ReceivedState(cell.host), Speaker(b"", cell.host)

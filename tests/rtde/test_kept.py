@@ -11,6 +11,8 @@ from pep.rtde.messages import WireError, WireFault
 
 HOST = "127.0.0.1"
 
+pytestmark = pytest.mark.clause("RTDE-18")
+
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
