@@ -11,7 +11,10 @@ from pep.errors import RobotError
 from pep.rtde.messages import WireError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+
+    from pep.rtde.codec import Value
+    from pep.rtde.subscription import Subscription
 
 CONNECT_S: Final = 2.0
 SILENCE_S: Final = 1.0
@@ -74,3 +77,18 @@ def received(link: socket.socket) -> bytes:
     if not piece:
         raise ConnectionResetError("closed by the controller")
     return piece
+
+
+def packages(link: socket.socket, subscription: Subscription) -> Iterator[dict[str, Value]]:
+    """What comes of the subscription, without end.
+
+    Raises:
+        OSError: as `received`.
+        WireError: as `Subscription.feed`; a name that the controller does not know, say.
+    """
+    link.sendall(subscription.begin())
+    while True:
+        said, came = subscription.feed(received(link))
+        if said:
+            link.sendall(said)
+        yield from came

@@ -12,7 +12,7 @@ from typing import Any, Final, Protocol
 
 from pep.errors import PepFault, RobotError
 from pep.rtde.lines import RTDE
-from pep.rtde.listener import CONNECT_S, SILENCE_S, received
+from pep.rtde.listener import CONNECT_S, SILENCE_S, packages
 from pep.rtde.messages import WireError
 from pep.rtde.subscription import Subscription
 
@@ -87,8 +87,8 @@ class RobotState(Protocol):
 class ReceivedState:
     """`RobotState` over `rtde_receive.RTDEReceiveInterface`, which leaves it to others to come back when it is lost.
 
-    Two of them take turns then. One that others read is never begun anew under their eyes, and none is disposed of:
-    either would keep the whole process for half a second, or end it.
+    Two of them take turns then. None is begun anew while others read it, since it is no lock that keeps these apart,
+    and none is disposed of, since that holds the interpreter for half a second.
 
     Args:
         host: of the controller.
@@ -190,15 +190,10 @@ def _goes_on(receive: Any) -> bool:
 
 def _speaks(host: str) -> bool:
     """Whether the controller sends packages: for one that connects and says nothing ur_rtde waits for ever."""
-    subscription = Subscription(NAMES, RATE_HZ)
     try:
         with socket.create_connection((host, RTDE), CONNECT_S) as link:
             link.settimeout(SILENCE_S)
-            link.sendall(subscription.begin())
-            while True:
-                said, packages = subscription.feed(received(link))
-                if packages:
-                    return True
-                link.sendall(said)
+            next(packages(link, Subscription(NAMES, RATE_HZ)))
+            return True
     except (OSError, WireError):
         return False

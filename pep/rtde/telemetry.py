@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.errors import PepFault, RobotError
-from pep.rtde.listener import Listener, received
+from pep.rtde.listener import Listener, packages
 from pep.rtde.subscription import Subscription
 
 if TYPE_CHECKING:
@@ -95,14 +95,8 @@ class Telemetry:
         self._listener.close()
 
     def _talk(self, link: socket.socket) -> None:
-        subscription = Subscription(_NAMES, RATE_HZ)  # a name that the controller does not know is a WireError
-        link.sendall(subscription.begin())
-        while True:
-            said, packages = subscription.feed(received(link))
-            if said:
-                link.sendall(said)
-            for values in packages:
-                self._take(values)
+        for values in packages(link, Subscription(_NAMES, RATE_HZ)):
+            self._take(values)
 
     def _take(self, values: dict[str, Value]) -> None:
         joints, pose, offset = (_vector(values[name]) for name in _NAMES[:3])

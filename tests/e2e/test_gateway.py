@@ -43,6 +43,9 @@ def settled():
     time.sleep(0.01)  # a command that follows a refused one at once is refused by ur_rtde itself
 """
 
+MOVES = "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))"
+HERE_THEN_MOVES = f"say('here')\nsys.stdin.readline()\n{MOVES}"
+
 
 class Command:
     """A command of `ztpm rtde` by a holder."""
@@ -182,7 +185,7 @@ def test_a_program_that_runs_already_is_lent_a_lease(house, eyes):
     with Command(house, "connect", "mover", "--json") as lent:
         told = json.loads(lent.line())
         assert told["ready"]
-        text = HEAD + "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))"
+        text = HEAD + MOVES
         program = subprocess.run(
             [sys.executable, "-c", text, told["robot"]], capture_output=True, text=True, timeout=60, check=True
         )
@@ -292,13 +295,6 @@ def test_a_revoked_token_stops_the_arm_and_ends_the_lease(house, eyes):
 # ---- the cell's tools, before the same arm
 
 
-HERE_THEN_MOVES = """
-    say("here")
-    sys.stdin.readline()
-    say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))
-"""
-
-
 def aside(house, by_rad=0.02):
     """Where the arm is, and a little farther."""
     base, *others = house.stage.rounded_joints
@@ -375,7 +371,7 @@ def test_the_gateways_death_stops_the_arm_and_its_next_life_serves(house, eyes):
         house.cell.gateway.kill()
         assert stopped(eyes, began_s, t0).within_bar
     house.cell.start_gateway()
-    with Run(house, "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))") as run:
+    with Run(house, MOVES) as run:
         status, said, errors = run.ended()
     assert (status, said) == (0, ["True"]), errors
 
@@ -396,7 +392,7 @@ def test_a_controller_that_was_switched_off_is_served_when_it_is_back(house):
     house.cell.start_robot()
     house.stage.eyes = None
     until(lambda: house.stage.move("mover", to=there, speed=0.4).reason == "SEQUENCE_DRIFT", "an arm that is elsewhere")
-    with Run(house, "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))") as run:  # which sees where it is
+    with Run(house, MOVES) as run:  # which sees where it is
         status, said, errors = run.ended()
     assert (status, said) == (0, ["True"]), errors
     tools_move(house)
