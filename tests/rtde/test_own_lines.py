@@ -85,6 +85,7 @@ class Served:
             await self.own.end()
             self.keeping.cancel()
             self.ports.close()
+            await asyncio.wait(asyncio.all_tasks() - {asyncio.current_task()}, timeout=1)  # what was cancelled ends
 
         self.do(over())
         self.loop.call_soon_threadsafe(self.loop.stop)
