@@ -270,6 +270,9 @@ def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
     # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    # Before MCPServer does, which would hide our warnings; its own, of what strangers send, stay hidden.
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
+    logging.getLogger("mcp").setLevel(logging.ERROR)
     status = 1
     try:
         asyncio.run(serve())

@@ -1,13 +1,26 @@
 """Runs one process of a cell with one defence taken out: `python -m tests.e2e.sabotage DEFECT MODULE ARGUMENTS...`.
 
 Each defect is a few lines that undo one check from outside; the product has no switch for it. The step of the story that rests on the
-check must then fail to be as told (tests/e2e/test_defences.py).
+check must then fail to be as told (tests/e2e/test_defences.py). One defect undoes nothing, it breaks a part that others must do without.
 """
 
+import os
 import runpy
 import sys
+from pathlib import Path
 
+from ztpm.processes import Child
+
+TOP = Path(__file__).parents[2]
 DEFECTS = {}
+
+
+def start(defect, child, module, *arguments, environment):
+    """A child of a cell with that defect, as `Child.start` starts one without."""
+    path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
+    return Child.start(
+        child, "tests.e2e.sabotage", defect, module, *arguments, environment={**environment, "PYTHONPATH": path}
+    )
 
 
 def defect(function):
@@ -346,6 +359,23 @@ def gateway_lends_twice():
         return first(self, lease, at_ms=at_ms)
 
     Leases.open = opened
+
+
+@defect
+def gateway_look_breaks():
+    """Every other look at the leases ends in an error."""
+    from itertools import cycle
+
+    from pep.rtde.lease_port import LeasePort
+
+    honest, breaks = LeasePort.look, cycle((True, False))
+
+    def look(self):
+        if next(breaks):
+            raise RuntimeError("a look that broke")
+        honest(self)
+
+    LeasePort.look = look
 
 
 def main() -> None:

@@ -6,16 +6,13 @@ needs, sees that everything before it is as told, and that the attack then does 
 A cell of its own takes a quarter of a minute each: one case of each kind is always played, the others by `make campaign`.
 """
 
-import os
-from pathlib import Path
-
 import pytest
 
+from tests.e2e import sabotage
 from ztpm.demo.run import Told, play, stage
 from ztpm.demo.story import STORY
 from ztpm.processes import Child
 
-TOP = Path(__file__).parents[2]
 IDP, GATEWAY, TOOLS = ("identity provider",), ("gateway",), ("tool server",)
 BOTH = (*TOOLS, *GATEWAY)
 """What each of them verifies by itself: one alone would be found out by the other."""
@@ -86,10 +83,7 @@ def played(name: str, broken: tuple[str, ...], defect: str) -> Told:
     def start(child: str, module: str, *arguments: str, environment: dict[str, str]) -> Child:
         if child not in broken:
             return Child.start(child, module, *arguments, environment=environment)
-        path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
-        return Child.start(
-            child, "tests.e2e.sabotage", defect, module, *arguments, environment={**environment, "PYTHONPATH": path}
-        )
+        return sabotage.start(defect, child, module, *arguments, environment=environment)
 
     steps = STORY.only(frozenset({name}))
     assert steps[-1].id == name

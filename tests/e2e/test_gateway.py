@@ -5,16 +5,20 @@ import json
 import os
 import secrets
 import signal
+import socket
 import subprocess
 import sys
 import textwrap
 import time
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from pep.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
 from pep.rtde.limits import widest
+from pep.rtde.lines import DASHBOARD, PRIMARY
+from tests.e2e import sabotage
 from tests.e2e.tls import TlsAddresses, reached_by_tls
 from ztpm.cell import PASSPHRASE_VARIABLE, Cell
 from ztpm.demo.eyes import Eyes
@@ -91,8 +95,11 @@ class House:
         initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=20)
         settled(layout)
 
-        def start(*command, environment):
-            return Child.start(*command, environment=environment | NO_WAY)
+        self.broken = {}  # defects by name of the process that starts with one
+
+        def start(child, *command, environment):
+            begin = partial(sabotage.start, self.broken[child]) if child in self.broken else Child.start
+            return begin(child, *command, environment=environment | NO_WAY)
 
         self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, start=start)
         self.stage = Stage(cell=self.cell, people={})
@@ -111,6 +118,12 @@ class House:
         self.issued[name] = self.stage.person("alice").issue(agent, scope, purpose="test")
         self.stage.tokens[name], self.tokens[name] = self.issued[name].token, self.folder / name
         write_private(self.tokens[name], self.issued[name].token.encode())
+
+    def agent_to_revoke(self):
+        """The name of one that nobody else uses."""
+        name = f"brief-{secrets.token_hex(4)}"
+        self.agent(name)
+        return name
 
     def endings(self):
         return [body["ending"] for body in self.journal("lease-ended")]
@@ -277,10 +290,10 @@ def test_the_death_of_ztpm_run_stops_the_arm(house, eyes):
 
 
 def test_a_revoked_token_stops_the_arm_and_ends_the_lease(house, eyes):
-    house.agent("short")
-    with Run(house, LONG + "    time.sleep(60)", "short") as run:
+    name = house.agent_to_revoke()
+    with Run(house, LONG + "    time.sleep(60)", name) as run:
         began_s = under_way(eyes, run)
-        house.stage.person("alice").revoke("hop", house.issued["short"].hop_id, reason="test")
+        house.stage.person("alice").revoke("hop", house.issued[name].hop_id, reason="test")
         t0 = time.monotonic()
         stopped(eyes, began_s, t0)
         assert run.line() == "False"
@@ -290,6 +303,23 @@ def test_a_revoked_token_stops_the_arm_and_ends_the_lease(house, eyes):
     assert status == 128 + signal.SIGTERM
     assert "\nLEASE_OVER: authority" in errors
     assert "ztpm: REVOKED" in errors or "ztpm: LEASE_OVER: authority" in errors, "why the move had failed"
+
+
+def test_a_look_that_breaks_keeps_no_lease_open(house):
+    """Who looks after the leases goes on looking."""
+    name = house.agent_to_revoke()
+    house.broken["gateway"] = "gateway_look_breaks"
+    house.cell.start_gateway()
+    try:
+        with Run(house, "say('here')\nwhile control.isConnected():\n    time.sleep(0.05)", name) as run:
+            assert run.line() == "here"
+            house.stage.person("alice").revoke("hop", house.issued[name].hop_id, reason="test")
+            until(lambda: house.endings()[-1:] == ["authority"], "the end on record")
+            assert "LEASE_OVER: authority" in run.ended()[2]
+        assert any("lease: a look that broke" in line for line in house.cell.gateway.output)
+    finally:
+        house.broken.clear()
+        house.cell.start_gateway()
 
 
 # ---- the cell's tools, before the same arm
@@ -347,6 +377,23 @@ def test_a_tools_stop_ends_a_programs_motion(house, eyes):
         assert house.stage.ask("mover", "stop", {}).decision == "PERMIT"
         stopped(eyes, began_s, t0)  # a client's whole conversation later
         assert run.line() == "False"
+
+
+@pytest.mark.parametrize(("port", "words"), [(DASHBOARD, b"stop\n"), (PRIMARY, b"stopj(0.1)\n")])
+def test_anybodys_stop_ends_a_tools_motion(house, eyes, port, words):
+    """The tool knows that it was one: nothing that it was about to do is done, and its next motion is."""
+    tools_move(house)
+    with Motion(house.stage, "mover", to=across(house), speed=0.4) as motion:
+        motion.under_way(0.05)
+        with socket.create_connection((house.cell.addresses.gateway_host, port), 5.0) as stranger:
+            t0 = time.monotonic()
+            stranger.sendall(words)
+            stop = motion.stop_after(t0)
+        answer = motion.answer()
+    assert stop.within_model
+    assert stop.within_bar
+    assert answer.content["outcome"] == "stopped", answer.content
+    tools_move(house)
 
 
 @pytest.mark.parametrize("who", ["gateway", "tools"])

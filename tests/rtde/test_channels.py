@@ -78,10 +78,10 @@ class Cell:
     @contextlib.contextmanager
     def serving(self):
         """The gateway runs, in a thread of its own, since the clients of this one wait."""
-        self.loop, served = asyncio.new_event_loop(), threading.Event()
-        ended = asyncio.Event()
+        served, ended = threading.Event(), asyncio.Event()
 
         async def serve():
+            self.loop = asyncio.get_running_loop()
             rig = Rig(self.folder, SystemClock())
             ports = LeasedPorts(
                 self.towards.host, self.judge, scripts=allow_list(installed_body), clock=rig.clock,
@@ -98,7 +98,7 @@ class Cell:
             rig.gate.close()
             rig.journal.close()
 
-        thread = threading.Thread(target=lambda: self.loop.run_until_complete(serve()))
+        thread = threading.Thread(target=lambda: asyncio.run(serve()))
         thread.start()
         try:
             assert served.wait(20)
@@ -106,7 +106,6 @@ class Cell:
         finally:
             self.loop.call_soon_threadsafe(ended.set)
             thread.join(20)
-            self.loop.close()
 
     @contextlib.contextmanager
     def reached(self, leased):

@@ -169,9 +169,10 @@ STOPPINGS = []
 @pytest.fixture(scope="module")
 def gateway(controller):
     """A gateway in a thread of its own, since the clients of this process block."""
-    loop, ready = asyncio.new_event_loop(), threading.Event()
+    stop, ready = [], threading.Event()
 
     async def serve():
+        loop = asyncio.get_running_loop()
         ports = StatePorts(HOST, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, stopping=STOPPINGS.append)
         gateway, ended = Gateway(ports), asyncio.Event()
         await gateway.listen(HERE)
@@ -179,16 +180,13 @@ def gateway(controller):
         ready.set()
         await ended.wait()
         gateway.close()
-        await asyncio.sleep(0)
 
-    stop = []
-    thread = threading.Thread(target=lambda: loop.run_until_complete(serve()))
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
     thread.start()
     assert ready.wait(10)
     yield HERE
     stop[0]()
     thread.join(10)
-    loop.close()
 
 
 def program(text, *arguments):
