@@ -123,6 +123,7 @@ class GatewayServer(RobotPoint):
             fitted=self._fitted,
             free=lambda: self.leases.current is None,
             able=self._able,
+            failed=lambda error: self._log("own lines", error),
         )
         if config.calibration_file is not None:
             confirm_kinematics(self.readiness)
@@ -201,7 +202,7 @@ class GatewayServer(RobotPoint):
         )
         self.app = ByPath(calls, {urlsplit(config.url).path: door})
         self._lease_ms = policies.parameters.lease_motion_ms
-        self._tasks: list[asyncio.Task[None]] = []
+        self._tasks: list[asyncio.Task[object]] = []
         self._notes: set[asyncio.Task[None]] = set()
 
     async def begin(self) -> None:
@@ -216,7 +217,7 @@ class GatewayServer(RobotPoint):
             await self.gateway.listen(self._listen_host)
         except OSError as error:
             raise ConfigError(PepFault.CONFIG_INVALID, f"host, listen_host: {error.strerror}") from error
-        self._tasks = [asyncio.create_task(self._look()), asyncio.create_task(self.own.keep())]
+        self._tasks = [self._watched("leases", self._look()), self._watched("own lines", self.own.keep())]
         await self._equipped()
         goes_first()  # what was slow to make is made: what it does from now on a program waits for
 
@@ -325,7 +326,7 @@ class GatewayServer(RobotPoint):
                 if not self._stands():
                     await self._end(Ending.AUTHORITY)
             except Exception as error:  # noqa: BLE001 - who looks goes on looking
-                self._log("lease", error)
+                self._log("leases", error)
 
     def _stands(self) -> bool:
         """Whether the token of the open lease does, if there is one."""

@@ -165,9 +165,9 @@ class RobotPoint(EnforcementPoint):
             self.journal.append("outcome", {"request_id": request_id, "decision": digest, "outcome": "unknown"})
         self.asks.expire()
 
-    def beside(self) -> list[Coroutine[Any, Any, None]]:
-        """What runs as long as it serves."""
-        return [*super().beside(), self.asking.run()]
+    def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
+        """What runs as long as it serves, by name."""
+        return {**super().beside(), "asking": self.asking.run()}
 
     async def report(self) -> dict[str, object]:
         """How things stand: robot, perception and revocation view."""

@@ -83,6 +83,7 @@ class OwnLines:
         fitted: tool and payload that the controller is to reckon with.
         free: whether no program has the lease, or is about to.
         able: whether the arm could move: powered, no safety stop, remote control.
+        failed: is told each time that they could not be brought up, and why.
 
     Attributes:
         control: to be guarded; `RTDEControlInterface`, as far as guarded tools use it.
@@ -96,11 +97,13 @@ class OwnLines:
         fitted: Callable[[], Fitted],
         free: Callable[[], bool],
         able: Callable[[], bool],
+        failed: Callable[[Exception], None],
     ) -> None:
         self._ports = ports
         self._fitted = fitted
         self._free = free
         self._able = able
+        self._failed = failed
         self._loop = asyncio.get_running_loop()
         self._lease: OwnLease | None = None
         self._commands, self._switches, self._script = OwnCommands(), OwnSwitches(), _Script()
@@ -116,8 +119,9 @@ class OwnLines:
             if self._lease is None and not self._over and self._free() and self._able():
                 try:
                     await self._bring()
-                except Exception:  # noqa: BLE001 - whatever it was: a narrower net would leave the tools without an arm
+                except Exception as error:  # noqa: BLE001 - a narrower net would leave the tools without an arm
                     self.give_way()
+                    self._failed(error)
                     await asyncio.sleep(AGAIN_S)
             elif self._lease is not None and not self._ports.undisturbed():
                 self.give_way()  # somebody has stopped it, or the controller has: begun anew, and nothing moves by that

@@ -316,7 +316,9 @@ def test_a_look_that_breaks_keeps_no_lease_open(house):
             house.stage.person("alice").revoke("hop", house.issued[name].hop_id, reason="test")
             until(lambda: house.endings()[-1:] == ["authority"], "the end on record")
             assert "LEASE_OVER: authority" in run.ended()[2]
-        assert any("lease: a look that broke" in line for line in house.cell.gateway.output)
+        said = list(house.cell.gateway.output)
+        assert sum(line.endswith(" leases: a look that broke") for line in said) == 1, "once in a minute"
+        assert "RuntimeError: a look that broke" in said, "and where"
     finally:
         house.broken.clear()
         house.cell.start_gateway()

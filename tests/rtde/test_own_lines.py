@@ -51,7 +51,7 @@ class Served:
     """The ports of a controller and our own lines there, on a loop in a thread of its own; also the ports' judge."""
 
     def __init__(self, host):
-        self.host, self.free, self.able, self.asked = host, True, True, []
+        self.host, self.free, self.able, self.asked, self.failed = host, True, True, [], []
         self.loop = asyncio.new_event_loop()
         self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self.thread.start()
@@ -66,7 +66,9 @@ class Served:
             self.host, self, scripts=scripts, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, clock=SystemClock(),
             closed=lambda lease, _: self.own.give_way() if isinstance(lease, OwnLease) else None,
         )  # fmt: skip
-        self.own = OwnLines(self.ports, fitted=lambda: FITTED, free=lambda: self.free, able=lambda: self.able)
+        self.own = OwnLines(
+            self.ports, fitted=lambda: FITTED, free=lambda: self.free, able=lambda: self.able, failed=self.failed.append
+        )
         await self.ports.begin()
         self.keeping = asyncio.create_task(self.own.keep())
 
@@ -404,7 +406,8 @@ def test_a_controller_that_refuses_is_tried_again(served, robot, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("pep.rtde.own_line.OwnLine.open", failing)
         served.do(_given_way(served))
-        until(lambda: len(tried) > 1)
+        until(lambda: len(served.failed) > 1)
+    assert str(served.failed[-1]) == "ROBOT_UNREACHABLE: as tested"
     assert len(set(map(id, tried))) == len(tried), "each try is another lease"
     assert isinstance(tried[0], OwnLease)
     until(lambda: served.own.up)
