@@ -7,6 +7,9 @@ import sys
 import pytest
 from hypothesis import HealthCheck, settings
 
+# Before numpy is loaded, here and in all that is started: a pool of threads that wait for one another in a loop takes a
+# thousand times as long where each of them computes only while nobody else does (`polite`, below).
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile(
     "shared-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
 )

@@ -488,6 +488,18 @@ class Rig:
     def records(self, kind=None):
         return [r for r in self.journal.records() if kind is None or r["kind"] == kind]
 
+    async def ended(self):
+        """What the one motion came to, told when its slot is free again and all of it is on record.
+
+        It is the last outcome: a decision whose record takes longer than it lasts is taken anew, and leaves a `refused`
+        of its own before.
+        """
+        async with asyncio.timeout(10):
+            while self.slot.holder is not None:
+                await asyncio.sleep(0.01)
+        self.gate.close()
+        return self.records("outcome")[-1]["body"]["outcome"]
+
 
 class FakeIssuer:
     """The provider's feed, registry and ledger on the wire, with every lie that a test wants told."""
