@@ -30,6 +30,7 @@ from pep.mcp.deadline import DeadlineProtocol
 from pep.record import FileJournal
 from pep.replay import ReplayCache
 from pep.ship import Shipper
+from ztpm.incidents import Incidents
 from ztpm.point_config import read_key, read_policies, read_trust
 from ztpm.report import serve_reports, view_of
 from ztpm.trust_mark import check_mark
@@ -53,8 +54,6 @@ KEEP_ALIVE_S: Final = 5
 SWITCH_S: Final = 0.001
 ACCEPTED: Final = frozenset({"decision", "ticket"})
 """Kinds of records that name a proof which had an effect."""
-TOLD_EACH_MS: Final = 60_000
-"""What goes wrong again and again is told once in so long for each kind, on standard error and in the journal."""
 CONNECTIONS: Final = 64
 """Callers at once; a cell has a handful of agents. The next are told 503."""
 
@@ -113,7 +112,7 @@ class EnforcementPoint:
         self.journal = FileJournal.open(config.journal_file, pep_id=config.pep_id, clock=self.clock)
         self.http = http
         self.ended = asyncio.Event()
-        self._told: dict[tuple[str, str], int] = {}
+        self.incidents = Incidents(self.clock)
         self.follower = Follower(
             self.http,
             issuer=config.issuer,
@@ -130,7 +129,7 @@ class EnforcementPoint:
             issuer=config.issuer,
             key=key,
             clock=self.clock,
-            incident=lambda error: self._log("ledger", error),
+            incident=lambda error: self.incidents.tell("ledger", error),
         )
         self.replay = ReplayCache(self.clock)
         self.authority = Authority(
@@ -180,7 +179,7 @@ class EnforcementPoint:
         parts = self.beside()
         if reports:
             parts["reports"] = serve_reports(self.report)
-        tasks = [self._watched(what, part) for what, part in parts.items()]
+        tasks = [self.incidents.watched(what, part) for what, part in parts.items()]
         try:
             await self._first_view()
             await self.listen()
@@ -211,7 +210,9 @@ class EnforcementPoint:
 
     def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
         """What runs as long as it serves, by name."""
-        keeping = self.clock.run(failed=lambda error: self._log("clock", error), set_back=self._clock_incident)
+        keeping = self.clock.run(
+            failed=lambda error: self.incidents.tell("clock", error), set_back=self._clock_incident
+        )
         return {"feed": self.follower.run(), "ledger": self.shipper.run(), "clock": keeping}
 
     async def report(self) -> dict[str, object]:
@@ -246,37 +247,15 @@ class EnforcementPoint:
 
     def _feed_incident(self, error: PepError) -> None:
         """A refused answer is on record; an unreachable provider is only told."""
-        self._log("feed", error)
-        if error.code is not PepFault.FEED_UNREACHABLE and self._first("record", error.code):
+        self.incidents.tell("feed", error)
+        if error.code is not PepFault.FEED_UNREACHABLE and self.incidents.first("record", error.code):
             self._note({"what": "feed", "fault": str(error.code), "detail": error.detail})
 
     def _clock_incident(self, held_s: float) -> None:
         self._note({"what": "clock", "fault": str(PepFault.CLOCK_SET_BACK), "held_s": int(held_s)})
 
     def _note(self, body: dict[str, object]) -> None:
-        self._watched("journal", self.edge.record("incident", body))
-
-    def _watched(self, what: str, work: Coroutine[Any, Any, object]) -> asyncio.Task[object]:
-        """Done from here on; why it failed is told."""
-        task = asyncio.get_running_loop().create_task(work)
-        task.add_done_callback(lambda task: None if task.cancelled() else self._log(what, task.exception()))
-        return task
-
-    def _log(self, what: str, error: BaseException | None) -> None:
-        """What went wrong, and where, unless it has a code of ours."""
-        if error is None:
-            return
-        kind, where = (error.code, None) if isinstance(error, PepError) else (type(error).__name__, error)
-        if self._first(what, kind):
-            logging.getLogger("ztpm.enforcement").warning("%s: %s", what, error, exc_info=where)
-
-    def _first(self, what: str, kind: str) -> bool:
-        """Whether nothing of this kind was told lately."""
-        now = self.clock.monotonic_ms()
-        if now - self._told.get((what, kind), now - TOLD_EACH_MS) < TOLD_EACH_MS:
-            return False
-        self._told[what, kind] = now
-        return True
+        self.incidents.watched("journal", self.edge.record("incident", body))
 
 
 def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:

@@ -123,7 +123,7 @@ class GatewayServer(RobotPoint):
             fitted=self._fitted,
             free=lambda: self.leases.current is None,
             able=self._able,
-            failed=lambda error: self._log("own lines", error),
+            failed=lambda error: self.incidents.tell("own lines", error),
         )
         if config.calibration_file is not None:
             confirm_kinematics(self.readiness)
@@ -217,7 +217,10 @@ class GatewayServer(RobotPoint):
             await self.gateway.listen(self._listen_host)
         except OSError as error:
             raise ConfigError(PepFault.CONFIG_INVALID, f"host, listen_host: {error.strerror}") from error
-        self._tasks = [self._watched("leases", self._look()), self._watched("own lines", self.own.keep())]
+        self._tasks = [
+            self.incidents.watched("leases", self._look()),
+            self.incidents.watched("own lines", self.own.keep()),
+        ]
         await self._equipped()
         goes_first()  # what was slow to make is made: what it does from now on a program waits for
 
@@ -326,7 +329,7 @@ class GatewayServer(RobotPoint):
                 if not self._stands():
                     await self._end(Ending.AUTHORITY)
             except Exception as error:  # noqa: BLE001 - who looks goes on looking
-                self._log("leases", error)
+                self.incidents.tell("leases", error)
 
     def _stands(self) -> bool:
         """Whether the token of the open lease does, if there is one."""
