@@ -1,8 +1,10 @@
 """One profile for all property tests, since machines are shared and noisy; and who computes makes room for who must not wait."""
 
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -10,6 +12,12 @@ from hypothesis import HealthCheck, settings
 # Before numpy is loaded, here and in all that is started: a pool of threads that wait for one another in a loop takes a
 # thousand times as long where each of them computes only while nobody else does (`polite`, below).
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Nothing is effected before it is on record, and a shared machine's disk may take seconds for one record. Files of tests
+# are in memory, where there is room and programs may be begun; with the name of another place, or "", they are there.
+MEMORY, ROOM = Path("/dev/shm"), 4 << 30  # noqa: S108 - pytest makes a directory of its own in it
+if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free >= ROOM and not os.statvfs(MEMORY).f_flag & os.ST_NOEXEC:
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
+
 settings.register_profile(
     "shared-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
 )
