@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 from pep.rtde import command_values as v
 from pep.rtde.codec import encode_request
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from pep.rtde.messages import Values
     from pep.rtde.recipes import Offset
 
-Streamed: TypeAlias = v.ServoJ | v.SpeedJ
 _SIX: Final = struct.Struct(">6d")
 _DOUBLE_BYTES: Final = 8
 _PROTOCOL: Final = 2
@@ -39,15 +38,13 @@ class Following:
         first: at which byte of it the six doubles begin.
         frame: that was written for it.
         places: at which bytes of that the six doubles begin.
-        command: that both say.
     """
 
-    def __init__(self, said: bytes, first: int, frame: bytes, places: tuple[int, ...], command: Streamed) -> None:
+    def __init__(self, said: bytes, first: int, frame: bytes, places: tuple[int, ...]) -> None:
         self._size, self._first, beyond = len(said), first, first + _SIX.size
         self._before, self._after = said[:first], said[beyond:]
         self._frame = bytearray(frame)
         self._runs = _runs(zip(range(first, beyond, _DOUBLE_BYTES), places, strict=True))
-        self._command = command
 
     @classmethod
     def of(
@@ -79,20 +76,14 @@ class Following:
         place, places = recipe.place(six[0]), [own.place(name) for name in six]
         assert place is not None
         first = len(said) - len(package.packed) + place
-        return cls(said, first, frame, tuple(head + place for place in places if place is not None), command)
+        return cls(said, first, frame, tuple(head + place for place in places if place is not None))
 
-    def read(self, received: bytes) -> tuple[Streamed, v.Six] | None:
-        """The next value and its six doubles; None where these bytes are another frame in anything but these."""
+    def read(self, received: bytes) -> v.Six | None:
+        """The six doubles of the next value; None where these bytes are another frame in anything but these."""
         if len(received) != self._size or not received.startswith(self._before) or not received.endswith(self._after):
             return None
-        six = _SIX.unpack_from(received, self._first)
-        if not all(map(math.isfinite, six)):
-            return None
-        match self._command:
-            case v.ServoJ(_, time_s, lookahead_s, gain):
-                return v.ServoJ(six, time_s, lookahead_s, gain), six
-            case v.SpeedJ(_, acceleration, time_s):
-                return v.SpeedJ(six, acceleration, time_s), six
+        six: v.Six = _SIX.unpack_from(received, self._first)
+        return six if all(map(math.isfinite, six)) else None
 
     def written(self, received: bytes) -> bytes:
         """The frame to write for bytes that `read` has read."""

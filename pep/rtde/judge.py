@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from pep.authority import Credentials
-    from pep.rtde.command_values import Command
+    from pep.rtde.command_values import Command, Six
     from pep.rtde.io_commands import IoCommand
     from pep.rtde.move_path import Waypoint
     from pep.rtde.refused import Refused
@@ -25,6 +25,10 @@ class Steps(Protocol):
         Asked for each package that leaves the command standing, one with the same parameters too: it says that the
         program goes on.
         """
+        ...
+
+    def follow(self, six: Six) -> Reason | None:
+        """As `step`, of the command that was stepped last with these as its angles or speeds and all else as it was."""
         ...
 
     def ended(self) -> None:

@@ -66,7 +66,7 @@ class LeasedCommands:
 
     Attributes:
         denied: whether the program sees its command as failed, until it clears it.
-        stands: the newest value of a stream that goes on, where the controller has nothing newer; else None.
+        stands: a value of a stream that goes on, where the controller has nothing newer but what follows it; else None.
     """
 
     def __init__(self, profile: Profile, claimed: Collection[str], *, stop_deceleration_rad_s2: float) -> None:
@@ -186,20 +186,20 @@ class LeasedCommands:
             case Refused() as refused:
                 self._misread(refused, at_ms)
 
-    def follow(self, command: Command, six: v.Six, *, at_ms: int) -> bool:
-        """The program wrote the value that follows the one that `stands`: its first six doubles are others.
+    def follow(self, six: v.Six, *, at_ms: int) -> bool:
+        """The program wrote a value that follows the one that `stands`: its first six doubles are others.
 
         Args:
-            command: that value.
             six: those doubles.
             at_ms: monotonic time.
 
         Returns:
             Whether it is to be written now, as that one was; else the stream has ended with it.
         """
+        assert self.stands is not None
         self._later = six
         self._wrote_ms = at_ms
-        return self._certain(command)
+        return self._certain(self.stands, six)
 
     def _merged(self, values: Mapping[str, Value]) -> Image:
         """What the client has written until now."""
@@ -280,15 +280,15 @@ class LeasedCommands:
             self._write(command)
             self.stands = command
 
-    def _certain(self, command: Command) -> bool:
-        """Whether the stream goes on with this value; otherwise it has ended."""
+    def _certain(self, command: Command, six: v.Six | None = None) -> bool:
+        """Whether the stream goes on with this value, or with these six doubles in it; otherwise it has ended."""
         assert self._stream is not None
         steps = self._stream[1]
         if steps is None:
             self._refuse(_FOLLOWS, row_of(command).name)
             return False
         try:
-            reason = steps.step(command)
+            reason = steps.step(command) if six is None else steps.follow(six)
         except Exception:  # noqa: BLE001 - a judgement that breaks has not permitted
             self._refuse(Refused(Reason.POLICY_ERROR, "the judgement broke"), row_of(command).name)
             return False

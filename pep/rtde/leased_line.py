@@ -174,10 +174,10 @@ class LeasedLine(Relay):
         following, commands = self._following, self.commands
         if following is None or commands is None or commands.stands is None or self._from_client.pending:
             return None
-        found = following.read(received)
-        if found is None:
+        six = following.read(received)
+        if six is None:
             return None
-        if not commands.follow(*found, at_ms=at_ms):
+        if not commands.follow(six, at_ms=at_ms):
             return self.settle()
         self._sends(following.written(received))
         return self._said()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.algebra import bound_to_json
@@ -20,14 +21,14 @@ from policies.evidence import ImpactFault
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from capabilities.chain import Chain
     from capabilities.scope import Grant
     from pep.cell_stream import Value
     from pep.permit import Permit
     from pep.ports import Clock
-    from pep.rtde.command_values import Command
+    from pep.rtde.command_values import Command, Six
     from pep.rtde.heard import Heard
     from pep.rtde.judge import Stopper
     from pep.rtde.leased_requests import Fitted
@@ -46,6 +47,10 @@ OLD_MS: Final = 100
 """A joint state older than this is none (`pep.rtde.state`)."""
 FREE_MILLI: Final = 2_000
 """Above the tiers that need nobody, only an approval authorises: then what approvals bind holds for every value."""
+
+_SIX: Final = 6
+"""Angles or speeds, the first parameters of what is streamed."""
+_NO_VALUE: Final = (0.0,) * _SIX
 
 
 class Certifying(Protocol):
@@ -97,6 +102,7 @@ class LeasedStream:
         self._seed = bytes.fromhex(permit.digest)
         self._began_ms = clock.monotonic_ms()
         self._until_ms = self._began_ms + LASTS_MS
+        self._form: _Form | None = None  # of the command that was stepped last
         self._stands: tuple[Value, int | None] | None = None  # and until when, where it is not for ever
         self._lost: Reason | None = None
         self._ended_ms: int | None = None
@@ -106,7 +112,16 @@ class LeasedStream:
 
     def step(self, command: Command) -> Reason | None:
         """See `Steps.step`. A value that is not taken ends the stream for good."""
-        reason = self._why_not(command)
+        asked = asked_of(command, path=(), fitted=self._fitted)
+        if isinstance(asked, Asked) and asked.operation == self._bounds.operation:
+            self._form = _Form.of(command, asked.numbers)
+            return self.follow(asked.numbers[:_SIX])  # type: ignore[arg-type]  # these are six
+        self._form = None
+        return self.follow(_NO_VALUE)
+
+    def follow(self, six: Six) -> Reason | None:
+        """See `Steps.follow`."""
+        reason = self._why_not(six)
         if reason is not None:
             self._lost = self._lost or reason
         return reason
@@ -115,7 +130,7 @@ class LeasedStream:
         """See `Steps.ended`."""
         self._ended_ms = self._clock.monotonic_ms()
 
-    def _why_not(self, command: Command) -> Reason | None:
+    def _why_not(self, six: Six) -> Reason | None:
         began_ms = self._clock.monotonic_ms()
         if self._lost is not None:
             return self._lost
@@ -123,20 +138,21 @@ class LeasedStream:
         stopped = stopped_ms is not None and stopped_ms >= self._permit.since_ms
         if self._ended_ms is not None or stopped or self._over_at(began_ms):
             return Reason.VERDICT_EXPIRED
-        asked = asked_of(command, path=(), fitted=self._fitted)
-        if not isinstance(asked, Asked) or asked.operation != self._bounds.operation:
+        form = self._form
+        if form is None:
             return Reason.NOT_WHAT_WAS_DECIDED
-        reason = self._bounds.outside(asked.numbers)
+        numbers = six + form.rest
+        reason = self._bounds.outside(numbers)
         if reason is not None:
             return reason
-        value, stands_ms = _value(command)
+        value = form.value(six)
         reason = self._certified(value, self._permit.index_milli)
         now_ms = self._clock.monotonic_ms()
         if reason is None and now_ms - began_ms > SLOW_MS:
             reason = Reason.WATCH_LATE
         if reason is None:
-            self._stands = value, None if stands_ms is None else now_ms + stands_ms
-            self._taken.append((now_ms, asked.numbers))
+            self._stands = value, None if form.stands_ms is None else now_ms + form.stands_ms
+            self._taken.append((now_ms, numbers))
         return reason
 
     def _certified(self, value: Value, authorised_milli: int) -> Reason | None:
@@ -246,15 +262,32 @@ def envelope(request: Request, chain: Chain, grant: Grant) -> dict[str, object]:
     }
 
 
-def _value(command: Command) -> tuple[Value, int | None]:
-    """What a value is to physics, and for how many ms it stands; None for ever: a servo target ends by itself."""
-    match command:
-        case v.ServoJ(q_rad, time_s, lookahead_s, _):
-            return Angles(q_rad, time_s, lookahead_s), None
-        case v.SpeedJ(qd_rad_s, acceleration_rad_s2, time_s):
-            return Speeds(qd_rad_s, acceleration_rad_s2), round(stands_s(time_s) * Unit.MILLISECOND.per_si)
-        case _:
-            raise AssertionError(f"{type(command).__name__} is no stream")
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """What is the same of a command and of those that follow it.
+
+    Attributes:
+        rest: its parameters after the six angles or speeds.
+        value: what it is to physics with those six.
+        stands_ms: for how long; None for ever: a servo target ends by itself.
+    """
+
+    rest: tuple[float, ...]
+    value: Callable[[Six], Value]
+    stands_ms: int | None
+
+    @classmethod
+    def of(cls, command: Command, numbers: tuple[float, ...]) -> _Form:
+        """The form of a stream's command, whose parameters are these."""
+        rest = numbers[_SIX:]
+        match command:
+            case v.ServoJ(_, time_s, lookahead_s, _):
+                return cls(rest, lambda q_rad: Angles(q_rad, time_s, lookahead_s), None)
+            case v.SpeedJ(_, acceleration_rad_s2, time_s):
+                stands_ms = round(stands_s(time_s) * Unit.MILLISECOND.per_si)
+                return cls(rest, lambda qd_rad_s: Speeds(qd_rad_s, acceleration_rad_s2), stands_ms)
+            case _:
+                raise AssertionError(f"{type(command).__name__} is no stream")
 
 
 def _reason(fault: ImpactFault) -> Reason:

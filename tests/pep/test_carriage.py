@@ -87,10 +87,21 @@ def test_frames_come_whole_however_the_stream_is_torn(frames, data):
     assert found == frames
 
 
+def test_a_frame_in_a_frame_is_none_where_the_stream_is_torn_there():
+    inner = delimited(bytes(OVERHEAD_BYTES))
+    outer = delimited(bytes(OVERHEAD_BYTES) + inner)
+    cutter = Cutter()
+    assert cutter.feed(outer[: -len(inner)]) == []
+    assert cutter.feed(inner) == [outer[4:]]
+    assert cutter.feed(inner) == [inner[4:]]
+
+
 @pytest.mark.parametrize("length", [0, OVERHEAD_BYTES - 1, DEFAULT.frame_bytes + OVERHEAD_BYTES + 1, 2**32 - 1])
-def test_a_length_that_no_frame_has_is_refused_before_its_bytes_are_waited_for(length):
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_length_that_no_frame_has_is_refused_with_its_bytes_and_before_they_are_waited_for(length, whole):
+    content = bytes(length) if whole and length < 2**31 else b""
     with pytest.raises(CarriageError) as refused:
-        Cutter().feed(length.to_bytes(4, "big"))
+        Cutter().feed(length.to_bytes(4, "big") + content)
     assert refused.value.code is CarriageFault.TOO_LONG
 
 

@@ -10,6 +10,7 @@ from pep.rtde.lease import Ending
 from tests.pep.kit import HOST, Rig
 from tests.pep.test_cell import Child
 from tests.pep.test_lease import OWN, House, until
+from tests.rtde.whole_commands import WholeCommands
 from pep.clock import SystemClock
 from pep.rtde.control_script import allow_list, installed_body
 from pep.rtde.leased_ports import LeasedPorts
@@ -74,7 +75,7 @@ class Relay:
         return Line()
 
 
-class Permits:
+class Permits(WholeCommands):
     """Permits everything, and keeps what it was asked, and by whom."""
 
     def __init__(self):
@@ -84,7 +85,7 @@ class Permits:
         self.asked.append((held.lease.agent, type(held.command).__name__))
         assert held.forward(self)
 
-    def step(self, command):
+    def judged(self, command):
         self.asked.append((None, type(command).__name__))
 
     def ended(self):

@@ -19,6 +19,7 @@ from pep.rtde.lease import Ending
 from pep.rtde.leased_ports import LeasedPorts
 from pep.stopping import STOP_DECELERATION_RAD_S2
 from policies.reasons import Reason
+from tests.rtde.whole_commands import WholeCommands
 
 LATER_S = 1.0
 REPOSITORY = Path(__file__).parents[2]
@@ -66,26 +67,26 @@ class Judge:
         self.note(f"refused {refused.reason}", what)
 
 
-class Zeros:
+class Zeros(WholeCommands):
     """Values that move nothing pass."""
 
     def __init__(self, judge):
         self.judge = judge
 
-    def step(self, command):
+    def judged(self, command):
         return Reason.IMPACT_ROSE if any(command.qd_rad_s) else None
 
     def ended(self):
         self.judge.note("ended", None)
 
 
-class Count:
+class Count(WholeCommands):
     """The first so many values pass."""
 
     def __init__(self, judge, most):
         self.judge, self.left = judge, most
 
-    def step(self, command):
+    def judged(self, command):
         self.left -= 1
         return None if self.left >= 0 else Reason.IMPACT_ROSE
 

@@ -16,6 +16,7 @@ from pep.rtde.recipes import DOUBLE, INT, control_recipes
 from pep.rtde.variables import INPUTS
 from policies.reasons import Reason
 from tests.rtde.test_leased_line import Talk
+from tests.rtde.whole_commands import WholeCommands
 
 pytestmark = pytest.mark.clause("RTDE-11")
 
@@ -33,13 +34,13 @@ class TheLongWay(LeasedLine):
         return None
 
 
-class Judge:
+class Judge(WholeCommands):
     """Takes values whose first number is small, and keeps them all."""
 
     def __init__(self):
         self.seen = []
 
-    def step(self, command):
+    def judged(self, command):
         self.seen.append(repr(command))  # 0.0 is like -0.0, and spelt otherwise
         match command:
             case v.ServoJ(six) | v.SpeedJ(six):

@@ -554,9 +554,9 @@ def test_the_digest_of_a_batch_is_of_each_value_and_when_it_was_taken(house):
 
     async def during(steps):
         steps.batch()
-        for each in others:
-            assert steps.step(each) is None
-            await asyncio.sleep(0.003)
+        assert steps.step(others[0]) is None
+        await asyncio.sleep(0.003)
+        assert steps.follow(others[1].q_rad) is None
         batch = steps.batch()
         assert batch["values"] == 2
         first, *later = (struct.pack(">6d3d", *each.q_rad, each.time_s, each.lookahead_s, each.gain) for each in others)
@@ -618,21 +618,53 @@ def test_a_first_value_that_is_not_certified_is_not_forwarded(house):
 
 
 @pytest.mark.clause("LSD-3")
-def test_a_value_outside_of_what_was_granted_ends_the_stream(house):
+@pytest.mark.parametrize(
+    "says", [lambda steps, q: steps.step(replace(SERVO, q_rad=q)), leased_stream.LeasedStream.follow]
+)
+def test_a_value_outside_of_what_was_granted_ends_the_stream(house, says):
     at = house.clock.wall_s()
     limits = {"servo_joint": {**LIMITS["servo_joint"], "q0": Range(0, 300_000)}}
     house.holder = house.agent(scope=leased_scope(at, limits=limits))
 
     async def during(steps):
-        assert steps.step(replace(SERVO, q_rad=(0.3000004, *HERE[1:]))) is Reason.LIMIT_EXCEEDED_BY_REQUEST
+        assert says(steps, (0.2999994, *HERE[1:])) is None
+        assert says(steps, (0.3000004, *HERE[1:])) is Reason.LIMIT_EXCEEDED_BY_REQUEST
+        assert says(steps, (0.2, *HERE[1:])) is Reason.LIMIT_EXCEEDED_BY_REQUEST
 
     streamed(house, SERVO, during)
 
 
 @pytest.mark.clause("LSD-3")
-def test_another_command_is_no_value_of_the_stream(house):
+@pytest.mark.parametrize(
+    ("command", "made"),
+    [(SERVO, lambda six: Angles(six, 0.002, 0.1)), (SPEEDS, lambda six: Speeds(six, 0.5))],
+    ids=["angles", "speeds"],
+)
+def test_a_value_that_follows_is_the_last_command_with_other_numbers(house, command, made):
+    """Of that command all else stays, and where it is another than before, of the newer one."""
+    six = (0.11, *HERE[1:])
+
+    async def during(steps):
+        steps.batch()
+        assert steps.step(command) is None
+        assert steps.follow(six) is None
+        assert steps.batch()["values"] == 2
+        if command is SERVO:
+            assert steps.step(replace(SERVO, lookahead_s=0.2)) is None
+            assert steps.follow((0.12, *HERE[1:])) is None
+        steps.ended()
+
+    streamed(house, command, during)
+    values = [value for value, _, _ in house.certifying.values]
+    assert made(six) in values
+    assert (Angles((0.12, *HERE[1:]), 0.002, 0.2) in values) is (command is SERVO)
+
+
+@pytest.mark.clause("LSD-3")
+def test_another_command_is_no_value_of_the_stream_and_nothing_follows_it(house):
     async def during(steps):
         assert steps.step(SPEEDS) is Reason.NOT_WHAT_WAS_DECIDED
+        assert steps.follow(SPEEDS.qd_rad_s) is Reason.NOT_WHAT_WAS_DECIDED
 
     streamed(house, SERVO, during)
 

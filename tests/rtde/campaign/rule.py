@@ -14,6 +14,7 @@ import time
 from pep.rtde import command_values as v
 from policies.reasons import Reason
 from tests.rtde.leased_gateway import serve
+from tests.rtde.whole_commands import WholeCommands
 
 HOME = (0.0, -1.5708, 1.5708, -1.5708, -1.5708, 0.0)
 BOX_RAD = 0.06
@@ -30,7 +31,7 @@ def near(q_rad, box_rad):
     return all(abs(a - b) <= box_rad for a, b in zip(q_rad, HOME, strict=True))
 
 
-class Rule:
+class Rule(WholeCommands):
     """The judge."""
 
     def __init__(self, out):
@@ -57,7 +58,7 @@ class Rule:
         if not held.forward(self):
             self.out.write(json.dumps({"unsent": number}) + "\n")
 
-    def step(self, command):
+    def judged(self, command):
         if permitted(command) is None:
             return Reason.LIMIT_EXCEEDED_BY_REQUEST
         self.note(command)

@@ -1,0 +1,14 @@
+"""Steps that judge whole commands, whether they are told one, or the six doubles in which it differs from the last."""
+
+from dataclasses import fields, replace
+
+
+class WholeCommands:
+    """`judged(command)` is what such a judge says."""
+
+    def step(self, command):
+        self._newest = command
+        return self.judged(command)
+
+    def follow(self, six):
+        return self.step(replace(self._newest, **{fields(self._newest)[0].name: six}))
