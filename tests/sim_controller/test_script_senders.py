@@ -307,3 +307,14 @@ def test_urx_finds_its_state_behind_the_greeting_and_its_output_in_it(version):
         assert any(struct.unpack_from(">bbddfB", parts()[2], 5)[5] == 12 for _ in range(20))
         port.sendall(b"movej([0.3,-1.5708,1.5708,-1.5708,-1.5708,0], a=2, v=1, r=0)\n")
         assert any(struct.unpack_from(">d", parts()[1], 5)[0] == pytest.approx(0.3) for _ in range(50))
+
+
+@pytest.mark.e2e
+def test_the_gripper_acknowledges_with_three_bytes():
+    """The URCap's preamble reads exactly three, and the Python clients of the gripper compare with exactly `ack`."""
+    with Controller.start(joints=HOME) as cell, socket.create_connection((cell.host, 63352), 5) as gripper:
+        for _ in range(3):
+            gripper.sendall(b"SET ACT 0 ATR 0\n")
+            assert gripper.recv(1024) == b"ack"
+        gripper.sendall(b"GET STA\n")
+        assert gripper.recv(1024).split() == [b"STA", b"0"]
