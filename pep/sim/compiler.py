@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from types import CodeType
 
-    from pep.sim.functions import Function
+    from pep.sim.builtin import Function
 
+OUTPUTS: Final = "digital_out"  # an array of older controllers that newer ones still know; python-urx writes to it
 KEPT_PROGRAMS: Final = 8  # compiled texts remembered; ur_rtde sends the same 42 kB at every connection
 
 
@@ -216,6 +217,8 @@ class _Writer:
         match statement:
             case t.Definition() | t.Declare():
                 pass  # written flat; a name without a value is an error when it is read
+            case t.Assign(None, t.Index(t.Name(name), (index,)), value) if self.built_in(name):
+                self.put(level, f"b_set_digital_out({self.value(index)}, {self.value(value)})")
             case t.Assign(_, target, value):
                 self.put(level, f"{self.target(target)} = C({self.value(value)})")
             case t.Evaluate(expression):
@@ -252,6 +255,10 @@ class _Writer:
 
     # -- expressions
 
+    def built_in(self, name: str) -> bool:
+        """Whether a name is the array of outputs, and no variable of the program."""
+        return name == OUTPUTS and name not in self.own and name not in self.shared
+
     def target(self, target: t.Name | t.Index) -> str:
         match target:
             case t.Name(name):
@@ -285,6 +292,8 @@ class _Writer:
                 return f"(bool({self.value(left)}) != bool({self.value(right)}))"
             case t.Binary(operator, left, right):
                 return f"({self.value(left)} {operator} {self.value(right)})"
+            case t.Index(t.Name(name), (index,)) if self.built_in(name):
+                return f"b_get_digital_out({self.value(index)})"
             case t.Index(base, indices):
                 return f"{self.value(base)}[{', '.join(map(self.value, indices))}]"
             case t.Call(function, arguments, line):

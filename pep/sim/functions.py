@@ -1,6 +1,6 @@
 """The built-in functions of URScript: one declared row each, at the end of this file.
 
-Those that take time are written in `pep.sim.moves`, all others here.
+Those that take time are written in `pep.sim.moves`, those for inputs and outputs in `pep.sim.terminals`, others here.
 
 Nothing is ever in this arm's way: force mode, freedrive and teaching are taken, checked and answered as by a robot that
 nobody pushes, which holds still.
@@ -10,15 +10,15 @@ nobody pushes, which holds still.
 
 from __future__ import annotations
 
-import inspect
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from pep.rtde.variables import FIRST_BIT, INPUTS
-from pep.sim import moves
+from pep.sim import moves, terminals
+from pep.sim.arm import AXES
+from pep.sim.builtin import Function, row
 from pep.sim.motion import ZERO
-from pep.sim.robot import TICK_S
+from pep.sim.robot import TEMPERATURE_C, TICK_S
 from pep.sim.spatial import to_frame, to_pose
 from pep.sim.values import (
     INT_HIGH,
@@ -27,14 +27,21 @@ from pep.sim.values import (
     ScriptRuntimeError,
     Value,
     Vector,
+    interpolate_pose,
+    logarithm,
     norm,
     number,
+    point_dist,
     pose_add,
     pose_inv,
     pose_sub,
     pose_trans,
     positive,
+    power,
+    rotvec2rpy,
+    rpy2rotvec,
     six,
+    three,
 )
 
 if TYPE_CHECKING:
@@ -43,25 +50,6 @@ if TYPE_CHECKING:
     from pep.sim.arm import Joints
     from pep.sim.motion import Kinetic
     from pep.sim.program import Execution
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """A parameter as URScript names it, and as the Python function does."""
-
-    name: str
-    local: str
-
-
-@dataclass(frozen=True, slots=True)
-class Function:
-    """One built-in. `call` takes the execution first; one that takes time is a generator that yields once a tick."""
-
-    name: str
-    parameters: tuple[Parameter, ...]
-    required: tuple[str, ...]
-    call: Callable[..., Any]
-    takes_time: bool
 
 
 # ----------------------------------------------------------------------------------------------------- what the arm is
@@ -118,6 +106,13 @@ def _solve(run: Execution, x: Value, qnear: Value, position: Value, orientation:
     return robot.arm.reach(to_frame(six(x, "x")), near, tool, tolerance=max(asked, 1e-10))
 
 
+def _joint_temperature(run: Execution, j: Value) -> float:
+    del run
+    if isinstance(j, bool) or not isinstance(j, int) or not 0 <= j < AXES:
+        raise ScriptRuntimeError("there is no such joint")
+    return TEMPERATURE_C
+
+
 def _within_limits(run: Execution, target: Value) -> bool:
     if type(target) is Pose:
         return _solve(run, target, None, 1e-6, 1e-6, None) is not None
@@ -128,7 +123,7 @@ def _within_limits(run: Execution, target: Value) -> bool:
 
 
 def _set_payload(run: Execution, m: Value, cog: Value = None) -> None:
-    run.robot.set_payload(_mass(run, m), run.robot.payload_cog_m if cog is None else _three(cog, "cog"))
+    run.robot.set_payload(_mass(run, m), run.robot.payload_cog_m if cog is None else three(cog, "cog"))
 
 
 def _mass(run: Execution, m: Value) -> float:
@@ -139,14 +134,7 @@ def _mass(run: Execution, m: Value) -> float:
 
 
 def _set_target_payload(run: Execution, m: Value, cog: Value, inertia: Value = None) -> None:
-    run.robot.set_payload(_mass(run, m), _three(cog, "cog"), ZERO if inertia is None else six(inertia, "inertia"))
-
-
-def _three(value: Value, name: str) -> tuple[float, float, float]:
-    if not isinstance(value, list) or len(value) != 3:
-        raise ScriptRuntimeError(f"{name} must have three numbers")
-    x, y, z = (number(item, name) for item in value)
-    return x, y, z
+    run.robot.set_payload(_mass(run, m), three(cog, "cog"), ZERO if inertia is None else six(inertia, "inertia"))
 
 
 def _set_tcp(run: Execution, pose: Value, tcp_name: Value = "") -> None:
@@ -155,7 +143,7 @@ def _set_tcp(run: Execution, pose: Value, tcp_name: Value = "") -> None:
 
 
 def _set_gravity(run: Execution, d: Value) -> None:
-    run.robot.set_gravity(_three(d, "d"))
+    run.robot.set_gravity(three(d, "d"))
 
 
 def _force_mode(
@@ -192,7 +180,7 @@ def _force_input(run: Execution, enable: Value, mass: Value = 0.0, offset: Value
     _mass(run, mass)
     for value in (offset, cog):
         if value is not None:
-            _three(value, "sensor")
+            three(value, "sensor")
     run.robot.force_from_client = bool(enable)
     run.watch_force(enabled=bool(enable))
 
@@ -203,16 +191,6 @@ def _tool_contact(run: Execution, direction: Value = None) -> int:
         six(direction, "direction")
     robot = run.robot
     return 0 if robot.touched_at is None else min(robot.step - robot.touched_at + 1, len(robot.drive.history))
-
-
-def _set_digital_out(shift: int, count: int) -> Callable[..., None]:
-    def call(run: Execution, n: Value, b: Value) -> None:
-        if not 0 <= number(n, "n") < count:
-            raise ScriptRuntimeError("there is no such output")
-        bit = 1 << int(n) + shift
-        run.robot.set_digital_out(bit, bit if b else 0)
-
-    return call
 
 
 # ----------------------------------------------------------------------------------------------------------- registers
@@ -313,116 +291,114 @@ def _nothing(run: Execution, *arguments: Value, **named: Value) -> None:
     del run, arguments, named
 
 
-def _row(name: str, parameters: str, call: Callable[..., Any]) -> Function:
-    """A row from URScript's own signature; a parameter in brackets may be left out."""
-    words = parameters.split()
-    names = [word.strip("[]") for word in words]
-    local = list(inspect.signature(call).parameters)[1 : 1 + len(names)]
-    pairs = names if len(local) != len(names) else local
-    return Function(
-        name=name,
-        parameters=tuple(Parameter(a, b) for a, b in zip(names, pairs, strict=True)),
-        required=tuple(word for word in words if not word.startswith("[")),
-        call=call,
-        takes_time=inspect.isgeneratorfunction(call),
-    )
-
-
 _SENSOR: Final = "[sensor_mass] [sensor_measuring_offset] [sensor_cog]"
 _IK: Final = "x [qnear] [maxPositionError] [maxOrientationError] [tcp]"
 
 FUNCTIONS: Final[dict[str, Function]] = {
-    row.name: row
-    for row in (
+    each.name: each
+    for each in (
+        *terminals.ROWS,
         # motion
-        _row("movej", "q [a] [v] [t] [r]", moves.movej),
-        _row("movel", "pose [a] [v] [t] [r]", moves.movel),
-        _row("speedj", "qd [a] [t]", moves.speedj),
-        _row("speedl", "xd [a] [t] [aRot]", moves.speedl),
-        _row("servoc", "pose [a] [v] [r]", moves.servoc),
-        _row("servoj", "q [a] [v] [t] [lookahead_time] [gain]", moves.servoj),
-        _row("stopj", "[a]", moves.stopj),
-        _row("stopl", "[a] [aRot]", moves.stopl),
-        _row("protective_stop", "", moves.protective_stop),
-        _row("sleep", "t", moves.sleep),
-        _row("sync", "", moves.sync),
+        row("movej", "q [a] [v] [t] [r]", moves.movej),
+        row("movel", "pose [a] [v] [t] [r]", moves.movel),
+        row("movep", "pose [a] [v] [r]", moves.movep),
+        row("movec", "pose_via pose_to [a] [v] [r] [mode]", moves.movec),
+        row("speedj", "qd [a] [t]", moves.speedj),
+        row("speedl", "xd [a] [t] [aRot]", moves.speedl),
+        row("servoc", "pose [a] [v] [r]", moves.servoc),
+        row("servoj", "q [a] [v] [t] [lookahead_time] [gain]", moves.servoj),
+        row("stopj", "[a]", moves.stopj),
+        row("stopl", "[a] [aRot]", moves.stopl),
+        row("protective_stop", "", moves.protective_stop),
+        row("sleep", "t", moves.sleep),
+        row("sync", "", moves.sync),
         # state of the arm
-        _row("is_steady", "", lambda run: not run.robot.drive.moving),
-        _row("get_steptime", "", lambda run: TICK_S),  # noqa: ARG005
-        _row("get_actual_joint_positions", "", lambda run: Vector(_now(run).q)),
-        _row("get_target_joint_positions", "", lambda run: Vector(_now(run).q)),
-        _row("get_actual_joint_speeds", "", lambda run: Vector(_now(run).qd)),
-        _row("get_target_joint_speeds", "", lambda run: Vector(_now(run).qd)),
-        _row("get_actual_joint_positions_history", "[steps]", _history),
-        _row("get_actual_tcp_pose", "", lambda run: Pose(run.robot.tool_pose)),
-        _row("get_target_tcp_pose", "", lambda run: Pose(run.robot.tool_pose)),
-        _row("get_target_waypoint", "", lambda run: Pose(run.robot.waypoint)),
-        _row("get_actual_tool_flange_pose", "", lambda run: Pose(to_pose(run.robot.flange()))),
-        _row("get_actual_tcp_speed", "", lambda run: Pose(run.robot.tool_speed())),
-        _row("get_target_tcp_speed", "", lambda run: Pose(run.robot.tool_speed())),
+        row("is_steady", "", lambda run: not run.robot.drive.moving),
+        row("get_steptime", "", lambda run: TICK_S),  # noqa: ARG005
+        row("get_actual_joint_positions", "", lambda run: Vector(_now(run).q)),
+        row("get_target_joint_positions", "", lambda run: Vector(_now(run).q)),
+        row("get_actual_joint_speeds", "", lambda run: Vector(_now(run).qd)),
+        row("get_target_joint_speeds", "", lambda run: Vector(_now(run).qd)),
+        row("get_actual_joint_positions_history", "[steps]", _history),
+        row("get_actual_tcp_pose", "", lambda run: Pose(run.robot.tool_pose)),
+        row("get_target_tcp_pose", "", lambda run: Pose(run.robot.tool_pose)),
+        row("get_target_waypoint", "", lambda run: Pose(run.robot.waypoint)),
+        row("get_actual_tool_flange_pose", "", lambda run: Pose(to_pose(run.robot.flange()))),
+        row("get_actual_tcp_speed", "", lambda run: Pose(run.robot.tool_speed())),
+        row("get_target_tcp_speed", "", lambda run: Pose(run.robot.tool_speed())),
         # Corrected by what the robot itself needs, as the vendor's manual says; there is nothing else here.
-        _row("get_joint_torques", "", lambda run: Vector(ZERO)),  # noqa: ARG005
-        _row("get_tcp_force", "", lambda run: Pose(run.robot.tool_force())),
-        _row("force", "", lambda run: math.hypot(*run.robot.tool_force()[:3])),
-        _row("get_forward_kin", "[q] [tcp]", _forward),
-        _row("get_inverse_kin", _IK, _inverse),
-        _row("get_inverse_kin_has_solution", _IK, _has_inverse),
-        _row("is_within_safety_limits", "pose", _within_limits),
-        _row("tool_contact", "[direction]", _tool_contact),
-        _row("get_freedrive_status", "", lambda run: 0),  # noqa: ARG005  normal: no singularity is near
+        row("get_joint_torques", "", lambda run: Vector(ZERO)),  # noqa: ARG005
+        row("get_tcp_force", "", lambda run: Pose(run.robot.tool_force())),
+        row("force", "", lambda run: math.hypot(*run.robot.tool_force()[:3])),
+        row("get_forward_kin", "[q] [tcp]", _forward),
+        row("get_inverse_kin", _IK, _inverse),
+        row("get_inverse_kin_has_solution", _IK, _has_inverse),
+        row("is_within_safety_limits", "pose", _within_limits),
+        row("get_controller_temp", "", lambda run: TEMPERATURE_C),  # noqa: ARG005
+        row("get_joint_temp", "j", _joint_temperature),
+        row("tool_contact", "[direction]", _tool_contact),
+        row("get_freedrive_status", "", lambda run: 0),  # noqa: ARG005  normal: no singularity is near
         # settings
-        _row("set_tcp", "pose [tcp_name]", _set_tcp),
-        _row("get_tcp_offset", "", lambda run: Pose(to_pose(run.robot.tcp))),
-        _row("set_payload", "m [cog]", _set_payload),
-        _row("set_target_payload", "m cog [inertia]", _set_target_payload),
-        _row("get_target_payload", "", lambda run: run.robot.payload_kg),
-        _row("get_target_payload_cog", "", lambda run: Vector(run.robot.payload_cog_m)),
-        _row("get_target_payload_inertia", "", lambda run: Vector(run.robot.payload_inertia)),
-        _row("set_gravity", "d", _set_gravity),
-        _row("set_digital_out", "n b", _set_digital_out(0, 8)),
-        _row("set_standard_digital_out", "n b", _set_digital_out(0, 8)),
-        _row("set_configurable_digital_out", "n b", _set_digital_out(8, 8)),
-        _row("set_tool_digital_out", "n b", _set_digital_out(16, 2)),
-        _row("zero_ftsensor", "", _nothing),
-        _row("force_mode", "task_frame selection_vector wrench type limits", _force_mode),
-        _row("force_mode_set_damping", "damping", _scale(0.0, 1.0)),
-        _row("force_mode_set_gain_scaling", "scaling", _scale(0.0, 2.0)),
-        _row("end_force_mode", "", _nothing),
-        _row("teach_mode", "", _nothing),
-        _row("end_teach_mode", "", _nothing),
-        _row("freedrive_mode", "[freeAxes] [feature]", _freedrive),
-        _row("end_freedrive_mode", "", _nothing),
-        _row("ft_rtde_input_enable", f"enable {_SENSOR}", _force_input),
-        _row("enable_external_ft_sensor", f"enable {_SENSOR}", _force_input),
+        row("set_tcp", "pose [tcp_name]", _set_tcp),
+        row("get_tcp_offset", "", lambda run: Pose(to_pose(run.robot.tcp))),
+        row("set_payload", "m [cog]", _set_payload),
+        row("set_payload_mass", "m", _set_payload),
+        row("set_payload_cog", "CoG", lambda run, cog: run.robot.set_payload(run.robot.payload_kg, three(cog, "CoG"))),
+        row("set_target_payload", "m cog [inertia]", _set_target_payload),
+        row("get_target_payload", "", lambda run: run.robot.payload_kg),
+        row("get_target_payload_cog", "", lambda run: Vector(run.robot.payload_cog_m)),
+        row("get_target_payload_inertia", "", lambda run: Vector(run.robot.payload_inertia)),
+        row("set_gravity", "d", _set_gravity),
+        row("zero_ftsensor", "", _nothing),
+        row("force_mode", "task_frame selection_vector wrench type limits", _force_mode),
+        row("force_mode_set_damping", "damping", _scale(0.0, 1.0)),
+        row("force_mode_set_gain_scaling", "scaling", _scale(0.0, 2.0)),
+        row("end_force_mode", "", _nothing),
+        row("teach_mode", "", _nothing),
+        row("end_teach_mode", "", _nothing),
+        row("freedrive_mode", "[freeAxes] [feature]", _freedrive),
+        row("end_freedrive_mode", "", _nothing),
+        row("ft_rtde_input_enable", f"enable {_SENSOR}", _force_input),
+        row("enable_external_ft_sensor", f"enable {_SENSOR}", _force_input),
         # registers
-        _row("read_input_integer_register", "address", _reader("input_int")),
-        _row("read_input_float_register", "address", _reader("input_double")),
-        _row("read_input_boolean_register", "address", _read_bit("input")),
-        _row("read_output_integer_register", "address", _reader("output_int")),
-        _row("read_output_float_register", "address", _reader("output_double")),
-        _row("read_output_boolean_register", "address", _read_bit("output")),
-        _row("write_output_integer_register", "address value", _write_int),
-        _row("write_output_float_register", "address value", _write_float),
-        _row("write_output_boolean_register", "address value", _write_bit),
-        _row("rtde_set_watchdog", "variable_name min_frequency [action]", _watchdog),
+        row("read_input_integer_register", "address", _reader("input_int")),
+        row("read_input_float_register", "address", _reader("input_double")),
+        row("read_input_boolean_register", "address", _read_bit("input")),
+        row("read_output_integer_register", "address", _reader("output_int")),
+        row("read_output_float_register", "address", _reader("output_double")),
+        row("read_output_boolean_register", "address", _read_bit("output")),
+        row("write_output_integer_register", "address value", _write_int),
+        row("write_output_float_register", "address value", _write_float),
+        row("write_output_boolean_register", "address value", _write_bit),
+        row("rtde_set_watchdog", "variable_name min_frequency [action]", _watchdog),
         # arithmetic
-        _row("pose_trans", "p_from p_from_to", _plain(pose_trans)),
-        _row("pose_inv", "p_from", _plain(pose_inv)),
-        _row("pose_add", "p_1 p_2", _plain(pose_add)),
-        _row("pose_sub", "p_to p_from", _plain(pose_sub)),
-        _row("norm", "a", _plain(norm)),
-        _row("sin", "f", _plain(math.sin)),
-        _row("cos", "f", _plain(math.cos)),
-        _row("tan", "f", _plain(math.tan)),
-        _row("atan2", "x y", _plain(math.atan2)),
-        _row("sqrt", "f", _plain(math.sqrt)),
-        _row("floor", "f", _plain(math.floor)),
-        _row("ceil", "f", _plain(math.ceil)),
-        _row("d2r", "d", _plain(math.radians)),
-        _row("r2d", "r", _plain(math.degrees)),
-        _row("length", "v", _length),
-        _row("to_str", "val", _plain(_text)),
-        _row("str_cat", "op1 op2", _plain(lambda a, b: _text(a) + _text(b))),
-        _row("textmsg", "s1 [s2]", _textmsg),
+        row("pose_trans", "p_from p_from_to", _plain(pose_trans)),
+        row("pose_inv", "p_from", _plain(pose_inv)),
+        row("pose_add", "p_1 p_2", _plain(pose_add)),
+        row("pose_sub", "p_to p_from", _plain(pose_sub)),
+        row("point_dist", "p_from p_to", _plain(point_dist)),
+        row("interpolate_pose", "p_from p_to alpha", _plain(interpolate_pose)),
+        row("rotvec2rpy", "rotation_vector", _plain(rotvec2rpy)),
+        row("rpy2rotvec", "rpy_vector", _plain(rpy2rotvec)),
+        row("norm", "a", _plain(norm)),
+        row("sin", "f", _plain(math.sin)),
+        row("cos", "f", _plain(math.cos)),
+        row("tan", "f", _plain(math.tan)),
+        row("asin", "f", _plain(math.asin)),
+        row("acos", "f", _plain(math.acos)),
+        row("atan", "f", _plain(math.atan)),
+        row("pow", "base exponent", _plain(power)),
+        row("log", "b f", _plain(logarithm)),
+        row("atan2", "x y", _plain(math.atan2)),
+        row("sqrt", "f", _plain(math.sqrt)),
+        row("floor", "f", _plain(math.floor)),
+        row("ceil", "f", _plain(math.ceil)),
+        row("d2r", "d", _plain(math.radians)),
+        row("r2d", "r", _plain(math.degrees)),
+        row("length", "v", _length),
+        row("to_str", "val", _plain(_text)),
+        row("str_cat", "op1 op2", _plain(lambda a, b: _text(a) + _text(b))),
+        row("popup", "s [title] [warning] [error] [blocking]", moves.popup),
+        row("textmsg", "s1 [s2]", _textmsg),
     )
 }

@@ -11,6 +11,7 @@ from typing import Final
 STROKE_M: Final = 0.085  # opening of the 2F-85
 CLOSED_POSITION: Final = 228  # position register when the fingers touch each other; 0 is open, 255 is never reached
 SPEED_LOW_M_S, SPEED_HIGH_M_S = 0.020, 0.150  # finger speed at SPE 0 and SPE 255
+ACKNOWLEDGED: Final = "ack"
 MAX_LINE: Final = 256  # characters of a command
 WRITABLE: Final = {"ACT": 1, "GTO": 1, "ATR": 1, "ARD": 1, "FOR": 255, "SPE": 255, "POS": 255}
 READABLE: Final = frozenset([*WRITABLE, "PRE", "OBJ", "STA", "FLT", "COU", "PCO", "NCY", "DST", "MOD"])
@@ -98,7 +99,7 @@ class Gripper:
                         return "?"
                     changes[name] = int(text)
                 self._apply(changes)
-                return "ack"
+                return ACKNOWLEDGED
             case ["GET", name] if name in READABLE:
                 return f"{name} {self._read(name)}"
             case _:

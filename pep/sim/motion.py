@@ -291,9 +291,19 @@ class MoveTool:
         a, b, c = self.target[0]
         self._line = (a - x, b - y, c - z)
         self._turn = to_vector(compose(self.target[1], transpose(rotation)))
-        self._length = max(math.hypot(*self._line), math.hypot(*self._turn) * self.TURN_LEVER_M)
-        self.profile = Trapezoid(self._length, *self._asked)
+        self._plan(max(math.hypot(*self._line), math.hypot(*self._turn) * self.TURN_LEVER_M))
+
+    def _plan(self, length_m: float) -> None:
+        self._length = length_m
+        self.profile = Trapezoid(length_m, *self._asked)
         self._t = 0.0
+
+    def _pose(self, part: float) -> Frame:
+        """Where the tool is when this part of the way is done."""
+        x, y, z = self._line
+        rx, ry, rz = self._turn
+        position = add(self._from[0], (part * x, part * y, part * z))
+        return position, compose(from_vector((part * rx, part * ry, part * rz)), self._from[1])
 
     def advance(self, now: Kinetic, dt_s: float, scaling: float) -> tuple[Kinetic, bool]:
         """One sample on.
@@ -304,10 +314,7 @@ class MoveTool:
         self._t += dt_s * scaling
         done = self._t >= self.profile.duration_s
         part = 1.0 if done or self._length == 0.0 else self.profile.at(self._t)[0] / self._length
-        x, y, z = self._line
-        rx, ry, rz = self._turn
-        position = add(self._from[0], (part * x, part * y, part * z))
-        goal = (position, compose(from_vector((part * rx, part * ry, part * rz)), self._from[1]))
+        goal = self._pose(part)
         q = self._arm.reach(goal, now.q, self._tcp)
         if q is None:
             raise MotionError("no joint angles reach the line")

@@ -11,6 +11,7 @@ import math
 from collections.abc import Generator
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from pep.sim.arc import MoveArc
 from pep.sim.motion import MoveJoints, MoveTool, ServoJoints, ServoTool, SpeedJoints, SpeedTool
 from pep.sim.spatial import to_frame
 from pep.sim.values import Pose, ScriptRuntimeError, Value, number, positive, six
@@ -71,6 +72,44 @@ def movel(run: Execution, pose: Value, a: Value = 1.2, v: Value = 0.25, t: Value
         return MoveTool(robot.arm, robot.tcp, start, target, speed_m_s=top, acceleration_m_s2=ramp)
 
     yield from run.perform(plan)
+
+
+def movep(run: Execution, pose: Value, a: Value = 1.2, v: Value = 0.25, r: Value = 0) -> Steps:
+    """The tool at a pose on a straight line; as blends are not simulated, this is `movel`'s motion."""
+    yield from movel(run, pose, a, v, 0, r)
+
+
+def movec(
+    run: Execution,
+    pose_via: Value,
+    pose_to: Value,
+    a: Value = 1.2,
+    v: Value = 0.25,
+    r: Value = 0,
+    mode: Value = 0,
+) -> Steps:
+    """The tool at a pose, round a circle through another; `mode` 1 keeps its orientation to the arc's tangent."""
+    robot = run.robot
+    via, target = (
+        to_frame(six(pose, name)) if type(pose) is Pose else robot.arm.tool(six(pose, name), robot.tcp)
+        for pose, name in ((pose_via, "pose_via"), (pose_to, "pose_to"))
+    )
+    speed, acceleration = positive(v, "v"), positive(a, "a")
+    number(r, "r")
+    if mode not in (0, 1):
+        raise ScriptRuntimeError("a mode of movec that does not exist")
+    yield from run.perform(
+        lambda start: MoveArc(
+            robot.arm,
+            robot.tcp,
+            start,
+            via[0],
+            target,
+            speed_m_s=speed,
+            acceleration_m_s2=acceleration,
+            fixed=mode == 1,
+        )
+    )
 
 
 def stopj(run: Execution, a: Value = 2.0) -> Steps:
@@ -161,6 +200,20 @@ def protective_stop(run: Execution) -> Steps:
     """A protective stop, which the controller makes within this tick."""
     run.robot.alarm = "protective_stop() was called"
     yield
+
+
+def popup(
+    run: Execution,
+    s: Value,
+    title: Value = "Popup",
+    warning: Value = False,  # noqa: FBT002
+    error: Value = False,  # noqa: FBT002
+    blocking: Value = False,  # noqa: FBT002
+) -> Steps:
+    """Shown on the pendant, where nobody is: one that blocks is never answered."""
+    del run, s, title, warning, error
+    while blocking:
+        yield
 
 
 def sleep(run: Execution, t: Value) -> Steps:

@@ -77,7 +77,7 @@ def state_message(robot: Robot) -> bytes:
                 for q, qd in zip(now.q, now.qd, strict=True)
             )
         ),
-        state.Tool(0, 0, 0.0, 0.0, 0.0, 0, 0.0, TEMPERATURE_C, read),
+        state.Tool(0, 0, 0.0, 0.0, 0.0, robot.tool_voltage_v, 0.0, TEMPERATURE_C, read),
         state.Masterboard(
             digital_in=0,
             digital_out=robot.digital_out,

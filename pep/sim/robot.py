@@ -182,13 +182,29 @@ class Robot:
         for channel in (0, 1):  # an unmasked channel may hold anything: ur_rtde leaves it uninitialised
             level = self._plain(f"standard_analog_output_{channel}")
             if isinstance(channels, int) and channels >> channel & 1 and 0.0 <= level <= 1.0:
-                voltage = int(self._plain("standard_analog_output_type")) >> channel & 1
-                self.analog_domain = self.analog_domain & ~(1 << channel) | voltage << channel
-                self._analog_level[channel] = level
+                self.set_analog_domain(channel, int(self._plain("standard_analog_output_type")) >> channel & 1)
+                self.set_analog_out(channel, level)
+
+    def set_analog_domain(self, channel: int, voltage: int) -> None:
+        """The output gives volts (1) or amperes (0) from now on."""
+        self.analog_domain = self.analog_domain & ~(1 << channel) | voltage << channel
+
+    def set_analog_out(self, channel: int, level: float) -> None:
+        """The output takes a level, as a part of full scale."""
+        self._analog_level[channel] = level
+
+    def analog_level(self, channel: int) -> float:
+        """What stands at an analog output, as a part of full scale."""
+        return self._analog_level[channel]
 
     def analog_out(self, channel: int) -> float:
         """What stands at an analog output: V, or A."""
         return self._analog_level[channel] * ANALOG_FULL[self.analog_domain >> channel & 1]
+
+    @property
+    def tool_voltage_v(self) -> int:
+        """What the tool's connector is supplied with."""
+        return int(self._plain("tool_output_voltage"))
 
     def set_digital_out(self, mask: int, bits: int) -> None:
         """The masked outputs take the given levels."""

@@ -14,7 +14,7 @@ from pep.rtde.messages import ControlVersion
 from pep.sim.arm import Arm
 from pep.sim.controller import Controller
 from pep.sim.dashboard import Dashboard
-from pep.sim.gripper import MAX_LINE, Gripper
+from pep.sim.gripper import ACKNOWLEDGED, MAX_LINE, Gripper
 from pep.sim.robot import TICK_S, Robot
 from pep.sim.rtde import RtdeServer
 from pep.sim.scripts import ScriptServer
@@ -148,7 +148,8 @@ class Simulator:
             for line in lines:
                 text = line.decode("ascii", "replace")
                 reply = self.controller.ask(lambda text=text: self.controller.gripper.answer(text))  # type: ignore[misc]
-                connection.send(reply.encode() + b"\n")
+                # The URCap's own preamble reads three bytes of an acknowledgement: nothing ends it.
+                connection.send(reply.encode() + (b"" if reply == ACKNOWLEDGED else b"\n"))
 
 
 class Ticker:

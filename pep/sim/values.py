@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Final, TypeAlias
 
-from pep.sim.spatial import add, chain, compose, inverse, to_frame, to_pose, to_vector, transpose
+from pep.sim.spatial import add, chain, compose, from_rpy, from_vector, inverse, to_frame, to_pose, to_vector, transpose
 
 INT_LOW: Final = -(2**31)
 INT_HIGH: Final = 2**31 - 1
@@ -118,6 +118,14 @@ def six(value: Value, name: str) -> tuple[float, ...]:
     return tuple(number(item, name) for item in value)
 
 
+def three(value: Value, name: str) -> tuple[float, float, float]:
+    """`value` as three finite floats."""
+    if not isinstance(value, list) or len(value) != 3:
+        raise ScriptRuntimeError(f"{name} must have three numbers")
+    x, y, z = (number(item, name) for item in value)
+    return x, y, z
+
+
 def pose_trans(start: Value, step: Value) -> Pose:
     """The pose `step`, given in `start`, as seen from where `start` is given."""
     return Pose(to_pose(chain(to_frame(six(start, "p_from")), to_frame(six(step, "p_from_to")))))
@@ -138,6 +146,36 @@ def pose_sub(to: Value, start: Value) -> Pose:
     """Positions subtracted, the rotation from `start` to `to`."""
     (p1, r1), ((x, y, z), r2) = to_frame(six(to, "p_to")), to_frame(six(start, "p_from"))
     return Pose((*add(p1, (-x, -y, -z)), *to_vector(compose(r1, transpose(r2)))))
+
+
+def point_dist(start: Value, to: Value) -> float:
+    """The distance [m] between the positions of two poses."""
+    return math.dist(six(start, "p_from")[:3], six(to, "p_to")[:3])
+
+
+def interpolate_pose(start: Value, to: Value, alpha: Value) -> Pose:
+    """The pose at `alpha` of the straight way: 0 is `start`, 1 is `to`."""
+    (p1, r1), (p2, r2) = to_frame(six(start, "p_from")), to_frame(six(to, "p_to"))
+    part = number(alpha, "alpha")
+    x, y, z = (a + part * (b - a) for a, b in zip(p1, p2, strict=True))
+    rx, ry, rz = (part * each for each in to_vector(compose(r2, transpose(r1))))
+    return Pose((x, y, z, *to_vector(compose(from_vector((rx, ry, rz)), r1))))
+
+
+def rotvec2rpy(vector: Value) -> Vector:
+    """Roll, pitch and yaw of a rotation vector: Rz(yaw) Ry(pitch) Rx(roll)."""
+    r = from_vector(three(vector, "rotation_vector"))
+    return Vector((math.atan2(r[7], r[8]), math.atan2(-r[6], math.hypot(r[0], r[3])), math.atan2(r[3], r[0])))
+
+
+def rpy2rotvec(vector: Value) -> Vector:
+    """The rotation vector of roll, pitch and yaw."""
+    return Vector(to_vector(from_rpy(*three(vector, "rpy_vector"))))
+
+
+def logarithm(base: Value, value: Value) -> float:
+    """The logarithm of `value` to `base`."""
+    return math.log(number(value, "f"), number(base, "b"))
 
 
 def norm(value: Value) -> float:

@@ -116,6 +116,10 @@ MOVE = "movej([0,0,0,0,0,0])"
             for name in ("set_tcp", "set_payload", "set_gravity", "interpreter_mode", "socket_open", "popup")
         ),
         *(f"{name}()" for name in ("rpc_factory", "modbus_add_signal", "rtde_set_watchdog", "protective_stop", "sync")),
+        "digital_out[2]=True",
+        "set_tool_voltage(24)",
+        "movec(p[0,0,0,0,0,0],p[0,0,0,0,0,0])",
+        'popup("x")',
     ],
 )
 def test_anything_else_is_unknown(text):
