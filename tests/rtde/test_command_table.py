@@ -89,6 +89,11 @@ class Seen:
         return max(abs(a - b) for a, b in zip(self.q, q, strict=True))
 
 
+def permits(record):
+    """Whether it is a decision that lets something happen."""
+    return record["kind"] == "decision" and record["body"]["decision"]["effect"] == "PERMIT"
+
+
 class Place:
     """A controller, the gateway before it, a program in its lease, and our own eyes on the robot."""
 
@@ -148,8 +153,13 @@ class Place:
             if record["kind"] == "outcome"
         ]
 
+    def told(self):
+        """How each has ended that was permitted is on record, which may be after the program was answered."""
+        kinds = [record["kind"] for record in self.gateway.records() if record["kind"] == "outcome" or permits(record)]
+        return kinds.count("outcome") == kinds.count("decision")
+
     def home(self):
-        """The arm rests there, the script runs, and the token grants everything."""
+        """The arm rests there, the script runs, the token grants everything, and nothing is still to be recorded."""
         self.gateway.without()
         self.still()
         if not self.now.running:
@@ -158,6 +168,7 @@ class Place:
         until(self.control.isSteady, pause_s=0.005)
         if self.now.away(HOME) > 1e-4:
             until(lambda: self.control.moveJ(HOME, 1.0, 2.0), pause_s=0.05)
+        until(self.told)
 
 
 @pytest.fixture(scope="module")
