@@ -89,11 +89,6 @@ class Seen:
         return max(abs(a - b) for a, b in zip(self.q, q, strict=True))
 
 
-def permits(record):
-    """Whether it is a decision that lets something happen."""
-    return record["kind"] == "decision" and record["body"]["decision"]["effect"] == "PERMIT"
-
-
 class Place:
     """A controller, the gateway before it, a program in its lease, and our own eyes on the robot."""
 
@@ -155,8 +150,7 @@ class Place:
 
     def told(self):
         """How each has ended that was permitted is on record, which may be after the program was answered."""
-        kinds = [record["kind"] for record in self.gateway.records() if record["kind"] == "outcome" or permits(record)]
-        return kinds.count("outcome") == kinds.count("decision")
+        return len(self.outcomes()) == self.reasons().count("PERMITTED")
 
     def home(self):
         """The arm rests there, the script runs, the token grants everything, and nothing is still to be recorded."""
