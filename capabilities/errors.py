@@ -8,10 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from capabilities.scope import Widening
 
 
 class FaultCode(StrEnum):
@@ -83,11 +79,7 @@ class ScopeError(CapabilityError):
 
 
 class TokenError(CapabilityError):
-    """A token that cannot be minted, extended or read. `widenings` says where a hop would have more than its parent."""
-
-    def __init__(self, code: FaultCode, detail: str = "", widenings: tuple[Widening, ...] = ()) -> None:
-        super().__init__(code, detail)
-        self.widenings = widenings
+    """A token that cannot be minted, extended or read."""
 
 
 class StatementError(CapabilityError):

@@ -16,7 +16,19 @@ if TYPE_CHECKING:
     from capabilities.block import AuthorityBlock, HopBlock
     from capabilities.caps import Caps
     from capabilities.chain import Hop, HopGrant
-    from capabilities.scope import Scope, Tier
+    from capabilities.scope import Scope, Tier, Widening
+
+
+class NotNarrowerError(TokenError):
+    """A hop that has more than its parent in any dimension, or strictly less in none.
+
+    Attributes:
+        widenings: every place where the hop would have more.
+    """
+
+    def __init__(self, widenings: tuple[Widening, ...]) -> None:
+        super().__init__(FaultCode.NOT_NARROWER, "wider, or nowhere strictly narrower")
+        self.widenings = widenings
 
 
 def first_hop(block: AuthorityBlock, *, reserved: frozenset[bytes], caps: Caps) -> Hop:
@@ -44,7 +56,7 @@ def next_hop(parents: tuple[Hop, ...], block: HopBlock, *, reserved: frozenset[b
     Raises:
         TokenError: `CHAIN_BROKEN` for a wrong index or delegator, or an agent, key or hop id that occurs before;
             `KEY_WRONG_ROLE` for a key with another role; `TOO_MANY_HOPS` when no depth is left; `DELEGATE_NOT_ALLOWED`;
-            `NOT_NARROWER`, with the widenings, for a hop that is wider anywhere or strictly narrower nowhere;
+            `NOT_NARROWER` (`NotNarrowerError`) for a hop that is wider anywhere or strictly narrower nowhere;
             `HOP_NOT_ATTESTED` for a ceiling above what its evidence carries.
     """
     parent, added = parents[-1], block.hop
@@ -96,7 +108,7 @@ _lay_over: Final = functools.lru_cache(maxsize=REMEMBERED)(algebra.lay_over)
 def _narrower(parent: Scope, block: HopBlock) -> Scope:
     child = algebra.hop(parent, block.restriction, lay=_lay_over)
     if isinstance(child, algebra.Narrowing):
-        raise TokenError(FaultCode.NOT_NARROWER, "wider, or nowhere strictly narrower", child.widenings)
+        raise NotNarrowerError(child.widenings)
     return child
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
+from typing import TYPE_CHECKING, Final, Protocol, TypeAlias, assert_never
 
 from capabilities import keys
 from pep.votes import Count, tally
@@ -243,3 +243,14 @@ def expired_body(ask_id: str, request_digest: str) -> dict[str, object]:
         "effect": "DENY",
         "reason": str(Reason.APPROVAL_TIMEOUT),
     }
+
+
+class Announcer(Protocol):
+    """Tells people of a deferral."""
+
+    async def announce(self, ask: Ask) -> AskState:
+        """What has become of it after one try to tell: `OPEN`, told or still to be told, or `REFUSED`.
+
+        Never raises for a provider that cannot be reached, and waits for it at most about a second.
+        """
+        ...

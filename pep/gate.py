@@ -29,7 +29,7 @@ from pep.operations import Kind, touchable
 from pep.permit import Permit, unfulfilled
 from pep.ports import Assessed
 from pep.sequence import ARRIVED
-from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading, NotCollected, ToolReading
+from policies.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading
 from policies.model import Decision, Effect, Finding, Request
 from policies.pdp import decide
 from policies.policy import requirement
@@ -40,14 +40,13 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
 
     from pep.approvals import Asks
-    from pep.authority import Authority, Credentials
-    from pep.deferral import Ask
+    from pep.authority import Authority
+    from pep.call import Call
+    from pep.deferral import Announcer, Ask
     from pep.observation import Simulated
-    from pep.operations import Operation
-    from pep.ports import Announcer, Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
+    from pep.ports import Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
     from pep.sequence import Sequence
     from policies.policy import PolicySet
-    from policies.said import ContextReading
 
 PHYSICS_TIMEOUT_S: Final = 3.0
 """An assessment that takes longer is a fault, and a fault is no tier."""
@@ -60,27 +59,6 @@ STATE: Final = "TEA-5"
 
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class Call:
-    """One request with what the shell knows about it.
-
-    Attributes:
-        request: in integers.
-        operation: of it.
-        tool: as it is registered and as it is served now.
-        credentials: what the caller presented, after steps 1 to 10.
-        arrived_ms: monotonic time of arrival.
-        context: what its parameters derive from.
-    """
-
-    request: Request
-    operation: Operation
-    tool: ToolReading
-    credentials: Credentials
-    arrived_ms: int
-    context: ContextReading | NotCollected = NOT_COLLECTED
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from capabilities.scope import Tier
     from capabilities.statements.conduct import AgentEntry
     from capabilities.statements.revocation import RevocationView
-    from pep.deferral import Ask, AskState
     from policies.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading, RobotReading
     from policies.model import Request
     from policies.report import Edge
@@ -109,17 +108,6 @@ class Approvers(Protocol):
 
     def approvers(self) -> Mapping[str, bytes]:
         """Raw Ed25519 public key by person; empty while no snapshot has been verified."""
-        ...
-
-
-class Announcer(Protocol):
-    """Tells people of a deferral."""
-
-    async def announce(self, ask: Ask) -> AskState:
-        """What has become of it after one try to tell: `OPEN`, told or still to be told, or `REFUSED`.
-
-        Never raises for a provider that cannot be reached, and waits for it at most about a second.
-        """
         ...
 
 

@@ -11,8 +11,7 @@ from capabilities.caps import DEFAULT as CAPS
 from capabilities.chain import Chain
 from capabilities.statements import ask
 from capabilities.statements.ask import APPROVERS_OF_TIER, CONTRIBUTORS, Ask, Contributor
-from policies.approval import prior_leave
-from policies.evidence import ImpactReading
+from policies.evidence import ImpactReading, prior_leave
 from policies.reasons import Reason
 
 if TYPE_CHECKING:

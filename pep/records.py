@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from pep.authority import Credentials
+    from pep.call import Call
     from pep.deferral import Ask
-    from pep.gate import Call
     from policies.model import ApprovalUse, Decision, Request
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.chain import Chain
 from capabilities.scope import Tier
-from policies.evidence import ApprovalReading, ImpactReading, OpeningReading
+from policies.evidence import ApprovalReading, ImpactReading, prior_leave
 from policies.primitives.base import found
 from policies.reasons import Reason
 from policies.tiers import FRESH
@@ -57,14 +57,6 @@ class Refused:
 
 
 Standing = Waiting | Counts | AskAgain | Refused
-
-
-def prior_leave(evidence: Evidence) -> OpeningReading | None:
-    """The opening that is in force for the request, or None. It permits nothing: tier 4 may be asked for at all."""
-    opening = evidence.opening
-    if not isinstance(opening, OpeningReading):
-        return None
-    return opening if opening.uses_left >= 1 and evidence.at <= opening.not_after else None
 
 
 def standing(case: Case, deferred: Iterable[Finding], policies: PolicySet) -> Standing:

@@ -299,3 +299,11 @@ class Evidence:
             chain = ("verified", chain.token_id, chain.digest, chain.root_key_id, chain.epoch, chain.view_age_ms)
         readings = {field.name: getattr(self, field.name) for field in fields(self)}
         return canonical.digest("evidence", {**readings, "chain": chain})
+
+
+def prior_leave(evidence: Evidence) -> OpeningReading | None:
+    """The opening that is in force for the request, or None. It permits nothing: tier 4 may be asked for at all."""
+    opening = evidence.opening
+    if not isinstance(opening, OpeningReading):
+        return None
+    return opening if opening.uses_left >= 1 and evidence.at <= opening.not_after else None

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, assert_never
 from capabilities.chain import Chain
 from capabilities.scope import Tier
 from policies import shape
-from policies.approval import AskAgain, Counts, Refused, Waiting, prior_leave, standing
+from policies.approval import AskAgain, Counts, Refused, Waiting, standing
 from policies.combine import PERMITS, SILENT, Answer, deny_overrides, evaluate
-from policies.evidence import ImpactReading
+from policies.evidence import ImpactReading, prior_leave
 from policies.model import ApprovalUse, Decision, Effect, Request
 from policies.obligations import NOTIFY, RECORD, of_permit, of_refusal
 from policies.policy import Concern, Policy, PolicySet

@@ -171,7 +171,10 @@ class RobotPoint(EnforcementPoint):
 
     async def report(self) -> dict[str, object]:
         """How things stand: robot, perception and revocation view."""
-        return {**await report_of(self), **await super().report()}
+        sensors = {**self.physics.summary(), "sensors": sorted(self.follower.sensors())}
+        now_ms, view = self.clock.monotonic_ms(), self.frames.view()
+        told = await report_of(self.robot, self.cell, self.state, sensors, view, at_ms=now_ms)
+        return {**told, **await super().report()}
 
     async def listen(self) -> None:
         """The sensors are heard."""

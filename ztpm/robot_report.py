@@ -1,4 +1,4 @@
-"""What an enforcement point reports of its robot and of what its sensors see."""
+"""Report of an enforcement point about its robot and what its sensors see."""
 
 from __future__ import annotations
 
@@ -10,54 +10,76 @@ from pep.errors import RobotError
 from pep.pit.calibration import own_kinematics
 
 if TYPE_CHECKING:
-    from ztpm.robot_point import RobotPoint
+    from collections.abc import Mapping
+
+    from pep.context.frames import View
+    from pep.pit import CellParameters, Robot
+    from pep.rtde.state import ReceivedState
 
 MILLIMETRES: Final = 1e3  # to the metre
 
 
-async def report_of(server: RobotPoint) -> dict[str, object]:
-    """What a running enforcement point reports of its robot and perception, each as of now."""
-    return {"robot": await asyncio.to_thread(_robot, server), "perception": _perception(server)}
+async def report_of(
+    robot: Robot,
+    cell: CellParameters,
+    state: ReceivedState,
+    perception: Mapping[str, object],
+    view: View,
+    *,
+    at_ms: int,
+) -> dict[str, object]:
+    """Robot and perception, as of now.
+
+    Args:
+        robot: the model in use.
+        cell: the signed cell's parameters.
+        state: read in a worker thread.
+        perception: what physics and registry say of the sensors, plain JSON.
+        view: the newest frames.
+        at_ms: monotonic time of the view.
+    """
+    return {
+        "robot": await asyncio.to_thread(_robot, robot, cell, state),
+        "perception": {**perception, **_seen(view, at_ms)},
+    }
 
 
-def _robot(server: RobotPoint) -> dict[str, object]:
+def _robot(robot: Robot, cell: CellParameters, state: ReceivedState) -> dict[str, object]:
     kinematics = {
-        "model_digest": server.robot.model_digest,
-        "calibration": own_kinematics(server.robot.model),
-        "uncertainty_mm": server.cell.robot_uncertainty_m * MILLIMETRES,
+        "model_digest": robot.model_digest,
+        "calibration": own_kinematics(robot.model),
+        "uncertainty_mm": cell.robot_uncertainty_m * MILLIMETRES,
     }
     try:
-        state = server.state.read()
+        now = state.read()
     except RobotError as error:
         return {**kinematics, "fault": str(error.code)}
     return {
         **kinematics,
-        "q_rad": list(state.q_rad),
-        "moving": not state.still,
-        "robot_mode": state.robot_mode,
-        "safety_mode": state.safety_mode,
+        "q_rad": list(now.q_rad),
+        "moving": not now.still,
+        "robot_mode": now.robot_mode,
+        "safety_mode": now.safety_mode,
     }
 
 
-def _perception(server: RobotPoint) -> dict[str, Any]:
-    told: dict[str, Any] = {**server.physics.summary(), "sensors": sorted(server.follower.sensors()), "seen": []}
-    view = server.frames.view()
+def _seen(view: View, at_ms: int) -> dict[str, Any]:
     match view:
         case Distrusted(rejected):
-            told["fault"] = str(rejected.fault)
+            return {"seen": [], "fault": str(rejected.fault)}
         case Unseen():
-            pass
+            return {"seen": []}
         case Seen(frames, _):
-            now_ms = server.clock.monotonic_ms()
-            told["seen"] = [
-                {
-                    "sensor": frame.observation.sensor,
-                    "age_ms": now_ms - frame.arrived_ms + frame.transit_ms,
-                    "people": [person.id for person in frame.observation.people],
-                    "objects": [{"id": thing.id, "kind": thing.kind} for thing in frame.observation.objects],
-                }
-                for frame in frames
-            ]
+            return {
+                "seen": [
+                    {
+                        "sensor": frame.observation.sensor,
+                        "age_ms": at_ms - frame.arrived_ms + frame.transit_ms,
+                        "people": [person.id for person in frame.observation.people],
+                        "objects": [{"id": thing.id, "kind": thing.kind} for thing in frame.observation.objects],
+                    }
+                    for frame in frames
+                ]
+            }
         case _:
             assert_never(view)
-    return told

@@ -140,7 +140,8 @@ def read_addresses(layout: Layout) -> Addresses:
     from pep.errors import ConfigError
     from ztpm.door_config import read_door_config
     from ztpm.gateway_config import read_gateway_config
-    from ztpm_idp.settings import SettingsError, load_settings
+    from ztpm_idp.keys import SettingsError
+    from ztpm_idp.settings import load_settings
 
     try:
         idp, door = load_settings(layout.idp_config), read_door_config(layout.cell_config)
@@ -245,7 +246,8 @@ def _check_readable(layout: Layout) -> None:
     from ztpm.door_config import read_door_config
     from ztpm.gateway_config import read_gateway_config
     from ztpm.tool_config import read_policies
-    from ztpm_idp.settings import SettingsError, load_settings
+    from ztpm_idp.keys import SettingsError
+    from ztpm_idp.settings import load_settings
 
     try:
         load_settings(layout.idp_config)

@@ -11,7 +11,8 @@ import time
 from pathlib import Path
 
 from ztpm_idp.key_ring import check_current
-from ztpm_idp.settings import PASSPHRASE_VARIABLE, SettingsError, load_keys, load_platform, load_policies, load_settings
+from ztpm_idp.keys import PASSPHRASE_VARIABLE, SettingsError
+from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
 
 USAGE = 2
 """Exit status for a configuration that is refused."""

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
     from capabilities.workload import Platform
     from policies.policy import PolicySet
-    from ztpm_idp.settings import IdpKeys, Settings
+    from ztpm_idp.keys import IdpKeys
+    from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)
 

@@ -11,7 +11,7 @@ from capabilities.keys import public_raw
 from capabilities.rotation import KeyRing, State
 from capabilities.rotation_json import ring_from_json
 from capabilities.windows import Role
-from ztpm_idp.settings import IdpKeys, SettingsError, load_key, token_key
+from ztpm_idp.keys import IdpKeys, SettingsError, load_key, token_key
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.commands import Command
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.parties import Party
-    from ztpm_idp.settings import IdpKeys, Settings
+    from ztpm_idp.keys import IdpKeys
+    from ztpm_idp.settings import Settings
     from ztpm_idp.store import Store
 
 

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
     from capabilities.workload import Platform
     from policies.policy import PolicySet
-    from ztpm_idp.settings import IdpKeys, Settings
+    from ztpm_idp.keys import IdpKeys
+    from ztpm_idp.settings import Settings
 
 HEADER_BYTES = 32_768
 """Headers that are read: a token of 16 KiB, its proof, and room."""

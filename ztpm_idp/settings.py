@@ -9,53 +9,33 @@ import ipaddress
 import os
 import stat
 import tomllib
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Final, Self, TypeVar
 from urllib.parse import urlsplit
 
 import sqlalchemy as sa
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from capabilities import text
 from capabilities.caps import DEFAULT
 from capabilities.errors import BadKeyError, CapabilityError, ScopeError
-from capabilities.keys import from_pem, public_raw
-from capabilities.trust import TrustBundle
 from capabilities.windows import Role
 from capabilities.workload import KEY_SET_BYTES, Platform, key_set
 from policies.errors import PolicyError
 from policies.load import SHIPPED, load, load_shipped
+from ztpm_idp import key_ring
 from ztpm_idp.domain.asks import STANDING_ASKS
+from ztpm_idp.keys import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, load_key, token_key
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from capabilities.keys import PrivateKey
-    from capabilities.rotation import KeyRing
     from policies.policy import PolicySet
 
-PASSPHRASE_VARIABLE: Final = "ZTPM_PASSPHRASE"  # noqa: S105  its name, not its value
-"""The environment variable that holds the passphrase of the key files."""
 KEY_FILES: Final = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
 S = TypeVar("S", bound=BaseModel)
 RootKeyId = Annotated[int, Field(ge=0, lt=2**32)]
 KeyFile = Annotated[str, Field(min_length=1)] | None
 _DRIVER: Final = "sqlite+aiosqlite"
-
-
-class SettingsError(Exception):
-    """A setting that is refused.
-
-    Attributes:
-        setting: its name.
-        why: what is wrong with it; never its value.
-    """
-
-    def __init__(self, setting: str, why: str) -> None:
-        super().__init__(f"{setting}: {why}")
-        self.setting = setting
-        self.why = why
 
 
 class Lifetimes(BaseModel):
@@ -167,52 +147,6 @@ class FileSettings(Stated):
         )
 
 
-@dataclass(frozen=True, slots=True)
-class IdpKeys:
-    """The five private keys that an identity provider signs with, one for each role.
-
-    Attributes:
-        ring: what they are taken from, where there is a key ring.
-        former_registry: registry keys that signed before and are still trusted; they sign trust bundles alone, for
-            those verifiers that do not know the new key yet.
-    """
-
-    root: Ed25519PrivateKey
-    attester: Ed25519PrivateKey
-    feed: PrivateKey
-    registry: PrivateKey
-    ledger: PrivateKey
-    ring: KeyRing | None = None
-    former_registry: tuple[PrivateKey, ...] = ()
-
-    def __repr__(self) -> str:
-        return "IdpKeys(...)"
-
-    @property
-    def every_public(self) -> frozenset[bytes]:
-        """The raw public keys that this provider has or had: nobody else may have one of them."""
-        now = frozenset(map(public_raw, (self.root, self.attester, self.feed, self.registry, self.ledger)))
-        return now if self.ring is None else now | self.ring.all_keys
-
-    def trust(self, *, issuer: str, root_key_id: int, version: int = 1) -> TrustBundle:
-        """What verifiers need to know of these keys: what the key ring says, or these five, for ever.
-
-        Raises:
-            BadKeyError: `KEY_WRONG_ROLE` when a key has two roles.
-        """
-        if self.ring is not None:
-            return self.ring.bundle(DEFAULT)
-        return TrustBundle(
-            issuer=issuer,
-            version=version,
-            roots={root_key_id: public_raw(self.root)},
-            attesters=frozenset({public_raw(self.attester)}),
-            feed=frozenset({public_raw(self.feed)}),
-            registry=frozenset({public_raw(self.registry)}),
-            ledger=frozenset({public_raw(self.ledger)}),
-        )
-
-
 def load_settings(path: Path) -> FileSettings:
     """The settings of a TOML file, every one of them known and safe. File names are taken from the file's folder.
 
@@ -251,8 +185,6 @@ def load_keys(settings: FileSettings, folder: Path, passphrase: str) -> IdpKeys:
     if not passphrase:
         raise SettingsError(PASSPHRASE_VARIABLE, "empty")
     if settings.key_ring_file is not None:
-        from ztpm_idp import key_ring  # it builds on this module
-
         return key_ring.load(settings.key_ring_file, folder, settings.issuer, passphrase)
     files = {name: folder / str(getattr(settings, name)) for name in KEY_FILES}
     root, attester = (load_key(name, files[name], passphrase) for name in KEY_FILES[:2])
@@ -311,34 +243,6 @@ def load_policies(settings: Stated, folder: Path | None = None) -> PolicySet:
         raise SettingsError("policy", "the file cannot be read") from None
     except PolicyError as error:
         raise SettingsError("policy", f"{error.code}: {error.where}") from None
-
-
-def token_key(setting: str, key: PrivateKey) -> Ed25519PrivateKey:
-    """The key, when it has the algorithm that the token profile signs with; the other roles may have either.
-
-    Raises:
-        SettingsError: naming the setting.
-    """
-    if not isinstance(key, Ed25519PrivateKey):
-        raise SettingsError(setting, "not an Ed25519 key")
-    return key
-
-
-def load_key(setting: str, path: Path, passphrase: str) -> PrivateKey:
-    """The private key of an encrypted file that nobody else may read or write.
-
-    Raises:
-        SettingsError: naming the setting.
-    """
-    try:
-        with path.open("rb") as file:
-            if stat.S_IMODE(os.fstat(file.fileno()).st_mode) & 0o077:
-                raise SettingsError(setting, "others may read or write the file; its mode must be 0600")
-            return from_pem(file.read(), passphrase.encode())
-    except OSError:
-        raise SettingsError(setting, "the file cannot be read") from None
-    except BadKeyError:
-        raise SettingsError(setting, "not an encrypted key, or a wrong passphrase") from None
 
 
 def _validated(model: type[S], stated: dict[str, object]) -> S:

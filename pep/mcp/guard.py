@@ -26,8 +26,9 @@ from mcp_types import CallToolResult, TextContent
 from capabilities.chain import Chain
 from pep import records
 from pep.authority import NOBODY, Credentials
+from pep.call import Call
 from pep.errors import ActuationRefusedError, JournalError
-from pep.gate import Answer, Call, Gate, Result
+from pep.gate import Answer, Gate, Result
 from pep.mcp import defer
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.knock import CREDENTIALS

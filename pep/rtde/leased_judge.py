@@ -16,9 +16,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from capabilities.chain import Chain
+from pep.call import Call
 from pep.deferral import AskState
 from pep.errors import JournalError
-from pep.gate import Call
 from pep.rtde.leased_effects import Case
 from pep.rtde.leased_requests import BASE_TIERS, Asked, Free, asked_of, request_of
 from pep.rtde.line_refusals import LineRefusals, refusal_of

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from pep.rtde.control_program import ControlProgram, Phase, Turn
 from pep.rtde.leased_stop import Rung
@@ -11,12 +11,14 @@ from pep.rtde.refused import Refused
 from policies.reasons import Reason
 
 if TYPE_CHECKING:
+    from pep.ports import Clock
     from pep.rtde.control_script import Upload
-    from pep.rtde.feed import Sample
-    from pep.rtde.judge import Holder
+    from pep.rtde.feed import Feed, Sample
+    from pep.rtde.judge import Holder, Judge
     from pep.rtde.lease import Ending
-    from pep.rtde.leased_conversations import LeasedRtdePort, LeasedScriptPort
-    from pep.rtde.leased_ports import LeasedPorts
+    from pep.rtde.leased_line import LeasedLine
+    from pep.rtde.leased_stop import Ladder
+    from pep.rtde.lines import Upstream
 
 REWRITE_MS: Final = 20
 """How often the watchdog hears us; it waits for 125 ms."""
@@ -24,16 +26,65 @@ PAUSED: Final = (3, 4, 5)
 """`runtime_state` of a program that somebody may let go on."""
 
 
+class CommandPort(Protocol):
+    """An RTDE connection of the lease's program."""
+
+    line: LeasedLine
+
+    @property
+    def wrote_ms(self) -> int:
+        """Monotonic time of the last write to the controller."""
+
+    def settle(self) -> None:
+        """Carry out the effects that the line has decided."""
+
+    def leave(self, ending: Ending) -> None:
+        """Tell the client that the lease is over."""
+
+    def look(self, at_ms: int) -> None:
+        """Let time pass."""
+
+    def lose(self, ending: Ending) -> None:
+        """End the connection, and the lease with it."""
+
+
+class ScriptPort(Protocol):
+    """A connection on which the lease's program uploads its control script."""
+
+    @property
+    def robot(self) -> Upstream:
+        """The line to the controller behind it."""
+
+
+class Controller(Protocol):
+    """The controller's side of every lease: its state, its stop, its judge."""
+
+    clock: Clock
+    judge: Judge
+    feed: Feed
+    ladder: Ladder
+    deceleration: float
+
+    def stop(self, rung: Rung) -> None:
+        """Begin to stop the arm, from that rung of the ladder on."""
+
+    def closed(self, lease: Holder, ending: Ending) -> None:
+        """End the lease for that reason."""
+
+    def note(self, rung: Rung) -> None:
+        """Count a stop that came past the ladder."""
+
+
 class Tenant:
     """One lease: its control line, its control script, and who sends that."""
 
-    def __init__(self, ports: LeasedPorts, lease: Holder) -> None:
+    def __init__(self, ports: Controller, lease: Holder) -> None:
         self.ports = ports
         self.lease = lease
         self.program = ControlProgram()
-        self.control: LeasedRtdePort | None = None
-        self.lines: set[LeasedRtdePort] = set()
-        self._sender: LeasedScriptPort | None = None
+        self.control: CommandPort | None = None
+        self.lines: set[CommandPort] = set()
+        self._sender: ScriptPort | None = None
         self._over = False
 
     @property
@@ -43,14 +94,14 @@ class Tenant:
             self.control is not None and self.control.line.commands is not None and self.control.line.commands.stopping
         )
 
-    def claim(self, port: LeasedRtdePort) -> bool:
+    def claim(self, port: CommandPort) -> bool:
         """Whether that line is the one that commands."""
         if self._over or (self.control is not None and self.control is not port):
             return False
         self.control = port
         return True
 
-    def uploaded(self, port: LeasedScriptPort, upload: Upload) -> Refused | None:
+    def uploaded(self, port: ScriptPort, upload: Upload) -> Refused | None:
         """The program's control script came on that line; why it goes no further, if it does not."""
         commands = None if self.control is None else self.control.line.commands
         if commands is None or commands.offset != upload.script.offset:
@@ -64,7 +115,7 @@ class Tenant:
         self._show()
         return None
 
-    def left(self, port: LeasedScriptPort) -> None:
+    def left(self, port: ScriptPort) -> None:
         """That line is gone."""
         if self._sender is port:
             self._sender = None

@@ -12,11 +12,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import lru_cache
 from typing import TYPE_CHECKING, Final, assert_never
 
 from pep.rtde import tree as t
-from pep.rtde.urscript import parse
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -25,7 +23,6 @@ if TYPE_CHECKING:
     from pep.sim.builtin import Function
 
 OUTPUTS: Final = "digital_out"  # an array of older controllers that newer ones still know; python-urx writes to it
-KEPT_PROGRAMS: Final = 8  # compiled texts remembered; ur_rtde sends the same 42 kB at every connection
 
 
 class CompileFault(StrEnum):
@@ -49,12 +46,13 @@ class CompileError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Compiled:
-    """A program ready to run: kind, name, the code that defines `main`, and the URScript line of each Python line."""
+    """A program ready to run: kind, name, code that defines `main`, URScript line of each Python line, built-ins."""
 
     secondary: bool
     name: str
     code: CodeType
     lines: tuple[int, ...]
+    functions: Mapping[str, Function]
 
 
 def compile_program(tree: t.Program, functions: Mapping[str, Function]) -> Compiled:
@@ -80,20 +78,7 @@ def compile_program(tree: t.Program, functions: Mapping[str, Function]) -> Compi
         at = getattr(error, "lineno", None) or 1
         line = writer.lines[at - 1] if at <= len(writer.lines) else 1
         raise CompileError(CompileFault.PLACE, line, "a statement out of place, or nested too deep") from error
-    return Compiled(secondary, name, code, tuple(writer.lines))
-
-
-@lru_cache(maxsize=KEPT_PROGRAMS)
-def compile_text(text: str) -> Compiled:
-    """The runnable form of a text, with the simulator's own built-ins.
-
-    Raises:
-        ScriptError: the text does not parse.
-        CompileError: it cannot run.
-    """
-    from pep.sim.functions import FUNCTIONS
-
-    return compile_program(parse(text), FUNCTIONS)
+    return Compiled(secondary, name, code, tuple(writer.lines), functions)
 
 
 def _statements(body: Iterable[t.Statement]) -> Iterable[t.Statement]:

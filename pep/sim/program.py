@@ -9,7 +9,6 @@ from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from pep.sim.functions import FUNCTIONS
 from pep.sim.motion import MotionError
 from pep.sim.robot import TICK_S
 from pep.sim.values import Pose, ScriptRuntimeError, Vector, copied, power
@@ -92,7 +91,7 @@ class Execution:
         self._critical: Thread | None = None
         self._watchdog: _Watchdog | None = None
         space: dict[str, Any] = {"R": self, "G": {}, "V": Vector, "P": Pose, "C": copied, "W": power}
-        space |= {f"b_{name}": partial(function.call, self) for name, function in FUNCTIONS.items()}
+        space |= {f"b_{name}": partial(function.call, self) for name, function in compiled.functions.items()}
         _define(compiled.code, space)
         self._threads = [Thread(space["main"]())]
         self.current = self._main = self._threads[0]

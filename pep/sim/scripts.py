@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import codecs
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.primary_frames import READ_ONLY
-from pep.rtde.urscript import ProgramStream, ScriptError
-from pep.sim.compiler import CompileError, compile_text
+from pep.rtde.urscript import ProgramStream, ScriptError, parse
+from pep.sim.compiler import CompileError, compile_program
 from pep.sim.controller import Refusal
+from pep.sim.functions import FUNCTIONS
 from pep.sim.primary import (
     error_message,
     exception_message,
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.rtde.messages import ControlVersion
+    from pep.sim.compiler import Compiled
     from pep.sim.controller import Controller, Event
     from pep.sim.robot import OperationalMode
     from pep.sim.sockets import Connection, Port
@@ -29,6 +32,19 @@ if TYPE_CHECKING:
 MAX_PROGRAM: Final = 512 * 1024  # characters; ur_rtde's script has 42 thousand, a waypoint about 100
 OPERATIONAL_MODE: Final = 211  # code of the message that tells a change of it, the mode its argument
 STATE_EVERY: Final = 50  # ticks: 10 Hz
+
+KEPT_PROGRAMS: Final = 8  # compiled texts remembered; ur_rtde sends the same 42 kB at every connection
+
+
+@lru_cache(maxsize=KEPT_PROGRAMS)
+def compile_text(text: str) -> Compiled:
+    """The runnable form of a text, with the simulator's own built-ins.
+
+    Raises:
+        ScriptError: the text does not parse.
+        CompileError: it cannot run.
+    """
+    return compile_program(parse(text), FUNCTIONS)
 
 
 class ScriptServer:

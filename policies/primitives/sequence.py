@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, ClassVar, assert_never
 
 from capabilities.chain import Chain
 from capabilities.scope import Tier
-from policies.approval import prior_leave
 from policies.conduct import SequenceReading
-from policies.evidence import NotCollected
+from policies.evidence import NotCollected, prior_leave
 from policies.primitives.base import Defers, Fails, Holds, found, missing, verified_chain
 from policies.reasons import Reason
 from policies.tiers import RULES, TierRule

@@ -9,8 +9,7 @@ from capabilities.algebra import bound_to_json
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import Fault, FaultCode
 from capabilities.request import set_ceiling
-from policies.approval import prior_leave
-from policies.evidence import ImpactFault, ImpactReading, NotCollected, RobotReading, ToolReading
+from policies.evidence import ImpactFault, ImpactReading, NotCollected, RobotReading, ToolReading, prior_leave
 from policies.primitives.base import (
     Case,
     Defers,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Final
 from capabilities.chain import Chain, Refusal
 from capabilities.errors import FaultCode
 from policies import shape
-from policies.approval import prior_leave
 from policies.evidence import (
     ApprovalReading,
     ImpactFault,
@@ -18,6 +17,7 @@ from policies.evidence import (
     RobotReading,
     ToolReading,
     TrustReading,
+    prior_leave,
 )
 from policies.model import Point
 from policies.pdp import decide

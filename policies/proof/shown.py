@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.chain import Chain
 from capabilities.scope import Tier
-from policies.approval import prior_leave
-from policies.evidence import ApprovalReading, ImpactReading, PerceptionReading, RobotReading
+from policies.evidence import ApprovalReading, ImpactReading, PerceptionReading, RobotReading, prior_leave
 from policies.model import SEVERITY, Effect, Obligation, ObligationKind, Point
 from policies.policy import requirement
 from policies.primitives.base import Case, Holds

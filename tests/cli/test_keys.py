@@ -21,7 +21,8 @@ from ztpm import key_ring
 from ztpm.layout import Layout
 from ztpm.lock import DirectoryLock
 from ztpm_idp.key_ring import check_current
-from ztpm_idp.settings import SettingsError, load_keys, load_settings
+from ztpm_idp.keys import SettingsError
+from ztpm_idp.settings import load_keys, load_settings
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from capabilities.units import Quantity
 from capabilities.verify import token_from_text, verify
 from pep import records
 from pep.authority import Credentials
-from pep.gate import Call
+from pep.call import Call
 from pep.operations import MOVE_JOINT
 from policies.evidence import Evidence, ToolReading
 from policies.model import Decision, Effect, Finding, Point, Request

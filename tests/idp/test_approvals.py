@@ -22,7 +22,8 @@ from ztpm_idp import feed, ledger_file
 from ztpm_idp.client import ClientError, Operator
 from ztpm_idp.domain.asks import OPENINGS, STANDING_ASKS, Answer, Asked, AskRecord, OpeningRecord, VoteRecord
 from ztpm_idp.domain.events import VoteCast
-from ztpm_idp.settings import SettingsError, check_settings
+from ztpm_idp.keys import SettingsError
+from ztpm_idp.settings import check_settings
 from ztpm_idp.store import ConflictError
 from ztpm_idp.store.approvals import Approvals
 

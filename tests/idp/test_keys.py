@@ -17,7 +17,7 @@ from capabilities.verify import verify
 from capabilities.windows import Role
 from tests.idp.test_lending import SLOWER, refused, tree
 from tests.idp.world import AUDIENCE, ISSUER, START_S, World
-from ztpm_idp.settings import IdpKeys
+from ztpm_idp.keys import IdpKeys
 
 P256 = keys.Algorithm.P256
 BEGUN = int(START_S) - 1_000

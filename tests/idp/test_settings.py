@@ -8,9 +8,8 @@ import pytest
 
 import policies
 from capabilities import keys, workload
+from ztpm_idp.keys import IdpKeys, SettingsError
 from ztpm_idp.settings import (
-    IdpKeys,
-    SettingsError,
     check_settings,
     load_keys,
     load_platform,

@@ -31,7 +31,8 @@ from capabilities.verify import Verifier
 from pep.approvals import Asks
 from pep.asking import Asking
 from pep.authority import Authority, Presented
-from pep.gate import Call, Gate, Result
+from pep.call import Call
+from pep.gate import Gate, Result
 from pep.mcp.mapping import ARM_TOOLS, to_request
 from pep.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL_OUTPUT, SPEED_JOINT
 from pep.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together

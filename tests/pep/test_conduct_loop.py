@@ -14,7 +14,7 @@ from capabilities.scope import Grant, Tier
 from capabilities.verify import Verifier
 from pep.authority import Presented
 from pep.feed import Follower, MarkFile
-from pep.gate import Call
+from pep.call import Call
 from pep.mcp.mapping import ARM_TOOLS, to_request
 from pep.record import FileJournal
 from pep.ship import Shipper

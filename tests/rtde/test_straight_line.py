@@ -12,7 +12,7 @@ from pep.rtde.refused import Refused
 from pep.rtde.statements import NAME, Sleep, StraightLine, TextMessage, WriteOutputDouble, WriteOutputInteger
 from pep.rtde.straight_line import MAX_STATEMENTS, MAX_TEXT, STATEMENTS, straight_line
 from pep.rtde.urscript import ProgramStream, parse
-from pep.sim.compiler import compile_text
+from pep.sim.scripts import compile_text
 from policies.reason import Reason
 from tests.sim_controller.cell import upload
 

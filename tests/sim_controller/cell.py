@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pep.rtde.urscript import ProgramStream
 from pep.sim.arm import Arm
-from pep.sim.compiler import compile_text
+from pep.sim.scripts import compile_text
 from pep.sim.controller import Controller
 from pep.sim.gripper import Gripper
 from pep.sim.robot import Robot

@@ -2,7 +2,8 @@
 
 import pytest
 
-from pep.sim.compiler import CompileError, CompileFault, compile_text
+from pep.sim.compiler import CompileError, CompileFault
+from pep.sim.scripts import compile_text
 from pep.sim.robot import RobotMode, RuntimeState, SafetyMode
 from tests.sim_controller.cell import HOME, TICK_S, Bench, upload
 

@@ -12,7 +12,8 @@ import struct
 import pytest
 
 from pep.sim.arm import Arm
-from pep.sim.compiler import CompileError, CompileFault, compile_text
+from pep.sim.compiler import CompileError, CompileFault
+from pep.sim.scripts import compile_text
 from pep.sim.launch import Controller
 from pep.sim.motion import ZERO, Kinetic
 from pep.sim.spatial import IDENTITY, compose, from_vector, to_frame, to_vector, transpose

@@ -7,15 +7,14 @@ in the ledger like every record, and counts for nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from policies import behaviour, concluded, trust
-from policies.behaviour import NOTHING_KNOWN, BehaviourState
 from policies.model import Effect
-from policies.report import TEXT_MAX, Edge, Report, ReportError
-from policies.trust import NOTHING_REPORTED, TrustState
+from policies.report import TEXT_MAX, Report, ReportError
+from ztpm_idp.domain.agent_conduct import AgentConduct, Concerned, Published
 from ztpm_idp.domain.events import ConductObserved, PermitConcluded, PermitOpened
 from ztpm_idp.domain.parties import Agent
 
@@ -23,8 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from capabilities.chain import Chain
-    from policies.career import Career
-    from policies.conduct import BehaviourReading
+    from policies.behaviour import BehaviourState
     from policies.parameters import Parameters
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.events import Event, RecordTaken
@@ -38,58 +36,6 @@ PEERS: Final = 8
 """With how many others of its role a young agent is compared."""
 OPEN_RECORDS: Final = 4_096
 """How many records after a PERMIT its outcome is waited for: one that comes later makes no report."""
-
-
-@dataclass(frozen=True, slots=True)
-class AgentConduct:
-    """What is known of one agent: the reducers' states, and when a person last restored it (seconds), or None."""
-
-    trust: TrustState = NOTHING_REPORTED
-    behaviour: BehaviourState = NOTHING_KNOWN
-    restored_at: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Published:
-    """What enforcement points are told of an agent.
-
-    Attributes:
-        scores: trust in each edge into it that something was ever reported about, in permille.
-        default_permille: of an edge that is not told of.
-        reading: of its behaviour.
-        restored_at: as in `AgentConduct`.
-    """
-
-    scores: Mapping[Edge, int]
-    default_permille: int
-    reading: BehaviourReading
-    restored_at: int | None
-
-
-@dataclass(frozen=True, slots=True)
-class Concerned:
-    """What records are about: requests whose PERMIT may be open, and the hops under which was asked."""
-
-    requests: frozenset[str] = frozenset()
-    hops: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True, slots=True)
-class Held:
-    """What the state knows of the agents concerned.
-
-    Attributes:
-        agents: by id; one that is not here is one of which nothing was reported.
-        open: reports of PERMITs of the enforcement point, by request id: as if nothing had been sent.
-        made: the edge of each concerned hop that was ever made.
-        peers: for agents that are too young for a baseline of their own, what others of their sponsor's with the same
-            role usually do, by agent; at most `PEERS` of each.
-    """
-
-    agents: Mapping[str, AgentConduct] = field(default_factory=lambda: MappingProxyType({}))
-    open: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
-    made: Mapping[str, Edge] = field(default_factory=lambda: MappingProxyType({}))
-    peers: Mapping[str, Mapping[str, Career]] = field(default_factory=lambda: MappingProxyType({}))
 
 
 # --- from records ----------------------------------------------------------------------------------------------------

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from capabilities.scope import Restriction, Scope, Widening
     from policies.model import Decision
     from policies.report import Report
+    from ztpm_idp.domain.agent_conduct import AgentConduct, Published
     from ztpm_idp.domain.asks import AskRecord, AskState, OpeningRecord, VoteRecord
-    from ztpm_idp.domain.conduct import AgentConduct, Published
     from ztpm_idp.domain.parties import Party, Tool
 
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from ztpm_idp.domain.conduct import Held
+from ztpm_idp.domain.agent_conduct import Held
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from ztpm_idp.domain.agent_conduct import Concerned
     from ztpm_idp.domain.asks import Asked, OpeningRecord
-    from ztpm_idp.domain.conduct import Concerned
     from ztpm_idp.domain.parties import Party
 
 NOTHING_HELD: Final = Held()

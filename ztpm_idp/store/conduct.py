@@ -12,7 +12,8 @@ from capabilities.statements.conduct import AgentEntry, DeviationEntry, EdgeEntr
 from policies.behaviour import BehaviourState
 from policies.report import Edge, Report
 from policies.trust import TrustState
-from ztpm_idp.domain.conduct import OPEN_RECORDS, PEERS, AgentConduct, Held
+from ztpm_idp.domain.agent_conduct import AgentConduct, Held
+from ztpm_idp.domain.conduct import OPEN_RECORDS, PEERS
 from ztpm_idp.domain.events import AgentRestored, ConductObserved, PermitConcluded, PermitOpened
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import schema as t
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from sqlalchemy.ext.asyncio import AsyncConnection
 
     from policies.career import Career
-    from ztpm_idp.domain.conduct import Concerned, Published
+    from ztpm_idp.domain.agent_conduct import Concerned, Published
 
 ConductEvent = PermitOpened | PermitConcluded | ConductObserved | AgentRestored
 IDS: Final = 500

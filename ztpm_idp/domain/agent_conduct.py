@@ -1,0 +1,69 @@
+"""Values of conduct: the reducers' states of one agent, and the part that enforcement points are told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from policies.behaviour import NOTHING_KNOWN, BehaviourState
+from policies.trust import NOTHING_REPORTED, TrustState
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from policies.career import Career
+    from policies.conduct import BehaviourReading
+    from policies.report import Edge, Report
+
+
+@dataclass(frozen=True, slots=True)
+class AgentConduct:
+    """What is known of one agent: the reducers' states, and when a person last restored it (seconds), or None."""
+
+    trust: TrustState = NOTHING_REPORTED
+    behaviour: BehaviourState = NOTHING_KNOWN
+    restored_at: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """What enforcement points are told of an agent.
+
+    Attributes:
+        scores: trust in each edge into it that something was ever reported about, in permille.
+        default_permille: of an edge that is not told of.
+        reading: of its behaviour.
+        restored_at: as in `AgentConduct`.
+    """
+
+    scores: Mapping[Edge, int]
+    default_permille: int
+    reading: BehaviourReading
+    restored_at: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Concerned:
+    """What records are about: requests whose PERMIT may be open, and the hops under which was asked."""
+
+    requests: frozenset[str] = frozenset()
+    hops: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """What the state knows of the agents concerned.
+
+    Attributes:
+        agents: by id; one that is not here is one of which nothing was reported.
+        open: reports of PERMITs of the enforcement point, by request id: as if nothing had been sent.
+        made: the edge of each concerned hop that was ever made.
+        peers: for agents that are too young for a baseline of their own, what others of their sponsor's with the same
+            role usually do, by agent; at most `conduct.PEERS` of each.
+    """
+
+    agents: Mapping[str, AgentConduct] = field(default_factory=lambda: MappingProxyType({}))
+    open: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
+    made: Mapping[str, Edge] = field(default_factory=lambda: MappingProxyType({}))
+    peers: Mapping[str, Mapping[str, Career]] = field(default_factory=lambda: MappingProxyType({}))
