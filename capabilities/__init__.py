@@ -5,20 +5,20 @@ A person lends a scope to an agent (`mint`), an agent lends part of it on (`dele
 or a socket.
 """
 
-from capabilities.algebra import Narrowing, apply, hop, meet, narrows, stated
-from capabilities.bounds import one_of
-from capabilities.boxes import box
-from capabilities.carriage import token_from_text, token_to_text
-from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, HopGrant, Refusal, Sponsor
-from capabilities.delegate import delegate
-from capabilities.errors import CapabilityError, Fault, FaultCode, ScopeError, StatementError, TokenError
-from capabilities.explanation import Explanation, explain, explanation_to_json, repair
-from capabilities.mint import mint
-from capabilities.proof import Proof, check_proof, prove
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier, Widening
-from capabilities.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
-from capabilities.trust import TrustBundle
-from capabilities.verify import Verifier, inspect_token, tightest, verify
+from capabilities.keys.trust import TrustBundle
+from capabilities.proof.proof import Proof, check_proof, prove
+from capabilities.token.delegate import delegate
+from capabilities.token.mint import mint
+from capabilities.token.token_text import token_from_text, token_to_text
+from capabilities.token.verify import Verifier, inspect_token, tightest, verify
+from capabilities.values.algebra import Narrowing, apply, hop, meet, narrows, stated
+from capabilities.values.bounds import one_of
+from capabilities.values.boxes import box
+from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, HopGrant, Refusal, Sponsor
+from capabilities.values.errors import CapabilityError, Fault, FaultCode, ScopeError, StatementError, TokenError
+from capabilities.values.explanation import Explanation, explain, explanation_to_json, repair
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier, Widening
+from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
 
 __all__ = [
     "Attestation",

@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from policies import CATALOG, PARAMETERS, REASONS, Reason
-from policies.row import Attack, Defence, Domain
-from policies.tiers import RULES
+from policies.evidence.tiers import RULES
+from policies.primitives.catalog_row import Attack, Defence, Domain
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from policies.row import Row
+    from policies.primitives.catalog_row import Row
 
 WIDTH: Final = 120
 PAGE: Final = Path(__file__).with_name("primitives.md")
@@ -28,8 +28,8 @@ SCHEMAS: Final = Path(__file__).with_name("schemas")
 
 OPENING: Final = """# The 25 primitives
 
-<!-- Generated from policies/catalog.py, policies/parameters.py and policies/reasons.py by `python -m docs.generate`.
-Do not edit. -->
+<!-- Generated from policies/primitives/catalog.py, policies/words/parameters.py and policies/words/reason_table.py by
+`python -m docs.generate`. Do not edit. -->
 
 A primitive is one thing that must hold before an agent's act may have an effect. It looks at the evidence for one
 request and says *holds*, *fails* or *defers* (a person may answer). A policy names primitives; `policies.decide`

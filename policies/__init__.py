@@ -1,9 +1,10 @@
 """What is decided: 25 primitives, 7-tuple policies, tiers, trust, and the one pure function `decide`."""
 
-from policies.catalog import CATALOG, ROWS
-from policies.counsel import Means, Remedy, remedies
-from policies.errors import PolicyError, PolicyFault
-from policies.evidence import (
+from policies.conduct.trust import chain_trust, edge_trust
+from policies.decide.load import SHIPPED, load, load_shipped
+from policies.decide.pdp import decide
+from policies.decide.policy import Object, Policy, PolicySet, Requirement, Subject, requirement
+from policies.evidence.evidence import (
     NOT_COLLECTED,
     ApprovalReading,
     Contribution,
@@ -16,14 +17,13 @@ from policies.evidence import (
     ToolReading,
     TrustReading,
 )
-from policies.load import SHIPPED, load, load_shipped
-from policies.model import ApprovalUse, Decision, Effect, Finding, Obligation, ObligationKind, Point, Request
-from policies.parameters import PARAMETERS, Parameters
-from policies.pdp import decide
-from policies.policy import Object, Policy, PolicySet, Requirement, Subject, requirement
-from policies.reasons import REASONS, Reason
-from policies.row import Row
-from policies.trust import chain_trust, edge_trust
+from policies.evidence.model import ApprovalUse, Decision, Effect, Finding, Obligation, ObligationKind, Point, Request
+from policies.explain.remedies import Means, Remedy, remedies
+from policies.primitives.catalog import CATALOG, ROWS
+from policies.primitives.catalog_row import Row
+from policies.words.errors import PolicyError, PolicyFault
+from policies.words.parameters import PARAMETERS, Parameters
+from policies.words.reason_table import REASONS, Reason
 
 __all__ = [
     "CATALOG",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
-from capabilities.scope import Tier
+from capabilities.values.scope import Tier
 from pep.pit.assess import assess
 from pep.pit.calibration import Calibration, calibrated
 from pep.pit.cell import CALIBRATED_UNCERTAINTY_M
@@ -23,13 +23,13 @@ from pep.pit.outfit import Outfit
 from pep.pit.proof import document, question_digest
 from pep.pit.robot import Robot
 from pep.pit.scene_file import situation_of
-from policies.tiers import RULES, TierRule
+from policies.evidence.tiers import RULES, TierRule
 
 if TYPE_CHECKING:
     from pep.pit.assessment import Assessment
     from pep.pit.motion import Motion
     from pep.pit.scene_file import Situation
-    from policies.evidence import Contribution, ImpactFault
+    from policies.evidence.evidence import Contribution, ImpactFault
 
 URDF: Final = ".urdf"
 PATIENCE_S: Final = 600.0

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pep.pit.robot import Robot
     from pep.pit.scene import Shape, Vector
     from pep.pit.scene_file import Situation
-    from policies.evidence import Contribution
+    from policies.evidence.evidence import Contribution
 
 STEPS: Final = 48
 """Instants that are drawn, start and end included; those of the witnesses are added."""

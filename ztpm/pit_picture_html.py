@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 from ztpm.pit_picture import CELL_M, COLOURS, FACES, MICRO_PER_MILLI, MILLI, to_plain
 
 if TYPE_CHECKING:
-    from policies.evidence import Contribution
+    from policies.evidence.evidence import Contribution
     from ztpm.pit_picture import Picture
 
 STYLE: Final = """

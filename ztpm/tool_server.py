@@ -4,7 +4,7 @@
 
 The passphrase of the PEP's key comes from the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line
 with `"ready": true`. SIGTERM stops the arm first and everything else after it. With `--reports` it tells whoever
-started it how things stand (ztpm/report.py).
+started it how things stand (ztpm/base/report_server.py).
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pep.observation import Unwatched
-from pep.rtde.dashboard import RemoteControl
-from pep.rtde.dead_man import DeadMan
-from pep.rtde.gripper import RobotiqGripper
-from pep.rtde.program import ProgramWatch
-from pep.rtde.telemetry import Telemetry
-from pep.sim.recognition import recognise
-from pep.watch import Watch
-from ztpm.arm_tools import ArmTools
-from ztpm.enforcement import main_of
-from ztpm.robot import (
+from pep.gate.observe_only import Unwatched
+from pep.rtde.motion.dead_man import DeadMan
+from pep.rtde.robot.dashboard import RemoteControl
+from pep.rtde.robot.gripper import RobotiqGripper
+from pep.rtde.robot.program import ProgramWatch
+from pep.rtde.robot.telemetry import Telemetry
+from pep.watch.watch import Watch
+from ztpm.point.arm_tools import ArmTools
+from ztpm.point.cell_config import CellConfig, read_config
+from ztpm.point.enforcement_point import main_of
+from ztpm.point.robot import (
     PROGRAM_S,
     commanded,
     confirm_kinematics,
@@ -33,17 +33,17 @@ from ztpm.robot import (
     found_holding,
     readiness,
 )
-from ztpm.robot_point import RobotPoint, opened_cell
-from ztpm.tool_config import CellConfig, read_config
+from ztpm.point.robot_point import RobotPoint, opened_cell
+from ztpm.point.simulator_check import recognise
 
 if TYPE_CHECKING:
     import httpx2
 
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.keys.trust import TrustBundle
     from capabilities.statements.cell import Cell
-    from capabilities.trust import TrustBundle
-    from pep.observation import Simulated
-    from policies.policy import PolicySet
+    from pep.gate.observe_only import Simulated
+    from policies.decide.policy import PolicySet
 
 
 class ToolServer(RobotPoint):

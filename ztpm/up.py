@@ -7,23 +7,23 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.errors import BadKeyError
-from capabilities.trust import TrustBundle
-from ztpm.cell import Cell
-from ztpm.enrolment import Differing, EnrolmentError, enrol
-from ztpm.layout import OPERATORS, Layout, LayoutError, read_key
-from ztpm.processes import Child, ChildError
-from ztpm.setup import SetupError, initialise, is_empty, read_addresses
+from capabilities.keys.trust import TrustBundle
+from capabilities.values.errors import BadKeyError
+from ztpm.base.layout import OPERATORS, Layout, LayoutError, read_key
+from ztpm.base.processes import Child, ChildError
+from ztpm.cell.cell import Cell
+from ztpm.cell.enrolment import Differing, EnrolmentError, enrol
+from ztpm.cell.setup import SetupError, initialise, is_empty, read_addresses
+from ztpm.cell.supervision import ChildLostError, SceneFile, Supervision
 from ztpm.status.camera import Camera
 from ztpm.status.server import StatusError, StatusServer
-from ztpm.supervision import ChildLostError, SceneFile, Supervision
 
 if TYPE_CHECKING:
     import threading
     from collections.abc import Callable
 
-    from ztpm.event_log import EventLog
-    from ztpm.setup import Addresses
+    from ztpm.base.event_log import EventLog
+    from ztpm.cell.setup import Addresses
 
 FREE_S: Final = 20.0
 """Longest wait for the addresses: children of a run that was killed end in order, which takes some seconds."""
@@ -118,7 +118,7 @@ def run(
         UpError: `ADDRESS_IN_USE`, `START_FAILED`, `REGISTRY_UNAVAILABLE`, `REGISTRATION_REFUSED`, `STATUS_UNAVAILABLE`
             or `PROCESS_LOST`; every process has ended then, too.
     """
-    from ztpm.gateway_config import read_gateway_config
+    from ztpm.point.gateway_config import read_gateway_config
 
     cell = Cell(
         layout,

@@ -10,8 +10,8 @@ import sys
 import time
 from pathlib import Path
 
-from ztpm_idp.key_ring import check_current
-from ztpm_idp.keys import PASSPHRASE_VARIABLE, SettingsError
+from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, SettingsError
+from ztpm_idp.keys.key_ring import check_current
 from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
 
 USAGE = 2

@@ -12,9 +12,9 @@ from fastapi import FastAPI
 from starlette.exceptions import HTTPException
 
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.feed import Heartbeat
-from ztpm_idp.problems import Problem, answer
-from ztpm_idp.provider import Provider
+from ztpm_idp.provider.feed import Heartbeat
+from ztpm_idp.provider.problems import Problem, answer
+from ztpm_idp.provider.provider import Provider
 from ztpm_idp.routes import approvals, conduct, ledger, registry, service, tokens
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from fastapi.responses import Response
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-    from capabilities.workload import Platform
-    from policies.policy import PolicySet
-    from ztpm_idp.keys import IdpKeys
+    from capabilities.statements.workload import Platform
+    from policies.decide.policy import PolicySet
+    from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)

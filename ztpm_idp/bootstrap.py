@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from capabilities.keys import b64u, thumbprint
+from capabilities.keys.keys import b64u, thumbprint
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import Initialise, wanted
 from ztpm_idp.domain.parties import Person, Standing
 from ztpm_idp.domain.registry import initialise as first_people
-from ztpm_idp.problems import Problem
+from ztpm_idp.provider.problems import Problem
+from ztpm_idp.provider.wire import PersonBody
 from ztpm_idp.store import Store
-from ztpm_idp.wire import PersonBody
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

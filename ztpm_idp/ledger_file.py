@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import rfc8785
 
-from capabilities.caps import DEFAULT
-from capabilities.errors import StatementError
 from capabilities.statements import checkpoint
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import StatementError
 from ztpm_idp.domain.ledger import FIRST_PREV, RECORD_FIELDS, VERSION
-from ztpm_idp.strict_json import BodyError, parse_json
+from ztpm_idp.provider.body_json import BodyError, parse_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from capabilities.trust import TrustBundle
+    from capabilities.keys.trust import TrustBundle
 
 ENTRY_FIELDS: Final = frozenset({"v", "seq", "prev", "at_ms", "actor", "kind", "body"})
 LINE_BYTES: Final = 1_048_576

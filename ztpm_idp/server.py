@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Callable
 
-    from capabilities.workload import Platform
-    from policies.policy import PolicySet
-    from ztpm_idp.keys import IdpKeys
+    from capabilities.statements.workload import Platform
+    from policies.decide.policy import PolicySet
+    from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.settings import Settings
 
 HEADER_BYTES = 32_768

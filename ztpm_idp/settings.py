@@ -15,21 +15,21 @@ from urllib.parse import urlsplit
 import sqlalchemy as sa
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from capabilities import text
-from capabilities.caps import DEFAULT
-from capabilities.errors import BadKeyError, CapabilityError, ScopeError
-from capabilities.windows import Role
-from capabilities.workload import KEY_SET_BYTES, Platform, key_set
-from policies.errors import PolicyError
-from policies.load import SHIPPED, load, load_shipped
-from ztpm_idp import key_ring
+from capabilities.keys.windows import Role
+from capabilities.statements.workload import KEY_SET_BYTES, Platform, key_set
+from capabilities.values import text
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import BadKeyError, CapabilityError, ScopeError
+from policies.decide.load import SHIPPED, load, load_shipped
+from policies.words.errors import PolicyError
 from ztpm_idp.domain.asks import STANDING_ASKS
-from ztpm_idp.keys import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, load_key, token_key
+from ztpm_idp.keys import key_ring
+from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, load_key, token_key
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from policies.policy import PolicySet
+    from policies.decide.policy import PolicySet
 
 KEY_FILES: Final = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
 S = TypeVar("S", bound=BaseModel)
@@ -97,7 +97,8 @@ class FileSettings(Stated):
     """The settings of a configuration file, which also names the files of the keys (PKCS #8, encrypted, mode 0600).
 
     Attributes:
-        key_ring_file: which keys there are, and which of them sign (`capabilities.rotation`); the private key of
+        key_ring_file: which keys there are, and which of them sign (`capabilities.rotation.rotation`); the private key
+            of
             "root-2" lies beside it as `root-2.key`. With it none of the next six is stated, without it all of them.
             Read once: a step of a rotation needs a restart.
         root_key_id: number of the root key, in every token.

@@ -8,20 +8,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.ask import ID
 from capabilities.statements.claims import Claims, malformed, ordered
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "admission"
 SOURCES: Final = ("agent", "memory", "operator", "retrieval", "sensor", "text", "tool")
 INTEGRITIES: Final = ("none", "agent", "recorded", "curated", "sensed", "principal")
-"""What a value came from, and who vouches for it: the words of `policies.labels`, the latter from the least up."""
+"""Origin of a value and its vouchers: the words of `policies.words.labels`, vouchers from the least up."""
 SIGNERS: Final = 64
 """Most signers that a receipt names."""
 OTHERS: Final = "*"
@@ -67,7 +67,7 @@ def sign(receipt: Receipt, key: PrivateKey) -> str:
     """The receipt, signed by the PEP that admitted."""
     claims: dict[str, object] = {name: getattr(receipt, name) for name in _NAMES}
     claims |= {"sources": list(receipt.sources), "signers": list(receipt.signers)}
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Receipt:  # noqa: A001 - read as admission.open
@@ -77,7 +77,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Receipt:  # noqa: A0
         StatementError: as `sealed.open`; also for one without a source, with names out of order, and one that lives
             longer than `LIFETIME_S` or not at all.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
     receipt = Receipt(
         audience=claims.url("audience"),
         agent=claims.name("agent"),

@@ -9,15 +9,15 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.ask import ID
 from capabilities.statements.claims import Claims, malformed, unique
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "answers"
 NONCE: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
@@ -67,7 +67,7 @@ def sign(answers: Answers, key: PrivateKey) -> str:
         "asks": [{"ask_id": a.ask_id, "state": a.state, "votes": list(a.votes)} for a in answers.asks],
         "openings": list(answers.openings),
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Answers:  # noqa: A001 - read as answers.open
@@ -76,7 +76,9 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Answers:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), "issuer", "audience", "nonce", "as_of_ms", "asks", "openings")
+    claims = Claims(
+        statement_form.open(KIND, text, keys, caps), "issuer", "audience", "nonce", "as_of_ms", "asks", "openings"
+    )
     return Answers(
         issuer=claims.url("issuer"),
         audience=claims.url("audience"),

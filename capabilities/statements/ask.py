@@ -6,16 +6,16 @@ import re
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final
 
-from capabilities.scope import Tier
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.claims import Claims, malformed, unique
-from capabilities.units import INT_LIMIT, Quantity, Unit
+from capabilities.values.scope import Tier
+from capabilities.values.units import INT_LIMIT, Quantity, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "ask"
 ID: Final = re.compile(r"[0-9a-f]{32}", re.ASCII)
@@ -61,7 +61,7 @@ class Ask:
         token_id: of the root token.
         agent, agent_key: the chain's leaf and its key's thumbprint (RFC 7638).
         object, operation, values: the typed request, in the operation's order.
-        request_digest: SHA-256 (hex) of the request (`policies.model.Request.digest`).
+        request_digest: SHA-256 (hex) of the request (`policies.evidence.model.Request.digest`).
         start_urad: joint angles from which it was assessed, six integers, or none for what does not move the arm.
         model_digest, policy_digest, scene_digest: SHA-256 (hex) of what it was computed with and on.
         tier, index_milli: as computed.
@@ -147,7 +147,7 @@ def sign(ask: Ask, key: PrivateKey) -> str:
         "asked_at": ask.asked_at,
         "expires_at": ask.expires_at,
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Ask:  # noqa: A001 - read as ask.open
@@ -157,7 +157,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Ask:  # noqa: A001 -
         StatementError: as `sealed.open`; also for an ask that ends before it begins, gives no reason, or asks fewer
             people than its tier wants.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), *NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *NAMES)
     age = claims.raw("perception_age_ms")
     ask = Ask(
         ask_id=claims.token("ask_id", ID),

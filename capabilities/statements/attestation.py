@@ -6,21 +6,21 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.claims import Claims
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "attestation"
 NONCE: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
 """Form of every nonce: 16 to 64 base64url characters."""
 
 WORKLOAD: Final = re.compile(r"|[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+", re.ASCII)
-"""Nothing, or three parts; what they say is judged by `capabilities.workload`, which also bounds them."""
+"""Nothing, or three parts; what they say is judged by `capabilities.statements.workload`, which also bounds them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Evidence:
         request_digest: SHA-256 of the canonical hop request; 32 zero bytes when no hop is asked for.
         measurement: SHA-256 over what the agent runs.
         at: seconds since the epoch.
-        workload: the platform's token (capabilities.workload) as it came, or "" for evidence of kind `key`.
+        workload: the platform's token (capabilities.statements.workload) as it came, or "" for evidence of kind `key`.
     """
 
     agent: str
@@ -61,7 +61,7 @@ def sign(evidence: Evidence, key: PrivateKey) -> str:
         "at": evidence.at,
         "workload": evidence.workload,
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Evidence:  # noqa: A001 - read as attestation.open
@@ -70,11 +70,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Evidence:  # noqa: A
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = sealed.open(KIND, text, keys, caps)
+    members = statement_form.open(KIND, text, keys, caps)
     claims = Claims(members, "agent", "key", "nonce", "delegator", "request", "measurement", "at", "workload")
     return Evidence(
         agent=claims.name("agent"),
-        key_thumbprint=claims.one_of("key", frozenset({sealed.signer_thumbprint(text)})),
+        key_thumbprint=claims.one_of("key", frozenset({statement_form.signer_thumbprint(text)})),
         nonce=claims.token("nonce", NONCE),
         delegator=claims.name_or_empty("delegator"),
         request_digest=claims.digest("request"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from capabilities import strict_json
 from capabilities.statements.claims import malformed
+from capabilities.values import strict_json
 
 if TYPE_CHECKING:
     from capabilities.statements.claims import Claims

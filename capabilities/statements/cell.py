@@ -10,16 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.scope import Tier
-from capabilities.statements import observation, sealed
+from capabilities.statements import observation, statement_form
 from capabilities.statements.claims import Claims, malformed, unique
+from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
     from capabilities.statements.observation import Point, Shape
+    from capabilities.values.caps import Caps
 
 KIND: Final = "cell"
 OBJECTS: Final = 64
@@ -124,7 +124,7 @@ _NAMES: Final = tuple(Cell.__dataclass_fields__)
 
 def sign(cell: Cell, key: PrivateKey) -> str:
     """The cell file, signed by the person."""
-    return sealed.sign(KIND, to_claims(cell), key)
+    return statement_form.sign(KIND, to_claims(cell), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Cell:  # noqa: A001 - read as cell.open
@@ -133,7 +133,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Cell:  # noqa: A001 
     Raises:
         StatementError: as `sealed.open`.
     """
-    return from_claims(sealed.open(KIND, text, keys, caps))
+    return from_claims(statement_form.open(KIND, text, keys, caps))
 
 
 def to_claims(cell: Cell) -> dict[str, object]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.claims import Claims
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "checkpoint"
 
@@ -42,7 +42,7 @@ def sign(checkpoint: Checkpoint, key: PrivateKey) -> str:
         "head": checkpoint.head,
         "as_of_ms": checkpoint.as_of_ms,
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Checkpoint:  # noqa: A001 - read as checkpoint.open
@@ -51,7 +51,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Checkpoint:  # noqa:
     Raises:
         StatementError: as `sealed.open`.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), "issuer", "size", "head", "as_of_ms")
+    claims = Claims(statement_form.open(KIND, text, keys, caps), "issuer", "size", "head", "as_of_ms")
     return Checkpoint(
         issuer=claims.url("issuer"),
         size=claims.integer("size"),

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from capabilities import keys, text
-from capabilities.errors import CapabilityError, FaultCode, StatementError
-from capabilities.units import INT_LIMIT
+from capabilities.keys import keys
+from capabilities.values import text
+from capabilities.values.errors import CapabilityError, FaultCode, StatementError
+from capabilities.values.units import INT_LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,7 +44,7 @@ class Claims:
         return value
 
     def name(self, name: str) -> str:
-        """An identifier (capabilities.text)."""
+        """An identifier (capabilities.values.text)."""
         return self._grammar(name, lambda value: text.name(value, most_bytes=TEXT_BYTES))
 
     def name_or_empty(self, name: str) -> str:

@@ -9,15 +9,15 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.attestation import NONCE
 from capabilities.statements.claims import Claims, malformed, unique
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "conduct"
 ENTRIES: Final = 1_024
@@ -130,7 +130,7 @@ def sign(word: Conduct, key: PrivateKey) -> str:
             for a in word.agents
         ],
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Conduct:  # noqa: A001 - read as conduct.open
@@ -139,7 +139,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Conduct:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = sealed.open(KIND, text, keys, caps)
+    members = statement_form.open(KIND, text, keys, caps)
     claims = Claims(members, "issuer", "version", "since", "through", "as_of_ms", "nonce", "edges", "agents")
     word = Conduct(
         issuer=claims.url("issuer"),

@@ -11,18 +11,18 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.errors import Fault, FaultCode
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.attestation import NONCE
 from capabilities.statements.body import body_of, stated
 from capabilities.statements.claims import Claims, malformed
+from capabilities.values.errors import Fault, FaultCode
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.chain import Chain
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
+    from capabilities.values.chain import Chain
 
 KIND: Final = "intent"
 LIFETIME_S: Final = 86_400
@@ -59,7 +59,7 @@ def sign(intent: Intent, key: PrivateKey) -> str:
         StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
     """
     claims: dict[str, object] = {name: getattr(intent, name) for name in _NAMES}
-    return sealed.sign(KIND, {**claims, "body": stated(intent.body)}, key)
+    return statement_form.sign(KIND, {**claims, "body": stated(intent.body)}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Intent:  # noqa: A001 - read as intent.open
@@ -69,7 +69,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Intent:  # noqa: A00
         StatementError: as `sealed.open`; also for a body that is too long, and one that lives longer than
             `LIFETIME_S` or not at all.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
     intent = Intent(
         subject=claims.name("subject"),
         schema=claims.name("schema"),

@@ -9,15 +9,15 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.errors import Fault, FaultCode
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.claims import Claims, malformed, unique
+from capabilities.values.errors import Fault, FaultCode
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "manifest"
 ENTRIES: Final = 768
@@ -98,7 +98,7 @@ def sign(manifest: Manifest, key: PrivateKey) -> str:
         "at": manifest.at,
         "not_after": manifest.not_after,
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Manifest:  # noqa: A001 - read as manifest.open
@@ -107,7 +107,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Manifest:  # noqa: A
     Raises:
         StatementError: as `sealed.open`; also for one that ends before it begins or lives longer than `LIFETIME_S`.
     """
-    members = sealed.open(KIND, text, keys, caps)
+    members = statement_form.open(KIND, text, keys, caps)
     claims = Claims(members, "collection", "content", "curator", "version", "entries", "at", "not_after")
     manifest = Manifest(
         collection=claims.name("collection"),

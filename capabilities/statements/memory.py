@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import admission, sealed
+from capabilities.statements import admission, statement_form
 from capabilities.statements.ask import ID, TOKEN_ID
 from capabilities.statements.claims import Claims, malformed, ordered
 from capabilities.statements.revocation import Revoked
@@ -18,8 +18,8 @@ from capabilities.statements.revocation import Revoked
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "memory"
 FIRST_PREVIOUS: Final = "0" * 64
@@ -74,7 +74,7 @@ def sign(row: Remembered, key: PrivateKey) -> str:
         "sources": list(row.sources),
         "signers": list(row.signers),
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Remembered:  # noqa: A001 - read as memory.open
@@ -83,7 +83,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Remembered:  # noqa:
     Raises:
         StatementError: as `sealed.open`; also for one without a source, or with names out of order.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
     row = Remembered(
         audience=claims.url("audience"),
         sequence=claims.integer("sequence", low=1),

@@ -10,19 +10,19 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import text as grammar
-from capabilities.errors import Fault, FaultCode
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.ask import ID, TOKEN_ID
 from capabilities.statements.attestation import NONCE
 from capabilities.statements.body import body_of, stated
 from capabilities.statements.claims import Claims, malformed
+from capabilities.values import text as grammar
+from capabilities.values.errors import Fault, FaultCode
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "message"
 LIFETIME_S: Final = 3_600
@@ -87,7 +87,7 @@ def sign(message: Message, key: PrivateKey) -> str:
         StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
     """
     claims: dict[str, object] = {name: getattr(message, name) for name in _NAMES}
-    return sealed.sign(KIND, {**claims, "body": stated(message.body)}, key)
+    return statement_form.sign(KIND, {**claims, "body": stated(message.body)}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A001 - read as message.open
@@ -97,7 +97,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A0
         StatementError: as `sealed.open`; also for a message to oneself, a body that is too long,
             and one that lives longer than `LIFETIME_S` or not at all.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
     message = Message(
         sender=_agent(claims, "sender"),
         addressee=_agent(claims, "addressee"),

@@ -6,14 +6,14 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, assert_never
 
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.claims import Claims, malformed, unique
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "observation"
 REACH_UM: Final = 100_000_000
@@ -150,7 +150,7 @@ def sign(observation: Observation, key: PrivateKey) -> str:
             for thing in observation.objects
         ],
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Observation:  # noqa: A001 - read as observation.open
@@ -159,7 +159,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Observation:  # noqa
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = sealed.open(KIND, text, keys, caps)
+    members = statement_form.open(KIND, text, keys, caps)
     claims = Claims(
         members, "sensor", "boot_id", "sequence", "captured_ms", "calibration", "complete", "people", "objects"
     )

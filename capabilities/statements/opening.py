@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.ask import ID
 from capabilities.statements.claims import Claims, malformed
 from capabilities.statements.vote import USES
@@ -13,8 +13,8 @@ from capabilities.statements.vote import USES
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "opening"
 
@@ -49,7 +49,7 @@ NAMES: Final = tuple(field.name for field in fields(Opening))
 
 def sign(opening: Opening, key: PrivateKey) -> str:
     """The opening, signed by the person."""
-    return sealed.sign(KIND, {name: getattr(opening, name) for name in NAMES}, key)
+    return statement_form.sign(KIND, {name: getattr(opening, name) for name in NAMES}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Opening:  # noqa: A001 - read as opening.open
@@ -58,7 +58,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Opening:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`; also for one that ends before it begins.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), *NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *NAMES)
     opening = Opening(
         opening_id=claims.token("opening_id", ID),
         opener=claims.name("opener"),

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import keys as key_forms
-from capabilities.scope import Tier
-from capabilities.statements import sealed
+from capabilities.keys import keys as key_forms
+from capabilities.statements import statement_form
 from capabilities.statements.claims import Claims, unique
+from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "registry"
 TOOLS: Final = 256
@@ -133,7 +133,7 @@ def sign(snapshot: RegistrySnapshot, key: PrivateKey) -> str:
         "approvers": [_stated(entry) for entry in snapshot.approvers],
         "peps": [_stated(entry) for entry in snapshot.peps],
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  # noqa: A001 - read as registry.open
@@ -142,7 +142,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  #
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = sealed.open(KIND, text, keys, caps)
+    members = statement_form.open(KIND, text, keys, caps)
     claims = Claims(
         members, "issuer", "version", "audience", "as_of_ms", "tools", "sensors", "trust", "approvers", "peps"
     )

@@ -8,16 +8,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.errors import Fault, FaultCode
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.ask import ID
 from capabilities.statements.claims import Claims, malformed
+from capabilities.values.errors import Fault, FaultCode
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "response"
 LIFETIME_S: Final = 3_600
@@ -73,7 +73,7 @@ class Call:
 def sign(response: Response, key: PrivateKey) -> str:
     """The response, signed by the enforcement point."""
     claims: dict[str, object] = {name: getattr(response, name) for name in _NAMES}
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Response:  # noqa: A001 - read as response.open
@@ -82,7 +82,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Response:  # noqa: A
     Raises:
         StatementError: as `sealed.open`; also for one that lives longer than `LIFETIME_S` or not at all.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
     response = Response(
         audience=claims.url("audience"),
         agent=claims.name("agent"),

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
-from capabilities import keys
-from capabilities.statements import sealed
+from capabilities.keys import keys
+from capabilities.statements import statement_form
 from capabilities.statements.attestation import NONCE
 from capabilities.statements.claims import Claims, malformed
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.chain import Chain
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
+    from capabilities.values.chain import Chain
 
 KIND: Final = "revocation"
 ENTRIES: Final = 4_096
@@ -148,7 +148,7 @@ def sign(index: RevocationIndex, key: PrivateKey) -> str:
         "registry_version": index.registry_version,
         "entries": [{"epoch": entry.epoch, "kind": str(entry.kind), "id": entry.id} for entry in index.entries],
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> RevocationIndex:  # noqa: A001 - read as revocation.open
@@ -157,7 +157,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RevocationIndex:  # 
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = sealed.open(KIND, text, keys, caps)
+    members = statement_form.open(KIND, text, keys, caps)
     claims = Claims(members, "issuer", "epoch", "since", "as_of_ms", "nonce", "registry_version", "entries")
     index = RevocationIndex(
         issuer=claims.url("issuer"),

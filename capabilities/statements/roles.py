@@ -24,7 +24,7 @@ from capabilities.statements import (
     response,
     revocation,
     ticket,
-    trust,
+    trust_bundle,
     vote,
 )
 
@@ -72,7 +72,7 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         response.KIND: Signer.PEP,
         revocation.KIND: Signer.FEED,
         ticket.KIND: Signer.PEP,
-        trust.KIND: Signer.REGISTRY,
+        trust_bundle.KIND: Signer.REGISTRY,
         vote.KIND: Signer.APPROVER,
     }
 )

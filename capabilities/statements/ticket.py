@@ -10,19 +10,19 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import keys
-from capabilities.errors import CapabilityError, Fault, FaultCode, StatementError
-from capabilities.statements import sealed
+from capabilities.keys import keys
+from capabilities.statements import statement_form
 from capabilities.statements.ask import ID
 from capabilities.statements.claims import Claims
 from capabilities.statements.revocation import Revoked
+from capabilities.values.errors import CapabilityError, Fault, FaultCode, StatementError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
     from capabilities.statements.revocation import RevocationView
+    from capabilities.values.caps import Caps
 
 KIND: Final = "ticket"
 BYTES: Final = 2_048
@@ -106,7 +106,7 @@ def sign(ticket: Ticket, key: PrivateKey) -> str:
         "body": ticket.carried.body,
         "at_ms": ticket.at_ms,
     }
-    return sealed.sign(KIND, claims, key)
+    return statement_form.sign(KIND, claims, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Ticket:  # noqa: A001 - read as ticket.open
@@ -117,7 +117,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Ticket:  # noqa: A00
     """
     if len(text) > BYTES:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, f"over {BYTES} bytes")
-    claims = Claims(sealed.open(KIND, text, keys, caps), *_NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
     return Ticket(
         id=claims.token("id", ID),
         pep=claims.name("pep"),
@@ -160,7 +160,7 @@ def verify(
         return Fault(error.code, "TKT-1", error.detail)
     # [TKT-2] by the key of the very enforcement point that it names
     named = peps.get(ticket.pep)
-    if named is None or keys.thumbprint(named) != sealed.signer_thumbprint(text):
+    if named is None or keys.thumbprint(named) != statement_form.signer_thumbprint(text):
         return Fault(FaultCode.STATEMENT_UNTRUSTED, "TKT-2", "signed by another than it names")
     # [TKT-3] a key that is not revoked
     if (str(Revoked.KEY), keys.b64u(keys.thumbprint_bytes(named))) in view.revoked:

@@ -6,15 +6,15 @@ import hashlib
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.ask import ID
 from capabilities.statements.claims import Claims
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
 
 KIND: Final = "vote"
 ANSWERS: Final = frozenset({"approve", "deny", "withdraw"})
@@ -53,7 +53,7 @@ NAMES: Final = tuple(field.name for field in fields(Vote))
 
 def sign(vote: Vote, key: PrivateKey) -> str:
     """The vote, signed by the person."""
-    return sealed.sign(KIND, {name: getattr(vote, name) for name in NAMES}, key)
+    return statement_form.sign(KIND, {name: getattr(vote, name) for name in NAMES}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Vote:  # noqa: A001 - read as vote.open
@@ -62,7 +62,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Vote:  # noqa: A001 
     Raises:
         StatementError: as `sealed.open`.
     """
-    claims = Claims(sealed.open(KIND, text, keys, caps), *NAMES)
+    claims = Claims(statement_form.open(KIND, text, keys, caps), *NAMES)
     return Vote(
         ask_id=claims.token("ask_id", ID),
         nonce=claims.token("nonce", ID),

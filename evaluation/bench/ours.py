@@ -21,7 +21,7 @@ from capabilities import (
     prove,
     token_to_text,
 )
-from capabilities.caps import DEFAULT
+from capabilities.values.caps import DEFAULT
 from evaluation.bench import stream, tokens
 from evaluation.bench.cell import Cell, Kind, Prepared, Unmeasured, Verdict, endless
 from evaluation.bench.tokens import Declined
@@ -30,7 +30,7 @@ from evaluation.bench.workload import OBJECT, body, quantities
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from capabilities.units import Quantity
+    from capabilities.values.units import Quantity
     from evaluation.bench.tokens import Held
     from evaluation.bench.workload import Workload
 

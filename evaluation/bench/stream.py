@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from capabilities import Fault, Tier, Verifier, session, token_to_text
-from capabilities.caps import DEFAULT
+from capabilities import Fault, Tier, Verifier, token_to_text
+from capabilities.proof import session_opening
+from capabilities.values.caps import DEFAULT
 from evaluation.bench import tokens
 from evaluation.bench.cell import Cell, Kind, Unmeasured, Verdict
 from evaluation.bench.workload import OBJECT, body, quantities
@@ -17,9 +18,9 @@ from evaluation.bench.workload import OBJECT, body, quantities
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from capabilities.frames import Session
+    from capabilities.proof.session_frames import Session
     from capabilities.statements.revocation import RevocationView
-    from capabilities.units import Quantity
+    from capabilities.values.units import Quantity
     from evaluation.bench.tokens import Held
     from evaluation.bench.workload import Workload
 
@@ -97,7 +98,7 @@ def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: Revocat
 def _opened(held: Held) -> tuple[Session, Session]:
     """Both ends of a session: the holder's, the verifier's."""
     key, text = Ed25519PrivateKey.from_private_bytes(held.seed), token_to_text(held.token)
-    asked = session.begin(
+    asked = session_opening.begin(
         key=key,
         url=tokens.SERVER,
         audience=tokens.SERVER,
@@ -108,7 +109,7 @@ def _opened(held: Held) -> tuple[Session, Session]:
         at=tokens.NOW,
         jti="0" * 22,
     )
-    answered = session.answer(
+    answered = session_opening.answer(
         asked.body,
         asked.proof,
         holder_key=key.public_key().public_bytes_raw(),
@@ -125,7 +126,7 @@ def _opened(held: Held) -> tuple[Session, Session]:
     )
     if isinstance(answered, Fault):
         raise RuntimeError(f"the benchmark's session is refused: {answered.code}")  # noqa: TRY004 - not a type error
-    concluded = session.conclude(asked, answered.text, at=tokens.NOW, most_missing=_LOST, caps=DEFAULT)
+    concluded = session_opening.conclude(asked, answered.text, at=tokens.NOW, most_missing=_LOST, caps=DEFAULT)
     if isinstance(concluded, Fault):
         raise RuntimeError(f"the benchmark's session is refused: {concluded.code}")  # noqa: TRY004 - not a type error
     return concluded, answered.session

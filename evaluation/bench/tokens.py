@@ -27,13 +27,13 @@ from capabilities import (
     Tier,
     TrustBundle,
     delegate,
-    keys,
     mint,
     verify,
 )
-from capabilities.caps import DEFAULT
+from capabilities.keys import keys
 from capabilities.statements.revocation import RevocationView
-from capabilities.units import Parameter, Unit
+from capabilities.values.caps import DEFAULT
+from capabilities.values.units import Parameter, Unit
 from evaluation.bench.workload import OBJECT
 
 if TYPE_CHECKING:

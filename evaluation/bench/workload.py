@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from capabilities import strict_json
-from capabilities.units import Quantity, Unit
+from capabilities.values import strict_json
+from capabilities.values.units import Quantity, Unit
 
 OBJECT: Final = "ur3e"
 STEP: Final = 100
@@ -21,7 +21,7 @@ SERIALS: Final = 50_000
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One parameter: its name, unit (as `capabilities.units.Unit` spells it) and bounds, both included."""
+    """One parameter: its name, unit (as `capabilities.values.units.Unit` spells it) and bounds, both included."""
 
     name: str
     unit: str

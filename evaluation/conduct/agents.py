@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import TYPE_CHECKING, Final
 
-from policies.report import Report
+from policies.conduct.report import Report
 
 if TYPE_CHECKING:
     import random

@@ -10,9 +10,9 @@ from evaluation.conduct.agents import PHASES, Worker, life
 from evaluation.conduct.counting import interval
 from evaluation.conduct.watching import false_alarms
 from evaluation.tokens.campaign import Campaign, Outcome
-from policies.conduct import Feature
-from policies.cusum import watched
-from policies.parameters import Parameters
+from policies.conduct.cusum import watched
+from policies.evidence.conduct_readings import Feature
+from policies.words.parameters import Parameters
 
 if TYPE_CHECKING:
     from evaluation.tokens.campaign import Settings

@@ -10,7 +10,7 @@ from evaluation.conduct import agents
 from evaluation.conduct.counting import quantile
 from evaluation.conduct.watching import caught
 from evaluation.tokens.campaign import Campaign, Outcome, missed
-from policies.parameters import Parameters
+from policies.words.parameters import Parameters
 
 if TYPE_CHECKING:
     import random

@@ -26,17 +26,17 @@ from evaluation.conduct.trusting import (
     veteran,
 )
 from evaluation.conduct.watching import caught
-from policies.baseline import FEATURES, Watch
-from policies.behaviour import NOTHING_KNOWN, observe
-from policies.trust import NOTHING_REPORTED
+from policies.conduct.baseline import FEATURES, Watch
+from policies.conduct.behaviour import NOTHING_KNOWN, observe
+from policies.conduct.trust import NOTHING_REPORTED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from evaluation.conduct.agents import Draft
-    from policies.career import Career
-    from policies.trust import TrustState
+    from policies.conduct.history import Career
+    from policies.conduct.trust import TrustState
 
 SHOWN: Final = {
     "slow drift to a limit": (agents.drifter(500), 500),

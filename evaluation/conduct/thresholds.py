@@ -1,4 +1,4 @@
-"""The thresholds of `policies.cusum`, computed: `python -m evaluation.conduct.thresholds` prints the table.
+"""The thresholds of `policies.conduct.cusum`, computed: `python -m evaluation.conduct.thresholds` prints the table.
 
 A detector walks over the integers: `up` for a hit, `down` for none, never below 0, and it alarms at `limit`. So it is a
 finite Markov chain, and the mean number of trials until an alarm (the average run length) is the solution of one linear
@@ -74,7 +74,7 @@ def row(share_permille: int) -> tuple[int, int, tuple[int, ...]]:
 
 
 def table() -> str:
-    """The table as it stands in `policies.cusum`."""
+    """The table as it stands in `policies.conduct.cusum`."""
     lines = (f"    {share}: Slope{row(share)!r}," for share in SHARES)
     return "\n".join(lines)
 

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Final
 
 from evaluation.conduct.agents import BEGIN, SPONSOR, Draft, reported
 from evaluation.tokens.campaign import Campaign, Outcome
-from policies.decay import TICKS, decayed
-from policies.parameters import Parameters
-from policies.report import Edge
-from policies.trust import NOTHING_REPORTED, observe, score
+from policies.conduct.decay import TICKS, decayed
+from policies.conduct.report import Edge
+from policies.conduct.trust import NOTHING_REPORTED, observe, score
+from policies.words.parameters import Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from evaluation.tokens.campaign import Settings
-    from policies.report import Report
-    from policies.trust import TrustState
+    from policies.conduct.report import Report
+    from policies.conduct.trust import TrustState
 
 PARAMETERS: Final = Parameters()
 PRIOR: Final = PARAMETERS.trust_prior_permille

@@ -1,4 +1,4 @@
-"""Reports of simulated agents through the reducers of `policies.behaviour`: alarms, delays, levels."""
+"""Reports of simulated agents through the reducers of `policies.conduct.behaviour`: alarms, delays, levels."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from evaluation.conduct.agents import BEGIN, Worker, life
-from policies.behaviour import NOTHING_KNOWN, observe, reading, restore
+from policies.conduct.behaviour import NOTHING_KNOWN, observe, reading, restore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from evaluation.conduct.agents import Draft
-    from policies.conduct import Feature
-    from policies.parameters import Parameters
-    from policies.report import Report
+    from policies.conduct.report import Report
+    from policies.evidence.conduct_readings import Feature
+    from policies.words.parameters import Parameters
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities import biscuit, block, links
-from capabilities.biscuit import Answer, Probe
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain
-from capabilities.errors import CapabilityError, Fault, FaultCode
-from capabilities.text import ROLE_PREFIX
+from capabilities.token import biscuit, block, hop_rules
+from capabilities.token.biscuit import Answer, Probe
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.errors import CapabilityError, Fault, FaultCode
+from capabilities.values.text import ROLE_PREFIX
 from evaluation.tokens import requests, twin
 from evaluation.tokens.campaign import missed
 from evaluation.tokens.crew import seeds_of, shares, together
@@ -29,7 +29,7 @@ from evaluation.tokens.twin import Lend
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from capabilities.verify import Verifier
+    from capabilities.token.verify import Verifier
     from evaluation.tokens.families import Family
     from evaluation.tokens.twin import Act
 
@@ -126,7 +126,7 @@ def may_lend(issuer: Issuer, chain: Chain, lend: Lend) -> bool:
     )
     try:
         block.well_formed(added, DEFAULT)
-        links.next_hop(chain.hops, added, reserved=issuer.trust.all_keys, caps=DEFAULT)
+        hop_rules.next_hop(chain.hops, added, reserved=issuer.trust.all_keys, caps=DEFAULT)
     except CapabilityError:
         return False
     return True

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import keys
+from capabilities.keys import keys
 from evaluation.bench.tokens import key_of
 
 if TYPE_CHECKING:

@@ -24,9 +24,9 @@ from capabilities import (
     token_to_text,
     verify,
 )
-from capabilities.caps import DEFAULT, Caps
-from capabilities.statements import sealed
-from capabilities.units import Parameter, Unit
+from capabilities.statements import statement_form
+from capabilities.values.caps import DEFAULT, Caps
+from capabilities.values.units import Parameter, Unit
 from evaluation.bench import tokens
 from evaluation.bench.workload import SMALL
 from evaluation.tokens.campaign import Campaign, Misses, Outcome, Settings
@@ -261,7 +261,7 @@ def _of_evidence() -> Iterator[Edge]:
 def _of_proofs() -> Iterator[Edge]:
     key = tokens.key_of("holder")
     proof = prove(key, method="POST", url=tokens.SERVER, body=b"{}", token=None, at=tokens.NOW, jti="0" * 22)
-    statement = sealed.sign("edge", {"n": 1}, tokens.key_of("feed"))
+    statement = statement_form.sign("edge", {"n": 1}, tokens.key_of("feed"))
 
     def asked(text: str, caps: Caps, later_s: float = 0) -> FaultCode | None:
         at = tokens.NOW + later_s
@@ -294,7 +294,7 @@ def _of_proofs() -> Iterator[Edge]:
 
 def _opened(statement: str, caps: Caps) -> FaultCode | None:
     try:
-        sealed.open("edge", statement, _TRUST.feed, caps)
+        statement_form.open("edge", statement, _TRUST.feed, caps)
     except CapabilityError as error:
         return error.code
     return None

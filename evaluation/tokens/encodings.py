@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 from urllib.parse import quote
 
-from capabilities.caps import DEFAULT
-from capabilities.carriage import token_from_text, token_to_text
-from capabilities.chain import Chain
-from capabilities.errors import Fault
-from capabilities.scope import Restriction
+from capabilities.token.token_text import token_from_text, token_to_text
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault
+from capabilities.values.scope import Restriction
 from evaluation.tokens import fields
 from evaluation.tokens.campaign import missed
 from evaluation.tokens.issuer import CELLS, SPONSOR, Issuer, chain_of, verified

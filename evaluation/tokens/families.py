@@ -5,17 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.errors import FaultCode, TokenError
-from capabilities.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.units import INT_LIMIT, Parameter, Unit
+from capabilities.values.errors import FaultCode, TokenError
+from capabilities.values.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import INT_LIMIT, Parameter, Unit
 from evaluation.tokens import twin
 from evaluation.tokens.issuer import ATTESTED_AT, CELLS, SPONSOR, chain_of
 
 if TYPE_CHECKING:
     from random import Random
 
-    from capabilities.chain import Chain, HopGrant
-    from capabilities.verify import Verifier
+    from capabilities.token.verify import Verifier
+    from capabilities.values.chain import Chain, HopGrant
     from evaluation.tokens.issuer import Issuer
     from evaluation.tokens.twin import Blocks
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from capabilities import algebra, bounds, explanation
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope
+from capabilities.values import algebra, bounds, explanation
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope
 
 if TYPE_CHECKING:
-    from capabilities.scope import Bound, Widening
+    from capabilities.values.scope import Bound, Widening
 
 
 def a_hop_is_the_meet(parent: Scope, restriction: Restriction) -> bool:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import biscuit_auth
 
-from capabilities import Chain, Fault, FaultCode, Tier, Verifier, keys
-from capabilities.caps import DEFAULT
+from capabilities import Chain, Fault, FaultCode, Tier, Verifier
+from capabilities.keys import keys
+from capabilities.values.caps import DEFAULT
 from evaluation.bench import tokens
 from evaluation.bench.workload import OBJECT, SMALL, quantities
 from evaluation.tokens.blocks import CONDITIONS, STATEMENTS, Kind

@@ -10,13 +10,13 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities import biscuit, block, wire
-from capabilities.biscuit import Answer, Probe
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain, Sponsor
-from capabilities.errors import CapabilityError
-from capabilities.scope import Grant, Limit, Range, Restriction, Scope
-from capabilities.units import Parameter, Unit
+from capabilities.token import biscuit, block, wire
+from capabilities.token.biscuit import Answer, Probe
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain, Sponsor
+from capabilities.values.errors import CapabilityError
+from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope
+from capabilities.values.units import Parameter, Unit
 from evaluation.tokens import fields
 from evaluation.tokens.campaign import missed
 from evaluation.tokens.issuer import AT, CELLS, SPONSOR, Issuer, verified
@@ -25,7 +25,7 @@ from evaluation.tokens.shapes import SMALL
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from capabilities.chain import HopGrant
+    from capabilities.values.chain import HopGrant
 
 _KEPT: Final = 20
 _PLAIN: Final = "plain"

@@ -13,18 +13,19 @@ from typing import TYPE_CHECKING, Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from capabilities import biscuit, block, keys
-from capabilities.caps import DEFAULT
-from capabilities.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
-from capabilities.delegate import delegate
-from capabilities.mint import mint
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
 from capabilities.statements.revocation import RevocationView
-from capabilities.trust import TrustBundle
-from capabilities.verify import Verifier
+from capabilities.token import biscuit, block
+from capabilities.token.delegate import delegate
+from capabilities.token.mint import mint
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
 
 if TYPE_CHECKING:
-    from capabilities.errors import Fault
-    from capabilities.scope import Restriction, Scope
+    from capabilities.values.errors import Fault
+    from capabilities.values.scope import Restriction, Scope
 
 AT: Final = 1_800_000_000
 """The instant of every measurement, seconds since the epoch."""

@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.units import Parameter, Unit
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
 from evaluation.tokens import hop_laws, laws
 from evaluation.tokens.symbolic import UndecidedError, ways
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from capabilities.scope import Bound
+    from capabilities.values.scope import Bound
     from evaluation.tokens.symbolic import Run, Symbol
 
 PROVEN: Final = "proven"

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from capabilities import algebra, bounds
-from capabilities.bounds import permits, size, within
-from capabilities.scope import OneOf, Scope
+from capabilities.values import algebra, bounds
+from capabilities.values.bounds import permits, size, within
+from capabilities.values.scope import OneOf, Scope
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from capabilities.scope import Bound, Grant
+    from capabilities.values.scope import Bound, Grant
 
 # --- bounds ----------------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from multiprocessing import get_context
 from typing import TYPE_CHECKING, Final
 
 from capabilities import Chain, Tier, Verifier
-from capabilities.caps import DEFAULT
+from capabilities.values.caps import DEFAULT
 from evaluation.bench import tokens
 from evaluation.bench.workload import OBJECT, SMALL, quantities
 from evaluation.tokens.campaign import Campaign, Misses, Outcome, Settings

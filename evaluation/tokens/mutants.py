@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from capabilities.chain import Chain
-from capabilities.errors import Fault
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault
 from evaluation.tokens.campaign import missed
 from evaluation.tokens.crew import seeds_of, shares, together
 from evaluation.tokens.issuer import Issuer, verified

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.scope import Tier
-from capabilities.units import Quantity, Unit
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit
 from evaluation.tokens import twin
 from evaluation.tokens.families import ARM, RANGE, ROLE, SET, lay_over, narrower, too_much
 from evaluation.tokens.issuer import CELLS
@@ -15,7 +15,7 @@ from evaluation.tokens.twin import Act, Lend
 if TYPE_CHECKING:
     from random import Random
 
-    from capabilities.scope import Limit
+    from capabilities.values.scope import Limit
     from evaluation.tokens.families import Family
 
 ACTING: Final = ("grants", "ranges", "sets", "ceiling", "audience", "window")

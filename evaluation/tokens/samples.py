@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import biscuit_auth
 
-from capabilities.caps import DEFAULT
+from capabilities.values.caps import DEFAULT
 from evaluation.tokens.campaign import Campaign, Misses, Outcome, Settings, Skipped
 
 _library: Any = biscuit_auth

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.chain import EvidenceKind
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.units import INT_LIMIT, Parameter, Unit
+from capabilities.values.chain import EvidenceKind
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import INT_LIMIT, Parameter, Unit
 from evaluation.tokens.issuer import AT, ATTESTED_AT, CELLS, SPONSOR, chain_of
 
 if TYPE_CHECKING:

@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from capabilities.scope import Grant, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.scope import Grant, OneOf, Range, Restriction, Scope, Tier
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from capabilities.scope import Bound
-    from capabilities.units import Parameter, Quantity
+    from capabilities.values.scope import Bound
+    from capabilities.values.units import Parameter, Quantity
 
 Blocks = tuple[Restriction, ...]
 """What the blocks of a token state, in order. The first one states everything."""

@@ -6,7 +6,8 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities import CapabilityError, jws, keys, signatures
+from capabilities import CapabilityError
+from capabilities.keys import jws, keys, signatures
 from evaluation.tokens.campaign import Campaign, Misses, Outcome, Settings, Skipped
 
 if TYPE_CHECKING:

@@ -13,38 +13,38 @@ import secrets
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from pep import records
+from pep.base.errors import JournalError
+from pep.context import json_value as values
 from pep.context import receipts, screening
-from pep.context import value as values
-from pep.context.cases import Reader
+from pep.context.case_reader import Reader
 from pep.context.flow import Full
-from pep.context.value import Plain, ValueFault
-from pep.denial import denial
-from pep.errors import JournalError
-from policies import replay as recorded
-from policies.evidence import Evidence
-from policies.labels import tainted
-from policies.model import Decision, Effect, ObligationKind, Point, Request
-from policies.pdp import decide
-from policies.reasons import Reason
-from policies.said import ItemKind, ItemReading
+from pep.context.json_value import Plain, ValueFault
+from pep.gate import records
+from pep.request.denial import denial
+from policies.decide.pdp import decide
+from policies.evidence import case_json as recorded
+from policies.evidence.content_readings import ItemKind, ItemReading
+from policies.evidence.evidence import Evidence
+from policies.evidence.model import Decision, Effect, ObligationKind, Point, Request
+from policies.words.labels import tainted
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from capabilities.caps import Caps
-    from capabilities.chain import Chain
-    from capabilities.errors import Fault
-    from capabilities.keys import PrivateKey
-    from pep.authority import Credentials
-    from pep.context.cases import Case
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
+    from capabilities.values.chain import Chain
+    from capabilities.values.errors import Fault
+    from pep.base.ports import Clock, Journal, ReplayStore
+    from pep.context.case_reader import Case
     from pep.context.flow import Context, Flow, Holder
     from pep.context.forms import Forms
     from pep.context.instructions import People
     from pep.context.messages import Conversations
-    from pep.ports import Clock, Journal, ReplayStore
-    from policies.labels import Label
-    from policies.policy import PolicySet
+    from pep.request.authority import Credentials
+    from policies.decide.policy import PolicySet
+    from policies.words.labels import Label
 
 OBJECT: Final = "context"
 """The object of every request of admission."""

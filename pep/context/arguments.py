@@ -14,26 +14,26 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 
-from capabilities.errors import QuantityError
-from capabilities.units import Unit, parse
+from capabilities.values.errors import QuantityError
+from capabilities.values.units import Unit, parse
+from pep.context import json_value as values
 from pep.context import receipts
-from pep.context import value as values
 from pep.context.flow import own
+from pep.context.json_value import NOWHERE, Plain, ValueFault
 from pep.context.receipts import ReceiptFault
-from pep.context.value import NOWHERE, Plain, ValueFault
-from policies.labels import NOBODY, Integrity, Label, joined, tainted
-from policies.said import ArgumentReading
+from policies.evidence.content_readings import ArgumentReading
+from policies.words.labels import NOBODY, Integrity, Label, joined, tainted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from capabilities.caps import Caps
-    from capabilities.units import Quantity
+    from capabilities.values.caps import Caps
+    from capabilities.values.units import Quantity
     from pep.context.flow import Holder
-    from policies.model import Request
+    from policies.evidence.model import Request
 
 PRESENTED: Final = 16
-"""Most receipts of one call; their values together are no larger than one (`pep.context.value.VALUE_BYTES`)."""
+"""Most receipts of one call; their values together are no larger than one (`pep.context.json_value.VALUE_BYTES`)."""
 _Test: TypeAlias = "Callable[[object, str], bool]"
 """Whether an argument is what stands at a pointer."""
 _SI: Final[Mapping[Unit, str]] = MappingProxyType(

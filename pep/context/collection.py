@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Protocol
 
-from capabilities import text
-from capabilities.errors import CapabilityError
 from capabilities.statements.claims import TEXT_BYTES
+from capabilities.values import text
+from capabilities.values.errors import CapabilityError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from policies.said import ItemReading
+    from policies.evidence.content_readings import ItemReading
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Curators(Protocol):
 
 
 class RetrievalFault(StrEnum):
-    """Why a content is not believed, where it is not the manifest's own fault (`capabilities.errors.FaultCode`)."""
+    """Reasons not to believe a content, beside the manifest's own (`capabilities.values.errors.FaultCode`)."""
 
     NO_MANIFEST = "NO_MANIFEST"
     NOT_LISTED = "NOT_LISTED"

@@ -3,8 +3,8 @@
 As in FIDES and CaMeL, whatever a model says derives from everything in its context. The rules:
 
 1. A context that nothing entered says its holder's own choice: source `AGENT`, signed by the holder, `Integrity.AGENT`.
-2. What comes out of a context is that, joined with the label of everything that ever entered it (`policies.labels`).
-3. A context never gets better. Its label only ages, and is joined with more.
+2. What comes out of a context is that, joined with the label of everything that ever entered it
+(`policies.words.labels`). 3. A context never gets better. Its label only ages, and is joined with more.
 4. A new hop of an agent is no new memory: its context begins with what the agent's other contexts hold.
 5. A reader is a context of its own (CaMeL's quarantined model, the second model of the dual LLM pattern). It begins
    empty, what enters it enters no other, and it ends with one value, which has the label of all that it read. That
@@ -21,11 +21,11 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.statements.admission import OTHERS, SIGNERS
-from policies.labels import Integrity, Label, Source, aged, joined
+from policies.words.labels import Integrity, Label, Source, aged, joined
 
 if TYPE_CHECKING:
-    from capabilities.chain import Hop
-    from pep.ports import Clock
+    from capabilities.values.chain import Hop
+    from pep.base.ports import Clock
 
 AGENTS: Final = 1_024
 """Most agents whose contexts are remembered, as many as a registry snapshot names."""

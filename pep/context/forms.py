@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import BaseModel, ConfigDict
 
-from pep.errors import ConfigError, PepFault
+from pep.base.errors import ConfigError, PepFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from capabilities.units import Quantity
+    from capabilities.values.units import Quantity
 
 ASKED: Final = 64
 """Most operations that one body asks for: as many as a scope has grants."""

@@ -9,21 +9,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
-from capabilities import keys as key_forms
-from capabilities import strict_json
-from capabilities.errors import CapabilityError
+from capabilities.keys import keys as key_forms
 from capabilities.statements import intent as statement
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
+from capabilities.values import strict_json
+from capabilities.values.errors import CapabilityError
 from pep.context import screening
-from policies.labels import NOBODY, Integrity, Label, Source, tainted
-from policies.said import InstructionReading, ItemKind, ItemReading
+from policies.evidence.content_readings import InstructionReading, ItemKind, ItemReading
+from policies.words.labels import NOBODY, Integrity, Label, Source, tainted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from capabilities.caps import Caps
-    from capabilities.chain import Chain
     from capabilities.statements.intent import Intent
+    from capabilities.values.caps import Caps
+    from capabilities.values.chain import Chain
     from pep.context.forms import Forms, Read
 
 SPARED: Final = frozenset({screening.INSTRUCTION_LIKE})
@@ -73,7 +73,7 @@ def read(
         intent = statement.open(text, frozenset(people.values()), caps)
     except CapabilityError as error:
         return _unbelieved(str(error.code), bound)
-    signer = sealed.signer_thumbprint(text)
+    signer = statement_form.signer_thumbprint(text)
     subject = next((name for name, key in people.items() if key_forms.thumbprint(key) == signer), "")
     digest = statement.digest_of(text)
     fault = statement.refusal(intent, subject=subject, at=at, caps=caps)

@@ -2,8 +2,8 @@
 
 A write needs the grant ("memory", "remember") at every hop of the writer's verified chain. It is one row, signed with
 this enforcement point's key, that names the row before it ([STM-12] in docs/spec.md). The store is not trusted: what is
-done to it shows when the memory is opened (`pep.context.rows`) and at each read. What is read has at most the integrity
-of a record, the taint that it was written with, and its age; it is content.
+done to it shows when the memory is opened (`pep.context.memory_rows`) and at each read. What is read has at most the
+integrity of a record, the taint that it was written with, and its age; it is content.
 
 Nothing is taken out of a memory but with all of it: what was overwritten stays behind as evidence.
 """
@@ -14,33 +14,33 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import text
-from capabilities.errors import CapabilityError
-from capabilities.scope import Tier
 from capabilities.statements import memory
 from capabilities.statements.claims import TEXT_BYTES
 from capabilities.statements.revocation import named
-from pep.context import value as values
+from capabilities.values import text
+from capabilities.values.errors import CapabilityError
+from capabilities.values.scope import Tier
+from pep.base.errors import PepError, PepFault
+from pep.context import json_value as values
 from pep.context.collection import shown
-from pep.context.marks import Mark
-from pep.context.rows import ROWS, History, MemoryFault, Owner, Row, digest_of
-from pep.context.value import Plain
-from pep.context.worded import label_in, words_of
-from pep.errors import PepError, PepFault
-from policies.labels import NOBODY, Integrity, Label, Source, aged, joined
-from policies.said import ItemKind, ItemReading
+from pep.context.high_water_marks import Mark
+from pep.context.json_value import Plain
+from pep.context.label_words import label_in, words_of
+from pep.context.memory_rows import ROWS, History, MemoryFault, Owner, Row, digest_of
+from policies.evidence.content_readings import ItemKind, ItemReading
+from policies.words.labels import NOBODY, Integrity, Label, Source, aged, joined
 
 if TYPE_CHECKING:
-    from capabilities.caps import Caps
-    from capabilities.chain import Chain, Refusal
-    from capabilities.errors import Fault
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
     from capabilities.statements.memory import Remembered
-    from capabilities.verify import Verifier
+    from capabilities.token.verify import Verifier
+    from capabilities.values.caps import Caps
+    from capabilities.values.chain import Chain, Refusal
+    from capabilities.values.errors import Fault
+    from pep.base.ports import Clock, RevocationFeed
     from pep.context.collection import Incident
-    from pep.context.marks import Marks
-    from pep.context.rows import Rows
-    from pep.ports import Clock, RevocationFeed
+    from pep.context.high_water_marks import Marks
+    from pep.context.memory_rows import Rows
 
 OBJECT: Final = "memory"
 OPERATION: Final = "remember"

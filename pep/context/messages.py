@@ -11,20 +11,20 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Final, Protocol
 
-from capabilities import keys as key_forms
-from capabilities import request as scope_request
-from capabilities.errors import CapabilityError, FaultCode
-from capabilities.scope import Tier
+from capabilities.keys import keys as key_forms
 from capabilities.statements import message as statement
-from capabilities.statements import sealed
-from policies.said import MessageReading
+from capabilities.statements import statement_form
+from capabilities.token import scope_check as scope_request
+from capabilities.values.errors import CapabilityError, FaultCode
+from capabilities.values.scope import Tier
+from policies.evidence.content_readings import MessageReading
 
 if TYPE_CHECKING:
-    from capabilities.caps import Caps
-    from capabilities.chain import Chain, Hop
     from capabilities.statements.message import Message
+    from capabilities.values.caps import Caps
+    from capabilities.values.chain import Chain, Hop
+    from pep.base.ports import Clock
     from pep.context.forms import Asked, Forms, Read
-    from pep.ports import Clock
 
 CONVERSATIONS: Final = 16_384
 """Most conversations that are remembered."""
@@ -114,7 +114,7 @@ def read(
         message = statement.open(text, frozenset(hop.key for hop in chain.hops), caps)
     except CapabilityError as error:
         return _unbelieved(str(error.code))
-    hop = by_thumbprint[sealed.signer_thumbprint(text)]
+    hop = by_thumbprint[statement_form.signer_thumbprint(text)]
     by_holder = (message.sender, message.token_id, message.hop_id) == (hop.agent, chain.token_id, hop.hop_id)
     line = Line(addressee, hop.hop_id, message.conversation)
     body = forms.read(message.schema, message.body)

@@ -5,22 +5,22 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
-from capabilities import keys as key_forms
-from capabilities.errors import CapabilityError
+from capabilities.keys import keys as key_forms
 from capabilities.statements import admission as statement
-from capabilities.statements import sealed
+from capabilities.statements import statement_form
 from capabilities.statements.admission import Receipt
-from pep.context.worded import label_in, words_of
-from policies.labels import aged
+from capabilities.values.errors import CapabilityError
+from pep.context.label_words import label_in, words_of
+from policies.words.labels import aged
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
     from pep.context.flow import Holder
-    from pep.context.value import Plain
-    from policies.labels import Label
+    from pep.context.json_value import Plain
+    from policies.words.labels import Label
 
 LIFETIME_S: Final = 600
 """How long a receipt counts: what was read for one task is used within it. Ours; a statement allows an hour."""
@@ -93,7 +93,7 @@ def verify(text: str, *, admitters: Mapping[str, bytes], caps: Caps) -> Receipt 
     except CapabilityError as error:
         return ReceiptFault(str(error.code))
     named = admitters.get(receipt.audience)
-    if named is None or key_forms.thumbprint(named) != sealed.signer_thumbprint(text):
+    if named is None or key_forms.thumbprint(named) != statement_form.signer_thumbprint(text):
         return ReceiptFault.STATEMENT_UNTRUSTED
     return receipt
 

@@ -9,21 +9,21 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.errors import CapabilityError, FaultCode
 from capabilities.statements import response
 from capabilities.statements.response import Response
+from capabilities.values.errors import CapabilityError, FaultCode
 from pep.context.flow import Holder
 from pep.context.receipts import LIFETIME_S, ReceiptFault, label_of, refusal, verify
-from policies.labels import NOBODY, Integrity, Label, Source, aged, joined
-from policies.said import ItemKind, ItemReading
+from policies.evidence.content_readings import ItemKind, ItemReading
+from policies.words.labels import NOBODY, Integrity, Label, Source, aged, joined
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from capabilities.caps import Caps
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
     from capabilities.statements.response import Call
-    from pep.context.value import Plain
+    from capabilities.values.caps import Caps
+    from pep.context.json_value import Plain
 
 RECEIPTS: Final = 16
 """Most receipts that are looked at for one result."""

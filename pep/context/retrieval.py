@@ -13,24 +13,25 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import keys, text
-from capabilities.errors import CapabilityError, Fault, FaultCode
-from capabilities.statements import manifest, sealed
+from capabilities.keys import keys
+from capabilities.statements import manifest, statement_form
 from capabilities.statements.claims import TEXT_BYTES
 from capabilities.statements.revocation import Revoked
+from capabilities.values import text
+from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from pep.context.collection import Incident, Retrieval, RetrievalFault, Retrieved, shown
-from pep.context.marks import Mark
-from policies.labels import NOBODY, Integrity, Label, Source
-from policies.said import ItemKind, ItemReading
+from pep.context.high_water_marks import Mark
+from policies.evidence.content_readings import ItemKind, ItemReading
+from policies.words.labels import NOBODY, Integrity, Label, Source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from capabilities.caps import Caps
     from capabilities.statements.manifest import Entry, Manifest
+    from capabilities.values.caps import Caps
+    from pep.base.ports import Clock, RevocationFeed
     from pep.context.collection import Collection, Curators, Held
-    from pep.context.marks import Marks
-    from pep.ports import Clock, RevocationFeed
+    from pep.context.high_water_marks import Marks
 
 DOCUMENT_BYTES: Final = 65_536
 """Largest content in UTF-8: a chunk of a handbook has some kB, and what is admitted fills an agent's context."""
@@ -109,7 +110,7 @@ class Curated:
             opened = manifest.open(signed, frozenset(known.values()), self._caps)
         except CapabilityError as error:
             return Fault(error.code, "STM-7", error.detail)
-        signer = sealed.signer_thumbprint(signed)
+        signer = statement_form.signer_thumbprint(signed)
         curator = next(id_ for id_, raw in known.items() if keys.thumbprint(raw) == signer)
         digest = manifest.digest_of(signed)
         by_id = {entry.id: entry for entry in opened.entries}

@@ -16,7 +16,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote
 
-from pep.context import characters, instruction_like
+from pep.context import characters, instruction_rules
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,7 +74,7 @@ def screen_value(value: object) -> tuple[Trace, ...]:
     if len(texts) > 1 and not any(trace.sign == INSTRUCTION_LIKE for trace in found):
         # an order whose words stand in several texts, which a model reads one after the other
         folded, _ = characters.folded(" ".join(text for _, text in texts))
-        found += [Trace(INSTRUCTION_LIKE, what, 0) for what, _ in instruction_like.matches(folded)][:TRACES]
+        found += [Trace(INSTRUCTION_LIKE, what, 0) for what, _ in instruction_rules.matches(folded)][:TRACES]
     return tuple(found)
 
 
@@ -92,7 +92,7 @@ def _all(text: str) -> Iterator[Trace]:
     ):
         yield from (Trace(sign, what, at) for what, at in islice(places, TRACES))
     folded, moved = characters.folded(text)
-    for what, at in islice(instruction_like.matches(folded), TRACES):
+    for what, at in islice(instruction_rules.matches(folded), TRACES):
         yield Trace(INSTRUCTION_LIKE, what, at if moved is None else moved[at])
     yield from islice(_encoded(text, DECODINGS, _Budget(DECODED * len(text))), TRACES)
 
@@ -112,7 +112,7 @@ def _encoded(text: str, depth: int, budget: _Budget) -> Iterator[Trace]:
             return
         budget.left -= len(decoded)
         folded, _ = characters.folded(decoded)
-        plainly = next(instruction_like.matches(folded), None)
+        plainly = next(instruction_rules.matches(folded), None)
         if plainly or (depth > 1 and next(_encoded(decoded, depth - 1, budget), None)):
             yield Trace(ENCODED, what, at)
 

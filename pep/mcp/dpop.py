@@ -11,11 +11,12 @@ import json
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
-from capabilities import jws, meta
-from capabilities.errors import Fault, FaultCode
-from pep.authority import Credentials, Presented
-from pep.mcp.body import Unfit
-from pep.mcp.knock import (
+from capabilities.keys import jws
+from capabilities.proof import mcp_meta
+from capabilities.values.errors import Fault, FaultCode
+from pep.base.operations import Kind
+from pep.mcp.body_screen import Unfit
+from pep.mcp.http_request import (
     CREDENTIALS,
     KNOCK,
     Knock,
@@ -30,18 +31,18 @@ from pep.mcp.knock import (
     token_in,
 )
 from pep.mcp.mapping import bare_request
-from pep.operations import Kind
-from policies.reasons import Reason
+from pep.request.authority import Credentials, Presented
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from starlette.types import ASGIApp, Receive, Scope, Send
 
-    from pep.authority import Authority
-    from pep.edge import Edge
+    from pep.base.ports import Clock
     from pep.mcp.mapping import ToolBinding
-    from pep.ports import Clock
+    from pep.request.authority import Authority
+    from pep.request.edge import Edge
 
 ALGORITHMS: Final = (jws.EDDSA, jws.ES256)
 """Of proofs; the holder's key says which."""
@@ -138,7 +139,7 @@ class DPoPLayer:
         """Steps 1 to 10, with the lease of what the body asks for. Whatever breaks on the way is a fault."""
         binding = self._bindings.get(knock.tool or "")
         lease_ms = self._edge.lease_ms(None if binding is None else bare_request(binding, audience=self._audience))
-        presented = meta.stray(knock.rpc.get("params")) or self._presented(knock)
+        presented = mcp_meta.stray(knock.rpc.get("params")) or self._presented(knock)
         if isinstance(presented, Fault):
             return Credentials(None, presented)
         try:

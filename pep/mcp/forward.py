@@ -15,25 +15,25 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import httpx2
 
-from capabilities.chain import Chain
 from capabilities.statements import ticket
 from capabilities.statements.ticket import Carried
-from pep.errors import JournalError
-from pep.mcp.knock import CREDENTIALS, KNOCK, Knock, Refusals, digest, short, token_in
-from pep.mcp.ticketed import TICKET
-from pep.operations import Kind
-from policies.reasons import Reason
+from capabilities.values.chain import Chain
+from pep.base.errors import JournalError
+from pep.base.operations import Kind
+from pep.mcp.http_request import CREDENTIALS, KNOCK, Knock, Refusals, digest, short, token_in
+from pep.mcp.ticket_layer import TICKET
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from starlette.types import Receive, Scope, Send
 
-    from capabilities.keys import PrivateKey
-    from pep.authority import Credentials
-    from pep.edge import Edge
+    from capabilities.keys.keys import PrivateKey
+    from pep.base.ports import Clock
     from pep.mcp.mapping import ToolBinding
-    from pep.ports import Clock
+    from pep.request.authority import Credentials
+    from pep.request.edge import Edge
 
 PASSED_ON: Final = frozenset({"authorization", "dpop", "content-type", "accept", "host", "origin", "last-event-id"})
 """Headers of a request that go on, besides those of MCP. Host and origin are judged where the tools are."""

@@ -23,24 +23,24 @@ from mcp.server.extension import Extension
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolResult, TextContent
 
-from capabilities.chain import Chain
-from pep import records
-from pep.authority import NOBODY, Credentials
-from pep.call import Call
-from pep.errors import ActuationRefusedError, JournalError
-from pep.gate import Answer, Gate, Result
-from pep.mcp import defer
+from capabilities.values.chain import Chain
+from pep.base.errors import ActuationRefusedError, JournalError
+from pep.base.operations import Kind
+from pep.gate import records
+from pep.gate.gate import Answer, Gate, Result
+from pep.gate.observe_only import OBSERVED
+from pep.mcp import deferred_result
 from pep.mcp.dpop import DPoPLayer
-from pep.mcp.knock import CREDENTIALS
+from pep.mcp.http_request import CREDENTIALS
 from pep.mcp.mapping import Misfit, ToolBinding, to_request
-from pep.mcp.pins import definition_digest
-from pep.mcp.vouching import Unreadable, shown, unvouched, wanted
-from pep.observation import OBSERVED
-from pep.operations import Kind
-from pep.permit import Permit, PermitScope
-from policies.evidence import NOT_COLLECTED, NotCollected, ToolReading
-from policies.model import Effect
-from policies.reasons import REASONS, Reason
+from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
+from pep.mcp.tool_digest import definition_digest
+from pep.request.authority import NOBODY, Credentials
+from pep.request.call import Call
+from pep.request.permit import Permit, PermitScope
+from policies.evidence.evidence import NOT_COLLECTED, NotCollected, ToolReading
+from policies.evidence.model import Effect
+from policies.words.reason_table import REASONS, Reason
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,11 +50,11 @@ if TYPE_CHECKING:
     from mcp_types import CallToolRequestParams
     from starlette.types import ASGIApp
 
-    from pep.approvals import Asks
-    from pep.authority import Authority
-    from pep.mcp.vouching import Vouching
-    from pep.ports import Clock, Registry
-    from policies.said import ContextReading
+    from pep.base.ports import Clock, Registry
+    from pep.mcp.provenance import Vouching
+    from pep.people.asks import Asks
+    from pep.request.authority import Authority
+    from policies.evidence.content_readings import ContextReading
 
 EXTENSION: Final = "dev.ztpm/pep"
 DECISION_META: Final = "dev.ztpm/decision"
@@ -90,7 +90,7 @@ class Guard(Extension):
         vouching: Vouching | None = None,
     ) -> None:
         self._vouching = vouching
-        self._patience = defer.Patience(asks)
+        self._patience = deferred_result.Patience(asks)
         self._server = server
         self._gate = gate
         self._registry = registry
@@ -149,12 +149,12 @@ class Guard(Extension):
             arrived_ms=arrived_ms,
             context=context,
         )
-        if defer.is_retry(params):
+        if deferred_result.is_retry(params):
             await self._patience.wait(params)
         answer = await self._gate.run(call, effect)
         if wanted(params.meta):
             answer = await self._vouched(answer, call, binding)
-        return defer.elicitation(answer, params, ctx) or _told(answer)
+        return deferred_result.elicitation(answer, params, ctx) or _told(answer)
 
     async def _vouched(self, answer: Answer, call: Call, binding: ToolBinding) -> Answer:
         """The answer, its result with a receipt where there is one and the tool is still what it was."""
@@ -331,7 +331,7 @@ def _told(answer: Answer) -> HandlerResult:
     if (decision.effect is Effect.PERMIT or answer.observed) and answer.result is not None:
         return _with_meta(answer.result.carried, {DECISION_META: told})
     if answer.ask is not None:
-        told |= defer.told(answer)
+        told |= deferred_result.told(answer)
     return _denied(told | _remedy(decision.reason, detail))
 
 

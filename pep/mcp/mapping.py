@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.errors import QuantityError
-from capabilities.scope import Tier
-from capabilities.units import Parameter, Quantity, parse
-from pep.operations import (
+from capabilities.values.errors import QuantityError
+from capabilities.values.scope import Tier
+from capabilities.values.units import Parameter, Quantity, parse
+from pep.base.operations import (
     GRIPPER_ACTIVATE,
     GRIPPER_MOVE,
     JOINTS,
@@ -22,8 +22,8 @@ from pep.operations import (
     Operation,
     padded,
 )
-from policies.model import Point, Request
-from policies.reasons import Reason
+from policies.evidence.model import Point, Request
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -175,7 +175,7 @@ def to_request(
 
     Returns:
         The request; or `PARAMETERS_WRONG` for a missing or extra argument or a list of another length, and the codes of
-        `capabilities.units.parse` for a number that is none, not finite, out of range or off the grid.
+        `capabilities.values.units.parse` for a number that is none, not finite, out of range or off the grid.
     """
     wanted = [field.argument for field in binding.fields]
     for argument in arguments:

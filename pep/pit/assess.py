@@ -24,7 +24,7 @@ from pep.pit.outputs import output_cause
 from pep.pit.question import as_run, deadline, refuse_nonsense, view_around
 from pep.pit.tier import MOVING, tier_of
 from pep.pit.view import view_of
-from policies.evidence import Contribution, ImpactFault
+from policies.evidence.evidence import Contribution, ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable

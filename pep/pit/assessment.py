@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from capabilities.units import Unit
+from capabilities.values.units import Unit
 from pep.pit.tier import HIGHEST, TIE
-from policies.evidence import Contribution, ImpactReading
+from policies.evidence.evidence import Contribution, ImpactReading
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from capabilities.scope import Tier
+    from capabilities.values.scope import Tier
     from pep.pit.certify import Certified, Proof
     from pep.pit.motion import Floats, Joints
     from pep.pit.view import View

@@ -12,10 +12,10 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
 from pep.pit.errors import CellError
 from pep.pit.scene import Box, Capsule, Convex, Scene, Shape, Sphere, Thing, Vector, Workspace, Zone
 from pep.pit.strict import STRICT, FormError, read_table, read_toml
-from pep.stopping import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

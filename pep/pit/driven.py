@@ -19,7 +19,7 @@ from pep.pit.second import drive_check
 from pep.pit.separation import stopping
 from pep.pit.slower import highest_speed
 from pep.pit.tier import HIGHEST, MOVING, tier_of
-from policies.evidence import Contribution, ImpactFault
+from policies.evidence.evidence import Contribution, ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable

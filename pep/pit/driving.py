@@ -12,7 +12,7 @@ from pep.pit.motion import JointPath, LinePath, MoveJ, MoveL, ServoJ, SpeedL, pr
 from pep.pit.moves import MoveQuestion
 from pep.pit.question import as_run
 from pep.pit.separation import stopping
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

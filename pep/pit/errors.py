@@ -1,4 +1,4 @@
-"""What can be wrong with what the physics room is given: one tree, each leaf with a code of `policies.reasons`."""
+"""Errors in the physics room's input: one tree, each leaf with a code of `policies.words.reason_codes`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ class PitError(ValueError):
     """Root of the tree.
 
     Attributes:
-        reason: a `policies.reasons.Reason` code.
+        reason: a `policies.words.reason_table.Reason` code.
         detail: for the record and the holder; never shown to strangers.
     """
 

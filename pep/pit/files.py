@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from capabilities.strict_json import JsonDefect, JsonError, read
+from capabilities.values.strict_json import JsonDefect, JsonError, read
 from pep.pit.errors import PitError
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from capabilities.units import Unit
+from capabilities.values.units import Unit
 from pep.pit.assessment import LISTED, Assessment, Certificate
-from policies.evidence import Contribution, ImpactFault
+from policies.evidence.evidence import Contribution, ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.units import Unit
+from capabilities.values.units import Unit
 from pep.pit.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, SearchCertificate, micro, milli, seen
 from pep.pit.certify import Slower
 from pep.pit.departure import RETREAT, departure, joint_limits, slow_enough
@@ -19,7 +19,7 @@ from pep.pit.separation import stopping
 from pep.pit.slower import highest_speed
 from pep.pit.tier import HIGHEST, MOVING, TIE, tier_of
 from pep.pit.touching import gentle_rows
-from policies.evidence import Contribution, ImpactFault
+from policies.evidence.evidence import Contribution, ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from capabilities.scope import Tier
+    from capabilities.values.scope import Tier
     from pep.pit.assessment import Certificate
     from pep.pit.cell import CellParameters
     from pep.pit.certify import Certified, Witness

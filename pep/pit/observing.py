@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, assert_never
 
 from capabilities.statements import observation as wire
-from capabilities.units import Unit, si
+from capabilities.values.units import Unit, si
 from pep.pit.errors import SceneError
 from pep.pit.scene import REGION_NAMES, Capsule, Person, Region, Scene, Sphere, Thing
 from pep.pit.shape import shape_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from pep.pit.assessment import milli
-from policies.evidence import Contribution
+from policies.evidence.evidence import Contribution
 
 if TYPE_CHECKING:
     from pep.pit.cell import CellParameters

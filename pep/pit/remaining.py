@@ -26,7 +26,7 @@ from pep.pit.rest import FULL, OFF_PATH, PERCEPTION, Pace, Remaining, Rest, agai
 from pep.pit.slowing import paced
 from pep.pit.tier import HIGHEST
 from pep.pit.view import view_of
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable

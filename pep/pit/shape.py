@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeAlias, as
 from pydantic import Field
 
 from capabilities.statements import observation as wire
-from capabilities.units import Unit, si
+from capabilities.values.units import Unit, si
 from pep.pit.errors import SceneError
 from pep.pit.hull import CORNERS_LEAST, CORNERS_MOST, hull_of
 from pep.pit.strict import STRICT

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from pep.base.stop_model import patience_s
 from pep.pit.motion import MoveJ
-from pep.stopping import patience_s
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -32,12 +32,12 @@ from pep.pit.separation import stopping
 from pep.pit.stream import stream_envelope
 from pep.pit.tier import tier_of
 from pep.pit.view import view_of
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from capabilities.scope import Tier
+    from capabilities.values.scope import Tier
     from pep.pit.assessment import Assessment
     from pep.pit.cell import CellParameters
     from pep.pit.kernel.settling import Settled

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 import numpy as np
 
 from capabilities.statements import observation as wire
-from capabilities.units import Unit, si
+from capabilities.values.units import Unit, si
 from pep.pit.cell import CellParameters, Contact, Output, StaticObject, StaticZone
 from pep.pit.clearance import segment_hull
 from pep.pit.errors import CellError, SceneError

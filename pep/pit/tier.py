@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from capabilities.scope import Tier
+from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:
     from pep.pit.motion import Floats

@@ -1,7 +1,7 @@
 """`GuardedControl`: the interface of `rtde_control.RTDEControlInterface`, before the judge that the gateway has.
 
 A convenience inside one process, no isolation: who holds the raw object holds the robot, and code in this process finds
-it. A program that is not trusted belongs behind the gateway (`pep.rtde.gateway`).
+it. A program that is not trusted belongs behind the gateway (`pep.rtde.line.gateway`).
 """
 # ruff: noqa: N802, FBT001, FBT002, PLR0917 - the interface's own names, and its own order
 
@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final, overload
 
-from pep.rtde import command_values as v
-from pep.rtde.commands import ROWS
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import ROWS
 from pep.rtde.held_calls import HeldCalls
 from pep.rtde.method_calls import command_of, path_of, waypoints_of
-from pep.rtde.move_path import PathMove
-from pep.rtde.refused import Refused
-from policies.reasons import Reason
+from pep.rtde.script.move_path import PathMove
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

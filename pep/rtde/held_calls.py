@@ -14,29 +14,29 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from capabilities.units import Unit
-from pep.rtde import command_values as v
-from pep.rtde.acts import PATIENCE_MS
-from pep.rtde.brake import Brake
-from pep.rtde.commands import CommandClass, Wait, row_of
-from pep.rtde.grid import on_grid
-from pep.rtde.interface import STOP_PATIENCE_S, UNWATCHED_HZ, ControlInterface
-from pep.rtde.leased_requests import stands_s
-from pep.rtde.leased_stream import LATE_MS
+from capabilities.values.units import Unit
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import CommandClass, Wait, row_of
+from pep.rtde.command.rounding import on_grid
+from pep.rtde.command.stop_rules import MODES, STOPS, ended_by, raised
+from pep.rtde.judge.command_requests import stands_s
+from pep.rtde.judge.stream_values import LATE_MS
+from pep.rtde.line.effects import PATIENCE_MS
 from pep.rtde.method_calls import call_of, rebuilt
-from pep.rtde.refused import Refused
-from pep.rtde.stops import MODES, STOPS, ended_by, raised
-from policies.reasons import Reason
+from pep.rtde.motion.brake import Brake
+from pep.rtde.motion.control_interface import STOP_PATIENCE_S, UNWATCHED_HZ, ControlInterface
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
-    from pep.ports import Clock
-    from pep.rtde.command_values import Command
-    from pep.rtde.commands import Row
-    from pep.rtde.judge import Holder, Judge, Steps
-    from pep.rtde.move_path import Waypoint
+    from pep.base.ports import Clock
+    from pep.rtde.command.command_table import Row
+    from pep.rtde.command.command_values import Command
+    from pep.rtde.robot.judge_port import Holder, Judge, Steps
+    from pep.rtde.script.move_path import Waypoint
 
 HANDED_MS: Final = 100
 """Ours: what was permitted is handed over within twice the lifetime of a verdict, or not at all."""
@@ -49,7 +49,7 @@ MOVES_STOP: Final = STOPS[34]
 
 
 class NotingStopper(Protocol):
-    """A `pep.rtde.judge.Stopper` that is told of the stops that others have sent."""
+    """A `pep.rtde.robot.judge_port.Stopper` that is told of the stops that others have sent."""
 
     def stop(self, reason: Reason) -> None:
         """See `Stopper.stop`."""
@@ -78,7 +78,7 @@ class _Denied:
 
 
 class _Held:
-    """A call that waits, as the judge has it (`pep.rtde.judge.Held`)."""
+    """A call that waits, as the judge has it (`pep.rtde.robot.judge_port.Held`)."""
 
     def __init__(self, calls: HeldCalls, command: Command, path: tuple[Waypoint, ...], *, stops: int) -> None:
         self._calls = calls
@@ -176,7 +176,7 @@ class HeldCalls(ControlInterface):
         holder: by whose authority.
         loop: an event loop that runs in another thread than the program's.
         restarting: opens a block in which this program sends its control script again, for whoever tells it from
-            another program: `pep.rtde.program.ProgramWatch.restarted`.
+            another program: `pep.rtde.robot.program.ProgramWatch.restarted`.
         clock: the monotonic one counts.
         stop_deceleration_rad_s2: the cell's stop model, of the leading axis: every stop is at least this hard.
 

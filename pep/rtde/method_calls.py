@@ -10,22 +10,22 @@ import operator
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 
-from pep.rtde import command_values as v
-from pep.rtde.commands import ROWS, decode, row_of
-from pep.rtde.fields import Fixed, Flag, Flags, FrameNumber, Number, Numbers, Vector, Whole
-from pep.rtde.image import Image
-from pep.rtde.move_path import PathBlock, PathMove
-from pep.rtde.recipes import INT, Profile
-from pep.rtde.refused import Refused
-from policies.reason import Reason
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import ROWS, decode, row_of
+from pep.rtde.command.fields import Fixed, Flag, Flags, FrameNumber, Number, Numbers, Vector, Whole
+from pep.rtde.command.register_image import Image
+from pep.rtde.script.move_path import PathBlock, PathMove
+from pep.rtde.wire.recipes import INT, Profile
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.rtde.codec import Value
-    from pep.rtde.command_values import Command
-    from pep.rtde.fields import Field
-    from pep.rtde.move_path import Waypoint
+    from pep.rtde.command.command_values import Command
+    from pep.rtde.command.fields import Field
+    from pep.rtde.script.move_path import Waypoint
+    from pep.rtde.wire.codec import Value
 
 Call: TypeAlias = tuple[str, list[Any]]
 """A method's name and its arguments."""
@@ -45,8 +45,8 @@ def command_of(number: int, *values: Any) -> Command | Refused:
         values: its parameters, in the order of the command's own, in ur_rtde's units.
 
     Returns:
-        Refused as `pep.rtde.commands.decode` does, and as `PARAMETERS_WRONG` for a vector of another length or a choice
-        that there is not.
+        Refused as `pep.rtde.command.command_table.decode` does, and as `PARAMETERS_WRONG` for a vector of another
+        length or a choice that there is not.
 
     Raises:
         TypeError: for what is no number, as ur_rtde itself does.
@@ -114,7 +114,7 @@ def waypoints_of(path: Any) -> tuple[Waypoint, ...] | Refused:
         path: `rtde_control.Path`.
 
     Returns:
-        Refused as `pep.rtde.move_path.PathBlock` does.
+        Refused as `pep.rtde.script.move_path.PathBlock` does.
     """
     block = PathBlock()
     for line in path.toScriptCode().encode("ascii", "replace").splitlines():

@@ -5,20 +5,21 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
-from pep.rtde.brake import Brake
+from pep.rtde.motion.brake import Brake
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.ports import Clock
-    from policies.reasons import Reason
+    from pep.base.ports import Clock
+    from policies.words.reason_table import Reason
 
 
 class ProgramStopper:
-    """`pep.rtde.judge.Stopper`. From any thread.
+    """`pep.rtde.robot.judge_port.Stopper`. From any thread.
 
     Args:
-        end_program: ends what the controller runs; `pep.rtde.dashboard.stop_program` of its host, say. It may block.
+        end_program: ends what the controller runs; `pep.rtde.robot.dashboard.stop_program` of its host, say. It may
+            block.
         clock: the monotonic one counts.
     """
 

@@ -10,16 +10,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Protocol, assert_never
 
-from capabilities.chain import Chain
-from capabilities.errors import Fault, FaultCode
-from policies.evidence import NotCollected
-from policies.model import Finding
-from policies.reasons import REASONS, Reason
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault, FaultCode
+from policies.evidence.evidence import NotCollected
+from policies.evidence.model import Finding
+from policies.words.reason_table import REASONS, Reason
 
 if TYPE_CHECKING:
-    from capabilities.scope import Tier
-    from policies.evidence import Evidence
-    from policies.model import Request
+    from capabilities.values.scope import Tier
+    from policies.evidence.evidence import Evidence
+    from policies.evidence.model import Request
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ class Case:
         request: what would be done.
         evidence: all readings, taken at one instant.
         physical: whether the operation has a physical dependency in this policy set.
-        tier: the runtime tier, or None when it is not known (policies.tiers).
+        tier: the runtime tier, or None when it is not known (policies.evidence.tiers).
     """
 
     request: Request
@@ -64,7 +64,7 @@ Verdict = Holds | Fails | Defers
 
 
 class Primitive(Protocol):
-    """One of the 25. A frozen dataclass whose fields are its parameters, each named in `policies.parameters`."""
+    """One of the 25. A frozen dataclass whose fields are its parameters, each named in `policies.words.parameters`."""
 
     id: ClassVar[str]
 

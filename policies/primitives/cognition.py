@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, assert_never
 
-from capabilities.scope import Tier
-from policies.errors import PolicyError, PolicyFault
-from policies.evidence import ImpactReading, NotCollected, PerceptionReading
-from policies.labels import Integrity
+from capabilities.values.scope import Tier
+from policies.evidence.content_readings import ContextReading, InstructionReading, ItemKind, MessageReading
+from policies.evidence.evidence import ImpactReading, NotCollected, PerceptionReading
+from policies.evidence.tiers import FRESH
 from policies.primitives.base import Fails, Holds, age_within, fails, found, missing
-from policies.reasons import Reason
-from policies.said import ContextReading, InstructionReading, ItemKind, MessageReading
-from policies.tiers import FRESH
+from policies.words.errors import PolicyError, PolicyFault
+from policies.words.labels import Integrity
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from policies.model import Finding
+    from policies.evidence.content_readings import ArgumentReading, ItemReading
+    from policies.evidence.model import Finding
     from policies.primitives.base import Case, Verdict
-    from policies.said import ArgumentReading, ItemReading
 
 BELIEVED: Final = frozenset({FRESH, "stale", "missing"})
 """States of a sensor of which nothing false was heard. Any other word is a view that must not be believed."""

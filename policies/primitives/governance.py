@@ -8,15 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, assert_never
 
-from capabilities.chain import Chain
-from policies.conduct import DRIFT, BehaviourReading
-from policies.evidence import NotCollected
-from policies.model import Point
+from capabilities.values.chain import Chain
+from policies.evidence.conduct_readings import DRIFT, BehaviourReading
+from policies.evidence.evidence import NotCollected
+from policies.evidence.model import Point
 from policies.primitives.base import Defers, Fails, Holds, fails, found, missing, verified_chain
-from policies.reasons import Reason
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from policies.conduct import Deviation
+    from policies.evidence.conduct_readings import Deviation
     from policies.primitives.base import Case, Verdict
 
 

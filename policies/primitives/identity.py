@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, assert_never
 
-from capabilities.chain import Chain
-from capabilities.errors import Fault
-from capabilities.scope import Tier
-from policies.errors import PolicyError, PolicyFault
-from policies.evidence import NotCollected
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault
+from capabilities.values.scope import Tier
+from policies.evidence.evidence import NotCollected
+from policies.evidence.tiers import base_tier
 from policies.primitives.base import (
     Case,
     Fails,
@@ -21,8 +21,8 @@ from policies.primitives.base import (
     missing,
     verified_chain,
 )
-from policies.reasons import Reason
-from policies.tiers import base_tier
+from policies.words.errors import PolicyError, PolicyFault
+from policies.words.reason_table import Reason
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, assert_never
 
-from capabilities.chain import Chain
-from capabilities.scope import Tier
-from policies.evidence import NotCollected, TrustReading
+from capabilities.values.chain import Chain
+from capabilities.values.scope import Tier
+from policies.evidence.evidence import NotCollected, TrustReading
 from policies.primitives.base import (
     Case,
     Defers,
@@ -19,7 +19,7 @@ from policies.primitives.base import (
     missing,
     verified_chain,
 )
-from policies.reasons import Reason
+from policies.words.reason_table import Reason
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, assert_never
 
-from capabilities.chain import Chain
-from capabilities.scope import Tier
-from policies.conduct import SequenceReading
-from policies.evidence import NotCollected, prior_leave
+from capabilities.values.chain import Chain
+from capabilities.values.scope import Tier
+from policies.evidence.conduct_readings import SequenceReading
+from policies.evidence.evidence import NotCollected, prior_leave
+from policies.evidence.tiers import RULES, TierRule
 from policies.primitives.base import Defers, Fails, Holds, found, missing, verified_chain
-from policies.reasons import Reason
-from policies.tiers import RULES, TierRule
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from policies.model import Finding
+    from policies.evidence.model import Finding
     from policies.primitives.base import Case, Verdict
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, assert_never
 
-from capabilities.algebra import bound_to_json
-from capabilities.chain import Chain, Refusal
-from capabilities.errors import Fault, FaultCode
-from capabilities.request import set_ceiling
-from policies.evidence import ImpactFault, ImpactReading, NotCollected, RobotReading, ToolReading, prior_leave
+from capabilities.token.scope_check import set_ceiling
+from capabilities.values.algebra import bound_to_json
+from capabilities.values.chain import Chain, Refusal
+from capabilities.values.errors import Fault, FaultCode
+from policies.evidence.evidence import ImpactFault, ImpactReading, NotCollected, RobotReading, ToolReading, prior_leave
+from policies.evidence.tiers import FRESH, RULES, TierRule, base_tier, runtime_tier
 from policies.primitives.base import (
     Case,
     Defers,
@@ -22,12 +23,11 @@ from policies.primitives.base import (
     missing,
     verified_chain,
 )
-from policies.reasons import REASONS, Reason
-from policies.tiers import FRESH, RULES, TierRule, base_tier, runtime_tier
+from policies.words.reason_table import REASONS, Reason
 
 if TYPE_CHECKING:
-    from capabilities.scope import Tier
-    from policies.model import Finding
+    from capabilities.values.scope import Tier
+    from policies.evidence.model import Finding
 
 
 def refusal_detail(refusal: Refusal) -> dict[str, object]:

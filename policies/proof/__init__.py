@@ -13,6 +13,6 @@ imported when a proof begins; everything else here, and `policies`, runs without
 
 from policies.proof.claims import CLAIMS, Claim
 from policies.proof.prover import HARMLESS, Result, Shown, Standing, prove
-from policies.proof.telling import lines, result_to_plain
+from policies.proof.result_text import lines, result_to_plain
 
 __all__ = ["CLAIMS", "HARMLESS", "Claim", "Result", "Shown", "Standing", "lines", "prove", "result_to_plain"]

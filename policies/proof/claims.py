@@ -1,7 +1,7 @@
 """The seven claims about a policy set, each as a formula over facts, beside the judgement that shows it broken.
 
-The judgement (policies.proof.shown) says the same in other words and is put to the real decisions of a counterexample:
-a formula that claims too much is found out there.
+The judgement (policies.proof.confirmation) says the same in other words and is put to the real decisions of a
+counterexample: a formula that claims too much is found out there.
 
 A physical act is an operation that is not called harmless, at a point where operations have an effect (e4, e5).
 """
@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.scope import Tier
-from policies.proof import shown
+from capabilities.values.scope import Tier
+from policies.proof import confirmation as shown
 from policies.proof.facts import GRANTED, Names
 from policies.proof.logic import Logic, Truth, implies
 from policies.proof.verdicts import human_root, world_tier
@@ -20,10 +20,10 @@ from policies.proof.verdicts import human_root, world_tier
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from policies.policy import PolicySet
+    from policies.decide.policy import PolicySet
+    from policies.proof.confirmation import Told
     from policies.proof.facts import Facts
     from policies.proof.outcome import Added, Outcome
-    from policies.proof.shown import Told
 
 
 @dataclass(frozen=True, slots=True)

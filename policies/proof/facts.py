@@ -3,7 +3,7 @@
 A fact is a truth or a number. Two cases with the same facts get the same effect from a policy set whose primitives are
 all known here (policies.proof.verdicts); what an unknown primitive says is a fact of its own. So a formula over facts
 speaks about every request and evidence, and not only about those that somebody thought of. The facts of a real case
-are read off by `policies.proof.observe`, and `policies.proof.concrete` makes a real case of facts.
+are read off by `policies.proof.case_facts`, and `policies.proof.concrete_cases` makes a real case of facts.
 
 Names count only by whether the set mentions them, so each is a number: its place in `Names`, or the place after the
 last for a name that the set never mentions.
@@ -15,13 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.scope import Tier
+from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from policies.model import Point
-    from policies.policy import PolicySet
+    from policies.decide.policy import PolicySet
+    from policies.evidence.model import Point
     from policies.primitives.base import Primitive
     from policies.proof.logic import Number, Truth
 

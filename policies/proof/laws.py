@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from policies.model import Point
+from policies.evidence.model import Point
 from policies.proof.facts import FACTS, NAMES_OF, NO_APPROVAL, Facts, Names, Verdict
 from policies.proof.logic import Logic, Truth, implies
 

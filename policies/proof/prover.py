@@ -1,7 +1,7 @@
 """The claims about one set, each proven for every request and all evidence, or broken by a case that `decide` confirms.
 
 No counterexample is told before the real `decide` has answered it and the answers break the claim in the words of the
-readings (policies.proof.shown). One that does not is a fault of the prover, and is told as that.
+readings (policies.proof.confirmation). One that does not is a fault of the prover, and is told as that.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
-from policies.combine import Always, Check, Not
-from policies.model import Effect, Obligation, ObligationKind, Point
-from policies.pdp import decide
-from policies.policy import Object, Policy, PolicySet, Subject, requirement
+from policies.decide.combine import Always, Check, Not
+from policies.decide.pdp import decide
+from policies.decide.policy import Object, Policy, PolicySet, Subject, requirement
+from policies.evidence.model import Effect, Obligation, ObligationKind, Point
+from policies.evidence.tiers import runtime_tier
 from policies.primitives.base import Case
 from policies.primitives.propagation import DynamicTrust
+from policies.proof.case_facts import what_it_says
 from policies.proof.claims import CLAIMS, Question
-from policies.proof.concrete import case_of
+from policies.proof.concrete_cases import case_of
+from policies.proof.confirmation import Told
 from policies.proof.facts import FACTS, NAMES_OF, STATES, Facts, names_of
-from policies.proof.observe import what_it_says
-from policies.proof.shown import Told
 from policies.proof.verdicts import unknowns
-from policies.tiers import runtime_tier
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

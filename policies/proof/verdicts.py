@@ -9,17 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
-from capabilities.scope import Tier
-from policies.combine import AllOf, Always, AnyOf, Check, Not, Predicate, checks
+from capabilities.values.scope import Tier
+from policies.decide.combine import AllOf, Always, AnyOf, Check, Not, Predicate, checks
+from policies.evidence.tiers import UNSEEN_FLOOR
 from policies.primitives import cognition, identity, propagation, tools
 from policies.proof.facts import Facts, Verdict
 from policies.proof.logic import Logic, Number, Truth, highest, implies
-from policies.tiers import UNSEEN_FLOOR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from policies.policy import PolicySet
+    from policies.decide.policy import PolicySet
     from policies.primitives.base import Primitive
 
 
@@ -42,7 +42,7 @@ class Situation:
 
 
 def situation(facts: Facts, physical: Truth, logic: Logic) -> Situation:
-    """The twin of `policies.tiers.runtime_tier`."""
+    """The twin of `policies.evidence.tiers.runtime_tier`."""
     known = logic.every(facts.base_known, logic.some(logic.no(physical), facts.impact_read))
     return Situation(facts, physical, known, logic.choose(physical, world_tier(facts, logic), facts.base_tier), logic)
 
@@ -198,7 +198,7 @@ def _verdict_of(primitive: Primitive, at: Situation) -> Verdict:
 
 
 def verdict_of(predicate: Predicate, at: Situation) -> Verdict:
-    """The twin of `policies.combine.evaluate`: every part is asked, so a part that raises is heard of."""
+    """The twin of `policies.decide.combine.evaluate`: every part is asked, so a part that raises is heard of."""
     logic = at.logic
     match predicate:
         case Check(primitive):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from hypothesis import strategies as st
-
-from capabilities.algebra import stated
-from capabilities.bounds import one_of, permits, within
-from capabilities.caps import DEFAULT
-from capabilities.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.units import INT_LIMIT, Parameter, Unit
+from capabilities.values.algebra import stated
+from capabilities.values.bounds import one_of, permits, within
+from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import INT_LIMIT, Parameter, Unit
 from evaluation.tokens.laws import Request
+from hypothesis import strategies as st
 from tests.capabilities.world import CELL, OTHER_CELL
 
 small = st.integers(-8, 8)

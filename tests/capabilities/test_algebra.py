@@ -6,16 +6,15 @@ import pickle
 from dataclasses import replace
 
 import pytest
-
-from capabilities import algebra
-from capabilities.algebra import apply, hop, meet, narrows, stated, within
-from capabilities.bounds import nearest_bound, one_of
-from capabilities.caps import DEFAULT
-from capabilities.hashed import Hashed
-from capabilities.errors import CapabilityError, FaultCode, ScopeError, TokenError
-from capabilities.explanation import explain, explanation_to_json, narrowable, repair
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.units import Parameter, Unit
+from capabilities.values import algebra
+from capabilities.values.algebra import apply, hop, meet, narrows, stated, within
+from capabilities.values.bounds import nearest_bound, one_of
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import CapabilityError, FaultCode, ScopeError, TokenError
+from capabilities.values.explanation import explain, explanation_to_json, narrowable, repair
+from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
 from tests.capabilities.world import CELL, FORCE, JOINTS, MOVE, NOW, READ, SCOPE, SLOWER, SPEED, STOP, WIDTH
 
 pytestmark = pytest.mark.clause("VAL-12")

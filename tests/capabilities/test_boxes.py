@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from capabilities.values.boxes import Box, box, boxes_of
+from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.scope import Grant, Limit, Range
+from capabilities.values.units import Parameter, Unit
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities.boxes import Box, box, boxes_of
-from capabilities.errors import FaultCode, ScopeError
-from capabilities.scope import Grant, Limit, Range
-from capabilities.units import Parameter, Unit
 from tests.capabilities.world import MOVE, SPEED
 
 pytestmark = pytest.mark.clause("VAL-9")

@@ -5,19 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-
+from capabilities.token import biscuit
+from capabilities.token.biscuit import Answer, Probe
+from capabilities.token.scope_check import disagreement
+from capabilities.values import algebra
+from capabilities.values.bounds import one_of
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.errors import CapabilityError, FaultCode
+from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-from capabilities import algebra, biscuit
-from capabilities.biscuit import Answer, Probe
-from capabilities.bounds import one_of
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain
-from capabilities.errors import CapabilityError, FaultCode
-from capabilities.request import disagreement
-from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
-from capabilities.units import Parameter, Unit
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, Forge, add_hop, check, mint_root, raw_of
 
 pytestmark = pytest.mark.clause("TOK-12")

@@ -7,10 +7,11 @@ import pickle
 from dataclasses import FrozenInstanceError, dataclass, field, fields, replace
 
 import pytest
-
-from capabilities import chain, checks, proof, scope
-from capabilities.frozen import maker
-from capabilities.scope import Tier
+from capabilities.proof import proof
+from capabilities.token import checks
+from capabilities.values import chain, scope
+from capabilities.values.fast_dataclass import maker
+from capabilities.values.scope import Tier
 from tests.capabilities.world import SCOPE, SLOWER, SPONSOR, chain_of, chain_of_four, grant_to
 
 pytestmark = pytest.mark.clause(reason="how values are made fast; no clause says how they are made")

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-
-from capabilities import block
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain
-from capabilities.errors import CapabilityError, FaultCode
-from capabilities.scope import Grant, Limit, Range, Restriction
-from capabilities.units import Parameter, Unit
+from capabilities.token import block
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.errors import CapabilityError, FaultCode
+from capabilities.values.scope import Grant, Limit, Range, Restriction
+from capabilities.values.units import Parameter, Unit
 from tests.capabilities.world import (
     SCOPE,
     SLOWER,

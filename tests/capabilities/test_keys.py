@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from capabilities.keys import jws, keys
+from capabilities.values.errors import BadKeyError, FaultCode
 from cryptography.hazmat.primitives import serialization as form
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from cryptography.hazmat.primitives.asymmetric.x25519 import X25519PrivateKey
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities import jws, keys
-from capabilities.errors import BadKeyError, FaultCode
 from tests.capabilities.world import key_of, raw_of
 
 P = 2**255 - 19
@@ -231,7 +230,7 @@ def test_no_two_keys_share_a_thumbprint():
 
 @pytest.mark.clause("VAL-5")
 def test_keys_of_other_curves_enter_nowhere():
-    from capabilities import signatures  # noqa: PLC0415
+    from capabilities.keys import signatures  # noqa: PLC0415
 
     for curve in (ec.SECP384R1(), ec.SECP256K1()):
         other = ec.generate_private_key(curve)

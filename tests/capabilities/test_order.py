@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-
-from capabilities import biscuit, block, wire
-from capabilities.caps import DEFAULT
-from capabilities.carriage import token_to_text
-from capabilities.chain import Attestation, Chain, EvidenceKind
-from capabilities.errors import Fault, FaultCode
-from capabilities.proof import check_proof, prove
-from capabilities.scope import Restriction, Tier
-from capabilities.statements.revocation import Revoked, RevocationView
+from capabilities.proof.proof import check_proof, prove
+from capabilities.statements.revocation import RevocationView, Revoked
+from capabilities.token import biscuit, block, wire
+from capabilities.token.token_text import token_to_text
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Attestation, Chain, EvidenceKind
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.scope import Restriction, Tier
 from tests.capabilities.test_token_defects import fields, joined, other_alternative
 from tests.capabilities.world import (
     CELL,

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 
 import pytest
+from capabilities.keys import jws, keys
+from capabilities.proof.proof import Proof, check_proof, prove
+from capabilities.token.token_text import token_to_text
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import jws, keys, strict_json
-from capabilities.caps import DEFAULT
-from capabilities.errors import Fault, FaultCode
-from capabilities.proof import Proof, check_proof, prove
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, chain_of_four, key_of, raw_of
-from capabilities.carriage import token_to_text
 
 TOKEN = token_to_text(chain_of_four())
 BODY = b'{"jsonrpc":"2.0"}'

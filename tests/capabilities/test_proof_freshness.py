@@ -5,13 +5,12 @@ from __future__ import annotations
 from fractions import Fraction
 
 import pytest
+from capabilities.proof import freshness
+from capabilities.proof.freshness import Memory, before_start, earliest_iat_s, retention_ms, stale
+from capabilities.values.caps import DEFAULT, Caps
+from capabilities.values.errors import Fault, FaultCode
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import freshness
-from capabilities.caps import DEFAULT, Caps
-from capabilities.errors import Fault, FaultCode
-from capabilities.freshness import Memory, before_start, earliest_iat_s, retention_ms, stale
 
 pytestmark = pytest.mark.clause("PRF-7", "PRF-8")
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 
 import pytest
+from capabilities.proof import mcp_meta
+from capabilities.proof.mcp_meta import META, PROOF, TOKEN, Carried, attach, detach, stray
+from capabilities.proof.proof import Proof, check_proof, prove
+from capabilities.token.token_text import token_to_text
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode, StatementError
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import meta, strict_json
-from capabilities.caps import DEFAULT
-from capabilities.carriage import token_to_text
-from capabilities.errors import Fault, FaultCode, StatementError
-from capabilities.meta import META, PROOF, TOKEN, Carried, attach, detach, stray
-from capabilities.proof import Proof, check_proof, prove
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, chain_of_four, key_of, raw_of
 
 pytestmark = pytest.mark.clause("PRF-10")
@@ -156,7 +156,7 @@ def test_no_proof_holds_on_both_carriages():
             caps=DEFAULT,
         )
         assert code(found) is FaultCode.PROOF_NOT_FOR_THIS_REQUEST
-    assert ":" in meta.method("POST")
+    assert ":" in mcp_meta.method("POST")
 
 
 @pytest.mark.parametrize("value", [None, 1, True, [], {}, [TOKEN_TEXT]])

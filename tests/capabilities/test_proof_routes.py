@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 
 import pytest
+from capabilities.keys import jws, keys
+from capabilities.proof import proof
+from capabilities.proof.proof import Proof, check_proof, prove, token_digest
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import jws, keys, proof, strict_json
-from capabilities.caps import DEFAULT
-from capabilities.errors import Fault, FaultCode
-from capabilities.proof import Proof, check_proof, prove, token_digest
 from tests.capabilities.world import CELL, NOW, key_of, raw_of
 
 pytestmark = pytest.mark.clause("PRF-1", "PRF-2", "PRF-3")

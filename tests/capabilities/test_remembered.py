@@ -7,14 +7,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
-
-from capabilities import reading
-from capabilities.bounds import one_of
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain
-from capabilities.errors import Fault
-from capabilities.scope import Grant, Limit, Range, Restriction, Tier
-from capabilities.units import Unit
+from capabilities.token import static_verification
+from capabilities.values.bounds import one_of
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault
+from capabilities.values.scope import Grant, Limit, Range, Restriction, Tier
+from capabilities.values.units import Unit
 from tests.capabilities.world import (
     CELL,
     GRIPPER,
@@ -154,8 +153,8 @@ def test_agreement_is_remembered_apart_for_checks_of_every_form():
 
     def form(taken: Restriction) -> str:
         token = add_hop(root, "robotic", taken)
-        found = reading.read(token, TRUST, DEFAULT, digest=b"")
-        assert isinstance(found, reading.Read)
+        found = static_verification.read(token, TRUST, DEFAULT, digest=b"")
+        assert isinstance(found, static_verification.Read)
         return found.form
 
     taken = Restriction(grants=SLOWER.grants)

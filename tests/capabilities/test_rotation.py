@@ -6,21 +6,21 @@ import json
 from dataclasses import replace
 
 import pytest
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
+from capabilities.keys.windows import KEYS_OF_A_ROLE, Role
+from capabilities.rotation import rotation
+from capabilities.rotation.rotation import KeyRecord, KeyRing, Refused, State, Why
+from capabilities.rotation.rotation_json import ring_from_json, ring_to_json
+from capabilities.rotation.succession import check_bundle, succeed
+from capabilities.statements import trust_bundle
+from capabilities.token.delegate import delegate
+from capabilities.token.mint import mint
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Attestation, Chain, EvidenceKind
+from capabilities.values.errors import BadKeyError, Fault, FaultCode
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import keys, rotation
-from capabilities.caps import DEFAULT
-from capabilities.chain import Attestation, Chain, EvidenceKind
-from capabilities.delegate import delegate
-from capabilities.errors import BadKeyError, Fault, FaultCode
-from capabilities.mint import mint
-from capabilities.rotation import KeyRecord, KeyRing, Refused, State, Why
-from capabilities.rotation_json import ring_from_json, ring_to_json
-from capabilities.statements import trust
-from capabilities.succession import check_bundle, succeed
-from capabilities.trust import TrustBundle
-from capabilities.windows import KEYS_OF_A_ROLE, Role
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.world import (
     ISSUER,
@@ -212,7 +212,7 @@ def test_any_steps_leave_a_ring_that_can_be(steps):
         signer = {raw_of(f"new {n}"): key_of(f"new {n}") for n in range(prepared + 1)} | {
             FIRST[Role.REGISTRY]: key_of(f"first {Role.REGISTRY}")
         }
-        text = trust.sign(bundle, signer[before.active(Role.REGISTRY).key])
+        text = trust_bundle.sign(bundle, signer[before.active(Role.REGISTRY).key])
         old = before.bundle(DEFAULT)
         if at < old.valid_until and before.active(Role.REGISTRY).key in bundle.registry:
             assert succeed(old, text, at=at, caps=DEFAULT) == bundle
@@ -371,13 +371,13 @@ def test_verifiers_follow_step_by_step_and_never_back():
     held, at = RING.bundle(DEFAULT), NOW + 10
     seen = check_bundle(held, None, at=at, caps=DEFAULT)
     for before, ring in zip(rings, rings[1:], strict=False):
-        text = trust.sign(ring.bundle(DEFAULT), signer[ring.active(Role.REGISTRY).key])
+        text = trust_bundle.sign(ring.bundle(DEFAULT), signer[ring.active(Role.REGISTRY).key])
         held = succeed(held, text, at=at, caps=DEFAULT)
         assert held == ring.bundle(DEFAULT)
         seen = check_bundle(held, seen, at=at, caps=DEFAULT)
         old = before.bundle(DEFAULT)
-        again = trust.sign(old, signer[ring.active(Role.REGISTRY).key])
+        again = trust_bundle.sign(old, signer[ring.active(Role.REGISTRY).key])
         assert isinstance(succeed(held, again, at=at, caps=DEFAULT), Fault)
         assert check_bundle(old, seen, at=at, caps=DEFAULT).code is FaultCode.REPLAYED
-    thief = trust.sign(replace(held, version=99, issued_at=NOW + 9), signer[FIRST[Role.REGISTRY]])
+    thief = trust_bundle.sign(replace(held, version=99, issued_at=NOW + 9), signer[FIRST[Role.REGISTRY]])
     assert succeed(held, thief, at=at, caps=DEFAULT).code is FaultCode.STATEMENT_UNTRUSTED

@@ -5,11 +5,10 @@ from __future__ import annotations
 import copy
 
 import pytest
-
-from capabilities.errors import FaultCode, ScopeError
-from capabilities.scope import Restriction
-from capabilities.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
-from capabilities.units import INT_LIMIT
+from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.scope import Restriction
+from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
+from capabilities.values.units import INT_LIMIT
 from tests.capabilities.world import QUIETER, SCOPE, SLOWER
 
 pytestmark = pytest.mark.clause("VAL-13")

@@ -7,17 +7,18 @@ import json
 from dataclasses import replace
 
 import pytest
+from capabilities.keys import jws, keys
+from capabilities.proof import key_agreement
+from capabilities.proof.key_agreement import PROFILE
+from capabilities.proof.proof import prove
+from capabilities.proof.session_frames import Message, Session
+from capabilities.proof.session_opening import Answered, Pending, answer, begin, conclude
+from capabilities.token.token_text import token_to_text
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import agreement, jws, keys, strict_json
-from capabilities.agreement import PROFILE
-from capabilities.caps import DEFAULT
-from capabilities.carriage import token_to_text
-from capabilities.errors import Fault, FaultCode
-from capabilities.frames import Message, Session
-from capabilities.proof import prove
-from capabilities.session import Answered, Pending, answer, begin, conclude
 from tests.capabilities.test_session_agreement import LOW_ORDER, P
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, chain_of_four, key_of, mint_root, raw_of
 
@@ -107,7 +108,7 @@ def test_the_opening_is_the_body_of_an_ordinary_proof():
         "profile": PROFILE,
         "audience": CELL,
         "token": keys.b64u(hashlib.sha256(TOKEN.encode()).digest()),
-        "key": keys.b64u(agreement.public_of(seeded("holder"))),
+        "key": keys.b64u(key_agreement.public_of(seeded("holder"))),
         "nonce": keys.b64u(seeded("holder nonce")),
         "verifier": keys.thumbprint(raw_of("pep")),
     }
@@ -321,7 +322,7 @@ def test_the_raw_members_of_an_answer_have_one_form(name, value):
         ({"signature": 1}, FaultCode.PROOF_MALFORMED),
         ({"not_after": ENDS + 1}, FaultCode.PROOF_WRONG_KEY),
         ({"nonce": keys.b64u(seeded("other"))}, FaultCode.PROOF_WRONG_KEY),
-        ({"key": keys.b64u(agreement.public_of(seeded("other")))}, FaultCode.PROOF_WRONG_KEY),
+        ({"key": keys.b64u(key_agreement.public_of(seeded("other")))}, FaultCode.PROOF_WRONG_KEY),
         ({"mac": keys.b64u(seeded("other"))}, FaultCode.PROOF_WRONG_KEY),
         ({"signature": ""}, FaultCode.PROOF_WRONG_KEY),
         ({"signature": "x.y.z"}, FaultCode.PROOF_WRONG_KEY),
@@ -349,24 +350,24 @@ def test_the_one_in_the_middle_who_answers_needs_the_static_key():
 def forgeries(pending: Pending):
     """Answers of the one in the middle, whose MAC is right for what the holder expects; the signature is what it can get."""
     genuine = json.loads(answered(pending).text)["signature"]
-    transcript = agreement.Transcript(
+    transcript = key_agreement.Transcript(
         audience=CELL,
         token=pending.token,
         proof=hashlib.sha256(pending.proof.encode()).digest(),
         holder_key=raw_of("gripper"),
         verifier_key=raw_of("pep"),
-        holder_public=agreement.public_of(seeded("holder")),
+        holder_public=key_agreement.public_of(seeded("holder")),
         holder_nonce=pending.nonce,
-        verifier_public=agreement.public_of(seeded("eve")),
+        verifier_public=key_agreement.public_of(seeded("eve")),
         verifier_nonce=seeded("eve nonce"),
         not_after=ENDS,
     )
-    derived = agreement.derive(agreement.agree(seeded("eve"), transcript.holder_public), transcript)
+    derived = key_agreement.derive(key_agreement.agree(seeded("eve"), transcript.holder_public), transcript)
     kid = keys.thumbprint(raw_of("pep"))
     signatures = [
         "",
         genuine,
-        agreement.sign(transcript, key_of("eve")),
+        key_agreement.sign(transcript, key_of("eve")),
         jws.sign({"kid": kid, "typ": "ztpm-session+jwt"}, transcript.digest(), key_of("eve")),
         # Signed by the verifier's own key, for another purpose or about something else:
         jws.sign({"kid": kid, "typ": "ztpm-ask+jwt"}, transcript.digest(), key_of("pep")),
@@ -374,7 +375,7 @@ def forgeries(pending: Pending):
         jws.sign({"typ": "ztpm-session+jwt"}, transcript.digest(), key_of("pep")),
         jws.sign({"kid": kid, "typ": "ztpm-session+jwt", "x": "y"}, transcript.digest(), key_of("pep")),
         jws.sign({"kid": kid, "typ": "ztpm-session+jwt"}, bytes(32), key_of("pep")),
-        agreement.sign(replace(transcript, not_after=ENDS + 1), key_of("pep")),
+        key_agreement.sign(replace(transcript, not_after=ENDS + 1), key_of("pep")),
         prove(
             key_of("pep"),
             method="POST",
@@ -393,18 +394,18 @@ def forgeries(pending: Pending):
                 "nonce": keys.b64u(transcript.verifier_nonce),
                 "not_after": ENDS,
                 "signature": signature,
-                "mac": keys.b64u(agreement.confirmation(derived, transcript, signature)),
+                "mac": keys.b64u(key_agreement.confirmation(derived, transcript, signature)),
             }
         )
     # The same answer with the verifier's own signature would hold: nothing but the signature was wrong.
-    signature = agreement.sign(transcript, key_of("pep"))
+    signature = key_agreement.sign(transcript, key_of("pep"))
     whole = {
         "profile": PROFILE,
         "key": keys.b64u(transcript.verifier_public),
         "nonce": keys.b64u(transcript.verifier_nonce),
         "not_after": ENDS,
         "signature": signature,
-        "mac": keys.b64u(agreement.confirmation(derived, transcript, signature)),
+        "mac": keys.b64u(key_agreement.confirmation(derived, transcript, signature)),
     }
     assert isinstance(concluded(pending, strict_json.canonical(whole)), Session)
     # And the signature alone, without the keys, is not enough.
@@ -428,26 +429,28 @@ def test_without_a_static_key_the_middle_can_answer_but_reaches_no_verifier():
 def test_a_signature_that_nobody_asked_for_is_none(signer):
     """The holder could not check it, so an answer that carries one is not the one that was agreed on."""
     pending = begun(verifier_key=None)
-    transcript = agreement.Transcript(
+    transcript = key_agreement.Transcript(
         audience=CELL,
         token=pending.token,
         proof=hashlib.sha256(pending.proof.encode()).digest(),
         holder_key=raw_of("gripper"),
         verifier_key=b"",
-        holder_public=agreement.public_of(seeded("holder")),
+        holder_public=key_agreement.public_of(seeded("holder")),
         holder_nonce=pending.nonce,
-        verifier_public=agreement.public_of(seeded("verifier")),
+        verifier_public=key_agreement.public_of(seeded("verifier")),
         verifier_nonce=seeded("verifier nonce"),
         not_after=ENDS,
     )
-    derived = agreement.derive(agreement.agree(seeded("verifier"), transcript.holder_public), transcript)
+    derived = key_agreement.derive(key_agreement.agree(seeded("verifier"), transcript.holder_public), transcript)
     for signature in (
         "",
         jws.sign(
-            {"kid": keys.thumbprint(raw_of(signer)), "typ": agreement.ANSWER_TYPE}, transcript.digest(), key_of(signer)
+            {"kid": keys.thumbprint(raw_of(signer)), "typ": key_agreement.ANSWER_TYPE},
+            transcript.digest(),
+            key_of(signer),
         ),
     ):
-        mac = keys.b64u(agreement.confirmation(derived, transcript, signature))
+        mac = keys.b64u(key_agreement.confirmation(derived, transcript, signature))
         members = {**json.loads(answered(pending, signer=None).text), "signature": signature, "mac": mac}
         found = concluded(pending, strict_json.canonical(members))
         assert code(found) == (FaultCode.PROOF_WRONG_KEY, "SES-5") if signature else isinstance(found, Session)

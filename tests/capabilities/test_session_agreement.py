@@ -9,11 +9,10 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
+from capabilities.proof.key_agreement import SessionKeys, Transcript, agree, derive, public_of
+from capabilities.values.errors import BadKeyError, FaultCode
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities.agreement import SessionKeys, Transcript, agree, derive, public_of
-from capabilities.errors import BadKeyError, FaultCode
 
 pytestmark = pytest.mark.clause("SES-3")
 

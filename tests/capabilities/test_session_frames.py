@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 from types import CodeType, FrameType
 
 import pytest
+from capabilities.proof.session_frames import LAST_COUNTER, MOST_MISSING, OVERHEAD_BYTES, End, Message, Session
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
-
-from capabilities.caps import DEFAULT
-from capabilities.errors import Fault, FaultCode
-from capabilities.frames import LAST_COUNTER, MOST_MISSING, OVERHEAD_BYTES, End, Message, Session
 
 NOW = 1_800_000_000
 ENDS = NOW + 600

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import jwt
 import pytest
+from capabilities.keys import jws, keys, signatures
+from capabilities.keys.signatures import P256_N, Checked
+from capabilities.values import strict_json
+from capabilities.values.errors import BadKeyError, FaultCode, StatementError
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, utils
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import jws, keys, signatures, strict_json
-from capabilities.errors import BadKeyError, FaultCode, StatementError
-from capabilities.signatures import P256_N, Checked
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.world import key_of
 

@@ -6,15 +6,15 @@ import re
 from pathlib import Path
 
 import pytest
-
-from capabilities import fact, freshness, meta
-from capabilities.agreement import ANSWER_TYPE, PROFILE
-from capabilities.caps import DEFAULT
-from capabilities.chain import EvidenceKind
-from capabilities.errors import FaultCode
-from capabilities.frames import MOST_MISSING
+from capabilities.proof import freshness, mcp_meta
+from capabilities.proof.key_agreement import ANSWER_TYPE, PROFILE
+from capabilities.proof.session_frames import MOST_MISSING
 from capabilities.statements import attestation, cell, checkpoint, observation, registry, revocation
-from capabilities.units import Unit
+from capabilities.token import fact
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import EvidenceKind
+from capabilities.values.errors import FaultCode
+from capabilities.values.units import Unit
 
 pytestmark = pytest.mark.clause(reason="the specification itself against the code")
 
@@ -74,7 +74,8 @@ def test_numbers_units_facts_and_kinds():
     assert f"{DEFAULT.proof_age_s} s" in SPEC
     assert f"kept for {freshness.retention_ms(DEFAULT) // 1000} s" in SPEC
     assert all(
-        f"`{name}`" in SPEC for name in (meta.TOKEN, meta.PROOF, meta.method("tools/call"), PROFILE, ANSWER_TYPE)
+        f"`{name}`" in SPEC
+        for name in (mcp_meta.TOKEN, mcp_meta.PROOF, mcp_meta.method("tools/call"), PROFILE, ANSWER_TYPE)
     )
     for kind, ceiling in (
         (EvidenceKind.KEY, DEFAULT.key_evidence_ceiling),

@@ -7,12 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
+from capabilities.token import biscuit, block, byte_layout, checks, fact, wire
+from capabilities.token.checks import Checks
+from capabilities.values.errors import TokenError
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import biscuit, block, checks, fact, spelled, wire
-from capabilities.checks import Checks
-from capabilities.errors import TokenError
 from tests.capabilities.world import (
     MOVE,
     NOW,
@@ -84,13 +83,13 @@ def answer(read: Callable[[], object]) -> object:
 @pytest.mark.clause("TOK-2", "TOK-6.1")
 def test_what_is_issued_is_read_off():
     for token in TOKENS:
-        assert spelled.structure(token) == wire._read(token)
+        assert byte_layout.structure(token) == wire._read(token)
     for payload, version in payloads():
-        assert spelled.contents(payload, wire._opened, version) == wire._contents(payload, version)
+        assert byte_layout.contents(payload, wire._opened, version) == wire._contents(payload, version)
     found = contexts()
     assert len(found) >= len(TOKENS)
     for symbols, encoded in found:
-        assert spelled.context(encoded, checks._spelling(symbols)) == list(checks._context(symbols, encoded))
+        assert byte_layout.context(encoded, checks._spelling(symbols)) == list(checks._context(symbols, encoded))
 
 
 numbers = st.none() | st.integers(0, LARGEST) | st.sampled_from([0, 1, 127, 128, 2**14 - 1, 2**14, LARGEST])
@@ -106,7 +105,7 @@ def test_numbers_of_every_length(not_before, not_after, ceiling):
     found = wire.contents(wire.read(token).blocks[0].payload, version=fact.AUTHORITY_VERSION)
     assert checks.read(found.symbols, found.checks) == demanded
     if found.checks:
-        context = spelled.context(found.checks[0], checks._spelling(found.symbols))
+        context = byte_layout.context(found.checks[0], checks._spelling(found.symbols))
         assert context == [not_before, not_after, ceiling]
 
 
@@ -126,7 +125,7 @@ def test_a_token_is_read_off_as_it_is_read():
                     token[:at] + bytes([value]) + token[at:],
                     token[:at] + token[at + 1 :],
                 ):
-                    found = spelled.structure(other)
+                    found = byte_layout.structure(other)
                     told += found is not None
                     assert found is None or found == answer(lambda other=other: wire._read(other)), other.hex()
     assert told > 1_000  # payloads, keys and signatures that were changed are read off too
@@ -138,7 +137,7 @@ def test_a_block_is_read_off_as_it_is_read(which):
     payload, version = [each for each in payloads() if each[1] == (3, 5)[which]][-1]
     told = 0
     for other in spoiled(payload, range(1, 256, 1 if len(payload) < 500 else 9)):
-        found = spelled.contents(other, wire._opened, version)
+        found = byte_layout.contents(other, wire._opened, version)
         told += found is not None
         assert found is None or found == answer(lambda other=other: wire._contents(other, version)), other.hex()
     assert told > 1_000
@@ -150,7 +149,7 @@ def test_a_check_is_read_off_as_it_is_read():
     for symbols, encoded in contexts()[:3]:
         spelling = checks._spelling(symbols)
         for other in spoiled(encoded):
-            found = spelled.context(other, spelling)
+            found = byte_layout.context(other, spelling)
             told += found is not None
             full = answer(lambda other=other, symbols=symbols: list(checks._context(symbols, other)))
             assert found is None or found == full, other.hex()
@@ -161,11 +160,11 @@ def test_a_check_is_read_off_as_it_is_read():
 @pytest.mark.parametrize("cut", [1, 2, 33, 40, 200])
 def test_lengths_that_reach_behind_the_end(cut):
     token = TOKENS[3]
-    assert spelled.structure(token[:-cut]) is None
-    assert spelled.structure(token + bytes(cut)) is None
+    assert byte_layout.structure(token[:-cut]) is None
+    assert byte_layout.structure(token + bytes(cut)) is None
     for payload, version in payloads():
-        assert spelled.contents(payload[:-cut], wire._opened, version) is None
-        assert spelled.contents(payload + bytes(cut), wire._opened, version) is None
+        assert byte_layout.contents(payload[:-cut], wire._opened, version) is None
+        assert byte_layout.contents(payload + bytes(cut), wire._opened, version) is None
 
 
 @pytest.mark.clause("BLK-9")
@@ -179,7 +178,7 @@ def test_a_number_in_more_bytes_than_it_needs_is_not_read_off():
     last = longer.rindex(b"\x1a\x13", 0, ceiling)
     longer = bytes([longer[0], longer[1] + 1, *longer[2:last], 0x1A, 0x14, *longer[last + 2 :]])
     assert wire.MESSAGES["Check"].FromString(longer).SerializeToString() == encoded
-    assert spelled.context(longer, spelling) is None
+    assert byte_layout.context(longer, spelling) is None
     assert isinstance(answer(lambda: checks._context(symbols, longer)), str)
 
 
@@ -190,7 +189,7 @@ def test_a_length_in_more_bytes_than_it_needs_is_not_read_off():
     assert len(last) < 0x80
     longer = payload[: -len(last) - 1] + bytes([len(last) | 0x80, 0]) + last
     assert wire.MESSAGES["Body"].FromString(longer) == wire.MESSAGES["Body"].FromString(payload)
-    assert spelled.contents(longer, wire._opened, version) is None
+    assert byte_layout.contents(longer, wire._opened, version) is None
 
 
 @pytest.mark.clause("BLK-9")
@@ -199,7 +198,7 @@ def test_a_check_that_demands_nothing_is_not_read_off():
     spelling = checks._spelling(symbols)
     demanding_nothing = bytes([0x0A, len(spelling.head)]) + spelling.head
     assert encoded[2:].startswith(spelling.head)
-    assert spelled.context(demanding_nothing, spelling) is None
+    assert byte_layout.context(demanding_nothing, spelling) is None
     assert isinstance(answer(lambda: checks._context(symbols, demanding_nothing)), str)
 
 
@@ -211,7 +210,7 @@ def test_a_block_with_something_behind_is_not_read_off():
     low, high = len(block_bytes) + 2 & 0x7F | 0x80, len(block_bytes) + 2 >> 7
     at = token.index(block_bytes)
     more = token[: at - 2] + bytes([low, high]) + block_bytes + b"\x30\x01" + token[at + len(block_bytes) :]
-    assert spelled.structure(more) is None
+    assert byte_layout.structure(more) is None
     assert wire._read(more) == wire._read(token)
 
 

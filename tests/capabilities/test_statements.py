@@ -7,11 +7,7 @@ import dataclasses
 import json
 
 import pytest
-
-from capabilities import jws, keys, strict_json
-from capabilities.caps import DEFAULT
-from capabilities.errors import FaultCode, StatementError
-from capabilities.scope import Tier
+from capabilities.keys import jws, keys
 from capabilities.statements import (
     admission,
     answers,
@@ -29,15 +25,19 @@ from capabilities.statements import (
     registry,
     response,
     revocation,
-    sealed,
+    statement_form,
     ticket,
-    trust,
+    trust_bundle,
     vote,
 )
 from capabilities.statements.body import BODY_BYTES
-from capabilities.units import INT_LIMIT, Quantity, Unit
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import FaultCode, StatementError
+from capabilities.values.scope import Tier
+from capabilities.values.units import INT_LIMIT, Quantity, Unit
 from tests.capabilities.test_keys import curve_of
-from tests.capabilities.world import CELL, ISSUER, NOW, TRUST, chain_of_four, chain_of, key_of, raw_of
+from tests.capabilities.world import CELL, ISSUER, NOW, TRUST, chain_of, chain_of_four, key_of, raw_of
 
 HEX = "ab" * 32
 SIGNER = key_of("signer")
@@ -269,7 +269,7 @@ KINDS = {
     intent: WANTED,
     admission: LET_IN,
     ticket: PASSED_ON,
-    trust: TRUST,
+    trust_bundle: TRUST,
 }
 each = pytest.mark.parametrize("module", KINDS, ids=lambda module: module.KIND)
 
@@ -325,7 +325,7 @@ def test_another_key_is_refused(module):
     assert code_of(module, text, frozenset()) is FaultCode.STATEMENT_UNTRUSTED
     # Signed by another, naming the trusted one.
     forged = jws.sign(
-        {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))},
+        {"typ": statement_form.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))},
         strict_json.canonical(claims_of(module)),
         key_of("eve"),
     )
@@ -336,7 +336,7 @@ def test_another_key_is_refused(module):
 @each
 def test_only_canonical_bytes(module):
     claims = claims_of(module)
-    header = {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
+    header = {"typ": statement_form.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
     canonical = strict_json.canonical(claims)
     first = next(iter(claims))
     payloads = [
@@ -360,7 +360,7 @@ def test_only_canonical_bytes(module):
 @pytest.mark.clause("STM-1", "STM-3")
 @each
 def test_the_header_is_closed(module):
-    header = {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
+    header = {"typ": statement_form.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
     canonical = strict_json.canonical(claims_of(module))
     for extra in (
         {"crit": ["x"]},
@@ -460,9 +460,9 @@ def test_every_member_has_its_form(module):
                 assert module.sign(opened, SIGNER) == text, (path, wrong)
     for name in claims:
         rest = {other: value for other, value in claims.items() if other != name}
-        assert code_of(module, sealed.sign(module.KIND, rest, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+        assert code_of(module, statement_form.sign(module.KIND, rest, SIGNER)) is FaultCode.STATEMENT_MALFORMED
         assert (
-            code_of(module, sealed.sign(module.KIND, {**claims, name + "2": 1}, SIGNER))
+            code_of(module, statement_form.sign(module.KIND, {**claims, name + "2": 1}, SIGNER))
             is FaultCode.STATEMENT_MALFORMED
         )
     assert refused > 25
@@ -470,9 +470,9 @@ def test_every_member_has_its_form(module):
 
 def sealed_text(module, claims: object) -> str | None:
     if not isinstance(claims, dict):
-        header = {"typ": sealed.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
+        header = {"typ": statement_form.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
         return jws.sign(header, strict_json.canonical(claims), SIGNER)
-    return sealed.sign(module.KIND, claims, SIGNER)
+    return statement_form.sign(module.KIND, claims, SIGNER)
 
 
 @pytest.mark.clause("STM-4")
@@ -481,7 +481,7 @@ def sealed_text(module, claims: object) -> str | None:
 )
 def test_what_no_statement_can_hold_is_not_signed(value):
     with pytest.raises(StatementError) as caught:
-        sealed.sign("checkpoint", {"x": value}, SIGNER)
+        statement_form.sign("checkpoint", {"x": value}, SIGNER)
     assert caught.value.code is FaultCode.STATEMENT_MALFORMED
 
 
@@ -504,7 +504,7 @@ def test_what_no_statement_can_hold_is_not_signed(value):
     ],
 )
 def test_a_word_on_conduct_is_consistent(change):
-    text = sealed.sign("conduct", {**claims_of(conduct), **change}, SIGNER)
+    text = statement_form.sign("conduct", {**claims_of(conduct), **change}, SIGNER)
     assert code_of(conduct, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -520,7 +520,7 @@ def test_the_largest_words_on_conduct_fit_a_statement():
 @pytest.mark.clause("STM-5")
 def test_evidence_names_the_key_that_signed_it():
     claims = {**claims_of(attestation), "key": keys.thumbprint(raw_of("other"))}
-    assert code_of(attestation, sealed.sign("attestation", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+    assert code_of(attestation, statement_form.sign("attestation", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-5")
@@ -539,7 +539,7 @@ def test_evidence_names_the_key_that_signed_it():
 )
 def test_an_index_is_consistent(change):
     assert (
-        code_of(revocation, sealed.sign("revocation", {**claims_of(revocation), **change}, SIGNER))
+        code_of(revocation, statement_form.sign("revocation", {**claims_of(revocation), **change}, SIGNER))
         is FaultCode.STATEMENT_MALFORMED
     )
 
@@ -547,7 +547,7 @@ def test_an_index_is_consistent(change):
 @pytest.mark.clause("STM-5")
 def test_an_index_is_bounded():
     many = [{"epoch": 3, "kind": "agent", "id": f"a{i}"} for i in range(revocation.ENTRIES + 1)]
-    text = sealed.sign("revocation", {**claims_of(revocation), "entries": many}, SIGNER)
+    text = statement_form.sign("revocation", {**claims_of(revocation), "entries": many}, SIGNER)
     assert code_of(revocation, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -600,7 +600,7 @@ WORDS_OF_A_MESSAGE = {
 @pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("name", WORDS_OF_A_MESSAGE)
 def test_a_message_is_well_formed(name):
-    text = sealed.sign("message", {**claims_of(message), **WORDS_OF_A_MESSAGE[name]}, SIGNER)
+    text = statement_form.sign("message", {**claims_of(message), **WORDS_OF_A_MESSAGE[name]}, SIGNER)
     assert code_of(message, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -688,7 +688,7 @@ def test_a_response_is_to_one_call(name):
 @pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("change", [{"not_after": NOW}, {"not_after": NOW + response.LIFETIME_S + 1}])
 def test_a_response_lives_for_a_while(change):
-    text = sealed.sign("response", {**claims_of(response), **change}, SIGNER)
+    text = statement_form.sign("response", {**claims_of(response), **change}, SIGNER)
     assert code_of(response, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -708,7 +708,7 @@ NO_ROWS = {
 @pytest.mark.clause("STM-12")
 @pytest.mark.parametrize("name", NO_ROWS)
 def test_a_row_of_a_memory_is_well_formed(name):
-    text = sealed.sign("memory", {**claims_of(memory), **NO_ROWS[name]}, SIGNER)
+    text = statement_form.sign("memory", {**claims_of(memory), **NO_ROWS[name]}, SIGNER)
     assert code_of(memory, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -730,7 +730,7 @@ LISTS_THAT_ARE_NONE = {
 @pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("name", LISTS_THAT_ARE_NONE)
 def test_a_manifest_is_well_formed(name):
-    text = sealed.sign("manifest", {**claims_of(manifest), **LISTS_THAT_ARE_NONE[name]}, SIGNER)
+    text = statement_form.sign("manifest", {**claims_of(manifest), **LISTS_THAT_ARE_NONE[name]}, SIGNER)
     assert code_of(manifest, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -791,7 +791,7 @@ NO_INTENTS = {
 @pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("name", NO_INTENTS)
 def test_an_intent_is_well_formed(name):
-    text = sealed.sign("intent", {**claims_of(intent), **NO_INTENTS[name]}, SIGNER)
+    text = statement_form.sign("intent", {**claims_of(intent), **NO_INTENTS[name]}, SIGNER)
     assert code_of(intent, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -869,7 +869,7 @@ NO_RECEIPTS = {
 @pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("name", NO_RECEIPTS)
 def test_a_receipt_is_well_formed(name):
-    text = sealed.sign("admission", {**claims_of(admission), **NO_RECEIPTS[name]}, SIGNER)
+    text = statement_form.sign("admission", {**claims_of(admission), **NO_RECEIPTS[name]}, SIGNER)
     assert code_of(admission, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -877,7 +877,7 @@ def test_a_receipt_is_well_formed(name):
 @pytest.mark.parametrize("member", ["tools", "sensors", "trust"])
 def test_a_snapshot_names_each_once(member):
     claims = claims_of(registry)
-    text = sealed.sign("registry", {**claims, member: claims[member] * 2}, SIGNER)
+    text = statement_form.sign("registry", {**claims, member: claims[member] * 2}, SIGNER)
     assert code_of(registry, text) is FaultCode.STATEMENT_MALFORMED
 
 
@@ -921,7 +921,7 @@ def test_a_snapshot_answers_by_name():
 def test_a_shape_is_well_formed(shape):
     claims = claims_of(observation)
     wrong = put(claims, ("objects", 0, "shape"), shape)
-    assert code_of(observation, sealed.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+    assert code_of(observation, statement_form.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-5")
@@ -951,7 +951,7 @@ def test_a_shape_is_well_formed(shape):
 )
 def test_a_frame_is_well_formed(path, value):
     wrong = put(claims_of(observation), path, value)
-    assert code_of(observation, sealed.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+    assert code_of(observation, statement_form.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-5")
@@ -965,7 +965,7 @@ def test_a_frame_names_each_once():
     claims = claims_of(observation)
     for member in ("people", "objects"):
         assert (
-            code_of(observation, sealed.sign("observation", {**claims, member: claims[member] * 2}, SIGNER))
+            code_of(observation, statement_form.sign("observation", {**claims, member: claims[member] * 2}, SIGNER))
             is FaultCode.STATEMENT_MALFORMED
         )
 
@@ -976,7 +976,7 @@ def test_what_no_sensor_speaks_of_has_no_source(source):
     claims = claims_of(ask)
     assert ["source" in each for each in claims["contributors"]] == [True, False]
     claims["contributors"][1]["source"] = source
-    assert code_of(ask, sealed.sign("ask", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+    assert code_of(ask, statement_form.sign("ask", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-1")
@@ -1042,7 +1042,7 @@ CONTRADICTORY_CELLS = {
 @pytest.mark.clause("STM-5")
 @pytest.mark.parametrize("name", CONTRADICTORY_CELLS)
 def test_a_cell_does_not_contradict_itself(name):
-    text = sealed.sign("cell", {**claims_of(cell), **CONTRADICTORY_CELLS[name]}, SIGNER)
+    text = statement_form.sign("cell", {**claims_of(cell), **CONTRADICTORY_CELLS[name]}, SIGNER)
     assert code_of(cell, text) is FaultCode.STATEMENT_MALFORMED
 
 

@@ -9,15 +9,16 @@ import re
 from pathlib import Path
 
 import pytest
-
-from capabilities import keys, statements
-from capabilities.caps import DEFAULT
-from capabilities.errors import FaultCode
+from capabilities.keys import keys
 from capabilities.statements import attestation, message, vote
 from capabilities.statements.roles import SIGNER_OF, Signer
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import FaultCode
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.test_statements import EVIDENCE, KINDS, SAID, VOTED, code_of
 from tests.capabilities.world import key_of
+
+from capabilities import statements
 
 pytestmark = pytest.mark.clause("STM-3")
 

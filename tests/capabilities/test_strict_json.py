@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pytest
-
-from capabilities import strict_json
-from capabilities.errors import FaultCode, StatementError
-from capabilities.units import INT_LIMIT
+from capabilities.values import strict_json
+from capabilities.values.errors import FaultCode, StatementError
+from capabilities.values.units import INT_LIMIT
 
 pytestmark = pytest.mark.clause("PRF-1", "STM-1")
 

@@ -6,16 +6,16 @@ import dataclasses
 import hashlib
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
-from capabilities import jws, keys, strict_json
-from capabilities.caps import DEFAULT
-from capabilities.errors import Fault, FaultCode
-from capabilities.statements import response, sealed, ticket
+from capabilities.keys import jws, keys
+from capabilities.statements import response, statement_form, ticket
 from capabilities.statements.revocation import RevocationView
 from capabilities.statements.ticket import Carried, Ticket
-from pep.replay import ReplayCache
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode
+from hypothesis import given
+from hypothesis import strategies as st
+from pep.journal.replay_cache import ReplayCache
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.test_statements import ANSWERED
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, VIEW, key_of, raw_of
@@ -58,7 +58,7 @@ def test_the_header_is_fixed():
 def forged(**claims):
     """A ticket whose claims say something else, signed by the right key."""
     stated = strict_json.parse_object(jws.split(issued(), most_bytes=ticket.BYTES).payload_raw)
-    return sealed.sign(ticket.KIND, {**stated, **claims}, key_of("door"))
+    return statement_form.sign(ticket.KIND, {**stated, **claims}, key_of("door"))
 
 
 FORMS = {

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import biscuit_auth
 import pytest
-
-from capabilities import biscuit, checks, wire
-from capabilities.caps import DEFAULT
-from capabilities.chain import Attestation, Chain, EvidenceKind
-from capabilities.errors import CapabilityError, Fault, FaultCode
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Tier
-from capabilities.verify import Verifier
+from capabilities.token import biscuit, checks, wire
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Attestation, Chain, EvidenceKind
+from capabilities.values.errors import CapabilityError, Fault, FaultCode
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Tier
 from tests.capabilities.world import (
     CELL,
     LEASE_MS,
@@ -355,7 +354,7 @@ def test_tok_6_a_hop_block_with_other_contents(defect):
 
 def raw_authority(*, extra: str = "", drop: tuple[int, ...] = (), old: str = "", new: str = "") -> bytes:
     """An authority block signed by the root key whose statements are left out, added to, or written differently."""
-    from capabilities import block  # noqa: PLC0415
+    from capabilities.token import block  # noqa: PLC0415
     from tests.capabilities.world import ROOT_ID, SPONSOR, TOKEN_ID, grant_to  # noqa: PLC0415
 
     made = block.AuthorityBlock(TOKEN_ID, SPONSOR, 0, grant_to("orchestrator", "alice"), SCOPE)
@@ -424,7 +423,7 @@ def test_tok_6_even_an_attester_adds_nothing(extra):
 
 
 def hop_parts():
-    from capabilities import block  # noqa: PLC0415
+    from capabilities.token import block  # noqa: PLC0415
 
     made = block.HopBlock(1, grant_to("robotic", "orchestrator"), SLOWER)
     return block.fact(made), block.checks(made, SCOPE)

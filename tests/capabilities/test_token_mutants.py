@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import pytest
-
-from capabilities import biscuit, wire
-from capabilities.caps import DEFAULT
-from capabilities.errors import Fault, FaultCode, TokenError
-from capabilities.scope import Grant, Tier
+from capabilities.token import biscuit, wire
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode, TokenError
+from capabilities.values.scope import Grant, Tier
 from tests.capabilities.world import (
+    CELL,
     NOW,
     READ,
     SCOPE,
+    SLOWER,
     Forge,
     add_hop,
     chain_of_four,
     check,
     mint_root,
     raw_of,
-    SLOWER,
-    CELL,
 )
-from dataclasses import replace
 
 pytestmark = pytest.mark.clause("TOK-3", "TOK-5")
 

@@ -10,10 +10,9 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-
-from capabilities.errors import FaultCode
-from capabilities.keys import b64u
-from capabilities.scope import Restriction
+from capabilities.keys.keys import b64u
+from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Restriction
 from tests.vectors.tokens import codec, generate
 from tests.vectors.tokens.ordinary import LESS, SMALL, STOP, authority, hop, message, replaced
 from tests.vectors.tokens.sealing import put, raw_of, seal

@@ -6,18 +6,18 @@ import threading
 from dataclasses import replace
 
 import pytest
-
-from capabilities import biscuit, block, keys, links
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain
-from capabilities.errors import CapabilityError, Fault, FaultCode, TokenError
-from capabilities.request import disagreement
-from capabilities.links import NotNarrowerError
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Tier
+from capabilities.keys import keys
+from capabilities.keys.windows import Window
 from capabilities.statements.revocation import RevocationView, Revoked
-from capabilities.windows import Window
-from capabilities.units import Quantity, Unit
-from capabilities.verify import Verifier, inspect_token, tightest, token_from_text, token_to_text
+from capabilities.token import biscuit, block, hop_rules
+from capabilities.token.hop_rules import NotNarrowerError
+from capabilities.token.scope_check import disagreement
+from capabilities.token.verify import Verifier, inspect_token, tightest, token_from_text, token_to_text
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.errors import CapabilityError, Fault, FaultCode, TokenError
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Tier
+from capabilities.values.units import Quantity, Unit
 from tests.capabilities.world import (
     CELL,
     FORCE,
@@ -100,7 +100,7 @@ def test_an_agent_without_role_has_not_the_role_without_name():
     parents = (replace(chain_of(mint_root()).leaf, scope=nobody),)
     added = block.HopBlock(1, grant_to("eve", "orchestrator"), Restriction(ceiling=Tier(1)))
     with pytest.raises(TokenError) as caught:
-        links.next_hop(parents, added, reserved=frozenset(), caps=DEFAULT)
+        hop_rules.next_hop(parents, added, reserved=frozenset(), caps=DEFAULT)
     assert caught.value.code is FaultCode.DELEGATE_NOT_ALLOWED
 
 

@@ -6,14 +6,14 @@ import json
 from dataclasses import replace
 
 import pytest
-
-from capabilities import keys, strict_json
-from capabilities.caps import DEFAULT
-from capabilities.errors import BadKeyError, CapabilityError, Fault, FaultCode
-from capabilities.statements import sealed, trust
-from capabilities.succession import Seen, check_bundle, succeed
-from capabilities.trust import TrustBundle
-from capabilities.windows import FOREVER, KEYS_OF_A_ROLE, Role, Standing, Window
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
+from capabilities.keys.windows import FOREVER, KEYS_OF_A_ROLE, Role, Standing, Window
+from capabilities.rotation.succession import Seen, check_bundle, succeed
+from capabilities.statements import statement_form, trust_bundle
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import BadKeyError, CapabilityError, Fault, FaultCode
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.world import NOW, ROOT_ID, TRUST, key_of, raw_of
 
@@ -255,7 +255,7 @@ AT = NOW + 3 * HOUR
 
 
 def follow(held, newer, key, at=AT):
-    return succeed(held, trust.sign(newer, key), at=at, caps=DEFAULT)
+    return succeed(held, trust_bundle.sign(newer, key), at=at, caps=DEFAULT)
 
 
 @pytest.mark.clause("TRB-5")
@@ -300,13 +300,19 @@ def test_a_bundle_that_may_not_follow(name):
 
 @pytest.mark.clause("TRB-5")
 def test_a_bundle_in_another_kind_or_spelling_does_not_follow():
-    registry_like = sealed.sign("registry", LATER.to_members(), OLD)
+    registry_like = statement_form.sign("registry", LATER.to_members(), OLD)
     assert succeed(FIRST, registry_like, at=AT, caps=DEFAULT).code is FaultCode.STATEMENT_WRONG_KIND
     members = LATER.to_members()
     turned = {**members, "registry": members["registry"][::-1]}
-    assert succeed(FIRST, sealed.sign("trust", turned, OLD), at=AT, caps=DEFAULT).code is FaultCode.STATEMENT_MALFORMED
+    assert (
+        succeed(FIRST, statement_form.sign("trust", turned, OLD), at=AT, caps=DEFAULT).code
+        is FaultCode.STATEMENT_MALFORMED
+    )
     empty = {**members, "feed": []}
-    assert succeed(FIRST, sealed.sign("trust", empty, OLD), at=AT, caps=DEFAULT).code is FaultCode.STATEMENT_MALFORMED
+    assert (
+        succeed(FIRST, statement_form.sign("trust", empty, OLD), at=AT, caps=DEFAULT).code
+        is FaultCode.STATEMENT_MALFORMED
+    )
     for text in ("", "a.b.c", strict_json.canonical(members).decode()):
         assert succeed(FIRST, text, at=AT, caps=DEFAULT).code is FaultCode.STATEMENT_MALFORMED
 

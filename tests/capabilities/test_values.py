@@ -7,13 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from capabilities.values import text
+from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.scope import Grant, Limit, OneOf, Range
+from capabilities.values.units import INT_LIMIT, Parameter, Unit
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities import text
-from capabilities.errors import FaultCode, ScopeError
-from capabilities.scope import Grant, Limit, OneOf, Range
-from capabilities.units import INT_LIMIT, Parameter, Unit
 from tests.capabilities.world import SCOPE, chain_of, mint_root
 
 SPEC = (Path(__file__).parents[2] / "docs" / "spec.md").read_text()

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
 import biscuit_auth
 import pytest
-
-from capabilities import jws, keys, signatures, wire
-from capabilities.caps import DEFAULT
-from capabilities.errors import CapabilityError, Fault, TokenError
+from capabilities.keys import jws, keys, signatures
+from capabilities.token import wire
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import CapabilityError, Fault, TokenError
 from tests.capabilities.world import ROOT_ID, TRUST, check
-from dataclasses import replace
 
 VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
 BISCUIT = VECTORS / "biscuit" / "samples.json"

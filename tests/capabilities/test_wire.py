@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import pytest
-
-from capabilities import biscuit, block, checks, symbols, wire
-from capabilities.checks import Alternative, Checks
-from capabilities.errors import FaultCode, TokenError
-from capabilities.scope import OneOf, Range
+from capabilities.token import biscuit, block, checks, symbols, wire
+from capabilities.token.checks import Alternative, Checks
+from capabilities.values.errors import FaultCode, TokenError
+from capabilities.values.scope import OneOf, Range
 from tests.capabilities.world import SCOPE, SPONSOR, TOKEN_ID, chain_of_four, grant_to, key_of
 
 

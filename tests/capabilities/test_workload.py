@@ -8,14 +8,15 @@ from dataclasses import replace
 
 import jwt
 import pytest
+from capabilities.keys import keys
+from capabilities.statements import workload
+from capabilities.values import text
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import CapabilityError, FaultCode, ScopeError, StatementError
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities import keys, text, workload
-from capabilities.caps import DEFAULT
-from capabilities.errors import CapabilityError, FaultCode, ScopeError, StatementError
 from tests.capabilities.world import ISSUER, NOW, key_of, raw_of
 
 DOMAIN = "cell.example"

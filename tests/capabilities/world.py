@@ -6,19 +6,20 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-
-from capabilities import biscuit, block, keys, strict_json
-from capabilities.trust import TrustBundle
-from capabilities.caps import DEFAULT
-from capabilities.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
-from capabilities.delegate import delegate
-from capabilities.errors import Fault
-from capabilities.mint import mint
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
 from capabilities.statements.revocation import RevocationView
-from capabilities.units import Parameter, Quantity, Unit
-from capabilities.verify import Verifier, verify
+from capabilities.token import biscuit, block
+from capabilities.token.delegate import delegate
+from capabilities.token.mint import mint
+from capabilities.token.verify import Verifier, verify
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
+from capabilities.values.errors import Fault
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Quantity, Unit
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
 NOW = 1_800_000_000
 ISSUER = "http://127.0.0.1:8000/ztpm"

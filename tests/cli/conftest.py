@@ -3,12 +3,11 @@ from dataclasses import dataclass, field
 
 import pytest
 from typer.testing import CliRunner
-
+from ztpm.base.layout import Layout
+from ztpm.cell.setup import Addresses, initialise
 from ztpm.cli import app
 from ztpm.cli.output import console
 from ztpm.cli.passphrase import VARIABLE
-from ztpm.layout import Layout
-from ztpm.setup import Addresses, initialise
 
 PASSPHRASE = "a passphrase for tests"
 

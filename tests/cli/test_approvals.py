@@ -1,12 +1,11 @@
 """`ztpm approvals`: what is shown is what is bound, and every end of a command has its status and its code."""
 
 import pytest
-
-from capabilities import keys
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import ask
-from capabilities.units import Quantity, Unit
-from ztpm.layout import new_key
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit
+from ztpm.base.layout import new_key
 from ztpm_idp.client import ClientError
 
 ID, DIGEST = "0123456789abcdef" * 2, "ab" * 32

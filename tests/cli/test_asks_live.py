@@ -6,18 +6,17 @@ import time
 import httpx2
 import pytest
 import rfc8785
-
-from capabilities import keys
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import ask
-from capabilities.units import Quantity, Unit
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit
 from tests.cli.conftest import PASSPHRASE
 from tests.cli.test_approvals import SHOWN
 from tests.cli.test_live import live  # noqa: F401 - a fixture
-from ztpm.layout import read_key
+from ztpm.base.layout import read_key
 from ztpm_idp.client import ProofAuth
 
-pytest.importorskip("ztpm_idp.answering", reason="the identity provider does not take asks yet")
+pytest.importorskip("ztpm_idp.client.person_answers", reason="the identity provider does not take asks yet")
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]
 
 

@@ -8,20 +8,19 @@ import stat
 import time
 
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT
-from capabilities.rotation import State
-from capabilities.succession import check_bundle, succeed
-from capabilities.statements import trust as trust_statement
-from capabilities.trust import TrustBundle
-from capabilities.windows import Role
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
+from capabilities.keys.windows import Role
+from capabilities.rotation.rotation import State
+from capabilities.rotation.succession import check_bundle, succeed
+from capabilities.statements import trust_bundle as trust_statement
+from capabilities.values.caps import DEFAULT
 from tests.cli.conftest import PASSPHRASE
-from ztpm import key_ring
-from ztpm.layout import Layout
-from ztpm.lock import DirectoryLock
-from ztpm_idp.key_ring import check_current
-from ztpm_idp.keys import SettingsError
+from ztpm.base.layout import Layout
+from ztpm.base.lock import DirectoryLock
+from ztpm.cell import key_ring
+from ztpm_idp.keys.key_files import SettingsError
+from ztpm_idp.keys.key_ring import check_current
 from ztpm_idp.settings import load_keys, load_settings
 
 

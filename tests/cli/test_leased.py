@@ -1,8 +1,7 @@
 """`ztpm rtde run` and `connect`, where there is nobody to talk to; with a gateway: tests/e2e/test_gateway.py."""
 
 import pytest
-
-from ztpm.layout import new_key
+from ztpm.base.layout import new_key
 
 from .conftest import PASSPHRASE
 

@@ -4,13 +4,12 @@ import json
 import secrets
 
 import pytest
-
-from capabilities.scope_json import restriction_to_json, scope_to_json
+from capabilities.values.scope_json import restriction_to_json, scope_to_json
 from tests.cli.conftest import PASSPHRASE
-from ztpm.cell import Cell
+from ztpm.base.layout import Layout
+from ztpm.cell.cell import Cell
+from ztpm.cell.setup import free_addresses, initialise
 from ztpm.demo.stage import arm_only, sweep_scope
-from ztpm.layout import Layout
-from ztpm.setup import free_addresses, initialise
 from ztpm_idp.client import Operator
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]
@@ -23,7 +22,7 @@ def live(tmp_path_factory):
     initialise(layout, addresses, passphrase=PASSPHRASE.encode(), policy="paper-default", defer_timeout_s=60)
     with Cell(layout, addresses, PASSPHRASE.encode(), (0.0,) * 6) as cell:
         cell.start_idp()
-        from ztpm.layout import read_key
+        from ztpm.base.layout import read_key
 
         key = read_key(layout.operator_key("carol"), PASSPHRASE.encode())
         with Operator("carol", key, addresses.issuer) as carol:
@@ -114,11 +113,11 @@ def test_pin_with_nothing_to_do_and_after_a_change(run, live, monkeypatch):
     assert run("mcp", "pin", *who, "--json").json == {"ok": True, "pinned": []}
     from dataclasses import replace
 
-    import pep.mcp.arm
+    import pep.mcp.arm_server
 
-    before = pep.mcp.arm.tool_definitions()
+    before = pep.mcp.arm_server.tool_definitions()
     after = (replace(before[0], definition_digest="ab" * 32), *before[1:])
-    monkeypatch.setattr(pep.mcp.arm, "tool_definitions", lambda: after)
+    monkeypatch.setattr(pep.mcp.arm_server, "tool_definitions", lambda: after)
     assert run("mcp", "pin", *who, "--yes", "--json").json == {"ok": True, "pinned": [before[0].name]}
     assert run("mcp", "pin", *who, "--json").json == {"ok": True, "pinned": []}
     assert run("mcp", "pin", "--data", live.layout.root, "--as", "nobody", "--json").status == 2

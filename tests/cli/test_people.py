@@ -3,9 +3,8 @@
 import hashlib
 
 import pytest
-
-from capabilities import keys
-from ztpm.layout import read_key
+from capabilities.keys import keys
+from ztpm.base.layout import read_key
 from ztpm_idp.client import ClientError
 
 ROW = {
@@ -109,10 +108,10 @@ def test_pin_says_that_the_registry_does_not_answer(run, cell, double):
 @pytest.fixture
 def changed(cell, monkeypatch):
     """The registry knows an earlier definition of one tool, and nothing of another."""
-    import ztpm.enrolment
-    from capabilities.scope import Tier
+    import ztpm.cell.enrolment
     from capabilities.statements.registry import RegistrySnapshot, ToolEntry
-    from pep.mcp.arm import tool_definitions
+    from capabilities.values.scope import Tier
+    from pep.mcp.arm_server import tool_definitions
 
     served = tool_definitions()
     entries = [ToolEntry(t.name, t.definition_digest, t.operation, Tier(t.base_tier)) for t in served]
@@ -121,7 +120,7 @@ def changed(cell, monkeypatch):
     snapshot = RegistrySnapshot(
         "http://127.77.0.9:8700/ztpm", 1, "http://127.77.0.9:8800/mcp", 0, tuple(entries), (), (), (), ()
     )
-    monkeypatch.setattr(ztpm.enrolment, "registered", lambda issuer, audience, trust: snapshot)
+    monkeypatch.setattr(ztpm.cell.enrolment, "registered", lambda issuer, audience, trust: snapshot)
     return [served[0].name, served[1].name]
 
 

@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-
 from docs import generate
 from pep.pit import Robot
 from pep.pit.checker import Verified, verify

@@ -14,8 +14,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
-
-import ztpm
 from docs import generate
 from pep.pit import (
     Box,
@@ -38,9 +36,11 @@ from pep.pit.postures import Part, nearest, route_of
 from tests.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
 from ztpm.pit import Arm, asked
 from ztpm.pit_picture import COLOURS, FACES, corners, picture, to_plain
-from ztpm.pit_picture_html import page
 from ztpm.pit_picture_faces import pieces_of
+from ztpm.pit_picture_html import page
 from ztpm.pit_picture_views import ABOVE, Camera, _body, frame, level, outline, patches_of
+
+import ztpm
 
 EXAMPLES = Path(generate.__file__).parent / "examples"
 SCRIPT = Path(ztpm.__file__).with_name("pit_picture.js")

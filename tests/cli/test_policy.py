@@ -5,15 +5,14 @@ import json
 
 import pytest
 import rfc8785
-
-from pep.rtde.leased_requests import BASE_TIERS
-from policies import Point, load, load_shipped
-from policies.load import TEXT_LIMIT
+from pep.rtde.judge.command_requests import BASE_TIERS
+from policies.decide.load import TEXT_LIMIT
 from tests.pep.kit import MOVE, Rig, full_scope, reading
 from tests.policies.test_advice import GATED
 from tests.policies.test_load import BAD, GOOD
-from ztpm.cli.policy import operations
+from ztpm.cli.policy.commands import operations
 
+from policies import Point, load, load_shipped
 
 MINE = """
 name = "mine"

@@ -10,8 +10,7 @@ import sys
 import time
 
 import pytest
-
-from pep.sim.faults import FaultError, PlannedFault
+from ursim.ports.faults import FaultError, PlannedFault
 
 pytestmark = pytest.mark.e2e
 

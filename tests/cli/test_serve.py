@@ -4,8 +4,7 @@ import asyncio
 import sys
 
 import pytest
-
-from ztpm import gateway_server
+from ztpm.point import gateway_server
 
 
 class BecameError(Exception):
@@ -15,8 +14,8 @@ class BecameError(Exception):
 @pytest.mark.parametrize(
     ("command", "module", "config"),
     [
-        (("mcp", "serve"), "ztpm.tool_door", "cell_config"),
-        (("rtde", "gateway"), "ztpm.gateway_server", "gateway_config"),
+        (("mcp", "serve"), "ztpm.point.tool_proxy", "cell_config"),
+        (("rtde", "gateway"), "ztpm.point.gateway_server", "gateway_config"),
     ],
 )
 def test_a_process_of_a_cell_has_the_cells_configuration(run, cell, tmp_path, monkeypatch, command, module, config):

@@ -6,10 +6,9 @@ import signal
 import socket
 
 import pytest
-
-from ztpm.layout import Layout
-from ztpm.lock import DirectoryLock
-from ztpm.setup import Addresses, SetupError, read_addresses
+from ztpm.base.layout import Layout
+from ztpm.base.lock import DirectoryLock
+from ztpm.cell.setup import Addresses, SetupError, read_addresses
 
 ADDRESSES = Addresses("127.77.0.9")
 

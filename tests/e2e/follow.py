@@ -9,11 +9,10 @@ import time
 from pathlib import Path
 
 import httpx2
-
-from capabilities.trust import TrustBundle
-from capabilities.caps import DEFAULT
-from pep.clock import SystemClock
-from pep.feed import Follower, MarkFile
+from capabilities.keys.trust import TrustBundle
+from capabilities.values.caps import DEFAULT
+from pep.base.clock import SystemClock
+from pep.provider.feed import Follower, MarkFile
 
 LOOK_S = 0.0005
 """How often the view is looked at: the resolution of what is measured."""

@@ -9,7 +9,7 @@ import runpy
 import sys
 from pathlib import Path
 
-from ztpm.processes import Child
+from ztpm.base.processes import Child
 
 TOP = Path(__file__).parents[2]
 DEFECTS = {}
@@ -31,32 +31,32 @@ def defect(function):
 @defect
 def idp_lends_more():
     """The identity provider no longer asks whether a child is narrower."""
-    from capabilities import algebra, links
+    from capabilities.token import hop_rules
+    from capabilities.values import algebra
 
-    links._narrower = lambda parent, block: algebra.stated(parent, block.restriction)
+    hop_rules._narrower = lambda parent, block: algebra.stated(parent, block.restriction)
 
 
 @defect
 def idp_takes_any_evidence():
     """The identity provider takes evidence that was made for another request."""
-    from ztpm_idp.domain import attestation, issuing
-    from ztpm_idp.domain.events import NonceConsumed
-
-    from capabilities.chain import EvidenceKind
     from capabilities.statements import attestation as statement
+    from capabilities.values.chain import EvidenceKind
+    from ztpm_idp.domain import attestation, issuance
+    from ztpm_idp.domain.events import NonceConsumed
 
     def judge(rules, state, agent, evidence, *, delegator, request_digest, purpose, at_ms):
         spent = NonceConsumed(statement.open(evidence, {agent.key}, rules.caps).nonce, purpose)
         return attestation.Shown(spent, EvidenceKind.JWT)
 
-    attestation.judge = issuing.judge = judge
+    attestation.judge = issuance.judge = judge
 
 
 @defect
 def pep_takes_unattested_blocks():
     """Step 4 is gone, and so is asking for each key again: a block needs no attester."""
-    from capabilities import reading
-    from capabilities.verify import Verifier
+    from capabilities.token import static_verification as reading
+    from capabilities.token.verify import Verifier
 
     reading._check_attested = lambda shape, signers, trust: None
     Verifier._check_signers = lambda self, read, at: None
@@ -65,14 +65,14 @@ def pep_takes_unattested_blocks():
 @defect
 def pep_grants_everything():
     """Steps 11 and 12 are gone: neither the compiled scope nor Biscuit's authorizer is asked."""
-    from capabilities.verify import Verifier
+    from capabilities.token.verify import Verifier
 
     Verifier.check_request = lambda self, chain, **k: None
 
 
 @defect
 def pep_forgets_proofs():
-    from pep.replay import ReplayCache
+    from pep.journal.replay_cache import ReplayCache
 
     ReplayCache.first_use = lambda self, jti, *, key, expires_ms: True
 
@@ -80,7 +80,7 @@ def pep_forgets_proofs():
 @defect
 def pep_takes_any_key():
     """Step 10 does not ask whose key signed the proof."""
-    from pep import authority
+    from pep.request import authority
 
     check = authority.check_proof
     authority.check_proof = lambda proof, **k: check(proof, **{**k, "key": None})
@@ -89,7 +89,8 @@ def pep_takes_any_key():
 @defect
 def pep_trusts_a_token_it_knows():
     """Step 3 is answered from the last token that was opened, whatever the bytes are now, and step 5 does not compare."""
-    from capabilities import biscuit, reading
+    from capabilities.token import biscuit
+    from capabilities.token import static_verification as reading
 
     reading._check_canonical = lambda opened, token: None
 
@@ -118,7 +119,7 @@ def pep_ignores_trust():
 @defect
 def idp_charges_nobody():
     """Whatever an agent tries, its trust is that of a stranger."""
-    from policies import trust
+    from policies.conduct import trust
 
     trust.observe = lambda state, report, parameters, *, now: state
 
@@ -127,7 +128,7 @@ def idp_charges_nobody():
 def pep_is_blind_to_people():
     import dataclasses
 
-    from pep import world
+    from pep.world import world
 
     def blind(honest):
         def look(robot, scene, *rest, **named):
@@ -140,7 +141,7 @@ def pep_is_blind_to_people():
 
 @defect
 def pep_never_ends_an_ask():
-    from pep.approvals import Asks
+    from pep.people.asks import Asks
 
     Asks.expire = lambda self: ()
 
@@ -150,8 +151,8 @@ def pep_ignores_the_ceiling():
     """TEA-4 sees every chain with the highest ceiling."""
     import dataclasses
 
-    from capabilities.chain import Chain
-    from capabilities.scope import Tier
+    from capabilities.values.chain import Chain
+    from capabilities.values.scope import Tier
     from policies.primitives import tools
 
     honest = tools.verified_chain
@@ -168,7 +169,7 @@ def pep_ignores_the_ceiling():
 
 @defect
 def pep_reads_nan():
-    from capabilities import strict_json
+    from capabilities.values import strict_json
 
     strict_json._constant = strict_json._finite = float
 
@@ -199,7 +200,7 @@ def pep_ignores_sponsors():
 def pep_ignores_the_age_of_its_view():
     import dataclasses
 
-    from pep.feed import Follower
+    from pep.provider.feed import Follower
 
     honest = Follower.view
     Follower.view = lambda self: dataclasses.replace(honest(self), age_ms=0)
@@ -210,9 +211,9 @@ def pep_moves_without_asking():
     """The decision is always PERMIT."""
     import dataclasses
 
-    from pep import gate
-    from policies.model import Effect
-    from policies.reasons import Reason
+    from pep.gate import gate
+    from policies.evidence.model import Effect
+    from policies.words.reason_table import Reason
 
     honest = gate.decide
 
@@ -225,7 +226,7 @@ def pep_moves_without_asking():
 @defect
 def pep_never_uses_an_approval_up():
     """A use that was consumed is there again."""
-    from pep.deferral import Deferral
+    from pep.people.deferral import Deferral
 
     honest = Deferral.consume
 
@@ -240,7 +241,7 @@ def pep_never_uses_an_approval_up():
 @defect
 def pep_ignores_what_was_shown():
     """An approval counts for whatever world it is used in."""
-    from policies import approval
+    from policies.decide import approval
 
     approval._differences = lambda case, reading, reasons, policies: iter(())
 
@@ -248,16 +249,16 @@ def pep_ignores_what_was_shown():
 @defect
 def idp_lets_anybody_vote():
     """Whoever is registered may vote; the PEP still counts registered approvers only."""
-    from ztpm_idp.domain import approving
+    from ztpm_idp.domain import approvals
 
-    approving.active_person = lambda state, id_, role: state.parties.get(id_)
+    approvals.active_person = lambda state, id_, role: state.parties.get(id_)
 
 
 @defect
 def pep_sees_no_zones():
     import dataclasses
 
-    from pep import world
+    from pep.world import world
 
     def zoneless(honest):
         def look(robot, scene, *rest, **named):
@@ -273,8 +274,8 @@ def pep_takes_one_for_two():
     """Tier 4 is content with one person, who may be the sponsor."""
     import dataclasses
 
-    from pep import deferral
-    from policies import approval
+    from pep.people import deferral
+    from policies.decide import approval
 
     honest = deferral.tally
     approval.APPROVERS_OF_TIER = {}
@@ -288,7 +289,7 @@ def pep_takes_one_for_two():
 @defect
 def pep_sees_no_age():
     """Every frame is new."""
-    from pep.context.frames import Frame
+    from pep.perception.sensor_frames import Frame
 
     Frame.age_ms = lambda self, now_ms: 0
 
@@ -296,8 +297,9 @@ def pep_sees_no_age():
 @defect
 def pep_believes_any_frame():
     """Whoever signs a frame in a sensor's name is that sensor."""
-    from capabilities import jws, strict_json
+    from capabilities.keys import jws
     from capabilities.statements import observation
+    from capabilities.values import strict_json
 
     class Unsealed:
         @staticmethod
@@ -310,21 +312,21 @@ def pep_believes_any_frame():
 @defect
 def pep_touches_anything():
     """The grant of a touch is not asked for."""
-    from pep import gate
+    from pep.gate import gate
 
     gate.touchable = lambda chain: frozenset({"table"})
 
 
 @defect
 def pep_does_not_watch_the_world():
-    from pep.watch import Watch
+    from pep.watch.watch import Watch
 
     Watch._world = lambda self, now, q_rad: None
 
 
 @defect
 def pep_does_not_watch_authority():
-    from pep.watch import Watch
+    from pep.watch.watch import Watch
 
     Watch._authority = lambda self, now: None
 
@@ -332,8 +334,8 @@ def pep_does_not_watch_authority():
 @defect
 def gateway_is_open():
     """Whoever has no lease is served as the controller itself would serve it."""
-    from pep.rtde.gateway import StatePorts
-    from pep.rtde.lines import Upstream
+    from pep.rtde.line.gateway import StatePorts
+    from pep.rtde.robot.connections import Upstream
 
     class Raw:
         def __init__(self, back):
@@ -350,7 +352,7 @@ def gateway_is_open():
 @defect
 def gateway_lends_twice():
     """A lease that is open keeps nobody from opening another."""
-    from pep.rtde.lease_door import Door
+    from pep.rtde.lease.lease_endpoint import Door
 
     honest = Door._opened
 
@@ -366,7 +368,7 @@ def gateway_look_breaks():
     """Every other look at the leases ends in an error."""
     from itertools import cycle
 
-    from pep.rtde.lease_port import LeasePort
+    from pep.rtde.lease.lease_port import LeasePort
 
     honest, breaks = LeasePort.look, cycle((True, False))
 

@@ -7,11 +7,10 @@ A cell of its own takes a quarter of a minute each: one case of each kind is alw
 """
 
 import pytest
-
 from tests.e2e import sabotage
+from ztpm.base.processes import Child
 from ztpm.demo.run import Told, play, stage
 from ztpm.demo.story import STORY
-from ztpm.processes import Child
 
 IDP, GATEWAY, TOOLS = ("identity provider",), ("gateway",), ("tool server",)
 BOTH = (*TOOLS, *GATEWAY)

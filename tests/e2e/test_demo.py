@@ -40,11 +40,10 @@ def test_demo_is_as_told() -> None:
 
 def test_middle_of_the_sweep_is_where_the_story_says() -> None:
     import numpy as np
-
     from pep.pit import Robot
     from pep.pit.kinematics import link_frames
-    from ztpm.demo.stage import LEFT
     from ztpm.demo.props import MIDDLE_M
+    from ztpm.demo.stage import LEFT
 
     robot = Robot.load("ur3e")
     rotations, origins = link_frames(robot, np.array([[0.0, *LEFT[1:]]]))

@@ -14,20 +14,19 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
-
-from pep.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
-from pep.rtde.limits import widest
-from pep.rtde.lines import DASHBOARD, PRIMARY
+from pep.base.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
+from pep.rtde.command.limits import widest
+from pep.rtde.robot.connections import DASHBOARD, PRIMARY
 from tests.e2e import sabotage
 from tests.e2e.tls import TlsAddresses, reached_by_tls
-from ztpm.cell import PASSPHRASE_VARIABLE, Cell
+from ztpm.base.layout import OPERATORS, Layout, write_private
+from ztpm.base.processes import Child
+from ztpm.cell.cell import PASSPHRASE_VARIABLE, Cell
+from ztpm.cell.setup import free_addresses, initialise
 from ztpm.demo.eyes import Eyes
-from ztpm.demo.stage import LEFT, Stage, sweep_scope, until
 from ztpm.demo.motion import Motion
+from ztpm.demo.stage import LEFT, Stage, sweep_scope, until
 from ztpm.demo.stopping import read_stop
-from ztpm.layout import OPERATORS, Layout, write_private
-from ztpm.processes import Child
-from ztpm.setup import free_addresses, initialise
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
 

@@ -15,7 +15,6 @@ import threading
 import time
 
 import pytest
-
 from tests.idp.test_process import Process
 
 pytestmark = pytest.mark.e2e

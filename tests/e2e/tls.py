@@ -12,8 +12,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.hashes import SHA256
-
-from ztpm.setup import Addresses
+from ztpm.cell.setup import Addresses
 
 DOOR_PORT, TOOLS_PORT = 8910, 8810
 

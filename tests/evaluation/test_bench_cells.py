@@ -3,15 +3,15 @@
 import importlib.util
 import sys
 
+import capabilities.keys.keys
 import pytest
-
-import capabilities.keys
-from capabilities import Chain, Verifier, inspect_token
 from evaluation.bench import absent, ours, run, stream, timing, tokens
 from evaluation.bench.cell import Cell, Kind, Unmeasured
 from evaluation.bench.ours import Ours
 from evaluation.bench.timing import WrongAnswerError
 from evaluation.bench.workload import REALISTIC, SMALL, WORKLOADS
+
+from capabilities import Chain, Verifier, inspect_token
 
 PACKAGES = {"tenuo": "tenuo", "aip": "aip_token", "biscuit": "biscuit_auth", "macaroons": "pymacaroons"}
 CALLS = 3
@@ -60,7 +60,7 @@ def stream_cell():
 
 
 def test_a_frame_is_asked_for_right_and_for_wrong(monkeypatch):
-    pytest.importorskip("capabilities.session")
+    pytest.importorskip("capabilities.proof.session_opening")
     one = stream_cell()
     assert set(one.wrong) == {"a value out of limits", "one bit of the MAC", "a frame twice"}
     for _ in range(20):
@@ -165,7 +165,7 @@ def test_a_first_call_finds_nothing_remembered():
         for member in vars(module).values()
         if hasattr(member, "cache_info")
     ]
-    capabilities.keys.thumbprint(bytes(range(32)))
+    capabilities.keys.keys.thumbprint(bytes(range(32)))
     assert any(cache.cache_info().currsize for cache in caches)
     call = first.fresh()
     assert not any(cache.cache_info().currsize for cache in caches)

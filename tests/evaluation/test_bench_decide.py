@@ -6,8 +6,6 @@ from dataclasses import replace
 from importlib import resources
 
 import pytest
-from typer.testing import CliRunner
-
 from evaluation.bench.absent import AbsentError
 from evaluation.bench.decisions import cases, facts, report, rules, run
 from evaluation.bench.decisions.engine import Said
@@ -15,8 +13,10 @@ from evaluation.bench.decisions.ours import Ours, Recorded
 from evaluation.bench.decisions.report import Result, Row
 from evaluation.bench.decisions.rules import NoPlainFormError, Of, Op
 from evaluation.bench.timing import QUICK, WrongAnswerError
-from policies import NOT_COLLECTED, SHIPPED, Effect, Point, load, load_shipped
+from typer.testing import CliRunner
 from ztpm.cli import evaluation
+
+from policies import NOT_COLLECTED, SHIPPED, Effect, Point, load, load_shipped
 
 SETS = {name: load_shipped(name) for name in SHIPPED}
 PACKAGES = {name: name.partition(",")[0] for name in run.OTHERS}

@@ -7,8 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
-
 from evaluation.bench import timing
 from evaluation.bench.absent import AbsentError
 from evaluation.bench.pit import cells, mujoco_sampled, report, run, sampled, workload
@@ -20,6 +18,7 @@ from pep.pit.driving import drive_of
 from pep.pit.obstacles import Kind
 from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID
+from typer.testing import CliRunner
 from ztpm.cli import evaluation
 
 MUJOCO = importlib.util.find_spec("mujoco") is not None

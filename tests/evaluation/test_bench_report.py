@@ -8,11 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
 from evaluation.bench import report, run
 from evaluation.bench.report import Result, Row, Size
 from evaluation.bench.timing import QUICK
+from typer.testing import CliRunner
 from ztpm.cli import evaluation
 
 RATIOS = {

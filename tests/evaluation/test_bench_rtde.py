@@ -1,12 +1,11 @@
 """The benchmark of the gateway: what its tap reads, and the figures that it tells."""
 
 import pytest
-
 from evaluation.bench.rtde.report import Result, Row, StreamBrokenError, row_of, summary, tables
 from evaluation.bench.rtde.tap import _values
-from pep.rtde.codec import Recipe, encode_request
-from pep.rtde.messages import RequestProtocol, SetupInputs, Values
-from pep.rtde.variables import INPUTS
+from pep.rtde.wire.codec import Recipe, encode_request
+from pep.rtde.wire.messages import RequestProtocol, SetupInputs, Values
+from pep.rtde.wire.variables import INPUTS
 
 NAMES = ("input_int_register_0", "input_double_register_0")
 OTHER = ("input_double_register_1",)

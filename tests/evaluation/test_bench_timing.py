@@ -5,7 +5,6 @@ import random
 from itertools import count, pairwise
 
 import pytest
-
 from evaluation.bench import timing
 from evaluation.bench.cell import Cell, Kind, Verdict
 from evaluation.bench.timing import Plan, Series, WrongAnswerError

@@ -1,10 +1,9 @@
 """What is lent in the benchmark: the same on both sides, never the same twice, and narrower at each hop."""
 
 import pytest
+from evaluation.bench.workload import DEPTHS, REALISTIC, SERIALS, SMALL, WORKLOADS, Workload
 from hypothesis import given
 from hypothesis import strategies as st
-
-from evaluation.bench.workload import DEPTHS, REALISTIC, SERIALS, SMALL, WORKLOADS, Workload
 
 workloads = st.sampled_from(WORKLOADS)
 hops = st.integers(0, max(DEPTHS))

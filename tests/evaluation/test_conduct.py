@@ -7,14 +7,13 @@ from dataclasses import replace
 from itertools import islice
 
 import pytest
-from typer.testing import CliRunner
-
 from evaluation.conduct import agents, alarms, delays, trusting
 from evaluation.conduct.agents import Worker, life
 from evaluation.conduct.counting import interval, quantile
 from evaluation.conduct.registry import CAMPAIGNS
 from evaluation.tokens.campaign import Outcome, Settings
-from policies.parameters import Parameters
+from policies.words.parameters import Parameters
+from typer.testing import CliRunner
 from ztpm.cli.evaluation import app
 
 QUICK = Settings(quick=True, seed=11, vectors=None, clock_ns=time.perf_counter_ns, told=lambda _: None)

@@ -6,9 +6,8 @@ from itertools import product
 
 import pytest
 import z3
-
-from capabilities import bounds
-from capabilities.scope import OneOf, Range
+from capabilities.values import bounds
+from capabilities.values.scope import OneOf, Range
 from evaluation.tokens import hop_laws, lattice, laws
 from evaluation.tokens.lattice import PROVEN, REFUTED, prove, symbolic_bound
 from evaluation.tokens.symbolic import Symbol, ways

@@ -3,11 +3,10 @@
 import random
 
 import pytest
-
+from evaluation.stops import SHORTEST_S, Report, draw, spread
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from ztpm.demo.eyes import Sample
 from ztpm.demo.stopping import model_rad, read_stop
-from evaluation.stops import SHORTEST_S, Report, draw, spread
-from pep.stopping import STOP_DECELERATION_RAD_S2
 
 DT = 0.002
 ACCELERATION = 1.4

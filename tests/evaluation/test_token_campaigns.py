@@ -8,10 +8,11 @@ import random
 from dataclasses import replace
 
 import pytest
-
-from capabilities import algebra, carriage, keys, links, request
-from capabilities.chain import Chain
-from capabilities.errors import Fault, FaultCode
+from capabilities.keys import keys
+from capabilities.token import hop_rules, scope_check, token_text
+from capabilities.values import algebra
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault, FaultCode
 from evaluation.tokens import (
     attenuation,
     encodings,
@@ -30,7 +31,7 @@ from evaluation.tokens.families import FORGED, family
 from evaluation.tokens.issuer import Issuer, verified
 from evaluation.tokens.shapes import issue
 
-verify = importlib.import_module("capabilities.verify")  # the package exports a function of this name
+verify = importlib.import_module("capabilities.token.verify")  # the package exports a function of this name
 REFUSED = Fault(FaultCode.SIGNATURE_INVALID, "TOK-3")
 
 
@@ -230,7 +231,7 @@ def test_the_spellings_are_all_there():
     assert sum(1 for _ in encodings.insertions(small)) == 7 * 41
     assert len(set(encodings.FORTY)) == 40
     assert {small[:at] + small[at + 1 :] for at in range(40)} <= set(encodings.deletions(small))
-    text = carriage.token_to_text(one)
+    text = token_text.token_to_text(one)
     spellings = list(encodings.texts(one))
     assert text not in spellings
     assert len(spellings) == len(set(spellings))
@@ -241,7 +242,7 @@ def test_the_spellings_are_all_there():
 def test_a_token_whose_text_has_only_letters_has_no_escape_of_its_own():
     plain = bytes(40)  # no "-" and no "_" in its text
     spellings = list(encodings.texts(plain))
-    assert carriage.token_to_text(plain) not in spellings
+    assert token_text.token_to_text(plain) not in spellings
     assert len(spellings) == len(set(spellings))
 
 
@@ -329,14 +330,14 @@ def forgiving(code, forgives=lambda refusal: True):
         found = before(chain, **asked)
         return None if found is not None and found.code is code and forgives(found) else found
 
-    return request, "refusal", refusal
+    return scope_check, "refusal", refusal
 
 
 SABOTAGE = {
     **{f"no order of {each}": blind_to(each) for each in ("grants", "limits", "ceiling", "audiences", "delegates")},
     **{f"no order of {each}": blind_to(each) for each in ("depth", "window")},
     "depth does not run out": (
-        links,
+        hop_rules,
         "_narrower",
         lambda before, parent, block: before(replace(parent, depth=parent.depth + 1), block),
     ),
@@ -385,7 +386,7 @@ def test_no_text_becomes_more_than_text():
 
 def test_a_text_that_is_formatted_into_datalog_is_seen(monkeypatch):
     """A writer of blocks that formats names instead of binding them."""
-    from capabilities import biscuit
+    from capabilities.token import biscuit
 
     before = biscuit._Source.bind
 

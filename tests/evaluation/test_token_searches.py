@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import pytest
-
 from evaluation.tokens import attenuation, mutants, registry, searches
 from evaluation.tokens.campaign import Outcome, Settings
 

@@ -6,16 +6,16 @@ import time
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
-from capabilities import Chain, Fault, FaultCode
-from capabilities.caps import DEFAULT, Caps
+from capabilities.values.caps import DEFAULT, Caps
 from evaluation.bench import tokens
 from evaluation.tokens import edges, hostile, load, registry, samples, wycheproof
 from evaluation.tokens.blocks import CONDITIONS, SIZES, STATEMENTS
 from evaluation.tokens.campaign import Campaign, Misses, Outcome, Settings, Skipped
 from evaluation.tokens.hostile import Later
+from typer.testing import CliRunner
 from ztpm.cli import evaluation
+
+from capabilities import Chain, Fault, FaultCode
 
 VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
 needs_vectors = pytest.mark.skipif(not VECTORS.is_dir(), reason="the reference vectors are not beside this checkout")
@@ -52,7 +52,7 @@ def test_a3_compares_the_policy_too():
 
 
 def signatures():
-    return pytest.importorskip("capabilities.signatures")
+    return pytest.importorskip("capabilities.keys.signatures")
 
 
 @pytest.mark.shared

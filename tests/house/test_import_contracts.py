@@ -10,68 +10,66 @@ from typing import Any
 import pytest
 
 TOP = Path(__file__).parents[2]
-PACKAGES = ("capabilities", "policies", "pep", "ztpm_idp", "ztpm", "evaluation")
+PACKAGES = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
 
 BREAKS = [
-    ("layers", "capabilities/units.py", "import policies.model"),
-    ("layers", "policies/model.py", "import pep.ports"),
-    ("layers", "pep/ports.py", "import ztpm_idp"),
-    ("layers", "ztpm_idp/__init__.py", "import pep.ports"),
-    ("layers", "pep/ports.py", "import ztpm.cell"),
-    ("layers", "ztpm/cell.py", "import evaluation.stops"),
+    ("layers", "capabilities/values/units.py", "import policies.evidence.model"),
+    ("layers", "policies/evidence/model.py", "import pep.base.ports"),
+    ("layers", "pep/base/ports.py", "import ztpm_idp"),
+    ("enforcement-and-provider", "ztpm_idp/__init__.py", "import pep.base.ports"),
+    ("capabilities-rooms", "capabilities/values/units.py", "import capabilities.keys.keys"),
+    ("policies-rooms", "policies/evidence/model.py", "import policies.decide.pdp"),
+    ("pep-rooms", "pep/base/ports.py", "import pep.gate.gate"),
+    ("rtde-rooms", "pep/rtde/wire/codec.py", "import pep.rtde.line.relay"),
+    ("ursim-rooms", "ursim/motion/arm.py", "import ursim.ports.server"),
+    ("ursim-alone", "ursim/motion/arm.py", "import pep.rtde.line.relay"),
+    ("ursim-fence", "pep/gate/gate.py", "import ursim.motion.arm"),
+    ("provider-rooms", "ztpm_idp/settings.py", "import ztpm_idp.app"),
+    ("ztpm-rooms", "ztpm/base/lock.py", "import ztpm.cell.cell"),
+    ("capabilities-rooms", "capabilities/attic/__init__.py", "import json"),
+    ("layers", "pep/base/ports.py", "import ztpm.cell.cell"),
+    ("layers", "ztpm/cell/cell.py", "import evaluation.stops"),
     ("physics-fence", "evaluation/stops.py", "import coal"),
-    ("core-is-light", "policies/model.py", "import fastapi"),
-    ("core-is-light", "capabilities/units.py", "import numpy"),
-    ("core-is-light", "capabilities/units.py", "import socket"),
-    ("biscuit-fence", "pep/ports.py", "import biscuit_auth"),
-    ("biscuit-fence", "capabilities/units.py", "import biscuit_auth"),
-    ("physics-fence", "pep/gate.py", "import pinocchio"),
-    ("physics-fence", "ztpm/cell.py", "import coal"),
-    ("mcp-fence", "pep/gate.py", "import mcp"),
+    ("core-is-light", "policies/evidence/model.py", "import fastapi"),
+    ("core-is-light", "capabilities/values/units.py", "import numpy"),
+    ("core-is-light", "capabilities/values/units.py", "import socket"),
+    ("biscuit-fence", "pep/base/ports.py", "import biscuit_auth"),
+    ("biscuit-fence", "capabilities/values/units.py", "import biscuit_auth"),
+    ("physics-fence", "pep/gate/gate.py", "import pinocchio"),
+    ("physics-fence", "ztpm/cell/cell.py", "import coal"),
+    ("mcp-fence", "pep/gate/gate.py", "import mcp"),
     ("mcp-fence", "ztpm_idp/__init__.py", "import mcp"),
     ("domain-is-pure", "ztpm_idp/domain/__init__.py", "import sqlalchemy"),
     ("domain-is-pure", "ztpm_idp/domain/__init__.py", "import ztpm_idp.app"),
-    ("web-fence", "pep/gate.py", "import fastapi"),
-    ("web-fence", "ztpm/cell.py", "import sqlalchemy"),
-    ("physics-fence", "pep/world.py", "import pinocchio"),
-    ("mcp-fence", "pep/world.py", "import mcp"),
+    ("web-fence", "pep/gate/gate.py", "import fastapi"),
+    ("web-fence", "ztpm/cell/cell.py", "import sqlalchemy"),
+    ("physics-fence", "pep/world/world.py", "import pinocchio"),
+    ("mcp-fence", "pep/world/world.py", "import mcp"),
     ("stores-fence", "pep/mcp/guard.py", "import chromadb"),
-    ("stores-fence", "pep/record.py", "import sqlite3"),
-    ("admission-is-pure", "pep/context/memory.py", "import pep.context.stores"),
-    ("admission-is-pure", "pep/context/retrieval.py", "import pep.context.chroma"),
+    ("stores-fence", "pep/journal/file_journal.py", "import sqlite3"),
+    ("admission-is-pure", "pep/context/memory.py", "import pep.context.stores.sqlite"),
+    ("admission-is-pure", "pep/context/retrieval.py", "import pep.context.stores.chroma"),
     ("checker-alone", "pep/pit/checker/space.py", "import numpy"),
     ("checker-alone", "pep/pit/checker/laws.py", "import pep.pit.tier"),
-    ("checker-alone", "pep/pit/checker/text.py", "import pep.ports"),
-    ("shells-outside", "pep/gate.py", "import pep.mcp.guard"),
-    ("shells-outside", "pep/gate.py", "import socket"),
-    ("shells-outside", "pep/pit/tier.py", "import pep.rtde.drive"),
-    ("shells-outside", "pep/sequence.py", "import pep.rtde.drive"),
-    ("shells-outside", "pep/holding.py", "import socket"),
-    ("shells-outside", "pep/world.py", "import pep.rtde.telemetry"),
-    ("shells-outside", "pep/watch.py", "import pep.perception"),
-    ("shells-outside", "pep/conduct.py", "import rtde_control"),
-    ("admission-is-pure", "pep/context/frames.py", "import pep.context.chroma"),
-    ("admission-is-pure", "pep/context/screening.py", "import sqlite3"),
+    ("checker-alone", "pep/pit/checker/text.py", "import pep.base.ports"),
+    ("shells-outside", "pep/gate/gate.py", "import pep.mcp.guard"),
+    ("shells-outside", "pep/gate/gate.py", "import socket"),
+    ("shells-outside", "pep/pit/tier.py", "import pep.rtde.motion.drive"),
+    ("shells-outside", "pep/world/sequence.py", "import pep.rtde.motion.drive"),
+    ("shells-outside", "pep/world/held_object.py", "import socket"),
+    ("shells-outside", "pep/world/world.py", "import pep.rtde.robot.telemetry"),
+    ("shells-outside", "pep/watch/watch.py", "import pep.perception.receiver"),
+    ("shells-outside", "pep/journal/conduct.py", "import rtde_control"),
+    ("admission-is-pure", "pep/perception/sensor_frames.py", "import pep.context.stores.chroma"),
+    ("stores-fence", "pep/context/screening.py", "import sqlite3"),
+    ("rtde-words-are-pure", "pep/rtde/command/fields.py", "import asyncio"),
 ]
-SHELLS = {"pep.asking", "pep.feed", "pep.perception", "pep.ship"}
-"""Modules of `pep` itself that talk to a network."""
-STORES = {"pep.context.chroma", "pep.context.stores"}
 
 
 def contract(name: str) -> dict[str, Any]:
     rows = tomllib.loads((TOP / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     (row,) = [row for row in rows if row["id"] == name]
     return row
-
-
-def modules(folder: str) -> set[str]:
-    return {f"{folder.replace('/', '.')}.{file.stem}" for file in (TOP / folder).glob("[!_]*.py")}
-
-
-def test_no_module_is_forgotten() -> None:
-    """A new module is inside until somebody says that it is a shell or a store."""
-    assert set(contract("shells-outside")["source_modules"]) == modules("pep") - SHELLS | {"pep.context", "pep.pit"}
-    assert set(contract("admission-is-pure")["source_modules"]) == modules("pep/context") - STORES | {"pep.gate"}
 
 
 def lint(tree: Path) -> subprocess.CompletedProcess[str]:
@@ -99,7 +97,8 @@ def test_kept(tree: Path) -> None:
 def test_broken_is_seen(tree: Path, contract_id: str, file: str, line: str) -> None:
     name = contract(contract_id)["name"]
     target = tree / file
-    text = target.read_text()
+    target.parent.mkdir(exist_ok=True)
+    text = target.read_text() if target.exists() else ""
     target.write_text(text + f"\n{line}\n")
     result = lint(tree)
     assert result.returncode == 1, result.stdout + result.stderr

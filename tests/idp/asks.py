@@ -7,12 +7,11 @@ import secrets
 from dataclasses import replace
 
 import httpx2
-
-from capabilities import keys
-from capabilities.caps import DEFAULT
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import answers, ask, opening, vote
-from capabilities.units import Quantity, Unit
+from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit
 from tests.idp.world import AUDIENCE, ISSUER, World
 from ztpm_idp.client import ProofAuth
 

@@ -1,5 +1,4 @@
 import pytest
-
 from tests.idp.world import World
 
 

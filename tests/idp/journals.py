@@ -6,20 +6,19 @@ import hashlib
 import secrets
 
 import rfc8785
-
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain
-from capabilities.scope import Tier
 from capabilities.statements.revocation import RevocationView
-from capabilities.units import Quantity
-from capabilities.verify import token_from_text, verify
-from pep import records
-from pep.authority import Credentials
-from pep.call import Call
-from pep.operations import MOVE_JOINT
-from policies.evidence import Evidence, ToolReading
-from policies.model import Decision, Effect, Finding, Point, Request
-from policies.reasons import Reason
+from capabilities.token.verify import token_from_text, verify
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity
+from pep.base.operations import MOVE_JOINT
+from pep.gate import records
+from pep.request.authority import Credentials
+from pep.request.call import Call
+from policies.evidence.evidence import Evidence, ToolReading
+from policies.evidence.model import Decision, Effect, Finding, Point, Request
+from policies.words.reason_table import Reason
 from tests.idp.world import AUDIENCE, MOVE_TO, SPEED, World
 
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Callable
 
 import pytest
-
-from capabilities import jws, keys, strict_json
-from capabilities.scope import Tier
-from capabilities.statements import ask, opening, sealed, vote
+from capabilities.keys import jws, keys
+from capabilities.statements import ask, opening, statement_form, vote
+from capabilities.values import strict_json
+from capabilities.values.scope import Tier
 from tests.idp.asks import AGENT, PEP, SENSOR, Cell
 from tests.idp.test_endpoints import tables
 from tests.idp.world import AUDIENCE, World
@@ -264,9 +264,9 @@ def header(key):
 
 
 for member in vote.NAMES:
-    spelled(f"without {member}", "STATEMENT_MALFORMED", lambda c, k, _, member=member: sealed.sign("vote", {n: v for n, v in c.items() if n != member}, k))  # fmt: skip
+    spelled(f"without {member}", "STATEMENT_MALFORMED", lambda c, k, _, member=member: statement_form.sign("vote", {n: v for n, v in c.items() if n != member}, k))  # fmt: skip
     spelled(f"{member} twice", "STATEMENT_MALFORMED", lambda c, k, _, member=member: jws.sign(header(k), strict_json.canonical(c)[:-1] + f',"{member}":{json.dumps(c[member])}'.encode() + b"}", k))  # fmt: skip
-spelled("an extra member", "STATEMENT_MALFORMED", lambda c, k, _: sealed.sign("vote", c | {"uses_left": 1}, k))
+spelled("an extra member", "STATEMENT_MALFORMED", lambda c, k, _: statement_form.sign("vote", c | {"uses_left": 1}, k))
 spelled(
     "spaces between the members", "STATEMENT_MALFORMED", lambda c, k, _: jws.sign(header(k), json.dumps(c).encode(), k)
 )
@@ -277,7 +277,7 @@ spelled("not an object", "STATEMENT_MALFORMED", lambda c, k, _: jws.sign(header(
 spelled("another header", "STATEMENT_MALFORMED", lambda c, k, _: jws.sign(header(k) | {"crit": []}, strict_json.canonical(c), k))  # fmt: skip
 spelled("another's kid", "STATEMENT_UNTRUSTED", lambda c, k, _: jws.sign(header(keys.generate()), strict_json.canonical(c), k))  # fmt: skip
 spelled("a flipped signature", "STATEMENT_UNTRUSTED", lambda c, k, right: right[:-10] + ("A" if right[-10] != "A" else "B") + right[-9:])  # fmt: skip
-spelled("a flipped payload", "STATEMENT_UNTRUSTED", lambda c, k, right: sealed.sign("vote", c | {"uses": 100}, k).rsplit(".", 1)[0] + "." + right.rsplit(".", 1)[1])  # fmt: skip
+spelled("a flipped payload", "STATEMENT_UNTRUSTED", lambda c, k, right: statement_form.sign("vote", c | {"uses": 100}, k).rsplit(".", 1)[0] + "." + right.rsplit(".", 1)[1])  # fmt: skip
 spelled("huge", "BODY_MALFORMED", lambda c, k, right: right + "A" * 5_000, kept=False)
 spelled("padded", "BODY_MALFORMED", lambda c, k, right: right + "==", kept=False)
 spelled("empty", "BODY_MALFORMED", lambda c, k, right: "", kept=False)
@@ -434,7 +434,7 @@ def _(cell):
     return (
         "carol",
         "/openings",
-        {"opening": sealed.sign(opening.KIND, claims | {"more": 1}, cell.world.private["carol"])},
+        {"opening": statement_form.sign(opening.KIND, claims | {"more": 1}, cell.world.private["carol"])},
     )
 
 

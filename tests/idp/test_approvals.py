@@ -9,20 +9,20 @@ from dataclasses import replace
 
 import httpx2
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import answers, ask, opening, registry, vote
-from capabilities.units import INT_LIMIT
+from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Tier
+from capabilities.values.units import INT_LIMIT
 from tests.idp.asks import AGENT, PEP, Cell
 from tests.idp.test_endpoints import checked
 from tests.idp.world import AUDIENCE, ISSUER, World
-from ztpm_idp import feed, ledger_file
+from ztpm_idp import ledger_file
 from ztpm_idp.client import ClientError, Operator
 from ztpm_idp.domain.asks import OPENINGS, STANDING_ASKS, Answer, Asked, AskRecord, OpeningRecord, VoteRecord
 from ztpm_idp.domain.events import VoteCast
-from ztpm_idp.keys import SettingsError
+from ztpm_idp.keys.key_files import SettingsError
+from ztpm_idp.provider import feed
 from ztpm_idp.settings import check_settings
 from ztpm_idp.store import ConflictError
 from ztpm_idp.store.approvals import Approvals

@@ -10,17 +10,16 @@ from decimal import Decimal
 from html.parser import HTMLParser
 
 import pytest
+from capabilities.statements import ask, vote
+from capabilities.values.scope import Tier
+from capabilities.values.units import INT_LIMIT, Quantity, Unit
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities.scope import Tier
-from capabilities.statements import ask, vote
-from capabilities.units import INT_LIMIT, Quantity, Unit
-from policies.reasons import REASONS, Reason
+from policies.words.reason_table import REASONS, Reason
 from tests.idp.asks import AGENT, PEP, SENSOR, Cell
 from tests.idp.world import AUDIENCE, ISSUER
-from ztpm_idp import page
 from ztpm_idp.domain.asks import Answer, Asked, AskRecord, AskState, VoteRecord
+from ztpm_idp.provider import ask_page
 
 VOID = {"meta", "br"}
 TAGS = {"html", "head", "title", "style", "body", "main", "h1", "h2", "p", "strong", "code", "span", "table", "caption", "thead", "tbody", "tr", "th", "td", "pre"} | VOID  # fmt: skip
@@ -194,16 +193,16 @@ NUMBERS = dict(
 
 def test_whatever_a_text_holds_it_stays_a_text():
     stated, asked = hostile()
-    shown = page.render(stated, asked, AskState.OPEN, at_ms=0)
+    shown = ask_page.render(stated, asked, AskState.OPEN, at_ms=0)
     assert "<script" not in shown and "{{7*7}}" in shown and "49" not in Reader(shown).text
     assert HOSTILE in "".join(Reader(shown).seen)
     for state in AskState:
-        Reader(page.render(replace(stated, expires_at=-INT_LIMIT), asked, state, at_ms=INT_LIMIT))
+        Reader(ask_page.render(replace(stated, expires_at=-INT_LIMIT), asked, state, at_ms=INT_LIMIT))
 
 
 @given(st.sampled_from(list(Unit)), st.integers(-INT_LIMIT, INT_LIMIT))
 def test_the_readable_figure_is_the_integer(unit, value):
-    shown = page.readable(value, unit)
+    shown = ask_page.readable(value, unit)
     assert re.fullmatch(r"(≈ )?-?[0-9]+(\.[0-9]+)?[ °].*|-?[0-9]+", shown), shown
     if not shown.startswith("≈"):
         figure = Decimal(shown.split(" ")[0])

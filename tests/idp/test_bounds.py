@@ -6,15 +6,14 @@ import json
 import time
 
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain
-from capabilities.errors import Fault, FaultCode
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import registry as snapshot
 from capabilities.statements.revocation import RevocationView
-from capabilities.verify import token_from_text, verify
+from capabilities.token.verify import token_from_text, verify
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.scope import Tier
 from tests.idp.test_revoking import index
 from tests.idp.world import AUDIENCE, ISSUER, SLOWER
 from ztpm_idp import ledger_file

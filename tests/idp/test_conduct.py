@@ -8,16 +8,15 @@ import sqlite3
 from contextlib import closing
 
 import pytest
-
-from capabilities.caps import DEFAULT
 from capabilities.statements import conduct
-from policies import behaviour, trust
-from policies.behaviour import BehaviourState
-from policies.charges import CHARGES
-from policies.load import load_shipped
-from policies.reasons import Reason
-from policies.report import Edge
-from policies.trust import TrustState
+from capabilities.values.caps import DEFAULT
+from policies.conduct import behaviour, trust
+from policies.conduct.behaviour import BehaviourState
+from policies.conduct.report import Edge
+from policies.conduct.trust import TrustState
+from policies.conduct.trust_changes import CHARGES
+from policies.decide.load import load_shipped
+from policies.words.reason_table import Reason
 from tests.idp.journals import Journal
 from tests.idp.world import ISSUER, SLOWER
 from ztpm_idp.client import ClientError
@@ -104,7 +103,7 @@ def test_an_outcome_may_come_in_a_later_batch(lent):
     lent.journal.ship()
     assert [row["request_id"] for row in stored(lent, "permits")] == [request.request_id]
     assert not any(row["agent"] == "mover" for row in stored(lent, "conduct"))
-    from pep import records
+    from pep.gate import records
 
     lent.journal.record("outcome", records.outcome(request, digest, "failed", reason="NOT_WHAT_WAS_DECIDED"))
     lent.journal.ship()
@@ -113,7 +112,7 @@ def test_an_outcome_may_come_in_a_later_batch(lent):
 
 
 def test_a_verdict_that_came_too_late_concludes_nothing(lent):
-    from pep import records
+    from pep.gate import records
 
     request, body = lent.journal.decision(lent.second, tier=2)
     digest = lent.journal.record("decision", body)
@@ -415,7 +414,7 @@ def test_a_word_that_cannot_hold_everything_is_cut_and_goes_on(lent, monkeypatch
     world.journal.ship()
     whole = told(world)
     assert (whole.through, len(whole.edges)) == (whole.version, 5)
-    for name, value in (("ztpm_idp.feed.INDEX_BYTES", 200), ("ztpm_idp.feed.conduct.ENTRIES", 2)):
+    for name, value in (("ztpm_idp.provider.feed.INDEX_BYTES", 200), ("ztpm_idp.provider.feed.conduct.ENTRIES", 2)):
         with monkeypatch.context() as patch:
             patch.setattr(name, value)
             found, since = [], 0

@@ -5,17 +5,16 @@ from __future__ import annotations
 import json
 
 import pytest
-
-from capabilities.scope import Tier, Restriction
-from policies.charges import CHARGES
-from policies.load import load
-from policies.reasons import Reason
+from capabilities.values.scope import Restriction, Tier
+from policies.conduct.trust_changes import CHARGES
+from policies.decide.load import load
+from policies.words.reason_table import Reason
 from tests.idp.journals import Journal
 from tests.idp.test_conduct import held, probed, scores
 from tests.idp.test_lending import chain_of
 from tests.idp.world import LOWER, SLOWER, World
 from ztpm_idp.client import ClientError
-from ztpm_idp.domain import lending
+from ztpm_idp.domain import delegation_policy
 
 HEAD = 'name = "test"\nversion = 1\n'
 DELEGATION = """
@@ -102,7 +101,6 @@ def test_the_set_decides(tmp_path, chosen, code, effect):
 
 async def hops(world):
     import sqlalchemy as sa
-
     from ztpm_idp.store import schema as t
 
     async with world.provider.store._engine.connect() as connection:
@@ -134,7 +132,7 @@ def test_a_holder_that_is_not_trusted_still_lends_what_moves_nothing_yet(world):
 
 
 def test_trust_below_what_a_set_wants_is_a_question_and_nobody_is_asked(tmp_path, monkeypatch):
-    monkeypatch.setattr(lending, "Tier", type("T", (), {"NO_EFFECT": Tier.HIGH_CONSEQUENCE}))
+    monkeypatch.setattr(delegation_policy, "Tier", type("T", (), {"NO_EFFECT": Tier.HIGH_CONSEQUENCE}))
     with world_with(tmp_path, policies()) as world:
         planner, mover, lent = party(world)
         planner.delegate(lent.token, mover, SLOWER, purpose="p")

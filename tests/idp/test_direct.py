@@ -6,9 +6,8 @@ import threading
 
 import httpx2
 import pytest
-
 from tests.e2e.tls import Authority
-from ztpm_idp import direct
+from ztpm_idp.client import direct_http
 
 HOST = "127.0.0.1"
 
@@ -43,13 +42,13 @@ def url(request, tmp_path, monkeypatch):
 
 
 def test_no_proxy_of_the_environment_is_asked(url):
-    with direct.client(5.0) as http:
+    with direct_http.client(5.0) as http:
         assert http.get(url).status_code == 200
 
 
 def test_nor_from_an_event_loop(url):
     async def asked():
-        async with direct.async_client() as http:
+        async with direct_http.async_client() as http:
             return await http.get(url, timeout=5.0)
 
     assert asyncio.run(asked()).status_code == 200
@@ -59,5 +58,5 @@ def test_nor_from_an_event_loop(url):
 def test_an_authority_that_the_environment_does_not_name_is_not_believed(tmp_path, url, monkeypatch):
     (tmp_path / "other").mkdir()
     monkeypatch.setenv("SSL_CERT_FILE", str(Authority(tmp_path / "other", [HOST]).ca))
-    with direct.client(5.0) as http, pytest.raises(httpx2.ConnectError, match="CERTIFICATE_VERIFY_FAILED"):
+    with direct_http.client(5.0) as http, pytest.raises(httpx2.ConnectError, match="CERTIFICATE_VERIFY_FAILED"):
         http.get(url)

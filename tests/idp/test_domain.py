@@ -7,14 +7,13 @@ import sys
 from dataclasses import replace
 
 import pytest
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
+from capabilities.statements import attestation
+from capabilities.values.caps import DEFAULT
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities import keys
-from capabilities.trust import TrustBundle
-from capabilities.caps import DEFAULT
-from capabilities.statements import attestation
-from policies.load import load_shipped
+from policies.decide.load import load_shipped
 from ztpm_idp.domain import commands as c
 from ztpm_idp.domain.codes import Refusal
 from ztpm_idp.domain.core import decide

@@ -6,11 +6,10 @@ import json
 
 import httpx2
 import pytest
-
-from capabilities import keys
-from capabilities.trust import TrustBundle
-from capabilities.proof import prove
-from capabilities.scope_json import restriction_to_json, scope_to_json
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
+from capabilities.proof.proof import prove
+from capabilities.values.scope_json import restriction_to_json, scope_to_json
 from tests.hostile_bodies import HOSTILE_BODIES
 from tests.idp.asks import Cell
 from tests.idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import pytest
-
-from capabilities import keys, rotation, workload
-from capabilities.caps import DEFAULT
-from capabilities.carriage import token_from_text
-from capabilities.chain import Chain
-from capabilities.rotation import KeyRing
-from capabilities.statements import registry
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
+from capabilities.keys.windows import Role
+from capabilities.rotation import rotation
+from capabilities.rotation.rotation import KeyRing
+from capabilities.rotation.succession import succeed
+from capabilities.statements import registry, workload
 from capabilities.statements.revocation import RevocationView
-from capabilities.succession import succeed
-from capabilities.trust import TrustBundle
-from capabilities.verify import verify
-from capabilities.windows import Role
+from capabilities.token.token_text import token_from_text
+from capabilities.token.verify import verify
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
 from tests.idp.test_lending import SLOWER, refused, tree
 from tests.idp.world import AUDIENCE, ISSUER, START_S, World
-from ztpm_idp.keys import IdpKeys
+from ztpm_idp.keys.key_files import IdpKeys
 
 P256 = keys.Algorithm.P256
 BEGUN = int(START_S) - 1_000

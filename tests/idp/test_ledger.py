@@ -8,8 +8,7 @@ import random
 
 import pytest
 import rfc8785
-
-from capabilities import keys
+from capabilities.keys import keys
 from capabilities.statements import checkpoint
 from tests.idp.world import AUDIENCE, LOWER, SLOWER
 from ztpm_idp import ledger_file
@@ -137,8 +136,8 @@ def test_the_export_verifies_and_says_everything(world):
 
 
 def test_what_was_signed_can_be_verified_from_the_ledger_alone(world):
-    from capabilities.caps import DEFAULT
-    from capabilities.proof import Proof, check_proof
+    from capabilities.proof.proof import Proof, check_proof
+    from capabilities.values.caps import DEFAULT
 
     full(world)
     issued = next(e for e in map(json.loads, lines_of(world)) if e.get("kind") == "token-issued")["body"]
@@ -281,7 +280,7 @@ def test_hostile_lines(world, line):
 
 
 def test_a_long_ledger_is_exported_in_pages(world, monkeypatch):
-    from ztpm_idp import feed
+    from ztpm_idp.provider import feed
 
     world.pep()
     ship(world, journal(40))

@@ -5,23 +5,22 @@ from __future__ import annotations
 import json
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-
-from capabilities import keys
-from capabilities.algebra import narrows
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain
-from capabilities.errors import FaultCode
-from capabilities.explanation import explain, explanation_to_json
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Tier
-from capabilities.scope_json import restriction_from_json
+from capabilities.keys import keys
 from capabilities.statements import attestation
 from capabilities.statements.revocation import RevocationView
-from capabilities.verify import token_from_text, verify
+from capabilities.token.verify import token_from_text, verify
+from capabilities.values.algebra import narrows
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain
+from capabilities.values.errors import FaultCode
+from capabilities.values.explanation import explain, explanation_to_json
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Tier
+from capabilities.values.scope_json import restriction_from_json
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from tests.idp.world import AUDIENCE, LOWER, MEASUREMENT, MOVE_TO, SLOWER, SPEED, World
-from ztpm_idp import problems
 from ztpm_idp.client import Agent, ClientError, Evidence, delegate_request, issue_request
+from ztpm_idp.provider import problems
 
 NOTHING_REVOKED = RevocationView(epoch=0, age_ms=0, revoked=frozenset())
 

@@ -6,8 +6,7 @@ import asyncio
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-
-from capabilities.proof import prove
+from capabilities.proof.proof import prove
 from tests.idp.world import ISSUER, LOWER, MEASUREMENT, SLOWER, new_jti
 from ztpm_idp.client import ClientError, delegate_request
 from ztpm_idp.domain.events import NonceConsumed, NonceGiven
@@ -65,7 +64,7 @@ def test_one_proof_makes_one_call(world):
 
 
 def test_one_id_is_registered_once(world):
-    from capabilities import keys
+    from capabilities.keys import keys
 
     alice = world.people["alice"]
     codes = attempts(lambda: alice.register_pep("cell-9", keys.public_raw(keys.generate()), ["http://127.0.0.1:1/mcp"]))

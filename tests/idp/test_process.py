@@ -17,12 +17,11 @@ from types import SimpleNamespace
 
 import httpx2
 import pytest
-
-from capabilities import keys
-from capabilities.trust import TrustBundle
-from capabilities.caps import DEFAULT
-from capabilities.scope import Tier
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
 from capabilities.statements import answers, revocation, vote
+from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Tier
 from tests.idp.asks import Cell
 from tests.idp.world import AUDIENCE, MEASUREMENT, World
 from ztpm_idp import ledger_file

@@ -5,14 +5,13 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT
-from capabilities.scope import Restriction, Tier
+from capabilities.keys import keys
 from capabilities.statements import registry, revocation
+from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Restriction, Tier
 from tests.idp.world import AUDIENCE, ISSUER, SLOWER, World
-from ztpm_idp import feed
 from ztpm_idp.client import ClientError
+from ztpm_idp.provider import feed
 from ztpm_idp.store import StoreUnavailableError
 
 NONCE = "n" * 32

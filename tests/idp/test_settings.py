@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-
-import policies
-from capabilities import keys, workload
-from ztpm_idp.keys import IdpKeys, SettingsError
+from capabilities.keys import keys
+from capabilities.statements import workload
+from ztpm_idp.keys.key_files import IdpKeys, SettingsError
 from ztpm_idp.settings import (
     check_settings,
     load_keys,
@@ -16,6 +15,8 @@ from ztpm_idp.settings import (
     load_policies,
     load_settings,
 )
+
+import policies
 
 KEY_FILES = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
 GOOD = {

@@ -8,16 +8,16 @@ import time
 import tomllib
 
 import pytest
+from capabilities.keys import keys
+from capabilities.statements import workload
+from capabilities.values.caps import DEFAULT
 from typer.testing import CliRunner
-
-from capabilities import keys, workload
-from capabilities.caps import DEFAULT
+from ztpm.base.layout import Layout, read_key
+from ztpm.cell.simulated_platform import TRUST_DOMAIN, Attestor, workload_id
 from ztpm.cli import app
-from ztpm.door_config import read_door_config
-from ztpm.gateway_config import read_gateway_config
-from ztpm.layout import Layout, read_key
-from ztpm.platform import TRUST_DOMAIN, Attestor, workload_id
-from ztpm.tool_config import read_cell
+from ztpm.point.cell_config import read_cell
+from ztpm.point.gateway_config import read_gateway_config
+from ztpm.point.tool_proxy_config import read_door_config
 from ztpm_idp.settings import load_keys, load_platform, load_settings
 
 PASSPHRASE = "correct horse battery staple"

@@ -9,16 +9,15 @@ import pytest
 import sqlalchemy as sa
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-
-from capabilities import keys
-from capabilities.proof import prove
+from capabilities.keys import keys
+from capabilities.proof.proof import prove
 from tests.idp.asks import Cell
 from tests.idp.journals import Journal
 from tests.idp.world import AUDIENCE, ISSUER, SLOWER, World, new_jti
 from ztpm_idp import ledger_file
 from ztpm_idp.bootstrap import FirstPerson, initialise
 from ztpm_idp.client import ClientError
-from ztpm_idp.problems import Problem
+from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store import Store, StoreUnavailableError
 from ztpm_idp.store.schema import metadata
 from ztpm_idp.store.transaction import Transaction

@@ -7,11 +7,10 @@ import threading
 import time
 
 import pytest
-
 from tests.idp.world import ISSUER
-from ztpm_idp.problems import Problem
+from ztpm_idp.provider.epoch_wait import EpochWait
+from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store import StoreUnavailableError
-from ztpm_idp.waiting import EpochWait
 
 
 def ask(world, since, **more):

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 
 import pytest
 import rfc8785
-
-from capabilities import keys
-from capabilities.caps import DEFAULT
-from capabilities.chain import Chain, EvidenceKind
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import attestation
 from capabilities.statements.revocation import RevocationView
-from capabilities.verify import token_from_text, verify
-from dataclasses import replace
+from capabilities.token.verify import token_from_text, verify
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Chain, EvidenceKind
+from capabilities.values.scope import Tier
 from tests.idp.world import AUDIENCE, ISSUER, LOWER, MEASUREMENT, SLOWER, TRUST_DOMAIN
 from ztpm_idp import ledger_file
 from ztpm_idp.client import ClientError, delegate_request, issue_request

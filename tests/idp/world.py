@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import httpx2
-
-from capabilities import keys, workload
-from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
-from capabilities.units import Parameter, Unit
+from capabilities.keys import keys
+from capabilities.statements import workload
+from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
 from ztpm_idp import IdpKeys, Settings, create_app
 from ztpm_idp.bootstrap import FirstPerson, initialise
 from ztpm_idp.client import Agent, Operator

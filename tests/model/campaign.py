@@ -10,9 +10,10 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
-from policies import ROWS, Effect, decide
 from tests.model import test_bad_evidence, test_fresh_answers, triples
 from tests.model.test_twin import disagreement
+
+from policies import ROWS, Effect, decide
 
 SHARE = 5_000
 """Cases of one piece of work."""

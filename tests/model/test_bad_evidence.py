@@ -10,12 +10,12 @@ import unicodedata
 from dataclasses import replace
 
 import pytest
-
-from capabilities.errors import Fault, FaultCode
-from policies import NOT_COLLECTED, ROWS, Effect, ImpactFault, decide
+from capabilities.values.errors import Fault, FaultCode
 from policies.primitives.base import Holds
 from tests.policies import world
 from tests.policies.test_primitives import primitive, set_of
+
+from policies import NOT_COLLECTED, ROWS, Effect, ImpactFault, decide
 
 DRAWS = int(os.environ.get("ZTPM_BAD_DRAWS", "20"))
 HOPS, SCOPE = "evidence.chain.hops", "evidence.chain.hops.1.scope"
@@ -195,7 +195,7 @@ def test_the_matrix_is_of_25_primitives_and_22_kinds():
 
 
 def test_the_matrix_sees_a_decision_that_does_not_look_at_shapes(monkeypatch):
-    monkeypatch.setattr("policies.shape.fault", lambda request, evidence: None)
+    monkeypatch.setattr("policies.evidence.shape.fault", lambda request, evidence: None)
     chance = random.Random(1)
     permitted_draws = sum(draw("TEA-6", "-0.0", chance)[0].effect is Effect.PERMIT for _ in range(20))
     assert permitted_draws == 20

@@ -6,9 +6,10 @@ import random
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-
-from policies import PolicySet, canonical, decide, load_shipped
+from policies.words import canonical
 from tests.model import triples
+
+from policies import PolicySet, decide, load_shipped
 
 ROUNDS = int(os.environ.get("ZTPM_FRESH_ROUNDS", "150"))
 """Cases for each seed; a campaign sets more."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hypothesis import given
-from hypothesis import strategies as st
-
-from capabilities import algebra
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.units import Parameter, Quantity, Unit
+from capabilities.values import algebra
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Quantity, Unit
 from evaluation.tokens import twin
 from evaluation.tokens.families import integers, lay_over, whole
+from hypothesis import given
+from hypothesis import strategies as st
 
 WORLD = range(-6, 7)
 PARAMETERS = (Parameter("a", Unit.COUNT), Parameter("b", Unit.GRAM))

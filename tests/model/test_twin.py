@@ -4,11 +4,11 @@ import os
 import random
 
 import pytest
+from policies.decide.obligations import CONSUME
+from policies.words.reason_table import PRECEDENCE
+from tests.model import triples, twin
 
 from policies import decide
-from policies.obligations import CONSUME
-from policies.reasons import PRECEDENCE
-from tests.model import triples, twin
 
 ROUNDS = int(os.environ.get("ZTPM_TWIN_ROUNDS", "400"))
 """Triples for each seed; a campaign sets more."""

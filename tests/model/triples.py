@@ -2,10 +2,23 @@
 
 from dataclasses import replace
 
-from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
-from capabilities.errors import Fault, FaultCode
-from capabilities.scope import Range, Scope, Tier
-from capabilities.units import Quantity, Unit
+from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.scope import Range, Scope, Tier
+from capabilities.values.units import Quantity, Unit
+from policies.decide.combine import AllOf, Always, AnyOf, Check, Not
+from policies.evidence.conduct_readings import BehaviourReading, Deviation, Feature, SequenceReading
+from policies.evidence.content_readings import (
+    ArgumentReading,
+    ContextReading,
+    InstructionReading,
+    ItemKind,
+    ItemReading,
+    MessageReading,
+)
+from policies.evidence.evidence import EdgeReading, PerceptionReading, SensorReading
+from policies.words.labels import Integrity, Label, Source
+
 from policies import (
     NOT_COLLECTED,
     ROWS,
@@ -16,9 +29,9 @@ from policies import (
     ImpactFault,
     ImpactReading,
     Object,
-    OpeningReading,
     Obligation,
     ObligationKind,
+    OpeningReading,
     Parameters,
     Point,
     Policy,
@@ -31,11 +44,6 @@ from policies import (
     TrustReading,
     decide,
 )
-from policies.combine import AllOf, Always, AnyOf, Check, Not
-from policies.conduct import BehaviourReading, Deviation, Feature, SequenceReading
-from policies.evidence import EdgeReading, PerceptionReading, SensorReading
-from policies.labels import Integrity, Label, Source
-from policies.said import ArgumentReading, ContextReading, InstructionReading, ItemKind, ItemReading, MessageReading
 
 NOW = 1_000_000
 STRANGE = 20

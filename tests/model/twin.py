@@ -6,10 +6,10 @@ Nothing is shared with the package but its types and its table of reasons' owner
 
 from dataclasses import replace
 
-from capabilities.chain import Chain, Refusal
-from capabilities.errors import Fault
-from policies.combine import AllOf, Always, AnyOf, Check, Not
-from policies.evidence import (
+from capabilities.values.chain import Chain, Refusal
+from capabilities.values.errors import Fault
+from policies.decide.combine import AllOf, Always, AnyOf, Check, Not
+from policies.evidence.evidence import (
     NOT_COLLECTED,
     ApprovalReading,
     ImpactFault,
@@ -18,7 +18,7 @@ from policies.evidence import (
     ToolReading,
     TrustReading,
 )
-from policies.reasons import REASONS, Reason
+from policies.words.reason_table import REASONS, Reason
 
 NO, ASK, YES = 0, 1, 2
 BELIEVABLE = {

@@ -13,6 +13,6 @@ def pytest_sessionstart(session):
 @pytest.fixture(autouse=True)
 def nothing_remembered():
     """The shape of a class is worked out once in a process; here it belongs to the test that asks for it."""
-    from policies import shape
+    from policies.evidence import shape
 
     shape._checker.cache_clear()

@@ -8,22 +8,21 @@ import json
 from dataclasses import dataclass, field
 
 import rfc8785
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
+from capabilities.keys import keys
 from capabilities.statements import intent as intent_statement
 from capabilities.statements import message as message_statement
-from capabilities.units import Quantity, Unit
-from pep.authority import Credentials
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.units import Quantity, Unit
+from pep.base.errors import JournalError, PepFault
 from pep.context.admission import Admission
 from pep.context.flow import Flow
 from pep.context.forms import Asked, Body, Form, Forms
 from pep.context.messages import ConversationBook
-from pep.errors import JournalError, PepFault
-from pep.replay import ReplayCache
-from policies.labels import Integrity, Label, Source
-from policies.load import load_shipped
-from policies.said import ItemKind, ItemReading
+from pep.journal.replay_cache import ReplayCache
+from pep.request.authority import Credentials
+from policies.decide.load import load_shipped
+from policies.evidence.content_readings import ItemKind, ItemReading
+from policies.words.labels import Integrity, Label, Source
 from tests.capabilities.world import (
     CELL,
     LAST,
@@ -211,7 +210,8 @@ def response(label: Label | None = None, **other) -> ItemReading:
 
 def resigned(text: str, change, key) -> str:
     """A statement with other claims or header, signed with that key: what `sign` would never write."""
-    from capabilities import jws, strict_json
+    from capabilities.keys import jws
+    from capabilities.values import strict_json
 
     parts = jws.split(text, most_bytes=10**6)
     header, claims = dict(parts.header), json.loads(parts.payload_raw)

@@ -7,20 +7,19 @@ from contextlib import asynccontextmanager
 
 import httpx2
 import uvicorn
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
+from capabilities.keys import keys
 from capabilities.statements import ticket
-from capabilities.verify import Verifier
-from pep.authority import Authority
-from pep.edge import Edge
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.journal.file_journal import FileJournal
+from pep.journal.replay_cache import ReplayCache
 from pep.mcp.deadline import DeadlineProtocol
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.forward import Forward, client
 from pep.mcp.mapping import ARM_TOOLS
-from pep.mcp.ticketed import TICKET, TicketLayer
-from pep.record import FileJournal
-from pep.replay import ReplayCache
+from pep.mcp.ticket_layer import TICKET, TicketLayer
+from pep.request.authority import Authority
+from pep.request.edge import Edge
 from tests.pep.kit import AUDIENCE, HOST, ISSUER, PORT
 from tests.pep.test_mcp import Cell
 

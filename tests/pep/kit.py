@@ -10,15 +10,9 @@ from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import httpx2
-
-from capabilities import keys
-from capabilities.trust import TrustBundle
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.carriage import token_to_text
-from capabilities.chain import Attestation, EvidenceKind, HopGrant, Sponsor
-from capabilities.mint import mint
-from capabilities.proof import Proof, check_proof, prove
-from capabilities.scope import Grant, Limit, Range, Scope, Tier
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
+from capabilities.proof.proof import Proof, check_proof, prove
 from capabilities.statements import answers as answers_statement
 from capabilities.statements import ask as ask_statement
 from capabilities.statements import conduct as conduct_statement
@@ -27,25 +21,30 @@ from capabilities.statements import registry as registry_statement
 from capabilities.statements import revocation
 from capabilities.statements import vote as vote_statement
 from capabilities.statements.revocation import RevocationView
-from capabilities.verify import Verifier
-from pep.approvals import Asks
-from pep.asking import Asking
-from pep.authority import Authority, Presented
-from pep.call import Call
-from pep.gate import Gate, Result
+from capabilities.token.mint import mint
+from capabilities.token.token_text import token_to_text
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.chain import Attestation, EvidenceKind, HopGrant, Sponsor
+from capabilities.values.scope import Grant, Limit, Range, Scope, Tier
+from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL_OUTPUT, SPEED_JOINT
+from pep.base.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together
+from pep.gate.gate import Gate, Result
+from pep.journal.file_journal import FileJournal
+from pep.journal.replay_cache import ReplayCache
 from pep.mcp.mapping import ARM_TOOLS, to_request
-from pep.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL_OUTPUT, SPEED_JOINT
-from pep.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together
-from pep.question import Asker
-from pep.record import FileJournal
-from pep.replay import ReplayCache
-from pep.rtde.limits import Ur3eLimits
-from pep.sequence import Sequence
-from policies.evidence import ImpactReading, PerceptionReading, RobotReading, SensorReading, ToolReading
-from policies.labels import Integrity, Label, Source
-from policies.load import load_shipped
-from policies.said import ArgumentReading, ContextReading
-from ztpm.survey import embedded
+from pep.people.ask_composer import Asker
+from pep.people.asks import Asks
+from pep.provider.ask_client import Asking
+from pep.request.authority import Authority, Presented
+from pep.request.call import Call
+from pep.rtde.command.limits import Ur3eLimits
+from pep.world.sequence import Sequence
+from policies.decide.load import load_shipped
+from policies.evidence.content_readings import ArgumentReading, ContextReading
+from policies.evidence.evidence import ImpactReading, PerceptionReading, RobotReading, SensorReading, ToolReading
+from policies.words.labels import Integrity, Label, Source
+from ztpm.cell.survey import embedded
 
 HOST = f"127.{64 + os.getpid() % 63}.{os.getpid() // 63 % 250}.9"
 """A loopback address of this test process alone."""
@@ -294,7 +293,7 @@ class FailingJournal:
         self.inner, self.left = inner, fail_from
 
     def append(self, kind, body):
-        from pep.errors import JournalError, PepFault
+        from pep.base.errors import JournalError, PepFault
 
         if self.left <= 0:
             raise JournalError(PepFault.JOURNAL_BROKEN, "disk full")

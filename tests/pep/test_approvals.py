@@ -6,19 +6,18 @@ import threading
 from dataclasses import replace
 
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT
-from capabilities.scope import Tier
-from pep.approvals import CAPACITY
-from pep.deferral import AskState
-from pep.errors import ActuationRefusedError, JournalError, PepError
-from pep.sequence import Sequence
-from policies.evidence import Contribution
-from policies.model import Effect
-from policies.parameters import Parameters
-from policies.policy import PolicySet
-from policies.reasons import Reason
+from capabilities.keys import keys
+from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Tier
+from pep.base.errors import ActuationRefusedError, JournalError, PepError
+from pep.people.asks import CAPACITY
+from pep.people.deferral import AskState
+from pep.world.sequence import Sequence
+from policies.decide.policy import PolicySet
+from policies.evidence.evidence import Contribution
+from policies.evidence.model import Effect
+from policies.words.parameters import Parameters
+from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, MOVE, FailingJournal, Person, Rig, full_scope, reading
 
 PERSON = Contribution("person", 2_500, "wrist_3", "dave", 100, 400_000, 200_000, "camera-1")
@@ -317,7 +316,7 @@ def test_two_simultaneous_requests_cannot_both_use_the_last_use(rig):
     rig.cast(rig.vote())
     start, won = threading.Barrier(16), []
     calls = [rig.call(rig.holder) for _ in range(16)]
-    from policies.pdp import decide
+    from policies.decide.pdp import decide
 
     def grab(call):
         start.wait()
@@ -336,7 +335,7 @@ def test_two_simultaneous_requests_cannot_both_use_the_last_use(rig):
 
 
 def test_a_reserved_use_lapses_and_cannot_be_consumed_late(rig):
-    from policies.pdp import decide
+    from policies.decide.pdp import decide
 
     rig.ask()
     rig.cast(rig.vote())
@@ -480,7 +479,7 @@ def test_a_caller_who_goes_takes_the_use_along(rig):
 
 
 def test_no_room_for_more_questions_denies(rig, monkeypatch):
-    monkeypatch.setattr("pep.approvals.CAPACITY", 1)
+    monkeypatch.setattr("pep.people.asks.CAPACITY", 1)
     rig.ask()
     other = rig.go(arguments={**MOVE, "speed_rad_s": 0.4})
     assert (other.decision.effect, other.decision.reason) == (Effect.DENY, Reason.ASK_BUDGET_SPENT)

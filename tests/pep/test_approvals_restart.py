@@ -4,12 +4,11 @@ import asyncio
 from collections import Counter
 
 import pytest
-
-from pep.deferral import AskState
-from policies.model import Effect
-from policies.reasons import Reason
-from tests.pep.test_approvals import PERSON, Critical, People, closing, refused_unsent
+from pep.people.deferral import AskState
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests.pep.kit import reading
+from tests.pep.test_approvals import PERSON, Critical, People, closing, refused_unsent
 
 
 @pytest.fixture
@@ -175,7 +174,7 @@ def test_a_refused_ask_is_not_asked_again(rig):
 def test_an_ask_that_another_key_signed_is_no_question_of_ours(rig):
     rig.ask()
     rig.cast(rig.vote())
-    from capabilities import keys
+    from capabilities.keys import keys
 
     rig.pep_key = keys.generate()
     rig.restart()

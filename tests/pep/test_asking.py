@@ -5,13 +5,12 @@ import json
 
 import httpx2
 import pytest
-
-from pep.asking import Asking
-from pep.clock import SystemClock
-from pep.deferral import AskState
-from pep.errors import PepError, PepFault
-from policies.model import Effect
-from policies.reasons import Reason
+from pep.base.clock import SystemClock
+from pep.base.errors import PepError, PepFault
+from pep.people.deferral import AskState
+from pep.provider.ask_client import Asking
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests.pep.kit import MOVE, reading
 from tests.pep.test_approvals import NEAR, People, closing
 

@@ -3,13 +3,12 @@
 from collections import deque
 
 import pytest
+from capabilities.proof.session_frames import OVERHEAD_BYTES
+from capabilities.values.caps import DEFAULT
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
-
-from capabilities.caps import DEFAULT
-from capabilities.frames import OVERHEAD_BYTES
-from pep.rtde.carriage import (
+from pep.rtde.lease.lease_messages import (
     CONNECTIONS,
     HEAD_BYTES,
     Beat,
@@ -28,7 +27,7 @@ from pep.rtde.carriage import (
     delimited,
     encode,
 )
-from pep.rtde.told import TOLD_BYTES
+from pep.rtde.wire.client_texts import TOLD_BYTES
 
 LINE = st.integers(0, 255)
 WORDS = st.one_of(

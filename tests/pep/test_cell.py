@@ -11,19 +11,18 @@ import threading
 
 import httpx2
 import pytest
+from capabilities.keys import keys
+from capabilities.statements.registry import SensorEntry, ToolEntry
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
-
-from capabilities import keys
-from capabilities.statements.registry import SensorEntry, ToolEntry
-from pep.mcp.arm import tool_definitions
+from pep.mcp.arm_server import tool_definitions
 from pep.mcp.guard import DECISION_META
 from pep.pit import CellParameters, Output
-from pep.rtde.dashboard import stop_program
-from pep.rtde.state import ReceivedState
-from pep.rtde.telemetry import Telemetry
-from policies.load import load_shipped
-from policies.tiers import FRESH
+from pep.rtde.robot.dashboard import stop_program
+from pep.rtde.robot.state_receiver import ReceivedState
+from pep.rtde.robot.telemetry import Telemetry
+from policies.decide.load import load_shipped
+from policies.evidence.tiers import FRESH
 from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
 from tests.pep.test_mcp import Signed
 from ztpm.tool_server import CellConfig, ToolServer
@@ -74,7 +73,7 @@ class Child:
 
 @pytest.fixture(scope="module")
 def controller():
-    child = Child("pep.sim", "--host", HOST, "--joints=" + ",".join(map(str, LEFT)))
+    child = Child("ursim", "--host", HOST, "--joints=" + ",".join(map(str, LEFT)))
     yield child
     child.end()
 
@@ -107,7 +106,7 @@ class Cell:
         )
         tools = [ToolEntry(t.name, t.definition_digest, t.operation, t.base_tier) for t in tool_definitions_cached()]
         sensors = [SensorEntry("camera-1", keys.public_raw(sensor_key), CALIBRATION, 20)]
-        from pep.clock import SystemClock
+        from pep.base.clock import SystemClock
 
         self.clock = SystemClock()
         self.issuer = FakeIssuer(self.made, self.clock, tools=tools, sensors=sensors)
@@ -186,7 +185,7 @@ tool_definitions_cached()
 
 def sensor(key_file):
     return Child(
-        "pep.sim.sensor", "--key-file", key_file, "--sensor", "camera-1", "--calibration", CALIBRATION,
+        "ursim.sensor.sensor", "--key-file", key_file, "--sensor", "camera-1", "--calibration", CALIBRATION,
         "--to", f"{HOST}:{PORT + 1}",
     )  # fmt: skip
 

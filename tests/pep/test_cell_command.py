@@ -4,13 +4,12 @@ import json
 import time
 
 import pytest
-from typer.testing import CliRunner
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import cell
 from capabilities.statements.observation import Box, Sphere
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.scope import Tier
+from typer.testing import CliRunner
 from ztpm.cli import app
 
 PASSPHRASE = "correct horse battery staple"

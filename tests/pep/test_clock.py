@@ -5,14 +5,13 @@ import contextlib
 import json
 
 import pytest
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import FaultCode
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.errors import FaultCode
-from pep import clock as clocks
-from pep.clock import MARK_PERIOD_S, HeldClock, SystemClock, TimeMark
-from pep.errors import PepError, PepFault
+from pep.base import clock as clocks
+from pep.base.clock import MARK_PERIOD_S, HeldClock, SystemClock, TimeMark
+from pep.base.errors import PepError, PepFault
 from tests.pep.kit import ManualClock, Rig
 
 SKEW = CAPS.skew_s
@@ -225,7 +224,7 @@ class Judged:
 
     def proof(self):
         """A request as an agent with a right clock makes it now."""
-        from pep.authority import Presented
+        from pep.request.authority import Presented
         from tests.pep.kit import AUDIENCE
 
         text = self.holder.proof(b"{}", at=self.machine.wall_s())

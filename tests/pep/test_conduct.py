@@ -4,22 +4,21 @@ import asyncio
 from dataclasses import replace
 
 import pytest
-
-from capabilities.chain import Chain
-from capabilities.errors import Fault, FaultCode
-from capabilities.scope import Grant, Limit, OneOf, Range, Tier
 from capabilities.statements.conduct import AgentEntry, DeviationEntry
-from capabilities.units import Quantity, Unit
-from pep.conduct import near_permille
-from pep.operations import MOVE_JOINT
-from pep.ports import ConductWord
-from policies.charges import CHARGES
-from policies.conduct import Feature
-from policies.load import load
-from policies.evidence import NOT_COLLECTED, Evidence
-from policies.model import Effect
-from policies.reasons import Reason
-from policies.report import Edge
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Tier
+from capabilities.values.units import Quantity, Unit
+from pep.base.operations import MOVE_JOINT
+from pep.base.ports import ConductWord
+from pep.journal.conduct import near_permille
+from policies.conduct.report import Edge
+from policies.conduct.trust_changes import CHARGES
+from policies.decide.load import load
+from policies.evidence.conduct_readings import Feature
+from policies.evidence.evidence import NOT_COLLECTED, Evidence
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests.pep.kit import FailingJournal, Rig, full_scope, reading
 
 PRIOR = 800
@@ -149,7 +148,7 @@ def test_what_it_saw_itself_counts_at_once(rig):
     holder = slow(rig)
     before = rig.gate.conduct.trust(chain_of(rig, holder), at=rig.clock.wall_s())
     assert before.score_permille == PRIOR
-    # What one slip is charged (policies.charges), in thousandths of a plain wrong, against a prior that weighs 20.
+    # What one slip is charged (policies.conduct.trust_changes), in thousandths of a plain wrong, against a prior that weighs 20.
     slip = CHARGES[Reason.LIMIT_EXCEEDED_BY_REQUEST].milli / 1_000
     for slips in (1, 2, 3):
         expected = round(PRIOR * 20 / (20 + slips * slip))

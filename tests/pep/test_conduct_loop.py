@@ -5,22 +5,21 @@ import secrets
 
 import httpx2
 import pytest
-
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.carriage import token_from_text
-from capabilities.chain import Chain
-from capabilities.proof import prove
-from capabilities.scope import Grant, Tier
-from capabilities.verify import Verifier
-from pep.authority import Presented
-from pep.feed import Follower, MarkFile
-from pep.call import Call
+from capabilities.proof.proof import prove
+from capabilities.token.token_text import token_from_text
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.chain import Chain
+from capabilities.values.scope import Grant, Tier
+from pep.journal.file_journal import FileJournal
 from pep.mcp.mapping import ARM_TOOLS, to_request
-from pep.record import FileJournal
-from pep.ship import Shipper
-from policies.evidence import ToolReading
-from policies.model import Effect
-from policies.report import Edge
+from pep.provider.feed import Follower, MarkFile
+from pep.provider.journal_shipper import Shipper
+from pep.request.authority import Presented
+from pep.request.call import Call
+from policies.conduct.report import Edge
+from policies.evidence.evidence import ToolReading
+from policies.evidence.model import Effect
 from tests.idp.world import AUDIENCE, ISSUER, World
 from tests.pep.kit import ManualClock, Rig
 

@@ -7,19 +7,18 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-from capabilities import keys
-from capabilities.errors import Fault
+from capabilities.keys import keys
 from capabilities.statements import manifest
 from capabilities.statements.response import Call
+from capabilities.values.errors import Fault
 from pep.context import responses
 from pep.context.admission import Admitted, Refused
 from pep.context.collection import RetrievalFault
+from pep.context.json_value import plain
 from pep.context.retrieval import Curated
-from pep.context.stores import MarksFile
-from pep.context.value import plain
-from policies.labels import Integrity, Label, Source
-from policies.reasons import Reason
+from pep.context.stores.sqlite import MarksFile
+from policies.words.labels import Integrity, Label, Source
+from policies.words.reason_table import Reason
 from tests.capabilities.world import CELL
 from tests.pep import context_kit as point_kit
 from tests.pep.test_memory import Desk
@@ -27,7 +26,7 @@ from tests.pep.test_retrieval import TEXTS, Library, Lying, collection
 
 pytest.importorskip("chromadb", reason="the extra [retrieval] is not installed")
 
-from pep.context.chroma import ChromaCollection, FeatureHash, client
+from pep.context.stores.chroma import ChromaCollection, FeatureHash, client
 
 
 @pytest.fixture

@@ -7,31 +7,42 @@ import json
 import threading
 
 import pytest
-
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.errors import Fault, FaultCode
 from capabilities.statements import intent as intent_statement
-from capabilities.units import INT_LIMIT
-from pep.authority import NOBODY, Credentials
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.units import INT_LIMIT
+from pep.base.errors import PepFault, ReplayStoreError
 from pep.context import receipts
 from pep.context.admission import Admitted, Refused, Released
 from pep.context.arguments import Known, Presented, arguments
 from pep.context.flow import AGENTS, Holder, own
+from pep.context.json_value import ValueFault
 from pep.context.messages import ConversationBook, Line
-from pep.context.value import ValueFault
-from pep.errors import PepFault, ReplayStoreError
-from pep.record import FileJournal
-from pep.records import unfinished
-from policies import replay as recorded
-from policies.labels import Integrity, Source, joined
-from policies.load import load, load_shipped
-from policies.model import Effect, Point as EnforcementPoint, Request
-from policies.pdp import decide
-from policies.reasons import Reason
-from policies.said import ItemKind, ItemReading
+from pep.gate.records import unfinished
+from pep.journal.file_journal import FileJournal
+from pep.request.authority import NOBODY, Credentials
+from policies.decide.load import load, load_shipped
+from policies.decide.pdp import decide
+from policies.evidence import case_json as recorded
+from policies.evidence.content_readings import ItemKind, ItemReading
+from policies.evidence.model import Effect, Request
+from policies.evidence.model import Point as EnforcementPoint
+from policies.words.labels import Integrity, Source, joined
+from policies.words.reason_table import Reason
 from tests.capabilities.world import CELL, NOW, key_of, move
 from tests.pep.context_kit import (
-    ADMITTERS, CURATED, UNVOUCHED, Point, chain_to, document, for_intent, held, replaced, response, said, wanted,
+    ADMITTERS,
+    CURATED,
+    UNVOUCHED,
+    Point,
+    chain_to,
+    document,
+    for_intent,
+    held,
+    replaced,
+    response,
+    said,
+    wanted,
 )  # fmt: skip
 from tests.pep.kit import ManualClock
 

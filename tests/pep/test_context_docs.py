@@ -6,16 +6,16 @@ import re
 from pathlib import Path
 
 from capabilities.statements import intent as intent_statement
-from pep.authority import Credentials
 from pep.context.admission import Admission, Admitted, Refused
 from pep.context.arguments import Known, Presented, arguments
 from pep.context.flow import Flow
 from pep.context.messages import ConversationBook
 from pep.context.screening import SIGNS, screen
-from pep.replay import ReplayCache
-from policies.labels import Integrity
-from policies.load import load_shipped
-from policies.model import Point, Request
+from pep.journal.replay_cache import ReplayCache
+from pep.request.authority import Credentials
+from policies.decide.load import load_shipped
+from policies.evidence.model import Point, Request
+from policies.words.labels import Integrity
 from tests.capabilities.world import CELL, NOW, chain_of
 from tests.pep import context_kit as kit
 from tests.pep.context_corpus import ATTACKS, HELD_OUT, ORDINARY_DE, ORDINARY_EN

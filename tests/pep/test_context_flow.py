@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from capabilities.statements.admission import OTHERS, SIGNERS
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities.statements.admission import OTHERS, SIGNERS
 from pep.context import flow as flow_module
 from pep.context.flow import HOPS, KEPT_MS, READERS, Context, Flow, Full, Holder, own
-from policies.labels import NOBODY, Integrity, Label, Source, joined
+from policies.words.labels import NOBODY, Integrity, Label, Source, joined
 from tests.capabilities.world import NOW
 from tests.pep.context_kit import CURATED, SENSED, UNVOUCHED, chain_to, replaced
 from tests.pep.kit import ManualClock

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from pydantic import BaseModel
-
+from pep.base.errors import ConfigError, PepFault
 from pep.context.forms import ASKED, Asked, Body, Form, Forms, asks_nothing
-from pep.errors import ConfigError, PepFault
+from pydantic import BaseModel
 
 
 class Place(Body):

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
 from capabilities.statements import intent as intent_statement
 from capabilities.statements import message as message_statement
+from hypothesis import given
+from hypothesis import strategies as st
 from pep.context import instructions
-from policies.labels import Integrity, Source
-from policies.said import ItemKind
+from policies.evidence.content_readings import ItemKind
+from policies.words.labels import Integrity, Source
 from tests.capabilities.world import NOW, key_of, raw_of
 from tests.pep.context_kit import CAPS, FORMS, PEOPLE, chain_to, for_intent, lent, resigned, said, wanted
 

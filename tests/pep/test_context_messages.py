@@ -5,14 +5,13 @@ from __future__ import annotations
 import threading
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
 from capabilities.statements import message as statement
 from capabilities.statements.body import BODY_BYTES
+from hypothesis import given
+from hypothesis import strategies as st
 from pep.context import messages
 from pep.context.messages import ConversationBook, Line, Turn
-from policies.said import MessageReading
+from policies.evidence.content_readings import MessageReading
 from tests.capabilities.world import NOW, key_of
 from tests.pep.context_kit import CAPS, FORMS, chain_to, replaced, resigned, said, wanted
 from tests.pep.kit import ManualClock

@@ -5,21 +5,20 @@ from __future__ import annotations
 import json
 
 import pytest
+from capabilities.statements import admission as statement
+from capabilities.values.units import Quantity, Unit
 from hypothesis import given
 from hypothesis import strategies as st
-
-from capabilities.statements import admission as statement
-from capabilities.units import Quantity, Unit
+from pep.context import json_value as values
 from pep.context import receipts
-from pep.context import value as values
 from pep.context.arguments import PRESENTED, Known, Presented, arguments, named_arguments
 from pep.context.flow import Holder, own
-from pep.context.value import Plain
-from policies.labels import Integrity, Source, joined
-from policies.model import Point, Request
-from policies.said import ArgumentReading
+from pep.context.json_value import Plain
+from policies.evidence.content_readings import ArgumentReading
+from policies.evidence.model import Point, Request
+from policies.words.labels import Integrity, Source, joined
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, key_of, raw_of
-from tests.pep.context_kit import ADMITTERS, CAPS, CURATED, PEP_KEY, SENSED, UNVOUCHED, move, replaced, said, chain_to
+from tests.pep.context_kit import ADMITTERS, CAPS, CURATED, PEP_KEY, SENSED, UNVOUCHED, chain_to, move, replaced, said
 from tests.pep.test_context_flow import labels, no_better
 
 pytestmark = pytest.mark.clause("STM-10")

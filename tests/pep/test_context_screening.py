@@ -8,8 +8,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.context import characters, instruction_like, screening
+from pep.context import characters, instruction_rules, screening
 from pep.context.screening import SIGNS, TRACES, screen, screen_value, signs
 from tests.pep.context_corpus import ATTACKS, MISSED, ORDINARY_DE, ORDINARY_EN
 
@@ -113,7 +112,7 @@ def test_folding_keeps_places(text):
 # --- work that grows with the text, and no faster ---------------------------------------------------------------------
 
 MIB = 1 << 20
-CUES = " ".join(cue for rule in instruction_like.RULES for cue in rule.cues) + " "
+CUES = " ".join(cue for rule in instruction_rules.RULES for cue in rule.cues) + " "
 """So that no rule is skipped."""
 LONG = {
     "prose": "The quick brown fox jumps over the lazy dog. ",

@@ -3,13 +3,12 @@
 import threading
 
 import pytest
-
-from pep.errors import RobotError
-from pep.operations import SPEED_JOINT, digest_of
-from pep.permit import Permit
-from pep.rtde.dead_man import DeadMan
-from pep.rtde.permitted import PermittedControl
-from pep.stopping import FASTEST_RAD_S, KICK_S, STOP_DELAY_S, dead_man_s
+from pep.base.errors import RobotError
+from pep.base.operations import SPEED_JOINT, digest_of
+from pep.base.stop_model import FASTEST_RAD_S, KICK_S, STOP_DELAY_S, dead_man_s
+from pep.request.permit import Permit
+from pep.rtde.motion.dead_man import DeadMan
+from pep.rtde.motion.permitted_control import PermittedControl
 from tests.pep.kit import AUDIENCE, ManualClock
 
 A = 6.0

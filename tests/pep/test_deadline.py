@@ -6,7 +6,6 @@ import socket
 
 import pytest
 import uvicorn
-
 from pep.mcp import deadline
 
 pytestmark = pytest.mark.real_time

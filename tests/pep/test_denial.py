@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from pep.denial import denial
-from policies.model import ApprovalUse, Decision, Effect, Finding, Obligation, ObligationKind
-from policies.reasons import Reason
+from pep.request.denial import denial
+from policies.evidence.model import ApprovalUse, Decision, Effect, Finding, Obligation, ObligationKind
+from policies.words.reason_table import Reason
 
 FOUND = Finding("TEA-4", Reason.PERMITTED, {"policy": "act"})
 PERMIT = Decision(

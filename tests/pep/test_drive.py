@@ -9,26 +9,25 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-
-from capabilities.errors import Fault, FaultCode
-from pep.clock import SystemClock
-from pep.context.frames import Distrusted, FrameFault, Rejected, Seen, Unseen
-from pep.errors import ActuationRefusedError, PepFault, RobotError
-from pep.governor import Governor, Offer, Pacing, Speeds
-from pep.operations import GRIPPER_MOVE, MOVE_JOINT, digest_of
-from pep.permit import Permit
-from pep.ports import Rest
-from pep.rtde import drive as drive_module
-from pep.rtde import ladder
-from pep.rtde.drive import Drive, End
-from pep.rtde.governed import SpeedControl, least_fraction, put_back
-from pep.rtde.gripper import Grip
-from pep.rtde.permitted import PermittedControl
-from pep.rtde.heard import SILENCE_MS
-from pep.rtde.slider import SpeedSlider
-from pep.rtde.state import JointState, Package
-from pep.watch import Limits, Watch
-from policies.reasons import Reason
+from capabilities.values.errors import Fault, FaultCode
+from pep.base.clock import SystemClock
+from pep.base.errors import ActuationRefusedError, PepFault, RobotError
+from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, digest_of
+from pep.base.ports import Rest
+from pep.perception.sensor_frames import Distrusted, FrameFault, Rejected, Seen, Unseen
+from pep.request.permit import Permit
+from pep.rtde.motion import drive as drive_module
+from pep.rtde.motion import stop_ladder
+from pep.rtde.motion.drive import Drive, End
+from pep.rtde.motion.governed_move import SpeedControl, least_fraction, put_back
+from pep.rtde.motion.permitted_control import PermittedControl
+from pep.rtde.robot.gripper import Grip
+from pep.rtde.robot.newest_state import SILENCE_MS
+from pep.rtde.robot.speed_slider import SpeedSlider
+from pep.rtde.robot.state_receiver import JointState, Package
+from pep.watch.governor import Governor, Offer, Pacing, Speeds
+from pep.watch.watch import Limits, Watch
+from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE
 
 pytestmark = pytest.mark.real_time
@@ -707,7 +706,7 @@ def test_a_slowed_move_that_is_stopped_or_forsaken_leaves_the_slider_where_it_wa
 
 def test_an_arm_that_may_still_move_is_not_let_faster(world, monkeypatch):
     """No standstill was seen: the slider stays low, and the record says so."""
-    monkeypatch.setattr(ladder, "STOP_LIMIT_MS", 300)
+    monkeypatch.setattr(stop_ladder, "STOP_LIMIT_MS", 300)
     permit, move = slowed(world)
 
     async def scenario(drive):
@@ -724,7 +723,7 @@ def test_an_arm_that_may_still_move_is_not_let_faster(world, monkeypatch):
 
 def test_an_arm_that_goes_on_after_every_stop_is_not_let_faster(world, monkeypatch):
     """It is heard, and it moves: neither the command nor the dashboard has stopped it."""
-    monkeypatch.setattr(ladder, "STOP_LIMIT_MS", 300)
+    monkeypatch.setattr(stop_ladder, "STOP_LIMIT_MS", 300)
     monkeypatch.setattr(world.arm, "halt", lambda: None)
     permit, move = slowed(world)
 

@@ -4,14 +4,13 @@ import asyncio
 import json
 
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import revocation
 from capabilities.statements.registry import PartyEntry, SensorEntry, ToolEntry, TrustEntry
-from pep.errors import FeedError, PepFault
-from pep.feed import Follower, MarkFile
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.scope import Tier
+from pep.base.errors import FeedError, PepFault
+from pep.provider.feed import Follower, MarkFile
 from tests.pep.kit import AUDIENCE, CALIBRATION, ISSUER, FakeIssuer, ManualClock, issuer_keys
 
 

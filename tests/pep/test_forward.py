@@ -7,15 +7,14 @@ import socket
 
 import httpx2
 import pytest
+from capabilities.keys import keys
+from capabilities.statements import ticket
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
-
-from capabilities import keys
-from capabilities.statements import ticket
-from pep.clock import SystemClock
+from pep.base.clock import SystemClock
 from pep.mcp import forward
 from pep.mcp.guard import DECISION_META
-from pep.mcp.ticketed import TICKET
+from pep.mcp.ticket_layer import TICKET
 from tests.pep.forwarding import DOOR, GATEWAY_PORT, URL, House
 from tests.pep.kit import AUDIENCE, HOST, MOVE, PORT, FailingJournal, full_scope, reading
 from tests.pep.test_mcp import HEADERS, Signed, call_body

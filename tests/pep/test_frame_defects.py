@@ -10,18 +10,17 @@ import json
 from dataclasses import replace
 
 import pytest
-
-from capabilities import jws, keys
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.statements import checkpoint, observation, sealed
-from pep.context.frames import FRAME_BYTES, Frame, Frames, Seen
-from pep.perception import CONNECTIONS, Receiver
+from capabilities.keys import jws, keys
+from capabilities.statements import checkpoint, observation, statement_form
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.perception.receiver import CONNECTIONS, Receiver
+from pep.perception.sensor_frames import FRAME_BYTES, Frame, Frames, Seen
 from pep.pit import CellParameters, Robot, observed, standing_adult, surveyed
-from pep.rtde.state import JointState
-from pep.holding import Holding
-from pep.world import CellPhysics
-from policies.model import Effect
-from policies.reasons import Reason
+from pep.rtde.robot.state_receiver import JointState
+from pep.world.held_object import Holding
+from pep.world.world import CellPhysics
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests.pep.kit import CALIBRATION, Rig, survey
 
 POSE = (0.0, -1.62, 1.25, -1.2, -1.57, 0.0)
@@ -239,7 +238,7 @@ def unsigned(text):
 
 
 def other_kind(cell):
-    return sealed.sign("perception", json.loads(claims_of(cell.frame())), cell.keys["camera-1"]).encode()
+    return statement_form.sign("perception", json.loads(claims_of(cell.frame())), cell.keys["camera-1"]).encode()
 
 
 def played(tmp_path, scenario):

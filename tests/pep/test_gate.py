@@ -2,20 +2,19 @@
 
 import asyncio
 import threading
-from types import SimpleNamespace
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
-
-from capabilities.scope import Grant, Tier
-from capabilities.units import Quantity, Unit
-from pep import gate as gate_module
-from pep.errors import ActuationRefusedError, JournalError, PepFault
-from pep.gate import ATTEMPTS, Result
-from pep.sequence import Sequence
-from policies.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
-from policies.model import Effect, Obligation, ObligationKind
-from policies.reasons import Reason
+from capabilities.values.scope import Grant, Tier
+from capabilities.values.units import Quantity, Unit
+from pep.base.errors import ActuationRefusedError, JournalError, PepFault
+from pep.gate import gate as gate_module
+from pep.gate.gate import ATTEMPTS, Result
+from pep.world.sequence import Sequence
+from policies.evidence.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
+from policies.evidence.model import Effect, Obligation, ObligationKind
+from policies.words.reason_table import Reason
 from tests.pep.kit import MOVE, FailingJournal, Rig, full_scope, reading
 
 

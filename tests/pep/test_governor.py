@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.governor import MARGIN, Governor, Offer, Pacing, Speeds
 from pep.pit import CellParameters
+from pep.watch.governor import MARGIN, Governor, Offer, Pacing, Speeds
 
 CELL = CellParameters()
 PACING = Pacing.of(CELL)

@@ -5,12 +5,11 @@ import contextlib
 
 import httpx2
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
-from pep.clock import SystemClock
-from pep.errors import PepFault
-from pep.feed import BACKOFF_S, MOVING_PERIOD_S, Follower, MarkFile
+from capabilities.keys import keys
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.base.clock import SystemClock
+from pep.base.errors import PepFault
+from pep.provider.feed import BACKOFF_S, MOVING_PERIOD_S, Follower, MarkFile
 from tests.pep.kit import AUDIENCE, ISSUER, FakeIssuer, issuer_keys
 
 pytestmark = pytest.mark.real_time

@@ -4,15 +4,14 @@ import asyncio
 from dataclasses import replace
 
 import pytest
-
-from pep.context.frames import Seen
-from pep.errors import PepFault, RobotError
-from pep.holding import Holding
+from pep.base.errors import PepFault, RobotError
+from pep.perception.sensor_frames import Seen
 from pep.pit import CellParameters, Robot, Scene, Sphere, Thing
 from pep.pit.cell import Part
-from pep.rtde.gripper import Grip
-from pep.world import tool_position
-from ztpm import robot as composition
+from pep.rtde.robot.gripper import Grip
+from pep.world.held_object import Holding
+from pep.world.world import tool_position
+from ztpm.point import robot as composition
 
 ARM = Robot.load("ur3e")
 Q = (0.0, -1.6595, 1.8752, -1.7865, -1.57, 0.0)
@@ -79,8 +78,8 @@ def test_the_controller_is_told_what_is_carried_whenever_that_changes():
 
 
 def test_an_arm_that_says_nothing_holds_something_unknown(monkeypatch):
-    monkeypatch.setattr("pep.world.scene_of", lambda seen, cell: Scene.of_cell(cell))
-    from pep.world import CellPhysics
+    monkeypatch.setattr("pep.world.world.scene_of", lambda seen, cell: Scene.of_cell(cell))
+    from pep.world.world import CellPhysics
 
     class Silent:
         def read(self):
@@ -101,7 +100,7 @@ class Cell:
     """The physics of a cell that sees the one thing between the fingers."""
 
     def __init__(self, holding):
-        from pep.world import CellPhysics
+        from pep.world.world import CellPhysics
 
         self.holding = holding
         self.physics = CellPhysics(

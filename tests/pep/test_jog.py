@@ -8,29 +8,28 @@ from concurrent.futures import Future
 
 import numpy as np
 import pytest
-
-from capabilities.errors import Fault, FaultCode
-from pep.clock import SystemClock
-from pep.context.frames import Seen
-from pep.errors import ActuationRefusedError
-from pep.operations import SPEED_JOINT, Operation, digest_of
-from pep.permit import Permit
+from capabilities.values.errors import Fault, FaultCode
+from pep.base.clock import SystemClock
+from pep.base.errors import ActuationRefusedError
+from pep.base.operations import SPEED_JOINT, Operation, digest_of
+from pep.base.ports import Rest
+from pep.base.stop_model import STOP_DELAY_S, patience_s
+from pep.perception.sensor_frames import Seen
 from pep.pit import CellParameters, SpeedJ
 from pep.pit.motion import profile_of
 from pep.pit.stream import stream_envelope
-from pep.ports import Rest
-from pep.rtde.dashboard import stop_program
-from pep.rtde.drive import Drive
-from pep.rtde.permitted import PermittedControl
-from pep.rtde.jog import Jog
-from pep.rtde.state import JointState, ReceivedState
-from pep.sim.launch import Controller
-from pep.stopping import STOP_DELAY_S, patience_s
-from pep.watch import End, Limits, Watch
-from policies.model import Request
-from policies.reasons import Reason
+from pep.request.permit import Permit
+from pep.rtde.motion.drive import Drive
+from pep.rtde.motion.jog import Jog
+from pep.rtde.motion.permitted_control import PermittedControl
+from pep.rtde.robot.dashboard import stop_program
+from pep.rtde.robot.state_receiver import JointState, ReceivedState
+from pep.watch.watch import End, Limits, Watch
+from policies.evidence.model import Request
+from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE
 from tests.sim_controller.cell import HOME
+from ursim.ports.launch import Controller
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 pytestmark = pytest.mark.e2e
@@ -295,7 +294,7 @@ def test_it_is_prolonged_by_the_same_agent_and_nobody_else(controller):
 
 
 def request(qd, operation=SPEED_JOINT):
-    from capabilities.units import Quantity, parse
+    from capabilities.values.units import Quantity, parse
 
     numbers = (*qd, 2.0, 0.5)
     values = tuple(

@@ -10,20 +10,20 @@ from enum import StrEnum
 
 import httpx2
 import pytest
-
-from capabilities import keys, session
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.errors import Fault
-from pep.clock import SystemClock
-from pep.rtde.carriage import Beat, Bytes, Cutter, Open, Opened, decode, delimited, encode, Told
-from pep.rtde.lease import SILENCE_MS, Ending, Leases
-from pep.rtde.lease_door import LOSSLESS, Door
-from pep.rtde.lease_port import LeasePort
-from policies.reasons import Reason
+from capabilities.keys import keys
+from capabilities.proof import session_opening
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import Fault
+from pep.base.clock import SystemClock
+from pep.rtde.lease.lease import SILENCE_MS, Ending, Leases
+from pep.rtde.lease.lease_endpoint import LOSSLESS, Door
+from pep.rtde.lease.lease_messages import Beat, Bytes, Cutter, Open, Opened, Told, decode, delimited, encode
+from pep.rtde.lease.lease_port import LeasePort
+from pep.rtde.robot.connections import UNREAD_BYTES
+from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, HOST, ManualClock, Rig
-from ztpm.peer import user_of
-from pep.rtde.lines import UNREAD_BYTES
-from ztpm.program_ports import ProgramPorts
+from ztpm.base.peer import user_of
+from ztpm.program.program_ports import ProgramPorts
 
 pytestmark = pytest.mark.real_time
 
@@ -104,7 +104,7 @@ class House:
         await self.port.close()
 
     def begun(self, holder, *, key=None, audience=AUDIENCE, verifier_key=None):
-        return session.begin(
+        return session_opening.begin(
             key=key or holder.key, url=URL, audience=audience, token=holder.text,
             verifier_key=verifier_key or keys.public_raw(self.signer), private=secrets.token_bytes(32),
             nonce=secrets.token_bytes(32), at=int(self.rig.clock.wall_s()), jti=secrets.token_hex(16),
@@ -120,7 +120,7 @@ class House:
         answered = await self.post(holder, pending)
         assert answered.status_code == 201, answered.text
         said = answered.json()
-        opened = session.conclude(
+        opened = session_opening.conclude(
             pending, said["session"].encode(), at=self.rig.clock.wall_s(), most_missing=LOSSLESS, caps=CAPS
         )
         assert not isinstance(opened, Fault), opened
@@ -340,7 +340,7 @@ def test_what_a_line_tells_comes_beside_the_connection(tmp_path):
 
 def test_a_reason_that_is_not_known_is_told_as_it_is(tmp_path, monkeypatch):
     """A younger gateway may have more of them."""
-    monkeypatch.setattr("ztpm.program_ports.Reason", StrEnum("Reason", ["BUSY"]))
+    monkeypatch.setattr("ztpm.program.program_ports.Reason", StrEnum("Reason", ["BUSY"]))
 
     async def scenario(house):
         _, host, _ = await house.program(house.rig.agent())

@@ -5,18 +5,17 @@ import sys
 import textwrap
 
 import pytest
-
-from pep.rtde.lease import Ending
+from pep.base.clock import SystemClock
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.rtde.lease.lease import Ending
+from pep.rtde.line.controller_ports import LeasedPorts
+from pep.rtde.robot.connections import PORTS
+from pep.rtde.script.control_script import allow_list, installed_body
 from tests.pep.kit import HOST, Rig
 from tests.pep.test_cell import Child
 from tests.pep.test_lease import OWN, House, until
 from tests.rtde.whole_commands import WholeCommands
-from pep.clock import SystemClock
-from pep.rtde.control_script import allow_list, installed_body
-from pep.rtde.leased_ports import LeasedPorts
-from pep.rtde.lines import PORTS
-from pep.stopping import STOP_DECELERATION_RAD_S2
-from ztpm.program_ports import ProgramPorts
+from ztpm.program.program_ports import ProgramPorts
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120)]
 START = (-0.8, -1.62, 1.25, -1.2, -1.57, 0.0)
@@ -100,7 +99,7 @@ class Permits(WholeCommands):
 
 @pytest.fixture(scope="module")
 def controller():
-    child = Child("pep.sim", "--host", HOST, "--joints=" + ",".join(map(str, START)))
+    child = Child("ursim", "--host", HOST, "--joints=" + ",".join(map(str, START)))
     yield child
     child.end()
 

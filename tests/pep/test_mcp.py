@@ -8,22 +8,22 @@ from contextlib import asynccontextmanager
 import httpx2
 import pytest
 import uvicorn
+from capabilities.keys import keys
+from capabilities.proof import mcp_meta as meta
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
-
-from capabilities import meta, keys
-from pep.clock import SystemClock
-from pep.errors import ActuationRefusedError
-from pep.mcp.arm import arm_server, tool_definitions
-from pep.mcp.body import screen
+from pep.base.clock import SystemClock
+from pep.base.errors import ActuationRefusedError
+from pep.base.operations import MOVE_JOINT, digest_of
+from pep.base.ports import RegisteredTool
+from pep.mcp.arm_server import arm_server, tool_definitions
+from pep.mcp.body_screen import screen
 from pep.mcp.dpop import WELL_KNOWN
 from pep.mcp.guard import DECISION_META, guard
 from pep.mcp.mapping import ARM_TOOLS
-from pep.operations import MOVE_JOINT, digest_of
-from pep.ports import RegisteredTool
-from pep.rtde.drive import End, MotionEnd
-from pep.rtde.state import JointState
-from policies.evidence import ImpactFault
+from pep.rtde.motion.drive import End, MotionEnd
+from pep.rtde.robot.state_receiver import JointState
+from policies.evidence.evidence import ImpactFault
 from tests.hostile_bodies import HOSTILE_BODIES
 from tests.pep.kit import AUDIENCE, HOST, ISSUER, MOVE, PORT, Rig, agent, full_scope, reading
 

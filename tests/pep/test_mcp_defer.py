@@ -7,10 +7,9 @@ import pytest
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 from mcp_types import ElicitResult
-
-from pep.clock import SystemClock
-from pep.deferral import AskState
-from pep.mcp import defer
+from pep.base.clock import SystemClock
+from pep.mcp import deferred_result
+from pep.people.deferral import AskState
 from tests.pep.kit import AUDIENCE, ISSUER, MOVE, reading
 from tests.pep.test_mcp import Cell, Signed, call_body
 
@@ -101,7 +100,7 @@ def test_a_client_with_elicitation_shows_the_page_and_moves_in_one_call(cell):
 
 @pytest.mark.parametrize("content", [None, {"approved": True}])
 def test_what_the_client_answers_is_no_approval(cell, content, monkeypatch):
-    monkeypatch.setattr(defer, "WAIT_S", 0.3)
+    monkeypatch.setattr(deferred_result, "WAIT_S", 0.3)
 
     async def lie(_, params):
         cell.shown.append(params.url)
@@ -119,7 +118,7 @@ def test_what_the_client_answers_is_no_approval(cell, content, monkeypatch):
 
 @pytest.mark.parametrize("action", ["decline", "cancel"])
 def test_a_page_that_was_not_shown_is_not_waited_for(cell, action, monkeypatch):
-    monkeypatch.setattr(defer, "WAIT_S", 3_600.0)
+    monkeypatch.setattr(deferred_result, "WAIT_S", 3_600.0)
 
     async def no(_, params):
         return ElicitResult(action=action)
@@ -150,7 +149,7 @@ FORGED = {
 @pytest.mark.parametrize("name", FORGED)
 def test_a_forged_retry_moves_nothing_and_waits_for_nothing(cell, name, monkeypatch):
     """The SDK seals our state and refuses any other; without one there is nothing to wait for."""
-    monkeypatch.setattr(defer, "WAIT_S", 3_600.0)
+    monkeypatch.setattr(deferred_result, "WAIT_S", 3_600.0)
     body = call_body()
     body["params"] |= FORGED[name]
     answer = with_cell(cell, lambda: cell.post(cell.holder, body)).json()
@@ -162,8 +161,8 @@ def test_a_forged_retry_moves_nothing_and_waits_for_nothing(cell, name, monkeypa
 
 
 def test_only_so_many_wait_at_once(cell, monkeypatch):
-    monkeypatch.setattr(defer, "WAITERS", 1)
-    monkeypatch.setattr(defer, "WAIT_S", 3_600.0)
+    monkeypatch.setattr(deferred_result, "WAITERS", 1)
+    monkeypatch.setattr(deferred_result, "WAIT_S", 3_600.0)
     cell.start()
 
     async def show(_, params):

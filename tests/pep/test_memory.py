@@ -6,24 +6,23 @@ import threading
 from dataclasses import dataclass, replace
 
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.chain import Chain, Refusal
-from capabilities.errors import Fault, FaultCode
-from capabilities.scope import Grant
+from capabilities.keys import keys
 from capabilities.statements import memory as statement
-from capabilities.verify import Verifier
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.chain import Chain, Refusal
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.scope import Grant
+from pep.base.errors import PepError, PepFault
 from pep.context import memory as module
-from pep.context.marks import Mark
 from pep.context.collection import Incident
+from pep.context.high_water_marks import Mark
+from pep.context.json_value import plain
 from pep.context.memory import MARK_NAME, VALUE_BYTES, Memory, Written
-from pep.context.rows import MemoryFault, Row
-from pep.context.stores import MarksFile, MemoryFile
-from pep.context.value import plain
-from pep.errors import PepError, PepFault
-from policies.labels import NOBODY, Integrity, Label, Source
-from policies.said import ItemKind
+from pep.context.memory_rows import MemoryFault, Row
+from pep.context.stores.sqlite import MarksFile, MemoryFile
+from policies.evidence.content_readings import ItemKind
+from policies.words.labels import NOBODY, Integrity, Label, Source
 from tests.pep.kit import AUDIENCE, Feed, ManualClock, agent, full_scope, issuer_keys
 
 LEASE_MS = 30_000

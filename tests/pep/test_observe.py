@@ -10,21 +10,20 @@ import threading
 from functools import partial
 
 import pytest
-
-from capabilities.scope import Tier
-from pep.errors import PepFault, RobotError
-from pep.gate import Gate
+from capabilities.values.scope import Tier
+from pep.base.errors import PepFault, RobotError
+from pep.gate.gate import Gate
+from pep.gate.observe_only import HIGHEST_MILLI, OBSERVED, Marked, Simulated, Unwatched
 from pep.mcp.guard import DECISION_META
-from pep.observation import HIGHEST_MILLI, OBSERVED, Marked, Simulated, Unwatched
-from pep.sim.launch import Controller
-from pep.sim.recognition import ANSWER, PORT, QUESTION, recognise
-from policies.evidence import ImpactFault
-from policies.model import Effect
-from policies.reasons import Reason
+from policies.evidence.evidence import ImpactFault
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests.pep import kit
 from tests.pep.kit import MOVE, FailingJournal, Rig, full_scope, reading
 from tests.pep.test_mcp import Cell, with_cell
 from tests.pep.test_tool_server import toml
+from ursim.ports.launch import Controller
+from ztpm.point.simulator_check import ANSWER, PORT, QUESTION, recognise
 
 SIMULATED = Simulated("127.0.0.1")
 
@@ -127,7 +126,7 @@ def test_what_a_shell_records_is_marked_too(rig):
 
 
 def test_the_caller_is_told_its_result_and_what_would_have_been_decided(tmp_path, observing):
-    from pep.clock import SystemClock
+    from pep.base.clock import SystemClock
 
     cell = Cell(tmp_path, clock=SystemClock()).start()
     try:

@@ -3,12 +3,11 @@
 import asyncio
 
 import pytest
-
-from pep.errors import ActuationRefusedError, PepFault, RobotError
-from pep.operations import SET_DIGITAL_OUTPUT, digest_of
-from pep.permit import Permit
-from pep.rtde.outputs import DigitalOutputs
-from policies.reasons import Reason
+from pep.base.errors import ActuationRefusedError, PepFault, RobotError
+from pep.base.operations import SET_DIGITAL_OUTPUT, digest_of
+from pep.request.permit import Permit
+from pep.rtde.robot.digital_outputs import DigitalOutputs
+from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, ManualClock
 
 

@@ -4,20 +4,19 @@ import asyncio
 from dataclasses import replace
 
 import pytest
-
-from capabilities.chain import Refusal
-from capabilities.errors import Fault, FaultCode
-from capabilities.scope import Grant, Limit, Range
-from pep.errors import ActuationRefusedError
+from capabilities.values.chain import Refusal
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.scope import Grant, Limit, Range
+from pep.base.errors import ActuationRefusedError
+from pep.base.operations import MOVE_PATH, WAYPOINTS, padded, waypoints_of
 from pep.mcp.mapping import ARM_TOOLS, Misfit, to_request
-from pep.operations import MOVE_PATH, WAYPOINTS, padded, waypoints_of
 from pep.pit import JointPath
-from pep.rtde.drive import End
-from pep.rtde.limits import Ur3eLimits
-from pep.rtde.state import JointState
-from pep.world import _motion
-from policies.model import Effect
-from policies.reasons import Reason
+from pep.rtde.command.limits import Ur3eLimits
+from pep.rtde.motion.drive import End
+from pep.rtde.robot.state_receiver import JointState
+from pep.world.world import _motion
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests.pep import kit
 from tests.pep.test_drive import HERE, World, driven, until
 

@@ -3,26 +3,25 @@
 import asyncio
 from dataclasses import dataclass, replace
 
+import pep.world.world
 import pytest
-
-import pep.world
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
+from capabilities.keys import keys
 from capabilities.statements import observation
 from capabilities.statements import observation as wire
-from pep.context.frames import FRAME_BYTES, Distrusted, Frame, FrameFault, Frames, Rejected, Seen, Unseen
-from pep.context.witness import contradicted
-from pep.errors import PepFault, RobotError
-from pep.perception import Receiver
-from pep.pit import CellParameters, Robot, SceneError, observed, standing_adult
-from pep.rtde.state import JointState
-from pep.sim.sensor import Sensor, obey
-from pep.holding import Holding
-from pep.world import CellPhysics
-from policies.evidence import ImpactReading
-from policies.reasons import Reason
-from tests.pep.kit import AUDIENCE, CALIBRATION, MOVE, ManualClock, Registry
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.base.errors import PepFault, RobotError
 from pep.mcp.mapping import ARM_TOOLS, to_request
+from pep.perception.consistency import contradicted
+from pep.perception.receiver import Receiver
+from pep.perception.sensor_frames import FRAME_BYTES, Distrusted, Frame, FrameFault, Frames, Rejected, Seen, Unseen
+from pep.pit import CellParameters, Robot, SceneError, observed, standing_adult
+from pep.rtde.robot.state_receiver import JointState
+from pep.world.held_object import Holding
+from pep.world.world import CellPhysics
+from policies.evidence.evidence import ImpactReading
+from policies.words.reason_table import Reason
+from tests.pep.kit import AUDIENCE, CALIBRATION, MOVE, ManualClock, Registry
+from ursim.sensor.sensor import Sensor, obey
 
 
 class World:
@@ -242,7 +241,7 @@ def test_oversized(world):
 def test_a_number_that_is_no_integer(world, value):
     import base64
 
-    from capabilities import jws
+    from capabilities.keys import jws
 
     claims = world.text().split(b".")[1]
     raw = base64.urlsafe_b64decode(claims + b"=" * (-len(claims) % 4))
@@ -334,7 +333,7 @@ def ended(world, *chunks):
 
 
 def test_a_stranger_is_hung_up_on(world, monkeypatch):
-    monkeypatch.setattr("pep.perception.FIRST_FRAME_S", 0.2)
+    monkeypatch.setattr("pep.perception.receiver.FIRST_FRAME_S", 0.2)
     assert ended(world, b"\n")
     assert ended(world, b"x\n")
     assert ended(world, world.text(sensor="camera-9") + b"\n")
@@ -421,8 +420,8 @@ class Slow:
 
     def __init__(self, world, monkeypatch, *takes_ms):
         self.world, self.takes_ms, self.ages, self.scenes, self.touch = world, list(takes_ms), [], [], []
-        self.honest = pep.world.assess
-        monkeypatch.setattr(pep.world, "assess", self)
+        self.honest = pep.world.world.assess
+        monkeypatch.setattr(pep.world.world, "assess", self)
 
     def __call__(self, robot, scene, *rest, perception_age_s, touch, **named):
         self.ages.append(perception_age_s)
@@ -644,7 +643,7 @@ def test_what_breaks_in_any_question_is_a_fault_of_its_own_reason(world, monkeyp
     asked = physics(world, robot=ARM)
     # Its motion is known from here on.
     assert isinstance(asked.assess(request(), touch=frozenset()).impact, ImpactReading)
-    monkeypatch.setattr("pep.world.scene_of", breaks)
+    monkeypatch.setattr("pep.world.world.scene_of", breaks)
     assert asked.assess(request(), touch=frozenset()).impact.reason == reason
     assert asked.together(request(), start_urad=(0,) * 6, touch=frozenset()).reason == reason
     rest = asked.left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset(), running=None)

@@ -3,13 +3,12 @@
 import threading
 
 import pytest
-
-from pep.errors import ActuationRefusedError
-from pep.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SPEED_JOINT, digest_of
-from pep.permit import Permit
-from pep.rtde.interface import READING, STOPPING, UNWATCHED_HZ
-from pep.rtde.permitted import CONFIGURATION, MOTION, PROGRAM_STOPS, PermittedControl
-from policies.reasons import Reason
+from pep.base.errors import ActuationRefusedError
+from pep.base.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SPEED_JOINT, digest_of
+from pep.request.permit import Permit
+from pep.rtde.motion.control_interface import READING, STOPPING, UNWATCHED_HZ
+from pep.rtde.motion.permitted_control import CONFIGURATION, MOTION, PROGRAM_STOPS, PermittedControl
+from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, ManualClock
 
 Q = [0.1, -1.2, 1.0, -1.1, -1.57, 0.0]

@@ -4,26 +4,25 @@ import dataclasses
 import socket
 import threading
 import time
-from types import SimpleNamespace
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
-
-from pep.errors import ConfigError, PepFault, RobotError
+from pep.base.errors import ConfigError, PepFault, RobotError
 from pep.pit import NOMINAL_ERROR_M, Calibration, CellParameters, Robot
-from pep.holding import Holding
-from pep.rtde.dashboard import RemoteControl
-from pep.rtde.program import ProgramWatch
-from pep.rtde.readiness import OWN_POSE_M, RobotReadiness, equip
-from pep.rtde.state import ReceivedState
-from pep.rtde.telemetry import Posture, Telemetry
-from pep.sim.launch import Controller
-from pep.world import tool_position
-from policies.evidence import RobotReading
+from pep.rtde.robot.dashboard import RemoteControl
+from pep.rtde.robot.program import ProgramWatch
+from pep.rtde.robot.readiness import OWN_POSE_M, RobotReadiness, equip
+from pep.rtde.robot.state_receiver import ReceivedState
+from pep.rtde.robot.telemetry import Posture, Telemetry
+from pep.world.held_object import Holding
+from pep.world.world import tool_position
+from policies.evidence.evidence import RobotReading
 from tests.pep.kit import AUDIENCE, ManualClock
 from tests.pit.test_calibration import ARMS, NOMINAL, spelled
 from tests.sim_controller.cell import HOME, until
-from ztpm import robot as composition
+from ursim.ports.launch import Controller
+from ztpm.point import robot as composition
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 pytestmark = pytest.mark.e2e
@@ -168,7 +167,7 @@ def test_a_reading_never_waits(cell, held):
 
 
 def test_an_answer_of_the_dashboard_grows_old(cell, monkeypatch):
-    monkeypatch.setattr("pep.rtde.dashboard.PERIOD_S", 30.0)
+    monkeypatch.setattr("pep.rtde.robot.dashboard.PERIOD_S", 30.0)
     remote = RemoteControl(cell.host)
     until(lambda: remote.state() is True)
     until(lambda: remote.state() is None, deadline_s=5.0)
@@ -243,11 +242,11 @@ def came(state):
 def test_a_state_waits_for_no_controller_that_says_nothing(cell, monkeypatch):
     """It is taken up again once one speaks; ur_rtde itself would wait for the silent one for ever."""
     state, silent = ReceivedState(cell.host), Speaker(b"", cell.host)
-    monkeypatch.setattr("pep.rtde.state.RTDE", silent.server.getsockname()[1])
+    monkeypatch.setattr("pep.rtde.robot.state_receiver.RTDE", silent.server.getsockname()[1])
     cell.fault("drop_connections")
     until(lambda: len(silent.links) >= 2, deadline_s=10.0)
     assert not came(state)
-    monkeypatch.setattr("pep.rtde.state.RTDE", 30004)
+    monkeypatch.setattr("pep.rtde.robot.state_receiver.RTDE", 30004)
     until(lambda: came(state), deadline_s=5.0)
     state.close()
     silent.close()
@@ -286,7 +285,7 @@ class Speaker:
 @pytest.mark.parametrize("said", [b"", b"hello\n", b"\nmaybe\n", b"\nTRUE!\n", b"\n" + b"true" * 200])
 def test_a_dashboard_that_says_something_else_says_nothing(monkeypatch, said):
     speaker = Speaker(said)
-    monkeypatch.setattr("pep.rtde.dashboard.PORT", speaker.server.getsockname()[1])
+    monkeypatch.setattr("pep.rtde.robot.dashboard.PORT", speaker.server.getsockname()[1])
     remote = RemoteControl("127.0.0.1")
     until(lambda: speaker.links)
     due = time.monotonic() + 0.5
@@ -299,7 +298,7 @@ def test_a_dashboard_that_says_something_else_says_nothing(monkeypatch, said):
 @pytest.mark.parametrize("said", [b"\0" * 64, b"\xff" * 64, b"\0\0\0\3\0", b"GET / HTTP/1.1\r\n\r\n"])
 def test_a_primary_port_that_speaks_something_else_claims_nothing(monkeypatch, said):
     speaker = Speaker(said)
-    monkeypatch.setattr("pep.rtde.program.PORT", speaker.server.getsockname()[1])
+    monkeypatch.setattr("pep.rtde.robot.program.PORT", speaker.server.getsockname()[1])
     program = ProgramWatch("127.0.0.1")
     until(lambda: speaker.links)
     assert not program.claim(within_s=0.3)

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 
-from pep.real_time import goes_first
+from pep.base.thread_priority import goes_first
 
 CHILD = "import os; print(os.sched_getscheduler(0))"
 

@@ -8,15 +8,14 @@ import os
 import signal
 
 import pytest
-
-from capabilities import keys
-from capabilities.proof import Proof, check_proof
-from capabilities.caps import DEFAULT as CAPS
-from pep import records
-from pep.clock import SystemClock
-from pep.errors import JournalError, PepFault
-from pep.record import FileJournal
-from pep.ship import Shipper
+from capabilities.keys import keys
+from capabilities.proof.proof import Proof, check_proof
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.base.clock import SystemClock
+from pep.base.errors import JournalError, PepFault
+from pep.gate import records
+from pep.journal.file_journal import FileJournal
+from pep.provider.journal_shipper import Shipper
 from tests.pep.kit import ISSUER, PEP, FakeIssuer, ManualClock, issuer_keys
 
 
@@ -239,7 +238,7 @@ def shipping(path):
 
 def test_everything_is_shipped_once_and_in_order(shipping, monkeypatch):
     ledger, journal, shipper = shipping
-    monkeypatch.setattr("pep.ship.BATCH_BYTES", 1_000)
+    monkeypatch.setattr("pep.provider.journal_shipper.BATCH_BYTES", 1_000)
     for n in range(20):
         journal.append("incident", {"n": n})
 

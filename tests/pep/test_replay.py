@@ -3,9 +3,8 @@
 import threading
 
 import pytest
-
-from pep.errors import PepFault, ReplayStoreError
-from pep.replay import ReplayCache, proof_name
+from pep.base.errors import PepFault, ReplayStoreError
+from pep.journal.replay_cache import ReplayCache, proof_name
 from tests.pep.kit import ManualClock
 
 KEY = b"k" * 32

@@ -6,28 +6,27 @@ from importlib import resources
 
 import httpx2
 import pytest
+from capabilities.keys import keys
+from capabilities.statements import response as statement
+from capabilities.statements.response import Call
+from capabilities.values.caps import DEFAULT as CAPS
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CallToolResult
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.statements import response as statement
-from capabilities.statements.response import Call
-from pep.clock import SystemClock
+from pep.base.clock import SystemClock
 from pep.context import receipts, responses
 from pep.context.flow import Flow, Holder
+from pep.context.json_value import POINTER_BYTES, plain
 from pep.context.responses import RESULT_CHANGED
-from pep.context.value import POINTER_BYTES, plain
-from pep.mcp import vouching
+from pep.journal.replay_cache import proof_name
+from pep.mcp import provenance
 from pep.mcp.guard import DECISION_META, guard
 from pep.mcp.mapping import ARM_TOOLS, bare_request
-from pep.mcp.vouching import RECEIPT, RECEIPTS, RESPONSE, Unreadable, Vouching, shown, wanted
-from pep.replay import proof_name
-from policies.evidence import ToolReading
-from policies.labels import NOBODY, Integrity, Label, Source
-from policies.load import load
-from policies.said import ArgumentReading, ContextReading, ItemKind
+from pep.mcp.provenance import RECEIPT, RECEIPTS, RESPONSE, Unreadable, Vouching, shown, wanted
+from policies.decide.load import load
+from policies.evidence.content_readings import ArgumentReading, ContextReading, ItemKind
+from policies.evidence.evidence import ToolReading
+from policies.words.labels import NOBODY, Integrity, Label, Source
 from tests.pep.kit import AUDIENCE, ISSUER, MOVE, reading
 from tests.pep.test_mcp import PINS, Cell, Signed, with_cell
 
@@ -161,7 +160,7 @@ def test_what_a_call_shows_is_read():
         [{"receipt": "a.b.c", "value": 1}],
         [{**ONE, "receipt": 1}],
         [{**ONE, "receipt": "\u00fc.b.c"}],
-        [{**ONE, "receipt": "a" * (vouching.RECEIPT_BYTES + 1)}],
+        [{**ONE, "receipt": "a" * (provenance.RECEIPT_BYTES + 1)}],
         [{**ONE, "value": float("nan")}],
         [{**ONE, "value": "half \ud800"}],
         [{**ONE, "pointers": []}],
@@ -223,7 +222,7 @@ class Vouched(Cell):
         return self
 
     def fresh_server(self):
-        from pep.mcp.arm import arm_server
+        from pep.mcp.arm_server import arm_server
 
         self.server = arm_server(self.arm, lambda: {"perception": "fresh", "age_ms": 1, "people": 0, "objects": 0})
         return self.server

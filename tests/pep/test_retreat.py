@@ -3,18 +3,17 @@
 import asyncio
 
 import pytest
-
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.scope import Tier
 from capabilities.statements import observation
-from pep.context.frames import Frame, Frames
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.scope import Tier
+from pep.perception.sensor_frames import Frame, Frames
 from pep.pit import CellParameters, Person, Region, Robot, Sphere, observed
 from pep.pit.engine import chosen
-from pep.rtde.state import JointState
-from pep.holding import Holding
-from pep.world import CellPhysics
-from policies.model import Effect
-from policies.reasons import Reason
+from pep.rtde.robot.state_receiver import JointState
+from pep.world.held_object import Holding
+from pep.world.world import CellPhysics
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests.pep.kit import CALIBRATION, Rig
 from tests.pit.scenes import HOME, tcp
 
@@ -73,7 +72,7 @@ class Cell(Rig):
 
 @pytest.fixture
 def cell(tmp_path, monkeypatch):
-    monkeypatch.setattr("pep.gate.PHYSICS_TIMEOUT_S", 60.0)
+    monkeypatch.setattr("pep.gate.gate.PHYSICS_TIMEOUT_S", 60.0)
     cell = Cell(tmp_path)
     yield cell
     cell.gate.close()

@@ -8,23 +8,22 @@ import unicodedata
 from dataclasses import dataclass, field, replace
 
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.errors import Fault, FaultCode
+from capabilities.keys import keys
 from capabilities.statements import manifest, observation
-from pep.context.marks import Mark
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import Fault, FaultCode
+from pep.base.errors import PepError, PepFault
 from pep.context.collection import Held, Incident, RetrievalFault, shown
+from pep.context.high_water_marks import Mark
 from pep.context.retrieval import DOCUMENT_BYTES, MOST, QUERY_BYTES, Curated
-from pep.context.stores import MarksFile
-from pep.errors import PepError, PepFault
-from policies.labels import NOBODY, Integrity, Source
-from policies.said import ItemKind
+from pep.context.stores.sqlite import MarksFile
+from policies.evidence.content_readings import ItemKind
+from policies.words.labels import NOBODY, Integrity, Source
 from tests.pep.kit import Feed, ManualClock
 
 pytest.importorskip("chromadb", reason="the extra [retrieval] is not installed")
 
-from pep.context.chroma import ChromaCollection, FeatureHash, client
+from pep.context.stores.chroma import ChromaCollection, FeatureHash, client
 
 LEASE_MS = 30_000
 TEXTS = {

@@ -7,17 +7,16 @@ import subprocess
 import sys
 
 import pytest
-
-from capabilities import keys
-from capabilities.caps import DEFAULT as CAPS
+from capabilities.keys import keys
 from capabilities.statements import observation
 from capabilities.statements.observation import Convex
-from pep.context.frames import Frames, Seen
-from pep.perception import Receiver
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.perception.receiver import Receiver
+from pep.perception.sensor_frames import Frames, Seen
 from pep.pit import observed, standing_adult
-from pep.sim.seen import SceneCommandError
-from pep.sim.sensor import Sensor, obey
 from tests.pep.kit import CALIBRATION, Registry
+from ursim.sensor.sensor import Sensor, obey
+from ursim.sensor.sensor_scene import SceneCommandError
 
 
 def tell(*sensors_and_line, at_s=0.0):
@@ -181,7 +180,7 @@ def test_the_simulated_sensor_makes_nobody_thinner(sensor):
 @pytest.mark.e2e
 def test_two_simulated_sensors_in_one_process_push_what_they_see(tmp_path):
     """A real process, two keys, two connections; a walk that the frames show, one sensor that is told to be silent."""
-    from pep.clock import SystemClock
+    from pep.base.clock import SystemClock
 
     registry, clock, arguments = Registry(), SystemClock(), []
     for name in ("camera-1", "camera-2"):
@@ -197,7 +196,7 @@ def test_two_simulated_sensors_in_one_process_push_what_they_see(tmp_path):
         receiver = Receiver(frames, clock=clock, incident=lambda *what: told.append(what))
         port = await receiver.listen("127.0.0.1", 0)
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "pep.sim.sensor", *arguments, "--to", f"127.0.0.1:{port}",
+            sys.executable, "-m", "ursim.sensor.sensor", *arguments, "--to", f"127.0.0.1:{port}",
             env={**os.environ, "ZTPM_PASSPHRASE": "secret words"}, stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
         )  # fmt: skip
@@ -242,7 +241,7 @@ def states_of(frames):
 def test_the_simulated_sensor_refuses_options_that_make_no_sense(tmp_path, options):
     given = ["--sensor", "s", "--calibration", "ab" * 32, "--key-file", "k", "--to", "127.0.0.1:9", *options]
     ended = subprocess.run(
-        [sys.executable, "-m", "pep.sim.sensor", *given], input="", capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "ursim.sensor.sensor", *given], input="", capture_output=True, text=True, timeout=60
     )
     assert (ended.returncode, ended.stdout) == (2, "")
 
@@ -252,7 +251,7 @@ def test_the_simulated_sensor_refuses_a_key_that_others_can_read(tmp_path):
     path.write_bytes(keys.to_pem(keys.generate(), b"secret words"))
     path.chmod(0o644)
     ended = subprocess.run(
-        [sys.executable, "-m", "pep.sim.sensor", "--key-file", str(path), "--sensor", "s", "--calibration", "ab" * 32,
+        [sys.executable, "-m", "ursim.sensor.sensor", "--key-file", str(path), "--sensor", "s", "--calibration", "ab" * 32,
          "--to", "127.0.0.1:9"],
         env={**os.environ, "ZTPM_PASSPHRASE": "secret words"}, input="", capture_output=True, text=True, timeout=60,
     )  # fmt: skip

@@ -3,15 +3,15 @@
 from dataclasses import replace
 
 import pytest
-
-from capabilities.scope import Tier
-from capabilities.units import Quantity
-from pep.acts import act_of
-from pep.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SPEED_JOINT
-from pep.ports import Together
-from pep.sequence import WINDOW_MS, Sequence
-from policies import NOT_COLLECTED, ImpactFault, Point, Request
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity
+from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SPEED_JOINT
+from pep.base.ports import Together
+from pep.world.motion_history import act_of
+from pep.world.sequence import WINDOW_MS, Sequence
 from tests.policies import world
+
+from policies import NOT_COLLECTED, ImpactFault, Point, Request
 
 
 class Clock:

@@ -3,12 +3,11 @@
 import asyncio
 
 import pytest
-
-from pep.sequence import WINDOW_MS
 from pep.pit import Person, Region, Sphere, adult_at_distance
-from pep.world import tool_position
-from policies.model import Effect
-from policies.reasons import Reason
+from pep.world.sequence import WINDOW_MS
+from pep.world.world import tool_position
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests.pep.test_retreat import Cell, Standing
 from tests.pit.scenes import FRONT, ROBOT
 
@@ -47,7 +46,7 @@ def base(angle):
 
 @pytest.fixture
 def cell(tmp_path, monkeypatch):
-    monkeypatch.setattr("pep.gate.PHYSICS_TIMEOUT_S", 60.0)
+    monkeypatch.setattr("pep.gate.gate.PHYSICS_TIMEOUT_S", 60.0)
     cell = Moving(tmp_path)
     yield cell
     cell.gate.close()

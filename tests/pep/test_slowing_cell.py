@@ -7,10 +7,9 @@ import time
 from dataclasses import replace
 
 import pytest
-
-from pep.governor import Governor
 from pep.mcp.guard import DECISION_META
-from pep.rtde.state import ReceivedState
+from pep.rtde.robot.state_receiver import ReceivedState
+from pep.watch.governor import Governor
 from tests.pep.kit import HOST
 from tests.pep.test_cell import PATIENT, Child, in_cell
 from tests.pep.test_watch_cell import eyes, seen  # noqa: F401 - a fixture, over this module's controller
@@ -42,7 +41,7 @@ ASIDE, CLOSE, AWAY = at(2.5), at(1.9), at(4.5)
 
 @pytest.fixture(scope="module")
 def controller():
-    child = Child("pep.sim", "--host", HOST, "--joints=" + ",".join(map(str, FAR)), "--commands")
+    child = Child("ursim", "--host", HOST, "--joints=" + ",".join(map(str, FAR)), "--commands")
     yield child
     child.end()
 

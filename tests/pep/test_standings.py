@@ -3,11 +3,10 @@
 import asyncio
 
 import pytest
-
-from capabilities import keys
+from capabilities.keys import keys
 from capabilities.statements.conduct import AgentEntry, EdgeEntry
-from pep.errors import FeedError, PepFault
-from policies.report import Edge
+from pep.base.errors import FeedError, PepFault
+from policies.conduct.report import Edge
 from tests.pep.test_feed import World
 
 pytestmark = pytest.mark.clause("STM-8")

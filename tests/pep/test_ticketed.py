@@ -3,14 +3,13 @@
 import json
 
 import pytest
-
-from capabilities import keys
+from capabilities.keys import keys
 from capabilities.statements import ticket
 from capabilities.statements.ticket import Carried
-from pep.clock import SystemClock
-from pep.mcp.body import BODY_BYTES
-from pep.mcp.ticketed import TICKET
-from pep.replay import ReplayCache
+from pep.base.clock import SystemClock
+from pep.journal.replay_cache import ReplayCache
+from pep.mcp.body_screen import BODY_BYTES
+from pep.mcp.ticket_layer import TICKET
 from tests.pep.forwarding import URL, House, Shifted
 from tests.pep.kit import AUDIENCE, FailingJournal
 from tests.pep.test_mcp import HEADERS, call_body

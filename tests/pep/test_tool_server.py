@@ -10,12 +10,10 @@ import time
 
 import httpx2
 import pytest
-from typer.testing import CliRunner
-
-from capabilities import keys
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import cell, checkpoint, observation
-from pep.errors import ConfigError, PepFault
+from capabilities.values.scope import Tier
+from pep.base.errors import ConfigError, PepFault
 from pep.pit import (
     CALIBRATED_UNCERTAINTY_M,
     NOMINAL_UNCERTAINTY_M,
@@ -32,12 +30,15 @@ from pep.pit import (
     surveyed,
 )
 from pep.pit.calibration import own_kinematics
-from pep.rtde.state import JointState, Package
+from pep.rtde.robot.state_receiver import JointState, Package
 from tests.pep.kit import AUDIENCE, issuer_keys, survey
 from tests.pit.test_calibration import ARMS, spelled
-from ztpm import robot_point, tool_config, tool_server
+from typer.testing import CliRunner
 from ztpm.cli import app as cli
-from ztpm.tool_config import CellConfig, read_cell, read_config, read_key, read_policies, read_robot, read_trust
+from ztpm.point import cell_config, robot_point
+from ztpm.point.cell_config import CellConfig, read_cell, read_config, read_key, read_policies, read_robot, read_trust
+
+from ztpm import tool_server
 
 SURVEYOR = keys.generate()
 SIGNER = keys.b64u(keys.public_raw(SURVEYOR))
@@ -183,7 +184,7 @@ def test_the_process_says_what_is_wrong_and_ends(tmp_path):
 
 
 def test_loopback():
-    assert [tool_config.is_loopback(h) for h in ("127.3.2.1", "::1", "localhost", "10.0.0.1", "0.0.0.0", "x")] == [
+    assert [cell_config.is_loopback(h) for h in ("127.3.2.1", "::1", "localhost", "10.0.0.1", "0.0.0.0", "x")] == [
         True, True, True, False, False, False,
     ]  # fmt: skip
 

@@ -8,15 +8,14 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 
 import pytest
-
-from capabilities.errors import Fault, FaultCode
-from pep.context.frames import Distrusted, FrameFault, Rejected, Seen, Unseen
-from pep.governor import Governor, Pacing, Speeds
-from pep.permit import Permit
+from capabilities.values.errors import Fault, FaultCode
+from pep.base.ports import Rest
+from pep.perception.sensor_frames import Distrusted, FrameFault, Rejected, Seen, Unseen
 from pep.pit import CellParameters
-from pep.ports import Rest
-from pep.watch import LOOK_MS, UNCHANGED_PERIOD_MS, Alarm, End, Limits, Watch
-from policies.reasons import Reason
+from pep.request.permit import Permit
+from pep.watch.governor import Governor, Pacing, Speeds
+from pep.watch.watch import LOOK_MS, UNCHANGED_PERIOD_MS, Alarm, End, Limits, Watch
+from policies.words.reason_table import Reason
 from tests.pep.kit import ManualClock
 
 HERE = (0.0,) * 6

@@ -1,9 +1,8 @@
 """Independent sources of one fact: fingers and eyes, controller and model. What disagrees is not believed by CII-4."""
 
 import pytest
-
 from capabilities.statements.observation import Box, Capsule, Sphere
-from pep.context.witness import (
+from pep.perception.consistency import (
     FINGERS_UM,
     POSE_UM,
     SURFACE_UM,
@@ -12,8 +11,8 @@ from pep.context.witness import (
     pose_contradicted,
     witnessed,
 )
-from pep.context.frames import Look
-from policies.evidence import SensorReading
+from pep.perception.sensor_frames import Look
+from policies.evidence.evidence import SensorReading
 from policies.primitives.cognition import BELIEVED
 
 BALL = Sphere((0, 0, 0), 30_000)

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
 from tests.pit.laws import FAR_M
 from tests.pit.timing import SHORTEST
 

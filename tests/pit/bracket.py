@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-
 from tests.pit.between import Bounds
 from tests.pit.dense import LEAST_LAW_M, VIOLATED_BY_M
 from tests.pit.laws import ratio_law

@@ -15,7 +15,6 @@ from itertools import pairwise
 
 import numpy as np
 import rfc8785
-
 from pep.pit.checker import Code, Refused, verify
 from pep.pit.checker.arm import GRID, Sweep
 from pep.pit.checker.motion import run_of

@@ -11,7 +11,6 @@ import math
 from itertools import pairwise
 
 import numpy as np
-
 from pep.pit.checker import Code
 from pep.pit.checker.check import NO_ROWS
 from pep.pit.checker.drive import NOT_TRACED

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio
-
 from pep.pit import (
     Assessment,
     Capsule,

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio
-
 from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, ServoJ, SpeedL
 from tests.pit.dense import World
+from tests.pit.facts import MODEL as FACTS
 from tests.pit.lines import (
     MODEL,
     followed,
@@ -28,7 +28,6 @@ from tests.pit.lines import (
     tool_jacobian,
 )
 from tests.pit.scenes import CELL, random_move, random_scene
-from tests.pit.facts import MODEL as FACTS
 from tests.pit.test_checker import asked
 from tests.pit.timing import Timing
 

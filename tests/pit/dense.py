@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-
 from pep.pit import MoveJ
 from tests.pit import twin
 from tests.pit.between import Between
-from tests.pit.laws import FAR_M, Columns, Law, Stop, ratio_law
 from tests.pit.facts import MODEL, tool_of
+from tests.pit.laws import FAR_M, Columns, Law, Stop, ratio_law
 from tests.pit.stage import stage_of
 from tests.pit.timing import FIRST_MOST, Driven, driven
 

@@ -8,7 +8,6 @@ import sys
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
-
 from pep.pit import SpeedJ, Stream, assess, remaining
 from pep.pit.engine import chosen
 from tests.pit import curves, lines

@@ -8,7 +8,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-
 import pep.pit
 from pep.pit import Capsule, Sphere
 

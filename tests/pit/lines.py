@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio
-
 from pep.pit import MoveL, ServoJ, SpeedL
 from pep.pit.contact import payload_kg
 from pep.pit.oracle import World

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-
 from pep.pit import MoveJ, Person, Region, Scene, Sphere, Thing, Workspace, Zone
 from tests.pit.dense import World
 from tests.pit.laws import ratio_law, thing_law

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-
 from pep.pit import (
     Box,
     Capsule,

@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
-
 from pep.pit import Box, Capsule
 from tests.pit.facts import JOINTS, LINKS, MODEL, Points, apart_of, bodies_of, ends_of, tool_of
 from tests.pit.laws import FAR_M

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import (
     Box,
     Capsule,
@@ -32,9 +31,9 @@ from pep.pit.obstacles import Kind
 from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID, Path
 from pep.pit.view import view_of
-from policies.evidence import ImpactFault
-from policies.reasons import Reason
-from tests.pit.scenes import NOTHING, CELL, HOME, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
+from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
 NAN, INF = math.nan, math.inf
 
@@ -402,8 +401,9 @@ def break_boxes(monkeypatch):
 
 
 def break_radii(monkeypatch):
-    from pep.pit import assess as _  # noqa: F401
     import sys
+
+    from pep.pit import assess as _  # noqa: F401
 
     module = sys.modules["pep.pit.moves"]
     true = module.pairs_of

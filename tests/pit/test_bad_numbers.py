@@ -10,7 +10,6 @@ from dataclasses import fields, is_dataclass, replace
 from enum import Enum
 
 import pytest
-
 from pep.pit import (
     Assessment,
     Box,
@@ -44,8 +43,8 @@ from pep.pit import (
     assess,
 )
 from pep.pit.certify import RESOLUTION
-from policies.evidence import ImpactFault
-from policies.reasons import Reason
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
 from tests.pit.lines import pose_of
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, with_glass, with_person
 

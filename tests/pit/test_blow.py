@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import GripperMove, Person, Region, Sphere, assess
 from pep.pit.contact import contact_speed_m_s, effective_mass_kg
 from pep.pit.motion import profile_of

@@ -20,7 +20,7 @@ from pep.pit.oracle import Agreement
 from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID, Path
 from pep.pit.separation import stopping
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 from tests.pit import bracket, campaign, dense, facts, laws, stage, trials, twin
 from tests.pit.corruption import Corrupted
 from tests.pit.laws import FAR_M

@@ -1,10 +1,9 @@
 """The cell file is read strictly, and an observation becomes a scene with the cell's survey."""
 
 import pytest
-
 from capabilities.statements.observation import Box as BoxUm
 from capabilities.statements.observation import Capsule as CapsuleUm
-from capabilities.statements.observation import ObservedObject, ObservedPerson, Observation
+from capabilities.statements.observation import Observation, ObservedObject, ObservedPerson
 from capabilities.statements.observation import Sphere as SphereUm
 from pep.pit import (
     Box,
@@ -20,7 +19,7 @@ from pep.pit import (
     observed,
     scene_observed,
 )
-from policies.reasons import Reason
+from policies.words.reason_table import Reason
 
 GOOD = """
 stop_deceleration_rad_s2 = 6

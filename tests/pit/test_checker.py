@@ -13,10 +13,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pep.pit.checker
 import pytest
 import rfc8785
-
-import pep.pit.checker
 from pep.pit import (
     Assessment,
     Capsule,
@@ -30,15 +29,29 @@ from pep.pit import (
     PitError,
     Region,
     Robot,
-    Sphere,
     SpeedJ,
+    Sphere,
     Workspace,
     Zone,
     assess,
 )
 from pep.pit.certify import TIE
-from pep.pit.checker import Code, Refused, Verified, verify
-from pep.pit.checker import arm, check, laws, leg, motion, question, robot, rows, space, verdict
+from pep.pit.checker import (
+    Code,
+    Refused,
+    Verified,
+    arm,
+    check,
+    laws,
+    leg,
+    motion,
+    question,
+    robot,
+    rows,
+    space,
+    verdict,
+    verify,
+)
 from pep.pit.clearance import core_distance
 from pep.pit.contact import harm_speed_m_s
 from pep.pit.kinematics import bending
@@ -46,18 +59,15 @@ from pep.pit.motion import profile_of
 from pep.pit.obstacles import Kind
 from pep.pit.pairs import pairs_of
 from pep.pit.parameters import Demands
-from pep.pit.path import GRID, Path as JointPath
+from pep.pit.path import GRID
+from pep.pit.path import Path as JointPath
 from pep.pit.proof import document, question_digest
 from pep.pit.proof_rows import order_of
 from pep.pit.question import as_run, view_around
-from pep.pit.solids import cores_of
 from pep.pit.separation import stopping
+from pep.pit.solids import cores_of
 from pep.pit.view import view_of
 from tests.pit import twin
-from tests.pit.test_calibration import ARMS, spelled
-from tests.pit.test_calibration import robot_of as robot_of_rows
-from tests.pit.test_urdf import arm_of
-from tests.pit.urdfs import random_arm
 from tests.pit.corruption import KINDS, all_refused, corrupted, seal
 from tests.pit.corruption_courses import EXPECTED as OF_COURSES
 from tests.pit.scenes import (
@@ -78,6 +88,10 @@ from tests.pit.scenes import (
     with_glass,
     with_person,
 )
+from tests.pit.test_calibration import ARMS, spelled
+from tests.pit.test_calibration import robot_of as robot_of_rows
+from tests.pit.test_urdf import arm_of
+from tests.pit.urdfs import random_arm
 
 AGE = 0.1
 STICK = Held("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True)

@@ -6,12 +6,11 @@ import coal
 import numpy as np
 import pinocchio
 import pytest
-
 from pep.pit import Box, Capsule, Scene, Sphere, Thing
 from pep.pit.clearance import core_distance, segment_box, segment_segment
 from pep.pit.pairs import pairs_of
-from pep.pit.solids import rotation_of
 from pep.pit.path import GRID, Path
+from pep.pit.solids import rotation_of
 from tests.pit.scenes import CELL, ROBOT, random_move, random_scene, random_shape
 
 

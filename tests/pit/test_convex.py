@@ -8,11 +8,10 @@ import coal
 import mujoco
 import numpy as np
 import pytest
+from capabilities.statements import observation as wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities.statements import observation as wire
-from pep.context.witness import grip_contradicted
+from pep.perception.consistency import grip_contradicted
 from pep.pit import (
     Assessment,
     Box,
@@ -36,12 +35,11 @@ from pep.pit import (
     remaining,
 )
 from pep.pit.cell import StaticObject
-from pep.pit.checker import Verified, verify
-from pep.pit.checker import space
+from pep.pit.checker import Verified, space, verify
 from pep.pit.clearance import core_distance, interval_clearance, segment_hull
+from pep.pit.enclosing import capsule_around_points
 from pep.pit.engine import NUMPY, chosen, chosen_for
 from pep.pit.errors import PitError
-from pep.pit.enclosing import capsule_around_points
 from pep.pit.held import _outermost
 from pep.pit.hull import CORNERS_MOST, hull_of, widths_of
 from pep.pit.kinematics import link_frames

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-
 from pep.pit.kernel import arm, coupling, gap, law
 from pep.pit.kernel.arm import bends_of, no_nodes, pose, put
 from pep.pit.kernel.columns import (

@@ -9,29 +9,37 @@ from functools import cache
 import numpy as np
 import pinocchio
 import pytest
-
 from pep.pit import (
-    JointLeg, JointPath, LineLeg, LinePath, MoveL, Person, PitError, Region, Robot, Sphere, SpeedL,
+    JointLeg,
+    JointPath,
+    LineLeg,
+    LinePath,
+    MoveL,
+    Person,
+    PitError,
+    Region,
+    Robot,
+    SpeedL,
+    Sphere,
 )  # fmt: skip
-from pep.pit.checker import Code, Refused, Verified, verify
-from pep.pit.checker import check, doubt, leg, line, rows, stance, twist, verdict
+from pep.pit.checker import Code, Refused, Verified, check, doubt, leg, line, rows, stance, twist, verdict, verify
 from pep.pit.checker.arm import GRID
-from pep.pit.checker.question import obstacles_of
 from pep.pit.checker.piece import Lever, Piece, contraction
+from pep.pit.checker.question import obstacles_of
 from pep.pit.checker.robot import robot_of
 from pep.pit.drive import Drive, Nowhere, line_drive
 from pep.pit.driving import drive_of
 from pep.pit.effort import Effort
 from pep.pit.hold import speed_drive
-from pep.pit.proof import document, question_digest
 from pep.pit.pairs import pairs_of
+from pep.pit.proof import document, question_digest
 from pep.pit.proof_course import Recorded
 from pep.pit.proof_rows import order_of
 from pep.pit.question import view_around
 from pep.pit.twist import tool_pose
 from tests.pit.corruption import all_refused, seal
 from tests.pit.corruption_courses import EXPECTED, KINDS, Unfit, corrupted, made
-from tests.pit.courses import FORMS, PATIENT, courses_of, random_question, short_line, shifted, written
+from tests.pit.courses import FORMS, PATIENT, courses_of, random_question, shifted, short_line, written
 from tests.pit.lines import MODEL, marched, placed, pose_of, random_hold, random_line, random_start, tool_jacobian
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, empty, with_glass, with_person
 from tests.pit.test_checker import STRANGE, places, replaced

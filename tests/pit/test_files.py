@@ -9,7 +9,6 @@ from typing import get_args
 
 import jsonschema
 import pytest
-
 from docs import generate
 from pep.pit import Box, Convex, Region, Robot, adult_at_distance, assess, standing_adult
 from pep.pit.errors import PitError

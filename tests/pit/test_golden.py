@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import Capsule, Person, Region, adult_at_distance, assess, standing_adult
 from pep.pit.separation import stopping
-from tests.pit.scenes import NOTHING, CELL, FRONT, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
+from tests.pit.scenes import CELL, FRONT, NOTHING, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
 FRESH = 0.10  # age of the view, s
 # An arm with nominal kinematics: 7.5 mm of uncertainty. With 5 mm every index was at most 0.03 lower, every tier the same.

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import (
     Assessment,
     Box,
@@ -34,7 +33,7 @@ from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path
 from pep.pit.scene import Region
 from pep.pit.solids import rotation_of
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 from tests.pit.scenes import (
     CELL,
     HOME,

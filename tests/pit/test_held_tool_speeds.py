@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 import pytest
-
 from pep.pit import ServoJ, SpeedL, Sphere, Thing, assess, remaining
 from pep.pit.drive import Drive, Nowhere
 from pep.pit.driving import drive_of
 from pep.pit.hold import servo_drive, speed_drive
-from pep.pit.path import GRID
 from pep.pit.pairs import pairs_of
+from pep.pit.path import GRID
 from pep.pit.separation import stopping
-from policies.evidence import ImpactFault
-from policies.reasons import Reason
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
 from tests.pit.lines import MODEL, Sampled, followed, placed, random_hold, random_line, random_servo, tool_jacobian
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, with_person
 

@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from capabilities.values.scope import Tier
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities.scope import Tier
 from pep.pit.cell import CellParameters
 from pep.pit.contact import LIMITS, contact_speed_m_s, harm_speed_m_s
 from pep.pit.scene import Region

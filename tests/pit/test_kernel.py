@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from pep.pit import CellParameters, MoveJ, Robot
 from pep.pit.adult import standing_adult
 from pep.pit.certify import RESOLUTION

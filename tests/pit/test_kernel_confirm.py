@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import Robot, Workspace, adult_at_distance
 from pep.pit.certify import VIOLATION_RESOLUTION_M
 from pep.pit.engine import NUMPY, chosen

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import CellParameters, MoveJ, Robot
 from pep.pit.engine import NUMPY, chosen
 from pep.pit.errors import WorkLimitError
@@ -13,8 +12,8 @@ from pep.pit.parameters import Demands, demands_of
 from pep.pit.path import Path
 from pep.pit.question import as_run
 from pep.pit.tier import tier_of
-from tests.pit.test_speeds import fast, limited
 from tests.pit.scenes import CELL, HOME, ROBOT
+from tests.pit.test_speeds import fast, limited
 
 if chosen() is NUMPY:
     pytest.skip("numba is not installed", allow_module_level=True)

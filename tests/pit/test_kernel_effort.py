@@ -3,7 +3,6 @@
 import numpy as np
 import pinocchio
 import pytest
-
 from pep.pit import Robot
 from pep.pit.engine import NUMPY
 from pep.pit.kernel.effort import masses_of, torques

@@ -3,7 +3,6 @@
 import numpy as np
 import pinocchio
 import pytest
-
 from pep.pit import MoveL, ServoJ
 from pep.pit.certify import RESOLUTION
 from pep.pit.course import Course

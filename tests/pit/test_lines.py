@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pinocchio
 import pytest
-
 from pep.pit import MoveL, Sphere, Thing, Workspace, assess
 from pep.pit.certify import RESOLUTION
 from pep.pit.drive import line_drive
@@ -19,8 +18,8 @@ from pep.pit.motion import Profile
 from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID
 from pep.pit.twist import Twist, turn_of, turned_by
-from policies.evidence import ImpactFault
-from policies.reasons import Reason
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
 from tests.pit.lines import MODEL, Sampled, marched, placed, pose_of, random_line
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, with_glass, with_person
 

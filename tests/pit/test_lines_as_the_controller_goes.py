@@ -2,18 +2,17 @@
 
 import numpy as np
 import pytest
-
 from pep.pit.drive import Drive
 from pep.pit.driving import drive_of
 from pep.pit.effort import Effort
 from pep.pit.path import GRID
 from pep.pit.twist import TURN_LEVER_M
-from pep.sim.arm import Arm
-from pep.sim.motion import Brake, Kinetic, MotionError, MoveTool, ServoJoints, SpeedTool
-from pep.sim.spatial import IDENTITY, to_frame
 from tests.pit.lines import placed, random_hold, random_line, random_servo
 from tests.pit.scenes import CELL, ROBOT
 from tests.pit.test_held_tool_speeds import unhurried
+from ursim.motion.arm import Arm
+from ursim.motion.motion import Brake, Kinetic, MotionError, MoveTool, ServoJoints, SpeedTool
+from ursim.motion.spatial import IDENTITY, to_frame
 
 ARM = Arm.load()
 TCP = (tuple(float(x) for x in ROBOT.tool.tcp_m), IDENTITY)

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import (
     Capsule,
     CellParameters,
@@ -19,8 +18,8 @@ from pep.pit import (
     remaining,
 )
 from pep.pit.motion import profile_of
-from pep.pit.oracle import World
 from pep.pit.obstacles import Kind
+from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
 from pep.pit.path import Path
 from pep.pit.touching import gentle_rows

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from pep.pit import MoveJ
 from pep.pit.motion import Profile, profile_of
 

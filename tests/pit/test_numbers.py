@@ -3,9 +3,8 @@
 import ast
 from pathlib import Path
 
-import pytest
-
 import pep.pit
+import pytest
 
 ROOM = Path(pep.pit.__file__).parent
 PLAIN = {0, 1, 2, 3, 4, 0.5}  # structure: signs, halves, squares, space, and the corners of the index

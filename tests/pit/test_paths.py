@@ -5,14 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, Sphere, Thing, assess, remaining
 from pep.pit.certify import RESOLUTION
 from pep.pit.drive import line_drive
 from pep.pit.legs import LegsCertificate
 from pep.pit.motion import profile_of
-from policies.evidence import ImpactFault
-from policies.reasons import Reason
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
 from tests.pit.lines import placed, pose_of, random_line
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_move, random_scene, sweep, with_person
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from pep.pit import (
     Assessment,
     Box,
@@ -36,7 +35,7 @@ from pep.pit.moves import MoveQuestion
 from pep.pit.question import as_run, view_around
 from pep.pit.robot import _assemble
 from pep.pit.tier import ratio_index
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 from tests.pit.scenes import (
     CELL,
     FRONT,

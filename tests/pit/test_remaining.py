@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import (
     Assessment,
     GripperMove,
@@ -17,8 +16,8 @@ from pep.pit import (
     Region,
     Remaining,
     Scene,
-    Sphere,
     SpeedJ,
+    Sphere,
     Thing,
     Zone,
     assess,
@@ -26,8 +25,8 @@ from pep.pit import (
     standing_adult,
 )
 from pep.pit.certify import RESOLUTION
-from policies.evidence import ImpactFault
-from policies.reasons import Reason
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
 from tests.pit.scenes import (
     CELL,
     HOME,

@@ -10,7 +10,6 @@ from pathlib import Path as File
 import numpy as np
 import pinocchio
 import pytest
-
 from pep.pit import ModelError, MoveJ, Robot, Scene
 from pep.pit.kinematics import layout, link_frames, poses
 from pep.pit.pairs import pairs_of

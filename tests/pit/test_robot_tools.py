@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from pep.pit import Assessment, GripperMove, Robot, Sphere, Thing, assess, gripped
 from pep.pit.kinematics import link_frames
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty

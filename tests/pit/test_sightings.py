@@ -3,17 +3,15 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from capabilities.statements import observation as wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-import numpy as np
-
-from capabilities.statements import observation as wire
-from pep.context.frames import Frame, Heard, Look
+from pep.perception.sensor_frames import Frame, Heard, Look
 from pep.pit import Assessment, GripperMove, Scene, Sphere, Thing, adult_at_distance, assess, gripped, scene_observed
-from pep.pit.kinematics import link_frames
 from pep.pit.checker import Refused, Verified, verify
+from pep.pit.kinematics import link_frames
 from pep.pit.proof import document
 from pep.pit.remaining import Remaining, remaining
 from pep.pit.scene import CELL_FILE, SIGHTING_AGE_LIMIT_S

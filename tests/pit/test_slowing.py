@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from pep.pit import (
     CellError,
     CellParameters,
@@ -43,7 +42,7 @@ from pep.pit.question import as_run
 from pep.pit.rest import Rest, slowed
 from pep.pit.slowing import paced, steps
 from pep.pit.twist import Twist, turn_of
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 from tests.pit import twin
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, along, at_time, empty, random_move, tcp
 from tests.pit.test_soundness import dense_index

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rfc8785
-
 from pep.pit import MoveJ, SpeedJ, assess
 from pep.pit.checker import Code, Refused, Verified, verify
 from pep.pit.engine import chosen

@@ -1,7 +1,6 @@
 """Whether an arm moves with a stream; that the envelope bounds one is shown with the controller's in tests/pep/test_jog.py."""
 
 import pytest
-
 from pep.pit import CellParameters, SpeedJ
 from pep.pit.stream import moves_with, stream_envelope
 

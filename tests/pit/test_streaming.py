@@ -9,7 +9,7 @@ import pinocchio
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-
+from pep.base.stop_model import patience_s
 from pep.pit import (
     Capsule,
     Contact,
@@ -27,16 +27,15 @@ from pep.pit import (
     Workspace,
     Zone,
     assess,
+    streaming,
 )
-from pep.pit import streaming
 from pep.pit.assessment import Assessment
 from pep.pit.engine import NUMPY
 from pep.pit.oracle import World
 from pep.pit.separation import stopping
 from pep.pit.stream import stream_envelope
 from pep.pit.streaming import CONFIRMED_OF, Bounded, Stream
-from pep.stopping import patience_s
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 from tests.pit.lines import AGE, Sampled
 from tests.pit.scenes import (
     CELL,
@@ -51,7 +50,7 @@ from tests.pit.scenes import (
     with_glass,
     with_person,
 )
-from tests.pit.test_held_tool_speeds import A, DELAY, servoed
+from tests.pit.test_held_tool_speeds import DELAY, A, servoed
 
 DRAWS = int(os.environ.get("ZTPM_STEPS", "60"))  # a campaign asks for more
 PATIENT = replace(CELL, time_limit_s=60.0)  # a loaded machine that runs other tests meanwhile

@@ -6,7 +6,6 @@ from importlib import resources
 
 import numpy as np
 import pytest
-
 from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, Robot, ServoJ, SpeedJ, SpeedL, assess
 from pep.pit.assessment import Assessment
 from pep.pit.departure import joint_limits

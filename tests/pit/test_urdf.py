@@ -8,17 +8,16 @@ from itertools import product
 import numpy as np
 import pinocchio
 import pytest
-
 from pep.pit import Assessment, ModelError, MoveJ, assess
 from pep.pit.apart import proposed
-from pep.pit.clearance import segment_segment
-from pep.pit.checker import Verified, verify
-from pep.pit.proof import document
 from pep.pit.chain import model_of, robot_of
+from pep.pit.checker import Verified, verify
+from pep.pit.clearance import segment_segment
 from pep.pit.enclosing import capsule_around
 from pep.pit.frames import angles_of
 from pep.pit.kinematics import link_frames
 from pep.pit.outfit import Apart, Outfit
+from pep.pit.proof import document
 from pep.pit.urdf import Ball, Block, Pose, Rod, described
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, sweep, with_glass, with_person
 from tests.pit.urdfs import LIKE_UR3E, OUTFIT, STICK, capsule, inertial, joint, origin, random_arm, robot, ur3e

@@ -6,11 +6,13 @@ The request was denied all the same, with EVIDENCE_MALFORMED in place of PHYSICS
 from dataclasses import replace
 
 from pep.pit import standing_adult
-from policies import decide, load_shipped, shape
-from policies.reasons import Reason
+from policies.evidence import shape
+from policies.words.reason_table import Reason
 from tests.pit.scenes import empty, tcp
 from tests.pit.test_assess import ask
 from tests.policies import world
+
+from policies import decide, load_shipped
 
 
 def test_a_violation_is_a_plain_word():

@@ -5,7 +5,6 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-
 from evaluation.bench.pit.ruler import REACH_M, Ruler
 from pep.pit import JointPath, Scene, assess
 from pep.pit.checker import Code, Refused, Verified, verify
@@ -14,7 +13,7 @@ from pep.pit.errors import ProofError
 from pep.pit.pairs import pairs_of
 from pep.pit.proof import document
 from pep.pit.question import as_run, view_around
-from policies.evidence import ImpactFault
+from policies.evidence.evidence import ImpactFault
 from tests.pit.bracket import CLOSE, CLOSE_M, closed
 from tests.pit.corruption import corrupted
 from tests.pit.curves import CurvedWorld, curved_question, played, straight_legs

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pinocchio
-
 from pep.pit.model import Tool, ToolCapsule
 from pep.pit.outfit import Outfit
 from tests.pit.scenes import ROBOT

@@ -1,11 +1,11 @@
 """What loads but is probably not meant: each warning, and the sets that have none of it."""
 
 import pytest
+from policies.evidence.model import Point
+from policies.explain.advice import AdviceCode, Known, advise
+from tests.policies.test_load import GOOD, but
 
 from policies import load, load_shipped
-from policies.advice import AdviceCode, Known, advise
-from policies.model import Point
-from tests.policies.test_load import GOOD, but
 
 A = AdviceCode
 ACTING = frozenset({Point.TOOL, Point.ACTUATION})

@@ -3,8 +3,13 @@
 from dataclasses import replace
 
 import pytest
+from capabilities.values.scope import Tier
+from policies.decide.combine import Always, Check
+from policies.decide.obligations import CONSUME
+from policies.evidence.evidence import Contribution, ImpactFault, OpeningReading
+from policies.evidence.model import ApprovalUse
+from tests.policies import world
 
-from capabilities.scope import Tier
 from policies import (
     ROWS,
     Effect,
@@ -19,11 +24,6 @@ from policies import (
     Subject,
     decide,
 )
-from policies.combine import Always, Check
-from policies.evidence import Contribution, ImpactFault, OpeningReading
-from policies.model import ApprovalUse
-from policies.obligations import CONSUME
-from tests.policies import world
 
 PERSON = Contribution("person", 500, "wrist_3", "dave", 10, 20, 30)
 

@@ -7,19 +7,27 @@ from dataclasses import replace
 from itertools import islice
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from policies import cusum
-from policies.baseline import BLOCK, FEATURES, Act, Watch, reference, widest
-from policies.behaviour import AT_ONCE, NOTHING_KNOWN, BehaviourState, RestoreError, observe, reading, relearn, restore
-from policies.career import Baseline, Career
-from policies.conduct import DRIFT, Feature
-from policies.parameters import PARAMETERS, Parameters
-from policies.report import Report, ReportError
-
 from evaluation.conduct import agents, thresholds
 from evaluation.conduct.agents import BEGIN, Worker, life
 from evaluation.conduct.watching import caught, false_alarms
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from policies.conduct import cusum
+from policies.conduct.baseline import BLOCK, FEATURES, Act, Watch, reference, widest
+from policies.conduct.behaviour import (
+    AT_ONCE,
+    NOTHING_KNOWN,
+    BehaviourState,
+    RestoreError,
+    observe,
+    reading,
+    relearn,
+    restore,
+)
+from policies.conduct.history import Baseline, Career
+from policies.conduct.report import Report, ReportError
+from policies.evidence.conduct_readings import DRIFT, Feature
+from policies.words.parameters import PARAMETERS, Parameters
 
 P = Parameters()
 SHORT = replace(P, behaviour_learn_count=64)

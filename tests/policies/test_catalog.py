@@ -7,14 +7,14 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from capabilities.values.errors import FaultCode
+from docs import generate
+from policies.primitives.catalog_row import Attack, Defence
+from policies.words.reason_table import PRECEDENCE
+from tests.policies.world import VECTORS
 
 import policies
-from capabilities.errors import FaultCode
-from docs import generate
 from policies import CATALOG, PARAMETERS, REASONS, ROWS, Reason
-from policies.reasons import PRECEDENCE
-from policies.row import Attack, Defence
-from tests.policies.world import VECTORS
 
 EXPECTED = [
     f"{domain}-{i}"

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from itertools import permutations, product
 
 import pytest
-
-from capabilities.errors import Fault, FaultCode
-from policies import Effect, PolicyError, PolicyFault, Reason
-from policies.combine import (
+from capabilities.values.errors import Fault, FaultCode
+from policies.decide.combine import (
     PERMITS,
     SILENT,
     AllOf,
@@ -22,7 +20,9 @@ from policies.combine import (
     evaluate,
 )
 from policies.primitives.base import Defers, Fails, Holds, age_within, chain_fault, fails, fault_owners, found, missing
-from policies.reasons import REASONS
+from policies.words.reason_table import REASONS
+
+from policies import Effect, PolicyError, PolicyFault, Reason
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ import random
 from importlib import resources
 
 import pytest
-
-from policies import Effect, Means, Reason, canonical, decide, load, load_shipped, remedies
-from policies.counsel import _changes
-from policies.reasons import REASONS
+from policies.explain.remedies import _changes
+from policies.words import canonical
+from policies.words.reason_table import REASONS
 from tests.model import triples
 from tests.policies import world
+
+from policies import Effect, Means, Reason, decide, load, load_shipped, remedies
 
 TEXT = resources.files("policies").joinpath("sets", "paper-default.toml").read_text("utf-8")
 HEAD = TEXT[: TEXT.index("[parameters]")]

@@ -3,8 +3,14 @@
 from dataclasses import dataclass, replace
 
 import pytest
+from capabilities.values.scope import Tier
+from policies.decide.combine import Always, Check
+from policies.decide.obligations import NOTIFY, RECORD
+from policies.evidence.model import ApprovalUse
+from policies.primitives.base import Holds
+from policies.words.reason_table import REASONS
+from tests.policies import world
 
-from capabilities.scope import Tier
 from policies import (
     NOT_COLLECTED,
     ROWS,
@@ -23,12 +29,6 @@ from policies import (
     decide,
     load_shipped,
 )
-from policies.combine import Always, Check
-from policies.model import ApprovalUse
-from policies.obligations import NOTIFY, RECORD
-from policies.primitives.base import Holds
-from policies.reasons import REASONS
-from tests.policies import world
 
 SET = load_shipped("paper-default")
 POINTS = frozenset(ROWS["TEA-1"].points)

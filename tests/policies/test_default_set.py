@@ -3,8 +3,9 @@
 import dataclasses
 
 import pytest
+from capabilities.values.scope import Tier
+from tests.policies import world
 
-from capabilities.scope import Tier
 from policies import (
     NOT_COLLECTED,
     Effect,
@@ -18,7 +19,6 @@ from policies import (
     load_shipped,
     requirement,
 )
-from tests.policies import world
 
 SET = load_shipped("paper-default")
 

@@ -1,12 +1,12 @@
 """In what two sets differ: as texts, and in what they decide of cases."""
 
 import pytest
-
-from policies import SHIPPED, Effect, decide, load, load_shipped
-from policies.differences import Case, Change, Direction, Verdict, of_decisions, of_sets, unseen
-from policies.replay import Recorded
+from policies.evidence.case_json import Recorded
+from policies.explain.differences import Case, Change, Direction, Verdict, of_decisions, of_sets, unseen
 from tests.policies import world
 from tests.policies.test_load import GOOD, but
+
+from policies import SHIPPED, Effect, decide, load, load_shipped
 
 DENIED, PERMITTED = Verdict(Effect.DENY, "NO_POLICY"), Verdict(Effect.PERMIT, "PERMITTED")
 

@@ -5,11 +5,12 @@ import random
 
 import pytest
 import rfc8785
+from capabilities.values.units import Quantity, Unit
 from hypothesis import given
 from hypothesis import strategies as st
+from policies.words import canonical
 
-from capabilities.units import Quantity, Unit
-from policies import Point, Request, canonical
+from policies import Point, Request
 
 texts = st.text(st.characters(blacklist_categories=["Cs"]), max_size=8)
 exact = st.integers(-canonical.EXACT, canonical.EXACT)

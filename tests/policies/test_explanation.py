@@ -4,15 +4,15 @@ import random
 from dataclasses import replace
 
 import pytest
-
-from capabilities.scope import Tier
-from policies import NOT_COLLECTED, Effect, Evidence, decide, load, load_shipped
-from policies.combine import checks
-from policies.explanation import explain
-from policies.policy import Concern
+from capabilities.values.scope import Tier
+from policies.decide.combine import checks
+from policies.decide.policy import Concern
+from policies.explain.explanation import explain
 from tests.model import triples
 from tests.policies import world
 from tests.policies.test_load import GOOD, but
+
+from policies import NOT_COLLECTED, Effect, Evidence, decide, load, load_shipped
 
 SET = load_shipped("paper-default")
 

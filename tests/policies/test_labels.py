@@ -2,7 +2,7 @@
 
 from itertools import permutations
 
-from policies.labels import NOBODY, Integrity, Label, Source, aged, joined, tainted
+from policies.words.labels import NOBODY, Integrity, Label, Source, aged, joined, tainted
 
 TOLD = Label(frozenset({Source.OPERATOR}), frozenset({"alice"}), Integrity.PRINCIPAL, 1_000)
 READ = Label(frozenset({Source.RETRIEVAL}), frozenset({"curator-1"}), Integrity.CURATED, 3_000, tainted=True)

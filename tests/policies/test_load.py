@@ -4,9 +4,9 @@ import random
 import re
 
 import pytest
+from policies.decide.load import DEPTH_LIMIT, MEMBER_LIMIT, NAME_LIMIT, TEXT_LIMIT
 
 from policies import SHIPPED, Effect, Parameters, PolicyError, PolicyFault, load, load_shipped
-from policies.load import DEPTH_LIMIT, MEMBER_LIMIT, NAME_LIMIT, TEXT_LIMIT
 
 GOOD = """
 name = "small"
@@ -249,6 +249,7 @@ def test_the_digest_does_not_depend_on_the_order_of_policies():
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_sets_load_and_state_every_parameter_and_one_the_defaults(name):
     from importlib import resources
+
     from policies import PARAMETERS
 
     text = resources.files("policies").joinpath("sets", f"{name}.toml").read_text("utf-8")

@@ -4,9 +4,11 @@ from dataclasses import replace
 from importlib import resources
 
 import pytest
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit
+from policies.decide.obligations import AFTER, LOWER_TRUST, NOTIFY, REATTEST, RECORD
+from tests.policies import world
 
-from capabilities.scope import Tier
-from capabilities.units import Quantity, Unit
 from policies import (
     Effect,
     Obligation,
@@ -19,8 +21,6 @@ from policies import (
     load,
     load_shipped,
 )
-from policies.obligations import AFTER, LOWER_TRUST, NOTIFY, REATTEST, RECORD
-from tests.policies import world
 
 SET = load_shipped("paper-default")
 TEXT = resources.files("policies").joinpath("sets", "paper-default.toml").read_text("utf-8")

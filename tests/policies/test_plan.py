@@ -5,11 +5,11 @@ import random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from policies import Effect, Point, Request, decide, load_shipped, requirement
-from policies.policy import PLANS, Concern
+from policies.decide.policy import PLANS, Concern
 from tests.model import triples
 from tests.policies import world
+
+from policies import Effect, Point, Request, decide, load_shipped, requirement
 
 
 def test_a_remembered_plan_is_what_the_set_says_of_the_request():

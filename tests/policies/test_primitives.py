@@ -4,8 +4,13 @@ import tomllib
 from dataclasses import replace
 
 import pytest
+from capabilities.values.scope import Tier
+from policies.decide.combine import Check
+from policies.evidence import shape
+from policies.primitives.base import Defers, Fails, Holds
+from policies.words.reason_table import REASONS
+from tests.policies import world
 
-from capabilities.scope import Tier
 from policies import (
     ROWS,
     Effect,
@@ -18,12 +23,7 @@ from policies import (
     Reason,
     Subject,
     decide,
-    shape,
 )
-from policies.combine import Check
-from policies.primitives.base import Defers, Fails, Holds
-from policies.reasons import REASONS
-from tests.policies import world
 
 FILES = sorted(world.VECTORS.glob("*/*.toml"))
 CASES = [

@@ -8,10 +8,15 @@ import subprocess
 import sys
 
 import pytest
+from capabilities.values.scope import Tier
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from policies.decide.combine import AllOf, Always, AnyOf, Check
+from policies.primitives.base import Holds
+from policies.words import canonical
+from tests.model import triples
+from tests.policies import world
 
-from capabilities.scope import Tier
 from policies import (
     NOT_COLLECTED,
     ROWS,
@@ -29,14 +34,9 @@ from policies import (
     PolicySet,
     Reason,
     Subject,
-    canonical,
     decide,
     load_shipped,
 )
-from policies.combine import AllOf, Always, AnyOf, Check
-from policies.primitives.base import Holds
-from tests.model import triples
-from tests.policies import world
 
 SEVERITY = {Effect.PERMIT: 0, Effect.DEFER: 1, Effect.DENY: 2}
 SET = load_shipped("paper-default")
@@ -359,7 +359,7 @@ class Broken:
 
 @pytest.mark.parametrize("effect", list(Effect))
 def test_a_policy_that_errors_denies_whatever_its_effect(effect, monkeypatch):
-    monkeypatch.setattr("policies.policy.checks", lambda _: ())
+    monkeypatch.setattr("policies.decide.policy.checks", lambda _: ())
     broken = Policy(
         "broken",
         Subject(),

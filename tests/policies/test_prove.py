@@ -10,9 +10,24 @@ import time
 from pathlib import Path
 
 import pytest
+from capabilities.values.scope import Tier
+from policies.decide import approval, combine, pdp
+from policies.decide.combine import AllOf, Check
+from policies.decide.policy import Concern, requirement
+from policies.evidence import case_json
+from policies.evidence.tiers import runtime_tier
+from policies.primitives import identity, propagation
+from policies.primitives.base import Case, Defers, Fails, Holds
+from policies.proof import prover, search
+from policies.proof.case_facts import observe, what_it_says
+from policies.proof.facts import names_of
+from policies.proof.laws import laws
+from policies.proof.logic import PLAIN
+from policies.proof.outcome import Added, Outcome, outcome
+from policies.proof.verdicts import HOLDS, MAY_DEFER, is_known
+from tests.model import triples
 from typer.testing import CliRunner
 
-from capabilities.scope import Tier
 from policies import (
     ROWS,
     SHIPPED,
@@ -25,28 +40,11 @@ from policies import (
     PolicySet,
     Subject,
     ToolReading,
-    approval,
-    combine,
     decide,
     load,
     load_shipped,
-    pdp,
     proof,
-    replay,
 )
-from policies.combine import AllOf, Check
-from policies.policy import Concern, requirement
-from policies.primitives import identity, propagation
-from policies.primitives.base import Case, Defers, Fails, Holds
-from policies.proof import prover, search
-from policies.proof.facts import names_of
-from policies.proof.laws import laws
-from policies.proof.logic import PLAIN
-from policies.proof.observe import observe, what_it_says
-from policies.proof.outcome import Added, Outcome, outcome
-from policies.proof.verdicts import HOLDS, MAY_DEFER, is_known
-from policies.tiers import runtime_tier
-from tests.model import triples
 
 ROUNDS = int(os.environ.get("ZTPM_TWIN_ROUNDS", "1000"))
 """Triples for each of ten seeds; a campaign sets more."""
@@ -243,7 +241,7 @@ def test_a_broken_set_is_caught(name):
         (shown,) = results[id].counterexample
         # once more from what is written, without anything of the prover
         (written,) = json.loads(json.dumps(proof.result_to_plain(results[id])))["counterexample"]
-        again = replay.read(written["case"])
+        again = case_json.read(written["case"])
         decision = decide(again.request, again.evidence, policies)
         assert decision == shown.told.decision
         assert decision.effect == "PERMIT"
@@ -368,7 +366,7 @@ def test_policies_and_their_proofs_import_without_z3():
 
 @pytest.fixture
 def app():
-    from ztpm.cli.policy import app
+    from ztpm.cli.policy.commands import app
 
     return app
 

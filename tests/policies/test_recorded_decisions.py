@@ -7,7 +7,6 @@ import collections
 import json
 
 import pytest
-
 from tests.vectors.decisions import corpus
 
 
@@ -49,7 +48,7 @@ def test_a_difference_is_readable(replayed):
 def test_an_answer_is_of_everything_but_the_words_for_people(replayed):
     from dataclasses import replace
 
-    from policies.model import Finding
+    from policies.evidence.model import Finding
 
     now = next(now for *_, now in replayed if now.findings)
     recorded = corpus.answer(now)

@@ -9,21 +9,22 @@ from dataclasses import replace
 
 import pytest
 import rfc8785
-
-from capabilities.scope import Tier
-from policies import NOT_COLLECTED, Effect, Evidence, ImpactFault, PolicyError, PolicyFault, Reason, decide, replay
-from policies.canonical import EXACT
+from capabilities.values.scope import Tier
+from policies.evidence import case_json
+from policies.words.canonical import EXACT
 from tests.model import triples
 from tests.pep.kit import MOVE, full_scope, reading
 from tests.pep.test_approvals import Critical, People
 from tests.policies import world
+
+from policies import NOT_COLLECTED, Effect, Evidence, ImpactFault, PolicyError, PolicyFault, Reason, decide
 
 F = PolicyFault
 
 
 def carried(request, evidence):
     """The document after a way through canonical JSON."""
-    return json.loads(rfc8785.dumps(replay.to_plain(request, evidence)))
+    return json.loads(rfc8785.dumps(case_json.to_plain(request, evidence)))
 
 
 def ordinary():
@@ -33,7 +34,7 @@ def ordinary():
 def test_random_triples_are_decided_the_same_from_their_record():
     for seed in range(2_000):
         request, evidence, policies = triples.triple(random.Random(seed).choice)
-        again = replay.read(carried(request, evidence))
+        again = case_json.read(carried(request, evidence))
         assert again.request == request, seed
         assert again.evidence.digest == evidence.digest, seed
         assert decide(again.request, again.evidence, policies) == decide(request, evidence, policies), seed
@@ -41,25 +42,25 @@ def test_random_triples_are_decided_the_same_from_their_record():
 
 def test_of_a_scope_the_record_has_the_grant_that_was_asked_for():
     request, evidence = world.asked()
-    again = replay.read(carried(request, evidence)).evidence
+    again = case_json.read(carried(request, evidence)).evidence
     for hop, kept in zip(evidence.chain.hops, again.chain.hops, strict=True):
         assert [(g.object, g.operation) for g in kept.scope.grants] == [(request.object, request.operation)]
         assert kept.scope.find(request.object, request.operation) == hop.scope.find(request.object, request.operation)
         assert replace(kept, scope=replace(kept.scope, grants=hop.scope.grants)) == hop
-    bare = replay.read_evidence(json.loads(json.dumps(replay.evidence_to_plain(evidence, None))))
+    bare = case_json.read_evidence(json.loads(json.dumps(case_json.evidence_to_plain(evidence, None))))
     assert {hop.scope.grants for hop in bare.chain.hops} == {()}
 
 
 def test_what_a_value_remembers_for_itself_is_not_written():
     request, evidence = world.asked()
     evidence.chain.scope.find(request.object, request.operation)
-    assert '"_' not in json.dumps(replay.to_plain(request, evidence))
+    assert '"_' not in json.dumps(case_json.to_plain(request, evidence))
 
 
 @pytest.mark.parametrize("at", [0.1, 1e9, 1_000_000.000_001, -0.0, 5e-324, math.inf, -math.inf, math.nan])
 def test_times_are_exact(at):
     request, _ = world.asked()
-    again = replay.read(carried(request, Evidence(at=at, at_ms=EXACT + 2))).evidence
+    again = case_json.read(carried(request, Evidence(at=at, at_ms=EXACT + 2))).evidence
     assert again.at.hex() == at.hex()
     assert again.at_ms == EXACT + 2
 
@@ -69,7 +70,7 @@ def test_a_person_may_write_plain_numbers_and_leave_out_what_was_not_collected()
     document["evidence"] = {"type": "Evidence", "at": 1000, "at_ms": 5}
     document["request"] |= {"at": 1000.5}
     del document["request"]["digest"]
-    read = replay.read(document)
+    read = case_json.read(document)
     assert (read.request.at, read.evidence.at, type(read.evidence.at)) == (1000.5, 1000.0, float)
     assert read.evidence.chain is read.evidence.impact is NOT_COLLECTED
 
@@ -123,7 +124,7 @@ def test_what_is_not_of_the_form_is_refused_with_its_place(name):
     table, last = at(document, path)
     table[last] = value
     with pytest.raises(PolicyError) as error:
-        replay.read(document)
+        case_json.read(document)
     assert (error.value.code, error.value.where) == (fault, where)
 
 
@@ -143,7 +144,7 @@ def test_what_is_missing_is_refused(path, where):
     table, last = at(document, path)
     del table[last]
     with pytest.raises(PolicyError) as error:
-        replay.read(document)
+        case_json.read(document)
     assert (error.value.code in {F.MISSING_KEY, F.WRONG_TYPE}, error.value.where) == (True, where)
 
 
@@ -160,16 +161,16 @@ def test_mutilated_documents_are_refused_or_read_and_nothing_else():
                 break
             where = where[key]
         try:
-            read = replay.read(document)
+            read = case_json.read(document)
         except PolicyError:
             continue
         decide(read.request, read.evidence, world.load_shipped("paper-default"))
 
 
-@pytest.mark.parametrize("document", [None, 7, "x", [], {}, {1: 2}, {"form": replay.FORM}])
+@pytest.mark.parametrize("document", [None, 7, "x", [], {}, {1: 2}, {"form": case_json.FORM}])
 def test_what_is_no_document_is_refused(document):
     with pytest.raises(PolicyError):
-        replay.read(document)
+        case_json.read(document)
 
 
 # --- a gate's own journal --------------------------------------------------------------------------------------------
@@ -179,12 +180,12 @@ def replayed(rig):
     """Every decision of the journal as (its body, the decision on what the record holds)."""
     for record in rig.records("decision"):
         body = json.loads(json.dumps(record["body"]))
-        read = replay.read({key: body[key] for key in ("form", "request", "evidence")})
+        read = case_json.read({key: body[key] for key in ("form", "request", "evidence")})
         yield body, decide(read.request, read.evidence, rig.policies)
 
 
 def same(body, again):
-    from pep.records import decision_body
+    from pep.gate.records import decision_body
 
     return {k: v for k, v in decision_body(again).items() if k != "by"} == {
         k: v for k, v in body["decision"].items() if k != "by"

@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import pytest
-
-from capabilities.scope import Tier
-from policies import NOT_COLLECTED, ImpactFault, Parameters, decide, load_shipped
-from policies.tiers import RULES, TierRule, authorised_milli, base_tier, runtime_tier
+from capabilities.values.scope import Tier
+from policies.evidence.tiers import RULES, TierRule, authorised_milli, base_tier, runtime_tier
 from tests.policies import world
+
+from policies import NOT_COLLECTED, ImpactFault, Parameters, decide, load_shipped
 
 SET = load_shipped("paper-default")
 

@@ -7,15 +7,15 @@ from fractions import Fraction
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from policies import seen as seen_module
-from policies import trust as trust_module
-from policies.charges import CHARGES, charge, credit_milli
-from policies.decay import TICKS, decayed, ticks_between
-from policies.evidence import EdgeReading, TrustReading
-from policies.parameters import Parameters
-from policies.reasons import Reason
-from policies.report import Edge, Report, ReportError
-from policies.trust import NOTHING_REPORTED, TrustState, chain_trust, observe, score, scores
+from policies.conduct import counted_reports as seen_module
+from policies.conduct import trust as trust_module
+from policies.conduct.decay import TICKS, decayed, ticks_between
+from policies.conduct.report import Edge, Report, ReportError
+from policies.conduct.trust import NOTHING_REPORTED, TrustState, chain_trust, observe, score, scores
+from policies.conduct.trust_changes import CHARGES, charge, credit_milli
+from policies.evidence.evidence import EdgeReading, TrustReading
+from policies.words.parameters import Parameters
+from policies.words.reason_table import Reason
 
 P = Parameters()
 T = 1_700_000_000

@@ -5,12 +5,21 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-from capabilities.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
-from capabilities.errors import Fault, FaultCode
-from capabilities.scope import Grant, Limit, OneOf, Range, Scope, Tier
-from capabilities.units import Parameter, Quantity, Unit
-from policies.conduct import BehaviourReading, Deviation, Feature, SequenceReading
-from policies.evidence import (
+from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Scope, Tier
+from capabilities.values.units import Parameter, Quantity, Unit
+from policies.decide.load import load_shipped
+from policies.evidence.conduct_readings import BehaviourReading, Deviation, Feature, SequenceReading
+from policies.evidence.content_readings import (
+    ArgumentReading,
+    ContextReading,
+    InstructionReading,
+    ItemKind,
+    ItemReading,
+    MessageReading,
+)
+from policies.evidence.evidence import (
     NOT_COLLECTED,
     ApprovalReading,
     Contribution,
@@ -18,19 +27,17 @@ from policies.evidence import (
     Evidence,
     ImpactFault,
     ImpactReading,
-    PerceptionReading,
-    SensorReading,
-    RobotReading,
     OpeningReading,
+    PerceptionReading,
+    RobotReading,
+    SensorReading,
     ToolReading,
     TrustReading,
 )
-from policies.labels import Integrity, Label, Source
-from policies.load import load_shipped
-from policies.model import Point, Request
+from policies.evidence.model import Point, Request
+from policies.evidence.tiers import runtime_tier
 from policies.primitives.base import Case
-from policies.said import ArgumentReading, ContextReading, InstructionReading, ItemKind, ItemReading, MessageReading
-from policies.tiers import runtime_tier
+from policies.words.labels import Integrity, Label, Source
 
 VECTORS = Path(__file__).parents[1] / "vectors" / "primitives"
 WORLD = tomllib.loads((VECTORS / "world.toml").read_text("utf-8"))

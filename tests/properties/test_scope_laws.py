@@ -7,18 +7,17 @@ from collections import Counter
 
 import pytest
 import rfc8785
+from capabilities.values import bounds
+from capabilities.values.algebra import COUNTED, apply, hop, meet, narrows, stated
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.explanation import difference, explain, explanation_to_json, narrowable, repair
+from capabilities.values.scope import OneOf, Range, Scope
+from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
+from capabilities.values.well_formed import well_formed, well_formed_restriction
+from evaluation.tokens import hop_laws, laws
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities import bounds
-from capabilities.algebra import COUNTED, apply, hop, meet, narrows, stated
-from capabilities.caps import DEFAULT
-from capabilities.errors import FaultCode, ScopeError
-from capabilities.explanation import difference, explain, explanation_to_json, narrowable, repair
-from capabilities.scope import OneOf, Range, Scope
-from capabilities.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
-from capabilities.well_formed import well_formed, well_formed_restriction
-from evaluation.tokens import hop_laws, laws
 from tests.capabilities.drawn import (
     UNIVERSE,
     bounds_near,

@@ -1,7 +1,6 @@
 """What the judge of a lease is tried in, of several tests."""
 
 import pytest
-
 from tests.rtde.leased import House
 
 

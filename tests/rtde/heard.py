@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass, field
 
-from pep.rtde.changes import Change, changes
-from pep.rtde.codec import Framer, decode_request
-from pep.rtde.image import Image
-from pep.rtde.io_commands import IoCommand, decode_io
-from pep.rtde.messages import SetupInputs, Values
-from pep.rtde.recipes import Ignored, InputRecipes, Profile
-from pep.rtde.refused import Refused
+from pep.rtde.command.image_changes import Change, changes
+from pep.rtde.command.io_commands import IoCommand, decode_io
+from pep.rtde.command.register_image import Image
+from pep.rtde.wire.codec import Framer, decode_request
+from pep.rtde.wire.messages import SetupInputs, Values
+from pep.rtde.wire.recipes import Ignored, InputRecipes, Profile
+from pep.rtde.wire.refusal import Refused
 
 
 @dataclass

@@ -16,18 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
-import pep.cell_stream
-import pep.gate
-from pep.rtde.control_script import allow_list, installed_body
-from pep.rtde.gateway import Gateway
-from pep.rtde.leased_ports import LeasedPorts
-from pep.rtde.leased_stop import Rung
-from pep.sequence import Sequence
-from pep.stopping import STOP_DECELERATION_RAD_S2
+import pep.gate.gate
+import pep.world.cell_stream
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.rtde.line.controller_ports import LeasedPorts
+from pep.rtde.line.gateway import Gateway
+from pep.rtde.line.lease_stop import Rung
+from pep.rtde.script.control_script import allow_list, installed_body
+from pep.world.sequence import Sequence
 from tests.pep.kit import Still
 from tests.rtde.leased import leased_scope
 from tests.rtde.robot_cell import RobotCell
-
 
 SEQUENCES = {"remember": Sequence, "forget": Still}
 
@@ -69,7 +68,7 @@ class Desk:
 
 
 async def serve(listen, robot, folder):
-    pep.gate.PHYSICS_TIMEOUT_S, pep.cell_stream.STEP_S = 60.0, 20.0  # a loaded host is slow
+    pep.gate.gate.PHYSICS_TIMEOUT_S, pep.world.cell_stream.STEP_S = 60.0, 20.0  # a loaded host is slow
     cell = RobotCell(Path(folder))
     desk = Desk(cell, robot)
     gateway = Gateway(desk)

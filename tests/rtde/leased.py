@@ -6,23 +6,23 @@ import time
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 
-from capabilities.scope import Grant, Limit, Tier
-from pep.cell_stream import Judged, Shown
-from pep.clock import SystemClock
-from pep.context.frames import Seen
-from pep.operations import MOVE_LINEAR, SERVO_JOINT, SET_PAYLOAD, SET_SPEED_SLIDER, SET_TCP, SPEED_LINEAR
-from pep.ports import Rest
-from pep.rtde import command_values as v
-from pep.rtde.lease import Lease
-from pep.rtde.leased_effects import LeasedEffects
-from pep.rtde.leased_judge import LeasedJudge
-from pep.rtde.leased_requests import Fitted
-from pep.rtde.limits import LIMITS
-from pep.rtde.state import JointState, Package
-from pep.rtde.told import fits
-from pep.slot import Slot
-from pep.watch import Limits, Watch
-from policies.parameters import Parameters
+from capabilities.values.scope import Grant, Limit, Tier
+from pep.base.clock import SystemClock
+from pep.base.operations import MOVE_LINEAR, SERVO_JOINT, SET_PAYLOAD, SET_SPEED_SLIDER, SET_TCP, SPEED_LINEAR
+from pep.base.ports import Rest
+from pep.gate.motion_slot import Slot
+from pep.perception.sensor_frames import Seen
+from pep.rtde.command import command_values as v
+from pep.rtde.command.limits import LIMITS
+from pep.rtde.judge.command_judge import LeasedJudge
+from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.judge.execution import LeasedEffects
+from pep.rtde.lease.lease import Lease
+from pep.rtde.robot.state_receiver import JointState, Package
+from pep.rtde.wire.client_texts import fits
+from pep.watch.watch import Limits, Watch
+from pep.world.cell_stream import Judged, Shown
+from policies.words.parameters import Parameters
 from tests.pep.kit import AUDIENCE, Rig, full_scope, reading
 
 HERE = (0.0,) * 6

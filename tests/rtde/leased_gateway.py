@@ -12,13 +12,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from pep.clock import SystemClock
-from pep.rtde.control_script import allow_list, installed_body
-from pep.rtde.gateway import Gateway
-from pep.rtde.lease import Ending
-from pep.rtde.leased_ports import LeasedPorts
-from pep.stopping import STOP_DECELERATION_RAD_S2
-from policies.reasons import Reason
+from pep.base.clock import SystemClock
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.rtde.lease.lease import Ending
+from pep.rtde.line.controller_ports import LeasedPorts
+from pep.rtde.line.gateway import Gateway
+from pep.rtde.script.control_script import allow_list, installed_body
+from policies.words.reason_table import Reason
 from tests.rtde.whole_commands import WholeCommands
 
 LATER_S = 1.0

@@ -4,11 +4,11 @@ import socket
 import struct
 import time
 
-from pep.rtde.codec import Framer, Recipe, decode_answer, encode_request
-from pep.rtde.lines import REALTIME, RTDE
-from pep.rtde.messages import Kind, RequestProtocol, SetupInputs, SetupOutputs, Start, Values
-from pep.rtde.recipes import EXTERNAL_WRENCH, control_recipes
-from pep.rtde.variables import INPUTS
+from pep.rtde.robot.connections import REALTIME, RTDE
+from pep.rtde.wire.codec import Framer, Recipe, decode_answer, encode_request
+from pep.rtde.wire.messages import Kind, RequestProtocol, SetupInputs, SetupOutputs, Start, Values
+from pep.rtde.wire.recipes import EXTERNAL_WRENCH, control_recipes
+from pep.rtde.wire.variables import INPUTS
 from tests.sim_controller.cell import until, upload
 
 VECTOR = (0.0,) * 6

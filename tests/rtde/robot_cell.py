@@ -9,20 +9,20 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 from pep.pit import surveyed
-from pep.rtde.dashboard import RemoteControl
-from pep.rtde.leased_effects import LeasedEffects
-from pep.rtde.leased_judge import LeasedJudge
-from pep.rtde.leased_requests import Fitted
-from pep.rtde.state import ReceivedState
-from pep.rtde.telemetry import Telemetry
-from pep.sim.launch import Controller
-from pep.watch import Limits, Watch
-from policies.parameters import Parameters
+from pep.rtde.judge.command_judge import LeasedJudge
+from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.judge.execution import LeasedEffects
+from pep.rtde.robot.dashboard import RemoteControl
+from pep.rtde.robot.state_receiver import ReceivedState
+from pep.rtde.robot.telemetry import Telemetry
+from pep.watch.watch import Limits, Watch
+from policies.words.parameters import Parameters
 from tests.pep import kit
 from tests.pep.kit import AUDIENCE
 from tests.pit.scenes import HOME, ROBOT
 from tests.rtde.world import CELL, World
-from ztpm.robot import readiness
+from ursim.ports.launch import Controller
+from ztpm.point.robot import readiness
 
 TOOL = ROBOT.tool
 FITTED = Fitted((*TOOL.tcp_m, 0.0, 0.0, 0.0), TOOL.mass_kg, TOOL.com_m)

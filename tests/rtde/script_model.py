@@ -1,9 +1,9 @@
 """The main loop of ur_rtde's control script, without an arm: what it carries out of what stands in its registers, and when."""
 
-from pep.rtde import command_values as v
-from pep.rtde.commands import EVERY_CYCLE, decode, row_of
-from pep.rtde.image import Image
-from pep.rtde.leased_commands import DONE, READY
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import EVERY_CYCLE, decode, row_of
+from pep.rtde.command.register_image import Image
+from pep.rtde.line.command_registers import DONE, READY
 
 LASTS = 3
 """Cycles of a move, and of a stop, that the script waits for."""

@@ -4,11 +4,10 @@ import asyncio
 import socket
 
 import pytest
-
-from pep.rtde.accepted import Accepted
-from pep.rtde.gateway import ScriptPort, stop_text
-from pep.rtde.lines import Upstream
-from pep.stopping import STOP_DECELERATION_RAD_S2
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.rtde.lease.accepted_connection import Accepted
+from pep.rtde.line.gateway import ScriptPort, stop_text
+from pep.rtde.robot.connections import Upstream
 
 pytestmark = pytest.mark.clause("RTDE-13")
 
@@ -119,7 +118,7 @@ def test_a_stop_arrives_at_a_controller_that_says_something_first(monkeypatch, a
     async def scenario():
         slow, back = Slow(), Served(at_once=False)
         line = ScriptPort(back, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, stopping=lambda _: None)
-        monkeypatch.setattr("pep.rtde.gateway.StreamPort._heard", lambda *_: None)
+        monkeypatch.setattr("pep.rtde.line.gateway.StreamPort._heard", lambda *_: None)
         told = asyncio.ensure_future(slow.told(0.2))
         assert await line.robot.reach("127.0.0.1", slow.port()) is None
         transport = line.robot._transport
@@ -139,7 +138,7 @@ def test_a_stop_arrives_at_a_controller_that_says_something_first(monkeypatch, a
 
 def test_a_controller_that_keeps_the_connection_is_left_in_time(monkeypatch):
     async def scenario():
-        monkeypatch.setattr("pep.rtde.lines.LINGER_S", 0.1)
+        monkeypatch.setattr("pep.rtde.robot.connections.LINGER_S", 0.1)
         heard, gone = [], []
         upstream = Upstream(heard.append, lambda: gone.append(1))
         with socket.create_server(("127.0.0.1", 0)) as server:

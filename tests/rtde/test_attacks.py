@@ -12,15 +12,14 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-
-from pep.rtde.acts import Ask, Withdraw
-from pep.rtde.command_values import MovePath
-from pep.rtde.commands import encode
-from pep.rtde.gateway import GUESTS
-from pep.rtde.lines import REALTIME, RTDE
-from pep.rtde.move_path import PathMove, Waypoint
-from pep.rtde.recipes import control_recipes
-from policies.reasons import Reason
+from pep.rtde.command.command_table import encode
+from pep.rtde.command.command_values import MovePath
+from pep.rtde.line.effects import Ask, Withdraw
+from pep.rtde.line.gateway import GUESTS
+from pep.rtde.robot.connections import REALTIME, RTDE
+from pep.rtde.script.move_path import PathMove, Waypoint
+from pep.rtde.wire.recipes import control_recipes
+from policies.words.reason_table import Reason
 from tests.rtde.campaign.hostile import UPLOADS, Hostile
 from tests.rtde.campaign.race import Words
 from tests.rtde.campaign.rule import HOME

@@ -3,13 +3,12 @@
 import asyncio
 
 import pytest
-
-from capabilities.caps import DEFAULT
-from capabilities.frames import End, Session
-from pep.clock import SystemClock
-from pep.rtde.carriage import Bytes, Cutter, Open, Opened, Over, decode
-from pep.rtde.carrier import Carrier
-from pep.rtde.lease import SILENCE_MS, Ending
+from capabilities.proof.session_frames import End, Session
+from capabilities.values.caps import DEFAULT
+from pep.base.clock import SystemClock
+from pep.rtde.lease.lease import SILENCE_MS, Ending
+from pep.rtde.lease.lease_connection import Carrier
+from pep.rtde.lease.lease_messages import Bytes, Cutter, Open, Opened, Over, decode
 
 KEYS = {True: (b"a" * 32, b"b" * 32), False: (b"b" * 32, b"a" * 32)}
 

@@ -14,18 +14,16 @@ import textwrap
 import threading
 
 import pytest
-
-from pep.clock import SystemClock
-from pep.rtde.control_script import allow_list, installed_body
-from pep.rtde.cutter import LENGTH, Cutter
-from pep.rtde.gateway import FRAME_BYTES, Gateway
-from pep.rtde.lease import Ending
-from pep.rtde.leased_ports import LeasedPorts
-from pep.rtde.lines import PORTS, PRIMARY, READ_ONLY, REALTIME, SECONDARY
-from pep.rtde.recipes import control_recipes
-from pep.rtde.state import STILL_RAD_S
-from pep.sim.launch import Controller
-from pep.stopping import STOP_DECELERATION_RAD_S2
+from pep.base.clock import SystemClock
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.rtde.lease.lease import Ending
+from pep.rtde.line.controller_ports import LeasedPorts
+from pep.rtde.line.gateway import FRAME_BYTES, Gateway
+from pep.rtde.robot.connections import PORTS, PRIMARY, READ_ONLY, REALTIME, SECONDARY
+from pep.rtde.robot.state_receiver import STILL_RAD_S
+from pep.rtde.script.control_script import allow_list, installed_body
+from pep.rtde.wire.frame_splitter import LENGTH, Cutter
+from pep.rtde.wire.recipes import control_recipes
 from tests.pep.kit import Rig
 from tests.pep.test_lease import OWN, House
 from tests.pep.test_lease_program import Permits
@@ -35,7 +33,8 @@ from tests.rtde.relay import relay
 from tests.rtde.test_attacks import BREACHES
 from tests.rtde.test_leased_wire import AWAY, CYCLE_S
 from tests.sim_controller.cell import HOME, until, upload
-from ztpm.program_ports import ProgramPorts
+from ursim.ports.launch import Controller
+from ztpm.program.program_ports import ProgramPorts
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-
-from pep.operations import (
+from pep.base.operations import (
     MOVE_JOINT,
     MOVE_LINEAR,
     MOVE_PATH,
@@ -28,13 +27,13 @@ from pep.operations import (
 )
 from pep.pit.inverse import stance
 from pep.pit.twist import turn_of, turned_by
-from pep.rtde.commands import ROWS
-from pep.rtde.leased_commands import WATCHDOG_HZ
-from pep.rtde.limits import OFFSET_M
-from pep.rtde.lines import REALTIME
-from pep.rtde.recipes import EXTERNAL_WRENCH
-from pep.rtde.state import STILL_RAD_S
-from pep.rtde.telemetry import Telemetry
+from pep.rtde.command.command_table import ROWS
+from pep.rtde.command.limits import OFFSET_M
+from pep.rtde.line.command_registers import WATCHDOG_HZ
+from pep.rtde.robot.connections import REALTIME
+from pep.rtde.robot.state_receiver import STILL_RAD_S
+from pep.rtde.robot.telemetry import Telemetry
+from pep.rtde.wire.recipes import EXTERNAL_WRENCH
 from tests.pit.scenes import HOME, ROBOT
 from tests.rtde.campaign.race import NAMES, Words
 from tests.rtde.judged_gateway import judged_gateway

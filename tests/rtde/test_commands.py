@@ -7,13 +7,11 @@ from dataclasses import fields
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.rtde import command_values as v
-from pep.rtde import fields as f
-from pep.rtde.changes import Change, Cleared, Commanded, Drifted, Staged, Swapped, Unchanged, changes
-from pep.rtde.commands import EVERY_CYCLE, READS, ROWS, CommandClass, Wait, decode, encode, row_of
-from pep.rtde.image import Image
-from pep.rtde.io_commands import (
+from pep.rtde.command import command_values as v
+from pep.rtde.command import fields as f
+from pep.rtde.command.command_table import EVERY_CYCLE, READS, ROWS, CommandClass, Wait, decode, encode, row_of
+from pep.rtde.command.image_changes import Change, Cleared, Commanded, Drifted, Staged, Swapped, Unchanged, changes
+from pep.rtde.command.io_commands import (
     Bank,
     Quantity,
     SetAnalogOutput,
@@ -23,10 +21,11 @@ from pep.rtde.io_commands import (
     SetSpeedSlider,
     decode_io,
 )
-from pep.rtde.recipes import DOUBLE, EXTERNAL_WRENCH, INT, Profile
-from pep.rtde.refused import Refused
-from pep.rtde.variables import INPUTS, VariableType
-from policies.reason import Reason
+from pep.rtde.command.register_image import Image
+from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, INT, Profile
+from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.variables import INPUTS, VariableType
+from policies.words.reason_codes import Reason
 
 OFFSETS = (0, 24)
 PROFILES = {offset: Profile.of(offset, control=True, io=True) for offset in OFFSETS}

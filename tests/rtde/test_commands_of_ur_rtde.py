@@ -4,12 +4,10 @@ import contextlib
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-
-from pep.rtde import command_values as v
-from pep.rtde.changes import Cleared, Commanded, Drifted, Unchanged
-from pep.rtde.commands import ROWS
-from pep.rtde.dashboard import stop_program
-from pep.rtde.io_commands import (
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import ROWS
+from pep.rtde.command.image_changes import Cleared, Commanded, Drifted, Unchanged
+from pep.rtde.command.io_commands import (
     Bank,
     Quantity,
     SetAnalogOutput,
@@ -18,11 +16,12 @@ from pep.rtde.io_commands import (
     SetInputInteger,
     SetSpeedSlider,
 )
-from pep.rtde.recipes import Ignored, Profile, control_recipes, io_recipes
-from pep.sim.launch import Controller
+from pep.rtde.robot.dashboard import stop_program
+from pep.rtde.wire.recipes import Ignored, Profile, control_recipes, io_recipes
 from tests.rtde.heard import hear
 from tests.rtde.relay import relay
 from tests.sim_controller.cell import HOME, until
+from ursim.ports.launch import Controller
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")

@@ -5,9 +5,8 @@ import random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.errors import ConfigError, PepFault
-from pep.rtde.control_script import (
+from pep.base.errors import ConfigError, PepFault
+from pep.rtde.script.control_script import (
     MAX_SCRIPT,
     Recogniser,
     Upload,
@@ -15,9 +14,9 @@ from pep.rtde.control_script import (
     installed_body,
     scripts_for,
 )
-from pep.rtde.move_path import MAX_LINE, MAX_WAYPOINTS, PathMove, Waypoint, render_path
-from pep.rtde.refused import Refused
-from policies.reason import Reason
+from pep.rtde.script.move_path import MAX_LINE, MAX_WAYPOINTS, PathMove, Waypoint, render_path
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_codes import Reason
 from tests.sim_controller.cell import HOME, upload
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -333,8 +332,8 @@ def test_our_text_of_a_path_is_ur_rtde_s_own():
 
 @pytest.mark.e2e
 def test_what_the_real_client_uploads_is_recognised(scripts, tmp_path):
-    from pep.sim.launch import Controller
     from tests.rtde.relay import relay
+    from ursim.ports.launch import Controller
 
     with Controller.start(joints=HOME) as robot, relay(robot.host, tmp_path / "said") as between:
         control = rtde_control.RTDEControlInterface(between.host)

@@ -5,12 +5,11 @@ import re
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.rtde.dashboard_words import LINES, MAX_LINE, Argument, Line, LineClass, parse_line
-from pep.rtde.refused import Refused
-from pep.sim.launch import Controller
-from policies.reason import Reason
+from pep.rtde.wire.dashboard_grammar import LINES, MAX_LINE, Argument, Line, LineClass, parse_line
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_codes import Reason
 from tests.rtde.relay import relay
+from ursim.ports.launch import Controller
 
 pytestmark = pytest.mark.clause("RTDE-10")
 

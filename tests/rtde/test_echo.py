@@ -5,8 +5,7 @@ from collections import deque
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.rtde.echo import MOST, QUIET, Echo
+from pep.rtde.line.register_echo import MOST, QUIET, Echo
 
 pytestmark = pytest.mark.clause("RTDE-13")
 

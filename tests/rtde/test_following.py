@@ -5,16 +5,16 @@ import random
 import struct
 
 import pytest
-from pep.rtde import command_values as v
-from pep.rtde.acts import Ask
-from pep.rtde.codec import Recipe, encode_request
-from pep.rtde.commands import encode
-from pep.rtde.following import Following
-from pep.rtde.leased_line import LeasedLine
-from pep.rtde.messages import Values, WireError
-from pep.rtde.recipes import DOUBLE, INT, control_recipes
-from pep.rtde.variables import INPUTS
-from policies.reasons import Reason
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import encode
+from pep.rtde.line.effects import Ask
+from pep.rtde.line.rtde_line import LeasedLine
+from pep.rtde.line.stream_update import Following
+from pep.rtde.wire.codec import Recipe, encode_request
+from pep.rtde.wire.messages import Values, WireError
+from pep.rtde.wire.recipes import DOUBLE, INT, control_recipes
+from pep.rtde.wire.variables import INPUTS
+from policies.words.reason_table import Reason
 from tests.rtde.test_leased_line import Talk
 from tests.rtde.whole_commands import WholeCommands
 
@@ -219,7 +219,7 @@ def test_values_that_follow_go_the_short_way(command, monkeypatch):
     side.permits()
     side.says(saying(command))
     calls = []
-    monkeypatch.setattr("pep.rtde.leased_commands.changes", lambda *_: calls.append(1))
+    monkeypatch.setattr("pep.rtde.line.command_registers.changes", lambda *_: calls.append(1))
     for q in (0.11, 0.12, -0.0):
         side.says(saying(command, **{DOUBLE[0]: q}))
         assert struct.pack(">d", q) in side.told[-1][0].to_robot

@@ -3,12 +3,11 @@
 import socket
 
 import pytest
-
-from pep.rtde.lines import SECONDARY
-from pep.rtde.state import ReceivedState
-from pep.sim.launch import Controller
+from pep.rtde.robot.connections import SECONDARY
+from pep.rtde.robot.state_receiver import ReceivedState
 from tests.rtde.leased_gateway import leased_gateway
 from tests.sim_controller.cell import HOME, until
+from ursim.ports.launch import Controller
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 

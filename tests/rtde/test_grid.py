@@ -6,11 +6,10 @@ from dataclasses import fields
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.rtde import command_values as v
-from pep.rtde.grid import on_grid
-from pep.rtde.leased_requests import Asked, Fitted, asked_of, request_of
-from policies.model import Request
+from pep.rtde.command import command_values as v
+from pep.rtde.command.rounding import on_grid
+from pep.rtde.judge.command_requests import Asked, Fitted, asked_of, request_of
+from policies.evidence.model import Request
 
 NUMBER = st.floats(-100, 100)
 SIX = st.tuples(*[NUMBER] * 6)

@@ -12,18 +12,17 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-
-from capabilities.scope import Range
-from pep.rtde import command_values as v
-from pep.rtde.dashboard import stop_program
+from capabilities.values.scope import Range
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.rtde.command import command_values as v
+from pep.rtde.command.limits import LIMITS
 from pep.rtde.guarded import GuardedControl
-from pep.rtde.lease import Lease
-from pep.rtde.limits import LIMITS
-from pep.rtde.program import ProgramWatch
+from pep.rtde.lease.lease import Lease
 from pep.rtde.program_stopper import ProgramStopper
-from pep.rtde.state import STILL_RAD_S
-from pep.stopping import STOP_DECELERATION_RAD_S2
-from policies.reasons import Reason
+from pep.rtde.robot.dashboard import stop_program
+from pep.rtde.robot.program import ProgramWatch
+from pep.rtde.robot.state_receiver import STILL_RAD_S
+from policies.words.reason_table import Reason
 from tests.pit.scenes import HOME
 from tests.rtde.leased import Arm, Held, leased_scope
 from tests.rtde.robot_cell import RobotCell, controller
@@ -132,8 +131,8 @@ class Workshop:
 @pytest.fixture(scope="module")
 def shop(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pep.gate.PHYSICS_TIMEOUT_S", 60.0)
-        patch.setattr("pep.cell_stream.STEP_S", 20.0)
+        patch.setattr("pep.gate.gate.PHYSICS_TIMEOUT_S", 60.0)
+        patch.setattr("pep.world.cell_stream.STEP_S", 20.0)
         shop = Workshop(tmp_path_factory.mktemp("workshop"))
         yield shop
         shop.close()

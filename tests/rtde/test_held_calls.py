@@ -5,15 +5,14 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-
-from pep.rtde import command_values as v
-from pep.rtde.grid import on_grid
+from pep.rtde.command import command_values as v
+from pep.rtde.command.rounding import on_grid
 from pep.rtde.guarded import GuardedControl
 from pep.rtde.held_calls import HANDED_MS
-from pep.rtde.interface import UNWATCHED_HZ
 from pep.rtde.method_calls import call_of
+from pep.rtde.motion.control_interface import UNWATCHED_HZ
 from pep.rtde.program_stopper import ProgramStopper
-from policies.reasons import Reason
+from policies.words.reason_table import Reason
 from tests.pep.kit import ManualClock
 from tests.rtde.test_commands_of_ur_rtde import CALLS, HOME, Q
 from tests.sim_controller.cell import until

@@ -4,10 +4,9 @@ import asyncio
 from contextlib import asynccontextmanager
 
 import pytest
-
-from pep.rtde import kept
-from pep.rtde.kept import Kept
-from pep.rtde.messages import WireError, WireFault
+from pep.rtde.robot import reconnecting
+from pep.rtde.robot.reconnecting import Kept
+from pep.rtde.wire.messages import WireError, WireFault
 
 HOST = "127.0.0.1"
 
@@ -16,8 +15,8 @@ pytestmark = pytest.mark.clause("RTDE-18")
 
 @pytest.fixture(autouse=True)
 def impatient(monkeypatch):
-    monkeypatch.setattr(kept, "SILENCE_S", 0.2)
-    monkeypatch.setattr(kept, "RETRY_S", 0.02)
+    monkeypatch.setattr(reconnecting, "SILENCE_S", 0.2)
+    monkeypatch.setattr(reconnecting, "RETRY_S", 0.02)
 
 
 class Robot:

@@ -5,19 +5,18 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.rtde import command_values as v
-from pep.rtde.acts import PATIENCE_MS, Ask, Braked, Halt, Note, Refresh, Tell, Withdraw, Write
-from pep.rtde.commands import EVERY_CYCLE, ROWS, CommandClass, decode, encode, row_of
-from pep.rtde.echo import QUIET
-from pep.rtde.grid import on_grid
-from pep.rtde.image import Image
-from pep.rtde.lease import Ending
-from pep.rtde.leased_commands import DONE, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
-from pep.rtde.move_path import PathMove, Waypoint
-from pep.rtde.recipes import DOUBLE, EXTERNAL_WRENCH, INT, Profile
-from pep.rtde.stops import MODES, STOPS
-from policies.reasons import Reason
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import EVERY_CYCLE, ROWS, CommandClass, decode, encode, row_of
+from pep.rtde.command.register_image import Image
+from pep.rtde.command.rounding import on_grid
+from pep.rtde.command.stop_rules import MODES, STOPS
+from pep.rtde.lease.lease import Ending
+from pep.rtde.line.command_registers import DONE, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
+from pep.rtde.line.effects import PATIENCE_MS, Ask, Braked, Halt, Note, Refresh, Tell, Withdraw, Write
+from pep.rtde.line.register_echo import QUIET
+from pep.rtde.script.move_path import PathMove, Waypoint
+from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, INT, Profile
+from policies.words.reason_table import Reason
 from tests.rtde.script_model import Script
 from tests.rtde.test_commands import of_row
 

@@ -6,20 +6,19 @@ import struct
 from dataclasses import replace
 
 import pytest
-
-from capabilities.scope import Range, Tier
-from pep.cell_stream import Angles, Judged, Shown, Speeds
-from pep.context.frames import Distrusted, FrameFault, Rejected, Unseen
-from pep.deferral import AskState
-from pep.rtde import command_values as v
-from pep.rtde import io_commands as io
-from pep.rtde import leased_effects, leased_judge, leased_stream
-from pep.rtde.limits import LIMITS
-from policies.evidence import ImpactFault
-from policies.reasons import Reason
+from capabilities.values.scope import Range, Tier
+from pep.people.deferral import AskState
+from pep.perception.sensor_frames import Distrusted, FrameFault, Rejected, Unseen
+from pep.rtde.command import command_values as v
+from pep.rtde.command import io_commands as io
+from pep.rtde.command.limits import LIMITS
+from pep.rtde.judge import command_judge, execution, stream_values
+from pep.world.cell_stream import Angles, Judged, Shown, Speeds
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
 from tests.pep.kit import FailingJournal, reading
-from ztpm_idp.domain.ledger import RECORD_KINDS
 from tests.rtde.leased import FITTED, HERE, THERE, leased_scope, played, until
+from ztpm_idp.domain.ledger import RECORD_KINDS
 
 MOVE = v.MoveJ(THERE, 1.0, 1.4, True)
 SLOW = v.MoveJ(THERE, 0.1, 1.4, True)
@@ -320,7 +319,7 @@ def test_an_arm_that_halts_by_itself_is_stopped(house):
 
 
 def test_an_arm_that_never_begins_is_stopped(house, monkeypatch):
-    monkeypatch.setattr("pep.rtde.leased_motion.BEGINS_MS", 100)
+    monkeypatch.setattr("pep.rtde.judge.motion_follower.BEGINS_MS", 100)
     house.arm.sticks = True
     assert ended(house, MOVE) == ["forward"]
     assert house.outcomes()[0]["result"]["reason"] == "moved False"
@@ -447,7 +446,7 @@ def test_a_command_that_is_cleared_while_people_think_is_not_forwarded(house):
 
 @pytest.mark.clause("LSD-7")
 def test_whom_nobody_answers_is_denied_in_time_and_the_question_stays_open(house, monkeypatch):
-    monkeypatch.setattr(leased_judge, "HOLD_MS", 200)
+    monkeypatch.setattr(command_judge, "HOLD_MS", 200)
 
     async def then(judge, held, ask_id):
         await until(lambda: len(held.answers) == 2)
@@ -458,7 +457,7 @@ def test_whom_nobody_answers_is_denied_in_time_and_the_question_stays_open(house
 
 @pytest.mark.clause("LSD-7")
 def test_the_same_again_uses_the_answer_that_people_gave_meanwhile_and_once(house, monkeypatch):
-    monkeypatch.setattr(leased_judge, "HOLD_MS", 200)
+    monkeypatch.setattr(command_judge, "HOLD_MS", 200)
 
     async def then(judge, held, ask_id):
         await until(lambda: len(held.answers) == 2)  # nobody had answered
@@ -529,7 +528,7 @@ def test_a_stream_has_its_envelope_on_record_before_its_first_value(house):
 
 @pytest.mark.clause("LSD-3")
 def test_values_of_a_stream_are_certified_one_by_one_and_on_record_by_their_digest(house, monkeypatch):
-    monkeypatch.setattr(leased_effects, "BATCH_S", 0.02)
+    monkeypatch.setattr(execution, "BATCH_S", 0.02)
     exact = replace(SERVO, q_rad=(0.12345678, *HERE[1:]))
 
     async def during(steps):
@@ -575,7 +574,7 @@ def test_the_digest_of_a_batch_is_of_each_value_and_when_it_was_taken(house):
 
 @pytest.mark.clause("LSD-3")
 def test_the_ledger_takes_all_that_is_recorded(house, monkeypatch):
-    monkeypatch.setattr(leased_effects, "BATCH_S", 0.02)
+    monkeypatch.setattr(execution, "BATCH_S", 0.02)
 
     async def during(steps):
         await until(lambda: house.records("stream-values"))
@@ -619,7 +618,7 @@ def test_a_first_value_that_is_not_certified_is_not_forwarded(house):
 
 @pytest.mark.clause("LSD-3")
 @pytest.mark.parametrize(
-    "says", [lambda steps, q: steps.step(replace(SERVO, q_rad=q)), leased_stream.LeasedStream.follow]
+    "says", [lambda steps, q: steps.step(replace(SERVO, q_rad=q)), stream_values.LeasedStream.follow]
 )
 def test_a_value_outside_of_what_was_granted_ends_the_stream(house, says):
     at = house.clock.wall_s()
@@ -703,7 +702,7 @@ def test_speeds_that_are_given_anew_go_on(house):
 
 @pytest.mark.clause("LSD-3")
 def test_a_stream_lasts_no_longer_than_it_may(house, monkeypatch):
-    monkeypatch.setattr(leased_stream, "LASTS_MS", 200)
+    monkeypatch.setattr(stream_values, "LASTS_MS", 200)
     held = streamed(house, SERVO, nothing)
     assert house.outcomes()[0]["result"]["outcome"] == "ended"
     assert held.steps.step(SERVO) is Reason.VERDICT_EXPIRED
@@ -720,12 +719,12 @@ def test_after_a_stop_no_value_is_taken(house):
 
 @pytest.mark.clause("LSD-3")
 def test_a_stream_of_a_robot_that_says_nothing_ends(house, monkeypatch):
-    monkeypatch.setattr("pep.rtde.leased_motion.SILENCE_MS", 10_000)
-    monkeypatch.setattr("pep.watch.FRAME_PERIOD_MS", 10_000)  # nobody but the next value asks
+    monkeypatch.setattr("pep.rtde.judge.motion_follower.SILENCE_MS", 10_000)
+    monkeypatch.setattr("pep.watch.watch.FRAME_PERIOD_MS", 10_000)  # nobody but the next value asks
 
     async def during(steps):
         house.arm.silent = True
-        await passed(house, leased_stream.OLD_MS + 20)
+        await passed(house, stream_values.OLD_MS + 20)
         assert (steps.step(SERVO), house.arm.stops, house.outcomes()) == (Reason.EVIDENCE_MISSING, [], [])
         house.arm.silent = False
 
@@ -745,7 +744,7 @@ def test_a_revocation_ends_a_stream(house):
 
 @pytest.mark.clause("LSD-3")
 def test_values_that_cannot_be_recorded_end_the_stream(house, monkeypatch):
-    monkeypatch.setattr(leased_effects, "BATCH_S", 0.02)
+    monkeypatch.setattr(execution, "BATCH_S", 0.02)
     house.build(FailingJournal(house.journal, fail_from=2))
     held = house.held(replace(SPEEDS, time_s=2.0))
 

@@ -5,15 +5,14 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.rtde.acts import Ask, Note, Tell, Withdraw
-from pep.rtde.codec import Framer, Recipe, decode_answer, decode_request, encode_answer, encode_request
-from pep.rtde.command_values import MoveJ, StopJ
-from pep.rtde.commands import encode
-from pep.rtde.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
-from pep.rtde.leased_commands import WATCHDOG_HZ
-from pep.rtde.leased_line import LeasedLine
-from pep.rtde.messages import (
+from pep.rtde.command.command_table import encode
+from pep.rtde.command.command_values import MoveJ, StopJ
+from pep.rtde.command.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
+from pep.rtde.line.command_registers import WATCHDOG_HZ
+from pep.rtde.line.effects import Ask, Note, Tell, Withdraw
+from pep.rtde.line.rtde_line import LeasedLine
+from pep.rtde.wire.codec import Framer, Recipe, decode_answer, decode_request, encode_answer, encode_request
+from pep.rtde.wire.messages import (
     InputsAnswer,
     Message,
     OutputsAnswer,
@@ -28,9 +27,9 @@ from pep.rtde.messages import (
     Values,
     WireError,
 )
-from pep.rtde.recipes import DOUBLE, EXTERNAL_WRENCH, INT, control_recipes, io_recipes
-from pep.rtde.variables import INPUTS, VariableType
-from policies.reasons import Reason
+from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, INT, control_recipes, io_recipes
+from pep.rtde.wire.variables import INPUTS, VariableType
+from policies.words.reason_table import Reason
 
 pytestmark = pytest.mark.clause("RTDE-11", "RTDE-12")
 

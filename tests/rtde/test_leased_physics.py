@@ -7,19 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-from pep.arrival import arrived
-from pep.cell_stream import Angles, CellStream, Judged, Speeds
-from pep.holding import Holding
 from pep.pit import JointLeg, JointPath, MoveJ, MoveL, SpeedL, adult_at_distance
 from pep.pit.engine import chosen
 from pep.pit.inverse import solved, stance
 from pep.pit.twist import Twist, turn_of
-from pep.rtde import command_values as v
-from pep.rtde.state import JointState
-from pep.watch import Limits, Watch
-from policies.evidence import ImpactFault
-from policies.reasons import Reason
+from pep.rtde.command import command_values as v
+from pep.rtde.robot.state_receiver import JointState
+from pep.watch.watch import Limits, Watch
+from pep.world.arrival import arrived
+from pep.world.cell_stream import Angles, CellStream, Judged, Speeds
+from pep.world.held_object import Holding
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
 from tests.pit.scenes import FRONT, HOME, ROBOT
 from tests.rtde.leased import played, until
 from tests.rtde.world import CELL, World
@@ -41,8 +40,8 @@ def pose(q=HOME, dz=0.0):
 
 @pytest.fixture
 def world(tmp_path, monkeypatch):
-    monkeypatch.setattr("pep.gate.PHYSICS_TIMEOUT_S", 60.0)
-    monkeypatch.setattr("pep.cell_stream.STEP_S", 20.0)
+    monkeypatch.setattr("pep.gate.gate.PHYSICS_TIMEOUT_S", 60.0)
+    monkeypatch.setattr("pep.world.cell_stream.STEP_S", 20.0)
     world = World(tmp_path)
     world.judging = ThreadPoolExecutor(1)
     yield world
@@ -209,7 +208,7 @@ def test_speeds_that_the_arm_turns_to_are_judged_by_both_ways_at_once(world):
 
 
 def test_a_value_that_takes_too_long_to_judge_is_a_fault(world, monkeypatch):
-    monkeypatch.setattr("pep.cell_stream.STEP_S", 1e-6)
+    monkeypatch.setattr("pep.world.cell_stream.STEP_S", 1e-6)
     made = stream(world)
     settled = made.judge(Speeds((0.1, *STILL[1:]), 1.0), at(), authorised_milli=1_000, seed=SEED)
     assert isinstance(settled, Judged)

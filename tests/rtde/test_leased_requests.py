@@ -4,31 +4,30 @@ import math
 from dataclasses import replace
 
 import pytest
+from capabilities.values.chain import Refusal
+from capabilities.values.scope import Grant, Limit, OneOf, Range
+from capabilities.values.units import si
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from capabilities.chain import Refusal
-from capabilities.scope import Grant, Limit, OneOf, Range
-from capabilities.units import si
-from pep.operations import (
+from pep.base.operations import (
     MOVE_PATH,
     SERVO_JOINT,
     SPEED_JOINT,
     digest_of,
     padded,
 )
-from pep.rtde import command_values as v
-from pep.rtde import io_commands as io
-from pep.rtde.commands import ROWS, CommandClass, decode
-from pep.rtde.grid import on_grid
-from pep.rtde.image import Image
-from pep.rtde.leased_requests import BASE_TIERS, Asked, Fitted, Free, asked_of, request_of, stands_s
-from pep.rtde.limits import LIMITS, Ur3eLimits
-from pep.rtde.move_path import PathMove, Waypoint
-from pep.rtde.recipes import DOUBLE, INT, Profile
-from pep.rtde.refused import Refused
-from pep.rtde.stream_bounds import StreamBounds
-from policies.reasons import Reason
+from pep.rtde.command import command_values as v
+from pep.rtde.command import io_commands as io
+from pep.rtde.command.command_table import ROWS, CommandClass, decode
+from pep.rtde.command.limits import LIMITS, Ur3eLimits
+from pep.rtde.command.register_image import Image
+from pep.rtde.command.rounding import on_grid
+from pep.rtde.command.stream_bounds import StreamBounds
+from pep.rtde.judge.command_requests import BASE_TIERS, Asked, Fitted, Free, asked_of, request_of, stands_s
+from pep.rtde.script.move_path import PathMove, Waypoint
+from pep.rtde.wire.recipes import DOUBLE, INT, Profile
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE
 
 Q = (0.1, -1.2, 1.0, -1.1, -1.57, 0.2)
@@ -109,7 +108,7 @@ def request(command, **changes):
 
 
 def test_every_row_of_the_table_of_commands_has_its_answer_here():
-    from pep.rtde.commands import row_of
+    from pep.rtde.command.command_table import row_of
 
     seen = {row_of(c).id for c in [*(c for c, *_ in ASKED.values()), *NOT_GRANTED, *FREE] if not _io(c)}
     assert seen == set(ROWS)

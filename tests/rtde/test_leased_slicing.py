@@ -4,12 +4,11 @@ import asyncio
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-
 from pep.pit import CellParameters, adult_at_distance
-from pep.rtde import command_values as v
-from pep.sequence import Sequence
-from pep.watch import Limits, Watch
-from policies.reasons import Reason
+from pep.rtde.command import command_values as v
+from pep.watch.watch import Limits, Watch
+from pep.world.sequence import Sequence
+from policies.words.reason_table import Reason
 from tests.pep.test_slicing import HASTE, STEPS, base
 from tests.pit.scenes import FRONT
 from tests.rtde.leased import played, until
@@ -97,7 +96,7 @@ class Remembering(World):
 
 @pytest.fixture
 def world(tmp_path, monkeypatch):
-    monkeypatch.setattr("pep.gate.PHYSICS_TIMEOUT_S", 60.0)
+    monkeypatch.setattr("pep.gate.gate.PHYSICS_TIMEOUT_S", 60.0)
     world = Remembering(tmp_path)
     world.judging = ThreadPoolExecutor(1)
     yield world

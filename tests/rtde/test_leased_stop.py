@@ -8,26 +8,25 @@ from types import SimpleNamespace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.clock import SystemClock
-from pep.errors import PepFault, RobotError
-from pep.rtde import program as program_words
-from pep.rtde.control_program import START_MS, WAIT_MS, ControlProgram, Phase, Turn
-from pep.rtde.control_script import Upload, allow_list, installed_body, scripts_for
-from pep.rtde.feed import FRESH_MS, Sample
-from pep.rtde.lease import Ending
-from pep.rtde.leased_commands import DONE, READY
-from pep.rtde.leased_conversations import LeasedRtdePort
-from pep.rtde.leased_ports import LeasedPorts
-from pep.rtde.leased_scripts import ONLY_STOPS, LeasedScripts
-from pep.rtde.leased_stop import OBEYS_MS, Ladder, Rung
-from pep.rtde.leased_tenant import Tenant
-from pep.rtde.lines import DASHBOARD, RTDE, SECONDARY
-from pep.rtde.messages import ControlVersion
-from pep.rtde.primary_frames import Key
-from pep.rtde.refused import Refused
-from pep.stopping import ESCALATE_MS
-from policies.reasons import Reason
+from pep.base.clock import SystemClock
+from pep.base.errors import PepFault, RobotError
+from pep.base.stop_model import ESCALATE_MS
+from pep.rtde.lease.lease import Ending
+from pep.rtde.line.active_lease import Tenant
+from pep.rtde.line.command_registers import DONE, READY
+from pep.rtde.line.control_program import START_MS, WAIT_MS, ControlProgram, Phase, Turn
+from pep.rtde.line.controller_ports import LeasedPorts
+from pep.rtde.line.conversations import LeasedRtdePort
+from pep.rtde.line.lease_stop import OBEYS_MS, Ladder, Rung
+from pep.rtde.line.script_uploads import ONLY_STOPS, LeasedScripts
+from pep.rtde.robot import program as program_words
+from pep.rtde.robot.connections import DASHBOARD, RTDE, SECONDARY
+from pep.rtde.robot.state_stream import FRESH_MS, Sample
+from pep.rtde.script.control_script import Upload, allow_list, installed_body, scripts_for
+from pep.rtde.wire.messages import ControlVersion
+from pep.rtde.wire.primary_frames import Key
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_table import Reason
 
 pytestmark = pytest.mark.clause("RTDE-13", "RTDE-14", "RTDE-15")
 
@@ -189,7 +188,7 @@ def test_a_controller_of_another_kind_is_sent_no_script(ports, major, some):
 
 
 def test_a_controller_that_is_not_there_is_waited_for_so_long(ports, monkeypatch):
-    monkeypatch.setattr("pep.rtde.leased_ports.BEGINS_S", 0.2)
+    monkeypatch.setattr("pep.rtde.line.controller_ports.BEGINS_S", 0.2)
 
     async def scenario():
         try:

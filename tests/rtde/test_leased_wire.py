@@ -10,16 +10,15 @@ import textwrap
 import time
 
 import pytest
-
-from pep.rtde.dashboard import stop_program
-from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, SECONDARY
-from pep.rtde.state import STILL_RAD_S, ReceivedState
-from pep.sim.controller import UNLOCK_AFTER_S
-from pep.sim.launch import Controller
-from pep.stopping import STOP_DELAY_S
+from pep.base.stop_model import STOP_DELAY_S
+from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, SECONDARY
+from pep.rtde.robot.dashboard import stop_program
+from pep.rtde.robot.state_receiver import STILL_RAD_S, ReceivedState
 from tests.rtde.leased_gateway import LATER_S, leased_gateway
 from tests.rtde.raw_program import Raw
 from tests.sim_controller.cell import HOME, until, upload
+from ursim.ports.controller import UNLOCK_AFTER_S
+from ursim.ports.launch import Controller
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")

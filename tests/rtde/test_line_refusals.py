@@ -4,18 +4,17 @@ import asyncio
 from types import SimpleNamespace
 
 import pytest
-
-from pep.errors import JournalError, PepFault
-from pep.rtde import line_refusals
-from pep.rtde.acts import Halt, Note, Tell
-from pep.rtde.control_script import allow_list, installed_body
-from pep.rtde.lease import Ending
-from pep.rtde.leased_conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
-from pep.rtde.leased_stop import Rung
-from pep.rtde.leased_tenant import Tenant
-from pep.rtde.line_refusals import MOST, LineRefusals
-from pep.rtde.refused import Refused
-from policies.reasons import Reason
+from pep.base.errors import JournalError, PepFault
+from pep.rtde.judge import line_refusals
+from pep.rtde.judge.line_refusals import MOST, LineRefusals
+from pep.rtde.lease.lease import Ending
+from pep.rtde.line.active_lease import Tenant
+from pep.rtde.line.conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
+from pep.rtde.line.effects import Halt, Note, Tell
+from pep.rtde.line.lease_stop import Rung
+from pep.rtde.script.control_script import allow_list, installed_body
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_table import Reason
 from tests.pep.kit import FailingJournal
 from tests.rtde.leased import played, until
 from ztpm_idp.domain.ledger import RECORD_KINDS

@@ -6,24 +6,23 @@ import threading
 import time
 
 import pytest
-
-from pep.clock import SystemClock
-from pep.errors import RobotError
-from pep.rtde import command_values as v
-from pep.rtde.commands import encode
-from pep.rtde.control_script import allow_list, installed_body
-from pep.rtde.io_commands import Bank, SetDigitalOutputs
-from pep.rtde.leased_commands import DONE, READY
-from pep.rtde.leased_ports import LeasedPorts
-from pep.rtde.leased_requests import Fitted
-from pep.rtde.lines import DASHBOARD, RTDE, SECONDARY
-from pep.rtde.own_lease import OwnLease, OwnLines
-from pep.rtde.own_line import OFFSET, OwnCommands
-from pep.rtde.telemetry import Telemetry
-from pep.sim.launch import Controller
-from pep.stopping import STOP_DECELERATION_RAD_S2
-from policies.reasons import Reason
+from pep.base.clock import SystemClock
+from pep.base.errors import RobotError
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import encode
+from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
+from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.line.command_registers import DONE, READY
+from pep.rtde.line.controller_ports import LeasedPorts
+from pep.rtde.own.local_line import OFFSET, OwnCommands
+from pep.rtde.own.tool_lease import OwnLease, OwnLines
+from pep.rtde.robot.connections import DASHBOARD, RTDE, SECONDARY
+from pep.rtde.robot.telemetry import Telemetry
+from pep.rtde.script.control_script import allow_list, installed_body
+from policies.words.reason_table import Reason
 from tests.sim_controller.cell import HOME, until
+from ursim.ports.launch import Controller
 from ztpm.demo.eyes import Eyes
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(60), pytest.mark.clause("LSD-9")]
@@ -404,7 +403,7 @@ def test_a_controller_that_refuses_is_tried_again(served, robot, monkeypatch):
         raise RobotError("ROBOT_UNREACHABLE", "as tested")
 
     with monkeypatch.context() as patch:
-        patch.setattr("pep.rtde.own_line.OwnLine.open", failing)
+        patch.setattr("pep.rtde.own.local_line.OwnLine.open", failing)
         served.do(_given_way(served))
         until(lambda: len(served.failed) > 1)
     assert str(served.failed[-1]) == "ROBOT_UNREACHABLE: as tested"

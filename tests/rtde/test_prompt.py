@@ -7,13 +7,12 @@ import struct
 import termios
 
 import pytest
-
-from capabilities.caps import DEFAULT
-from capabilities.frames import Session
-from pep.clock import SystemClock
-from pep.rtde.accepted import Accepted
-from pep.rtde.carriage import Open, delimited, encode
-from pep.rtde.carrier import Carrier
+from capabilities.proof.session_frames import Session
+from capabilities.values.caps import DEFAULT
+from pep.base.clock import SystemClock
+from pep.rtde.lease.accepted_connection import Accepted
+from pep.rtde.lease.lease_connection import Carrier
+from pep.rtde.lease.lease_messages import Open, delimited, encode
 
 ROUNDS = 20
 WAIT_S = 10

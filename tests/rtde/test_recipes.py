@@ -3,13 +3,12 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.rtde.codec import Recipe
-from pep.rtde.messages import Values
-from pep.rtde.recipes import DOUBLE, INT, MAX_RECIPES, Ignored, InputRecipes, Profile, control_recipes, io_recipes
-from pep.rtde.refused import Refused
-from pep.rtde.variables import INPUTS
-from policies.reason import Reason
+from pep.rtde.wire.codec import Recipe
+from pep.rtde.wire.messages import Values
+from pep.rtde.wire.recipes import DOUBLE, INT, MAX_RECIPES, Ignored, InputRecipes, Profile, control_recipes, io_recipes
+from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.variables import INPUTS
+from policies.words.reason_codes import Reason
 
 OFFSETS = (0, 24)
 # Bytes after the recipe id, from the reference.

@@ -13,12 +13,14 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.rtde.codec import Framer, Recipe, decode_answer, encode_answer, encode_request
-from pep.rtde.gateway import GUESTS, LINES, MAX_STOP, STOPS, Gateway, StatePorts
-from pep.rtde.leased_stop import Rung
-from pep.rtde.lines import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
-from pep.rtde.messages import (
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.rtde.line.gateway import GUESTS, LINES, MAX_STOP, STOPS, Gateway, StatePorts
+from pep.rtde.line.lease_stop import Rung
+from pep.rtde.line.relay import AT_ONCE, UNANSWERED, StateRelay
+from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
+from pep.rtde.robot.state_receiver import ReceivedState
+from pep.rtde.wire.codec import Framer, Recipe, decode_answer, encode_answer, encode_request
+from pep.rtde.wire.messages import (
     AskControlVersion,
     ControlVersion,
     InputsAnswer,
@@ -35,11 +37,8 @@ from pep.rtde.messages import (
     Values,
     WireError,
 )
-from pep.rtde.recipes import io_recipes
-from pep.rtde.relay import AT_ONCE, UNANSWERED, StateRelay
-from pep.rtde.state import ReceivedState
-from pep.stopping import STOP_DECELERATION_RAD_S2
-from pep.rtde.variables import INPUTS, VariableType
+from pep.rtde.wire.recipes import io_recipes
+from pep.rtde.wire.variables import INPUTS, VariableType
 from tests.pep.kit import HOST
 from tests.pep.test_cell import Child
 from tests.rtde.campaign.race import Words
@@ -157,7 +156,7 @@ def test_nothing_but_a_wire_error_comes_of_any_bytes(pieces, robot):
 
 @pytest.fixture(scope="module")
 def controller():
-    child = Child("pep.sim", "--host", HOST)
+    child = Child("ursim", "--host", HOST)
     yield child
     child.end()
 

@@ -3,18 +3,17 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.rtde.command_values import StopJ, StopL
-from pep.rtde.io_commands import Bank, SetDigitalOutputs
-from pep.rtde.move_path import PathMove, Waypoint
-from pep.rtde.program import OURS
-from pep.rtde.refused import Refused
-from pep.rtde.statements import NAME, Sleep, StraightLine, TextMessage, WriteOutputDouble, WriteOutputInteger
-from pep.rtde.straight_line import MAX_STATEMENTS, MAX_TEXT, STATEMENTS, straight_line
-from pep.rtde.urscript import ProgramStream, parse
-from pep.sim.scripts import compile_text
-from policies.reason import Reason
+from pep.rtde.command.command_values import StopJ, StopL
+from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
+from pep.rtde.robot.program import OURS
+from pep.rtde.script.move_path import PathMove, Waypoint
+from pep.rtde.script.statements import NAME, Sleep, StraightLine, TextMessage, WriteOutputDouble, WriteOutputInteger
+from pep.rtde.script.straight_line import MAX_STATEMENTS, MAX_TEXT, STATEMENTS, straight_line
+from pep.rtde.script.urscript import ProgramStream, parse
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_codes import Reason
 from tests.sim_controller.cell import upload
+from ursim.ports.script_ports import compile_text
 
 pytestmark = pytest.mark.clause("RTDE-9")
 

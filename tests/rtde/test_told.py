@@ -3,11 +3,10 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.rtde.codec import Framer, decode_answer, encode_answer
-from pep.rtde.messages import Message
-from pep.rtde.told import CUT, TOLD_BYTES, fits, fitted, said, told
-from policies.reasons import REASONS, Reason
+from pep.rtde.wire.client_texts import CUT, TOLD_BYTES, fits, fitted, said, told
+from pep.rtde.wire.codec import Framer, decode_answer, encode_answer
+from pep.rtde.wire.messages import Message
+from policies.words.reason_table import REASONS, Reason
 
 pytestmark = pytest.mark.clause("RTDE-17")
 

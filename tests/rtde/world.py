@@ -1,13 +1,13 @@
 """A house whose physics is the real one, computed from what a sensor signs."""
 
-from capabilities.caps import DEFAULT as CAPS
 from capabilities.statements import observation
-from pep.cell_stream import CellStream
-from pep.context.frames import Frame, Frames
-from pep.holding import Holding
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.perception.sensor_frames import Frame, Frames
 from pep.pit import CellParameters, observed
-from pep.rtde.state import JointState
-from pep.world import CellPhysics
+from pep.rtde.robot.state_receiver import JointState
+from pep.world.cell_stream import CellStream
+from pep.world.held_object import Holding
+from pep.world.world import CellPhysics
 from tests.pep.kit import CALIBRATION
 from tests.pit.scenes import HOME, ROBOT
 from tests.rtde.leased import House, played, until

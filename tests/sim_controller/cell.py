@@ -3,12 +3,12 @@
 import time
 from pathlib import Path
 
-from pep.rtde.urscript import ProgramStream
-from pep.sim.arm import Arm
-from pep.sim.scripts import compile_text
-from pep.sim.controller import Controller
-from pep.sim.gripper import Gripper
-from pep.sim.robot import Robot
+from pep.rtde.script.urscript import ProgramStream
+from ursim.motion.arm import Arm
+from ursim.motion.robot import Robot
+from ursim.ports.controller import Controller
+from ursim.ports.gripper import Gripper
+from ursim.ports.script_ports import compile_text
 
 HOME = (0.0, -1.5708, 1.5708, -1.5708, -1.5708, 0.0)
 TICK_S = 0.002

@@ -1,7 +1,6 @@
 import pytest
-
-from pep.sim.launch import Controller
 from tests.sim_controller.cell import HOME
+from ursim.ports.launch import Controller
 
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")

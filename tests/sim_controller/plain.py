@@ -2,8 +2,8 @@
 
 import socket
 
-from pep.rtde import codec as c
-from pep.rtde import messages as m
+from pep.rtde.wire import codec as c
+from pep.rtde.wire import messages as m
 
 RTDE = 30004
 

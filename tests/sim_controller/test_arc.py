@@ -1,12 +1,11 @@
 """The circle that `movec` follows: where there is none, and where it leads. That it is followed is in `test_script_senders`."""
 
 import pytest
-
-from pep.sim.arc import MoveArc
-from pep.sim.arm import Arm
-from pep.sim.motion import MotionError
-from pep.sim.spatial import IDENTITY, to_vector
 from tests.sim_controller.cell import HOME, Bench
+from ursim.motion.arc import MoveArc
+from ursim.motion.arm import Arm
+from ursim.motion.motion import MotionError
+from ursim.motion.spatial import IDENTITY, to_vector
 
 ARM = Arm.load()
 FLANGE = ((0.0, 0.0, 0.0), IDENTITY)

@@ -6,12 +6,11 @@ import struct
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.rtde import codec as c
-from pep.rtde import messages as m
-from pep.rtde.codec import Frame, Framer, Recipe
-from pep.rtde.messages import Kind, WireError, WireFault
-from pep.rtde.variables import INPUTS, LAYOUT, OUTPUTS, VariableType
+from pep.rtde.wire import codec as c
+from pep.rtde.wire import messages as m
+from pep.rtde.wire.codec import Frame, Framer, Recipe
+from pep.rtde.wire.messages import Kind, WireError, WireFault
+from pep.rtde.wire.variables import INPUTS, LAYOUT, OUTPUTS, VariableType
 
 words = st.lists(st.sampled_from(sorted(OUTPUTS)), min_size=1, max_size=20).map(tuple)
 types = st.lists(st.sampled_from(list(VariableType)), min_size=1, max_size=20).map(tuple)

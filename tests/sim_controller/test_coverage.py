@@ -5,10 +5,9 @@ import socket
 import time
 
 import pytest
-
-from pep.rtde.gripper import RobotiqGripper
-from pep.sim.launch import Controller
+from pep.rtde.robot.gripper import RobotiqGripper
 from tests.sim_controller.cell import HOME, until
+from ursim.ports.launch import Controller
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")

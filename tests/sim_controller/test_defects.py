@@ -9,9 +9,8 @@ import threading
 import time
 
 import pytest
-
-from pep.sim.launch import Controller
 from tests.sim_controller.cell import HOME, until
+from ursim.ports.launch import Controller
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")

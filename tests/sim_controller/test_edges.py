@@ -10,15 +10,14 @@ import sys
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-from pep.rtde import codec as c
-from pep.rtde import messages as m
-from pep.rtde.codec import Recipe
-from pep.rtde.messages import Kind
-from pep.rtde.variables import INPUTS, OUTPUTS, VariableType
-from pep.sim.launch import Controller, LaunchError
+from pep.rtde.wire import codec as c
+from pep.rtde.wire import messages as m
+from pep.rtde.wire.codec import Recipe
+from pep.rtde.wire.messages import Kind
+from pep.rtde.wire.variables import INPUTS, OUTPUTS, VariableType
 from tests.sim_controller.cell import HOME, until, upload
 from tests.sim_controller.plain import Plain
+from ursim.ports.launch import Controller, LaunchError
 
 pytestmark = pytest.mark.e2e
 
@@ -490,7 +489,7 @@ def test_a_port_that_is_taken_is_named(cell):
     with pytest.raises(LaunchError):
         Controller.start(host=cell.host)
     told = subprocess.run(
-        [sys.executable, "-m", "pep.sim", f"--host={cell.host}"], capture_output=True, text=True, timeout=30
+        [sys.executable, "-m", "ursim", f"--host={cell.host}"], capture_output=True, text=True, timeout=30
     )
     assert told.returncode == 1
     assert json.loads(told.stdout) == {"ready": False, "error": "PORT_UNAVAILABLE", "address": f"{cell.host}:29999"}
@@ -509,7 +508,7 @@ def test_a_port_that_is_taken_is_named(cell):
 )
 def test_settings_that_cannot_be_are_refused(options):
     told = subprocess.run(
-        [sys.executable, "-m", "pep.sim", "--host=127.93.0.1", *options], capture_output=True, text=True, timeout=30
+        [sys.executable, "-m", "ursim", "--host=127.93.0.1", *options], capture_output=True, text=True, timeout=30
     )
     assert told.returncode == 2
 

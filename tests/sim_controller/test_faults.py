@@ -7,15 +7,14 @@ import time
 from itertools import accumulate
 
 import pytest
-
-from pep.rtde import messages as m
-from pep.rtde.codec import Recipe
-from pep.rtde.variables import VariableType
-from pep.sim.faults import FaultError, Faults
-from pep.sim.launch import Controller
-from pep.sim.server import Settings, Simulator
+from pep.rtde.wire import messages as m
+from pep.rtde.wire.codec import Recipe
+from pep.rtde.wire.variables import VariableType
 from tests.sim_controller.cell import HOME, until
 from tests.sim_controller.plain import Plain
+from ursim.ports.faults import FaultError, Faults
+from ursim.ports.launch import Controller
+from ursim.ports.server import Settings, Simulator
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.sim.arm import Arm, Body
-from pep.sim.dynamics import joint_torques
-from pep.sim.motion import ZERO, Kinetic, ServoTool
-from pep.sim.robot import FLANGE, RobotMode, RuntimeState, SafetyMode
-from pep.sim.spatial import to_frame
 from tests.sim_controller.cell import HOME, TICK_S, Bench
+from ursim.motion.arm import Arm, Body
+from ursim.motion.dynamics import joint_torques
+from ursim.motion.motion import ZERO, Kinetic, ServoTool
+from ursim.motion.robot import FLANGE, RobotMode, RuntimeState, SafetyMode
+from ursim.motion.spatial import to_frame
 
 ARM = Arm.load()
 STRETCHED = (0.0, 0.0, 0.0, 0.0, -1.5708, 0.0)  # the arm straight out: most torque, and an elbow singularity

@@ -9,10 +9,9 @@ import tomllib
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-
-from pep.sim.arm import UR3E
-from pep.sim.launch import Controller
 from tests.sim_controller.cell import HOME, until, upload
+from ursim.motion.arm import UR3E
+from ursim.ports.launch import Controller
 
 np = pytest.importorskip("numpy")
 pinocchio = pytest.importorskip("pinocchio")

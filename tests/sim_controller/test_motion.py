@@ -5,13 +5,22 @@ import math
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-
-from pep.sim.arm import Arm
-from pep.sim.drive import Drive
-from pep.sim.motion import ZERO, Brake, Kinetic, MotionError, MoveJoints, MoveTool, ServoJoints, SpeedJoints, Trapezoid
-from pep.sim.spatial import IDENTITY, from_vector, to_vector
-from pep.sim.values import ScriptRuntimeError
 from tests.sim_controller.cell import HOME, TICK_S
+from ursim.motion.arm import Arm
+from ursim.motion.drive import Drive
+from ursim.motion.motion import (
+    ZERO,
+    Brake,
+    Kinetic,
+    MotionError,
+    MoveJoints,
+    MoveTool,
+    ServoJoints,
+    SpeedJoints,
+    Trapezoid,
+)
+from ursim.motion.spatial import IDENTITY, from_vector, to_vector
+from ursim.motion.values import ScriptRuntimeError
 
 ARM = Arm.load()
 FLANGE = ((0.0, 0.0, 0.0), IDENTITY)

@@ -4,9 +4,8 @@ import socket
 import struct
 
 import pytest
-
-from pep.sim.launch import Controller
 from tests.sim_controller.cell import HOME, until
+from ursim.ports.launch import Controller
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 

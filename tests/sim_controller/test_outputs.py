@@ -10,17 +10,16 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.rtde import messages as m
-from pep.rtde.codec import Recipe
-from pep.rtde.variables import OUTPUTS, OUTPUTS_SINCE
-from pep.sim.arm import Arm
-from pep.sim.dynamics import acceleration
-from pep.sim.launch import Controller
-from pep.sim.motion import Kinetic
-from pep.sim.spatial import IDENTITY
+from pep.rtde.wire import messages as m
+from pep.rtde.wire.codec import Recipe
+from pep.rtde.wire.variables import OUTPUTS, OUTPUTS_SINCE
 from tests.sim_controller.cell import HOME, Bench
 from tests.sim_controller.plain import Plain
+from ursim.motion.arm import Arm
+from ursim.motion.dynamics import acceleration
+from ursim.motion.motion import Kinetic
+from ursim.motion.spatial import IDENTITY
+from ursim.ports.launch import Controller
 
 ARM = Arm.load()
 sixes = st.tuples(*[st.floats(-3.0, 3.0)] * 6)

@@ -6,11 +6,10 @@ from dataclasses import fields
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pep.rtde import primary_frames as f
-from pep.rtde import realtime_frames as realtime
-from pep.rtde import robot_state as state
-from pep.rtde.messages import WireError, WireFault
+from pep.rtde.wire import primary_frames as f
+from pep.rtde.wire import primary_state as state
+from pep.rtde.wire import realtime_frames as realtime
+from pep.rtde.wire.messages import WireError, WireFault
 
 NUMBERS = {
     "Q": st.integers(0, 2**64 - 1),

@@ -1,11 +1,10 @@
 """Programs on the controller, tick by tick, without a socket or a clock: the real upload, and bad programs."""
 
 import pytest
-
-from pep.sim.compiler import CompileError, CompileFault
-from pep.sim.scripts import compile_text
-from pep.sim.robot import RobotMode, RuntimeState, SafetyMode
 from tests.sim_controller.cell import HOME, TICK_S, Bench, upload
+from ursim.motion.robot import RobotMode, RuntimeState, SafetyMode
+from ursim.ports.script_ports import compile_text
+from ursim.script.compiler import CompileError, CompileFault
 
 
 def ur_rtde(offset=0, path=(), **options):

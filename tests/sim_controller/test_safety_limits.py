@@ -7,13 +7,12 @@ import math
 import struct
 
 import pytest
-
-from pep.sim import safety
-from pep.sim.arm import Arm
-from pep.sim.primary import state_message
-from pep.sim.robot import RobotMode, RuntimeState, SafetyMode
-from pep.sim.spatial import to_frame
 from tests.sim_controller.cell import HOME, TICK_S, Bench
+from ursim.motion import safety
+from ursim.motion.arm import Arm
+from ursim.motion.robot import RobotMode, RuntimeState, SafetyMode
+from ursim.motion.spatial import to_frame
+from ursim.ports.primary_messages import state_message
 
 ARM = Arm.load()
 STRETCHED = (0.0, 0.0, 0.0, 0.0, -1.5708, 0.0)

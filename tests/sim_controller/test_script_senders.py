@@ -10,14 +10,13 @@ import socket
 import struct
 
 import pytest
-
-from pep.sim.arm import Arm
-from pep.sim.compiler import CompileError, CompileFault
-from pep.sim.scripts import compile_text
-from pep.sim.launch import Controller
-from pep.sim.motion import ZERO, Kinetic
-from pep.sim.spatial import IDENTITY, compose, from_vector, to_frame, to_vector, transpose
 from tests.sim_controller.cell import HOME, TICK_S, Bench
+from ursim.motion.arm import Arm
+from ursim.motion.motion import ZERO, Kinetic
+from ursim.motion.spatial import IDENTITY, compose, from_vector, to_frame, to_vector, transpose
+from ursim.ports.launch import Controller
+from ursim.ports.script_ports import compile_text
+from ursim.script.compiler import CompileError, CompileFault
 
 ARM = Arm.load()
 FLANGE = ((0.0, 0.0, 0.0), IDENTITY)

@@ -1,13 +1,12 @@
 """The one stop model: how the simulated arm stands still, measured against what the cell's parameters promise."""
 
 import pytest
-
 from pep.pit import CellParameters
-from pep.sim.__main__ import _parser
-from pep.sim.launch import Controller
-from pep.sim.server import Settings
 from tests.sim_controller.cell import HOME, TICK_S
 from tests.sim_controller.test_programs import command, finish, ur_rtde
+from ursim.__main__ import _parser
+from ursim.ports.launch import Controller
+from ursim.ports.server import Settings
 
 MODEL = CellParameters()
 SPEEDS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)

@@ -5,15 +5,14 @@ import socket
 import time
 
 import pytest
-
-from pep.rtde import messages as m
-from pep.rtde import primary_frames as f
-from pep.rtde import realtime_frames as realtime
-from pep.rtde.codec import Recipe
-from pep.rtde.variables import OUTPUTS, VariableType
-from pep.sim.launch import Controller
+from pep.rtde.wire import messages as m
+from pep.rtde.wire import primary_frames as f
+from pep.rtde.wire import realtime_frames as realtime
+from pep.rtde.wire.codec import Recipe
+from pep.rtde.wire.variables import OUTPUTS, VariableType
 from tests.sim_controller.cell import HOME, until
 from tests.sim_controller.plain import Plain
+from ursim.ports.launch import Controller
 
 pytestmark = pytest.mark.e2e
 

@@ -5,10 +5,9 @@ import hashlib
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from pep.rtde import tree as t
-from pep.rtde.script_text import render
-from pep.rtde.urscript import LEVELS, ProgramStream, ScriptError, ScriptFault, parse
+from pep.rtde.script import syntax_tree as t
+from pep.rtde.script.script_text import render
+from pep.rtde.script.urscript import LEVELS, ProgramStream, ScriptError, ScriptFault, parse
 from tests.sim_controller.cell import upload
 
 PATH = ["movej([0.1,-1.5,1.5,-1.5,-1.5,0],a=1,v=1,r=0)", "movel(p[0.3,1e-05,-0,0,3.14,0],a=1.2,v=0.25,r=0.01)"]

@@ -11,8 +11,7 @@ import struct
 import time
 
 import pytest
-
-from pep.sim.launch import Controller
+from ursim.ports.launch import Controller
 
 pytestmark = pytest.mark.e2e
 

@@ -3,9 +3,8 @@
 import json
 
 import pytest
-
-from pep.clock import SystemClock
-from pep.record import FileJournal
+from pep.base.clock import SystemClock
+from pep.journal.file_journal import FileJournal
 from ztpm.status import decisions as module
 from ztpm.status.decisions import Decisions
 

@@ -12,25 +12,25 @@ from pathlib import Path
 
 import pytest
 import typer.main
-
-from capabilities import keys, rotation
-from capabilities.caps import DEFAULT
-from capabilities.scope_json import scope_from_json
+from capabilities.keys import keys
+from capabilities.rotation import rotation
 from capabilities.statements import cell
-from pep.errors import PepFault
-from pep.operations import MOVE_JOINT
-from pep.rtde.gripper import PORT as GRIPPER_PORT
-from pep.rtde.lines import PORTS
-from pep.sim.launch import Controller
+from capabilities.values.caps import DEFAULT
+from capabilities.values.scope_json import scope_from_json
+from pep.base.errors import PepFault
+from pep.base.operations import MOVE_JOINT
+from pep.rtde.robot.connections import PORTS
+from pep.rtde.robot.gripper import PORT as GRIPPER_PORT
 from tests.pit.test_calibration import ARMS, spelled
-from ztpm import survey
-from ztpm.cell import PASSPHRASE_VARIABLE
+from ursim.ports.launch import Controller
+from ztpm.base.layout import new_key
+from ztpm.cell import survey
+from ztpm.cell.cell import PASSPHRASE_VARIABLE
+from ztpm.cell.setup import GATEWAY_ID
 from ztpm.cli import app
 from ztpm.demo.stage import LEFT
-from ztpm.gateway_config import GatewayConfig, read_gateway_config
-from ztpm.layout import new_key
-from ztpm.setup import GATEWAY_ID
-from ztpm.tool_config import read_cell, read_key, read_policies, read_robot, read_trust
+from ztpm.point.cell_config import read_cell, read_key, read_policies, read_robot, read_trust
+from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
 

@@ -3,16 +3,15 @@
 from dataclasses import replace
 
 import pytest
-
-from capabilities import keys
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements.registry import PartyEntry, RegistrySnapshot, SensorEntry, ToolEntry
-from pep.mcp.arm import tool_definitions
-from ztpm import enrolment
-from ztpm.cell import Cell
-from ztpm.enrolment import Difference, Differing, EnrolmentError, Kind, enrol, registered
-from ztpm.layout import Layout, read_key
-from ztpm.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses, initialise
+from capabilities.values.scope import Tier
+from pep.mcp.arm_server import tool_definitions
+from ztpm.base.layout import Layout, read_key
+from ztpm.cell import enrolment
+from ztpm.cell.cell import Cell
+from ztpm.cell.enrolment import Difference, Differing, EnrolmentError, Kind, enrol, registered
+from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses, initialise
 from ztpm_idp.client import ClientError
 
 PASSPHRASE = b"a passphrase for tests"

@@ -3,10 +3,9 @@
 import asyncio
 
 import pytest
-
-from pep.errors import FeedError, PepFault
+from pep.base.errors import FeedError, PepFault
 from tests.pep.kit import ManualClock
-from ztpm.incidents import TOLD_EACH_MS, Incidents
+from ztpm.base.incidents import TOLD_EACH_MS, Incidents
 
 SILENT = FeedError(PepFault.FEED_UNREACHABLE, "nobody answers")
 

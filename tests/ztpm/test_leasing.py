@@ -9,16 +9,15 @@ import sys
 
 import pytest
 import uvicorn
-
-from capabilities import keys
-from pep.clock import SystemClock
-from pep.rtde.lease import Ending
-from pep.rtde.lines import PORTS
-from policies.reasons import REASONS, Reason
+from capabilities.keys import keys
+from pep.base.clock import SystemClock
+from pep.rtde.lease.lease import Ending
+from pep.rtde.robot.connections import PORTS
+from policies.words.reason_table import REASONS, Reason
 from tests.pep.kit import AUDIENCE, HOST, PORT, Rig
 from tests.pep.test_lease import ECHO, URL, House, Robot, until
-from ztpm.leasing import PLACE, VARIABLE, LeaseError, lend, open_lease
-from ztpm.loopback import free_host, is_free
+from ztpm.base.loopback import free_host, is_free
+from ztpm.program.program_lease import PLACE, VARIABLE, LeaseError, lend, open_lease
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(60)]
 

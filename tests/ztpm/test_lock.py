@@ -3,8 +3,7 @@ import subprocess
 import sys
 
 import pytest
-
-from ztpm.lock import DirectoryLock, LockedError
+from ztpm.base.lock import DirectoryLock, LockedError
 
 
 def test_one_at_a_time_and_the_holder_is_named(tmp_path):
@@ -20,7 +19,7 @@ def test_one_at_a_time_and_the_holder_is_named(tmp_path):
 
 def test_a_holder_that_was_killed_leaves_its_pid_and_no_lock(tmp_path):
     code = (
-        "import sys, time; from pathlib import Path; from ztpm.lock import DirectoryLock\n"
+        "import sys, time; from pathlib import Path; from ztpm.base.lock import DirectoryLock\n"
         "held = DirectoryLock.take(Path(sys.argv[1])); print('held', flush=True); time.sleep(60)"
     )
     holder = subprocess.Popen([sys.executable, "-c", code, tmp_path / "lock"], stdout=subprocess.PIPE)

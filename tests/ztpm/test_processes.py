@@ -9,8 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-
-from ztpm.processes import Child, ChildError
+from ztpm.base.processes import Child, ChildError
 
 TOP = Path(__file__).parents[2]
 
@@ -58,7 +57,7 @@ def test_the_tether_changes_nothing_for_the_module(module):
 def test_a_child_ends_with_its_parent_however_that_ends(module, tmp_path, number):
     module(READY + "time.sleep(100)")
     code = (
-        "from ztpm.processes import Child; import time\n"
+        "from ztpm.base.processes import Child; import time\n"
         "child = Child.start('a child', 'a_child', environment={})\n"
         "print(child.popen.pid, flush=True); time.sleep(100)"
     )
@@ -72,7 +71,7 @@ def test_a_child_ends_with_its_parent_however_that_ends(module, tmp_path, number
 
 def test_a_parent_that_is_gone_already_starts_nothing():
     done = subprocess.run(
-        [sys.executable, "-m", "ztpm.tether", "1" if os.getppid() != 1 else "2", "this"],
+        [sys.executable, "-m", "ztpm.base.parent_watch", "1" if os.getppid() != 1 else "2", "this"],
         capture_output=True,
         timeout=30,
         check=False,

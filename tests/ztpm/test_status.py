@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import httpx2
 import pytest
-
-from policies.model import ObligationKind
+from policies.evidence.model import ObligationKind
 from ztpm.status.decisions import Decided, Decisions, OpenAsk
 from ztpm.status.markup import Markup, tag, text
 from ztpm.status.page import render

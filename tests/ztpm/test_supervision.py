@@ -5,12 +5,11 @@ import json
 import threading
 
 import pytest
-
-from pep.errors import PepFault, RobotError
-from ztpm import supervision as module
-from ztpm.event_log import EventLog
-from ztpm.processes import ChildError
-from ztpm.supervision import ChildLostError, SceneFile, Supervision
+from pep.base.errors import PepFault, RobotError
+from ztpm.base.event_log import EventLog
+from ztpm.base.processes import ChildError
+from ztpm.cell import supervision as module
+from ztpm.cell.supervision import ChildLostError, SceneFile, Supervision
 
 
 class Pretended:

@@ -4,8 +4,7 @@ import threading
 
 from hypothesis import given
 from hypothesis import strategies as st
-
-from ztpm.told_lines import DIFFERENT, NAME, SECOND_S, WAITING, Repeats, ToldLines
+from ztpm.program.refusal_lines import DIFFERENT, NAME, SECOND_S, WAITING, Repeats, ToldLines
 
 BUSY, DENIED = "BUSY: one", "NOT_GRANTED: two"
 

@@ -12,18 +12,17 @@ from pathlib import Path
 
 import httpx2
 import pytest
-
-from capabilities import keys
+from capabilities.keys import keys
 from capabilities.statements.registry import PartyEntry
-from pep.clock import SystemClock
-from pep.errors import ConfigError, PepFault
-from policies.load import load_shipped
+from pep.base.clock import SystemClock
+from pep.base.errors import ConfigError, PepFault
+from policies.decide.load import load_shipped
 from tests.pep import kit
 from tests.pep.forwarding import DOOR, GATEWAY_PORT, URL, House, listening
 from tests.pep.kit import AUDIENCE, HOST, MOVE, PORT
 from tests.pep.test_mcp import call_body
-from ztpm.door_config import DoorConfig, read_door_config
-from ztpm.tool_door import ToolDoor
+from ztpm.point.tool_proxy import ToolDoor
+from ztpm.point.tool_proxy_config import DoorConfig, read_door_config
 
 ISSUER_PORT = PORT - 1
 PASSPHRASE = "secret words"
@@ -99,17 +98,17 @@ def test_a_gateway_on_another_machine_is_reached_by_tls():
 
 def test_it_loads_no_physics_and_no_robot():
     """Nor does what every enforcement point is made of: whoever has neither starts in a second."""
-    ask = "import json, sys; import ztpm.tool_door; print(json.dumps(sorted(sys.modules)))"
+    ask = "import json, sys; import ztpm.point.tool_proxy; print(json.dumps(sorted(sys.modules)))"
     loaded = json.loads(subprocess.run([sys.executable, "-c", ask], capture_output=True, check=True, timeout=60).stdout)
-    assert "ztpm.enforcement" in loaded
+    assert "ztpm.point.enforcement_point" in loaded
     assert [
-        name for name in loaded if name.split(".")[0] in HEAVY or name.startswith(("pep.pit", "pep.rtde", "pep.sim"))
+        name for name in loaded if name.split(".")[0] in HEAVY or name.startswith(("pep.pit", "pep.rtde", "ursim"))
     ] == []
 
 
 def test_the_process_says_what_is_wrong_and_ends(tmp_path):
     (tmp_path / "door.toml").write_text(toml(gateway_url='"http://robot.example/calls"'))
-    command = [sys.executable, "-m", "ztpm.tool_door", "--config", str(tmp_path / "door.toml")]
+    command = [sys.executable, "-m", "ztpm.point.tool_proxy", "--config", str(tmp_path / "door.toml")]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (ended.returncode, ended.stdout) == (1, "")
     assert "CONFIG_INVALID: gateway_url" in ended.stderr
@@ -158,7 +157,7 @@ class Surroundings(House):
             await stack.enter_async_context(listening(self.provider, ISSUER_PORT))
             pipe = asyncio.subprocess.PIPE
             door = await asyncio.create_subprocess_exec(
-                sys.executable, "-m", "ztpm.tool_door", "--config", str(self.config), "--reports",
+                sys.executable, "-m", "ztpm.point.tool_proxy", "--config", str(self.config), "--reports",
                 stdin=pipe, stdout=pipe, env={**os.environ, "ZTPM_PASSPHRASE": PASSPHRASE},
             )  # fmt: skip
             try:

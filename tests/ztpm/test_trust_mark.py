@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-
-from capabilities.caps import DEFAULT
-from pep.errors import ConfigError, PepFault
+from capabilities.values.caps import DEFAULT
+from pep.base.errors import ConfigError, PepFault
 from tests.capabilities.test_trust import AT, FIRST, LATER
-from ztpm.trust_mark import check_mark
+from ztpm.point.trust_mark import check_mark
 
 
 def refused(trust, path, at=AT) -> PepFault:

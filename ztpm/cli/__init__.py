@@ -13,21 +13,21 @@ from ztpm.cli import (
     approvals,
     audit,
     cell,
+    delegation,
     demo,
     doctor,
     evaluation,
     keys,
-    leased,
-    lending,
     mcp,
     pit,
-    policy,
     revoke,
+    rtde_run,
     serve,
     setup,
     token,
     up,
 )
+from ztpm.cli.policy import commands
 
 app = typer.Typer(
     name="ztpm",
@@ -45,19 +45,19 @@ app.command("revoke")(revoke.revoke)
 app.add_typer(approvals.app, name="approvals")
 app.add_typer(agent.app, name="agent")
 app.add_typer(keys.app, name="keys")
-app.add_typer(policy.app, name="policy")
+app.add_typer(commands.app, name="policy")
 app.add_typer(pit.app, name="pit")
 app.add_typer(audit.app, name="audit")
-token.app.command("issue")(lending.issue)
-token.app.command("delegate")(lending.delegate)
+token.app.command("issue")(delegation.issue)
+token.app.command("delegate")(delegation.delegate)
 app.add_typer(token.app, name="token")
 app.add_typer(cell.app, name="cell")
 app.add_typer(evaluation.app, name="eval")
 mcp.app.command("serve")(serve.tools)
 app.add_typer(mcp.app, name="mcp")
 app.add_typer(serve.idp, name="idp")
-serve.rtde.command("run")(leased.run)
-serve.rtde.command("connect")(leased.connect)
+serve.rtde.command("run")(rtde_run.run)
+serve.rtde.command("connect")(rtde_run.connect)
 app.add_typer(serve.rtde, name="rtde")
 
 

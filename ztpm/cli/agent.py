@@ -27,7 +27,7 @@ from ztpm.cli.person import (
 )
 
 if TYPE_CHECKING:
-    from capabilities.keys import PrivateKey
+    from capabilities.keys.keys import PrivateKey
     from ztpm_idp.client import Agent
 
 app = typer.Typer(no_args_is_help=True, help="Agents: who they are, what they run, whether they may act.")
@@ -54,9 +54,9 @@ def register(
     as_json: Json = False,
 ) -> None:
     """Register an agent under a sponsor; its key is made in the cell's directory, encrypted, unless it is there."""
-    from capabilities import keys
+    from capabilities.keys import keys
+    from ztpm.base.layout import LayoutError, new_key
     from ztpm.cli.passphrase import ask_passphrase
-    from ztpm.layout import LayoutError, new_key
 
     known_name(agent, as_json=as_json)
     person = operator(data=data, name=name, issuer="", key=None, as_json=as_json)

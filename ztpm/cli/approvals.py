@@ -241,8 +241,8 @@ def _confirmed(*, as_json: bool) -> bool:
 
 
 def _audience(data: Any, *, as_json: bool) -> str:
+    from ztpm.cell.setup import SetupError, read_addresses
     from ztpm.cli.person import layout_of
-    from ztpm.setup import SetupError, read_addresses
 
     try:
         return read_addresses(layout_of(data, as_json=as_json)).audience

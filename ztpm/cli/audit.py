@@ -10,8 +10,8 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from capabilities.errors import CapabilityError
-from capabilities.trust import TrustBundle
+from capabilities.keys.trust import TrustBundle
+from capabilities.values.errors import CapabilityError
 from ztpm.cli.output import USAGE, console, fail, plain, say_json
 
 app = typer.Typer(no_args_is_help=True, help="The ledger, offline.")
@@ -51,7 +51,7 @@ def show(
 ) -> None:
     """List entries: when, who, what, and the decision with its reason."""
     from ztpm_idp.ledger_file import LINE_BYTES, LINE_DEPTH
-    from ztpm_idp.strict_json import BodyError, parse_json
+    from ztpm_idp.provider.body_json import BodyError, parse_json
 
     table = Table(box=None, pad_edge=False)
     for heading in ("seq", "time", "actor", "kind", "decision", "reason", "request"):

@@ -25,12 +25,12 @@ def sign(
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Sign what stands in a cell. The robot's gateway takes it when `cell_signer_key` names the key that signed."""
-    from capabilities import keys
-    from capabilities.errors import BadKeyError
+    from capabilities.keys import keys
     from capabilities.statements import cell
-    from ztpm import survey
-    from ztpm.cell import PASSPHRASE_VARIABLE
-    from ztpm.layout import LayoutError, read_key, write_private
+    from capabilities.values.errors import BadKeyError
+    from ztpm.base.layout import LayoutError, read_key, write_private
+    from ztpm.cell import survey
+    from ztpm.cell.cell import PASSPHRASE_VARIABLE
 
     try:
         stated = survey.draft(draft.read_text("utf-8"), at=int(time.time()), days=days)
@@ -61,10 +61,10 @@ def show(
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Show what a cell file states, once its signature is checked. Exit 3 for one that a gateway refuses."""
-    from capabilities import keys
-    from capabilities.caps import DEFAULT
-    from capabilities.errors import BadKeyError, StatementError
+    from capabilities.keys import keys
     from capabilities.statements import cell
+    from capabilities.values.caps import DEFAULT
+    from capabilities.values.errors import BadKeyError, StatementError
     from pep.pit import CellParameters, SurveyError, surveyed
 
     try:

@@ -85,7 +85,7 @@ def _libraries() -> tuple[bool, str]:
 
 
 def _loopback() -> tuple[bool, str]:
-    from ztpm.setup import free_addresses
+    from ztpm.cell.setup import free_addresses
 
     addresses = free_addresses(secrets.token_bytes(16))
     return True, f"all ports of a cell are free on {addresses.host}"
@@ -110,11 +110,11 @@ def _physics() -> tuple[bool, str]:
 
 def _arm(config: Path) -> tuple[bool, str]:
     """A gateway or a tool server takes the configuration, and the arm's calibration where it names one."""
-    from pep.errors import ConfigError
+    from pep.base.errors import ConfigError
     from pep.pit.calibration import own_kinematics
-    from ztpm.gateway_config import read_robot_config
+    from ztpm.point.cell_config import read_cell, read_robot
+    from ztpm.point.gateway_config import read_robot_config
     from ztpm.status.page import kinematics_said
-    from ztpm.tool_config import read_cell, read_robot
 
     try:
         found = read_robot_config(config)
@@ -148,9 +148,11 @@ def _tether() -> tuple[bool, str]:
 
     from ztpm.status.peer import owner_of
 
-    command = [sys.executable, "-m", "ztpm.tether", str(os.getpid()), "ztpm"]
+    command = [sys.executable, "-m", "ztpm.base.parent_watch", str(os.getpid()), "ztpm"]
     tried = subprocess.run(command, capture_output=True, text=True, timeout=TETHER_S, check=False)  # noqa: S603 - our own
-    tethered = "ztpm.tether:" not in tried.stderr  # the package is no program: only the tether itself may not refuse
+    tethered = (
+        "ztpm.base.parent_watch:" not in tried.stderr
+    )  # the package is no program: only the tether itself may not refuse
     with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as client:
         owned = owner_of(server.getsockname(), client.getsockname()) == os.getuid()
     return tethered and owned, (
@@ -164,7 +166,7 @@ def _lock() -> tuple[bool, str]:
     import tempfile
     from pathlib import Path
 
-    from ztpm.lock import DirectoryLock, LockedError
+    from ztpm.base.lock import DirectoryLock, LockedError
 
     with tempfile.TemporaryDirectory(dir=Path.cwd()) as directory:
         path = Path(directory) / "lock"

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from capabilities.rotation import KeyRecord, KeyRing, Refused
-    from ztpm.key_ring import Step
-    from ztpm.layout import Layout
+    from capabilities.rotation.rotation import KeyRecord, KeyRing, Refused
+    from ztpm.base.layout import Layout
+    from ztpm.cell.key_ring import Step
 
 app = typer.Typer(no_args_is_help=True, help="The identity provider's keys: list, prepare, activate, taint, revoke.")
 
@@ -52,7 +52,7 @@ def list_(*, data: Data = None, as_json: Json = False) -> None:
     """Every key that the provider has or had, and the trust bundle that they make."""
     from rich.table import Table
 
-    from ztpm import key_ring
+    from ztpm.cell import key_ring
 
     layout = layout_of(data, as_json=as_json)
     with _failures(as_json=as_json):
@@ -82,9 +82,9 @@ def prepare(
     as_json: Json = False,
 ) -> None:
     """Make a further key of a role: verifiers trust it from the next start on, and it signs nothing yet."""
-    from capabilities import keys
-    from capabilities.windows import Role
-    from ztpm import key_ring
+    from capabilities.keys import keys
+    from capabilities.keys.windows import Role
+    from ztpm.cell import key_ring
     from ztpm.cli.passphrase import ask_passphrase
 
     layout = layout_of(data, as_json=as_json)
@@ -100,7 +100,7 @@ def prepare(
 @app.command("activate")
 def activate(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
     """The prepared key signs from the next start on; the one that signed is trusted until what it signed is over."""
-    from capabilities import rotation
+    from capabilities.rotation import rotation
 
     _step(rotation.activate, key, layout_of(data, as_json=as_json), as_json=as_json)
 
@@ -108,7 +108,7 @@ def activate(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
 @app.command("taint")
 def taint(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
     """Nothing that the retired key signs from now on is accepted. If somebody may have the key, revoke it instead."""
-    from capabilities import rotation
+    from capabilities.rotation import rotation
 
     _step(rotation.taint, key, layout_of(data, as_json=as_json), as_json=as_json)
 
@@ -116,7 +116,7 @@ def taint(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
 @app.command("revoke")
 def revoke(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
     """Nothing under the key is accepted any more, for ever."""
-    from capabilities import rotation
+    from capabilities.rotation import rotation
 
     _step(rotation.revoke, key, layout_of(data, as_json=as_json), as_json=as_json)
 
@@ -124,7 +124,7 @@ def revoke(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
 @app.command("renew")
 def renew(*, data: Data = None, as_json: Json = False) -> None:
     """The same keys in a new trust bundle, which holds for a year."""
-    from ztpm import key_ring
+    from ztpm.cell import key_ring
 
     layout = layout_of(data, as_json=as_json)
     with _failures(as_json=as_json), _alone(layout, as_json=as_json):
@@ -132,7 +132,7 @@ def renew(*, data: Data = None, as_json: Json = False) -> None:
 
 
 def _step(verb: Step, id_: str, layout: Layout, *, as_json: bool) -> None:
-    from ztpm import key_ring
+    from ztpm.cell import key_ring
 
     with _failures(as_json=as_json), _alone(layout, as_json=as_json):
         _tell(key_ring.step(layout, verb, id_, at=int(time.time())), id_, layout.trust, as_json=as_json)
@@ -140,7 +140,7 @@ def _step(verb: Step, id_: str, layout: Layout, *, as_json: bool) -> None:
 
 def _tell(answer: KeyRing | Refused, id_: str | None, trust: Path, *, as_json: bool) -> None:
     """What was done to the key of this name; None: to the last one, "": to none."""
-    from capabilities.rotation import Refused
+    from capabilities.rotation.rotation import Refused
 
     if isinstance(answer, Refused):
         fail(str(answer.why), answer.detail, as_json=as_json, status=DENY)
@@ -157,14 +157,14 @@ def _tell(answer: KeyRing | Refused, id_: str | None, trust: Path, *, as_json: b
 
 
 def _described(ring: KeyRing) -> dict[str, object]:
-    from capabilities.caps import DEFAULT
+    from capabilities.values.caps import DEFAULT
 
     bundle = ring.bundle(DEFAULT)
     return {"issuer": ring.issuer, "version": ring.version, "valid_until": _day(bundle.valid_until)}
 
 
 def _shown(record: KeyRecord) -> dict[str, object]:
-    from capabilities import keys
+    from capabilities.keys import keys
 
     steps = (record.prepared_at, record.activated_at, record.retired_at, record.tainted_at, record.revoked_at)
     return {
@@ -183,7 +183,7 @@ def _day(at: int) -> str:
 @contextmanager
 def _alone(layout: Layout, *, as_json: bool) -> Iterator[None]:
     """No `ztpm up` runs the cell, and no other step is taken meanwhile."""
-    from ztpm.lock import DirectoryLock, LockedError
+    from ztpm.base.lock import DirectoryLock, LockedError
 
     try:
         with DirectoryLock.take(layout.lock):
@@ -195,8 +195,8 @@ def _alone(layout: Layout, *, as_json: bool) -> Iterator[None]:
 @contextmanager
 def _failures(*, as_json: bool) -> Iterator[None]:
     """Files that cannot be read, opened or written end the command."""
-    from capabilities.errors import BadKeyError
-    from ztpm.layout import LayoutError
+    from capabilities.values.errors import BadKeyError
+    from ztpm.base.layout import LayoutError
 
     try:
         yield

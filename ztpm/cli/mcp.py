@@ -26,11 +26,11 @@ def pin(
     as_json: Json = False,
 ) -> None:
     """Show the tools whose definition is not the registered one, and register them as they are now."""
-    from capabilities.errors import CapabilityError
-    from capabilities.trust import TrustBundle
-    from pep.mcp.arm import tool_definitions
-    from ztpm.enrolment import EnrolmentError, registered, tool_differences
-    from ztpm.setup import SetupError, read_addresses
+    from capabilities.keys.trust import TrustBundle
+    from capabilities.values.errors import CapabilityError
+    from pep.mcp.arm_server import tool_definitions
+    from ztpm.cell.enrolment import EnrolmentError, registered, tool_differences
+    from ztpm.cell.setup import SetupError, read_addresses
 
     layout = layout_of(data, as_json=as_json)
     person = operator(data=data, name=name, issuer="", key=None, as_json=as_json)

@@ -20,8 +20,8 @@ from ztpm.cli.passphrase import ask_passphrase
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from capabilities.keys import PrivateKey
-    from ztpm.layout import Layout
+    from capabilities.keys.keys import PrivateKey
+    from ztpm.base.layout import Layout
     from ztpm_idp.client import Operator
 
 NAME: Final = re.compile(r"[a-z0-9][a-z0-9._-]{0,62}", re.ASCII)
@@ -120,7 +120,7 @@ def known_name(name: str, *, as_json: bool) -> None:
 
 def layout_of(data: Path | None, *, as_json: bool) -> Layout:
     """The cell in a directory, or the command ends."""
-    from ztpm.layout import Layout
+    from ztpm.base.layout import Layout
 
     layout = Layout((data or Path(".ztpm")).resolve())
     if not layout.trust.exists():
@@ -130,8 +130,8 @@ def layout_of(data: Path | None, *, as_json: bool) -> Layout:
 
 def issuer_of(layout: Layout, *, as_json: bool) -> str:
     """Base URL of the cell's identity provider, from its trust bundle."""
-    from capabilities.errors import CapabilityError
-    from capabilities.trust import TrustBundle
+    from capabilities.keys.trust import TrustBundle
+    from capabilities.values.errors import CapabilityError
 
     try:
         return TrustBundle.from_json(layout.trust.read_bytes()).issuer
@@ -141,8 +141,8 @@ def issuer_of(layout: Layout, *, as_json: bool) -> str:
 
 def open_key(path: Path, *, as_json: bool) -> PrivateKey:
     """The key in a file, or the command ends."""
-    from capabilities.errors import BadKeyError
-    from ztpm.layout import LayoutError, read_key
+    from capabilities.values.errors import BadKeyError
+    from ztpm.base.layout import LayoutError, read_key
 
     passphrase = ask_passphrase(new=False, as_json=as_json)
     try:

@@ -62,7 +62,7 @@ def pit(
     if picture is not None and picture.suffix not in PICTURES:
         fail("USAGE", "--picture ends in .png or .html", as_json=as_json, status=USAGE)
     from pep.pit.errors import PitError
-    from policies.evidence import ImpactFault
+    from policies.evidence.evidence import ImpactFault
     from ztpm.pit import Arm, to_plain
 
     question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)
@@ -154,7 +154,7 @@ def _fault(reason: str, detail: str, *, as_json: bool) -> NoReturn:
 
 
 def _status(said: Assessment) -> int:
-    from policies.tiers import TierRule
+    from policies.evidence.tiers import TierRule
     from ztpm.pit import effect
 
     return {TierRule.AUDIT: 0, TierRule.TRUST: 0, TierRule.ASK: DEFER, TierRule.REFUSE: DENY}[effect(said)]

@@ -50,7 +50,7 @@ def tools(
     The passphrase of its key comes from ZTPM_PASSPHRASE.
     """
     file = config or layout_of(data, as_json=False).cell_config
-    _become("ztpm.tool_door", "--config", str(file))
+    _become("ztpm.point.tool_proxy", "--config", str(file))
 
 
 @rtde.command("gateway")
@@ -70,7 +70,7 @@ def gateway(
     """
     file = config or layout_of(data, as_json=False).gateway_config
     options = [f"--{name}={value}" for name, value in (("robot", robot), ("listen", listen)) if value]
-    _become("ztpm.gateway_server", "--config", str(file), *options)
+    _become("ztpm.point.gateway_server", "--config", str(file), *options)
 
 
 @rtde.command("sim")
@@ -93,4 +93,4 @@ def sim(
     """Run a simulated UR3e controller that real clients can talk to."""
     options = [f"--{name}={value}" for name, value in (("joints", joints), ("polyscope", polyscope)) if value]
     options += [f"--fault={each}" for each in fault or ()]
-    _become("pep.sim", "--host", host, *options, *([] if as_json else ["--words"]))
+    _become("ursim", "--host", host, *options, *([] if as_json else ["--words"]))

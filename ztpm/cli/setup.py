@@ -30,8 +30,8 @@ def init(
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Make a new cell: keys, operators, trust bundle, configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for."""
-    from ztpm.layout import OPERATORS, Layout, LayoutError
-    from ztpm.setup import Addresses, SetupError, free_addresses, initialise
+    from ztpm.base.layout import OPERATORS, Layout, LayoutError
+    from ztpm.cell.setup import Addresses, SetupError, free_addresses, initialise
 
     passphrase = ask_passphrase(new=True, as_json=as_json)
     addresses = Addresses(host=host) if host else free_addresses(secrets.token_bytes(16))

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from capabilities.errors import CapabilityError, Fault, TokenError
-from capabilities.trust import TrustBundle
+from capabilities.keys.trust import TrustBundle
+from capabilities.values.errors import CapabilityError, Fault, TokenError
 from ztpm.cli.output import DENY, USAGE, console, fail, say_json
 
 app = typer.Typer(no_args_is_help=True, help="Tokens.")
@@ -29,9 +29,9 @@ def inspect(
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Show sponsor, hops, scope and limits of a token that verifies. It comes from a file, since it is a secret."""
-    from capabilities.caps import DEFAULT
-    from capabilities.carriage import token_from_text
-    from capabilities.verify import inspect_token
+    from capabilities.token.token_text import token_from_text
+    from capabilities.token.verify import inspect_token
+    from capabilities.values.caps import DEFAULT
 
     try:
         bundle = TrustBundle.from_json(trust.read_bytes())

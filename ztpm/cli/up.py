@@ -17,7 +17,7 @@ from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
 from ztpm.cli.passphrase import ask_passphrase
 
 if TYPE_CHECKING:
-    from ztpm.layout import Layout
+    from ztpm.base.layout import Layout
     from ztpm.up import Up
 
 
@@ -28,10 +28,10 @@ def up(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line when the cell is ready.")] = False,
 ) -> None:
     """Run a cell until SIGINT or SIGTERM: identity provider, simulated UR3e and sensor, gateway, tools, status page."""
-    from ztpm.event_log import EventLog
-    from ztpm.layout import Layout
-    from ztpm.lock import DirectoryLock, LockedError
-    from ztpm.setup import free_addresses, is_empty
+    from ztpm.base.event_log import EventLog
+    from ztpm.base.layout import Layout
+    from ztpm.base.lock import DirectoryLock, LockedError
+    from ztpm.cell.setup import free_addresses, is_empty
     from ztpm.up import UpError, prepare, run
     from ztpm.up import as_json as told_to_machines
 

@@ -13,15 +13,23 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self, cast
 
-from pep.real_time import goes_first
-from pep.rtde.codec import MAX_FRAME, Framer, Recipe, decode_answer, encode_request
-from pep.rtde.messages import OutputsAnswer, ProtocolAnswer, RequestProtocol, SetupOutputs, Start, StartAnswer, Values
+from pep.base.thread_priority import goes_first
+from pep.rtde.wire.codec import MAX_FRAME, Framer, Recipe, decode_answer, encode_request
+from pep.rtde.wire.messages import (
+    OutputsAnswer,
+    ProtocolAnswer,
+    RequestProtocol,
+    SetupOutputs,
+    Start,
+    StartAnswer,
+    Values,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import TracebackType
 
-    from pep.rtde.messages import Answer
+    from pep.rtde.wire.messages import Answer
 
 PORT: Final = 30004
 FREQUENCY_HZ: Final = 500.0

@@ -7,10 +7,10 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING, Final, Self
 
-from ztpm.cell import PASSPHRASE_VARIABLE
+from ztpm.base.layout import write_private
+from ztpm.cell.cell import PASSPHRASE_VARIABLE
 from ztpm.demo.stage import SEND_TRIES, WAIT_S, StageError
-from ztpm.layout import write_private
-from ztpm.leasing import PLACE
+from ztpm.program.program_lease import PLACE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING, Any, Final
 
 import httpx2
 
-from capabilities import keys
-from capabilities.caps import DEFAULT
-from capabilities.carriage import token_from_text, token_to_text
-from capabilities.chain import Attestation, EvidenceKind, HopGrant
-from capabilities.delegate import delegate
-from capabilities.errors import Fault
-from capabilities.scope import Tier
+from capabilities.keys import keys
 from capabilities.statements import ask, observation, vote
 from capabilities.statements.revocation import RevocationView
-from capabilities.verify import inspect_token, verify
+from capabilities.token.delegate import delegate
+from capabilities.token.token_text import token_from_text, token_to_text
+from capabilities.token.verify import inspect_token, verify
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Attestation, EvidenceKind, HopGrant
+from capabilities.values.errors import Fault
+from capabilities.values.scope import Tier
+from ztpm.base.layout import read_key
+from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID
 from ztpm.demo.stage import StageError, arm_only, sweep_scope
-from ztpm.layout import read_key
-from ztpm.setup import SENSOR_CALIBRATION, SENSOR_ID
 from ztpm_idp.client import ProofAuth
 
 if TYPE_CHECKING:
-    from capabilities.scope import Restriction, Scope
+    from capabilities.values.scope import Restriction, Scope
     from ztpm.demo.stage import Stage
 
 LIFETIME_S: Final = 900

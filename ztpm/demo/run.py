@@ -10,16 +10,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ztpm.cell import Cell
+from ztpm.base.layout import OPERATORS, Layout
+from ztpm.cell.cell import Cell
+from ztpm.cell.setup import free_addresses, initialise
 from ztpm.demo.stage import LEFT, Stage, until
-from ztpm.layout import OPERATORS, Layout
-from ztpm.setup import free_addresses, initialise
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from ztpm.base.processes import Child
     from ztpm.demo.calls import Answer
-    from ztpm.processes import Child
 
 MOVED_RAD: Final = 1e-3
 """Less than this on every joint is standing still (the simulator's and the sensor's noise is far below)."""

@@ -14,20 +14,20 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rtde_receive import RTDEReceiveInterface
 
-from capabilities import keys
-from capabilities.scope import Grant, Limit, Range, Restriction, Scope, Tier
-from capabilities.trust import TrustBundle
-from capabilities.units import Parameter, Unit
+from capabilities.keys import keys
+from capabilities.keys.trust import TrustBundle
+from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
+from ztpm.base.layout import new_key, read_key
+from ztpm.cell.simulated_platform import Attestor, workload_id
 from ztpm.demo.calls import Answer, call
-from ztpm.layout import new_key, read_key
-from ztpm.platform import Attestor, workload_id
 from ztpm_idp.client import Agent, Operator
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from ztpm.cell import Cell
+    from ztpm.cell.cell import Cell
 
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
-from pep.stopping import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING, Any, Final
 
 import httpx2
 
-from capabilities.caps import DEFAULT as CAPS
-from capabilities.errors import CapabilityError
 from capabilities.statements import registry
-from ztpm.cell import PROCESSES
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import CapabilityError
+from ztpm.cell.cell import PROCESSES
 from ztpm.status.decisions import Decisions
 from ztpm.status.picture import Known, Part, Picture
-from ztpm_idp import direct
+from ztpm_idp.client import direct_http
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from capabilities.trust import TrustBundle
-    from ztpm.cell import Cell
-    from ztpm.processes import Child
-    from ztpm.supervision import Supervision
+    from capabilities.keys.trust import TrustBundle
+    from ztpm.base.processes import Child
+    from ztpm.cell.cell import Cell
+    from ztpm.cell.supervision import Supervision
 
 ANSWER_S: Final = 1.0
 """Longest wait for one part."""
@@ -59,7 +59,7 @@ class Camera:
         self._trust = trust
         self._wall_s = wall_s
         self._clock = clock
-        self._http = direct.client(ANSWER_S, transport)
+        self._http = direct_http.client(ANSWER_S, transport)
         self._decisions = Decisions(cell.layout.gateway_journal)
         self._lock = threading.Lock()
         self._kept: tuple[float, Picture] | None = None

@@ -7,7 +7,7 @@ from collections import OrderedDict, deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from policies.model import ObligationKind
+from policies.evidence.model import ObligationKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

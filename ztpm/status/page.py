@@ -6,7 +6,7 @@ import datetime as dt
 import math
 from typing import TYPE_CHECKING, Any, Final
 
-from policies.model import ObligationKind
+from policies.evidence.model import ObligationKind
 from ztpm.status.decisions import OWED
 from ztpm.status.markup import Markup, tag, text
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from policies.behaviour import NOTHING_KNOWN, BehaviourState
-from policies.trust import NOTHING_REPORTED, TrustState
+from policies.conduct.behaviour import NOTHING_KNOWN, BehaviourState
+from policies.conduct.trust import NOTHING_REPORTED, TrustState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from policies.career import Career
-    from policies.conduct import BehaviourReading
-    from policies.report import Edge, Report
+    from policies.conduct.history import Career
+    from policies.conduct.report import Edge, Report
+    from policies.evidence.conduct_readings import BehaviourReading
 
 
 @dataclass(frozen=True, slots=True)

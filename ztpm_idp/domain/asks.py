@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
-from capabilities import jws, strict_json
-from capabilities.errors import CapabilityError
+from capabilities.keys import jws
+from capabilities.values import strict_json
+from capabilities.values.errors import CapabilityError
 
 if TYPE_CHECKING:
-    from capabilities.caps import Caps
+    from capabilities.values.caps import Caps
 
 STANDING_ASKS: Final = 96
 """Most asks of one audience that are open or granted at a time.

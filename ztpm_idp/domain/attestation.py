@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities import workload
-from capabilities.chain import EvidenceKind
-from capabilities.errors import CapabilityError, FaultCode, StatementError
-from capabilities.statements import attestation
+from capabilities.statements import attestation, workload
+from capabilities.values.chain import EvidenceKind
+from capabilities.values.errors import CapabilityError, FaultCode, StatementError
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import AgentAttested, NonceConsumed, NonceGiven
 from ztpm_idp.domain.parties import Agent, PersonRole, Standing

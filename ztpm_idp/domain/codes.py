@@ -1,6 +1,7 @@
 """Every reason for which the identity provider refuses, closed.
 
-`capabilities.errors.FaultCode` joins it for what concerns tokens, `policies.reasons.Reason` for what policies decide.
+`capabilities.values.errors.FaultCode` joins it for what concerns tokens, `policies.words.reason_table.Reason` for what
+policies decide.
 """
 
 from __future__ import annotations
@@ -9,11 +10,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from capabilities.errors import FaultCode
-from policies.reasons import Reason
+from capabilities.values.errors import FaultCode
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from capabilities.explanation import Explanation
+    from capabilities.values.explanation import Explanation
     from ztpm_idp.domain.events import Event
 
 

@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, assert_never
 
-from capabilities.caps import DEFAULT
+from capabilities.values.caps import DEFAULT
 from ztpm_idp.domain.asks import stated
 from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, ToolsBeside, TrustBeside, Wanted
 
 if TYPE_CHECKING:
-    from capabilities.scope import Restriction, Scope
+    from capabilities.values.scope import Restriction, Scope
     from ztpm_idp.domain.events import SignedRequest
     from ztpm_idp.domain.parties import Person, PersonRole, Tool
 

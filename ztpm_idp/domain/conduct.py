@@ -11,9 +11,9 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from policies import behaviour, concluded, trust
-from policies.model import Effect
-from policies.report import TEXT_MAX, Report, ReportError
+from policies.conduct import behaviour, journal_reports, trust
+from policies.conduct.report import TEXT_MAX, Report, ReportError
+from policies.evidence.model import Effect
 from ztpm_idp.domain.agent_conduct import AgentConduct, Concerned, Published
 from ztpm_idp.domain.events import ConductObserved, PermitConcluded, PermitOpened
 from ztpm_idp.domain.parties import Agent
@@ -21,9 +21,9 @@ from ztpm_idp.domain.parties import Agent
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from capabilities.chain import Chain
-    from policies.behaviour import BehaviourState
-    from policies.parameters import Parameters
+    from capabilities.values.chain import Chain
+    from policies.conduct.behaviour import BehaviourState
+    from policies.words.parameters import Parameters
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.events import Event, RecordTaken
     from ztpm_idp.domain.parties import Pep
@@ -49,7 +49,7 @@ def concerned(records: Iterable[Mapping[str, object]]) -> Concerned:
             case {"kind": "outcome", "body": {"request_id": str(request_id)}} if _plain(request_id):
                 requests.add(request_id)
             case {"kind": "decision", "pep": str(pep), "at_ms": int(at_ms), "body": dict(body)}:
-                found = concluded.decided(body, reporter=pep, at_ms=at_ms)
+                found = journal_reports.decided(body, reporter=pep, at_ms=at_ms)
                 if found is not None and _plain(found.hop_id):
                     hops.add(found.hop_id)
             case _:
@@ -67,7 +67,7 @@ def reported(rules: Rules, state: State, pep: Pep, taken: Iterable[RecordTaken],
             raise AssertionError  # noqa: TRY004  an invariant
         match record.record["kind"]:
             case "decision":
-                found = concluded.decided(body, reporter=pep.id, at_ms=written)
+                found = journal_reports.decided(body, reporter=pep.id, at_ms=written)
                 if found is None or not _ours(state, pep, found):
                     continue
                 if found.open:
@@ -78,7 +78,7 @@ def reported(rules: Rules, state: State, pep: Pep, taken: Iterable[RecordTaken],
             case "outcome":
                 request_id = body.get("request_id")
                 before = open_.get(request_id) if isinstance(request_id, str) else None
-                after = None if before is None else concluded.concluded(before, body, at_ms=written)
+                after = None if before is None else journal_reports.concluded(before, body, at_ms=written)
                 if after is not None:
                     del open_[after.request_id]
                     events.append(PermitConcluded(pep.id, after.request_id))
@@ -93,7 +93,7 @@ def _plain(name: str) -> bool:
     return len(name) <= TEXT_MAX and name.isprintable()
 
 
-def _ours(state: State, pep: Pep, found: concluded.Decided) -> bool:
+def _ours(state: State, pep: Pep, found: journal_reports.Decided) -> bool:
     """Whether it is of an audience of the enforcement point's, and of a hop that was made for just this edge."""
     if not _plain(found.report.request_id):
         return False
@@ -152,7 +152,7 @@ def of_delegation(rules: Rules, chain: Chain, request_id: str, *, at_ms: int, re
             delegators=(chain.sponsor.subject, *(hop.agent for hop in chain.hops)),
             at=at_ms // 1_000,
             operation=DELEGATE,
-            # Lending moves nothing: it earns nothing (policies.charges).
+            # Lending moves nothing: it earns nothing (policies.conduct.trust_changes).
             base_tier=0,
             runtime_tier=0,
             effect=str(Effect.PERMIT if refused is None else Effect.DENY),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain import approving, attestation, issuing, ledger, registry, revocation
+from ztpm_idp.domain import approvals, attestation, issuance, ledger, registry, revocation
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
     Attest,
@@ -68,21 +68,21 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
         case Attest():
             return attestation.attest(rules, state, command, at_ms)
         case Issue():
-            return issuing.issue(rules, state, command, at_ms)
+            return issuance.issue(rules, state, command, at_ms)
         case Delegate():
-            return issuing.delegate(rules, state, command, at_ms)
+            return issuance.delegate(rules, state, command, at_ms)
         case Revoke():
             return revocation.revoke(state, command)
         case TakeRecords():
             return ledger.take_records(rules, state, command, at_ms)
         case TakeAsk():
-            return approving.take_ask(rules, state, command, at_ms)
+            return approvals.take_ask(rules, state, command, at_ms)
         case CastVote():
-            return approving.cast_vote(rules, state, command, at_ms)
+            return approvals.cast_vote(rules, state, command, at_ms)
         case OpenTier4():
-            return approving.open_tier_4(rules, state, command, at_ms)
+            return approvals.open_tier_4(rules, state, command, at_ms)
         case CloseOpening():
-            return approving.close_opening(state, command)
+            return approvals.close_opening(state, command)
         case _:
             assert_never(command)
 

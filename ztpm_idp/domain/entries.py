@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from capabilities.keys import thumbprint
-from capabilities.scope_json import scope_to_json
+from capabilities.keys.keys import thumbprint
+from capabilities.values.scope_json import scope_to_json
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
@@ -35,7 +35,7 @@ from ztpm_idp.domain.events import (
 from ztpm_idp.domain.parties import Agent, Pep, Person, Sensor, kind_of
 
 if TYPE_CHECKING:
-    from policies.model import Decision
+    from policies.evidence.model import Decision
     from ztpm_idp.domain.events import Event, SignedRequest
     from ztpm_idp.domain.parties import Party
 

@@ -7,10 +7,10 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from capabilities.chain import Chain, EvidenceKind, HopGrant, Sponsor
-    from capabilities.scope import Restriction, Scope, Widening
-    from policies.model import Decision
-    from policies.report import Report
+    from capabilities.values.chain import Chain, EvidenceKind, HopGrant, Sponsor
+    from capabilities.values.scope import Restriction, Scope, Widening
+    from policies.conduct.report import Report
+    from policies.evidence.model import Decision
     from ztpm_idp.domain.agent_conduct import AgentConduct, Published
     from ztpm_idp.domain.asks import AskRecord, AskState, OpeningRecord, VoteRecord
     from ztpm_idp.domain.parties import Party, Tool

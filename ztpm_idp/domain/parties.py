@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from capabilities.scope import Tier
+    from capabilities.values.scope import Tier
 
 
 class PersonRole(StrEnum):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.keys import thumbprint
+from capabilities.keys.keys import thumbprint
 from capabilities.statements import registry as snapshot
-from policies import behaviour
-from policies.behaviour import RestoreError
+from policies.conduct import behaviour
+from policies.conduct.behaviour import RestoreError
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import AgentRestored, PartyRegistered, ToolRegistered, TrustStated

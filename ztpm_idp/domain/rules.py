@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from capabilities.caps import Caps
-    from capabilities.trust import TrustBundle
-    from capabilities.workload import Platform
-    from policies.policy import PolicySet
+    from capabilities.keys.trust import TrustBundle
+    from capabilities.statements.workload import Platform
+    from capabilities.values.caps import Caps
+    from policies.decide.policy import PolicySet
 
 
 @dataclass(frozen=True, slots=True)

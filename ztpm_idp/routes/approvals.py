@@ -7,16 +7,16 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 
-from capabilities.keys import b64u
+from capabilities.keys.keys import b64u
 from capabilities.statements import answers, ask
-from ztpm_idp import page, wire
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, Asked, AskState, stated
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import VoteCast
 from ztpm_idp.domain.parties import Pep, Person
-from ztpm_idp.feed import answers_for
-from ztpm_idp.problems import Problem
+from ztpm_idp.provider import ask_page, wire
+from ztpm_idp.provider.feed import answers_for
+from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import Call, authenticated, body_of, nonce_of, provider_of, query_of
 
 router = APIRouter()
@@ -106,7 +106,9 @@ async def show_ask(request: Request, ask_id: str) -> HTMLResponse:
     asked, text, key = await _found(request, ask_id)
     at_ms = provider.now_ms()
     shown = ask.open(text, {key}, provider.rules.caps)
-    return HTMLResponse(page.render(shown, asked, asked.state(at_ms), at_ms=at_ms), headers=_UNSTORED | page.HEADERS)
+    return HTMLResponse(
+        ask_page.render(shown, asked, asked.state(at_ms), at_ms=at_ms), headers=_UNSTORED | ask_page.HEADERS
+    )
 
 
 @router.post("/openings", status_code=201, openapi_extra=body_of(wire.OpeningBody))

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from fastapi import Request  # noqa: TC002  the framework reads the annotations
 
-from capabilities.caps import DEFAULT
-from capabilities.carriage import token_from_text
-from capabilities.errors import Fault, FaultCode
-from capabilities.proof import check_proof
+from capabilities.proof.proof import check_proof
 from capabilities.statements.attestation import NONCE
-from capabilities.units import INT_LIMIT
+from capabilities.token.token_text import token_from_text
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import SignedRequest
-from ztpm_idp.problems import Problem
-from ztpm_idp.strict_json import BODY_BYTES, BodyError
-from ztpm_idp.wire import Body, parse_body
+from ztpm_idp.provider.body_json import BODY_BYTES, BodyError
+from ztpm_idp.provider.problems import Problem
+from ztpm_idp.provider.wire import Body, parse_body
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.parties import Party
-    from ztpm_idp.feed import Heartbeat
-    from ztpm_idp.provider import Provider
+    from ztpm_idp.provider.feed import Heartbeat
+    from ztpm_idp.provider.provider import Provider
 
 B = TypeVar("B", bound=Body)
 _SCHEME = "DPoP "

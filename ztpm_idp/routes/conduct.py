@@ -7,9 +7,9 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import PlainTextResponse
 
-from ztpm_idp import wire
 from ztpm_idp.domain import commands
-from ztpm_idp.feed import conduct_word
+from ztpm_idp.provider import wire
+from ztpm_idp.provider.feed import conduct_word
 from ztpm_idp.routes.caller import (
     Call,
     authenticated,

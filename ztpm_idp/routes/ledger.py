@@ -7,12 +7,12 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import StreamingResponse
 
-from ztpm_idp import wire
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.parties import Person, PersonRole
-from ztpm_idp.feed import ledger_export
-from ztpm_idp.problems import Problem
+from ztpm_idp.provider import wire
+from ztpm_idp.provider.feed import ledger_export
+from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import Call, authenticated, body_of, provider_of
 
 router = APIRouter()

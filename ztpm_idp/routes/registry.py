@@ -8,17 +8,17 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import PlainTextResponse
 
-from capabilities import text
-from capabilities.errors import ScopeError
-from capabilities.keys import unb64u
-from capabilities.scope import Tier
-from ztpm_idp import wire
+from capabilities.keys.keys import unb64u
+from capabilities.values import text
+from capabilities.values.errors import ScopeError
+from capabilities.values.scope import Tier
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import Agent, Tool
-from ztpm_idp.feed import registry_snapshot
-from ztpm_idp.problems import Problem
+from ztpm_idp.provider import wire
+from ztpm_idp.provider.feed import registry_snapshot
+from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import Call, authenticated, body_of, provider_of, query_of
 
 router = APIRouter()

@@ -10,16 +10,16 @@ import rfc8785
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import PlainTextResponse
 
-from capabilities.errors import CapabilityError, FaultCode
-from capabilities.keys import b64u
-from capabilities.reading import inspect_token
-from capabilities.scope_json import restriction_from_json, scope_from_json
-from ztpm_idp import wire
+from capabilities.keys.keys import b64u
+from capabilities.token.static_verification import inspect_token
+from capabilities.values.errors import CapabilityError, FaultCode
+from capabilities.values.scope_json import restriction_from_json, scope_from_json
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import TokenDelegated, TokenIssued
-from ztpm_idp.feed import revocation_index
-from ztpm_idp.problems import Problem
+from ztpm_idp.provider import wire
+from ztpm_idp.provider.feed import revocation_index
+from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import (
     Call,
     authenticated,
@@ -32,7 +32,7 @@ from ztpm_idp.routes.caller import (
 )
 
 if TYPE_CHECKING:
-    from ztpm_idp.provider import Done, Provider
+    from ztpm_idp.provider.provider import Done, Provider
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]

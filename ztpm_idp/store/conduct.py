@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 import sqlalchemy as sa
 
 from capabilities.statements.conduct import AgentEntry, DeviationEntry, EdgeEntry
-from policies.behaviour import BehaviourState
-from policies.report import Edge, Report
-from policies.trust import TrustState
+from policies.conduct.behaviour import BehaviourState
+from policies.conduct.report import Edge, Report
+from policies.conduct.trust import TrustState
 from ztpm_idp.domain.agent_conduct import AgentConduct, Held
 from ztpm_idp.domain.conduct import OPEN_RECORDS, PEERS
 from ztpm_idp.domain.events import AgentRestored, ConductObserved, PermitConcluded, PermitOpened
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
-    from policies.career import Career
+    from policies.conduct.history import Career
     from ztpm_idp.domain.agent_conduct import Concerned, Published
 
 ConductEvent = PermitOpened | PermitConcluded | ConductObserved | AgentRestored

@@ -33,7 +33,7 @@ from ztpm_idp.domain.events import (
 from ztpm_idp.domain.ledger import seal
 from ztpm_idp.domain.parties import Agent, Party, Pep, Person, PersonRole, Sensor, Standing
 from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
-from ztpm_idp.store import crowds, rows
+from ztpm_idp.store import counts, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.conduct import Conduct
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
-    from capabilities.chain import HopGrant
-    from capabilities.scope import Scope
+    from capabilities.values.chain import HopGrant
+    from capabilities.values.scope import Scope
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.state import Wanted
 
@@ -107,9 +107,9 @@ class Transaction:
             owner_of_thumbprint=await self._owner_of(wanted.thumbprint, parties),
             journal=await self._journal(wanted),
             revoked_at_epoch=await self._revoked_at(wanted.revocation),
-            crowd=(crowd := await crowds.count(self._connection, wanted.crowd))[0],
+            crowd=(crowd := await counts.count(self._connection, wanted.crowd))[0],
             crowd_of_all=crowd[1],
-            agents_of=await crowds.unrevoked_agents(self._connection, wanted.agents_of),
+            agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
             empty=await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
             revoked=await self._revoked() if wanted.revocations else frozenset(),
             epoch=(await self.counters()).epoch,

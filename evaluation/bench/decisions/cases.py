@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from evaluation.bench.decisions.facts import OF_READING, Situation, situation
 from policies import ROWS, Effect, Point, PolicySet
-from policies.combine import checks
+from policies.decide.combine import checks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -6,17 +6,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities import Chain, Fault, Sponsor, Tier
-from capabilities.chain import Attestation, EvidenceKind, Hop, Refusal
-from capabilities.errors import FaultCode
-from capabilities.scope import Range
-from capabilities.units import Unit
+from capabilities.values.chain import Attestation, EvidenceKind, Hop, Refusal
+from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Range
+from capabilities.values.units import Unit
 from evaluation.bench import tokens
 from evaluation.bench.workload import REALISTIC
 from policies import Contribution, Evidence, ImpactFault, ImpactReading, RobotReading
-from policies.conduct import BehaviourReading, Deviation, Feature, SequenceReading
-from policies.evidence import EdgeReading, PerceptionReading, SensorReading, ToolReading, TrustReading
-from policies.labels import Integrity, Label, Source
-from policies.said import ArgumentReading, ContextReading
+from policies.evidence.conduct_readings import BehaviourReading, Deviation, Feature, SequenceReading
+from policies.evidence.content_readings import ArgumentReading, ContextReading
+from policies.evidence.evidence import EdgeReading, PerceptionReading, SensorReading, ToolReading, TrustReading
+from policies.words.labels import Integrity, Label, Source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from evaluation.bench.decisions.readings import VERIFIED
 from policies import Effect, Point, PolicySet
-from policies.combine import AllOf, Check, conjuncts
-from policies.conduct import DRIFT, Feature
-from policies.labels import Integrity
+from policies.decide.combine import AllOf, Check, conjuncts
+from policies.evidence.conduct_readings import DRIFT, Feature
 from policies.primitives import cognition, governance, identity, propagation, sequence, tools
+from policies.words.labels import Integrity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from policies.policy import Policy
+    from policies.decide.policy import Policy
 
 
 class Op(StrEnum):

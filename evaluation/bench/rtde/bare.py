@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from pep.cell_stream import Judged, Shown
-from ztpm import gateway_server
+from pep.world.cell_stream import Judged, Shown
+from ztpm.point import gateway_server
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +20,7 @@ NOTHING = Judged(0, (), 0.0, 0.0)
 
 
 class Unjudged:
-    """In place of `pep.cell_stream.CellStream`."""
+    """In place of `pep.world.cell_stream.CellStream`."""
 
     def __init__(self, **_: Any) -> None:
         pass

@@ -21,21 +21,21 @@ from evaluation.bench.pit import cells, workload
 from evaluation.bench.pit.report import SERVO_STEP
 from evaluation.bench.rtde import client
 from evaluation.bench.rtde.report import Result, StreamBrokenError, row_of
-from pep.operations import SERVO_JOINT
-from pep.rtde.limits import widest
-from pep.rtde.lines import PORTS
-from ztpm.cell import PASSPHRASE_VARIABLE, Cell
+from pep.base.operations import SERVO_JOINT
+from pep.rtde.command.limits import widest
+from pep.rtde.robot.connections import PORTS
+from ztpm.base.layout import OPERATORS, Layout, write_private
+from ztpm.base.loopback import free_host, is_free
+from ztpm.base.processes import Child
+from ztpm.cell.cell import PASSPHRASE_VARIABLE, Cell
+from ztpm.cell.setup import free_addresses, initialise
 from ztpm.demo.stage import LEFT, Stage, sweep_scope
-from ztpm.layout import OPERATORS, Layout, write_private
-from ztpm.leasing import PLACE
-from ztpm.loopback import free_host, is_free
-from ztpm.processes import Child
-from ztpm.setup import free_addresses, initialise
+from ztpm.program.program_lease import PLACE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from capabilities.scope import Scope
+    from capabilities.values.scope import Scope
     from evaluation.bench.rtde.report import Row
 
 DIRECT, RELAYED, POLICY, WHOLE = "direct", "two relays that only pass on", "gateway, without physics", "gateway"
@@ -63,7 +63,7 @@ def run(seconds: float, *, told: Callable[[str], None]) -> Result:
             (DIRECT, place.host, ""),
             (RELAYED, place.relayed, ""),
             (POLICY, PLACE, "evaluation.bench.rtde.bare"),
-            (WHOLE, PLACE, "ztpm.gateway_server"),
+            (WHOLE, PLACE, "ztpm.point.gateway_server"),
         ):
             told(f"{way}: {seconds:g} s at {client.HZ} Hz")
             rows.append(place.streamed(way, host, module, seconds))

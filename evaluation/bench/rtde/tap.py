@@ -20,10 +20,10 @@ from contextlib import suppress
 from typing import Final
 
 from evaluation.bench.rtde.client import first_of_all
-from pep.rtde.codec import Framer, Recipe, decode_request
-from pep.rtde.lines import PORTS, RTDE
-from pep.rtde.messages import SetupInputs, Values
-from pep.rtde.variables import INPUTS
+from pep.rtde.robot.connections import PORTS, RTDE
+from pep.rtde.wire.codec import Framer, Recipe, decode_request
+from pep.rtde.wire.messages import SetupInputs, Values
+from pep.rtde.wire.variables import INPUTS
 
 REGISTER: Final = "input_double_register_0"
 PIECE: Final = 65_536

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from pep.base.stop_model import patience_s
 from pep.pit.kernel.engine import arm_of, packed
 from pep.pit.kernel.steps import (
     AGE_LIMIT,
@@ -35,7 +36,6 @@ from pep.pit.kernel.steps import (
 )
 from pep.pit.parameters import MOMENTUM, carried_ratio, speed_shares
 from pep.pit.torques import carried_kg, masses_with
-from pep.stopping import patience_s
 
 if TYPE_CHECKING:
     from pep.pit.cell import CellParameters

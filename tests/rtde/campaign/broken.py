@@ -8,11 +8,11 @@ import asyncio
 import os
 import sys
 
-from pep.rtde.leased_commands import LeasedCommands
-from pep.rtde.leased_line import LeasedLine
-from pep.rtde.leased_ports import LeasedPorts
-from pep.rtde.leased_tenant import Tenant
-from pep.rtde.recipes import INT, OFFSETS
+from pep.rtde.line.active_lease import Tenant
+from pep.rtde.line.command_registers import LeasedCommands
+from pep.rtde.line.controller_ports import LeasedPorts
+from pep.rtde.line.rtde_line import LeasedLine
+from pep.rtde.wire.recipes import INT, OFFSETS
 from tests.rtde.campaign.rule import Rule
 from tests.rtde.leased_gateway import serve
 

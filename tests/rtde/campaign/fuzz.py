@@ -4,9 +4,9 @@ import random
 import socket
 import time
 
-from pep.errors import RobotError
-from pep.rtde.lines import SECONDARY
-from pep.stopping import ESCALATE_MS
+from pep.base.errors import RobotError
+from pep.base.stop_model import ESCALATE_MS
+from pep.rtde.robot.connections import SECONDARY
 from tests.rtde.campaign.figures import Figures
 from tests.rtde.campaign.hostile import Breach, Hostile, drawn, sequence
 from tests.rtde.campaign.rule import HOME

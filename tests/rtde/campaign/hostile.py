@@ -5,12 +5,12 @@ import select
 import socket
 import time
 
-from pep.rtde.codec import Recipe, encode_request
-from pep.rtde.commands import ROWS
-from pep.rtde.lines import REALTIME
-from pep.rtde.messages import InputsAnswer, Message, SetupInputs, SetupOutputs, Start, Values
-from pep.rtde.recipes import control_recipes
-from pep.rtde.variables import INPUTS
+from pep.rtde.command.command_table import ROWS
+from pep.rtde.robot.connections import REALTIME
+from pep.rtde.wire.codec import Recipe, encode_request
+from pep.rtde.wire.messages import InputsAnswer, Message, SetupInputs, SetupOutputs, Start, Values
+from pep.rtde.wire.recipes import control_recipes
+from pep.rtde.wire.variables import INPUTS
 from tests.rtde.campaign.rule import ACCELERATION_RAD_S2, BOX_RAD, HOME, SERVO_RAD, SPEED_RAD_S, STREAM_RAD_S
 from tests.rtde.campaign.twin import Twin
 from tests.sim_controller.cell import upload

@@ -11,19 +11,19 @@ import signal
 import time
 from dataclasses import replace
 
-from pep.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
-from pep.real_time import LEAST
-from pep.rtde.leased_commands import WATCHDOG_HZ
-from pep.rtde.limits import widest
-from pep.rtde.lines import PORTS
-from policies.parameters import Parameters
+from pep.base.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
+from pep.base.thread_priority import LEAST
+from pep.rtde.command.limits import widest
+from pep.rtde.line.command_registers import WATCHDOG_HZ
+from pep.rtde.robot.connections import PORTS
+from policies.words.parameters import Parameters
 from tests.e2e.test_gateway import House, Run
 from tests.rtde.campaign.figures import Figures, share
 from tests.rtde.relay import relay
+from ztpm.base.layout import write_private
 from ztpm.demo.eyes import Eyes
 from ztpm.demo.stage import StageError, sweep_scope, until
 from ztpm.demo.stopping import BAR_S, model_rad, read_stop
-from ztpm.layout import write_private
 
 GRIPPER_PORT = 63352
 SIDE_RAD = 0.6

@@ -9,9 +9,9 @@ import random
 import select
 import time
 
-from pep.rtde.codec import Recipe
-from pep.rtde.messages import SetupOutputs, Start, Values
-from pep.rtde.recipes import control_recipes
+from pep.rtde.wire.codec import Recipe
+from pep.rtde.wire.messages import SetupOutputs, Start, Values
+from pep.rtde.wire.recipes import control_recipes
 from tests.rtde.campaign.figures import Figures
 from tests.rtde.campaign.hostile import PLAYING, Hostile
 from tests.rtde.campaign.rule import HOME

@@ -11,8 +11,8 @@ import json
 import sys
 import time
 
-from pep.rtde import command_values as v
-from policies.reasons import Reason
+from pep.rtde.command import command_values as v
+from policies.words.reason_table import Reason
 from tests.rtde.leased_gateway import serve
 from tests.rtde.whole_commands import WholeCommands
 

@@ -6,10 +6,10 @@ import os
 import sys
 import time
 
-from pep.rtde.dashboard import stop_program
-from pep.sim.launch import Controller
+from pep.rtde.robot.dashboard import stop_program
 from tests.rtde.campaign.rule import HOME
 from tests.rtde.leased_gateway import leased_gateway
+from ursim.ports.launch import Controller
 from ztpm.demo.eyes import Eyes
 
 STANDS_S = 3.0

@@ -1,6 +1,6 @@
 """The recorded decisions: cases, policy sets, and what each case is answered under some of the sets.
 
-`cases.ndjson.xz` has a request with its evidence a line (`policies.replay`), `sets.json` the sets as TOML or by a
+`cases.ndjson.xz` has a request with its evidence a line (`policies.evidence.case_json`), `sets.json` the sets as TOML or by a
 shipped name, `answers.ndjson.xz` a line for each case: set, effect, reason, tier and a digest of the whole answer.
 """
 
@@ -9,8 +9,11 @@ import lzma
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from policies import ApprovalReading, canonical, decide, load, load_shipped, replay
-from policies.reasons import REASONS
+from policies.evidence import case_json
+from policies.words import canonical
+from policies.words.reason_table import REASONS
+
+from policies import ApprovalReading, decide, load, load_shipped
 
 HERE = Path(__file__).parent
 CASES, SETS, ANSWERS = HERE / "cases.ndjson.xz", HERE / "sets.json", HERE / "answers.ndjson.xz"
@@ -89,7 +92,7 @@ def decisions():
     policies = loaded_sets(rows)
     now_called = {row["digest"]: loaded.digest for row, loaded in zip(rows, policies, strict=True)}
     for number, (document, answers) in enumerate(zip(lines(CASES), lines(ANSWERS), strict=True)):
-        case = replay.read(document)
+        case = case_json.read(document)
         approval = case.evidence.approval
         if isinstance(approval, ApprovalReading) and approval.policy_digest in now_called:
             renamed = replace(approval, policy_digest=now_called[approval.policy_digest])

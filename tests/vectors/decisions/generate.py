@@ -13,13 +13,15 @@ import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
-import policies
-from policies import SHIPPED, PolicySet, decide, load, load_shipped, replay
-from policies.combine import AllOf, Always, AnyOf, Check, Not
-from policies.reasons import Reason
+from policies.decide.combine import AllOf, Always, AnyOf, Check, Not
+from policies.evidence import case_json
+from policies.words.reason_table import Reason
 from tests.model import triples
 from tests.policies import world
 from tests.vectors.decisions.corpus import ANSWERS, CASES, SETS, answer, differences, loaded_sets, write_lines
+
+import policies
+from policies import SHIPPED, PolicySet, decide, load, load_shipped
 
 SEED = 20_261_121
 CASE_COUNT = 6_000
@@ -35,7 +37,7 @@ SHOWN = 5
 
 
 def as_toml(made):
-    """The text of a set, as `policies.load` reads it."""
+    """The text of a set, as `policies.decide.load` reads it."""
     parts = [f"name = {json.dumps(made.name)}", f"version = {made.version}"]
     for policy in made.policies:
         names = {
@@ -107,7 +109,7 @@ def generate():
         # every other case is of a set that is shipped
         home = i // 2 % len(SHIPPED) if i % 2 else i // 2 % len(loaded)
         request, evidence = case(SEED + i, loaded[home])
-        documents.append(replay.to_plain(request, evidence))
+        documents.append(case_json.to_plain(request, evidence))
         which = {home, *range(len(SHIPPED))}
         step = 0
         while len(which) < 1 + OTHER_SETS:
@@ -124,7 +126,7 @@ def generate():
 
 def example():
     """The ordinary case of the primitives' vectors, as a person would write it down."""
-    document = replay.to_plain(*world.asked())
+    document = case_json.to_plain(*world.asked())
     del document["request"]["digest"]
     for part in document["request"], document["evidence"]:
         part["at"] = float.fromhex(part["at"]["float"])

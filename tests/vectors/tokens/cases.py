@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from capabilities.errors import FaultCode
-from capabilities.scope import Scope
+from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Scope
 from tests.vectors.tokens.ordinary import slug
 from tests.vectors.tokens.sealing import Sealed
 

@@ -6,15 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from capabilities.chain import Chain, Refusal
-from capabilities.errors import Fault
-from capabilities.algebra import bound_to_json
-from capabilities.keys import b64u
-from capabilities.trust import TrustBundle
-from capabilities.scope import Tier
-from capabilities.scope_json import scope_to_json
+from capabilities.keys.keys import b64u
+from capabilities.keys.trust import TrustBundle
 from capabilities.statements.revocation import RevocationView
-from capabilities.units import Quantity, Unit
+from capabilities.values.algebra import bound_to_json
+from capabilities.values.chain import Chain, Refusal
+from capabilities.values.errors import Fault
+from capabilities.values.scope import Tier
+from capabilities.values.scope_json import scope_to_json
+from capabilities.values.units import Quantity, Unit
 
 FOLDER = Path(__file__).parent
 WORLD = FOLDER / "world.json"

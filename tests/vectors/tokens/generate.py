@@ -13,12 +13,12 @@ import json
 import sys
 from typing import Any
 
-from capabilities.caps import DEFAULT
-from capabilities.carriage import token_from_text, token_to_text
-from capabilities.errors import Fault
-from capabilities.scope_json import scope_from_json, scope_to_json
-from capabilities.verify import Verifier
-from capabilities import biscuit, request, wire
+from capabilities.token import biscuit, scope_check, wire
+from capabilities.token.token_text import token_from_text, token_to_text
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault
+from capabilities.values.scope_json import scope_from_json, scope_to_json
 from tests.vectors.tokens import codec
 from tests.vectors.tokens.cases import Accepted, Case, Faulty, Group, Permitted, Refused
 from tests.vectors.tokens.ordinary import CELL, NOW, TRUST
@@ -90,7 +90,7 @@ def _claim(trust: Any, text: str, vector: dict[str, Any]) -> dict[str, Any]:
     root = trust.roots[wire.read(token).root_key_id]
     scope = scope_from_json(vector["claimed"])
     grant = scope.find(vector["request"]["object"], vector["request"]["operation"])
-    fault = request.disagreement(biscuit.open_token(token, root), scope, grant, DEFAULT)
+    fault = scope_check.disagreement(biscuit.open_token(token, root), scope, grant, DEFAULT)
     return {"permitted": True} if fault is None else codec.fault_json(fault)
 
 

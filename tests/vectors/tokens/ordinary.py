@@ -12,12 +12,11 @@ from collections.abc import Callable
 from typing import Any
 
 import biscuit_auth
-
-from capabilities.keys import b64u
-from capabilities.trust import TrustBundle
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.units import Parameter, Unit
-from capabilities.windows import Window
+from capabilities.keys.keys import b64u
+from capabilities.keys.trust import TrustBundle
+from capabilities.keys.windows import Window
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
 from tests.vectors.tokens.sealing import Sealed, append, cut, inner, key_of, put, raw_of, seal
 
 NOW = 1_800_000_000

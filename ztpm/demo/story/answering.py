@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Final
 
-from capabilities.scope import Tier
+from capabilities.values.scope import Tier
 from ztpm.demo.props import PERSON_AXIS_M, ballot, front, lent, person, posted_vote
 from ztpm.demo.run import Expect, Seen, Story
 from ztpm.demo.stage import LEFT, StageError, pose, until

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final
 
 import httpx2
 
-from capabilities.carriage import token_to_text
-from capabilities.scope import Tier
-from policies.load import load_shipped
+from capabilities.token.token_text import token_to_text
+from capabilities.values.scope import Tier
+from policies.decide.load import load_shipped
 from ztpm.demo.calls import Answer, resend, send
 from ztpm.demo.props import (
     LIFETIME_S,

@@ -10,8 +10,8 @@ import sys
 import time
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.lease import ID_BYTES
-from pep.rtde.lines import RTDE, SECONDARY
+from pep.rtde.lease.lease import ID_BYTES
+from pep.rtde.robot.connections import RTDE, SECONDARY
 from ztpm.demo.eyes import Eyes
 from ztpm.demo.program import Program
 from ztpm.demo.props import LIFETIME_S

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from capabilities.caps import DEFAULT
-from capabilities.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
-from capabilities.delegate import delegate
-from capabilities.mint import mint
-from capabilities.scope import Restriction, Scope, Tier
 from capabilities.statements.revocation import RevocationView
-from capabilities.verify import verify
+from capabilities.token.delegate import delegate
+from capabilities.token.mint import mint
+from capabilities.token.verify import verify
+from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import Attestation, Chain, EvidenceKind, HopGrant, Sponsor
+from capabilities.values.scope import Range, Restriction, Scope, Tier
 from tests.vectors.tokens.cases import Accepted, Case, Group, group
+from tests.vectors.tokens.groups.chain import child_of, moved
 from tests.vectors.tokens.ordinary import (
     AUTHENTICATED_AT,
     CELL,
@@ -27,9 +28,7 @@ from tests.vectors.tokens.ordinary import (
     TRUST,
     hop_id_of,
 )
-from tests.vectors.tokens.groups.chain import child_of, moved
 from tests.vectors.tokens.sealing import key_of, raw_of
-from capabilities.scope import Range
 
 
 def granted(agent: str, delegator: str, **other: Any) -> HopGrant:

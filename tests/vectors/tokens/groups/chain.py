@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from capabilities import algebra
-from capabilities.errors import FaultCode
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.units import Parameter, Unit
+from capabilities.values import algebra
+from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
 from tests.vectors.tokens.cases import Accepted, Case, Faulty, Group, Made, faults, group
 from tests.vectors.tokens.ordinary import (
     CELL,

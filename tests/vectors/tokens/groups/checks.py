@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from capabilities.errors import FaultCode
+from capabilities.values.errors import FaultCode
 from tests.vectors.tokens.cases import Group, faults, group
 from tests.vectors.tokens.ordinary import (
     GRIPPER,

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import biscuit_auth
-
-from capabilities.errors import FaultCode
+from capabilities.values.errors import FaultCode
 from tests.vectors.tokens.cases import Accepted, Case, Faulty, Group, Permitted, faults, group
 from tests.vectors.tokens.ordinary import (
     CELL,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from capabilities.errors import FaultCode
+from capabilities.values.errors import FaultCode
 from tests.vectors.tokens.cases import Accepted, Case, Group, Made, faults, group
 from tests.vectors.tokens.ordinary import (
     CELL,
@@ -16,8 +16,8 @@ from tests.vectors.tokens.ordinary import (
     Says,
     Terms,
     authority,
-    hop,
     hexed,
+    hop,
     member,
     message,
     respelled,

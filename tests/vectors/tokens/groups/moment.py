@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from capabilities import keys
-from capabilities.errors import FaultCode
+from capabilities.keys import keys
+from capabilities.values.errors import FaultCode
 from tests.vectors.tokens.cases import Accepted, Case, Faulty, Group, group
 from tests.vectors.tokens.ordinary import (
     CELL,

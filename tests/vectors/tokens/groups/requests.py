@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from capabilities.errors import FaultCode
-from capabilities.scope import Grant, Limit, OneOf, Range, Restriction, Tier
+from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Tier
 from tests.vectors.tokens.cases import Case, Faulty, Group, Permitted, Refused, group
 from tests.vectors.tokens.ordinary import (
     CELL,

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from capabilities.errors import FaultCode
-from capabilities.scope import Grant, Limit, OneOf, Range, Scope
-from capabilities.units import Parameter, Unit
+from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Scope
+from capabilities.values.units import Parameter, Unit
 from tests.vectors.tokens.cases import Accepted, Case, Group, Made, Permitted, faults, group
 from tests.vectors.tokens.ordinary import (
     CELL,

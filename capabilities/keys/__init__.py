@@ -1,0 +1,1 @@
+"""Keys, signatures and the bundle of keys that a verifier trusts."""

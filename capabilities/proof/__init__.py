@@ -1,0 +1,1 @@
+"""Proofs of possession: one signature per request, or a keyed session for a stream."""

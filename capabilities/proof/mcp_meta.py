@@ -1,0 +1,123 @@
+"""Token and proof of an MCP request that has no headers: two members of its `_meta` ([PRF-10] in docs/spec.md).
+
+The proof is an ordinary one. `mcp:` and the JSON-RPC method stand for the HTTP method, which can hold no colon, so that
+no proof counts on both carriages; the server's audience stands for the URL; and the body is the RFC 8785 form of the
+params without the two members. Everything else in `_meta` is covered, so the signer is the last to touch the request.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities.proof.proof import prove
+from capabilities.values import strict_json
+from capabilities.values.errors import Fault, FaultCode, StatementError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from capabilities.keys.keys import PrivateKey
+
+META: Final = "_meta"
+TOKEN: Final = "dev.ztpm/token"  # noqa: S105 - the name of a member
+PROOF: Final = "dev.ztpm/proof"
+_CREDENTIALS: Final = (TOKEN, PROOF)
+_CLAUSE: Final = "PRF-10"
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """What a request carries, unverified; `check_proof` takes it.
+
+    Attributes:
+        token: text of the token, or None.
+        proof: text of the proof, or None.
+        method: what stands for the HTTP method.
+        body: what stands for the body; empty where there are no credentials.
+        params: as they came, without the credentials: no other server may ever see them.
+    """
+
+    token: str | None
+    proof: str | None
+    method: str
+    body: bytes
+    params: object
+
+
+def method(rpc_method: str) -> str:
+    """What stands for the HTTP method in a proof of a request of this JSON-RPC method."""
+    return f"mcp:{rpc_method}"
+
+
+def attach(
+    params: Mapping[str, object],
+    *,
+    rpc_method: str,
+    audience: str,
+    key: PrivateKey,
+    token: str,
+    at: int,
+    jti: str,
+) -> dict[str, object]:
+    """The params with token and a new proof by `key`; whatever changes in them later voids it.
+
+    Args:
+        params: of the request, complete: progress token, protocol version and all. Credentials in them are replaced.
+        rpc_method: JSON-RPC method of the request.
+        audience: canonical URL of the server.
+        key: the holder's.
+        token: its text.
+        at: seconds since the epoch.
+        jti: 16 to 64 base64url characters, never used before.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for params without a canonical form, or with a `_meta` that is no object.
+    """
+    meta = params.get(META, {})
+    if not isinstance(meta, dict):
+        raise StatementError(FaultCode.STATEMENT_MALFORMED, "_meta is no object")
+    rest = _without(meta)
+    body = strict_json.canonical({**params, META: rest})
+    proof = prove(key, method=method(rpc_method), url=audience, body=body, token=token, at=at, jti=jti)
+    return {**params, META: {**rest, TOKEN: token, PROOF: proof}}
+
+
+def detach(params: object, *, rpc_method: str) -> Carried | Fault:
+    """The credentials of a request, and the request without them.
+
+    Args:
+        params: of the request, as a strict reader saw them (`strict_json.read`).
+        rpc_method: JSON-RPC method of the request.
+
+    Returns:
+        What is carried, credentials or none; or `TOKEN_MALFORMED` or `PROOF_MALFORMED` for a credential that is no
+        text, and `PROOF_MALFORMED` for credentials beside params without a canonical form.
+    """
+    meta = params.get(META) if isinstance(params, dict) else None
+    if not isinstance(params, dict) or not isinstance(meta, dict) or meta.keys().isdisjoint(_CREDENTIALS):
+        return Carried(None, None, method(rpc_method), b"", params)
+    token, proof = meta.get(TOKEN), meta.get(PROOF)
+    # A null is no absent member: a reader that takes it for one would see another request.
+    if TOKEN in meta and not isinstance(token, str):
+        return Fault(FaultCode.TOKEN_MALFORMED, _CLAUSE, "the token is no text")
+    if PROOF in meta and not isinstance(proof, str):
+        return Fault(FaultCode.PROOF_MALFORMED, _CLAUSE, "the proof is no text")
+    rest = {**params, META: _without(meta)}
+    try:
+        body = strict_json.canonical(rest)
+    except StatementError as error:
+        return Fault(FaultCode.PROOF_MALFORMED, _CLAUSE, error.detail)
+    return Carried(token, proof, method(rpc_method), body, rest)
+
+
+def stray(params: object) -> Fault | None:
+    """None for a request over HTTP, whose header alone carries credentials; `TOKEN_MALFORMED` when `_meta` does too."""
+    meta = params.get(META) if isinstance(params, dict) else None
+    if isinstance(meta, dict) and not meta.keys().isdisjoint(_CREDENTIALS):
+        return Fault(FaultCode.TOKEN_MALFORMED, _CLAUSE, "credentials in the header's stead")
+    return None
+
+
+def _without(meta: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in meta.items() if name not in _CREDENTIALS}

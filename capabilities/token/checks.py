@@ -1,0 +1,280 @@
+"""What a block demands of a request, as values, and as the encoded checks that Biscuit's own authorizer evaluates.
+
+A scope's grants, ceiling and window are stated in a block once: in its checks. The Biscuit library writes them
+(capabilities.token.biscuit) and evaluates them; here they are read back, strictly: each check is one of the two forms
+of the specification, with nothing more in it.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.token import byte_layout
+from capabilities.token.symbols import KNOWN, OWN, Texts
+from capabilities.token.wire import exactly
+from capabilities.values.errors import FaultCode, TokenError
+from capabilities.values.fast_dataclass import maker
+from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.scope import Bound, OneOf, Range
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+_LESS, _AT_MOST, _AT_LEAST, _CONTAINS = 0, 2, 3, 5  # OpBinary.Kind
+
+REMEMBERED: Final = 512
+"""Checks of which is remembered what they say; the least recently used go first."""
+REQUEST: Final = "req"
+CONTEXT: Final = "req_ctx"
+TIME: Final = "time"
+TIER: Final = "tier"
+_IN_ORDER: Final = ((TIME, _AT_LEAST), (TIME, _LESS), (TIER, _AT_MOST))
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """One operation that a block keeps: ``req(object, operation, v0 .. vn)`` with the bounds that the block states."""
+
+    object: str
+    operation: str
+    bounds: tuple[Bound | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Checks:
+    """What a block demands of a request: one of the alternatives, a time and a base tier. None demands nothing."""
+
+    alternatives: tuple[Alternative, ...] | None
+    not_before: int | None
+    not_after: int | None
+    ceiling: int | None
+
+
+make_checks: Final = maker(Checks)
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def form(alternatives: tuple[Alternative, ...]) -> str:
+    """Objects, operations and kinds of bounds, in order: the alternatives without their numbers."""
+    # Names hold no blank, so no two forms have one text.
+    return " ".join(
+        " ".join((kept.object, kept.operation, *(type(bound).__name__ for bound in kept.bounds), ";"))
+        for kept in alternatives
+    )
+
+
+def variable(position: int) -> str:
+    """Name of the variable that stands for a request's parameter."""
+    return f"v{position}"
+
+
+def read(symbols: tuple[str, ...], encoded: Sequence[bytes]) -> Checks:
+    """The checks of a block.
+
+    Args:
+        symbols: the block's own texts.
+        encoded: its checks, each as a message.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` when they are not, in order, at most one over the request and at most one over its
+            context, in the forms of the specification.
+    """
+    spelling = _spelling(symbols)
+    alternatives = _request(symbols, encoded[0]) if encoded else None
+    rest = encoded if alternatives is None else encoded[1:]
+    if len(rest) > 1:
+        raise _odd("a check too many")
+    if not rest:
+        return make_checks(alternatives, None, None, None)
+    stated = None if spelling is None else byte_layout.context(rest[0], spelling)
+    return make_checks(alternatives, *(stated or _context(symbols, rest[0])))
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _spelling(symbols: tuple[str, ...]) -> byte_layout.Demands | None:
+    """How a check over the context is spelled in a block with these texts, each of which is new; None for no way.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` for a text that is there twice.
+    """
+    if len(set(symbols)) != len(symbols) or not set(symbols).isdisjoint(KNOWN):
+        raise _odd("a text twice")
+    numbers = {text: number for number, text in (*enumerate(KNOWN), *enumerate(symbols, OWN))}
+    if CONTEXT not in numbers or TIER not in numbers:
+        return None
+    places = tuple([(numbers[name], kind) for name, kind in _IN_ORDER])
+    return byte_layout.demands(numbers[CONTEXT], (numbers[TIME], numbers[TIER]), places)
+
+
+# --- over the request ------------------------------------------------------------------------------------------------
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _request(symbols: tuple[str, ...], encoded: bytes) -> tuple[Alternative, ...] | None:
+    """The alternatives of a check over the request; None for a check over something else.
+
+    Remembered: the same operations under the same limits come in every token that is renewed.
+    """
+    check = _message(encoded)
+    texts = Texts(symbols)
+    if any(len(query.body) != 1 or texts[query.body[0].name] != REQUEST for query in check.queries):
+        return None
+    return Hashed(_alternative(query, texts) for query in check.queries)
+
+
+def _alternative(query: Any, texts: Texts) -> Alternative:
+    terms = _body(query)
+    if len(terms) < 2 or any(_kind(term) != "string" for term in terms[:2]):
+        raise _odd("an alternative without object and operation")
+    thing, operation = (texts[term.string] for term in terms[:2])
+    variables = [_variable(term, texts) for term in terms[2:]]
+    if variables != [variable(i) for i in range(len(variables))]:
+        raise _odd("a parameter that is no variable of its own")
+    stated = dict(_demands(query.expressions, texts))
+    if list(stated) != [name for name in variables if name in stated]:
+        raise _odd("a demand of no parameter, or not in the order of the parameters")
+    return Alternative(thing, operation, tuple(stated.get(name) for name in variables))
+
+
+def _demands(expressions: Iterable[Any], texts: Texts) -> Iterator[tuple[str, Bound]]:
+    """Each range or set with the variable that it bounds, in order; none twice."""
+    seen: set[str] = set()
+    rest = iter(expressions)
+    for expression in rest:
+        first, second, kind = _binary(expression)
+        if kind == _CONTAINS and _kind(first) == "set":
+            name = _variable(second, texts)
+            bound: Bound = _set(first)
+        else:
+            name, low = _comparison(expression, _AT_LEAST, texts)
+            again, high = _comparison(next(rest, None), _AT_MOST, texts)
+            if again != name:
+                raise _odd("a range of two parameters")
+            bound = Range(low, high)
+        if name in seen:
+            raise _odd("two demands of one parameter")
+        seen.add(name)
+        yield name, bound
+
+
+def _set(term: Any) -> OneOf:
+    values = [_integer(member) for member in term.set.set]
+    if not values or values != sorted(set(values)):
+        raise _odd("a set that is empty or not in order")
+    return OneOf(frozenset(values))
+
+
+# --- over its context ------------------------------------------------------------------------------------------------
+
+
+def _context(symbols: tuple[str, ...], encoded: bytes) -> tuple[int | None, int | None, int | None]:
+    """Lower and upper end of the window, and the ceiling, as far as they are stated; at least one is."""
+    check = _message(encoded)
+    numbers = [_taken_out(expression) for query in check.queries for expression in query.expressions]
+    found: list[int | None] = [None, None, None]
+    for place, number in zip(_stated(symbols, check.SerializeToString()), numbers, strict=True):
+        found[place] = number
+    not_before, not_after, ceiling = found
+    return not_before, not_after, ceiling
+
+
+def _taken_out(expression: Any) -> int:
+    """The integer on the right of a comparison, which has a zero there from now on."""
+    try:
+        constant = expression.ops[1].value
+    except IndexError:
+        raise _odd("not one operation on two terms") from None
+    if not constant.HasField("integer"):
+        raise _odd("not an integer")
+    number, constant.integer = int(constant.integer), 0
+    return number
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def _stated(symbols: tuple[str, ...], encoded: bytes) -> tuple[int, ...]:
+    """Which of the three demands a check over the context makes, in order.
+
+    Remembered for a check whose numbers are taken out: another window comes with every token.
+    """
+    queries = _message(encoded).queries
+    if len(queries) != 1:
+        raise _odd("a check over no request and no context")
+    query, texts = queries[0], Texts(symbols)
+    terms = _body(query)
+    if texts[query.body[0].name] != CONTEXT or [_variable(term, texts) for term in terms] != [TIME, TIER]:
+        raise _odd("not the context of a request")
+    places: list[int] = []
+    for expression in query.expressions:
+        first, second, kind = _binary(expression)
+        demand = _variable(first, texts), kind
+        _integer(second)
+        if demand not in _IN_ORDER or (places and _IN_ORDER.index(demand) <= places[-1]):
+            raise _odd("a demand of the context that is none of the three, twice, or out of order")
+        places.append(_IN_ORDER.index(demand))
+    if not places:
+        raise _odd("a check that demands nothing")
+    return tuple(places)
+
+
+# --- pieces ----------------------------------------------------------------------------------------------------------
+
+
+def _message(encoded: bytes) -> Any:
+    try:
+        check = exactly("Check", encoded)
+    except ValueError:
+        raise _odd("not a check in its one encoding") from None
+    if check.HasField("kind") or not check.queries:
+        raise _odd("not a plain check")
+    return check
+
+
+def _body(query: Any) -> Any:
+    """The terms of the query's only predicate."""
+    if query.head.name != KNOWN.index("query") or query.head.terms or query.scope or len(query.body) != 1:
+        raise _odd("not a query over one fact")
+    return query.body[0].terms
+
+
+def _comparison(expression: Any, kind: int, texts: Texts) -> tuple[str, int]:
+    """Variable and constant of a comparison of this kind."""
+    first, second, found = _binary(expression)
+    if found != kind:
+        raise _odd("another comparison")
+    return _variable(first, texts), _integer(second)
+
+
+def _binary(expression: Any) -> tuple[Any, Any, int]:
+    """The two terms and the kind of an expression of one binary operation."""
+    ops = [] if expression is None else list(expression.ops)
+    if len(ops) != 3:
+        raise _odd("not one operation on two terms")
+    first, second, operation = ops
+    if not (first.HasField("value") and second.HasField("value") and operation.HasField("binary")):
+        raise _odd("not one operation on two terms")
+    if operation.binary.HasField("ffiName"):
+        raise _odd("an operation of the host's own")
+    return first.value, second.value, int(operation.binary.kind)
+
+
+def _kind(term: Any) -> str | None:
+    found: str | None = term.WhichOneof("content")
+    return found
+
+
+def _variable(term: Any, texts: Texts) -> str:
+    if _kind(term) != "variable":
+        raise _odd("not a variable")
+    return texts[term.variable]
+
+
+def _integer(term: Any) -> int:
+    if _kind(term) != "integer":
+        raise _odd("not an integer")
+    return int(term.integer)
+
+
+def _odd(what: str) -> TokenError:
+    return TokenError(FaultCode.CHAIN_BROKEN, what)

@@ -1,0 +1,71 @@
+"""Adding a hop to a token."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+from capabilities.keys import keys
+from capabilities.token import biscuit, block, hop_rules
+from capabilities.values.chain import Chain, HopGrant
+from capabilities.values.errors import FaultCode, TokenError
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    from capabilities.keys.trust import TrustBundle
+    from capabilities.values.caps import Caps
+    from capabilities.values.scope import Restriction
+
+__all__ = ["HopGrant", "delegate"]
+
+
+def delegate(
+    token: bytes,
+    *,
+    chain: Chain,
+    attester: Ed25519PrivateKey,
+    trust: TrustBundle,
+    hop: HopGrant,
+    restriction: Restriction,
+    caps: Caps,
+) -> bytes:
+    """The token with one more hop, strictly narrower than its leaf.
+
+    Args:
+        token: the bytes that `verify` made `chain` of.
+        chain: the verified chain.
+        attester: the attestation key, one of `trust.attesters`.
+        trust: the bundle that the token was verified with.
+        hop: the delegate, already attested; its delegator is the leaf's agent.
+        restriction: what is taken away.
+        caps: the bounds.
+
+    Raises:
+        CapabilityError: for anything that `verify` would refuse for a reason other than time, audience and revocation,
+            with its code: `NOT_NARROWER` (with the widenings), `DELEGATE_NOT_ALLOWED`, `TOO_MANY_HOPS`, `CHAIN_BROKEN`,
+            `HOP_NOT_ATTESTED`, `LIFETIME_TOO_LONG`, `TOKEN_TOO_LARGE`, `KEY_WRONG_ROLE` when the attester or the
+            delegate has another role.
+    """
+    if hashlib.sha256(token).digest() != chain.digest:
+        raise TokenError(FaultCode.CHAIN_BROKEN, "the chain is of another token")
+    if keys.public_raw(attester) not in trust.attesters:
+        raise TokenError(FaultCode.KEY_WRONG_ROLE, "not an attester of this bundle")
+    root = trust.roots.get(chain.root_key_id)
+    if root is None:
+        raise TokenError(FaultCode.UNKNOWN_ROOT_KEY, "the root key is no longer trusted")
+    if len(chain.hops) > caps.hops:
+        raise TokenError(FaultCode.TOO_MANY_HOPS, f"more than {caps.hops} hops")
+    added = block.HopBlock(len(chain.hops), hop, restriction)
+    try:
+        block.well_formed(added, caps)
+    except ValueError as error:
+        raise TokenError(FaultCode.TOKEN_MALFORMED, str(error)) from None
+    leaf = hop_rules.next_hop(chain.hops, added, reserved=trust.all_keys, caps=caps)
+    hop_rules.check_lifetimes((*chain.hops, leaf), caps)
+    extended = biscuit.append_hop(
+        biscuit.open_token(token, root), block.fact(added), block.checks(added, chain.scope), attester=attester
+    )
+    if len(extended) > caps.token_bytes:
+        raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"{len(extended)} bytes of at most {caps.token_bytes}")
+    return extended

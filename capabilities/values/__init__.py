@@ -1,0 +1,1 @@
+"""Values of authority: units, bounds, scopes and their order, strict JSON, the error tree."""

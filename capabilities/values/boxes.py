@@ -1,0 +1,88 @@
+"""Vector parameters: a pose or a set of joints is one limit for each axis, and together the limits are a box.
+
+An axis is a parameter like any other. The box is in the names alone: `q0`, `q1` .. `q5`, adjacent, of one unit.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.scope import Bound, Grant, Limit, Range
+from capabilities.values.units import Parameter, Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+__all__ = ["Box", "box", "boxes_of"]
+
+_AXIS: Final = re.compile(r"(.*[^0-9])(0|[1-9][0-9]?)", re.ASCII)
+"""A name and the number of its axis, without leading zeros."""
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A vector parameter of a grant: at least two axes, `name` and their number, in one unit.
+
+    Attributes:
+        name: without the number.
+        unit: of every axis.
+        bounds: one for each axis, in their order.
+    """
+
+    name: str
+    unit: Unit
+    bounds: tuple[Bound, ...]
+
+    def axis_of(self, parameter: str) -> int | None:
+        """The axis that a parameter's name means, or None when it is none of this box."""
+        found = _AXIS.fullmatch(parameter)
+        if found is None or found[1] != self.name or int(found[2]) >= len(self.bounds):
+            return None
+        return int(found[2])
+
+
+def box(name: str, unit: Unit, lows: Sequence[int], highs: Sequence[int]) -> tuple[Limit, ...]:
+    """The limits of a vector parameter: axis i is named `name` and i, and reaches from ``lows[i]`` to ``highs[i]``.
+
+    They stand in a grant in this order: ``Grant("ur3e", "move_joint", (*box("q", urad, lows, highs), speed))``.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` unless there are as many lows as highs, at least one, and the name does not
+            end in a digit; `OUT_OF_RANGE` for a low above its high.
+    """
+    if not lows or len(lows) != len(highs) or not name or name[-1].isdigit():
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a box has a low and a high for each axis, and a name")
+    if any(low > high for low, high in zip(lows, highs, strict=True)):
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"{name}: a low above its high")
+    return tuple(
+        Limit(Parameter(f"{name}{axis}", unit), Range(low, high))
+        for axis, (low, high) in enumerate(zip(lows, highs, strict=True))
+    )
+
+
+def boxes_of(grant: Grant) -> tuple[Box, ...]:
+    """The vector parameters in a grant: each run of adjacent limits named 0, 1 .. in one unit, of two axes or more."""
+    found: list[Box] = []
+    run: Box | None = None
+    for limit in grant.limits:
+        named, unit = _AXIS.fullmatch(limit.parameter.name), limit.parameter.unit
+        if (
+            named is not None
+            and run is not None
+            and (named[1], int(named[2]), unit)
+            == (
+                run.name,
+                len(run.bounds),
+                run.unit,
+            )
+        ):
+            run = Box(run.name, run.unit, (*run.bounds, limit.bound))
+            found[-1] = run
+            continue
+        run = Box(named[1], unit, (limit.bound,)) if named is not None and named[2] == "0" else None
+        if run is not None:
+            found.append(run)
+    return tuple(run for run in found if len(run.bounds) > 1)

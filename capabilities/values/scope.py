@@ -1,0 +1,166 @@
+"""What a token allows, as values. Their order and their meet are in `capabilities.values.algebra`.
+
+A scope has seven dimensions: grants, limits per parameter, tier ceiling, audience, delegates, depth and time window.
+All numbers are integers (capabilities.values.units). One meaning has one value: docs/spec.md 1.2 says which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Final
+
+from capabilities.values.fast_dataclass import maker
+from capabilities.values.units import Parameter, Unit  # noqa: TC001 - dataclass fields: their annotations must resolve
+
+_set: Final = object.__setattr__
+"""What a frozen value is completed with, once."""
+
+
+class Tier(IntEnum):
+    """Physical Impact Tier (PIT)."""
+
+    NO_EFFECT = 0
+    REVERSIBLE = 1
+    CONSEQUENTIAL = 2
+    HIGH_CONSEQUENCE = 3
+    SAFETY_CRITICAL = 4
+
+
+_TIERS: Final = {int(each): each for each in Tier}
+
+
+def tier(number: int) -> Tier:
+    """The tier of this number, found sooner than by calling the class.
+
+    Raises:
+        ValueError: when there is none.
+    """
+    found = _TIERS.get(number)
+    if found is None:
+        raise ValueError("not a tier")
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """All integers from `low` to `high`, both included. Two-sided: an upper bound alone would admit every negative."""
+
+    low: int
+    high: int
+
+
+@dataclass(frozen=True, slots=True)
+class OneOf:
+    """Exactly these integers, which are not consecutive: those are a `Range` (`capabilities.values.bounds.one_of`)."""
+
+    values: frozenset[int]
+
+
+Bound = Range | OneOf
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """The bound of one parameter of one operation."""
+
+    parameter: Parameter
+    bound: Bound
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """One (object, operation) pair with the limits of all its parameters, in the operation's order.
+
+    The limits are the operation's signature: a request must give exactly these parameters, each inside its bound.
+    """
+
+    object: str
+    operation: str
+    limits: tuple[Limit, ...] = ()
+    _hash: int = field(default=0, init=False, repr=False, compare=False)
+
+    def __hash__(self) -> int:
+        # Computed once: what is remembered about grants is looked up by them.
+        if not self._hash:
+            object.__setattr__(self, "_hash", hash((self.object, self.operation, self.limits)) or 1)
+        return self._hash
+
+    def __reduce__(self) -> tuple[type[Grant], tuple[str, str, tuple[Limit, ...]]]:
+        # Without the hash, which another process computes differently.
+        return Grant, (self.object, self.operation, self.limits)
+
+
+@dataclass(frozen=True, slots=True)
+class Scope:
+    """The whole of what a token allows.
+
+    Attributes:
+        grants: sorted by (object, operation), each pair once.
+        ceiling: highest tier that any request under this scope may reach.
+        audiences: canonical URLs of the servers that may accept the token.
+        delegates: who may receive the next hop: agent ids, or `role:NAME`. Empty means nobody.
+        depth: how many further hops may follow.
+        not_before, not_after: seconds since the epoch; a request is inside when not_before <= at < not_after.
+    """
+
+    grants: tuple[Grant, ...]
+    ceiling: Tier
+    audiences: frozenset[str]
+    delegates: frozenset[str]
+    depth: int
+    not_before: int
+    not_after: int
+    _by_pair: dict[tuple[str, str], Grant] | None = field(default=None, init=False, repr=False, compare=False)
+
+    def find(self, object: str, operation: str) -> Grant | None:  # noqa: A002 - the word of the profile
+        """The grant of a pair, or None. The table of the pairs is made once, when it is first asked for."""
+        known = self._by_pair
+        if known is None:
+            # Set in one call, so that no other thread sees half of it.
+            known = {(grant.object, grant.operation): grant for grant in self.grants}
+            _set(self, "_by_pair", known)
+        return known.get((object, operation))
+
+
+@dataclass(frozen=True, slots=True)
+class Restriction:
+    """What one hop takes away. None keeps the parent's dimension as it is.
+
+    Attributes:
+        grants: exactly the grants that stay; each names a pair of the parent and only those limits that it tightens.
+        ceiling, audiences, delegates, depth, not_before, not_after: as in `Scope`.
+    """
+
+    grants: tuple[Grant, ...] | None = None
+    ceiling: Tier | None = None
+    audiences: frozenset[str] | None = None
+    delegates: frozenset[str] | None = None
+    depth: int | None = None
+    not_before: int | None = None
+    not_after: int | None = None
+
+
+make_scope: Final = maker(Scope)
+make_restriction: Final = maker(Restriction)
+
+
+@dataclass(frozen=True, slots=True)
+class Widening:
+    """One place where a child has more than its parent.
+
+    Attributes:
+        dimension: "grants", "limits", "ceiling", "audiences", "delegates", "depth" or "window".
+        what: the grant or parameter concerned, e.g. "ur3e/move_joint/speed".
+        parent, child: the two bounds as plain JSON values.
+        nearest: what the child could have had here, in the same form: the meet of the two bounds, or, where they have
+            nothing in common, the one permitted value nearest to what was asked. None when nothing is permitted.
+        unit: of the integers of a limit.
+    """
+
+    dimension: str
+    what: str
+    parent: object
+    child: object
+    nearest: object = None
+    unit: Unit | None = None

@@ -1,0 +1,188 @@
+"""JSON with one meaning, the one strict reader of the project, and canonical bytes (RFC 8785).
+
+Two readers must never see two different values in the same bytes, so what one of them might read differently is
+refused: duplicate keys, NaN and infinities, numbers that no double holds, integers beyond 2^53 - 1, other encodings,
+halves of surrogate pairs; and, before the parser runs, more bytes or deeper nesting than is needed.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from enum import StrEnum
+from typing import Final, NoReturn
+
+import rfc8785
+
+from capabilities.values.errors import FaultCode, StatementError
+from capabilities.values.units import INT_LIMIT
+
+DEPTH_LIMIT: Final = 16
+"""Deepest nesting of arrays and objects in a statement; ours need seven."""
+_DIGITS: Final = len(str(-INT_LIMIT))
+"""Longest spelling of an integer: converting a very long run of digits is quadratic, so the length is asked first."""
+_STRUCTURE: Final = re.compile(rb'["\\\[\]{}]')
+
+
+class JsonDefect(StrEnum):
+    """What is wrong with a text."""
+
+    TOO_LARGE = "TOO_LARGE"
+    MALFORMED = "MALFORMED"
+    NOT_FINITE = "NOT_FINITE"
+    OUT_OF_RANGE = "OUT_OF_RANGE"
+
+
+class JsonError(ValueError):
+    """A text that is refused. `detail` names the kind of fault, never the value."""
+
+    def __init__(self, defect: JsonDefect, detail: str) -> None:
+        super().__init__(f"{defect}: {detail}")
+        self.defect = defect
+        self.detail = detail
+
+
+def read(raw: bytes, *, limit_bytes: int, limit_depth: int) -> object:
+    """The value of one JSON text that has exactly one meaning.
+
+    Args:
+        raw: as it came.
+        limit_bytes: cap on the size, checked before parsing.
+        limit_depth: cap on the nesting, checked before parsing.
+
+    Raises:
+        JsonError: `TOO_LARGE`; `NOT_FINITE` for NaN, infinities and numbers beyond a double; `OUT_OF_RANGE` for
+            integers beyond 2^53 - 1; else `MALFORMED`.
+    """
+    if len(raw) > limit_bytes:
+        raise JsonError(JsonDefect.TOO_LARGE, f"at most {limit_bytes} bytes")
+    _refuse_deep(raw, limit_depth)
+    try:
+        spelled = raw.decode("utf-8", errors="strict")
+    except UnicodeDecodeError:
+        raise JsonError(JsonDefect.MALFORMED, "not UTF-8") from None
+    try:
+        value = json.loads(
+            spelled, object_pairs_hook=_unique, parse_constant=_constant, parse_float=_finite, parse_int=_whole
+        )
+    except (json.JSONDecodeError, RecursionError):
+        raise JsonError(JsonDefect.MALFORMED, "not JSON") from None
+    if "\\u" in spelled:
+        _refuse_surrogates(value)
+    return value
+
+
+def canonical(value: object) -> bytes:
+    """The RFC 8785 bytes of a plain JSON value without floats.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for what has no such form.
+    """
+    try:
+        return rfc8785.dumps(value)  # type: ignore[arg-type]  # wrong types are what the except is for
+    except (rfc8785.CanonicalizationError, UnicodeEncodeError, RecursionError):
+        raise StatementError(FaultCode.STATEMENT_MALFORMED, "no canonical form") from None
+
+
+def parse(raw: bytes) -> object:
+    """The value of a statement's JSON: as `read`, and without floats, which have no place in a statement.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED`.
+    """
+    try:
+        value = read(raw, limit_bytes=len(raw), limit_depth=DEPTH_LIMIT)
+    except JsonError as error:
+        raise StatementError(FaultCode.STATEMENT_MALFORMED, error.detail) from None
+    if _has_float(value):
+        raise StatementError(FaultCode.STATEMENT_MALFORMED, "a number that is no integer")
+    return value
+
+
+def parse_object(raw: bytes) -> dict[str, object]:
+    """As `parse`, for an object.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for anything else.
+    """
+    value = parse(raw)
+    if not isinstance(value, dict):
+        raise StatementError(FaultCode.STATEMENT_MALFORMED, "not an object")
+    return value
+
+
+def _refuse_deep(raw: bytes, limit: int) -> None:
+    """Bounds the nesting before the parser recurses; brackets inside strings do not count."""
+    depth, inside, escaped_at = 0, False, -1
+    for match in _STRUCTURE.finditer(raw):
+        sign, at = match.group(), match.start()
+        if inside:
+            if at == escaped_at:
+                continue
+            if sign == b"\\":
+                escaped_at = at + 1
+            elif sign == b'"':
+                inside = False
+        elif sign == b'"':
+            inside = True
+        elif sign in b"[{":
+            depth += 1
+            if depth > limit:
+                raise JsonError(JsonDefect.MALFORMED, f"nested deeper than {limit}")
+        elif sign in b"]}":
+            depth -= 1
+
+
+def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    members = dict(pairs)
+    if len(members) != len(pairs):
+        raise JsonError(JsonDefect.MALFORMED, "a key occurs twice")
+    return members
+
+
+def _constant(_: str) -> NoReturn:
+    raise JsonError(JsonDefect.NOT_FINITE, "NaN and Infinity are not JSON")
+
+
+def _finite(digits: str) -> float:
+    value = float(digits)
+    if not math.isfinite(value):
+        # 1e999 is valid JSON, and infinity to Python.
+        raise JsonError(JsonDefect.NOT_FINITE, "beyond the range of a double")
+    return value
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > _DIGITS or not -INT_LIMIT <= int(digits) <= INT_LIMIT:
+        raise JsonError(JsonDefect.OUT_OF_RANGE, "an integer beyond 2^53 - 1")
+    return int(digits)
+
+
+def _refuse_surrogates(value: object) -> None:
+    """Escapes can spell half a character, which no UTF-8 text has and no other reader agrees on."""
+    match value:
+        case str():
+            if any("\ud800" <= c <= "\udfff" for c in value):
+                raise JsonError(JsonDefect.MALFORMED, "half a surrogate pair")
+        case dict():
+            for key, inner in value.items():
+                _refuse_surrogates(key)
+                _refuse_surrogates(inner)
+        case list():
+            for inner in value:
+                _refuse_surrogates(inner)
+        case _:
+            pass
+
+
+def _has_float(value: object) -> bool:
+    match value:
+        case float():
+            return True
+        case dict():
+            return any(map(_has_float, value.values()))
+        case list():
+            return any(map(_has_float, value))
+        case _:
+            return False

@@ -1,0 +1,151 @@
+"""Text that may stand in a token or statement: closed grammars, so that two readers never see two different words.
+
+Values are bound into Datalog and JSON, never formatted, so these rules are not what stops injection. They stop
+look-alikes: two names that a person or a database would take for one, control and bidirectional characters, and one
+address spelled in several ways.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import unicodedata
+from typing import TYPE_CHECKING, Final, cast
+from urllib.parse import urlsplit
+
+from capabilities.values.errors import FaultCode, ScopeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:@/|+=~%-]*", re.ASCII)
+_HOST: Final = re.compile(r"[a-z0-9][a-z0-9.-]*|\[[0-9a-f:.]+\]", re.ASCII)
+_PATH: Final = re.compile(r"(/[A-Za-z0-9._~:@+=,%-]+)*", re.ASCII)
+_SCHEME: Final = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)
+_DEFAULT_PORT: Final = {"http": 80, "https": 443}
+_HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})
+"""Unicode categories that no reader sees: controls, formats (bidi, zero width), private, unassigned, surrogates."""
+
+_TRUST_DOMAIN: Final = re.compile(r"[a-z0-9._-]{1,255}", re.ASCII)
+_WORKLOAD_ID: Final = re.compile(r"spiffe://[a-z0-9._-]{1,255}(/(?!\.{1,2}(/|\Z))[A-Za-z0-9._-]+)+", re.ASCII)
+"""SPIFFE ID section 2: trust domain, then at least one segment, none of them `.` or `..`."""
+WORKLOAD_BYTES: Final = 256
+"""Longest workload id (as `Caps.text_bytes`; SPIFFE ID section 2.3 allows 2048)."""
+THUMBPRINT: Final = re.compile(r"[A-Za-z0-9_-]{43}", re.ASCII)
+"""A SHA-256 in base64url, as RFC 7638 writes it."""
+
+ROLE_PREFIX: Final = "role:"
+"""Starts a delegate entry that names a role; no agent id may start so."""
+
+
+def name(value: object, *, most_bytes: int) -> str:
+    """The value, an identifier: ASCII letters, digits and ``._:@/|+=~%-``, a letter or digit first.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    names((value,), most_bytes=most_bytes)
+    return cast("str", value)
+
+
+def names(values: Iterable[object], *, most_bytes: int) -> None:
+    """Pass when each value is a name (see `name`).
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    for value in values:
+        if not isinstance(value, str) or len(value) > most_bytes or _NAME.fullmatch(value) is None:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a name")
+
+
+def agent_id(value: object, *, most_bytes: int) -> str:
+    """The value, a name that is not taken for a role.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    agent = name(value, most_bytes=most_bytes)
+    if agent.startswith(ROLE_PREFIX):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "an agent id must not start with 'role:'")
+    return agent
+
+
+def delegate(value: object, *, most_bytes: int) -> str:
+    """The value, an agent id, or ``role:`` and the name of a role.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    entry = name(value, most_bytes=most_bytes)
+    if entry.startswith(ROLE_PREFIX):
+        name(entry.removeprefix(ROLE_PREFIX), most_bytes=most_bytes)
+    return entry
+
+
+def is_trust_domain(value: object) -> bool:
+    """Whether the value is the name of a SPIFFE trust domain."""
+    return isinstance(value, str) and _TRUST_DOMAIN.fullmatch(value) is not None
+
+
+def workload_id(value: object) -> str:
+    """The value, a workload's SPIFFE ID of at most `WORKLOAD_BYTES`.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    if not isinstance(value, str) or len(value) > WORKLOAD_BYTES or _WORKLOAD_ID.fullmatch(value) is None:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a workload id")
+    return value
+
+
+def url(value: object, *, most_bytes: int) -> str:
+    """The value, a URL in its one canonical spelling.
+
+    Lower-case scheme and host, no user, no default port, no query, no fragment, no trailing slash, no dot segments,
+    ASCII.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    if not isinstance(value, str) or len(value) > most_bytes or not _is_url(value):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a canonical URL")
+    return value
+
+
+@functools.lru_cache(maxsize=1_024)  # servers are few
+def _is_url(value: str) -> bool:
+    try:
+        parts = urlsplit(value)
+        host, port = parts.hostname or "", parts.port
+    except ValueError:
+        return False
+    shown_host = f"[{host}]" if ":" in host else host
+    respelled = f"{parts.scheme}://{shown_host}{'' if port is None else f':{port}'}{parts.path}"
+    return (
+        value.isascii()
+        and respelled == value
+        and _SCHEME.fullmatch(parts.scheme) is not None
+        and _HOST.fullmatch(shown_host) is not None
+        and not shown_host.endswith(".")
+        and _PATH.fullmatch(parts.path) is not None
+        and not any(segment in {".", ".."} for segment in parts.path.split("/"))
+        and (port is None or 0 < port != _DEFAULT_PORT.get(parts.scheme))
+    )
+
+
+def prose(value: object, *, most_bytes: int) -> str:
+    """The value, a sentence for people: Unicode in normal form C, nothing invisible, at most `most_bytes` of UTF-8.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    if not isinstance(value, str) or len(value) > most_bytes:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a text, or too long")
+    if value.isascii() and value.isprintable():
+        return value
+    if any(unicodedata.category(character) in _HIDDEN for character in value):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "text with invisible characters")
+    if not unicodedata.is_normalized("NFC", value) or len(value.encode()) > most_bytes:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "text not in normal form C, or too long")
+    return value

@@ -1,0 +1,138 @@
+"""What every scope and restriction must be, whatever it says: docs/spec.md 1.1 and 1.2."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Final, assert_never
+
+from capabilities.values import text
+from capabilities.values.bounds import canonical
+from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.scope import Bound, Grant, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import INT_LIMIT
+
+if TYPE_CHECKING:
+    from capabilities.values.caps import Caps
+
+__all__ = ["TIME_LIMIT", "well_formed", "well_formed_grants", "well_formed_restriction"]
+
+REMEMBERED: Final = 512
+"""Grants of which is remembered that they are well formed."""
+TIME_LIMIT: Final = 253_402_300_800
+"""First second of the year 10000: no time in a token reaches it."""
+_HIGHEST: Final = max(Tier)
+
+
+def well_formed(scope: Scope, caps: Caps) -> Scope:
+    """The scope itself, when it keeps every rule of the profile (docs/spec.md, [TOK-6]).
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` for shape, `OUT_OF_RANGE` for a number.
+    """
+    if not scope.grants:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without grants")
+    _check_grants(scope.grants, caps)
+    if not scope.audiences:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a scope without audience")
+    _check_names(scope.audiences, scope.delegates, caps.one_of, caps.text_bytes)
+    _integer(scope.ceiling, 0, _HIGHEST, "ceiling")
+    _integer(scope.depth, 0, caps.hops, "depth")
+    _integer(scope.not_before, 0, TIME_LIMIT - 1, "not_before")
+    _integer(scope.not_after, scope.not_before + 1, TIME_LIMIT - 1, "not_after")
+    return scope
+
+
+def well_formed_restriction(restriction: Restriction, caps: Caps) -> Restriction:
+    """The restriction itself, when each dimension that it states keeps the rules of the profile.
+
+    Raises:
+        ScopeError: as `well_formed`.
+    """
+    if restriction.grants is not None:
+        well_formed_grants(restriction.grants, caps)
+    if restriction.audiences is not None or restriction.delegates is not None:
+        if restriction.audiences is not None and not restriction.audiences:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no audience at all")
+        audiences, delegates = restriction.audiences or frozenset(), restriction.delegates or frozenset()
+        _check_names(audiences, delegates, caps.one_of, caps.text_bytes)
+    if restriction.ceiling is not None:
+        _integer(restriction.ceiling, 0, _HIGHEST, "ceiling")
+    if restriction.depth is not None:
+        _integer(restriction.depth, 0, caps.hops, "depth")
+    if restriction.not_before is not None:
+        _integer(restriction.not_before, 0, TIME_LIMIT - 1, "not_before")
+    if restriction.not_after is not None:
+        _integer(restriction.not_after, 0, TIME_LIMIT - 1, "not_after")
+    return restriction
+
+
+def well_formed_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
+    """Pass when the grants that a restriction states keep the rules of the profile.
+
+    Raises:
+        ScopeError: as `well_formed`.
+    """
+    if not grants:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a restriction to no grant at all")
+    _check_grants(grants, caps)
+
+
+def _integer(value: object, low: int, high: int, what: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"{what} outside {low}..{high}")
+
+
+def _check_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
+    within = caps.grants, caps.parameters, caps.one_of, caps.text_bytes
+    if isinstance(grants, Hashed):  # what was read is one object for all tokens that lend it; a refusal is not kept
+        if grants.passed != within:
+            _check_each(grants, *within)
+            grants.passed = within
+    else:
+        _check_each(grants, *within)
+
+
+def _check_each(grants: tuple[Grant, ...], most: int, parameters: int, one_of: int, text_bytes: int) -> None:
+    if len(grants) > most:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {most} grants")
+    pairs = [(grant.object, grant.operation) for grant in grants]
+    if pairs != sorted(set(pairs)):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "grants not sorted by object and operation, or one twice")
+    for grant in grants:
+        text.name(grant.object, most_bytes=text_bytes)
+        text.name(grant.operation, most_bytes=text_bytes)
+        if len(grant.limits) > parameters:
+            raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {parameters} parameters")
+        names = [limit.parameter.name for limit in grant.limits]
+        if len(names) != len(set(names)):
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a parameter twice")
+        for limit in grant.limits:
+            text.name(limit.parameter.name, most_bytes=text_bytes)
+            _check_bound(limit.bound, one_of)
+
+
+def _check_bound(bound: Bound, one_of: int) -> None:
+    match bound:
+        case Range(low, high):
+            _integer(low, -INT_LIMIT, INT_LIMIT, "low")
+            _integer(high, low, INT_LIMIT, "high")
+        case OneOf(values):
+            if not 1 <= len(values) <= one_of:
+                raise ScopeError(FaultCode.OUT_OF_RANGE, f"a set of none or more than {one_of} values")
+            for value in values:
+                _integer(value, -INT_LIMIT, INT_LIMIT, "value")
+            if canonical(bound) != bound:
+                raise ScopeError(FaultCode.STATEMENT_MALFORMED, "consecutive values are a range")
+        case _:
+            assert_never(bound)
+
+
+@functools.lru_cache(maxsize=REMEMBERED)  # likewise
+def _check_names(audiences: frozenset[str], delegates: frozenset[str], most: int, text_bytes: int) -> None:
+    if max(len(audiences), len(delegates)) > most:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {most} audiences or delegates")
+    for audience in audiences:
+        text.url(audience, most_bytes=text_bytes)
+    for delegate in delegates:
+        text.delegate(delegate, most_bytes=text_bytes)

@@ -1,0 +1,1 @@
+"""Ground floor: errors, operations, ports to the outside, clocks, files, the stop model."""

@@ -1,0 +1,235 @@
+"""What is said, read into one case that can be judged: the evidence, the value, and what may happen only once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from capabilities.statements.intent import KIND as INTENT
+from capabilities.values.chain import Chain
+from capabilities.values.units import INT_LIMIT
+from pep.context import instructions, messages, screening
+from pep.context import json_value as values
+from pep.context.flow import Context, Holder
+from pep.context.json_value import Plain, ValueFault
+from pep.context.messages import Line, Turn
+from policies.evidence.content_readings import ContextReading, ItemKind, ItemReading
+from policies.evidence.evidence import Evidence
+from policies.words.labels import NOBODY, tainted
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from capabilities.values.caps import Caps
+    from capabilities.values.errors import Fault
+    from pep.base.ports import Clock, ReplayStore
+    from pep.context.flow import Flow
+    from pep.context.forms import Forms
+    from pep.context.instructions import Instruction, People
+    from pep.context.messages import Conversations, Heard
+    from pep.request.authority import Credentials
+    from policies.words.labels import Label
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One thing to be judged.
+
+    Attributes:
+        item, evidence: what is known of it.
+        value: what would be admitted, or why it is no value.
+        into: the context.
+        proof: name of the proof that it came with, for the record.
+        claim: called once everything permits it, and before anything is recorded: None, or why it is taken already.
+        note: for the record of a PERMIT; `Reader.recover` reads it.
+    """
+
+    item: ItemReading
+    evidence: Evidence
+    value: Plain | ValueFault
+    into: Context
+    proof: str
+    claim: Callable[[], Reason | None]
+    note: Mapping[str, object]
+
+
+class Reader:
+    """Reads what is said. Nothing is taken by reading.
+
+    Args:
+        clock: both clocks.
+        flow: what entered which context.
+        people: whose word is an instruction.
+        forms: of instructions and messages.
+        conversations: which messages were heard.
+        replay: which intents were carried out.
+        caps: the bounds.
+    """
+
+    def __init__(
+        self,
+        *,
+        clock: Clock,
+        flow: Flow,
+        people: People,
+        forms: Forms,
+        conversations: Conversations,
+        replay: ReplayStore,
+        caps: Caps,
+    ) -> None:
+        self._clock = clock
+        self._flow = flow
+        self._people = people
+        self._forms = forms
+        self._conversations = conversations
+        self._replay = replay
+        self._caps = caps
+
+    def instruction(self, text: str, credentials: Credentials, into: Context) -> Case:
+        """A signed intent, as an instruction to the holder whose context this is."""
+        people = self._people.people()
+        chain = _holding(credentials, into)
+        said = self._read(text, people, chain)
+        claim, note = _unbound, dict[str, object]()
+        if said.intent is not None and chain is not None:
+            claim, note = self._once(said, people[said.reading.principal], chain, said.intent.not_after)
+        return Case(
+            item=said.item,
+            evidence=replace(self._evidence(credentials, said.item), instruction=said.reading),
+            value=ValueFault.MALFORMED if said.intent is None else values.read(said.intent.body),
+            into=into,
+            proof=credentials.proof_name,
+            claim=claim,
+            note=note,
+        )
+
+    def message(self, text: str, credentials: Credentials, into: Context, intent: str | None) -> Case:
+        """A signed message, as what its sender says to the holder whose context this is."""
+        chain = credentials.chain if isinstance(credentials.chain, Chain) else None
+        heard = messages.read(
+            text,
+            chain=chain,
+            addressee=into.holder.agent,
+            conversations=self._conversations,
+            forms=self._forms,
+            at=self._clock.wall_s(),
+            caps=self._caps,
+        )
+        value = ValueFault.MALFORMED if heard.message is None else values.read(heard.message.body)
+        item = _said(heard, value, self._spoken(heard))
+        evidence = replace(self._evidence(credentials, item), message=heard.reading)
+        if intent is not None:
+            evidence = replace(evidence, instruction=self._read(intent, self._people.people(), chain).reading)
+        note: dict[str, object] = {}
+        if heard.line is not None and heard.message is not None:
+            line = [heard.line.addressee, heard.line.hop_id, heard.line.conversation]
+            note = {"line": line, "sequence": heard.message.sequence, "until_s": heard.until_s}
+        return Case(item, evidence, value, into, credentials.proof_name, lambda: self._turn(heard), note)
+
+    def item(self, item: ItemReading, value: object, into: Context, chain: Chain | Fault) -> Case:
+        """Anything else, by what is known of it; its text is screened, and its id."""
+        plain = values.plain(value)
+        seen = screened(item, plain)
+        evidence = Evidence(
+            at=self._clock.wall_s(),
+            at_ms=self._clock.monotonic_ms(),
+            chain=chain,
+            context=ContextReading(items=(seen,)),
+        )
+        return Case(seen, evidence, plain, into, "", _free, {})
+
+    def recover(self, found: Iterable[Mapping[str, Any]]) -> None:
+        """What an earlier process admitted once is not admitted again.
+
+        Args:
+            found: records of the whole journal, oldest first.
+        """
+        now_s, now_ms = self._clock.wall_s(), self._clock.monotonic_ms()
+        for record in found:
+            # only a PERMIT has a note with an end
+            note = record["body"].get("admission", {}) if record["kind"] == "decision" else {}
+            until_s = note.get("until_s", 0)
+            if not now_s < until_s:
+                continue
+            if "line" in note:
+                self._conversations.remember(Line(*note["line"]), note["sequence"], until_s=until_s)
+            elif "once" in note:
+                expires_ms = now_ms + int((until_s - now_s) * 1_000)
+                self._replay.first_use(note["once"], key=bytes.fromhex(note["key"]), expires_ms=expires_ms)
+
+    def _read(self, text: str, people: Mapping[str, bytes], chain: Chain | None) -> Instruction:
+        at = self._clock.wall_s()
+        return instructions.read(text, people=people, chain=chain, forms=self._forms, at=at, caps=self._caps)
+
+    def _once(
+        self, said: Instruction, key: bytes, chain: Chain, not_after: int
+    ) -> tuple[Callable[[], Reason | None], dict[str, object]]:
+        """An intent is carried out once under each token: how that is claimed, and what the record says of it."""
+        name = f"{INTENT}/{said.reading.intent_digest}/{chain.token_id}"
+        until_s = not_after + self._caps.skew_s
+
+        def claim() -> Reason | None:
+            expires_ms = self._clock.monotonic_ms() + int((until_s - self._clock.wall_s()) * 1_000)
+            return None if self._replay.first_use(name, key=key, expires_ms=expires_ms) else Reason.REPLAYED
+
+        return claim, {"once": name, "key": key.hex(), "until_s": until_s}
+
+    def _turn(self, heard: Heard) -> Reason | None:
+        if heard.line is None or heard.message is None:
+            return Reason.MESSAGE_UNAUTHENTIC
+        taken = self._conversations.take(heard.line, heard.message.sequence, until_s=heard.until_s)
+        return None if taken is Turn.TAKEN else Reason.MESSAGE_OUT_OF_SEQUENCE
+
+    def _spoken(self, heard: Heard) -> Label:
+        """The label of what the sender says: it derives from everything that is known of the sender's context."""
+        if heard.hop is None:
+            return NOBODY
+        said = self._flow.label(Context(Holder.of(heard.hop)))
+        return replace(said, age_ms=max(said.age_ms, (heard.reading.age_s or 0) * 1_000))
+
+    def _evidence(self, credentials: Credentials, item: ItemReading) -> Evidence:
+        return Evidence(
+            at=self._clock.wall_s(),
+            at_ms=self._clock.monotonic_ms(),
+            chain=credentials.chain,
+            proof=credentials.proof,
+            context=ContextReading(items=(item,)),
+        )
+
+
+def screened(item: ItemReading, value: Plain | ValueFault) -> ItemReading:
+    """The item with every sign that is in its text and id, and the taint of it."""
+    traces = screening.screen(item.id)
+    if isinstance(value, Plain):
+        traces += screening.screen_value(value.value)
+    found = frozenset((*item.signs, *screening.signs(traces)))
+    label = tainted(item.label) if found else item.label
+    return replace(item, signs=tuple(sorted(found)), label=replace(label, age_ms=min(label.age_ms, INT_LIMIT)))
+
+
+def _said(heard: Heard, value: Plain | ValueFault, label: Label) -> ItemReading:
+    """A message as something that would enter a context: what its sender says, and no authority."""
+    said = ItemReading(
+        kind=ItemKind.MESSAGE,
+        id="" if heard.message is None else heard.message.conversation,
+        label=label,
+        fault=heard.reading.fault,
+    )
+    return screened(said, value)
+
+
+def _holding(credentials: Credentials, into: Context) -> Chain | None:
+    """The chain of a caller who proved to hold it, and whose context this is."""
+    chain = credentials.chain
+    if credentials.fault is not None or not isinstance(chain, Chain) or Holder.of(chain.leaf) != into.holder:
+        return None
+    return chain
+
+
+def _unbound() -> Reason | None:
+    return Reason.INTENT_NOT_BOUND
+
+
+def _free() -> Reason | None:
+    return None

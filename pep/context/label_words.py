@@ -1,0 +1,44 @@
+"""Labels in the words of statements: as a receipt and a row of memory state them, and read back."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypedDict
+
+from capabilities.statements.admission import INTEGRITIES
+from policies.words.labels import Integrity, Label, Source
+
+if TYPE_CHECKING:
+    from capabilities.statements.admission import Receipt
+    from capabilities.statements.memory import Remembered
+
+
+class Words(TypedDict):
+    """The members of a statement that are a label's."""
+
+    sources: tuple[str, ...]
+    signers: tuple[str, ...]
+    integrity: str
+    age_ms: int
+    tainted: bool
+
+
+def words_of(label: Label) -> Words:
+    """The label, to be stated."""
+    return Words(
+        sources=tuple(sorted(map(str, label.sources))),
+        signers=tuple(sorted(label.signers)),
+        integrity=INTEGRITIES[label.integrity],
+        age_ms=label.age_ms,
+        tainted=label.tainted,
+    )
+
+
+def label_in(said: Receipt | Remembered) -> Label:
+    """The label that is stated, as it was then."""
+    return Label(
+        sources=frozenset(map(Source, said.sources)),
+        signers=frozenset(said.signers),
+        integrity=Integrity(INTEGRITIES.index(said.integrity)),
+        age_ms=said.age_ms,
+        tainted=said.tainted,
+    )

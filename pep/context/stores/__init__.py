@@ -1,0 +1,1 @@
+"""Stores of admission: memory rows and high-water marks in SQLite, a collection in ChromaDB."""

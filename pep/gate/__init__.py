@@ -1,0 +1,1 @@
+"""The gate: every step from a request to its effect, and the records of both."""

@@ -1,0 +1,476 @@
+"""The gate: the one place that knows every step from a request to its effect. Whatever fails on the way is DENY.
+
+    request -> collect evidence -> decide -> record -> effect -> record its outcome
+               cheap before dear    pure     durable   within the verdict's lifetime, and only what was decided
+
+One run stands for e4 and e5 together: whoever decides also holds the only connection that moves the robot.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+from capabilities.values.chain import Chain, Refusal
+from capabilities.values.errors import Fault
+from pep.base.errors import ActuationRefusedError, JournalError
+from pep.base.operations import Kind, touchable
+from pep.base.ports import Assessed
+from pep.gate import records
+from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
+from pep.journal.conduct import Conduct
+from pep.people.deferral import AskState
+from pep.request.authority import NO_TOKEN
+from pep.request.denial import denial
+from pep.request.edge import Edge
+from pep.request.permit import Permit, unfulfilled
+from pep.world.sequence import ARRIVED
+from policies.decide.pdp import decide
+from policies.decide.policy import requirement
+from policies.evidence.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading
+from policies.evidence.model import Decision, Effect, Finding, Request
+from policies.evidence.tiers import FRESH, authorised_milli
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Mapping
+
+    from pep.base.ports import Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
+    from pep.gate.observe_only import Simulated
+    from pep.people.asks import Asks
+    from pep.people.deferral import Announcer, Ask
+    from pep.request.authority import Authority
+    from pep.request.call import Call
+    from pep.world.sequence import Sequence
+    from policies.decide.policy import PolicySet
+
+PHYSICS_TIMEOUT_S: Final = 3.0
+"""An assessment that takes longer is a fault, and a fault is no tier."""
+ATTEMPTS: Final = 8
+"""How often a decision is taken afresh, on fresh evidence, while its record outlasts its lifetime; then DENY."""
+SEQUENCE: Final = "TEA-6"
+"""The primitive behind `BUSY`: a command together with what is unfinished."""
+STATE: Final = "TEA-5"
+"""The primitive that looks at the robot's own state, which is cheap to have."""
+
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What an effect reports. `value` is plain JSON for the record; `carried` is whatever the shell wants back."""
+
+    value: Mapping[str, Any]
+    carried: Any = None
+    failed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """The end of one run: the decision, what came of it, and whether that is on record (the decision always is)."""
+
+    decision: Decision
+    ask: Ask | None = None
+    result: Result | None = None
+    recorded: bool = True
+    observed: bool = False
+    """The decision was not enforced (`unsafe_observe`)."""
+
+
+class Gate(Edge):
+    """Decides and enforces. All IO is in its ports.
+
+    Args:
+        clock: both clocks.
+        authority: steps 1 to 10, and again at the last moment.
+        registry: trust in agents, and what is known of their conduct.
+        limits: the robot's own limits.
+        slot: one motion at a time.
+        readiness: of the robot.
+        sequence: what was done with the robot just now.
+        physics: runtime impact.
+        policies: what is decided by.
+        journal: durable; nothing moves before its answer.
+        asks: deferrals, what people answered, and what was used of it.
+        announcer: tells people of a new deferral.
+        unsafe_observe: a simulated controller behind which nothing moves: what the policies deny or defer is recorded
+            so, and happens all the same. None, as everywhere else, enforces.
+
+    Attributes:
+        conduct: what is known of holders' conduct; it hears what is recorded here.
+    """
+
+    def __init__(
+        self,
+        *,
+        clock: Clock,
+        authority: Authority,
+        registry: Registry,
+        limits: RobotLimits,
+        slot: MotionSlot,
+        readiness: Readiness,
+        sequence: Sequence,
+        physics: Physics,
+        policies: PolicySet,
+        journal: Journal,
+        asks: Asks,
+        announcer: Announcer,
+        unsafe_observe: Simulated | None = None,
+    ) -> None:
+        journal = journal if unsafe_observe is None else Marked(journal)
+        # What is recorded here is heard: what this enforcement point saw itself counts at once.
+        self.conduct = Conduct(journal, registry=registry, clock=clock, parameters=policies.parameters)
+        super().__init__(policies=policies, journal=self.conduct)
+        self._unsafe_observe = unsafe_observe
+        self._clock = clock
+        self._authority = authority
+        self._limits = limits
+        self._slot = slot
+        self._readiness = readiness
+        self._sequence = sequence
+        self._physics = physics
+        self._asks = asks
+        self._announcer = announcer
+        # A worker of its own, so that a long assessment never delays a record, nor a stop.
+        self._assessor = ThreadPoolExecutor(1, "physics")
+
+    def with_readiness(self, readiness: Readiness) -> Gate:
+        """This gate for others who command the same robot: what they must have of it is asked there.
+
+        Everything else is one: slot, sequence, journal, questions, conduct.
+        """
+        other = copy(self)
+        other._readiness = readiness  # noqa: SLF001 - its own
+        return other
+
+    def looked(self) -> None:
+        """Somebody is told where the arm stands, and by no tool that reads: `pep.world.sequence.Sequence.looked`."""
+        self._sequence.looked()
+
+    async def run(self, call: Call, effect: Callable[[Permit], Awaitable[Result]]) -> Answer:
+        """The answer to one call; its effect has happened exactly when the decision is PERMIT.
+
+        Args:
+            call: of an operation that is not a stop.
+            effect: sends, once, what the permit allows; raises `ActuationRefusedError` when it did not send.
+        """
+        held, permitted = False, None
+        permit: Permit | None = None
+        try:
+            physical, attempt = requirement(call.request, self._policies).physical, 0
+            while True:
+                attempt += 1
+                evidence = self._cheap(call)
+                dear = physical and not _fault(evidence)
+                if dear and (denied := self._without_arm(call, evidence)) is not None:
+                    evidence = denied
+                elif dear:
+                    held = held or self._slot.reserve(call.request.request_id) or self._joins(call, evidence)
+                    if not held:
+                        return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
+                    evidence = await self._dear(call, evidence)
+                if not _fault(evidence):
+                    evidence = self._asks.witness(call.request, evidence)
+                decided_ms = self._clock.monotonic_ms()
+                decision = decide(call.request, evidence, self._policies)
+                if decision.effect is not Effect.PERMIT:
+                    if self._unsafe_observe is None:
+                        return await self._conclude(call, evidence, decision)
+                    held = held or not physical or self._slot.reserve(call.request.request_id)
+                    if held:
+                        return await self._observed(call, evidence, decision, effect)
+                    return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
+                undone = unfulfilled(decision, call.request)
+                if undone is not None:
+                    void = denial(decision, Reason.OBLIGATION_UNMET, obligation=str(undone.kind))
+                    return await self._conclude(call, evidence, void)
+                if not self._asks.consume(decision):
+                    # the use went to another request, or out of time, since the evidence was collected
+                    if attempt < ATTEMPTS:
+                        continue
+                    used = self._denied(call, evidence, Reason.APPROVAL_USED, SEQUENCE)
+                    return await self._conclude(call, evidence, used)
+                permit = self._permit(call, evidence, decision, decided_ms)
+                permitted = self._recorder.submit(
+                    self._journal.append, "decision", records.decision(call, evidence, decision)
+                )
+                record = await asyncio.wrap_future(permitted)
+                if self._clock.monotonic_ms() <= permit.deadline_ms:
+                    return await self._effect(call, evidence, decision, permit, record=record, effect=effect)
+                await self._refused(call, decision, permit, record, ActuationRefusedError(Reason.VERDICT_EXPIRED))
+                permitted = None
+                if attempt == ATTEMPTS:
+                    expired = self._denied(call, evidence, Reason.VERDICT_EXPIRED, SEQUENCE)
+                    return await self._conclude(call, evidence, expired)
+        except asyncio.CancelledError:
+            # The caller has gone, and the shell has stopped what was moving. Whoever goes waits for no record.
+            if permitted is not None and not (permit is not None and permit.concluded):
+                self._recorder.submit(self._abandoned, call.request, permitted)
+            raise
+        except Exception as error:  # noqa: BLE001 - any exception on the way is DENY; a narrower net would leak
+            return await self._broken(call, error)
+        finally:
+            self._asks.release(call.request.request_id)
+            if held:
+                self._slot.release(call.request.request_id)
+
+    def _joins(self, call: Call, evidence: Evidence) -> bool:
+        """Whether the request only goes on with what is under way, by the same agent."""
+        chain = evidence.chain
+        return isinstance(chain, Chain) and self._slot.joins(call.request, agent=chain.leaf.agent)
+
+    def _without_arm(self, call: Call, seen: Evidence) -> Evidence | None:
+        """The evidence that denies whoever has not the arm, who takes no slot from who has; None for all others."""
+        robot = self._readiness.reading()
+        seen = replace(seen, robot=robot)
+        return None if robot.exclusive or not self._unready(call, seen) else seen
+
+    def _unready(self, call: Call, seen: Evidence) -> bool:
+        return any(finding.primitive == STATE for finding in decide(call.request, seen, self._policies).findings)
+
+    def _cheap(self, call: Call) -> Evidence:
+        """Everything but physics, in order, up to the first fault."""
+        seen = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms(), proof=call.credentials.proof)
+        chain = self._standing(call)
+        seen = replace(seen, chain=chain)
+        if isinstance(chain, Fault) or seen.proof is not True:
+            return seen
+        seen = replace(seen, tool=call.tool, context=call.context)
+        if _fault(seen) or call.tool.base_tier is None:
+            return seen
+        request = call.request
+        refused = self._authority.verifier.check_request(
+            chain,
+            object=request.object,
+            operation=request.operation,
+            values=request.values,
+            base_tier=call.tool.base_tier,
+            at=seen.at,
+        )
+        seen = replace(seen, request_fault=refused)
+        if refused is not None:
+            return seen
+        seen = replace(seen, robot_fault=self._limits.refuse(request))
+        if seen.robot_fault is not None:
+            return seen
+        trust, behaviour = self.conduct.trust(chain, at=seen.at), self.conduct.behaviour(chain.leaf.agent, at=seen.at)
+        return replace(seen, trust=trust, behaviour=behaviour)
+
+    async def _dear(self, call: Call, seen: Evidence) -> Evidence:
+        """The robot's state, physics, and then authority once more: a revocation may arrive during an assessment."""
+        seen = replace(seen, robot=self._readiness.reading())
+        if self._unready(call, seen):
+            return seen
+        touch = touchable(seen.chain) if isinstance(seen.chain, Chain) else frozenset()
+        answer = await self._in_time(partial(self._physics.assess, call.request, touch=touch))
+        found = Assessed(answer, NOT_COLLECTED) if isinstance(answer, ImpactFault) else answer
+        # What the request makes together with what was done just now: small steps are no smaller than their sum.
+        joined = self._sequence.joined(call.request, impact=found.impact)
+        together = None
+        if joined is not None:
+            start = joined.start_urad
+            whole = partial(self._physics.together, joined.request, start_urad=start, touch=touch)
+            together = await self._in_time(whole)
+        at, at_ms = self._clock.wall_s(), self._clock.monotonic_ms()
+        chain = self._standing(call)
+        seen = replace(seen, at=at, at_ms=at_ms, impact=found.impact, perception=found.perception, chain=chain)
+        # the slot is this request's, or the request is part of what holds it: nothing else is unfinished
+        sequence = self._sequence.reading(
+            call.request,
+            agent=_agent(call),
+            impact=seen.impact,
+            robot=seen.robot,
+            unfinished=False,
+            together=together,
+        )
+        return replace(seen, sequence=sequence)
+
+    async def _in_time(self, assess: Callable[[], T]) -> T | ImpactFault:
+        try:
+            return await asyncio.wait_for(
+                asyncio.get_running_loop().run_in_executor(self._assessor, assess), PHYSICS_TIMEOUT_S
+            )
+        except TimeoutError:
+            return ImpactFault(Reason.PHYSICS_FAULT, "the assessment took too long")
+
+    def _standing(self, call: Call) -> Chain | Fault:
+        """Steps 1 to 9 as of now, with the lease that the policies want for the request."""
+        credentials = call.credentials
+        if credentials.token is None or credentials.fault is not None:
+            return credentials.fault or NO_TOKEN
+        return self._authority.verify(credentials.token, lease_ms=self.lease_ms(call.request))
+
+    def _permit(self, call: Call, evidence: Evidence, decision: Decision, decided_ms: int) -> Permit:
+        def standing() -> Fault | None:
+            chain = self._standing(call)
+            return chain if isinstance(chain, Fault) else None
+
+        return Permit(
+            request_id=call.request.request_id,
+            digest=decision.request_digest,
+            since_ms=call.arrived_ms,
+            deadline_ms=decided_ms + decision.lifetime_ms,
+            clock=self._clock,
+            standing=standing,
+            request=call.request,
+            index_milli=authorised_milli(decision, self._policies.parameters),
+            sighted=isinstance(evidence.impact, ImpactReading) and evidence.impact.perception == FRESH,
+            touch=touchable(evidence.chain) if isinstance(evidence.chain, Chain) else frozenset(),
+            agent=_agent(call),
+        )
+
+    async def _effect(
+        self,
+        call: Call,
+        evidence: Evidence,
+        decision: Decision,
+        permit: Permit,
+        *,
+        record: str,
+        effect: Callable[[Permit], Awaitable[Result]],
+    ) -> Answer:
+        """The effect, and the record of what came of it."""
+        self._sequence.begins(call.request, agent=permit.agent, impact=evidence.impact)
+        try:
+            result = await effect(permit)
+        except ActuationRefusedError as refused:
+            await self._refused(call, decision, permit, record, refused)
+            return Answer(denial(decision, refused.reason, SEQUENCE))
+        except Exception as error:  # noqa: BLE001 - what an effect raises is an outcome
+            body = records.outcome(
+                call.request, record, "failed", reason=Reason.EFFECT_FAILED, detail=type(error).__name__
+            )
+            recorded = await self._concluded(permit, body)
+            return Answer(denial(decision, Reason.EFFECT_FAILED), recorded=recorded)
+        if call.operation.kind is Kind.READ:
+            self._sequence.looked()
+        self._sequence.ended(call.request, arrived=not result.failed and result.value.get("outcome") == ARRIVED)
+        what = "failed" if result.failed else "done"
+        body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
+        return Answer(decision, result=result, recorded=await self._concluded(permit, body))
+
+    async def _observed(
+        self, call: Call, evidence: Evidence, decision: Decision, effect: Callable[[Permit], Awaitable[Result]]
+    ) -> Answer:
+        """What was denied or deferred, and happened: in the simulator, on record before, and told as what it is."""
+        record = await self.record("decision", records.decision(call, evidence, decision))
+        permit = Permit(
+            request_id=call.request.request_id,
+            digest=call.request.digest,
+            since_ms=call.arrived_ms,
+            deadline_ms=self._clock.monotonic_ms() + LASTS_MS,
+            clock=self._clock,
+            standing=lambda: None,
+            request=call.request,
+            index_milli=HIGHEST_MILLI,
+            sighted=False,
+            agent=_agent(call),
+        )
+        return replace(
+            await self._effect(call, evidence, decision, permit, record=record, effect=effect), observed=True
+        )
+
+    async def _concluded(self, permit: Permit, body: dict[str, object]) -> bool:
+        """Whether the outcome of an effect is on record. A record that fails undoes no effect, so it denies none."""
+        permit.concluded = True
+        try:
+            # Shielded: a caller who goes now leaves one outcome behind, not two and not none.
+            await asyncio.shield(self.record("outcome", body))
+        except JournalError:
+            return False
+        return True
+
+    async def _refused(
+        self, call: Call, decision: Decision, permit: Permit, record: str, why: ActuationRefusedError
+    ) -> None:
+        """The outcome of a PERMIT that was not acted on; the use it took is there again where nothing was sent."""
+        returned = decision.approval if permit.void() else None
+        body = records.outcome(call.request, record, "refused", reason=why.reason, detail=why.detail, returned=returned)
+        await self.record("outcome", body)
+        if returned is not None:
+            self._asks.give_back(decision)
+
+    async def _conclude(self, call: Call, evidence: Evidence, decision: Decision) -> Answer:
+        """A DENY or DEFER, on record; a deferral is asked once, and its silence is a DENY."""
+        ask: Ask | None = None
+        if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
+            # On the recorder: a question or an expiry is on record before anybody is told.
+            consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
+            state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
+            if state is AskState.OPEN and ask is not None:
+                # nothing will move: the slot waits for no provider
+                self._slot.release(call.request.request_id)
+                state = await self._announcer.announce(ask)
+            if state is AskState.EXPIRED:
+                decision = denial(decision, Reason.APPROVAL_TIMEOUT, decision.primitive)
+            elif state is AskState.REFUSED:
+                decision = denial(decision, Reason.ASK_BUDGET_SPENT, decision.primitive)
+        await self.record("decision", records.decision(call, evidence, decision, ask=ask))
+        return Answer(decision, ask=ask)
+
+    def _denied(self, call: Call, evidence: Evidence, reason: Reason, primitive: str) -> Decision:
+        """A denial that is the gate's own, over the digests of what is known."""
+        decided = decide(call.request, evidence, self._policies)
+        return replace(denial(decided, reason, primitive), findings=(Finding(primitive, reason),))
+
+    async def _broken(self, call: Call, error: Exception) -> Answer:
+        """An exception on the way: DENY, recorded if that is still possible."""
+        reason = Reason.RECORD_FAILED if isinstance(error, JournalError) else Reason.EVIDENCE_MISSING
+        decision = Decision(
+            request_id=call.request.request_id,
+            request_digest=call.request.digest,
+            effect=Effect.DENY,
+            reason=reason,
+            primitive="",
+            findings=(Finding("", reason, {"error": type(error).__name__}),),
+            tier=None,
+            index=None,
+            obligations=(),
+            policy_digest=self._policies.digest,
+            evidence=None,
+            lifetime_ms=0,
+        )
+        if reason is not Reason.RECORD_FAILED:
+            unknown = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms())
+            try:
+                await self.record("decision", records.decision(call, unknown, decision))
+            except JournalError:
+                return Answer(replace(decision, reason=Reason.RECORD_FAILED))
+        return Answer(decision)
+
+    def _abandoned(self, request: Request, decided: Future[str]) -> None:
+        """The outcome of a PERMIT whose caller went away. On the recorder, so after the decision's own record."""
+        if not decided.cancelled() and decided.exception() is None:
+            self._journal.append("outcome", records.outcome(request, decided.result(), "cancelled"))
+
+    def close(self) -> None:
+        """The workers have ended."""
+        self._assessor.shutdown(wait=False, cancel_futures=True)
+        super().close()
+
+
+def _agent(call: Call) -> str:
+    """The holder who calls, or "" while nobody is known to."""
+    chain = call.credentials.chain
+    return chain.leaf.agent if isinstance(chain, Chain) else ""
+
+
+def _fault(seen: Evidence) -> object:
+    """The first thing that makes dearer evidence pointless, or None."""
+    if isinstance(seen.chain, Fault):
+        return seen.chain
+    if seen.proof is not True:
+        return seen.proof
+    if isinstance(seen.request_fault, (Refusal, Fault)):
+        return seen.request_fault
+    if isinstance(seen.robot_fault, Refusal):
+        return seen.robot_fault
+    tool = seen.tool
+    if tool is not NOT_COLLECTED and (tool.base_tier is None or tool.approved_digest != tool.actual_digest):
+        return tool
+    return None

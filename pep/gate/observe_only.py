@@ -1,0 +1,56 @@
+"""Deciding without enforcing, for the simulator alone: what the gate and its composition need for `unsafe_observe`.
+
+Everything is decided and recorded as ever, and what is denied or deferred happens all the same. So it takes a
+`Simulated`, which exists because a controller proved that nothing moves behind it (`ztpm.point.simulator_check`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from pep.watch.watch import Watch
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pep.base.ports import Journal
+    from pep.watch.governor import Speeds
+    from pep.watch.watch import Alarm
+
+OBSERVED: Final = "observed"
+"""Key in the body of every record, and in what a caller is told, that says so."""
+LASTS_MS: Final = 1_000
+"""How long after its decision an observed effect may begin; only so that none begins much later than it was decided."""
+HIGHEST_MILLI: Final = 4_000
+"""The highest impact index: whatever is left of an observed motion is under it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """A controller that is simulated. Made by `ztpm.point.simulator_check.recognise` alone: its existence is the proof.
+
+    Attributes:
+        host: its address, on loopback.
+    """
+
+    host: str
+
+
+class Marked:
+    """A journal whose every record says that nothing was enforced."""
+
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
+
+    def append(self, kind: str, body: dict[str, object]) -> str:
+        """As the journal's own, with the mark."""
+        return self._journal.append(kind, {**body, OBSERVED: True})
+
+
+class Unwatched(Watch):
+    """The watch of an observed motion: it sees nothing that would end it."""
+
+    def look(self, q_rad: Sequence[float], speeds: Speeds | None = None) -> Alarm | None:  # noqa: ARG002 - as the watch's
+        """Nothing."""
+        return None

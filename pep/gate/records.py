@@ -1,0 +1,176 @@
+"""What a PEP writes down, as plain JSON: decisions with their evidence, refusals at the edge, outcomes."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Any
+
+import rfc8785
+
+from pep.journal.conduct import near_permille
+from policies.evidence import case_json
+from policies.evidence.evidence import Evidence
+from policies.evidence.model import Effect
+from policies.words.canonical import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from pep.people.deferral import Ask
+    from pep.request.authority import Credentials
+    from pep.request.call import Call
+    from policies.evidence.model import ApprovalUse, Decision, Request
+
+
+POLICY, GATE = "policy", "gate"
+"""Whose a decision is: what the policies say of the evidence, or a denial of the gate's own."""
+
+
+def decision_body(decision: Decision) -> dict[str, object]:
+    """A decision, whole."""
+    return {
+        "effect": str(decision.effect),
+        "reason": str(decision.reason),
+        "by": _by(decision),
+        "primitive": decision.primitive,
+        "tier": None if decision.tier is None else int(decision.tier),
+        "index_milli": decision.index,
+        "findings": [
+            {"primitive": f.primitive, "reason": str(f.reason), "detail": jsonable(f.detail)} for f in decision.findings
+        ],
+        "obligations": [str(o.kind) for o in decision.obligations],
+        "policy_digest": decision.policy_digest,
+        "evidence_digest": decision.evidence_digest,
+        "lifetime_ms": decision.lifetime_ms,
+    }
+
+
+def _by(decision: Decision) -> str:
+    # What policies find comes with its remedy (policies.primitives.base.found); what the gate adds does not.
+    own = (
+        decision.effect is not Effect.PERMIT and bool(decision.findings) and "remedy" not in decision.findings[0].detail
+    )
+    return GATE if own else POLICY
+
+
+def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: Ask | None = None) -> dict[str, object]:
+    """Record of a decision: request, evidence and answer. `policies.evidence.case_json` reads it back."""
+    body: dict[str, object] = {
+        **case_json.to_plain(call.request, evidence),
+        "decision": decision_body(decided),
+        "proof": call.credentials.proof_name,
+        "near_permille": near_permille(call.request, evidence),
+    }
+    if decided.approval is not None:
+        body["approval"] = use_body(decided.approval)
+    if ask is not None:
+        body["ask"] = {"ask_id": ask.ask_id, "expires_at_ms": round(ask.expires_at * 1000)}
+    return body
+
+
+def use_body(use: ApprovalUse) -> dict[str, object]:
+    """One use of an approval: in the decision that consumes it, and in the outcome that returns it."""
+    return {"ask_id": use.ask_id, "use": use.use}
+
+
+def outcome(
+    request: Request,
+    record: str,
+    what: str,
+    *,
+    reason: str | None = None,
+    detail: str = "",
+    result: Mapping[str, Any] | None = None,
+    watch: Mapping[str, object] | None = None,
+    returned: ApprovalUse | None = None,
+) -> dict[str, object]:
+    """The record of what came of a PERMIT.
+
+    Args:
+        request: that was permitted.
+        record: hash of the decision's record.
+        what: "done", "failed", "refused" (nothing was sent), "cancelled" or "unknown" (the PEP died in between).
+        reason: a code, when it is not "done".
+        detail: for the record.
+        result: what the effect reported.
+        watch: what the watch saw when it ended the effect.
+        returned: the use of an approval that is free again, because nothing was sent and nothing can be any more.
+    """
+    body: dict[str, object] = {"request_id": request.request_id, "decision": record, "outcome": what}
+    if reason is not None:
+        body["reason"] = str(reason)
+    if detail:
+        body["detail"] = detail
+    if result is not None:
+        body["result"] = jsonable(result)
+    if watch is not None:
+        body["watch"] = jsonable(watch)
+    if returned is not None:
+        body["returned"] = use_body(returned)
+    return body
+
+
+def refusal(
+    *, at: float, at_ms: int, reason: str, status: int, credentials: Credentials | None, where: Mapping[str, object]
+) -> dict[str, object]:
+    """The record of a request that was refused before there was anything to decide.
+
+    Args:
+        at: wall clock, seconds since the epoch.
+        at_ms: monotonic clock.
+        reason: the code.
+        status: HTTP status of the answer; 200 for a tool result.
+        credentials: as far as they were verified; None when they were not looked at.
+        where: what is known of the request: method, path, tool, digest of the body.
+    """
+    evidence = Evidence(at=at, at_ms=at_ms)
+    fault = None
+    if credentials is not None:
+        evidence = Evidence(at=at, at_ms=at_ms, chain=credentials.chain, proof=credentials.proof)
+        fault = credentials.fault
+    body: dict[str, object] = {
+        "effect": "DENY",
+        "reason": str(reason),
+        "status": status,
+        "where": dict(where),
+        "evidence": case_json.evidence_to_plain(evidence, None),
+    }
+    if fault is not None:
+        body["clause"] = fault.clause
+        body["detail"] = fault.detail
+    return body
+
+
+def unfinished(records: Iterable[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """What an earlier process left open: permitted requests without outcome.
+
+    Args:
+        records: of the whole journal, oldest first.
+
+    Returns:
+        (request id, hash of the decision's record) pairs.
+    """
+    permits: dict[str, str] = {}
+    for record in records:
+        body = record["body"]
+        match record["kind"]:
+            case "decision" if body["decision"]["effect"] == "PERMIT":
+                permits[body["request"]["id"]] = hashlib.sha256(rfc8785.dumps(dict(record))).hexdigest()
+            case "outcome":
+                permits.pop(body["request_id"], None)
+            case _:
+                pass
+    return list(permits.items())
+
+
+def jsonable(value: object) -> object:
+    """`value` with tuples as lists and keys as text, so that it is plain JSON; floats stay (they are measurements)."""
+    match value:
+        case dict():
+            return {str(k): jsonable(v) for k, v in value.items()}
+        case list() | tuple() | set() | frozenset():
+            return [jsonable(v) for v in value]
+        case None | bool() | int() | float() | str():
+            return value
+        case _:
+            return plain(value)

@@ -1,0 +1,193 @@
+"""The PEP's own durable journal: JSON lines, each chained to the one before by its hash, on disk before anything moves.
+
+A record is one line of RFC 8785 JSON: `{"v":1,"pep":id,"seq":n,"prev":hex,"at_ms":wall,"kind":...,"body":{...}}`. Its
+hash is SHA-256 over exactly the line's bytes; `prev` of the first is 64 zeros. A line that was being written when the
+power failed has no newline: it was never acknowledged and is cut off when the journal is opened again. Any other damage
+is refused, since it is no accident of writing. The chain holds every record but the newest; the ledger holds that one.
+"""
+
+from __future__ import annotations
+
+import array
+import fcntl
+import hashlib
+import json
+import os
+import threading
+from typing import TYPE_CHECKING, Any, Final
+
+import rfc8785
+
+from pep.base.errors import JournalError, PepFault
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from pep.base.ports import Clock
+
+FIRST_PREV: Final = "0" * 64
+FIRST_SEQ: Final = 1
+VERSION: Final = 1
+
+
+def record_hash(line: bytes) -> str:
+    """The hash (hex) of a record, from its line without the newline."""
+    return hashlib.sha256(line).hexdigest()
+
+
+class FileJournal:
+    """The `Journal` port on one file. One process at a time; any thread.
+
+    Attributes:
+        repaired_bytes: length of the torn tail that opening cut off; 0 when there was none.
+    """
+
+    def __init__(self, descriptor: int, *, pep_id: str, clock: Clock) -> None:
+        self._fd = descriptor
+        self._pep_id = pep_id
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._starts = array.array("Q")
+        self._size = 0
+        self._head = FIRST_PREV
+        self._broken = False
+        self.repaired_bytes = 0
+
+    @classmethod
+    def open(cls, path: Path, *, pep_id: str, clock: Clock) -> FileJournal:
+        """The journal at `path`, its chain verified to the last record, ready to append; made when missing.
+
+        Args:
+            path: of the file; its directory exists.
+            pep_id: stands in every record.
+            clock: its wall time stands in every record.
+
+        Raises:
+            JournalError: `JOURNAL_LOCKED` when another process has it open, `JOURNAL_CORRUPT` when a whole record is
+                damaged.
+        """
+        descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        journal = cls(descriptor, pep_id=pep_id, clock=clock)
+        try:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise JournalError(PepFault.JOURNAL_LOCKED, str(path)) from error
+            journal._recover()
+            directory = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+            try:
+                os.fsync(directory)
+            finally:
+                os.close(directory)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        return journal
+
+    def _recover(self) -> None:
+        with os.fdopen(os.dup(self._fd), "rb") as file:
+            file.seek(0)
+            for line in file:
+                if not line.endswith(b"\n"):
+                    self.repaired_bytes = len(line)
+                    break
+                self._adopt(line[:-1])
+        if self.repaired_bytes:
+            os.ftruncate(self._fd, self._size)
+            os.fsync(self._fd)
+
+    def _adopt(self, line: bytes) -> None:
+        seq = FIRST_SEQ + len(self._starts)
+        try:
+            record = json.loads(line)
+            sound = rfc8785.dumps(record) == line and (record["v"], record["pep"], record["seq"], record["prev"]) == (
+                VERSION, self._pep_id, seq, self._head,
+            )  # fmt: skip
+        except (ValueError, KeyError, TypeError, RecursionError, rfc8785.CanonicalizationError) as error:
+            raise JournalError(PepFault.JOURNAL_CORRUPT, f"record {seq} is unreadable") from error
+        if not sound:
+            raise JournalError(PepFault.JOURNAL_CORRUPT, f"record {seq} breaks the chain")
+        self._starts.append(self._size)
+        self._size += len(line) + 1
+        self._head = record_hash(line)
+
+    def append(self, kind: str, body: dict[str, object]) -> str:
+        """The record's hash (hex); it survives a power cut.
+
+        Args:
+            kind: "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired", "incident",
+                "lease", "lease-ended", "stream", "stream-values" or "ticket".
+            body: plain JSON values, finite numbers.
+
+        Raises:
+            JournalError: `JOURNAL_BROKEN` when it could not be made durable. After a failed write or sync every later
+                append raises too: what the disk then holds is known again only after opening anew.
+        """
+        with self._lock:
+            if self._broken:
+                raise JournalError(PepFault.JOURNAL_BROKEN, "an earlier write failed")
+            record = {
+                "v": VERSION,
+                "pep": self._pep_id,
+                "seq": FIRST_SEQ + len(self._starts),
+                "prev": self._head,
+                "at_ms": int(self._clock.wall_s() * 1000),
+                "kind": kind,
+                "body": body,
+            }
+            try:
+                line = rfc8785.dumps(record)  # type: ignore[arg-type]  # whatever is no JSON raises here
+            except (rfc8785.CanonicalizationError, RecursionError) as error:
+                raise JournalError(PepFault.JOURNAL_BROKEN, "the record is no plain JSON") from error
+            try:
+                self._write(line + b"\n")
+            except OSError as error:
+                self._broken = True
+                raise JournalError(PepFault.JOURNAL_BROKEN, type(error).__name__) from error
+            self._starts.append(self._size)
+            self._size += len(line) + 1
+            self._head = record_hash(line)
+            return self._head
+
+    def _write(self, line: bytes) -> None:
+        view = memoryview(line)
+        while view:
+            view = view[os.write(self._fd, view) :]
+        os.fdatasync(self._fd)
+
+    @property
+    def last_seq(self) -> int:
+        """Number of the newest record; 0 when there is none."""
+        return FIRST_SEQ + len(self._starts) - 1
+
+    def after(self, seq: int, *, most_bytes: int) -> list[dict[str, Any]]:
+        """The records that follow number `seq`, oldest first, as many as fit into `most_bytes`, at least one if any."""
+        with self._lock:
+            starts, size = self._starts, self._size
+            first = seq + 1 - FIRST_SEQ
+            if first >= len(starts):
+                return []
+            last = first + 1
+            while (
+                last < len(starts)
+                and (starts[last + 1] if last + 1 < len(starts) else size) - starts[first] <= most_bytes
+            ):
+                last += 1
+            end = starts[last] if last < len(starts) else size
+            span = os.pread(self._fd, end - starts[first], starts[first])
+        return [json.loads(line) for line in span.split(b"\n") if line]
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """Every record from the first, as they are on disk now."""
+        seq = FIRST_SEQ - 1
+        while batch := self.after(seq, most_bytes=1 << 20):
+            yield from batch
+            seq = int(batch[-1]["seq"])
+
+    def close(self) -> None:
+        """The file is closed and unlocked; later appends raise."""
+        with self._lock:
+            if not self._broken:
+                self._broken = True
+            os.close(self._fd)

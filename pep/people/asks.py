@@ -1,0 +1,407 @@
+"""Deferrals of one PEP: each asked once, each with an end, and what people answered. Silence denies.
+
+A deferral is on record before anybody is asked, an answer before it counts, and a use before its effect: the decision
+record of the PERMIT names it. So nothing is asked twice, and no use is given twice, whatever ends this process and
+when. A use comes back only where the journal says that nothing was sent.
+"""
+
+from __future__ import annotations
+
+import secrets
+import threading
+from collections import OrderedDict
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.keys import keys
+from capabilities.statements import answers as answers_statement
+from capabilities.statements.vote import digest_of
+from capabilities.values.chain import Chain
+from pep.people.ask_composer import compose, reasons_of
+from pep.people.deferral import (
+    ANSWERED,
+    Ask,
+    AskState,
+    Deferral,
+    answered_body,
+    expired_body,
+    holder_of,
+    key_of,
+    opened_body,
+)
+from pep.people.openings import Leaves
+from pep.people.recovery import reopen
+from pep.people.votes import Ballot, Leave, Rejected, read_opening, read_vote
+from policies.evidence.evidence import ApprovalReading
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from capabilities.statements import ask as ask_statement
+    from capabilities.statements.answers import Answers
+    from capabilities.values.caps import Caps
+    from pep.base.ports import Approvers, Clock, Journal
+    from pep.people.ask_composer import Asker
+    from pep.people.deferral import Holder, Key
+    from pep.people.votes import Tally
+    from policies.evidence.evidence import Evidence, NotCollected
+    from policies.evidence.model import Decision, Request
+
+CAPACITY: Final = answers_statement.ASKS
+"""Open deferrals held at once: as many as the provider can answer in one statement."""
+KEPT: Final = 1_024
+"""Deferrals held in all; of those that are not open the oldest is forgotten first, and then counts for nothing."""
+KEPT_S: Final = 600
+"""How long one is kept after its end, as long as the provider tells of it."""
+REFUSED_MS: Final = 10_000
+"""How long a question that the provider took no more of is not put again: a budget is no matter of seconds."""
+
+
+class Asks:
+    """All deferrals of one PEP.
+
+    Args:
+        clock: both clocks.
+        journal: takes each ask, answer and end before it counts.
+        timeout_ms: how long a deferral stays open.
+        asker: who asks.
+        approvers: the registered approvers' keys.
+        caps: bounds on statements.
+    """
+
+    def __init__(
+        self, *, clock: Clock, journal: Journal, timeout_ms: int, asker: Asker, approvers: Approvers, caps: Caps
+    ) -> None:
+        self._clock = clock
+        self._journal = journal
+        self._timeout_ms = timeout_ms
+        self._asker = asker
+        self._approvers = approvers
+        self._caps = caps
+        # `_writing` is held over a record, `_lock` never: evidence is collected on the event loop.
+        self._writing = threading.Lock()
+        self._lock = threading.Lock()
+        self._deferrals: OrderedDict[str, Deferral] = OrderedDict()
+        self._leaves = Leaves()
+        self._rejected_openings: set[str] = set()
+        self._high_s = 0.0
+
+    def _wall_s(self) -> float:
+        """Wall time that never goes back, not even over a restart: what was over stays over."""
+        self._high_s = max(self._high_s, self._clock.wall_s())
+        return self._high_s
+
+    # -- evidence and uses, on the event loop
+
+    def witness(self, request: Request, evidence: Evidence) -> Evidence:
+        """The evidence with what people said to this very request, and a prior leave that is in force for it.
+
+        A use that is there is reserved for the request, until it is consumed or released.
+        """
+        chain = evidence.chain
+        if not isinstance(chain, Chain):
+            return evidence
+        registered = self._approvers.approvers()
+        with self._lock:
+            now_s, approval, named = self._wall_s(), None, ""
+            if (chosen := self._choose(holder_of(chain, request), registered, now_s)) is not None:
+                deferral, counted, standing = chosen
+                approval = deferral.reserve(request.request_id, evidence.at_ms, counted, standing)
+                named = approval.opening_id
+            opening = self._leaves.reading(chain, request, registered, named=named, now_s=now_s, at_ms=evidence.at_ms)
+        return replace(evidence, approval=approval, opening=opening)
+
+    def _choose(
+        self, holder: Holder, registered: Mapping[str, bytes], now_s: float
+    ) -> tuple[Deferral, Tally, str] | None:
+        """The newest answer that can matter, else the newest open question, else the newest answer that is over."""
+        mine = [(d, d.count(registered)) for d in reversed(self._deferrals.values()) if d.key[0] == holder]
+        states = [(d, counted, d.standing(counted, now_s)) for d, counted in mine]
+        now_ms = self._clock.monotonic_ms()
+        for wanted in (("denied", "granted"), ("open",), ("used", "withdrawn", "expired")):
+            for chosen in states:
+                # a no stands as long as the question would have
+                if chosen[2] in wanted and (chosen[2] != "denied" or now_ms < chosen[0].ask.expires_ms):
+                    return chosen
+        return None
+
+    def consume(self, decision: Decision) -> bool:
+        """True when the use that the decision names is this request's alone from now on, or it names none.
+
+        To be called before the decision's record is handed to the journal: from there on the record may be durable.
+        """
+        if decision.approval is None:
+            return True
+        with self._lock:
+            deferral = self._deferrals.get(decision.approval.ask_id)
+            if deferral is None:
+                return False
+            request_id, use, opening_id = decision.request_id, decision.approval.use, deferral.question.opening_id
+            if opening_id and not self._leaves.consume(opening_id, request_id):
+                return False
+            if deferral.consume(request_id, use, self._clock.monotonic_ms()):
+                return True
+            self._leaves.give_back(opening_id, request_id)
+            return False
+
+    def release(self, request_id: str) -> None:
+        """What was only reserved for the request is free again. What it consumed stays consumed."""
+        with self._lock:
+            for deferral in self._deferrals.values():
+                deferral.release(request_id)
+
+    def give_back(self, decision: Decision) -> None:
+        """The use is there again. Only for a PERMIT of which the journal says that nothing was, or can be, sent."""
+        if decision.approval is None:
+            return
+        with self._lock:
+            deferral = self._deferrals.get(decision.approval.ask_id)
+            if deferral is not None:
+                deferral.give_back(decision.request_id, decision.approval.use)
+                self._leaves.give_back(deferral.question.opening_id, decision.request_id)
+
+    # -- questions, beside the event loop
+
+    def consult(self, *, request: Request, evidence: Evidence, decision: Decision) -> tuple[AskState, Ask | None]:
+        """The deferral that stands for this agent, this very request and this question, opened now when there is none.
+
+        An expired one is told once; the next identical request asks anew. A new one is on record before this returns.
+
+        Args:
+            request: deferred.
+            evidence: on which; its chain is verified.
+            decision: the DEFER.
+
+        Returns:
+            `OPEN`, `EXPIRED` or `REFUSED` with the deferral; `REFUSED` with None when there is no room for another.
+
+        Raises:
+            pep.base.errors.JournalError: when it could not be recorded; nobody is asked then.
+            StatementError, ValueError: when it is nothing that people could be asked.
+        """
+        self.expire()
+        with self._writing:
+            if isinstance(evidence.chain, Chain):
+                key = (holder_of(evidence.chain, request), frozenset(reasons_of(decision)), decision.tier)
+                if (standing := self._standing(key, evidence.approval)) is not None:
+                    return standing
+            wall_s = self._wall_s()
+            expires_at = wall_s + self._timeout_ms / 1000
+            question, text = compose(
+                request,
+                evidence,
+                decision,
+                asker=self._asker,
+                nonce=secrets.token_hex(16),
+                asked_at=int(wall_s),
+                expires_at=max(int(wall_s) + 1, int(expires_at)),
+            )
+            ask = self._ask(question, text, reason=str(decision.reason), expires_at=expires_at)
+            self._journal.append("ask", opened_body(ask))
+            with self._lock:
+                self._deferrals[ask.ask_id] = Deferral(ask, question, key_of(question))
+            return AskState.OPEN, ask
+
+    def _ask(self, question: ask_statement.Ask, text: str, *, reason: str, expires_at: float) -> Ask:
+        left_ms = min(self._timeout_ms, int((expires_at - self._wall_s()) * 1000 + 0.5))
+        return Ask(
+            ask_id=question.ask_id,
+            agent=question.agent,
+            request_digest=question.request_digest,
+            reason=reason,
+            expires_ms=self._clock.monotonic_ms() + left_ms,
+            expires_at=expires_at,
+            url=self._asker.page(question.ask_id),
+            text=text,
+        )
+
+    def _standing(self, key: Key, seen: ApprovalReading | NotCollected | None) -> tuple[AskState, Ask | None] | None:
+        """What already stands for this question, or that there is no room for it; None when it is to be asked.
+
+        A question that was open when the evidence was collected, and was answered since, stands: people have just
+        spoken, and the next identical request hears them.
+        """
+        now_ms = self._clock.monotonic_ms()
+        answered = seen.ask_id if isinstance(seen, ApprovalReading) and seen.state == "open" else ""
+        with self._lock:
+            same = [d for d in self._deferrals.values() if d.key == key]
+            for deferral in same:
+                if deferral.state is AskState.EXPIRED and not deferral.told:
+                    deferral.told = True
+                    return AskState.EXPIRED, deferral.ask
+                if deferral.state is AskState.REFUSED and now_ms < deferral.refused_until_ms:
+                    return AskState.REFUSED, deferral.ask
+            for deferral in same:
+                just_answered = deferral.ask.ask_id == answered and deferral.state in ANSWERED.values()
+                if deferral.state is AskState.OPEN or deferral.awaits_word or just_answered:
+                    return AskState.OPEN, deferral.ask
+            if sum(d.state is AskState.OPEN for d in self._deferrals.values()) >= CAPACITY:
+                return AskState.REFUSED, None
+        return None
+
+    def expire(self) -> tuple[Ask, ...]:
+        """The deferrals whose time was over now; for each a denial is on record.
+
+        Raises:
+            pep.base.errors.JournalError: when one could not be recorded; it then stays open, and the next call tries
+            again.
+        """
+        ended: list[Ask] = []
+        with self._writing:
+            now_ms = self._clock.monotonic_ms()
+            with self._lock:
+                over = [d for d in self._deferrals.values() if d.state is AskState.OPEN and now_ms >= d.ask.expires_ms]
+            for deferral in over:
+                self._journal.append("ask-expired", expired_body(deferral.ask.ask_id, deferral.ask.request_digest))
+                with self._lock:
+                    deferral.state = AskState.EXPIRED
+                ended.append(deferral.ask)
+            with self._lock:
+                self._forget()
+        return tuple(ended)
+
+    def _forget(self) -> None:
+        """What has been over for long is forgotten. What its agent has not been told of yet is kept longest."""
+        now_s = self._wall_s()
+        closed = [d for d in self._deferrals.values() if d.state is not AskState.OPEN]
+        surplus = len(self._deferrals) - KEPT
+        for number, deferral in enumerate(closed):
+            over = now_s > max(deferral.ask.expires_at, deferral.not_after) + KEPT_S
+            untold = deferral.state is AskState.EXPIRED and not deferral.told
+            if number < surplus or (over and not untold):
+                del self._deferrals[deferral.ask.ask_id]
+
+    def refuse(self, ask_id: str) -> None:
+        """The provider takes no more questions of this agent: on record, and the deferral is over.
+
+        Raises:
+            pep.base.errors.JournalError: when it could not be recorded.
+        """
+        with self._writing:
+            deferral = self._deferrals.get(ask_id)
+            if deferral is None or deferral.state is not AskState.OPEN:
+                return
+            body = {**expired_body(ask_id, deferral.ask.request_digest), "reason": str(Reason.ASK_BUDGET_SPENT)}
+            self._journal.append("ask-refused", body)
+            with self._lock:
+                deferral.state = AskState.REFUSED
+                deferral.refused_until_ms = self._clock.monotonic_ms() + REFUSED_MS
+
+    def posted(self, ask_id: str) -> None:
+        """The provider has it."""
+        with self._lock:
+            if ask_id in self._deferrals:
+                self._deferrals[ask_id].posted = True
+
+    def unposted(self) -> tuple[Ask, ...]:
+        """The open deferrals that the provider does not have yet."""
+        with self._lock:
+            return tuple(d.ask for d in self._deferrals.values() if d.state is AskState.OPEN and not d.posted)
+
+    def state_of(self, ask_id: str) -> AskState | None:
+        """What has become of a deferral, or None when it is forgotten."""
+        with self._lock:
+            deferral = self._deferrals.get(ask_id)
+            return None if deferral is None else deferral.state
+
+    def matter(self) -> int:
+        """How many deferrals and openings a word of the provider could change."""
+        with self._lock:
+            live = sum(d.state in {AskState.OPEN, AskState.GRANTED} for d in self._deferrals.values())
+            return live + len(self._leaves)
+
+    # -- answers, beside the event loop
+
+    def accept(self, answers: Answers, *, sent_ms: int) -> None:
+        """Every vote and opening that verifies is known now, and counts once it is on record.
+
+        Args:
+            answers: verified, for this audience, to a nonce of ours.
+            sent_ms: monotonic time at which that nonce was sent.
+
+        Raises:
+            pep.base.errors.JournalError: when an answer could not be recorded; it then does not count.
+        """
+        registered = self._approvers.approvers()
+        if not registered:
+            # No registry was read yet, or nobody approves: no vote can be verified, and none is condemned for it.
+            return
+        with self._writing:
+            for answered in answers.asks:
+                with self._lock:
+                    deferral = self._deferrals.get(answered.ask_id)
+                if deferral is not None:
+                    self._count(deferral, answered.votes, registered, sent_ms)
+            self._take_leaves(answers.openings, registered, sent_ms)
+
+    def _count(self, deferral: Deferral, texts: Iterable[str], registered: Mapping[str, bytes], sent_ms: int) -> None:
+        ballots, ask = dict(deferral.ballots), deferral.ask
+        for text in texts:
+            digest = _digest(text)
+            if digest in ballots or digest in deferral.rejected:
+                continue
+            read = read_vote(text, deferral.question, ask.text, registered, at=self._wall_s(), caps=self._caps)
+            if isinstance(read, Ballot):
+                ballots[digest] = read
+            elif len(deferral.rejected) < answers_statement.VOTES:
+                self._reject("vote", ask.ask_id, digest, read)
+                deferral.rejected.add(digest)
+        counted = replace(deferral, ballots=ballots).count(registered)
+        state = ANSWERED.get(counted.count, deferral.state)
+        if state is not deferral.state and deferral.state in {AskState.OPEN, AskState.GRANTED}:
+            if deferral.state is AskState.OPEN and not self._clock.monotonic_ms() < ask.expires_ms:
+                return  # too late: its end comes first
+            self._journal.append("ask-answered", answered_body(ask, counted, ballots.values()))
+        else:
+            state = deferral.state
+        with self._lock:
+            deferral.state, deferral.ballots, deferral.posted = state, ballots, True
+            deferral.not_after = max((ballot.vote.not_after for ballot in ballots.values()), default=0)
+            deferral.word_ms = sent_ms if deferral.word_ms is None else max(deferral.word_ms, sent_ms)
+
+    def _take_leaves(self, texts: Iterable[str], registered: Mapping[str, bytes], sent_ms: int) -> None:
+        known, taken = self._leaves.by_text(), []
+        for text in texts:
+            leave = known.get(text) or read_opening(text, self._asker.audience, registered, caps=self._caps)
+            digest = _digest(text)
+            if isinstance(leave, Leave):
+                taken.append(leave)
+            elif digest not in self._rejected_openings and len(self._rejected_openings) < KEPT:
+                self._reject("opening", "", digest, leave)
+                self._rejected_openings.add(digest)
+        with self._lock:
+            self._leaves.replace(taken, sent_ms=sent_ms)
+
+    def _reject(self, what: str, ask_id: str, digest: str, rejected: Rejected) -> None:
+        """A statement that does not count is on record, once."""
+        body: dict[str, object] = {"what": f"{what}-rejected", "digest": digest, "fault": str(rejected.code)}
+        self._journal.append("incident", {**body, "ask_id": ask_id} if ask_id else body)
+
+    # -- restart, before anything else
+
+    def recover(self, records: Iterable[Mapping[str, Any]]) -> None:
+        """Deferrals, answers and uses are as an earlier process left them; votes are fetched again before they count.
+
+        An open deferral has what was left of its time by the wall clock, or by the newest record when the clock was
+        set back meanwhile. One that this PEP's key did not sign is no question of ours.
+
+        Args:
+            records: of the whole journal, oldest first.
+        """
+        remains = reopen(records, [keys.public_raw(self._asker.key)], self._caps)
+        self._high_s = max(self._high_s, remains.high_s)
+        with self._lock:
+            for left in remains.asks:
+                ask = self._ask(left.question, left.text, reason=left.reason, expires_at=left.expires_at)
+                deferral = Deferral(ask, left.question, key_of(left.question), state=left.state)
+                deferral.not_after, deferral.used = left.not_after, left.used
+                self._deferrals[ask.ask_id] = deferral
+            for opening_id, request_id in remains.opening_uses:
+                self._leaves.recover(opening_id, request_id)
+            self._forget()
+
+
+def _digest(text: str) -> str:
+    """Of a statement's text; one that is not ASCII is no statement, and one is as bad as another."""
+    return digest_of(text) if text.isascii() else ""

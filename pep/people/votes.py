@@ -1,0 +1,179 @@
+"""Counting what people have signed: each vote and opening verified with its author's registered key. Pure.
+
+The identity provider carries votes and cannot make one. What it says about the state of an ask is advice; this decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, StrEnum
+from typing import TYPE_CHECKING, Final
+
+from capabilities.keys import keys
+from capabilities.statements import opening as opening_statement
+from capabilities.statements import vote as vote_statement
+from capabilities.statements.statement_form import signer_thumbprint
+from capabilities.values.errors import CapabilityError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from capabilities.statements.ask import Ask
+    from capabilities.statements.opening import Opening
+    from capabilities.statements.vote import Vote
+    from capabilities.values.caps import Caps
+    from capabilities.values.errors import FaultCode
+
+VOTE_LIFETIME_S: Final = 3_600
+"""Longest validity of a vote from its signing, the provider's rule too."""
+_RANK: Final = {"approve": 0, "withdraw": 1, "deny": 2}
+"""Of two answers signed in the same second the stricter one is the newer."""
+
+
+class VoteFault(StrEnum):
+    """Why a vote or opening that somebody signed counts for nothing; beside the faults of a statement."""
+
+    VOTE_NOT_FOR_THIS_ASK = "VOTE_NOT_FOR_THIS_ASK"
+    VOTE_NOT_YOURS = "VOTE_NOT_YOURS"
+    VOTE_OUT_OF_TIME = "VOTE_OUT_OF_TIME"
+    NOT_PERMITTED = "NOT_PERMITTED"
+    OPENING_NOT_FOR_US = "OPENING_NOT_FOR_US"
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A statement that is not believed, and why."""
+
+    code: VoteFault | FaultCode
+
+
+@dataclass(frozen=True, slots=True)
+class Ballot:
+    """A verified vote, its text, and the raw key that signed it."""
+
+    text: str
+    vote: Vote
+    key: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Leave:
+    """A verified opening, its text, and the raw key that signed it."""
+
+    text: str
+    opening: Opening
+    key: bytes
+
+
+class Count(Enum):
+    """What the votes on an ask come to."""
+
+    OPEN = "open"
+    GRANTED = "granted"
+    DENIED = "denied"
+    WITHDRAWN = "withdrawn"
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """The votes on one ask, counted.
+
+    Attributes:
+        count: what they come to.
+        approvers: the different people who approve, sorted.
+        uses: how often the approval may be used in all: the least of what they gave; 0 when nobody approves.
+        not_after: seconds since the epoch, the earliest of theirs; 0 when nobody approves.
+        sees_clear: every one of them attests to seeing the cell clear.
+    """
+
+    count: Count
+    approvers: tuple[str, ...]
+    uses: int
+    not_after: int
+    sees_clear: bool
+
+
+def read_vote(
+    text: str, question: Ask, question_text: str, approvers: Mapping[str, bytes], *, at: float, caps: Caps
+) -> Ballot | Rejected:
+    """The vote, when a registered approver signed it, in time, for exactly this ask.
+
+    Args:
+        text: of the vote.
+        question: the ask.
+        question_text: its text, which the vote binds.
+        approvers: raw key of each registered approver, by id.
+        at: now, seconds since the epoch.
+        caps: bounds.
+    """
+    try:
+        vote = vote_statement.open(text, list(approvers.values()), caps)
+    except CapabilityError as error:
+        return Rejected(error.code)
+    signer = signer_thumbprint(text)
+    key = approvers.get(vote.approver)
+    if key is None or keys.thumbprint(key) != signer:
+        return Rejected(VoteFault.VOTE_NOT_YOURS)
+    if signer == question.agent_key:
+        return Rejected(VoteFault.NOT_PERMITTED)
+    asked = (question.ask_id, question.nonce, vote_statement.digest_of(question_text))
+    if (vote.ask_id, vote.nonce, vote.ask_digest) != asked:
+        return Rejected(VoteFault.VOTE_NOT_FOR_THIS_ASK)
+    signed_in_time = question.asked_at <= vote.at <= at + caps.skew_s
+    if not (signed_in_time and vote.at < vote.not_after <= vote.at + VOTE_LIFETIME_S + caps.skew_s):
+        return Rejected(VoteFault.VOTE_OUT_OF_TIME)
+    return Ballot(text, vote, key)
+
+
+def read_opening(text: str, audience: str, approvers: Mapping[str, bytes], *, caps: Caps) -> Leave | Rejected:
+    """The opening, when a registered approver signed it for this audience.
+
+    Args:
+        text: of the opening.
+        audience: canonical URL of this server.
+        approvers: raw key of each registered approver, by id.
+        caps: bounds.
+    """
+    try:
+        opening = opening_statement.open(text, list(approvers.values()), caps)
+    except CapabilityError as error:
+        return Rejected(error.code)
+    key = approvers.get(opening.opener)
+    if key is None or keys.thumbprint(key) != signer_thumbprint(text):
+        return Rejected(VoteFault.VOTE_NOT_YOURS)
+    if opening.audience != audience:
+        return Rejected(VoteFault.OPENING_NOT_FOR_US)
+    return Leave(text, opening, key)
+
+
+def tally(ballots: Iterable[Ballot], question: Ask, approvers: Mapping[str, bytes]) -> Tally:
+    """What the votes come to: each person once, the newest vote counting, by people who are registered now.
+
+    One deny ends the ask for good. A withdrawal ends what its author approved, and the ask with it.
+
+    Args:
+        ballots: verified votes on `question`.
+        question: how many different people are wanted; of two at most one is the sponsor.
+        approvers: raw key of each approver who is registered now, by id.
+    """
+    standing = [ballot for ballot in ballots if approvers.get(ballot.vote.approver) == ballot.key]
+    newest = {
+        ballot.vote.approver: ballot.vote
+        for ballot in sorted(standing, key=lambda ballot: (ballot.vote.at, _RANK[ballot.vote.answer]))
+    }
+    approving = {person: vote for person, vote in newest.items() if vote.answer == "approve"}
+    if any(ballot.vote.answer == "deny" for ballot in standing):
+        count = Count.DENIED
+    elif any(vote.answer == "withdraw" for vote in newest.values()):
+        count = Count.WITHDRAWN
+    elif len(approving) >= question.approvers:
+        count = Count.GRANTED
+    else:
+        count = Count.OPEN
+    return Tally(
+        count=count,
+        approvers=tuple(sorted(approving)),
+        uses=min((vote.uses for vote in approving.values()), default=0),
+        not_after=min((vote.not_after for vote in approving.values()), default=0),
+        sees_clear=bool(approving) and all(vote.sees_clear for vote in approving.values()),
+    )

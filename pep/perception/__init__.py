@@ -1,0 +1,1 @@
+"""Perception: frames signed by sensors, their order and age, and whether they agree."""

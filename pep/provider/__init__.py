@@ -1,0 +1,1 @@
+"""Connections to the identity provider: revocation feed, conduct, asks, journal upload."""

@@ -1,0 +1,386 @@
+"""Following the identity provider: the signed revocation index, and the signed registry snapshot that it names.
+
+One pull is one question with a fresh nonce. The age of the answer runs on our monotonic clock from the moment the nonce
+was sent, so no clock of another machine and no recorded answer can make an old view young. What was accepted only ever
+grows: the highest epoch is on disk, and an answer below it is refused.
+
+Beside the pulls one request waits at the provider for the next revocation. Its answer is a hint and nothing more: it
+makes the next pull come at once. Whoever forges it causes a pull, four a second at most beyond what revocations cause;
+whoever suppresses it leaves the ordinary period to find out.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import httpx2
+
+from capabilities.statements import registry, revocation
+from capabilities.values import strict_json
+from capabilities.values.errors import CapabilityError
+from pep.base.errors import FeedError, PepFault
+from pep.base.files import replace_file
+from pep.base.ports import RegisteredSensor, RegisteredTool
+from pep.provider.conduct_feed import Standings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from capabilities.keys.trust import TrustBundle
+    from capabilities.statements.registry import RegistrySnapshot
+    from capabilities.statements.revocation import RevocationIndex, RevocationView
+    from capabilities.values.caps import Caps
+    from pep.base.ports import Clock, ConductWord
+
+PERIOD_S: Final = 0.25
+"""Time between pulls: an eighth of the motion lease; a quarter would do."""
+MOVING_PERIOD_S: Final = 0.1
+"""Time between pulls while something moves: a lost hint costs a tenth of a second of motion, not a quarter."""
+TIMEOUT_S: Final = 1.0
+"""Longest wait for one answer; two still fit into the motion lease."""
+NONCE_BYTES: Final = 24
+HINT_TIMEOUT_S: Final = 25.0
+"""Longest wait for a hint: the provider answers within 20 s."""
+HINT_BYTES: Final = 256
+"""Largest hint."""
+BACKOFF_S: Final = 0.25
+"""Shortest pause after a hint that failed, came at once with nothing new, or was not borne out by a pull."""
+LONGEST_BACKOFF_S: Final = 8.0
+"""Longest pause after hints that failed one after another; they are a convenience, and the pull goes on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """The high-water mark that survives restarts.
+
+    Attributes:
+        issuer: whose feed it is; another issuer's mark is no mark.
+        epoch: highest accepted.
+        registry_version: highest accepted.
+    """
+
+    issuer: str
+    epoch: int
+    registry_version: int
+
+
+class MarkFile:
+    """The mark on disk, replaced atomically and synced."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def read(self, issuer: str) -> Mark:
+        """The stored mark, or zeros when there is none yet.
+
+        Raises:
+            FeedError: `STATE_UNREADABLE` when there is one that cannot be read: starting from zero would accept a
+                rolled-back feed.
+        """
+        try:
+            stored = json.loads(self._path.read_bytes())
+            mark = Mark(str(stored["issuer"]), int(stored["epoch"]), int(stored["registry_version"]))
+        except FileNotFoundError:
+            return Mark(issuer, 0, 0)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise FeedError(PepFault.STATE_UNREADABLE, str(self._path)) from error
+        return mark if mark.issuer == issuer else Mark(issuer, 0, 0)
+
+    def write(self, mark: Mark) -> None:
+        """The mark is on disk.
+
+        Raises:
+            OSError: when it could not be made durable.
+        """
+        content = {"issuer": mark.issuer, "epoch": mark.epoch, "registry_version": mark.registry_version}
+        replace_file(self._path, json.dumps(content).encode())
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What has been accepted so far.
+
+    Attributes:
+        epoch: of the newest index, -1 before the first.
+        revoked: (kind, id) pairs of all entries since the beginning.
+        read_ms: monotonic time at which the newest index's nonce was sent.
+        snapshot: of the registry.
+    """
+
+    epoch: int
+    revoked: frozenset[tuple[str, str]]
+    read_ms: int
+    snapshot: RegistrySnapshot
+
+
+class Follower:
+    """The `RevocationFeed`, `Registry`, `Sensors` and `Approvers` ports over HTTP.
+
+    An index is published only together with the registry version that it names: when one of the two cannot be had,
+    neither is, and the view grows old until nothing may move. What it revokes is revoked at once.
+
+    Args:
+        http: client of the identity provider.
+        issuer: base URL.
+        audience: this PEP's; only its registry is accepted.
+        trust: keys of the feed and of the registry.
+        caps: bounds on statements.
+        clock: both clocks.
+        mark: the high-water mark.
+        incident: told about every refused answer.
+
+    Attributes:
+        standings: the word on conduct, pulled beside.
+    """
+
+    def __init__(
+        self,
+        http: httpx2.AsyncClient,
+        *,
+        issuer: str,
+        audience: str,
+        trust: TrustBundle,
+        caps: Caps,
+        clock: Clock,
+        mark: MarkFile,
+        incident: Callable[[FeedError], None],
+    ) -> None:
+        self._http = http
+        self._issuer = issuer
+        self._audience = audience
+        self._trust = trust
+        self._caps = caps
+        self._clock = clock
+        self._mark_file = mark
+        self._mark = mark.read(issuer)
+        self._incident = incident
+        self._known: Known | None = None
+        self._sensors: dict[str, RegisteredSensor] = {}
+        self._moving = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._wake = asyncio.Event()
+        self._begun = 0
+        self._ended = 0
+        self._over = asyncio.Event()
+        self._approvers: dict[str, bytes] = {}
+        self._peps: dict[str, bytes] = {}
+        self.standings = Standings(self._get, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident)
+
+    # -- ports
+
+    def view(self) -> RevocationView:
+        """The newest verified view, its age taken now."""
+        known = self._known  # once: the watch reads it from a thread of its own
+        if known is None:
+            return revocation.RevocationView.never()
+        return revocation.RevocationView(
+            epoch=known.epoch, age_ms=self._clock.monotonic_ms() - known.read_ms, revoked=known.revoked
+        )
+
+    def tool(self, name: str) -> RegisteredTool | None:
+        """The registered tool, or None."""
+        tool = None if self._known is None else self._known.snapshot.tool(name)
+        return (
+            None if tool is None else RegisteredTool(tool.name, tool.definition_digest, tool.operation, tool.base_tier)
+        )
+
+    def trust_permille(self, agent: str) -> int | None:
+        """The signed static trust of an agent, or None when nothing is stated."""
+        return None if self._known is None else self._known.snapshot.trust_permille(agent)
+
+    def conduct(self) -> ConductWord:
+        """What was said of agents' conduct, its age taken now."""
+        return self.standings.word()
+
+    def sensors(self) -> Mapping[str, RegisteredSensor]:
+        """The registered sensors of this audience."""
+        return self._sensors
+
+    def approvers(self) -> Mapping[str, bytes]:
+        """The registered approvers' keys, by person."""
+        return self._approvers
+
+    def peps(self) -> Mapping[str, bytes]:
+        """The registered enforcement points of this audience, by id."""
+        return self._peps
+
+    # -- pulling
+
+    def hurry(self, *, moving: bool) -> None:
+        """While something moves the period is `MOVING_PERIOD_S`; the first pull comes at once. For any thread."""
+        started, self._moving = moving and not self._moving, moving
+        loop = self._loop
+        if started and loop is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(self._wake.set)
+
+    async def run(self, *, period_s: float = PERIOD_S) -> None:
+        """Pull for ever; a refused answer is an incident, and the view it would have renewed grows older.
+
+        Pulls never overlap: this loop alone makes them, and a hint only ends its pause.
+        """
+        self._loop = asyncio.get_running_loop()
+        self._wake, self._over = asyncio.Event(), asyncio.Event()  # of this very loop
+        beside = [asyncio.create_task(part) for part in (self._listen(), self.standings.run())]
+        try:
+            while True:
+                started = self._clock.monotonic_ms()
+                self._wake.clear()  # before the question is sent: what is hinted from here on needs another pull
+                self._begun += 1
+                try:
+                    await self.pull()
+                except FeedError as error:
+                    self._incident(error)
+                self._ended = self._begun
+                over, self._over = self._over, asyncio.Event()
+                over.set()
+                await self._pause(period_s, started)
+        finally:
+            for task in beside:
+                task.cancel()
+            await asyncio.gather(*beside, return_exceptions=True)
+
+    async def _pause(self, period_s: float, started: int) -> None:
+        """The period is over, or somebody has woken us."""
+        period_s = min(period_s, MOVING_PERIOD_S) if self._moving else period_s
+        left_s = period_s - (self._clock.monotonic_ms() - started) / 1000
+        if left_s <= 0:
+            await asyncio.sleep(0)
+            return
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(left_s):
+                await self._wake.wait()
+
+    async def _listen(self) -> None:
+        """One request waits for the next revocation, for ever; its answer wakes the pull."""
+        backoff_s = BACKOFF_S
+        while True:
+            known = self._known
+            if known is None:  # there is no question before the first view
+                await self._over.wait()
+                continue
+            asked_ms = self._clock.monotonic_ms()
+            try:
+                epoch = await self._hint(known.epoch)
+            except FeedError:
+                # No incident: what matters is whether the pull gets through, and that one tells.
+                await asyncio.sleep(backoff_s)
+                backoff_s = min(2 * backoff_s, LONGEST_BACKOFF_S)
+                continue
+            backoff_s = BACKOFF_S
+            if epoch > known.epoch:
+                before = self._begun
+                self._wake.set()
+                await self._pulled(before)
+                borne_out = self._known is not None and self._known.epoch > known.epoch
+            else:
+                borne_out = self._clock.monotonic_ms() - asked_ms >= BACKOFF_S * 1000
+            if not borne_out:
+                await asyncio.sleep(BACKOFF_S)
+
+    async def _pulled(self, before: int) -> None:
+        """A pull has ended that began after `before` of them had begun."""
+        while self._ended <= before:
+            await self._over.wait()
+
+    async def _hint(self, since: int) -> int:
+        text = await self._get("/revocations/wait", {"since": str(since)}, timeout_s=HINT_TIMEOUT_S, most=HINT_BYTES)
+        try:
+            members = strict_json.parse_object(text.encode())
+        except CapabilityError as error:
+            raise FeedError(PepFault.FEED_UNREACHABLE, "not a hint") from error
+        epoch = members.get("epoch")
+        if isinstance(epoch, bool) or not isinstance(epoch, int):
+            raise FeedError(PepFault.FEED_UNREACHABLE, "not a hint")
+        return epoch
+
+    async def pull(self) -> None:
+        """One question and its answer, accepted whole.
+
+        Raises:
+            FeedError: when the answer is refused or there is none; what was known before still stands, and ages. What
+                a verified index revokes counts even so.
+        """
+        known = self._known
+        epoch = 0 if known is None else known.epoch
+        sent_ms = self._clock.monotonic_ms()
+        index, fresh = await self._ask_all(epoch)
+        if known is not None and fresh:
+            # Revoked is revoked, whatever else of the answer cannot be had: what makes the view young comes last.
+            known = self._known = replace(known, revoked=known.revoked | fresh)
+        snapshot = known.snapshot if known is not None else None
+        if snapshot is None or snapshot.version != index.registry_version:
+            snapshot = await self._registry(least=index.registry_version)
+        mark = Mark(self._issuer, index.epoch, snapshot.version)
+        if mark != self._mark:
+            try:
+                await asyncio.to_thread(self._mark_file.write, mark)
+            except OSError as error:
+                raise FeedError(PepFault.STATE_UNREADABLE, "the mark could not be written") from error
+            self._mark = mark
+        if known is None or known.snapshot is not snapshot:
+            self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
+            self._approvers = {approver.id: approver.key for approver in snapshot.approvers}
+            self._peps = {pep.id: pep.key for pep in snapshot.peps}
+        self._known = Known(index.epoch, fresh if known is None else known.revoked, sent_ms, snapshot)
+
+    async def _ask_all(self, since: int) -> tuple[RevocationIndex, frozenset[tuple[str, str]]]:
+        """Everything after `since`, page by page: the last index, and what was revoked."""
+        fresh: set[tuple[str, str]] = set()
+        while True:
+            nonce = secrets.token_urlsafe(NONCE_BYTES)
+            text = await self._get("/revocations", {"since": str(since), "nonce": nonce})
+            index = self._accept(text, since=since, nonce=nonce)
+            fresh.update((entry.kind, entry.id) for entry in index.entries)
+            if index.last == index.epoch:
+                return index, frozenset(fresh)
+            if not index.last > since:
+                raise FeedError(PepFault.FEED_WRONG_RANGE, "a page that leads nowhere")
+            since = index.last
+
+    def _accept(self, text: str, *, since: int, nonce: str) -> RevocationIndex:
+        try:
+            index = revocation.open(text, self._trust.feed, self._caps)
+        except CapabilityError as error:
+            raise FeedError(PepFault.FEED_UNTRUSTED, str(error.code)) from error
+        if index.issuer != self._issuer:
+            raise FeedError(PepFault.FEED_WRONG_ISSUER)
+        if index.nonce != nonce:
+            raise FeedError(PepFault.FEED_WRONG_NONCE)
+        if index.since != since:
+            raise FeedError(PepFault.FEED_WRONG_RANGE)
+        if not (index.epoch >= self._mark.epoch and index.registry_version >= self._mark.registry_version):
+            raise FeedError(PepFault.FEED_ROLLED_BACK, f"epoch {index.epoch} after {self._mark.epoch}")
+        return index
+
+    async def _registry(self, *, least: int) -> RegistrySnapshot:
+        text = await self._get("/registry", {"audience": self._audience})
+        try:
+            snapshot = registry.open(text, self._trust.registry, self._caps)
+        except CapabilityError as error:
+            raise FeedError(PepFault.FEED_UNTRUSTED, str(error.code)) from error
+        if snapshot.issuer != self._issuer:
+            raise FeedError(PepFault.FEED_WRONG_ISSUER)
+        if snapshot.audience != self._audience:
+            raise FeedError(PepFault.REGISTRY_WRONG_AUDIENCE)
+        if not snapshot.version >= max(least, self._mark.registry_version):
+            raise FeedError(PepFault.REGISTRY_ROLLED_BACK, f"version {snapshot.version} after {least}")
+        return snapshot
+
+    async def _get(
+        self, path: str, query: dict[str, str], *, timeout_s: float = TIMEOUT_S, most: int | None = None
+    ) -> str:
+        try:
+            response = await self._http.get(
+                f"{self._issuer}{path}", params=query, timeout=timeout_s, follow_redirects=False
+            )
+        except httpx2.HTTPError as error:
+            raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error
+        if response.status_code != 200 or not len(response.content) <= (most or self._caps.statement_bytes):
+            raise FeedError(PepFault.FEED_UNREACHABLE, f"status {response.status_code}")
+        return response.text

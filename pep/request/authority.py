@@ -1,0 +1,169 @@
+"""Steps 1 to 10 for whoever knocks: token against revocation view, proof against token, request and all seen before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, assert_never
+
+from capabilities.proof import freshness
+from capabilities.proof.proof import Proof, check_proof
+from capabilities.token.token_text import token_from_text
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault, FaultCode
+from pep.journal.replay_cache import proof_name
+from policies.evidence.evidence import NOT_COLLECTED, NotCollected
+
+if TYPE_CHECKING:
+    from capabilities.token.verify import Verifier
+    from capabilities.values.caps import Caps
+    from pep.base.ports import Clock, ReplayStore, RevocationFeed
+
+PROOF_CLAUSE: Final = "TOK-10"
+NO_TOKEN: Final = Fault(FaultCode.TOKEN_MISSING, "TOK-1", "no token was presented")
+
+
+@dataclass(frozen=True, slots=True)
+class Presented:
+    """What came over the wire, unverified.
+
+    Attributes:
+        token: text of the token, or None when none was presented.
+        proof: text of the proof, or None.
+        method, url: HTTP method, and the configured canonical URL (never the `Host` header's).
+        body: the exact bytes.
+    """
+
+    token: str | None
+    proof: str | None
+    method: str
+    url: str
+    body: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Credentials:
+    """What became of it.
+
+    Attributes:
+        token: bytes of the token, or None when there was none to read.
+        chain: the verified chain, or the fault of steps 1 to 9.
+        proof: True after step 10, its fault, or `NOT_COLLECTED` after an earlier fault.
+        proof_name: what the replay store knows the proof by (hex), or "" when no proof was verified.
+    """
+
+    token: bytes | None
+    chain: Chain | Fault | NotCollected = NOT_COLLECTED
+    proof: bool | Fault | NotCollected = NOT_COLLECTED
+    proof_name: str = ""
+
+    @property
+    def fault(self) -> Fault | None:
+        """The first fault, or None when token and proof hold."""
+        if isinstance(self.chain, Fault):
+            return self.chain
+        if isinstance(self.proof, Fault):
+            return self.proof
+        if isinstance(self.chain, Chain) and self.proof is True:
+            return None
+        return NO_TOKEN
+
+
+NOBODY: Final = Credentials(None, NO_TOKEN)
+"""The caller of a transport that carries no credentials."""
+
+
+class Authority:
+    """Verifies what callers present, with the live revocation view.
+
+    Args:
+        verifier: steps 1 to 9, cached by digest.
+        feed: the revocation view and its age.
+        replay: proof ids seen.
+        clock: both clocks.
+        caps: bounds.
+        audience: canonical URL of this server.
+        started_s: earliest time of an accepted proof ([PRF-8], `freshness.earliest_iat_s`): the replay store began with
+            what the journal remembers and nothing else.
+    """
+
+    def __init__(
+        self,
+        *,
+        verifier: Verifier,
+        feed: RevocationFeed,
+        replay: ReplayStore,
+        clock: Clock,
+        caps: Caps,
+        audience: str,
+        started_s: float,
+    ) -> None:
+        self.verifier = verifier
+        self._feed = feed
+        self._replay = replay
+        self._clock = clock
+        self._caps = caps
+        self._audience = audience
+        self._started_s = started_s
+
+    def check(self, presented: Presented, *, lease_ms: int) -> Credentials:
+        """The caller's credentials, with the first fault of steps 1 to 10.
+
+        Args:
+            presented: what came over the wire.
+            lease_ms: oldest acceptable revocation view.
+        """
+        if presented.token is None:
+            return NOBODY
+        token = token_from_text(presented.token, self._caps)
+        if isinstance(token, Fault):
+            return Credentials(None, token)
+        chain = self.verify(token, lease_ms=lease_ms)
+        match chain:
+            case Fault():
+                return Credentials(token, chain)
+            case Chain():
+                return self._prove(presented, Credentials(token, chain), chain)
+            case _:
+                assert_never(chain)
+
+    def verify(self, token: bytes, *, lease_ms: int) -> Chain | Fault:
+        """Steps 1 to 9 as of now; signatures are cached, times and revocation are not."""
+        return self.verifier.verify(
+            token, at=self._clock.wall_s(), audience=self._audience, view=self._feed.view(), lease_ms=lease_ms
+        )
+
+    def _prove(self, presented: Presented, so_far: Credentials, chain: Chain) -> Credentials:
+        """[TOK-10] proof of possession by the leaf's key, and replay. The id is stored whatever comes after."""
+        if presented.proof is None:
+            return replace(so_far, proof=Fault(FaultCode.PROOF_MISSING, PROOF_CLAUSE, "no proof was presented"))
+        proof = check_proof(
+            presented.proof,
+            key=chain.leaf.key,
+            method=presented.method,
+            url=presented.url,
+            body=presented.body,
+            token=presented.token,
+            at=self._clock.wall_s(),
+            caps=self._caps,
+        )
+        match proof:
+            case Fault():
+                return replace(so_far, proof=proof)
+            case Proof():
+                return replace(
+                    so_far, proof=self._once(proof) or True, proof_name=proof_name(proof.key, proof.jti).hex()
+                )
+            case _:
+                assert_never(proof)
+
+    def _once(self, proof: Proof) -> Fault | None:
+        # [PRF-8] The store forgets with the process. What had an effect is in the journal and comes back from there;
+        # the rest is covered here.
+        fault = freshness.before_start(proof.iat, earliest_s=self._started_s)
+        if fault is not None:
+            return fault
+        # [PRF-7] single use
+        expires_ms = self._clock.monotonic_ms() + freshness.retention_ms(self._caps)
+        if not self._replay.first_use(proof.jti, key=proof.key, expires_ms=expires_ms):
+            return Fault(FaultCode.REPLAYED, PROOF_CLAUSE, "the proof was used before")
+        return None

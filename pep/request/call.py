@@ -1,0 +1,36 @@
+"""Call: one request of a caller, with the credentials and the tool it came with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from policies.evidence.evidence import NOT_COLLECTED, NotCollected
+
+if TYPE_CHECKING:
+    from pep.base.operations import Operation
+    from pep.request.authority import Credentials
+    from policies.evidence.content_readings import ContextReading
+    from policies.evidence.evidence import ToolReading
+    from policies.evidence.model import Request
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """One request with what the shell knows about it.
+
+    Attributes:
+        request: in integers.
+        operation: of it.
+        tool: as it is registered and as it is served now.
+        credentials: what the caller presented, after steps 1 to 10.
+        arrived_ms: monotonic time of arrival.
+        context: what its parameters derive from.
+    """
+
+    request: Request
+    operation: Operation
+    tool: ToolReading
+    credentials: Credentials
+    arrived_ms: int
+    context: ContextReading | NotCollected = NOT_COLLECTED

@@ -1,0 +1,47 @@
+"""What an enforcement point needs before anything is decided: how fresh the view must be, and a durable record."""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+from policies.decide.policy import requirement
+
+if TYPE_CHECKING:
+    from pep.base.ports import Journal
+    from policies.decide.policy import PolicySet
+    from policies.evidence.model import Request
+
+
+class Edge:
+    """Leases of the policies and records in the journal, which a worker of their own writes one after the other.
+
+    Args:
+        policies: what is decided by.
+        journal: durable.
+    """
+
+    def __init__(self, *, policies: PolicySet, journal: Journal) -> None:
+        self._policies = policies
+        self._journal = journal
+        # A worker, so that nothing else delays a record, and a record no stop (which has its own way in the shell).
+        self._recorder = ThreadPoolExecutor(1, "journal")
+
+    def lease_ms(self, request: Request | None) -> int:
+        """Oldest acceptable revocation view in ms, for a request, or (None) for what asks for no operation."""
+        if request is None:
+            return self._policies.parameters.lease_other_ms
+        return requirement(request, self._policies).lease_ms
+
+    async def record(self, kind: str, body: dict[str, object]) -> str:
+        """The hash of a durable record, of a decision or of what a shell has to say beside decisions.
+
+        Raises:
+            JournalError: when it cannot be one: the caller then has no effect to give.
+        """
+        return await asyncio.get_running_loop().run_in_executor(self._recorder, self._journal.append, kind, body)
+
+    def close(self) -> None:
+        """Everything that was to be recorded is, and the worker has ended."""
+        self._recorder.shutdown(wait=True)

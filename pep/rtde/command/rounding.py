@@ -1,0 +1,64 @@
+"""Commands on the grid of requests: a program computes with doubles, and what is decided is whole numbers of units.
+
+What is asked for is taken to the nearest unit before it is judged, and what was judged is what is written: 1 urad turns
+a stretched arm's tool by half a micrometre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from capabilities.values.units import Unit, nearest
+from pep.rtde.command import command_values as v
+
+if TYPE_CHECKING:
+    from pep.rtde.command.command_values import Command
+
+_ANGLE, _TURN, _JERK = Unit.MICRORADIAN, Unit.MICRORADIAN_PER_SECOND, Unit.MICRORADIAN_PER_SECOND2
+_LENGTH, _SPEED, _RAMP = Unit.MICROMETRE, Unit.MICROMETRE_PER_SECOND, Unit.MICROMETRE_PER_SECOND2
+
+
+def on_grid(command: Command) -> Command:
+    """The command whose numbers are whole units of the request that it would be.
+
+    Values of a stream stay as they are: each is judged with its exact numbers. So does what no request stands for, and
+    a number that is not finite.
+    """
+    match command:
+        case v.MoveJ(q, speed, acceleration, _):
+            return replace(
+                command,
+                q_rad=_six(q, _ANGLE, _ANGLE),
+                speed_rad_s=nearest(speed, _TURN),
+                acceleration_rad_s2=nearest(acceleration, _JERK),
+            )
+        case v.MoveL(pose, speed, acceleration, _):
+            return replace(
+                command,
+                pose_m_rad=_six(pose, _LENGTH, _ANGLE),
+                speed_m_s=nearest(speed, _SPEED),
+                acceleration_m_s2=nearest(acceleration, _RAMP),
+            )
+        case v.SpeedL(xd, acceleration, time_s):
+            return replace(
+                command,
+                xd_m_s_rad_s=_six(xd, _SPEED, _TURN),
+                acceleration_m_s2=nearest(acceleration, _RAMP),
+                time_s=nearest(time_s, Unit.MILLISECOND),
+            )
+        case v.SetTcp(pose):
+            return replace(command, pose_m_rad=_six(pose, _LENGTH, _ANGLE))
+        case v.SetPayload(mass_kg, centre):
+            return replace(command, mass_kg=nearest(mass_kg, Unit.GRAM), centre_m=_three(centre, _LENGTH))
+        case _:
+            return command
+
+
+def _three(numbers: v.Three, unit: Unit) -> v.Three:
+    x, y, z = numbers
+    return nearest(x, unit), nearest(y, unit), nearest(z, unit)
+
+
+def _six(numbers: v.Six, first: Unit, last: Unit) -> v.Six:
+    return (*_three(numbers[:3], first), *_three(numbers[3:], last))

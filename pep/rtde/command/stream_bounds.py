@@ -1,0 +1,70 @@
+"""What the later values of a stream have to be inside of: what was granted, and what the robot can do."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, assert_never
+
+from capabilities.values.scope import OneOf, Range
+from policies.words.reason_codes import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from capabilities.values.scope import Bound, Grant
+    from pep.base.operations import Operation
+
+
+class StreamBounds:
+    """The bounds of one stream, looked up once: values come 500 times a second.
+
+    Args:
+        operation: that the stream is of.
+        grant: of the chain, for that operation.
+        own: limits of the robot, by parameter.
+
+    Attributes:
+        operation: the same.
+    """
+
+    def __init__(self, operation: Operation, grant: Grant, own: Mapping[str, Range]) -> None:
+        self.operation = operation
+        granted = {limit.parameter.name: limit.bound for limit in grant.limits}
+        self._bounds: tuple[tuple[int, Bound, Range], ...] = tuple(
+            (each.unit.per_si, granted[each.name], own[each.name]) for each in operation.parameters
+        )
+        self._inside = tuple((per_si, *_both(bound, robot)) for per_si, bound, robot in self._bounds)
+
+    def outside(self, numbers: Sequence[float]) -> Reason | None:
+        """Why a value is not inside both; None when it is.
+
+        Args:
+            numbers: of the operation's parameters in order, in SI units, as they would be sent: on no grid.
+        """
+        for number, (per_si, low, high) in zip(numbers, self._inside, strict=True):
+            if not low <= number * per_si <= high:
+                return self._why_not(numbers)
+        return None
+
+    def _why_not(self, numbers: Sequence[float]) -> Reason | None:
+        for number, (per_si, granted, own) in zip(numbers, self._bounds, strict=True):
+            if not math.isfinite(number):
+                return Reason.NOT_FINITE
+            scaled = number * per_si
+            match granted:
+                case Range():
+                    inside = granted.low <= scaled <= granted.high
+                case OneOf():
+                    inside = scaled in granted.values
+                case _:
+                    assert_never(granted)
+            if not inside:
+                return Reason.LIMIT_EXCEEDED_BY_REQUEST
+            if not own.low <= scaled <= own.high:
+                return Reason.ROBOT_LIMIT
+        return None
+
+
+def _both(granted: Bound, own: Range) -> tuple[int, int]:
+    """From where to where a number is inside of both without another look; nowhere, where one number or another is."""
+    return (max(granted.low, own.low), min(granted.high, own.high)) if isinstance(granted, Range) else (1, 0)

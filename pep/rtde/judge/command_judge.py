@@ -1,0 +1,213 @@
+"""The judge of a leased program's commands: each is a request of the lease's chain, and goes through the one gate.
+
+    held command -> request -> gate: evidence, decision, record -> spend the permit -> forward -> watch to its end
+
+One command at a time moves the arm: the slot is taken until our own connection has seen it stand, and the outcome is on
+record. What the gate defers is held until people have answered, and then decided afresh, from where the arm is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import secrets
+from contextlib import suppress
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from capabilities.values.chain import Chain
+from pep.base.errors import JournalError
+from pep.people.deferral import AskState
+from pep.request.call import Call
+from pep.rtde.judge.command_requests import BASE_TIERS, Asked, Free, asked_of, request_of
+from pep.rtde.judge.execution import Case
+from pep.rtde.judge.line_refusals import LineRefusals, refusal_of
+from pep.rtde.wire.client_texts import told
+from pep.rtde.wire.refusal import Refused
+from policies.evidence.evidence import ToolReading
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.base.operations import Operation
+    from pep.base.ports import Clock, Registry
+    from pep.gate.gate import Answer, Gate
+    from pep.people.asks import Asks
+    from pep.rtde.judge.command_requests import Fitted
+    from pep.rtde.judge.execution import LeasedEffects, Prepared
+    from pep.rtde.robot.judge_port import Held, Holder, Stopper
+    from policies.evidence.model import Decision
+
+HOLD_MS: Final = 60_000
+"""DESIGN section 8: how long a program waits for people. The question stays open: the same command asks it again."""
+LOOK_S: Final = 0.05
+"""Pause between two looks for an answer."""
+SETTLES_S: Final = 0.25
+"""Longest wait for the end of the command before: a program knows it some milliseconds before it is on record."""
+CLOSE_S: Final = 6.0
+"""Longest wait for what was forwarded to end, once it has been told to stop."""
+
+
+class LeasedJudge:
+    """`pep.rtde.robot.judge_port.Judge` over the gate. On one event loop.
+
+    Args:
+        gate: decides and records.
+        effects: what is done with a permit.
+        asks: what has become of deferrals.
+        registry: may ask for a higher base tier of an operation, by a tool of its name.
+        stopper: of the arm.
+        fitted: what holds of tool and payload now.
+        audience: canonical URL of the robot.
+        clock: both clocks.
+    """
+
+    def __init__(
+        self,
+        *,
+        gate: Gate,
+        effects: LeasedEffects,
+        asks: Asks,
+        registry: Registry,
+        stopper: Stopper,
+        fitted: Callable[[], Fitted],
+        audience: str,
+        clock: Clock,
+    ) -> None:
+        self._gate = gate
+        self._effects = effects
+        self._asks = asks
+        self._registry = registry
+        self._stopper = stopper
+        self._fitted = fitted
+        self._audience = audience
+        self._clock = clock
+        self._cases: list[Case] = []
+        self._line = LineRefusals(gate.record, clock)
+
+    def judge(self, held: Held) -> None:
+        """See `Judge.judge`."""
+        before = [case.task for case in self._cases if case.task is not None]
+        case = Case(held)
+        self._cases.append(case)
+        case.task = asyncio.get_running_loop().create_task(self._judged(case, before))
+
+    def withdrawn(self, held: Held) -> None:
+        """See `Judge.withdrawn`. What was forwarded is watched to its end all the same."""
+        for case in self._cases:
+            if case.held == held and not case.forwarded and case.task is not None:
+                case.withdrawn = True
+                case.task.cancel()
+
+    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+        """See `Judge.refused`."""
+        self._line.note(holder, refused, what)
+
+    async def close(self) -> None:
+        """What moves has been told to stop, and has ended; nothing is decided any more."""
+        self._stopper.stop(Reason.EFFECT_FAILED)
+        tasks = [case.task for case in self._cases if case.task is not None]
+        for case in self._cases:
+            self.withdrawn(case.held)
+        if tasks:
+            await asyncio.wait(tasks, timeout=CLOSE_S)
+        await self._line.close()
+        self._effects.close()
+
+    async def _judged(self, case: Case, before: list[asyncio.Task[None]]) -> None:
+        try:
+            if before:
+                await asyncio.wait(before, timeout=SETTLES_S)
+            await self._decide(case)
+        except Exception:  # noqa: BLE001 - whatever breaks on the way is a denial; a narrower net would leave it waiting
+            if not (case.forwarded or case.withdrawn):
+                case.held.deny(Reason.EVIDENCE_MISSING, told(Reason.EVIDENCE_MISSING))
+        finally:
+            self._cases.remove(case)
+
+    async def _decide(self, case: Case) -> None:
+        held = case.held
+        asked = asked_of(held.command, path=held.path, fitted=self._fitted())
+        if isinstance(asked, Free):
+            case.forwarded = True
+            held.forward()
+            return
+        if isinstance(asked, Refused):
+            await self._refuse(held, asked)
+            return
+        deadline_ms, waited_for = self._clock.monotonic_ms() + HOLD_MS, set[str]()
+        while True:
+            answer = await self._run(case, asked)
+            if isinstance(answer, Refused):
+                await self._refuse(held, answer)
+                return
+            if case.forwarded or case.withdrawn:
+                return
+            ask = answer.ask
+            if answer.decision.effect is not Effect.DEFER or ask is None or ask.ask_id in waited_for:
+                held.deny(answer.decision.reason, _why(answer.decision))
+                return
+            waited_for.add(ask.ask_id)
+            held.defer(_why(answer.decision))
+            if not await self._answered(ask.ask_id, deadline_ms):
+                held.deny(Reason.APPROVAL_TIMEOUT, told(Reason.APPROVAL_TIMEOUT))
+                return
+
+    async def _run(self, case: Case, asked: Asked) -> Answer | Refused:
+        """One run of the gate, from now."""
+        credentials = case.held.lease.credentials
+        request = request_of(asked, request_id=secrets.token_hex(16), audience=self._audience, at=self._clock.wall_s())
+        if isinstance(request, Refused):
+            return request
+        call = Call(
+            request=request,
+            operation=asked.operation,
+            tool=self._tool(asked.operation),
+            credentials=credentials,
+            arrived_ms=self._clock.monotonic_ms(),
+        )
+        prepared: Prepared | None = None
+        if asked.stream and isinstance(credentials.chain, Chain):
+            # Before it is decided: a view takes longer to tell than a verdict lasts.
+            found = await self._effects.prepare(credentials.chain, request)
+            if isinstance(found, Refused):
+                return found
+            prepared = found
+
+        effect = partial(self._effects.carry_out, case, prepared, self._fitted())
+        return await self._gate.run(call, effect)
+
+    def _tool(self, operation: Operation) -> ToolReading:
+        """The operation as its own tool: this enforcement point is its definition."""
+        tier, registered = BASE_TIERS[operation], self._registry.tool(operation.name)
+        if registered is not None and registered.operation == operation.name:
+            tier = max(tier, registered.base_tier)
+        spelt = [operation.object, operation.name, *(f"{p.name}:{p.unit}" for p in operation.parameters)]
+        digest = hashlib.sha256(" ".join(spelt).encode()).hexdigest()
+        return ToolReading(operation.name, digest, digest, tier)
+
+    async def _answered(self, ask_id: str, deadline_ms: int) -> bool:
+        """Whether people have answered in time."""
+        while self._asks.state_of(ask_id) is AskState.OPEN:  # answers come on a thread
+            if not self._clock.monotonic_ms() < deadline_ms:
+                return False
+            await asyncio.sleep(LOOK_S)
+        return True
+
+    async def _refuse(self, held: Held, refused: Refused) -> None:
+        """Denied before there was a request to decide; that is on record."""
+        body = refusal_of(held.lease, refused, type(held.command).__name__, clock=self._clock)
+        with suppress(JournalError):  # refused either way
+            await self._gate.record("refusal", body)
+        held.deny(refused.reason, told(refused.reason, refused.place))
+
+
+def _why(decision: Decision) -> str:
+    """The same of a decision, with the parameter that it was about, and what would be permitted."""
+    detail = decision.findings[0].detail if decision.findings else {}
+    said = [
+        f"{name}={detail[name]}" for name in ("parameter", "unit", "nearest_permitted") if detail.get(name) is not None
+    ]
+    return told(decision.reason, ", ".join(said))

@@ -1,0 +1,270 @@
+"""What a leased program's commands are requests for. Pure: one command, one answer.
+
+A command is free (it stops, asks or clears), a request of one of the cell's operations, or refused: no operation stands
+for it. Refused by default are all commands whose way is not said by their parameters: forces, torques, arms that people
+push, contact, and what leaves it to the controller which joint angles a pose has.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, assert_never
+
+from capabilities.values.errors import QuantityError
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit, nearest, parse, si
+from pep.base.operations import (
+    MOVE_JOINT,
+    MOVE_LINEAR,
+    MOVE_PATH,
+    SERVO_JOINT,
+    SET_DIGITAL_OUTPUT,
+    SET_PAYLOAD,
+    SET_SPEED_SLIDER,
+    SET_TCP,
+    SPEED_JOINT,
+    SPEED_LINEAR,
+    WAYPOINTS,
+    padded,
+)
+from pep.rtde.command import command_values as v
+from pep.rtde.command import io_commands as io
+from pep.rtde.command.limits import OFFSET_M, OFFSET_RAD, STREAM_MS
+from pep.rtde.script.move_path import PathMove
+from pep.rtde.wire.refusal import Refused
+from policies.evidence.model import Point, Request
+from policies.words.reason_codes import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from pep.base.operations import Operation
+    from pep.rtde.command.command_values import Command
+    from pep.rtde.command.io_commands import IoCommand
+    from pep.rtde.script.move_path import Waypoint
+
+POINTS: Final = frozenset({Point.ACTUATION})
+"""Nothing but what is about to be sent is decided here: there is no tool call before it."""
+BASE_TIERS: Final[Mapping[Operation, Tier]] = MappingProxyType(
+    {
+        **dict.fromkeys((MOVE_JOINT, MOVE_PATH, MOVE_LINEAR, SPEED_JOINT, SPEED_LINEAR, SERVO_JOINT), Tier.REVERSIBLE),
+        **dict.fromkeys((SET_DIGITAL_OUTPUT, SET_SPEED_SLIDER), Tier.REVERSIBLE),
+        # They change what later commands mean.
+        **dict.fromkeys((SET_PAYLOAD, SET_TCP), Tier.CONSEQUENTIAL),
+    }
+)
+"""Every operation that a leased program can ask for, with its least tier; a registered tool may have a higher."""
+CENTRE_M: Final = 1e-3
+"""Ours: a centre of mass this near is the same; three kilograms there turn a joint by 0.03 Nm more."""
+_KEPT: Final = (0.0, 0.0, 0.0)
+"""ur_rtde: this centre of mass keeps the one there is."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """What arm and controller have to agree on for a pose, or a weight, to mean the same to both.
+
+    Attributes:
+        tcp_m_rad: tool centre point of the cell's model on the flange.
+        payload_kg: tool and all that is held, by the committed state.
+        centre_m: of that mass, in the flange frame.
+    """
+
+    tcp_m_rad: v.Six
+    payload_kg: float
+    centre_m: v.Three
+
+
+@dataclass(frozen=True, slots=True)
+class Free:
+    """Needs no decision: it stops, asks, or clears."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What a command would do.
+
+    Attributes:
+        operation: of the cell.
+        numbers: its parameters in order, in SI units, as the command has them.
+        stream: whether other values may follow without a request of their own.
+    """
+
+    operation: Operation
+    numbers: tuple[float, ...]
+    stream: bool = False
+
+    @property
+    def spelt(self) -> tuple[float, ...]:
+        """The numbers as a request spells them.
+
+        A stream's angles and speeds are rounded to their grid: they come out of a calculation, and the exact ones are
+        judged as every later value is, before they are sent. All else is on its grid, or refused.
+        """
+        if not self.stream:
+            return self.numbers
+        return tuple(
+            nearest(number, p.unit) if p.unit in _ROUNDED else number
+            for number, p in zip(self.numbers, self.operation.parameters, strict=True)
+        )
+
+
+_ROUNDED: Final = frozenset({Unit.MICRORADIAN, Unit.MICRORADIAN_PER_SECOND, Unit.MICRORADIAN_PER_SECOND2})
+
+
+def asked_of(command: Command | IoCommand, *, path: Sequence[Waypoint], fitted: Fitted) -> Asked | Free | Refused:
+    """What a command is a request for.
+
+    Args:
+        command: of the program.
+        path: waypoints that stand in its control script, for a `MovePath`.
+        fitted: what holds of tool and payload.
+
+    Returns:
+        Refused as `NOT_GRANTED` where no operation stands for it, `FRAMES_MISMATCH` for another tool centre point than
+        the model's, `PAYLOAD_MISMATCH` for another mass or centre than the committed one, `PARAMETERS_WRONG` for a path
+        that no operation can say.
+    """
+    if isinstance(command, v.Held):  # first, since it is asked five hundred times a second
+        return _streamed(command)
+    if isinstance(command, v.Clear | v.Stop | v.Question):
+        return Free()
+    if isinstance(command, v.Move):
+        return _moved(command, path)
+    if isinstance(command, v.Setting):
+        return _set(command, fitted)
+    return _switched(command)
+
+
+def stands_s(time_s: float) -> float:
+    """How long a speed stands that a program gives for `time_s`, s.
+
+    To ur_rtde's script no time is for ever; here it is the longest there is. A stream's own rhythm is the shortest that
+    a host can keep.
+    """
+    least, most = (si(end, Unit.MILLISECOND) for end in STREAM_MS)
+    return max(time_s, least) if time_s > 0 else most
+
+
+def _moved(command: v.Move, path: Sequence[Waypoint]) -> Asked | Refused:
+    match command:
+        case v.MoveJ(q, speed, acceleration, _):
+            return Asked(MOVE_JOINT, (*q, speed, acceleration))
+        case v.MoveL(pose, speed, acceleration, _):
+            return Asked(MOVE_LINEAR, (*pose, speed, acceleration))
+        case v.MovePath():
+            return _path(path)
+        case v.MoveJIk() | v.MoveLFk():
+            return Refused(Reason.NOT_GRANTED, _UNSAID)
+        case v.MoveUntilContact():
+            return Refused(Reason.NOT_GRANTED, _NONE)
+        case _:
+            assert_never(command)
+
+
+_NONE: Final = "no operation stands for it"
+_UNSAID: Final = "the controller, not the command, says which joint angles its pose has"
+
+
+def _path(path: Sequence[Waypoint]) -> Asked | Refused:
+    """A path of joint moves at one speed from rest to rest: what `move_path` can say."""
+    first = path[0] if path else None
+    even = first is not None and all(
+        (each.move, each.is_pose, each.blend_m) == (PathMove.MOVEJ, False, 0.0)
+        and (each.speed, each.acceleration) == (first.speed, first.acceleration)
+        for each in path
+    )
+    if first is None or not even or len(path) > WAYPOINTS:
+        return Refused(Reason.PARAMETERS_WRONG, f"1 to {WAYPOINTS} joint moves at one speed without blends")
+    angles = (angle for point in padded([each.target for each in path]) for angle in point)
+    return Asked(MOVE_PATH, (*angles, first.speed, first.acceleration))
+
+
+def _streamed(command: v.Held) -> Asked | Refused:
+    match command:
+        case v.SpeedJ(qd, acceleration, time_s):
+            return Asked(SPEED_JOINT, (*qd, acceleration, stands_s(time_s)), stream=True)
+        case v.SpeedL(xd, acceleration, time_s):
+            # Nobody bounds the joints of a tool speed that changes: one at a time.
+            return Asked(SPEED_LINEAR, (*xd, acceleration, stands_s(time_s)))
+        case v.ServoJ(q, time_s, lookahead_s, gain):
+            return Asked(SERVO_JOINT, (*q, time_s, lookahead_s, gain), stream=True)
+        case v.ServoL():
+            return Refused(Reason.NOT_GRANTED, _UNSAID)
+        case v.ServoC() | v.DirectTorque() | v.JogStart() | v.ForceMode() | v.TeachMode() | v.FreedriveMode():
+            return Refused(Reason.NOT_GRANTED, _NONE)
+        case _:
+            assert_never(command)
+
+
+def _set(command: v.Setting, fitted: Fitted) -> Asked | Refused:
+    """What poses and weights mean may be said again, not changed: the model would be another one."""
+    match command:
+        case v.SetTcp(pose):
+            own = fitted.tcp_m_rad
+            if not (math.dist(pose[:3], own[:3]) <= OFFSET_M and math.dist(pose[3:], own[3:]) <= OFFSET_RAD):
+                return Refused(Reason.FRAMES_MISMATCH, "another tool centre point than the model's")
+            return Asked(SET_TCP, pose)
+        case v.SetPayload(mass_kg, centre_m):
+            same = nearest(mass_kg, Unit.GRAM) == nearest(fitted.payload_kg, Unit.GRAM)
+            if not (same and (centre_m == _KEPT or math.dist(centre_m, fitted.centre_m) <= CENTRE_M)):
+                return Refused(Reason.PAYLOAD_MISMATCH, "another payload than the committed one")
+            return Asked(SET_PAYLOAD, (mass_kg, *centre_m))
+        case (
+            v.ZeroForceSensor()
+            | v.SetTargetPayload()
+            | v.SetGravity()
+            | v.SetForceDamping()
+            | v.SetForceGain()
+            | v.ForceInput()
+            | v.ExternalForceSensor()
+            | v.SetExternalWrench()
+            | v.SetWatchdog()
+            | v.StartContactDetection()
+            | v.StopContactDetection()
+        ):
+            return Refused(Reason.NOT_GRANTED, _NONE)
+        case _:
+            assert_never(command)
+
+
+def _switched(command: IoCommand) -> Asked | Refused:
+    match command:
+        case io.SetDigitalOutputs(io.Bank.STANDARD, mask, levels) if mask.bit_count() == 1:
+            return Asked(SET_DIGITAL_OUTPUT, (mask.bit_length() - 1, int(levels != 0)))
+        case io.SetSpeedSlider(fraction):
+            return Asked(SET_SPEED_SLIDER, (fraction,))
+        case (
+            io.SetDigitalOutputs()
+            | io.SetAnalogOutput()
+            | io.SetInputInteger()
+            | io.SetInputDouble()
+            | v.SetExternalWrench()
+        ):
+            return Refused(Reason.NOT_GRANTED, _NONE)
+        case _:
+            assert_never(command)
+
+
+def request_of(asked: Asked, *, request_id: str, audience: str, at: float) -> Request | Refused:
+    """The request, in integers.
+
+    Args:
+        asked: what would be done.
+        request_id: made by the enforcement point.
+        audience: canonical URL of the robot.
+        at: wall clock of arrival, seconds since the epoch.
+
+    Returns:
+        Refused with the codes of `capabilities.values.units.parse`, and the parameter.
+    """
+    operation = asked.operation
+    values: list[Quantity] = []
+    for parameter, number in zip(operation.parameters, asked.spelt, strict=True):
+        try:
+            values.append(Quantity(parameter.name, parameter.unit, parse(number, parameter.unit)))
+        except QuantityError as error:
+            return Refused(Reason(error.code), f"{parameter.name}: {error.detail}")
+    return Request(request_id, POINTS, audience, operation.object, operation.name, tuple(values), at)

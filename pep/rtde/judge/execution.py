@@ -1,0 +1,301 @@
+"""What is done with a permit for a leased program's command: spend it, forward the command, and watch the arm."""
+
+from __future__ import annotations
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
+
+from pep.base.errors import ActuationRefusedError, JournalError
+from pep.base.operations import SPEED_LINEAR, Kind, digest_of, touchable
+from pep.base.thread_priority import goes_first
+from pep.gate.gate import Result
+from pep.rtde.command.limits import LIMITS
+from pep.rtde.command.stream_bounds import StreamBounds
+from pep.rtde.judge.command_requests import Asked, asked_of
+from pep.rtde.judge.motion_follower import Flow, Follower, Spell, Way
+from pep.rtde.judge.stream_values import LATE_MS, LeasedStream, envelope
+from pep.rtde.motion.drive import START_TOLERANCE_RAD
+from pep.rtde.robot.newest_state import Heard
+from pep.rtde.wire.client_texts import told
+from pep.rtde.wire.refusal import Refused
+from pep.watch.watch import End
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.values.chain import Chain
+    from capabilities.values.scope import Grant
+    from pep.base.ports import Clock, Remaining
+    from pep.request.permit import Permit
+    from pep.rtde.judge.command_requests import Fitted
+    from pep.rtde.judge.motion_follower import Course
+    from pep.rtde.judge.stream_values import Certifying
+    from pep.rtde.motion.drive_ports import Hurry
+    from pep.rtde.motion.stop_ladder import MotionEnd
+    from pep.rtde.robot.judge_port import Held, Stopper
+    from pep.rtde.robot.state_receiver import RobotState
+    from pep.watch.watch import Watch
+    from policies.evidence.model import Request
+    from policies.words.parameters import Parameters
+
+BATCH_S: Final = 1.0
+"""How often the digest of a stream's values goes on record."""
+
+
+class Acts(Protocol):
+    """What the effects ask of the physics: `pep.world.world.CellPhysics`."""
+
+    def start_of(self, request_id: str) -> tuple[float, ...] | None:
+        """The joint angles from which that request was assessed."""
+        ...
+
+    def arrived(self, request_id: str, q_rad: tuple[float, ...]) -> bool:
+        """Whether an arm there is where that request leads."""
+        ...
+
+
+class Watching(Protocol):
+    """Begins the watch over what a permit allows."""
+
+    def __call__(self, permit: Permit, *, remaining: Remaining) -> Watch:
+        """The watch; `remaining` judges what is left."""
+        ...
+
+
+class Recording(Protocol):
+    """The gate's own record, for what belongs beside decisions."""
+
+    async def __call__(self, kind: str, body: dict[str, object]) -> str:
+        """The record's hash; raises `JournalError` when it cannot be made durable."""
+        ...
+
+
+@dataclass(eq=False, slots=True)
+class Case:
+    """A command that is being decided, or carried out.
+
+    Attributes:
+        held: the command.
+        withdrawn: whether its program waits no longer.
+        forwarded: whether it was sent.
+        task: that decides it.
+    """
+
+    held: Held
+    withdrawn: bool = False
+    forwarded: bool = False
+    task: asyncio.Task[None] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A stream that was shown a view, before it is decided."""
+
+    grant: Grant
+    certifying: Certifying
+
+
+class LeasedEffects:
+    """Carries out what was permitted. One at a time: the gate's slot sees to that.
+
+    Args:
+        acts: the physics that assessed them.
+        remaining: the same, for what is left of a motion.
+        certifying: begins a stream, with the objects that may be touched.
+        watching: begins a watch.
+        hurry: told whether something moves.
+        state: what the robot says about itself.
+        stopper: of the arm.
+        record: for streams.
+        parameters: of the policies.
+        audience: canonical URL of the robot.
+        clock: both clocks.
+    """
+
+    def __init__(
+        self,
+        *,
+        acts: Acts,
+        remaining: Remaining,
+        certifying: Callable[[frozenset[str]], Certifying],
+        watching: Watching,
+        hurry: Hurry,
+        state: RobotState,
+        stopper: Stopper,
+        record: Recording,
+        parameters: Parameters,
+        audience: str,
+        clock: Clock,
+    ) -> None:
+        self._acts = acts
+        self._remaining = remaining
+        self._certifying = certifying
+        self._watching = watching
+        self._hurry = hurry
+        self._state = state
+        self._stopper = stopper
+        self._record = record
+        self._parameters = parameters
+        self._audience = audience
+        self._clock = clock
+        self._looks = ThreadPoolExecutor(1, "leased look")
+        self._watch = ThreadPoolExecutor(1, "leased watch", initializer=goes_first)
+
+    async def prepare(self, chain: Chain, request: Request) -> Prepared | Refused | None:
+        """A stream under that chain, shown the world as it is; None where the chain does not grant it.
+
+        Args:
+            chain: of the lease.
+            request: that opens the stream. What holds for its values is on record from then on.
+        """
+        grant = chain.scope.find(request.object, request.operation)
+        if grant is None:
+            return None
+        certifying = self._certifying(touchable(chain))
+
+        def show() -> object:
+            return certifying.see(self._state.read().q_rad)
+
+        shown = await asyncio.get_running_loop().run_in_executor(self._looks, show)
+        if isinstance(shown, ImpactFault):
+            return Refused(Reason(shown.reason), shown.detail)
+        try:
+            await self._record("stream", envelope(request, chain, grant))
+        except JournalError:
+            return Refused(Reason.RECORD_FAILED, "the envelope of the stream")
+        return Prepared(grant, certifying)
+
+    async def carry_out(self, case: Case, prepared: Prepared | None, fitted: Fitted, permit: Permit) -> Result:
+        """The command was forwarded, and what it began has ended. The effect of a gate's run.
+
+        Args:
+            case: the command; from when it was sent, it says so.
+            prepared: its stream, when it is one.
+            fitted: as when it was asked for.
+            permit: of exactly this.
+
+        Raises:
+            ActuationRefusedError: nothing was sent.
+            RobotError: the robot could not be read before; nothing was sent.
+        """
+        held = case.held
+        # From the very command that will be sent.
+        asked = asked_of(held.command, path=held.path, fitted=fitted)
+        if not isinstance(asked, Asked) or permit.request is None:
+            raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "no command of this permit")
+        if asked.operation.kind is not Kind.MOTION:
+            self._send(case, asked, permit, None)
+            return Result({"outcome": "sent"})
+        arm = await asyncio.get_running_loop().run_in_executor(self._looks, Heard, self._state, self._clock)
+        start = self._acts.start_of(permit.request_id)
+        if start is None or not all(
+            abs(a - b) <= START_TOLERANCE_RAD for a, b in zip(arm.state.q_rad, start, strict=True)
+        ):
+            raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "the arm is not where the assessment began")
+        stream = self._begun(held, asked, prepared, fitted, permit=permit, arm=arm)
+        watch = self._watching(permit, remaining=self._remaining if stream is None else stream)
+        self._send(case, asked, permit, stream)
+        arm.sent()
+        end = await self._followed(
+            self._course(asked, permit.request, stream), stream, arm, watch, permit=permit, held=held
+        )
+        told = {"outcome": str(end.end), "q_rad": list(end.q_rad), "reason": end.reason}
+        return Result(told, failed=end.end is End.ROBOT_FAILED)
+
+    def _begun(
+        self,
+        held: Held,
+        asked: Asked,
+        prepared: Prepared | None,
+        fitted: Fitted,
+        *,
+        permit: Permit,
+        arm: Heard,
+    ) -> LeasedStream | None:
+        """The stream that this opens, its first value certified; None for what is none."""
+        if not asked.stream:
+            return None
+        if prepared is None:
+            raise ActuationRefusedError(Reason.NOT_GRANTED, "no stream was prepared")
+        stream = LeasedStream(
+            prepared.certifying,
+            permit,
+            bounds=StreamBounds(asked.operation, prepared.grant, LIMITS[asked.operation.name]),
+            parameters=self._parameters,
+            fitted=fitted,
+            arm=arm,
+            stopper=self._stopper,
+            clock=self._clock,
+        )
+        reason = stream.step(held.command)  # type: ignore[arg-type]  # a stream's command is one of the control interface
+        if reason is not None:
+            raise ActuationRefusedError(reason, "the first value of the stream")
+        return stream
+
+    def _send(self, case: Case, asked: Asked, permit: Permit, stream: LeasedStream | None) -> None:
+        """The permit is spent and the command sent: nothing comes in between, both are on the event loop."""
+        if case.withdrawn:
+            # A cancelled task may go on: what it waited for was there at the same moment.
+            raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "the program waits no longer")
+        digest = digest_of(asked.operation, asked.spelt, audience=self._audience)
+        permit.spend(digest=digest, stopped_ms=self._stopper.stopped_ms)
+        case.forwarded = case.held.forward(stream)
+        if not case.forwarded:
+            raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "the program waits no longer")
+
+    def _course(self, asked: Asked, request: Request, stream: LeasedStream | None) -> Course:
+        if stream is not None:
+            return Flow(stream, self._clock)
+        if asked.operation.name == SPEED_LINEAR.name:
+            return Spell(request.values[-1].value + LATE_MS, self._clock)
+        request_id = request.request_id
+        return Way(lambda q_rad: self._acts.arrived(request_id, q_rad))
+
+    async def _followed(
+        self,
+        course: Course,
+        stream: LeasedStream | None,
+        arm: Heard,
+        watch: Watch,
+        *,
+        permit: Permit,
+        held: Held,
+    ) -> MotionEnd:
+        """How it has ended. Whoever waits for that and goes leaves the arm stopped."""
+        loop = asyncio.get_running_loop()
+
+        def brake(reason: Reason) -> None:
+            loop.call_soon_threadsafe(held.stop, reason, told(reason))
+
+        follower = Follower(
+            arm, watch, permit, brake=brake, stopper=self._stopper, newest=self._state.newest, clock=self._clock
+        )
+        self._hurry(moving=True)
+        following = loop.run_in_executor(self._watch, follower.follow, course)
+        try:
+            while not following.done():
+                await asyncio.wait((following,), timeout=BATCH_S)
+                await self._kept(stream, held)
+            return following.result()
+        finally:
+            follower.leave()
+            self._hurry(moving=False)
+
+    async def _kept(self, stream: LeasedStream | None, held: Held) -> None:
+        """The values of the stream are on record; without a record there are no more of them."""
+        batch = None if stream is None else stream.batch()
+        if batch is None:
+            return
+        try:
+            await self._record("stream-values", batch)
+        except JournalError:
+            held.stop(Reason.RECORD_FAILED, told(Reason.RECORD_FAILED))
+
+    def close(self) -> None:
+        """Nothing is carried out any more."""
+        for pool in (self._looks, self._watch):
+            pool.shutdown(wait=False, cancel_futures=True)

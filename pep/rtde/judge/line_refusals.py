@@ -1,0 +1,134 @@
+"""What the lines of a lease refuse by themselves, on record as the judge's refusals are: never many in a second.
+
+A program that does not know better says the same thing wrong five hundred times a second. What has no record of its own
+is counted in the next one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from pep.base.errors import JournalError
+from pep.gate import records
+
+if TYPE_CHECKING:
+    from pep.base.ports import Clock
+    from pep.rtde.judge.execution import Recording
+    from pep.rtde.robot.judge_port import Holder
+    from pep.rtde.wire.refusal import Refused
+
+MOST: Final = 4
+"""Records in a second, of one lease."""
+SECOND_S: Final = 1.0
+
+
+@dataclass(eq=False, slots=True)
+class _Second:
+    """One second of a lease.
+
+    Attributes:
+        holder: of it.
+        records: there were so many.
+        newest: of what has no record yet, and what was refused.
+        without: so many have no record yet.
+        timer: at its end.
+    """
+
+    holder: Holder
+    timer: asyncio.TimerHandle
+    records: int = 0
+    newest: tuple[Refused, str] | None = None
+    without: int = 0
+
+
+class LineRefusals:
+    """Their records. On one event loop.
+
+    Args:
+        record: durable, on a worker of its own.
+        clock: both clocks.
+    """
+
+    def __init__(self, record: Recording, clock: Clock) -> None:
+        self._record = record
+        self._clock = clock
+        self._seconds: dict[int, _Second] = {}  # by what the holder is, which may have no hash
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def note(self, holder: Holder, refused: Refused, what: str) -> None:
+        """It goes on record, or is counted there, within a second. Returns at once.
+
+        Args:
+            holder: whose program it is.
+            refused: why.
+            what: was refused.
+        """
+        second = self._seconds.get(id(holder)) or self._begun(holder)
+        if second.records < MOST:
+            self._write(second, refused, what, more=0)
+        else:
+            second.newest = (refused, what)
+            second.without += 1
+
+    async def close(self) -> None:
+        """Everything that was noted is on record, or could not be."""
+        for key, second in tuple(self._seconds.items()):
+            del self._seconds[key]
+            second.timer.cancel()
+            self._count(second)
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _begun(self, holder: Holder) -> _Second:
+        timer = asyncio.get_running_loop().call_later(SECOND_S, self._over, id(holder))
+        second = self._seconds[id(holder)] = _Second(holder, timer)
+        return second
+
+    def _over(self, key: int) -> None:
+        second = self._seconds.pop(key)
+        if second.newest is not None:
+            # The first record of the next second.
+            following = self._begun(second.holder)
+            following.newest, following.without = second.newest, second.without
+            self._count(following)
+
+    def _count(self, second: _Second) -> None:
+        """The newest without a record has one, and all others are counted in it."""
+        if second.newest is not None:
+            refused, what = second.newest
+            second.newest, more, second.without = None, second.without - 1, 0
+            self._write(second, refused, what, more=more)
+
+    def _write(self, second: _Second, refused: Refused, what: str, *, more: int) -> None:
+        second.records += 1
+        task = asyncio.get_running_loop().create_task(self._written(second.holder, refused, what, more))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _written(self, holder: Holder, refused: Refused, what: str, more: int) -> None:
+        # Refused either way. A gate that has ended takes no record.
+        with suppress(JournalError, RuntimeError):
+            await self._record("refusal", refusal_of(holder, refused, what, clock=self._clock, more=more))
+
+
+def refusal_of(holder: Holder, refused: Refused, what: str, *, clock: Clock, more: int = 0) -> dict[str, object]:
+    """The record of something that a program was refused before there was a request to decide.
+
+    Args:
+        holder: whose program it is.
+        refused: why.
+        what: was refused.
+        clock: both clocks.
+        more: so many others, of whatever reason, were refused since the record before.
+    """
+    where: dict[str, object] = {"command": what, "detail": refused.place}
+    return records.refusal(
+        at=clock.wall_s(),
+        at_ms=clock.monotonic_ms(),
+        reason=refused.reason,
+        status=200,
+        credentials=holder.credentials,
+        where=where | {"more": more} if more else where,
+    )

@@ -1,0 +1,297 @@
+"""The values of a leased stream after its first: each is inside what was granted, and certified before it is sent.
+
+What moves is still under the watch (`pep.watch.watch`), which looks at authority, view and arm; `left` is what it asks
+about the value that stands. Values come on the event loop, looks on the watch's thread.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
+
+from capabilities.values.algebra import bound_to_json
+from capabilities.values.units import Unit
+from pep.base.ports import Rest
+from pep.rtde.command import command_values as v
+from pep.rtde.judge.command_requests import Asked, asked_of, stands_s
+from pep.world.cell_stream import Angles, Judged, Shown, Speeds
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from capabilities.values.chain import Chain
+    from capabilities.values.scope import Grant
+    from pep.base.ports import Clock
+    from pep.request.permit import Permit
+    from pep.rtde.command.command_values import Command, Six
+    from pep.rtde.command.stream_bounds import StreamBounds
+    from pep.rtde.judge.command_requests import Fitted
+    from pep.rtde.robot.judge_port import Stopper
+    from pep.rtde.robot.newest_state import Heard
+    from pep.rtde.robot.state_receiver import JointState
+    from pep.world.cell_stream import Value
+    from policies.evidence.model import Request
+    from policies.words.parameters import Parameters
+
+LASTS_MS: Final = 300_000
+"""Ours: a stream is decided anew after five minutes, whatever it does: what no watch looks at is asked again then."""
+LATE_MS: Final = 100
+"""Ours: a program may be so late to end its speeds, or to give them anew; physics has patience for thrice that."""
+SLOW_MS: Final = 50
+"""Ours: an answer that took longer is about an arm that is elsewhere by now. As the lifetime of a verdict."""
+OLD_MS: Final = 100
+"""A joint state older than this is none (`pep.rtde.robot.state_receiver`)."""
+FREE_MILLI: Final = 2_000
+"""Above the tiers that need nobody, only an approval authorises: then what approvals bind holds for every value."""
+
+_SIX: Final = 6
+"""Angles or speeds, the first parameters of what is streamed."""
+_NO_VALUE: Final = (0.0,) * _SIX
+
+
+class Certifying(Protocol):
+    """What certifies the values of one stream: `pep.world.cell_stream.CellStream`."""
+
+    def see(self, q_rad: Sequence[float]) -> Shown | ImpactFault:
+        """From the next value on, the newest view is the one."""
+        ...
+
+    def judge(self, value: Value, state: JointState, *, authorised_milli: int, seed: bytes) -> Judged | ImpactFault:
+        """What a value lets follow."""
+        ...
+
+
+class LeasedStream:
+    """One stream under its permit: `pep.rtde.robot.judge_port.Steps`, and what its watch asks.
+
+    Args:
+        certifying: of this stream; it has been shown a view.
+        permit: of the request that opens it.
+        bounds: of every value.
+        parameters: of the policies: what an approval binds.
+        fitted: as for the first value.
+        arm: what the robot says, to whoever follows the stream.
+        stopper: knows of stops.
+        clock: the monotonic one counts.
+    """
+
+    def __init__(
+        self,
+        certifying: Certifying,
+        permit: Permit,
+        *,
+        bounds: StreamBounds,
+        parameters: Parameters,
+        fitted: Fitted,
+        arm: Heard,
+        stopper: Stopper,
+        clock: Clock,
+    ) -> None:
+        self._certifying = certifying
+        self._permit = permit
+        self._bounds = bounds
+        self._parameters = parameters
+        self._fitted = fitted
+        self._arm = arm
+        self._stopper = stopper
+        self._clock = clock
+        self._seed = bytes.fromhex(permit.digest)
+        self._began_ms = clock.monotonic_ms()
+        self._until_ms = self._began_ms + LASTS_MS
+        self._form: _Form | None = None  # of the command that was stepped last
+        self._stands: tuple[Value, int | None] | None = None  # and until when, where it is not for ever
+        self._lost: Reason | None = None
+        self._ended_ms: int | None = None
+        self._taken: list[tuple[int, tuple[float, ...]]] = []
+
+    # -- the line's side, on the event loop
+
+    def step(self, command: Command) -> Reason | None:
+        """See `Steps.step`. A value that is not taken ends the stream for good."""
+        asked = asked_of(command, path=(), fitted=self._fitted)
+        if isinstance(asked, Asked) and asked.operation == self._bounds.operation:
+            self._form = _Form.of(command, asked.numbers)
+            return self.follow(asked.numbers[:_SIX])  # type: ignore[arg-type]  # these are six
+        self._form = None
+        return self.follow(_NO_VALUE)
+
+    def follow(self, six: Six) -> Reason | None:
+        """See `Steps.follow`."""
+        reason = self._why_not(six)
+        if reason is not None:
+            self._lost = self._lost or reason
+        return reason
+
+    def ended(self) -> None:
+        """See `Steps.ended`."""
+        self._ended_ms = self._clock.monotonic_ms()
+
+    def _why_not(self, six: Six) -> Reason | None:
+        began_ms = self._clock.monotonic_ms()
+        if self._lost is not None:
+            return self._lost
+        stopped_ms = self._stopper.stopped_ms
+        stopped = stopped_ms is not None and stopped_ms >= self._permit.since_ms
+        if self._ended_ms is not None or stopped or self._over_at(began_ms):
+            return Reason.VERDICT_EXPIRED
+        form = self._form
+        if form is None:
+            return Reason.NOT_WHAT_WAS_DECIDED
+        numbers = six + form.rest
+        reason = self._bounds.outside(numbers)
+        if reason is not None:
+            return reason
+        value = form.value(six)
+        reason = self._certified(value, self._permit.index_milli)
+        now_ms = self._clock.monotonic_ms()
+        if reason is None and now_ms - began_ms > SLOW_MS:
+            reason = Reason.WATCH_LATE
+        if reason is None:
+            self._stands = value, None if form.stands_ms is None else now_ms + form.stands_ms
+            self._taken.append((now_ms, numbers))
+        return reason
+
+    def _certified(self, value: Value, authorised_milli: int) -> Reason | None:
+        state = self._state()
+        if state is None:
+            return Reason.EVIDENCE_MISSING
+        found = self._certifying.judge(value, state, authorised_milli=authorised_milli, seed=self._seed)
+        if isinstance(found, ImpactFault):
+            return _reason(found)
+        if found.violations:
+            return Reason.PHYSICS_VIOLATION
+        if found.index_milli > authorised_milli:
+            return Reason.IMPACT_ROSE
+        if authorised_milli > FREE_MILLI and self._too_fast(found):
+            return Reason.APPROVED_TOO_FAST
+        return None
+
+    def _too_fast(self, found: Judged) -> bool:
+        most = self._parameters
+        return not (
+            found.tcp_speed_m_s * Unit.MICROMETRE_PER_SECOND.per_si <= most.approved_tcp_speed_um_s
+            and found.contact_ratio * Unit.PERMILLE.per_si <= most.approved_contact_permille
+        )
+
+    def _state(self) -> JointState | None:
+        """What the robot says of itself now; None where it is silent, or nobody looks at it any more."""
+        return self._arm.state if self._arm.silent_ms <= OLD_MS else None
+
+    # -- the watch's side, on its threads
+
+    @property
+    def ended_ms(self) -> int | None:
+        """When its program or the line has ended it."""
+        return self._ended_ms
+
+    @property
+    def lost(self) -> Reason | None:
+        """Why a value was not taken."""
+        return self._lost
+
+    @property
+    def over(self) -> bool:
+        """Whether its time is over, or that of the value that stands."""
+        return self._over_at(self._clock.monotonic_ms())
+
+    def _over_at(self, now_ms: int) -> bool:
+        stands = self._stands
+        late = stands is not None and stands[1] is not None and now_ms > stands[1] + LATE_MS
+        return late or now_ms >= self._until_ms
+
+    def left(
+        self,
+        request: Request,  # noqa: ARG002 - the port's own form
+        state_q_rad: Sequence[float],
+        *,
+        authorised_milli: int,
+        touch: frozenset[str],  # noqa: ARG002 - it was given when the stream began
+        running: float | None,  # noqa: ARG002 - nothing slows a stream down
+    ) -> Rest:
+        """Whether the value that stands may go on standing, on the newest view: `pep.base.ports.Remaining`."""
+        shown = self._certifying.see(state_q_rad)
+        if isinstance(shown, ImpactFault):
+            return Rest(holds=False, index_milli=None, cause=shown.detail, fault=str(_reason(shown)), age_ms=None)
+        stands = self._stands
+        reason = None if stands is None else self._certified(stands[0], authorised_milli)
+        fault = "" if reason in (None, Reason.IMPACT_ROSE) else str(reason)
+        return Rest(
+            holds=reason is None,
+            index_milli=None,
+            cause="" if reason is None else str(reason),
+            fault=fault,
+            age_ms=shown.age_ms,
+            shown=shown.content,
+        )
+
+    # -- for the record
+
+    def batch(self) -> dict[str, object] | None:
+        """The values since the last call, as plain JSON: how many, when, and their digest; None when there were none.
+
+        The digest is SHA-256 of each value's monotonic time in ms (signed 64 bits) and numbers (doubles), big-endian.
+        """
+        taken, self._taken = self._taken, []
+        if not taken:
+            return None
+        image = struct.Struct(f">q{len(taken[0][1])}d")
+        content = b"".join(image.pack(at_ms, *numbers) for at_ms, numbers in taken)
+        return {
+            "request_id": self._permit.request_id,
+            "values": len(taken),
+            "first_ms": taken[0][0],
+            "digest": hashlib.sha256(content).hexdigest(),
+        }
+
+
+def envelope(request: Request, chain: Chain, grant: Grant) -> dict[str, object]:
+    """What every value of a stream has to be inside of, as plain JSON; the decision about its opening has the index."""
+    return {
+        "request_id": request.request_id,
+        "object": request.object,
+        "operation": request.operation,
+        "agent": chain.leaf.agent,
+        "limits": [
+            [limit.parameter.name, str(limit.parameter.unit), bound_to_json(limit.bound)] for limit in grant.limits
+        ],
+        "lasts_ms": LASTS_MS,
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Form:
+    """What is the same of a command and of those that follow it.
+
+    Attributes:
+        rest: its parameters after the six angles or speeds.
+        value: what it is to physics with those six.
+        stands_ms: for how long; None for ever: a servo target ends by itself.
+    """
+
+    rest: tuple[float, ...]
+    value: Callable[[Six], Value]
+    stands_ms: int | None
+
+    @classmethod
+    def of(cls, command: Command, numbers: tuple[float, ...]) -> _Form:
+        """The form of a stream's command, whose parameters are these."""
+        rest = numbers[_SIX:]
+        match command:
+            case v.ServoJ(_, time_s, lookahead_s, _):
+                return cls(rest, lambda q_rad: Angles(q_rad, time_s, lookahead_s), None)
+            case v.SpeedJ(_, acceleration_rad_s2, time_s):
+                stands_ms = round(stands_s(time_s) * Unit.MILLISECOND.per_si)
+                return cls(rest, lambda qd_rad_s: Speeds(qd_rad_s, acceleration_rad_s2), stands_ms)
+            case _:
+                raise AssertionError(f"{type(command).__name__} is no stream")
+
+
+def _reason(fault: ImpactFault) -> Reason:
+    try:
+        return Reason(fault.reason)
+    except ValueError:
+        return Reason.PHYSICS_FAULT

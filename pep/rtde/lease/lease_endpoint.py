@@ -1,0 +1,192 @@
+"""Where a lease is asked for: a POST with a token and a proof over the opening of a session.
+
+    request    Authorization: DPoP <token>, DPoP: <proof>, body: the opening (`capabilities.proof.session_opening`,
+    [SES-1]) answer     201 {"lease", "session", "port"}; 401 and the reason for a fault of steps 1 to 10, 409
+    LEASE_HELD
+
+The lease is on record before it is answered. Its carriage is then brought to `port` within `SILENCE_MS`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import secrets
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from starlette.applications import Starlette
+from starlette.responses import JSONResponse
+from starlette.routing import Route
+
+from capabilities.keys import keys
+from capabilities.proof import session_opening
+from capabilities.proof.key_agreement import KEY_BYTES, NONCE_BYTES
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault
+from pep.base.errors import JournalError
+from pep.gate import records
+from pep.request.authority import Presented
+from pep.rtde.lease.lease import ID_BYTES, Lease
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from starlette.requests import Request
+
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.caps import Caps
+    from pep.base.ports import Clock, Journal
+    from pep.request.authority import Authority, Credentials
+    from pep.rtde.lease.lease import Leases
+
+OPENING_BYTES: Final = 2_048
+LOSSLESS: Final = 0
+"""Frames that the carriage may lose: it is TCP."""
+
+
+@dataclass(frozen=True, slots=True)
+class Door:
+    """What the door needs.
+
+    Attributes:
+        leases: of the robot.
+        authority: steps 1 to 10.
+        clock: both clocks.
+        journal: durable.
+        caps: bounds.
+        url: canonical, of this door; what the proofs of openings name.
+        audience: canonical URL of the cell, as tokens name it.
+        signer: this enforcement point's key, by which a holder knows that it talks to it.
+        port: where carriages arrive.
+        lease_ms: oldest acceptable view of revocations: that of motion.
+        vacated: whether whoever has the robot while there is no lease has let go of it; asked where there is none.
+        random: so many random bytes.
+    """
+
+    leases: Leases
+    authority: Authority
+    clock: Clock
+    journal: Journal
+    caps: Caps
+    url: str
+    audience: str
+    signer: PrivateKey
+    port: int
+    lease_ms: int
+    vacated: Callable[[], bool] = lambda: True
+    random: Callable[[int], bytes] = secrets.token_bytes
+
+    def app(self) -> Starlette:
+        """To be served."""
+        return Starlette(routes=[Route(urlsplit(self.url).path, self._asked, methods=[session_opening.METHOD])])
+
+    async def _asked(self, request: Request) -> JSONResponse:
+        body = await _body(request)
+        if body is None:
+            return await self._refuse(413, Reason.BODY_TOO_LARGE, None)
+        token, proof = _one(request, "authorization"), _one(request, "dpop")
+        scheme, _, text = (token or "").partition(" ")
+        presented = Presented(
+            token=text if scheme.lower() == "dpop" and text else None,
+            proof=proof,
+            method=session_opening.METHOD,
+            url=self.url,
+            body=body,
+        )
+        try:
+            credentials = self.authority.check(presented, lease_ms=self.lease_ms)
+        except Exception:  # noqa: BLE001 - a verification that breaks has not verified
+            return await self._refuse(401, Reason.TOKEN_MALFORMED, None)
+        if (fault := credentials.fault) is not None:
+            return await self._refuse(401, Reason(fault.code), credentials)
+        assert isinstance(credentials.chain, Chain)
+        opened = self._opened(body, presented, credentials, credentials.chain)
+        if isinstance(opened, Fault):
+            return await self._refuse(401, Reason(opened.code), credentials)
+        lease, answer = opened
+        vacant = self.leases.current is None and self.vacated()
+        if not (vacant and self.leases.open(lease, at_ms=self.clock.monotonic_ms())):
+            return await self._refuse(409, Reason.LEASE_HELD, credentials)
+        try:
+            # No durable record, no lease: what moves under it is on record one by one besides.
+            await asyncio.to_thread(self.journal.append, "lease", _record(lease, self.clock.wall_s()))
+        except JournalError:
+            self.leases.end(lease)
+            return _denied(503, Reason.RECORD_FAILED)
+        return JSONResponse({"lease": lease.id.hex(), "session": answer, "port": self.port}, status_code=201)
+
+    async def _refuse(self, status: int, reason: Reason, credentials: Credentials | None) -> JSONResponse:
+        body = records.refusal(
+            at=self.clock.wall_s(),
+            at_ms=self.clock.monotonic_ms(),
+            reason=reason,
+            status=status,
+            credentials=credentials,
+            where={"path": urlsplit(self.url).path},
+        )
+        with contextlib.suppress(JournalError):  # refused either way
+            await asyncio.to_thread(self.journal.append, "refusal", body)
+        return _denied(status, reason)
+
+    def _opened(
+        self, body: bytes, presented: Presented, credentials: Credentials, chain: Chain
+    ) -> tuple[Lease, str] | Fault:
+        assert presented.token is not None
+        assert presented.proof is not None
+        answered = session_opening.answer(
+            body,
+            presented.proof,
+            holder_key=chain.leaf.key,
+            url=self.url,
+            audience=self.audience,
+            token=presented.token,
+            signer=self.signer,
+            private=self.random(KEY_BYTES),
+            nonce=self.random(NONCE_BYTES),
+            not_after=math.floor(chain.scope.not_after),
+            at=self.clock.wall_s(),
+            most_missing=LOSSLESS,
+            caps=self.caps,
+        )
+        if isinstance(answered, Fault):
+            return answered
+        lease = Lease(self.random(ID_BYTES), chain.leaf.agent, credentials, answered.session, answered.not_after)
+        return lease, answered.text.decode()
+
+
+def _record(lease: Lease, at: float) -> dict[str, Any]:
+    """The lease, for the journal. Its id is the way to its carriage: what is written down is not."""
+    chain = lease.credentials.chain
+    assert isinstance(chain, Chain)
+    return {
+        "at": at,
+        "agent": lease.agent,
+        "hop": chain.leaf.hop_id,
+        "key": keys.thumbprint(chain.leaf.key),
+        "proof": lease.credentials.proof_name,
+        "not_after": lease.not_after,
+    }
+
+
+def _one(request: Request, name: str) -> str | None:
+    """The header, where there is exactly one of that name."""
+    values = request.headers.getlist(name)
+    return values[0] if len(values) == 1 else None
+
+
+async def _body(request: Request) -> bytes | None:
+    """The body, or None for one that is longer than an opening can be."""
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > OPENING_BYTES:
+            return None
+    return body
+
+
+def _denied(status: int, reason: Reason) -> JSONResponse:
+    return JSONResponse({"decision": "DENY", "reason": str(reason)}, status_code=status)

@@ -1,0 +1,226 @@
+"""Where the carriage of a lease arrives: its lines are given to whoever serves the controller's ports.
+
+    first 16 bytes: the lease's id       then: frames of its session (`pep.rtde.lease.lease_connection`)
+
+Whoever has no lease, or the id of one that is carried already, is left without a word.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.lease.lease import ID_BYTES, Ending
+from pep.rtde.lease.lease_connection import Carrier
+from pep.rtde.lease.lease_messages import Bytes, Closed, Open, Opened, Refused, Told
+from pep.rtde.robot.connections import GONE
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.base.ports import Clock
+    from pep.rtde.lease.lease import Lease, Leases
+    from pep.rtde.lease.lease_messages import Word
+    from pep.rtde.robot.connections import Line, Ports
+
+PATIENCE_S: Final = 1.0
+"""For the id."""
+
+
+class LeasePort:
+    """The listener.
+
+    Args:
+        leases: of the robot.
+        ports: what the lines are opened to.
+        clock: both clocks.
+        begun: is told of a lease whose carriage has come: its program is told from now on how the arm stands.
+        ended: is told of a lease that is over, before anything else; the arm is stopped there.
+    """
+
+    def __init__(
+        self,
+        leases: Leases,
+        ports: Ports,
+        *,
+        clock: Clock,
+        begun: Callable[[], None],
+        ended: Callable[[Lease, Ending], None],
+    ) -> None:
+        self._leases = leases
+        self._ports = ports
+        self._clock = clock
+        self._begun = begun
+        self._ended = ended
+        self._held: _Carried | None = None
+        self._server: asyncio.Server | None = None
+
+    async def listen(self, host: str, port: int) -> None:
+        """From now on.
+
+        Raises:
+            OSError: the address cannot be had.
+        """
+        self._server = await asyncio.get_running_loop().create_server(lambda: _Door(self._carry), host, port)
+
+    def end(self, ending: Ending) -> None:
+        """The open lease is over, if there is one."""
+        held, lease = self._held, self._leases.current
+        if held is not None:
+            held.carrier.close(ending)
+        elif lease is not None:
+            self.over(lease, ending)
+
+    def look(self) -> None:
+        """End a lease whose holder has not brought a carriage in time. Those that are carried look after themselves."""
+        if self._held is None and self._leases.silent(at_ms=self._clock.monotonic_ms()):
+            self.end(Ending.SILENT)
+
+    async def close(self) -> None:
+        """Nobody is let in any more, and the lease is over."""
+        if self._server is not None:
+            self._server.close()
+        self.end(Ending.GATEWAY)
+
+    def over(self, lease: Lease, ending: Ending) -> None:
+        """The carriage of that lease has ended."""
+        self._held = None
+        if self._leases.end(lease):
+            self._ended(lease, ending)
+
+    def _carry(self, lease_id: bytes) -> Carrier | None:
+        lease = self._leases.carry(lease_id, at_ms=self._clock.monotonic_ms())
+        if lease is None:
+            return None
+        self._begun()
+        self._held = _Carried(lease, self._ports, self, self._clock)
+        return self._held.carrier
+
+
+class _Door(asyncio.Protocol):
+    """A connection that has not said which lease it carries."""
+
+    def __init__(self, carry: Callable[[bytes], Carrier | None]) -> None:
+        self._carry = carry
+        self._said = b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._timer = asyncio.get_running_loop().call_later(PATIENCE_S, transport.abort)
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+        self._timer.cancel()
+
+    def data_received(self, data: bytes) -> None:
+        self._said += data
+        if len(self._said) < ID_BYTES:
+            return
+        self._timer.cancel()
+        carrier = self._carry(self._said[:ID_BYTES])
+        if carrier is None:
+            self._transport.abort()
+            return
+        self._transport.set_protocol(carrier)
+        carrier.connection_made(self._transport)
+        if len(self._said) > ID_BYTES:
+            carrier.data_received(self._said[ID_BYTES:])
+
+
+class _Carried:
+    """A lease with its carriage and its lines."""
+
+    def __init__(self, lease: Lease, ports: Ports, port: LeasePort, clock: Clock) -> None:
+        self._lease = lease
+        self._ports = ports
+        self._port = port
+        self._lines: dict[int, Line] = {}
+        self._opening: set[asyncio.Task[None]] = set()
+        self._ended = False
+        self.flowing = True
+        self.carrier = Carrier(
+            lease.session, asking=False, clock=clock, heard=self._heard, ended=self._over, flowing=self._flow
+        )
+
+    def _heard(self, word: Word) -> None:
+        match word:
+            case Bytes(number, content):
+                self._lines[number].received(content)
+            case Open(number, port):
+                task = asyncio.get_running_loop().create_task(self._open(number, port))
+                self._opening.add(task)
+                task.add_done_callback(self._opening.discard)
+            case Closed(number):
+                self._lines.pop(number).left()
+                if number in self.carrier.lines.leaving:
+                    self.carrier.say(Closed(number))
+            case _:
+                pass
+
+    async def _open(self, number: int, port: int) -> None:
+        back = _Back(self, number)
+        served = await self._ports.open(self._lease, port, back)
+        if isinstance(served, Reason):
+            self.carrier.say(Refused(number, served))
+        elif self._ended:
+            served.left()
+        else:
+            self._lines[number] = served
+            self.carrier.say(Opened(number))
+            back.begin()
+
+    def dropped(self, number: int) -> None:
+        """The port has closed its connection: no line serves the number any more."""
+        line = self._lines.pop(number, None)
+        if line is not None:
+            self._lines[number] = GONE
+            self.carrier.say(Closed(number))
+
+    def _flow(self, flowing: bool) -> None:  # noqa: FBT001 - the carrier's callback
+        self.flowing = flowing
+
+    def _over(self, ending: Ending) -> None:
+        self._ended = True
+        lines, self._lines = self._lines, {}
+        with contextlib.ExitStack() as rest:  # each, whatever becomes of another
+            for line in lines.values():
+                rest.callback(line.left)
+            self._port.over(self._lease, ending)
+
+
+class _Back:
+    """The way back of one line. What is said before the line is open is kept until it is."""
+
+    def __init__(self, carried: _Carried, number: int) -> None:
+        self._carried = carried
+        self._number = number
+        self._early: list[bytes] | None = []
+        self._closed = False
+
+    def begin(self) -> None:
+        """The line is open."""
+        early, self._early = self._early or [], None
+        for content in early:
+            self.send(content)
+        if self._closed:
+            self._carried.dropped(self._number)
+
+    def send(self, content: bytes) -> None:
+        if self._early is not None:
+            self._early.append(content)
+        elif not self._closed and self._carried.flowing and self._number in self._carried.carrier.lines.open:
+            self._carried.carrier.say(Bytes(self._number, content))
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        if self._early is None:
+            self._carried.dropped(self._number)
+
+    def tell(self, text: str) -> None:
+        # Nothing is kept for who does not read: the program itself has its answer.
+        if not self._closed and self._carried.flowing and self._number in self._carried.carrier.lines.open:
+            self._carried.carrier.say(Told(self._number, text))

@@ -1,0 +1,207 @@
+"""One lease at the controller: the line that commands, the control script it uploads, and how far that has come."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Final, Protocol
+
+from pep.rtde.line.control_program import ControlProgram, Phase, Turn
+from pep.rtde.line.lease_stop import Rung
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from pep.base.ports import Clock
+    from pep.rtde.lease.lease import Ending
+    from pep.rtde.line.lease_stop import Ladder
+    from pep.rtde.line.rtde_line import LeasedLine
+    from pep.rtde.robot.connections import Upstream
+    from pep.rtde.robot.judge_port import Holder, Judge
+    from pep.rtde.robot.state_stream import Feed, Sample
+    from pep.rtde.script.control_script import Upload
+
+REWRITE_MS: Final = 20
+"""How often the watchdog hears us; it waits for 125 ms."""
+PAUSED: Final = (3, 4, 5)
+"""`runtime_state` of a program that somebody may let go on."""
+
+
+class CommandPort(Protocol):
+    """An RTDE connection of the lease's program."""
+
+    line: LeasedLine
+
+    @property
+    def wrote_ms(self) -> int:
+        """Monotonic time of the last write to the controller."""
+
+    def settle(self) -> None:
+        """Carry out the effects that the line has decided."""
+
+    def leave(self, ending: Ending) -> None:
+        """Tell the client that the lease is over."""
+
+    def look(self, at_ms: int) -> None:
+        """Let time pass."""
+
+    def lose(self, ending: Ending) -> None:
+        """End the connection, and the lease with it."""
+
+
+class ScriptPort(Protocol):
+    """A connection on which the lease's program uploads its control script."""
+
+    @property
+    def robot(self) -> Upstream:
+        """The line to the controller behind it."""
+
+
+class Controller(Protocol):
+    """The controller's side of every lease: its state, its stop, its judge."""
+
+    clock: Clock
+    judge: Judge
+    feed: Feed
+    ladder: Ladder
+    deceleration: float
+
+    def stop(self, rung: Rung) -> None:
+        """Begin to stop the arm, from that rung of the ladder on."""
+
+    def closed(self, lease: Holder, ending: Ending) -> None:
+        """End the lease for that reason."""
+
+    def note(self, rung: Rung) -> None:
+        """Count a stop that came past the ladder."""
+
+
+class Tenant:
+    """One lease: its control line, its control script, and who sends that."""
+
+    def __init__(self, ports: Controller, lease: Holder) -> None:
+        self.ports = ports
+        self.lease = lease
+        self.program = ControlProgram()
+        self.control: CommandPort | None = None
+        self.lines: set[CommandPort] = set()
+        self._sender: ScriptPort | None = None
+        self._over = False
+
+    @property
+    def stopping(self) -> bool:
+        """Whether its control script has a stop to carry out."""
+        return (
+            self.control is not None and self.control.line.commands is not None and self.control.line.commands.stopping
+        )
+
+    def claim(self, port: CommandPort) -> bool:
+        """Whether that line is the one that commands."""
+        if self._over or (self.control is not None and self.control is not port):
+            return False
+        self.control = port
+        return True
+
+    def uploaded(self, port: ScriptPort, upload: Upload) -> Refused | None:
+        """The program's control script came on that line; why it goes no further, if it does not."""
+        commands = None if self.control is None else self.control.line.commands
+        if commands is None or commands.offset != upload.script.offset:
+            return Refused(Reason.NOT_GRANTED, "a control script without its registers")
+        if self._sender is not None and self._sender is not port and self.program.starting:
+            return Refused(Reason.BUSY, "another control script")
+        self.ports.stop(Rung.PROGRAM)
+        self.script_over(Reason.BUSY)
+        self._sender = port
+        self.program.begin(upload, at_ms=self.ports.clock.monotonic_ms())
+        self._show()
+        return None
+
+    def left(self, port: ScriptPort) -> None:
+        """That line is gone."""
+        if self._sender is port:
+            self._sender = None
+
+    def script_over(self, reason: Reason) -> None:
+        """The control script runs no longer, or will not for long."""
+        self.program.end()
+        if self.control is not None and self.control.line.commands is not None:
+            self.control.line.commands.end(reason)
+            self._show()
+
+    def end(self, ending: Ending) -> None:
+        """The lease is over, or its control line gone: the arm is being stopped."""
+        if self._over:
+            return
+        self._over = True
+        try:
+            for line in tuple(self.lines):
+                line.leave(ending)
+        finally:  # whatever a line is in: the arm is stopped
+            if self.program.sent:
+                self.ports.stop(Rung.PROGRAM)
+            self.program.end()
+
+    def lost(self, ending: Ending) -> None:
+        """The control line is gone, and with it the lease."""
+        if not self._over:
+            try:
+                self.end(ending)
+            finally:
+                self.ports.closed(self.lease, ending)
+
+    def note(self, refused: Refused, what: str) -> None:
+        """What a line of it has refused by itself goes on record; it is refused either way."""
+        with contextlib.suppress(Exception):
+            self.ports.judge.refused(self.lease, refused, what)
+
+    def heard(self, sample: Sample, at_ms: int) -> None:
+        """The controller said something."""
+        control = self.control
+        if control is None or control.line.commands is None:
+            return
+        if self.program.sent or self.ports.ladder.over:  # no script begins while a stop is under way
+            self._turn(self.program.look(sample, at_ms=at_ms), sample)
+        commands = control.line.commands
+        commands.robot(*sample.registers[commands.offset], still=sample.still)
+        if self.program.phase is not Phase.NONE and at_ms - control.wrote_ms >= REWRITE_MS:
+            control.line.rewrite()
+        control.settle()
+
+    def look(self, at_ms: int) -> None:
+        """Time has passed."""
+        if (newest := self.ports.feed.newest) is not None:
+            self._turn(self.program.late(at_ms=at_ms), newest)
+        for line in tuple(self.lines):
+            line.look(at_ms)
+
+    def _turn(self, turn: Turn | None, sample: Sample) -> None:
+        if turn is None or self.control is None or self.control.line.commands is None:
+            return
+        commands, upload = self.control.line.commands, self.program.upload
+        match turn:
+            case Turn.SEND if upload is not None and self._sender is not None:
+                self._sender.robot.send(upload.render())
+            case Turn.ARM:
+                commands.arm()
+            case Turn.CLEAR:
+                commands.disarm()
+            case Turn.BEGIN if upload is not None:
+                commands.begin(upload.path)
+            case Turn.END:
+                commands.end(Reason.ROBOT_NOT_RUNNING)
+                if sample.runtime_state in PAUSED:
+                    self.ports.stop(Rung.DASHBOARD)  # nobody lets it go on behind our back
+            case _:
+                self.control.line.tell(f"{Reason.EFFECT_FAILED}: the control script was not started")
+                commands.end(Reason.EFFECT_FAILED)
+                self.program.end()
+                self.ports.stop(Rung.DASHBOARD)
+        self._show()
+
+    def _show(self) -> None:
+        assert self.control is not None
+        line = self.control.line
+        running = self.program.phase is Phase.RUNNING
+        if line.running is not running:
+            line.running = running
+            line.refresh()
+        self.control.settle()

@@ -1,0 +1,499 @@
+"""The command registers of a program that has the lease: which of its commands reach the control script, and when.
+
+The program writes into an image of its own; what the controller has is another one, and only this module writes it.
+Questions, ends of modes and stops pass; everything else waits for the judge, and what was judged is written out whole.
+A stop is raised to the cell's, and stays until the script has carried it out, whatever the program writes meanwhile.
+
+Pure: packages, the controller's word, the judge's answers and the time are arguments; what follows is a list of acts.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import EVERY_CYCLE, ROWS, CommandClass, Wait, decode, encode, row_of
+from pep.rtde.command.image_changes import Cleared, Commanded, Drifted, Staged, Swapped, Unchanged, changes
+from pep.rtde.command.register_image import Image
+from pep.rtde.command.rounding import on_grid
+from pep.rtde.command.stop_rules import MODES, STOPS, ended_by, of_stream, raised
+from pep.rtde.lease.lease import LEASE_OVER, Ending
+from pep.rtde.line.effects import (
+    ERROR,
+    INFORMATION,
+    PATIENCE_MS,
+    Act,
+    Ask,
+    Braked,
+    Halt,
+    Note,
+    Question,
+    Refresh,
+    Tell,
+    Withdraw,
+    Write,
+)
+from pep.rtde.line.register_echo import QUIET, Echo
+from pep.rtde.wire.client_texts import said, told
+from pep.rtde.wire.recipes import DOUBLE, INT
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from pep.rtde.command.command_values import Command, Stop
+    from pep.rtde.robot.judge_port import Steps
+    from pep.rtde.script.move_path import Waypoint
+    from pep.rtde.wire.codec import Value
+    from pep.rtde.wire.recipes import Offset, Profile
+
+READY, DONE = 1, 2
+"""What the control script says in its output register 0."""
+TAKEN_MS: Final = 50
+"""Within so long the control script begins with a stop, when it can hear it at all."""
+WATCHDOG_HZ: Final = 8.0
+"""Ours: the controller ends the program 125 ms after our last write."""
+
+
+class LeasedCommands:
+    """One control connection's commands.
+
+    Args:
+        profile: what it may write.
+        claimed: the variables that it has from the controller.
+        stop_deceleration_rad_s2: of the cell's stop model.
+
+    Attributes:
+        denied: whether the program sees its command as failed, until it clears it.
+        stands: a value of a stream that goes on, where the controller has nothing newer but what follows it; else None.
+    """
+
+    def __init__(self, profile: Profile, claimed: Collection[str], *, stop_deceleration_rad_s2: float) -> None:
+        self._claimed = frozenset(claimed)
+        self._deceleration = stop_deceleration_rad_s2
+        self._blank = self._client = Image.blank(profile)
+        self._later: v.Six | None = None  # first doubles that the client has written since
+        self._zeros = {name: value for name, value in self._blank.values.items() if name in self._claimed}
+        self._acts: list[Act] = []
+        self._running = self._left = False
+        self._path: tuple[Waypoint, ...] = ()
+        self._held: Question | None = None
+        self._held_ms = 0
+        self._last: Question | None = None  # forwarded
+        self._stream: tuple[int, Steps | None] | None = None
+        self._modes: set[int] = set()
+        self._sent = 0  # id that the controller has
+        # A command that the script carries out once, until the script is seen idle; whether it may still be in it.
+        self._once: int | None = None
+        self._inside = False
+        self._echo = Echo()
+        self._quiet = 0
+        self._stop_next: tuple[Stop, int | None] | None = None  # and since when it has waited for the script
+        self._wanted_ms: float | None = None  # the program's own watchdog
+        self._wrote_ms = 0
+        self.denied = False
+        self.stands: Command | None = None
+
+    def take(self) -> list[Act]:
+        """What follows from all that was said since the last time, in order."""
+        acts, self._acts = self._acts, []
+        return acts
+
+    @property
+    def offset(self) -> Offset:
+        """Where its registers begin."""
+        return self._blank.profile.offset
+
+    # ---- the control script
+
+    def arm(self) -> None:
+        """Our control script has just started: its watchdog is set, before anything else is said to it."""
+        self._write(v.SetWatchdog(WATCHDOG_HZ))
+
+    def disarm(self) -> None:
+        """No command stands."""
+        self._blanked()
+
+    def begin(self, path: tuple[Waypoint, ...]) -> None:
+        """Our control script runs, with that path in it, and listens to us alone."""
+        self._running, self._path = True, path
+        self._sent, self._once, self._inside, self.stands = 0, None, False, None
+        self._echo = Echo()
+        self._stop_next = None
+        self._modes.clear()
+        if self.denied:
+            self.denied = False
+            self._acts.append(Refresh())
+
+    def end(self, reason: Reason) -> None:
+        """It runs no longer, or is about to be replaced: nothing is sent but zeros."""
+        waited = self._held is not None
+        self._over()
+        if waited:
+            self._deny(reason, "the control script has ended")
+        if self._running or self._sent:
+            self._running = False
+            self._blanked()
+
+    def _over(self) -> None:
+        self._end_stream()
+        self._withdraw()
+        self._last = None
+        self._modes.clear()
+        self._once, self._inside, self._stop_next = None, False, None
+        self._wanted_ms = None
+
+    def leave(self, ending: Ending = Ending.LEFT) -> None:
+        """The program has gone, or its lease is over so: what goes on is stopped, and nothing is asked any more.
+
+        A program that is still there hears that its command has failed: without its connection it would wait for that.
+        """
+        if self._running:
+            self._brake()
+        running, self._running, self._left = self._running, False, True
+        self._over()
+        if running:
+            self._fail(f"{LEASE_OVER}: {ending}")
+            self._acts += (Refresh(), Halt())
+
+    # ---- the program
+
+    def package(self, values: Mapping[str, Value], *, at_ms: int) -> None:
+        """The program wrote these variables."""
+        if self._left:
+            return
+        self.stands = None
+        before = self._merged({})
+        after = self._merged(values)
+        if INT[self.offset] in values:
+            self._wrote_ms = at_ms
+        match changes(before, after):
+            case Unchanged():
+                self._again(after)
+            case Staged():
+                pass
+            case Cleared():
+                self._cleared()
+            case Commanded(command):
+                self._commanded(command, before.whole(0), at_ms)
+            case Drifted(command):
+                self._drifted(command)
+            case Swapped(command):
+                if not isinstance(command, v.Stop):  # a stop is carried out as it was first said
+                    changed = Refused(Reason.NOT_WHAT_WAS_DECIDED, "it was changed after it was given")
+                    self._refuse(changed, row_of(command).name)
+            case Refused() as refused:
+                self._misread(refused, at_ms)
+
+    def follow(self, six: v.Six, *, at_ms: int) -> bool:
+        """The program wrote a value that follows the one that `stands`: its first six doubles are others.
+
+        Args:
+            six: those doubles.
+            at_ms: monotonic time.
+
+        Returns:
+            Whether it is to be written now, as that one was; else the stream has ended with it.
+        """
+        assert self.stands is not None
+        self._later = six
+        self._wrote_ms = at_ms
+        return self._certain(self.stands, six)
+
+    def _merged(self, values: Mapping[str, Value]) -> Image:
+        """What the client has written until now."""
+        six, self._later = self._later, None
+        if six is not None:
+            values = {**dict(zip(DOUBLE[self.offset :], six, strict=False)), **values}
+        if not values:
+            return self._client
+        after = self._client.merge(values)
+        if isinstance(after, Refused):  # a recipe is of the profile's variables, and types are the wire's
+            raise TypeError(after.place)
+        self._client = after
+        return after
+
+    def _again(self, image: Image) -> None:
+        """The program says the same once more: a stream goes on, and whoever judges its values hears that."""
+        if self._stream is None or self._stream[1] is None or self._held is not None or self.denied:
+            return
+        command = decode(image)
+        if not isinstance(command, Refused) and row_of(command).id == self._stream[0]:
+            self._step(command)
+
+    def _cleared(self) -> None:
+        self._withdraw()
+        if self.denied:
+            self.denied = False
+            self._acts.append(Refresh())
+        if self._sent and not (self._sent in STOPS and self._inside):
+            self._blanked()
+
+    def _misread(self, refused: Refused, at_ms: int) -> None:
+        if refused.command is not None and refused.command in STOPS:
+            self._stop(STOPS[refused.command], at_ms)
+        else:
+            row = ROWS.get(-1 if refused.command is None else refused.command)
+            self._refuse(refused, "command" if row is None else row.name)
+
+    def _commanded(self, command: Command, before: int, at_ms: int) -> None:
+        self._withdraw()
+        row = row_of(command)
+        if isinstance(command, v.Stop):
+            self._stop(command, at_ms)
+        elif self.denied:
+            pass  # told already; a clear ends that
+        elif not self._running:
+            self._refuse(Refused(Reason.ROBOT_NOT_RUNNING, NO_SCRIPT), row.name)
+        elif self._busy or (before and before not in EVERY_CYCLE and not row.every_cycle):
+            # The script would carry this one out late.
+            self._refuse(Refused(Reason.BUSY, "the command before is not over"), row.name)
+        elif not self._claimed.issuperset(encode(command, self.offset)):
+            self._refuse(Refused(Reason.NOT_GRANTED, "its registers were not set up"), row.name)
+        elif isinstance(command, v.SetWatchdog):
+            # The script has one watchdog, and it is ours; the program's is kept here.
+            self._wanted_ms, self._wrote_ms = 1000.0 / command.least_hz, at_ms
+            self._write(v.SetWatchdog(WATCHDOG_HZ))
+        elif row.command_class is CommandClass.GETTER or isinstance(command, v.StopContactDetection):
+            self._write(command)
+        elif self._stream is not None and self._stream[0] == row.id:
+            self._step(command)
+        else:
+            self._held = Question(on_grid(command), self._path if isinstance(command, v.MovePath) else ())
+            self._held_ms = at_ms
+            self._acts.append(Ask(self._held))
+
+    def _drifted(self, command: Command) -> None:
+        row = row_of(command)
+        if self._held is not None or self.denied:
+            return  # what stands when it is forwarded is judged then
+        if row.command_class is CommandClass.GETTER:
+            self._write(command)
+        elif self._stream is not None and self._stream[0] == row.id:
+            self._step(command)
+        else:
+            self._refuse(_FOLLOWS, row.name)
+
+    def _step(self, command: Command) -> None:
+        if self._certain(command):
+            self._write(command)
+            self.stands = command
+
+    def _certain(self, command: Command, six: v.Six | None = None) -> bool:
+        """Whether the stream goes on with this value, or with these six doubles in it; otherwise it has ended."""
+        assert self._stream is not None
+        steps = self._stream[1]
+        if steps is None:
+            self._refuse(_FOLLOWS, row_of(command).name)
+            return False
+        try:
+            reason = steps.step(command) if six is None else steps.follow(six)
+        except Exception:  # noqa: BLE001 - a judgement that breaks has not permitted
+            self._refuse(Refused(Reason.POLICY_ERROR, "the judgement broke"), row_of(command).name)
+            return False
+        if reason is not None:
+            self._break_off()
+            self._deny(reason, told(reason, row_of(command).name))  # on record with the stream
+        return reason is None
+
+    def _refuse(self, refused: Refused, what: str) -> None:
+        """What the program says is not taken, and that goes on record: nobody else was asked."""
+        self._break_off()
+        if not self.denied:
+            self._acts.append(Note(refused, what))
+        self._deny(refused.reason, f"{what}: {refused.place}")
+
+    def _break_off(self) -> None:
+        """Nothing waits, and a stream has ended: what the program says is not what was permitted any more."""
+        self._withdraw()
+        if self._stream is not None:
+            self._brake()
+
+    # ---- the judge
+
+    def forward(self, question: Question, steps: Steps | None, *, at_ms: int) -> bool:
+        """Whether it was written."""
+        if question is not self._held:
+            return False
+        self._held = None
+        command = question.command
+        if self._busy or not self._running:
+            self._deny(Reason.BUSY, "a stop is under way")
+            return False
+        assert isinstance(command, v.Command)
+        row = row_of(command)
+        self._end_stream()
+        self._write(command)
+        self._last = question
+        if row.every_cycle:
+            self._stream = (row.id, steps)
+            latest = decode(self._merged({}))
+            if isinstance(latest, Refused):
+                self._misread(latest, at_ms)
+            elif on_grid(latest) != command:
+                self._drifted(latest)
+        elif steps is not None:
+            steps.ended()
+        return True
+
+    def deny(self, question: Question, reason: Reason, told: str) -> None:
+        """The program is told that it failed."""
+        if question is self._held:
+            self._held = None
+            self._deny(reason, told)
+
+    def defer(self, question: Question, told: str) -> None:
+        """The program is told that it waits. One that would not wait, but go on as if it moved, has failed instead."""
+        if question is not self._held:
+            return
+        assert isinstance(question.command, v.Command)
+        if row_of(question.command).wait is Wait.AT_ONCE:
+            self._withdraw()
+            self._deny(Reason.APPROVAL_REQUIRED, told)
+        else:
+            self._acts.append(Tell(told, INFORMATION))
+
+    def stop(self, question: Question, reason: Reason, told: str) -> None:
+        """What was forwarded last is stopped, and the program told why."""
+        if question is self._last and self._running:
+            self._brake()
+            self._deny(reason, told)
+
+    # ---- the controller
+
+    def robot(self, command: int, said: int, *, still: bool) -> None:
+        """What the controller has in the command register, what the script says and whether the arm stands, at once."""
+        self._echo.told(command)
+        idle, newest = command == 0 and said == READY, self._echo.newest
+        # A move goes on when the program clears it; a stop is not cleared before it is over.
+        over = command == self._once or (command == 0 and self._once not in STOPS)
+        self._quiet = self._quiet + 1 if idle and still else 0
+        # A controller may skip the package that says DONE.
+        if self._inside and newest and ((said == DONE and over) or self._quiet > QUIET):
+            self._inside = False
+            if command in STOPS and self._client.whole(0) == 0:
+                self._blanked()  # the program did not wait for its end
+        if idle and newest and not self._inside:
+            self._once = None
+            if self._stop_next is not None and not self._sent:
+                stop, _ = self._stop_next
+                self._stop_next = None
+                self._write(stop)
+                self._acts.append(Braked())
+
+    def look(self, *, at_ms: int) -> None:
+        """What time alone brings about."""
+        if self._held is not None and at_ms - self._held_ms > PATIENCE_MS:
+            self._withdraw()
+            self._deny(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
+        if self._stop_next is not None:
+            since = self._stop_next[1]
+            if since is not None and at_ms - since > TAKEN_MS:
+                self._halt()
+        if self._wanted_ms is not None and at_ms - self._wrote_ms > self._wanted_ms:
+            self._wanted_ms = None
+            self._halt()  # what its own watchdog would have done
+
+    # ---- stops
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the script is in a stop, or about to be."""
+        return self._stop_next is not None or (self._inside and self._once in STOPS)
+
+    @property
+    def _busy(self) -> bool:
+        """Whether the script is in a move or a stop, or about to stop: it reads no register."""
+        return self._stop_next is not None or self._inside
+
+    def _stop(self, stop: Stop, at_ms: int) -> None:
+        """The program's own stop: at once, at least as hard as the cell's, and of the stream that goes on."""
+        fits = of_stream(stop, self._modes)
+        stop = raised(fits or stop, self._deceleration)
+        self._withdraw()
+        self._end_stream()
+        if fits is None or not self._running or (self._inside and self._once not in STOPS):
+            self._halt()  # nobody reads the registers, or the script is in the midst of a move
+        elif self._once is None:
+            self._write(stop)
+            self._acts.append(Braked())
+        elif self._inside:
+            if ended_by(stop, self._modes):
+                self._stop_next = (stop, None)  # after the one that it is in
+        else:
+            # The script carries nothing out before it has seen that what it did last was cleared.
+            self._stop_next = (stop, at_ms)
+            self._blanked()
+
+    def _brake(self) -> None:
+        """Our own stop of whatever was forwarded."""
+        self._end_stream()
+        ends = {MODES[mode] for mode in self._modes}
+        if self._stop_next is not None or (self._inside and self._once in STOPS):
+            return
+        if self._inside or self._once is not None or len(ends) > 1:
+            self._halt()
+        else:
+            self._write(raised(ends.pop() if ends else STOPS[34], self._deceleration))
+            self._acts.append(Braked())
+
+    def _halt(self) -> None:
+        self._end_stream()
+        self._stop_next = None
+        self._acts.append(Halt())
+
+    # ---- inside
+
+    def _write(self, command: Command) -> None:
+        """The whole image with that command in it, from our own copy."""
+        row = row_of(command)
+        self._sent, self.stands = row.id, None
+        self._echo.wrote(row.id)
+        if not row.every_cycle and row.id:
+            self._once = row.id
+            self._inside = isinstance(command, v.Stop) or (isinstance(command, v.Move) and not _asynchronous(command))
+        if isinstance(command, v.Stop):
+            self._modes -= ended_by(command, self._modes)
+        elif row.id in MODES:
+            self._modes.add(row.id)
+        said = encode(command, self.offset)
+        # The order is the blank's, and what the connection does not have is not written.
+        self._acts.append(Write({**self._zeros, **{name: said[name] for name in said if name in self._claimed}}))
+
+    def _blanked(self) -> None:
+        self._write(v.Clear())
+
+    def _deny(self, reason: Reason, told: str) -> None:
+        self._fail(said(reason, told))
+
+    def _fail(self, text: str) -> None:
+        """The program sees that its command has failed, and is told why, once."""
+        self.stands = None
+        if not self.denied:
+            self.denied = True
+            self._acts.append(Tell(text, ERROR))
+
+    def _withdraw(self) -> None:
+        question, self._held = self._held, None
+        if question is not None:
+            self._acts.append(Withdraw(question))
+
+    def _end_stream(self) -> None:
+        stream, self._stream, self.stands = self._stream, None, None
+        if stream is not None and stream[1] is not None:
+            stream[1].ended()
+
+
+NO_SCRIPT: Final = "no control script runs: call reuploadScript()"
+_FOLLOWS: Final = Refused(Reason.NOT_WHAT_WAS_DECIDED, "no other value may follow")
+
+
+def brake_registers(offset: Offset) -> tuple[str, ...]:
+    """The variables that stops and the watchdog are written with: without one of them it would be a stale one's."""
+    stops = (v.StopJ(0.0, asynchronous=False), v.SpeedStop(0.0), v.ServoStop(0.0), v.SetWatchdog(WATCHDOG_HZ))
+    return tuple(dict.fromkeys(name for command in stops for name in encode(command, offset)))
+
+
+def _asynchronous(command: v.Move) -> bool:
+    return not isinstance(command, v.MoveUntilContact) and command.asynchronous

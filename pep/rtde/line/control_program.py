@@ -1,0 +1,137 @@
+"""The life of the control script in a lease: sent when nothing can make it move, ours when its watchdog is armed.
+
+    none -> waiting: for no program, and no command -> sent -> arming: the watchdog -> clearing: that -> running
+
+It acts on the command that it reads first, whenever that was written: so it is not sent before the controller itself
+says that none stands. It is over when the controller tells of any program's start or end after its own start: while
+the arm stands a program takes the place of another from one package to the next. Pure: what the controller says and
+the time are arguments, what follows is an act.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.line.command_registers import DONE, READY
+from pep.rtde.line.lease_stop import PLAYING, STOPPED
+from pep.rtde.robot.program import OURS, STARTED
+
+if TYPE_CHECKING:
+    from pep.rtde.robot.state_stream import Sample
+    from pep.rtde.script.control_script import Upload
+    from pep.rtde.wire.primary_frames import Key
+
+ARM: Final = 35
+"""Command id of the watchdog."""
+WAIT_MS: Final = 2_000
+"""For the program before it to end; ur_rtde has told it to."""
+START_MS: Final = 4_000
+"""ur_rtde waits for 5 s."""
+
+
+class Phase(Enum):
+    """How far it has come."""
+
+    NONE = "none"
+    WAITING = "waiting"
+    SENT = "sent"
+    ARMING = "arming"
+    CLEARING = "clearing"
+    RUNNING = "running"
+
+
+class Turn(Enum):
+    """What is to be done."""
+
+    SEND = "send"
+    """The script goes to the controller."""
+    ARM = "arm"
+    """Its watchdog is set."""
+    CLEAR = "clear"
+    """And the command for that cleared."""
+    BEGIN = "begin"
+    """The program may command."""
+    FAIL = "fail"
+    """It did not come so far in time."""
+    END = "end"
+    """It runs no longer."""
+
+
+class ControlProgram:
+    """The control script of one lease."""
+
+    def __init__(self) -> None:
+        self.phase = Phase.NONE
+        self.upload: Upload | None = None
+        self._since_ms = 0
+        self._begun = False  # the controller has told of its start
+        self._disturbed = False  # and of another event since
+
+    @property
+    def starting(self) -> bool:
+        """Whether it is on its way."""
+        return self.phase not in (Phase.NONE, Phase.RUNNING)
+
+    @property
+    def sent(self) -> bool:
+        """Whether the controller has it."""
+        return self.phase not in (Phase.NONE, Phase.WAITING)
+
+    def begin(self, upload: Upload, *, at_ms: int) -> None:
+        """It was uploaded; what there was before is over."""
+        self.upload = upload
+        self._go(Phase.WAITING, at_ms)
+
+    def end(self) -> None:
+        """There is none."""
+        self.phase, self.upload = Phase.NONE, None
+
+    def told(self, event: Key) -> None:
+        """The controller tells of a program that starts or ends. What is before its own start was of others."""
+        self._disturbed = self._disturbed or self._begun
+        self._begun = self._begun or (self.sent and event.title == STARTED and event.text == OURS)
+
+    def unheard(self) -> None:
+        """The controller may have told something that was not heard."""
+        self._disturbed = self.sent
+
+    def look(self, sample: Sample, *, at_ms: int) -> Turn | None:
+        """What the newest package brings about."""
+        if self.upload is None:
+            return None
+        command, said = sample.registers[self.upload.script.offset]
+        playing = sample.runtime_state == PLAYING and not self._disturbed
+        turn: Turn | None = None
+        match self.phase:
+            case Phase.WAITING if sample.runtime_state == STOPPED and command == 0:
+                self._begun = self._disturbed = False
+                turn = self._go(Phase.SENT, at_ms, Turn.SEND)
+            # Only a script that has been idle is seen to have done something: the last one's word may still stand.
+            case Phase.SENT if playing and said == READY:
+                turn = self._go(Phase.ARMING, at_ms, Turn.ARM)
+            case Phase.ARMING if playing and command == ARM and said == DONE:
+                turn = self._go(Phase.CLEARING, at_ms, Turn.CLEAR)
+            case Phase.CLEARING if playing and self._begun and command == 0 and said == READY:
+                turn = self._go(Phase.RUNNING, at_ms, Turn.BEGIN)
+            case Phase.ARMING | Phase.CLEARING if not playing:
+                self.end()
+                turn = Turn.FAIL
+            case Phase.RUNNING if not playing:
+                self.end()
+                turn = Turn.END
+            case _:
+                turn = self.late(at_ms=at_ms)
+        return turn
+
+    def late(self, *, at_ms: int) -> Turn | None:
+        """What time alone brings about."""
+        limit_ms = WAIT_MS if self.phase is Phase.WAITING else START_MS
+        if self.starting and at_ms - self._since_ms > limit_ms:
+            self.end()
+            return Turn.FAIL
+        return None
+
+    def _go(self, phase: Phase, at_ms: int, turn: Turn | None = None) -> Turn | None:
+        self.phase, self._since_ms = phase, at_ms
+        return turn

@@ -1,0 +1,241 @@
+"""The controller's ports as the holder of the lease has them, and the one who writes to the controller for it.
+
+An unmodified ur_rtde program works when the judge permits its commands, and moves nothing when it does not. Whoever
+has no lease is served as `StatePorts` does.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING, Final
+
+from pep.base.errors import PepFault, RobotError
+from pep.rtde.lease.lease import Ending
+from pep.rtde.line.active_lease import Tenant
+from pep.rtde.line.control_program import Phase
+from pep.rtde.line.conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
+from pep.rtde.line.gateway import StatePorts, stop_text
+from pep.rtde.line.lease_stop import STOPPED, Ladder, Rung
+from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
+from pep.rtde.robot.dashboard import stop_program
+from pep.rtde.robot.newest_state import SILENCE_MS
+from pep.rtde.robot.primary_line import PrimaryLine
+from pep.rtde.robot.state_stream import FRESH_MS, Feed
+from pep.rtde.script.control_script import scripts_for
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Sequence
+
+    from pep.base.ports import Clock
+    from pep.rtde.robot import connections
+    from pep.rtde.robot.connections import Back
+    from pep.rtde.robot.judge_port import Holder, Judge
+    from pep.rtde.robot.state_stream import Sample
+    from pep.rtde.script.control_script import ControlScript
+    from pep.rtde.wire.primary_frames import Key
+
+MAJOR: Final = 5
+"""PolyScope 5, of e-Series: another one's script is another."""
+BEGINS_S: Final = 10.0
+"""Longest wait for the controller at the beginning."""
+LOOK_S: Final = 0.02
+"""How often time alone is looked at."""
+
+
+class LeasedPorts:
+    """What the gateway opens.
+
+    Args:
+        robot: host of the controller.
+        judge: decides about the holder's commands.
+        scripts: every control script there is (`pep.rtde.script.control_script.allow_list`).
+        stop_deceleration_rad_s2: of the cell's stop model.
+        clock: the monotonic one counts.
+        closed: is told of a lease whose control connection has ended, and why; the arm is being stopped then.
+        stopped: is told of each stop that somebody sends past the judge and the tools.
+
+    Attributes:
+        stopped_ms: monotonic time of the newest stop, whoever asked for it; None while there was none.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        judge: Judge,
+        *,
+        scripts: Sequence[ControlScript],
+        stop_deceleration_rad_s2: float,
+        clock: Clock,
+        closed: Callable[[Holder, Ending], None],
+        stopped: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.robot = robot
+        self.judge = judge
+        self.deceleration = stop_deceleration_rad_s2
+        self.clock = clock
+        self.closed = closed
+        self._all_scripts = scripts
+        self._stopped = stopped
+        self._anybody = StatePorts(robot, stop_deceleration_rad_s2=stop_deceleration_rad_s2, stopping=self.note)
+        self._stop_text = stop_text(stop_deceleration_rad_s2)
+        self.feed = Feed(robot, clock=clock, heard=self._heard)
+        self.ladder = Ladder()
+        self.stopped_ms: int | None = None
+        self._primary = PrimaryLine(robot, clock=clock, told=self._told, lost=self._unheard)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._tenant: Tenant | None = None
+        self._past: Holder | None = None  # the lease that was over last; its connections may be there a little longer
+
+    async def begin(self) -> None:
+        """The controller is listened to from now on; returns once it has said something.
+
+        Raises:
+            RobotError: `ROBOT_UNREACHABLE` when it has not within `BEGINS_S`.
+        """
+        try:
+            async with asyncio.timeout(BEGINS_S):
+                await asyncio.gather(self.feed.begin(), self._primary.begin())
+        except TimeoutError:
+            port = PRIMARY if not self._primary.connected else RTDE
+            self.close()
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, f"{self.robot}, port {port}") from None
+        self._do(self._keep_looking())
+
+    def undisturbed(self) -> bool:
+        """Whether what the controller runs is the control script that we sent for the lease, and nothing hides that."""
+        running = self._tenant is not None and self._tenant.program.phase is Phase.RUNNING
+        return running and self._primary.hears
+
+    @property
+    def scripts(self) -> Sequence[ControlScript]:
+        """What may be uploaded to this controller: nothing while it has not said what it is, or is none of ours."""
+        version = self.feed.version
+        if version is None or version.major != MAJOR:
+            return ()
+        return scripts_for(version.minor, self._all_scripts)
+
+    def close(self) -> None:
+        """Nobody is served any more."""
+        if self._tenant is not None:
+            self._tenant.end(Ending.GATEWAY)
+        self.feed.close()
+        self._primary.close()
+        for task in self._tasks:
+            task.cancel()
+
+    async def open(self, lease: Holder | None, port: int, back: Back) -> connections.Line | Reason:
+        """A connection to that port."""
+        if lease is None or port not in (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE):
+            return await self._anybody.open(lease, port, back)
+        if self.feed.version is None or self.feed.silent_ms() > SILENCE_MS:
+            return Reason.ROBOT_NOT_RUNNING
+        if lease is self._past:
+            return Reason.NOT_GRANTED
+        tenant = self._tenant
+        if tenant is None or tenant.lease is not lease:
+            if tenant is not None:
+                tenant.end(Ending.CLOSED)
+            tenant = self._tenant = Tenant(self, lease)
+        line: LeasedRtdePort | LeasedScriptPort | LeasedDashboardPort
+        if port == RTDE:
+            line = LeasedRtdePort(tenant, back)
+        elif port == DASHBOARD:
+            line = LeasedDashboardPort(tenant, back)
+        else:
+            line = LeasedScriptPort(tenant, back, self.scripts)
+        refused = await line.robot.reach(self.robot, port)
+        if refused is not None:
+            line.left()
+        return refused or line
+
+    def over(self, lease: Holder, ending: Ending) -> None:
+        """The lease is over: the arm is being stopped when this returns, and it opens nothing any more."""
+        self._past = lease
+        tenant = self._tenant
+        if tenant is not None and tenant.lease is lease:
+            self._tenant = None
+            tenant.end(ending)
+
+    # ---- stopping
+
+    def stop(self, rung: Rung) -> None:
+        """The arm is being stopped, this way or a harder one."""
+        self.stopped_ms = self.clock.monotonic_ms()
+        newest, tenant = self.feed.newest, self._tenant
+        known = newest is not None and self.feed.silent_ms() <= FRESH_MS
+        idle = known and newest is not None and newest.still and newest.runtime_state == STOPPED
+        if rung is Rung.PROGRAM and idle and (tenant is None or not tenant.program.sent):
+            if tenant is not None:
+                tenant.script_over(Reason.ROBOT_NOT_RUNNING)
+            return
+        if self.ladder.begin(rung, newest=newest, at_ms=self.clock.monotonic_ms()):
+            self._take(rung)
+
+    def note(self, rung: Rung) -> None:
+        """Somebody has sent such a stop past us: it counts, and a harder one follows where it does not help."""
+        self.stopped_ms = self.clock.monotonic_ms()
+        self._stopped()
+        self.ladder.begin(rung, newest=self.feed.newest, at_ms=self.stopped_ms)
+
+    def _take(self, rung: Rung) -> None:
+        if rung is Rung.REGISTERS:
+            return
+        if rung is Rung.PROGRAM and self._primary.connected:
+            self._primary.send(self._stop_text)
+        else:
+            self._do(self._stop_by_dashboard())
+        if self._tenant is not None:  # after the stop: nothing that it is in may keep that
+            self._tenant.script_over(Reason.ROBOT_NOT_RUNNING)
+
+    async def _stop_by_dashboard(self) -> None:
+        with contextlib.suppress(RobotError):  # the ladder sees what the arm does, and asks again
+            await asyncio.to_thread(stop_program, self.robot)
+
+    # ---- looking
+
+    def _told(self, event: Key) -> None:
+        if self._tenant is not None:
+            self._tenant.program.told(event)
+
+    def _unheard(self) -> None:
+        if self._tenant is not None:
+            self._tenant.program.unheard()
+
+    def _heard(self, sample: Sample) -> None:
+        at_ms = self.clock.monotonic_ms()
+        self._climb(at_ms)
+        if self._tenant is not None:
+            self._tenant.heard(sample, at_ms)
+
+    def _climb(self, at_ms: int) -> None:
+        stopping = self._tenant is not None and self._tenant.stopping
+        rung = self.ladder.look(self.feed.newest, at_ms=at_ms, carried_out=not stopping)
+        if rung is not None:
+            self._take(rung)
+
+    async def _keep_looking(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_S)
+            try:
+                self._look()
+            except Exception as error:  # noqa: BLE001 - who looks goes on looking
+                told = {"message": "a look at the lease broke", "exception": error}
+                asyncio.get_running_loop().call_exception_handler(told)
+
+    def _look(self) -> None:
+        at_ms = self.clock.monotonic_ms()
+        try:
+            tenant = self._tenant
+            if tenant is not None:
+                if tenant.control is not None and self.feed.silent_ms() > SILENCE_MS:
+                    tenant.control.lose(Ending.ROBOT)
+                tenant.look(at_ms)
+        finally:
+            self._climb(at_ms)
+
+    def _do(self, what: Coroutine[None, None, None]) -> None:
+        task = asyncio.get_running_loop().create_task(what)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

@@ -1,0 +1,271 @@
+"""The lines of a lease: the shells of what its program says on RTDE, on a script port and to the dashboard."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import TYPE_CHECKING
+
+from pep.rtde.lease.lease import Ending
+from pep.rtde.line.effects import Ask, Braked, Halt, Note, Tell, Withdraw
+from pep.rtde.line.gateway import DashboardPort, StreamPort
+from pep.rtde.line.lease_stop import Rung
+from pep.rtde.line.rtde_line import LeasedLine
+from pep.rtde.line.script_uploads import LeasedScripts
+from pep.rtde.robot.connections import Conversation
+from pep.rtde.robot.state_stream import FRESH_MS
+from pep.rtde.script.control_script import Upload
+from pep.rtde.wire.client_texts import said
+from pep.rtde.wire.messages import WireError
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pep.rtde.command.command_values import Command
+    from pep.rtde.command.io_commands import IoCommand
+    from pep.rtde.line.active_lease import Tenant
+    from pep.rtde.line.effects import Act, Question
+    from pep.rtde.line.relay import Said
+    from pep.rtde.robot.connections import Back
+    from pep.rtde.robot.judge_port import Holder, Steps
+    from pep.rtde.script.control_script import ControlScript
+    from pep.rtde.script.move_path import Waypoint
+
+
+class LeasedRtdePort(Conversation):
+    """Serves RTDE: the shell of `LeasedLine`."""
+
+    def __init__(self, tenant: Tenant, back: Back) -> None:
+        super().__init__(back)
+        self._tenant = tenant
+        self.line = LeasedLine(lambda: tenant.claim(self), stop_deceleration_rad_s2=tenant.ports.deceleration)
+        self.wrote_ms = 0
+        self._asked: dict[Question, _Held] = {}
+        self._over = False
+        tenant.lines.add(self)
+
+    def received(self, content: bytes) -> None:
+        """The program sent these bytes."""
+        if self._over:
+            return
+        slider = math.nan if self.line.commands is not None else self._slider()
+        try:
+            said = self.line.said(content, slider=slider, at_ms=self._now())
+        except WireError:
+            self.lose(Ending.MALFORMED)
+            return
+        self._send(said)
+
+    def left(self) -> None:
+        """The program has closed it, or the lease is over."""
+        try:
+            self._gone_from(Ending.LEFT)
+        finally:
+            super().left()
+
+    def lose(self, ending: Ending) -> None:
+        """It cannot go on, and where it is the one that commands, nor can the lease."""
+        try:
+            self._gone_from(ending)
+        finally:
+            self.end()
+
+    def settle(self) -> None:
+        """What has come together is sent, and the rest done."""
+        self._send(self.line.settle())
+
+    def leave(self, ending: Ending = Ending.LEFT) -> None:
+        """The lease is over: what it moves is stopped, and nothing of it goes further.
+
+        Args:
+            ending: how it is over.
+        """
+        for part in self.line.parts:
+            part.leave(ending)
+        self.settle()
+
+    def look(self, at_ms: int) -> None:
+        """Time has passed."""
+        for part in self.line.parts:
+            part.look(at_ms=at_ms)
+        self.settle()
+
+    def answer(self, question: Question, steps: Steps | None) -> bool:
+        """The judge permits it; whether it was sent."""
+        self._asked.pop(question, None)
+        if self.line.commands is not None:
+            sent = self.line.commands.forward(question, steps, at_ms=self._now())
+        else:
+            sent = self.line.outputs is not None and self.line.outputs.forward(question)
+        self.settle()
+        return sent
+
+    def refuse(self, question: Question, reason: Reason, told: str) -> None:
+        """The judge does not."""
+        self._asked.pop(question, None)
+        for part in self.line.parts:
+            part.deny(question, reason, told)
+        self.settle()
+
+    def _heard(self, content: bytes) -> None:
+        try:
+            said = self.line.answered(content)
+        except WireError:
+            self.lose(Ending.ROBOT)
+            return
+        self._send(said)
+
+    def _gone(self) -> None:
+        self._gone_from(Ending.ROBOT)
+        super()._gone()
+
+    def _gone_from(self, ending: Ending) -> None:
+        self._over = True
+        self._tenant.lines.discard(self)
+        try:
+            self.leave(ending)
+        finally:
+            if self._tenant.control is self:
+                self._tenant.lost(ending)
+                self._tenant.control = None
+
+    def _send(self, said: Said) -> None:
+        if said.to_robot:
+            self.robot.send(said.to_robot)
+            self.wrote_ms = self._now()
+        if said.to_client:
+            self._back.send(said.to_client)
+        ports, acts = self._tenant.ports, self.line.take()
+        for act in acts:
+            match act:
+                case Ask(question):
+                    held = self._asked[question] = _Held(self, question, self._tenant.lease)
+                    try:
+                        ports.judge.judge(held)
+                    except Exception:  # noqa: BLE001 - a judgement that breaks has not permitted
+                        held.deny(Reason.POLICY_ERROR, "the judgement broke")
+                case Withdraw(question):
+                    if (asked := self._asked.pop(question, None)) is not None:  # else it was answered in between
+                        with contextlib.suppress(Exception):
+                            ports.judge.withdrawn(asked)
+                case Braked():
+                    ports.stop(Rung.REGISTERS)
+                case Halt():
+                    ports.stop(Rung.PROGRAM)
+                case Tell() | Note():
+                    pass
+                case _:
+                    raise AssertionError(act)
+        self._account(acts)
+
+    def _account(self, acts: list[Act]) -> None:
+        """What was refused is told and recorded; neither before, nor in place of, what is done about it."""
+        for act in acts:
+            if isinstance(act, Tell):
+                with contextlib.suppress(Exception):
+                    self._back.tell(act.text)
+            elif isinstance(act, Note):
+                self._tenant.note(act.refused, act.what)
+
+    def _slider(self) -> float:
+        """Where it stands; NaN when that is not known."""
+        feed = self._tenant.ports.feed
+        newest = feed.newest
+        return newest.slider if newest is not None and feed.silent_ms() <= FRESH_MS else math.nan
+
+    def _now(self) -> int:
+        return self._tenant.ports.clock.monotonic_ms()
+
+
+class _Held:
+    """A question, as the judge has it."""
+
+    def __init__(self, port: LeasedRtdePort, question: Question, lease: Holder) -> None:
+        self._port = port
+        self._question = question
+        self._lease = lease
+
+    @property
+    def command(self) -> Command | IoCommand:
+        return self._question.command
+
+    @property
+    def path(self) -> tuple[Waypoint, ...]:
+        return self._question.path
+
+    @property
+    def lease(self) -> Holder:
+        return self._lease
+
+    def forward(self, steps: Steps | None = None) -> bool:
+        return self._port.answer(self._question, steps)
+
+    def deny(self, reason: Reason, told: str) -> None:
+        self._port.refuse(self._question, reason, told)
+
+    def defer(self, told: str) -> None:
+        for part in self._port.line.parts:
+            part.defer(self._question, told)
+        self._port.settle()
+
+    def stop(self, reason: Reason, told: str) -> None:
+        if self._port.line.commands is not None:
+            self._port.line.commands.stop(self._question, reason, told)
+        self._port.settle()
+
+
+class LeasedScriptPort(StreamPort):
+    """Serves a script port: the stream of states, and the programs of `LeasedScripts`."""
+
+    def __init__(self, tenant: Tenant, back: Back, scripts: Sequence[ControlScript]) -> None:
+        super().__init__(back)
+        self._tenant = tenant
+        self._programs = LeasedScripts(scripts)
+
+    def received(self, content: bytes) -> None:
+        """The program sent these bytes."""
+        found = self._programs.feed(content)
+        if isinstance(found, Refused):
+            self._refuse(found)
+            return
+        for program in found:
+            if not isinstance(program, Upload):
+                self._tenant.ports.stop(Rung.PROGRAM)
+            elif (refused := self._tenant.uploaded(self, program)) is not None:
+                self._refuse(refused)
+
+    def left(self) -> None:
+        """The program has closed it, or the lease is over."""
+        self._tenant.left(self)
+        super().left()
+
+    def _refuse(self, refused: Refused) -> None:
+        """Told where the program listens, and closed."""
+        _refuse(self._tenant, self._back, refused, "script")
+        self._tenant.left(self)
+        self.end()
+
+
+class LeasedDashboardPort(DashboardPort):
+    """Serves the dashboard as for anybody, and tells the program what was refused."""
+
+    def __init__(self, tenant: Tenant, back: Back) -> None:
+        super().__init__(back, stopping=tenant.ports.note)
+        self._tenant = tenant
+
+    def _refused(self, words: str) -> None:
+        _refuse(self._tenant, self._back, Refused(Reason.NOT_GRANTED, words), "dashboard")
+
+
+def _refuse(tenant: Tenant, back: Back, refused: Refused, what: str) -> None:
+    """On record, and told on the line that commands; whoever runs the program hears of it without such a line, too."""
+    tenant.note(refused, what)
+    text = said(refused.reason, f"{what}: {refused.place}")
+    if tenant.control is not None:
+        tenant.control.line.tell(text)
+        tenant.control.settle()
+    else:
+        with contextlib.suppress(Exception):
+            back.tell(text)

@@ -1,0 +1,90 @@
+"""The stop ladder of a lease: registers, a program of our own, the dashboard; each when the one before does not help.
+
+Pure: what the controller says and the time are arguments, which rung is to be taken is the answer.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import TYPE_CHECKING, Final
+
+from pep.base.stop_model import ESCALATE_MS, SAFE_MODES, STOP_DELAY_S
+
+if TYPE_CHECKING:
+    from pep.rtde.robot.state_stream import Sample
+
+STOPPED: Final = 1
+"""`runtime_state` of no program."""
+PLAYING: Final = 2
+"""`runtime_state` of a program that runs."""
+OBEYS_MS: Final = round(1000 * STOP_DELAY_S) + 40
+"""An arm that is no slower then has not heard the registers: the brakes' delay, and a little."""
+
+
+class Rung(Enum):
+    """One way to stop the arm."""
+
+    REGISTERS = "registers"
+    """The control script was told to; it goes on."""
+    PROGRAM = "program"
+    """A program that only stops takes its place."""
+    DASHBOARD = "dashboard"
+    """Whatever runs is ended."""
+
+
+class Ladder:
+    """The stops of one robot, and how far up they have gone."""
+
+    def __init__(self) -> None:
+        self._rung: Rung | None = None
+        self._since_ms = 0
+        self._speed = 0.0
+
+    @property
+    def over(self) -> bool:
+        """Whether no stop is under way: the arm was seen to stand."""
+        return self._rung is None
+
+    def begin(self, rung: Rung, *, newest: Sample | None, at_ms: int) -> bool:
+        """A stop is under way; whether its rung is to be taken now. A lower one than before changes nothing."""
+        if self._rung is not None and _ORDER.index(rung) <= _ORDER.index(self._rung):
+            return False
+        self._take(rung, newest, at_ms)
+        return True
+
+    def look(self, newest: Sample | None, *, at_ms: int, carried_out: bool = True) -> Rung | None:
+        """The rung that is to be taken now; None when there is none. What was said before the stop tells nothing.
+
+        Args:
+            newest: what the controller has said last.
+            at_ms: monotonic time.
+            carried_out: whether the control script is in no stop by register, and about to be in none.
+        """
+        if self._rung is None:
+            return None
+        heard = newest is not None and newest.arrived_ms > self._since_ms
+        if heard and newest is not None and newest.still and self._done(newest, carried_out=carried_out):
+            self._rung = None
+            return None
+        waited_ms = at_ms - self._since_ms
+        failed = waited_ms > ESCALATE_MS
+        if self._rung is Rung.REGISTERS and waited_ms > OBEYS_MS:
+            failed = failed or not heard or newest is None or newest.speed_rad_s >= self._speed
+        if self._rung is not Rung.REGISTERS and heard and newest is not None:
+            failed = failed or (newest.safety_mode not in SAFE_MODES and self._rung is not Rung.DASHBOARD)
+        if not failed:
+            return None
+        self._take(_ORDER[min(_ORDER.index(self._rung) + 1, len(_ORDER) - 1)], newest, at_ms)
+        return self._rung
+
+    def _done(self, newest: Sample, *, carried_out: bool) -> bool:
+        # A stop by register leaves the script running, and its threads until it has carried the stop out.
+        # One that is paused is not ended: somebody could let it go on.
+        return carried_out if self._rung is Rung.REGISTERS else newest.runtime_state == STOPPED
+
+    def _take(self, rung: Rung, newest: Sample | None, at_ms: int) -> None:
+        self._rung, self._since_ms = rung, at_ms
+        self._speed = 0.0 if newest is None else newest.speed_rad_s
+
+
+_ORDER: Final = (Rung.REGISTERS, Rung.PROGRAM, Rung.DASHBOARD)

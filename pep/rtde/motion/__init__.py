@@ -1,0 +1,1 @@
+"""Motions of the cell's tools: sent once, followed to their end, stopped at any time."""

@@ -1,0 +1,90 @@
+"""What we ask of the dashboard: to end any program, whoever started it, and whether the robot is in remote control."""
+
+from __future__ import annotations
+
+import socket
+import time
+from typing import TYPE_CHECKING, Final
+
+from pep.base.errors import PepFault, RobotError
+from pep.rtde.robot.listener import Listener
+
+if TYPE_CHECKING:
+    from io import BufferedIOBase
+
+PORT: Final = 29999  # UR dashboard server
+TIMEOUT_S: Final = 2.0
+SAID_S: Final = 1.0
+"""An answer to an older question is none."""
+PERIOD_S: Final = 0.3
+"""Pause between two questions: an answer that is late by half a second is still in time."""
+
+
+def stop_program(host: str) -> None:
+    """The running program has ended, and the arm brakes.
+
+    Args:
+        host: of the controller.
+
+    Raises:
+        RobotError: `ROBOT_UNREACHABLE` when the dashboard does not answer, or not as it should.
+    """
+    try:
+        with socket.create_connection((host, PORT), timeout=TIMEOUT_S) as link, link.makefile("rwb") as lines:
+            lines.readline(256)
+            lines.write(b"stop\n")
+            lines.flush()
+            answer = lines.readline(256)
+    except OSError as error:
+        raise RobotError(PepFault.ROBOT_UNREACHABLE, type(error).__name__) from error
+    if not answer.lower().startswith((b"stopped", b"failed to execute: stop")):
+        raise RobotError(PepFault.ROBOT_UNREACHABLE, "another answer than to stop")
+
+
+class RemoteControl:
+    """Whether the controller is in remote control, as its dashboard says; asked again and again in the background.
+
+    Args:
+        host: of the controller.
+    """
+
+    def __init__(self, host: str) -> None:
+        self._said: tuple[bool, float] | None = None
+        self._listener = Listener("remote-control", host, PORT, self._talk)
+        self._listener.start()
+
+    def state(self) -> bool | None:
+        """What the dashboard says; None when its newest answer is to a question more than 1 s old. Never waits."""
+        said = self._said
+        if said is None or time.monotonic() - said[1] > SAID_S:
+            return None
+        return said[0]
+
+    def close(self) -> None:
+        """The connection has ended."""
+        self._listener.close()
+
+    def _talk(self, link: socket.socket) -> None:
+        try:
+            with link.makefile("rwb") as lines:
+                _line(lines)
+                while True:
+                    asked_s = time.monotonic()
+                    lines.write(b"is in remote control\n")
+                    lines.flush()
+                    known = _ANSWERS.get(_line(lines))
+                    self._said = None if known is None else (known, asked_s)
+                    if not self._listener.pause(PERIOD_S):
+                        return
+        finally:
+            self._said = None
+
+
+_ANSWERS: Final = {b"true": True, b"false": False}
+
+
+def _line(lines: BufferedIOBase) -> bytes:
+    told = lines.readline(256)
+    if not told:
+        raise ConnectionResetError("closed by the dashboard")
+    return told.strip()

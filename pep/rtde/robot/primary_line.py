@@ -1,0 +1,76 @@
+"""Our own connection to the primary port: what the controller tells of programs, and the way of a stop.
+
+It tells here of each program that starts or ends, whoever sent it. On one event loop.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.robot.connections import PRIMARY
+from pep.rtde.robot.program import HEARD_S, event_of
+from pep.rtde.robot.reconnecting import Kept
+from pep.rtde.wire.primary_frames import PrimaryCutter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.base.ports import Clock
+    from pep.rtde.wire.primary_frames import Key
+
+HEARD_MS: Final = round(1000 * HEARD_S)
+
+
+class PrimaryLine:
+    """It comes back by itself when it is lost.
+
+    Args:
+        host: of the controller.
+        clock: the monotonic one counts.
+        told: is given each start and end of a program.
+        lost: is told that one may have been missed.
+    """
+
+    def __init__(self, host: str, *, clock: Clock, told: Callable[[Key], None], lost: Callable[[], None]) -> None:
+        self._clock = clock
+        self._told = told
+        self._tell_lost = lost
+        self._robot = Kept(host, PRIMARY, begin=self._begin, heard=self._heard, lost=self._lost)
+        self._cutter = PrimaryCutter()
+        self._heard_ms: int | None = None
+
+    async def begin(self) -> None:
+        """It listens, or tries to, from now on; returns once it is there."""
+        await self._robot.begin()
+
+    def close(self) -> None:
+        """Nothing more is heard or said."""
+        self._robot.close()
+
+    @property
+    def connected(self) -> bool:
+        """Whether something can be said."""
+        return self._robot.connected
+
+    @property
+    def hears(self) -> bool:
+        """Whether no start or end is hidden: the connection is there, and not silent for too long."""
+        return self._heard_ms is not None and self._clock.monotonic_ms() - self._heard_ms <= HEARD_MS
+
+    def send(self, program: bytes) -> None:
+        """To the controller."""
+        self._robot.send(program)
+
+    def _begin(self) -> bytes:
+        self._cutter = PrimaryCutter()
+        return b""
+
+    def _heard(self, content: bytes) -> None:
+        for kind, body in self._cutter.feed(content):
+            if (event := event_of(kind, body)) is not None:
+                self._told(event)
+        self._heard_ms = self._clock.monotonic_ms()
+
+    def _lost(self) -> None:
+        self._heard_ms = None
+        self._tell_lost()

@@ -1,0 +1,144 @@
+"""The `Readiness` port: what a command assumes of the robot, read from connections of our own, without waiting."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Final, Protocol
+
+from capabilities.values.units import Unit
+from pep.base.errors import ConfigError, PepFault, RobotError
+from pep.rtde.command.limits import OFFSET_M, OFFSET_RAD
+from policies.evidence.evidence import RobotReading
+from policies.primitives.tools import NO_CONTROLLER
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import Any
+
+    from pep.rtde.robot.dashboard import RemoteControl
+    from pep.rtde.robot.telemetry import Posture, Telemetry
+
+PLAYING: Final = 2  # RTDE runtime_state
+UNDEFINED = 11  # RTDE safety_mode of a robot that says nothing
+OWN_POSE_M: Final = 0.0003
+"""PHY-41: by its own kinematics model and controller reckon with the same numbers; of four arms each is farther
+from every other one, and from nominal, in 94 of 100 poses, and each motion asks again."""
+
+
+class Program(Protocol):
+    """What the controller runs."""
+
+    def undisturbed(self) -> bool:
+        """Whether it is the control script that we sent, as far as that can be known."""
+        ...
+
+    def close(self) -> None:
+        """Nobody asks any more."""
+        ...
+
+
+class RobotReadiness:
+    """The robot's state against what the model and the committed state say.
+
+    Args:
+        telemetry: of the robot.
+        remote: of the robot.
+        program: what the controller runs.
+        commanding: whether the control connection stands; while it does, the controller lends its registers to nobody
+            else.
+        tool_position: where the model has the tool centre point in the base frame (m) at six joint angles (rad).
+        tcp_m: of the model's tool, in the flange frame; it is not turned against it.
+        pose_m: how far the controller may have the tool centre point from where the model has it.
+        expected_payload_g: tool and held part by the committed state; for a part that nobody can name, all that the arm
+            may carry.
+    """
+
+    def __init__(
+        self,
+        *,
+        telemetry: Telemetry,
+        remote: RemoteControl,
+        program: Program,
+        commanding: Callable[[], bool],
+        tool_position: Callable[[Sequence[float]], Sequence[float]],
+        tcp_m: Sequence[float],
+        pose_m: float,
+        expected_payload_g: Callable[[], int],
+    ) -> None:
+        self._telemetry = telemetry
+        self._remote = remote
+        self._program = program
+        self._commanding = commanding
+        self._tool_position = tool_position
+        self._tcp_m = tuple(tcp_m)
+        self._pose_m = pose_m
+        self._expected_payload_g = expected_payload_g
+
+    def reading(self) -> RobotReading:
+        """The state now; what the robot does not say reads as unknown. Never raises, never waits."""
+        remote, expected = self._remote.state(), self._expected_payload_g()
+        try:
+            posture = self._telemetry.read()
+        except RobotError:
+            return RobotReading(NO_CONTROLLER, UNDEFINED, remote, False, 0, expected, False)  # noqa: FBT003 - by position
+        return RobotReading(
+            robot_mode=posture.robot_mode,
+            safety_mode=posture.safety_mode,
+            remote_control=remote,
+            exclusive=posture.runtime_state == PLAYING and self._program.undisturbed() and self._commanding(),
+            payload_g=round(posture.payload_kg * Unit.GRAM.per_si),
+            expected_payload_g=expected,
+            frames_match=self.equipped(posture) and self._in_place(posture),
+        )
+
+    def close(self) -> None:
+        """The connections have ended."""
+        for part in (self._telemetry, self._remote, self._program):
+            part.close()
+
+    def confirmed(self, *, within_s: float) -> bool:
+        """Whether the controller has the tool where the model has it, as soon as it has taken our tool. Waits for that.
+
+        Args:
+            within_s: longest wait, s.
+
+        Raises:
+            RobotError: `ROBOT_STALLED` when the controller says nothing for so long.
+            ConfigError: `CONFIG_INVALID` when it has said of another tool all the while.
+        """
+        until_s = time.monotonic() + within_s
+        while True:
+            try:
+                posture = self._telemetry.next()
+                if self.equipped(posture):
+                    return self._in_place(posture)
+            except RobotError:
+                if time.monotonic() >= until_s:
+                    raise
+            if time.monotonic() >= until_s:
+                raise ConfigError(PepFault.CONFIG_INVALID, "the controller has another tool than the model")
+
+    def equipped(self, posture: Posture) -> bool:
+        """Whether the controller reckons with our tool."""
+        offset_m, offset_rad = posture.tcp_offset[:3], posture.tcp_offset[3:]
+        return math.dist(offset_m, self._tcp_m) <= OFFSET_M and math.hypot(*offset_rad) <= OFFSET_RAD
+
+    def _in_place(self, posture: Posture) -> bool:
+        return math.dist(posture.tool_pose[:3], self._tool_position(posture.q_rad)) <= self._pose_m
+
+
+def equip(control: Any, *, payload_kg: float, centre_m: Sequence[float], tcp_m: Sequence[float]) -> None:
+    """The controller reckons with this payload and this tool centre point.
+
+    Args:
+        control: the raw `RTDEControlInterface`, before it is guarded.
+        payload_kg: tool and held part.
+        centre_m: of their mass, in the flange frame.
+        tcp_m: tool centre point in the flange frame, not turned against it.
+
+    Raises:
+        RobotError: `ROBOT_UNREACHABLE` when the controller does not take them.
+    """
+    if not (control.setPayload(payload_kg, list(centre_m)) and control.setTcp([*tcp_m, 0.0, 0.0, 0.0])):
+        raise RobotError(PepFault.ROBOT_UNREACHABLE, "payload or tool centre point was not taken")

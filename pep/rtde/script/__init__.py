@@ -1,0 +1,1 @@
+"""URScript: grammar, canonical text, and the programs that may be assessed."""

@@ -1,0 +1,143 @@
+"""The path that ur_rtde puts into its control script: two lines for each waypoint, in a grammar without any choice.
+
+A number is written as C++ writes it, with six significant digits. Only that form is taken, so a waypoint has one text
+and the text one waypoint.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Final
+
+from pep.rtde.command.fields import BLEND, JOINT_ACCELERATION, JOINT_SPEED, TOOL_ACCELERATION, TOOL_SPEED
+from pep.rtde.wire.refusal import Refused
+from policies.words.reason_codes import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from pep.rtde.command.command_values import Six
+
+MAX_WAYPOINTS: Final = 100
+"""Ours: far beyond what anybody has decided about one by one."""
+MAX_LINE: Final = 160
+"""Bytes of a line without its end; the longest that ur_rtde can write has 139."""
+
+
+class PathMove(StrEnum):
+    """How a waypoint is reached."""
+
+    MOVEJ = "movej"
+    """Straight in joint space: rad/s and rad/s2 of the leading axis."""
+    MOVEL = "movel"
+    """Straight in tool space: m/s and m/s2."""
+    MOVEP = "movep"
+    """Straight in tool space at constant speed: m/s and m/s2."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """One waypoint of a path.
+
+    Attributes:
+        move: how it is reached.
+        is_pose: whether the target is a pose, else joint angles.
+        target: x, y, z [m] and a rotation vector [rad], or six angles [rad].
+        speed: in the unit of the move.
+        acceleration: in the unit of the move.
+        blend_m: radius inside which the next waypoint may begin; 0 is a stop.
+    """
+
+    move: PathMove
+    is_pose: bool
+    target: Six
+    speed: float
+    acceleration: float
+    blend_m: float
+
+
+_NUMBER: Final = r"(-?(?:[0-9][0-9.]{0,10}(?:e[-+][0-9]{2,3})?|nan|inf))"
+_SIGNAL: Final = re.compile(rb"\tsignal_async_progress\((0|[1-9][0-9]{0,4})\)")
+_MOVE: Final = re.compile(
+    (r"\t(move[jlp])\((p?)\[" + ",".join([_NUMBER] * 6) + rf"\],a={_NUMBER},v={_NUMBER},r={_NUMBER}\)").encode()
+)
+
+
+class PathBlock:
+    """Reads a path line by line."""
+
+    def __init__(self) -> None:
+        self.waypoints: list[Waypoint] = []
+        self._announced = False
+
+    @property
+    def complete(self) -> bool:
+        """Whether it may end here: each announced waypoint has come."""
+        return not self._announced
+
+    def line(self, line: bytes) -> Refused | None:
+        """Takes the next line, without its end; refused when ur_rtde would not write it, or we do not take it."""
+        place = f"waypoint {len(self.waypoints)}"
+        if not self._announced:
+            found = _SIGNAL.fullmatch(line)
+            if found is None or int(found[1]) != len(self.waypoints):
+                return Refused(Reason.BODY_MALFORMED, place)
+            if len(self.waypoints) == MAX_WAYPOINTS:
+                return Refused(Reason.BODY_TOO_LARGE, place)
+            self._announced = True
+            return None
+        waypoint = _waypoint(line, place)
+        if isinstance(waypoint, Refused):
+            return waypoint
+        self.waypoints.append(waypoint)
+        self._announced = False
+        return None
+
+
+def _waypoint(line: bytes, place: str) -> Waypoint | Refused:
+    found = _MOVE.fullmatch(line)
+    if found is None:
+        return Refused(Reason.BODY_MALFORMED, place)
+    verb, pose, *texts = (group.decode("ascii") for group in found.groups())
+    numbers = []
+    for text in texts:
+        try:
+            number = float(text)
+        except ValueError:
+            return Refused(Reason.BODY_MALFORMED, place)
+        if not math.isfinite(number):
+            return Refused(Reason.NOT_FINITE, place)
+        if _written(number) != text:
+            return Refused(Reason.BODY_MALFORMED, place)
+        numbers.append(number)
+    x, y, z, rx, ry, rz, acceleration, speed, blend_m = numbers
+    move = PathMove(verb)
+    joint = move is PathMove.MOVEJ
+    for value, span in (
+        (speed, JOINT_SPEED if joint else TOOL_SPEED),
+        (acceleration, JOINT_ACCELERATION if joint else TOOL_ACCELERATION),
+        (blend_m, BLEND),
+    ):
+        if not span.low <= value <= span.high:
+            return Refused(Reason.ROBOT_LIMIT, place)
+    return Waypoint(move, bool(pose), (x, y, z, rx, ry, rz), speed, acceleration, blend_m)
+
+
+def render_path(path: Iterable[Waypoint]) -> bytes:
+    """The lines that say a path, each with its end."""
+    lines = []
+    for index, point in enumerate(path):
+        target = ",".join(map(_written, point.target))
+        lines.append(f"\tsignal_async_progress({index})\n")
+        lines.append(
+            f"\t{point.move}({'p' if point.is_pose else ''}[{target}],a={_written(point.acceleration)},"
+            f"v={_written(point.speed)},r={_written(point.blend_m)})\n"
+        )
+    return "".join(lines).encode("ascii")
+
+
+def _written(number: float) -> str:
+    return f"{number:g}"

@@ -1,0 +1,157 @@
+"""Which input recipes a client may set up, and what its packages say under them.
+
+ur_rtde's control interface sets up 23 recipes and its IO interface 16. A client may set up any others, as long as they
+are of the same variables: what a package means is judged on the merged image of all of them, never on its recipe.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias
+
+from pep.rtde.wire.codec import Recipe
+from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.variables import INPUTS
+from policies.words.reason_codes import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pep.rtde.wire.codec import Value
+    from pep.rtde.wire.messages import Values
+
+Offset: TypeAlias = Literal[0, 24]
+"""Where a client's registers begin: 0, or 24 with ur_rtde's upper range."""
+OFFSETS: Final[tuple[Offset, ...]] = (0, 24)
+
+INT: Final = tuple(f"input_int_register_{index}" for index in range(48))
+DOUBLE: Final = tuple(f"input_double_register_{index}" for index in range(48))
+EXTERNAL_WRENCH: Final = "external_force_torque"
+MAX_RECIPES: Final = 255  # a recipe's id is one byte, and 0 means refused
+FIRST_FREE, LAST_FREE = 18, 22  # registers that ur_rtde's IO interface leaves to its user
+
+# The control interface's recipes in order: integer registers before and after the doubles, number of doubles.
+_CONTROL: Final = (
+    *(((0,), 8, (1,)), ((0,), 11, ()), (range(8), 18, ()), ((0,), 0, ()), ((0,), 9, ()), ((0,), 6, ())),
+    *(((0,), 4, ()), ((0,), 1, ()), ((0, 1), 0, ()), ((0,), 14, ()), ((0,), 0, ()), ((0,), 12, ()), ((0,), 8, ())),
+    *(((0,), 14, ()), ((0, 1), 0, ()), ((0,), 13, ()), (range(7), 6, ()), ((0, 1), 7, ()), ((0,), 1, (1,))),
+    *(((0,), 10, ()), ((0,), 6, (1,)), ((0,), 18, ())),
+)
+# The IO interface's outputs; integer register 23 stands before each, and says what the client's own name for it is.
+_OUTPUTS: Final = (
+    (),
+    ("standard_digital_output_mask", "standard_digital_output"),
+    ("tool_digital_output_mask", "tool_digital_output"),
+    ("speed_slider_mask", "speed_slider_fraction"),
+    (
+        *("standard_analog_output_mask", "standard_analog_output_type"),
+        *("standard_analog_output_0", "standard_analog_output_1"),
+    ),
+    ("configurable_digital_output_mask", "configurable_digital_output"),
+)
+
+
+def control_recipes(offset: Offset) -> tuple[tuple[str, ...], ...]:
+    """The 23 recipes of ur_rtde's control interface, in the order in which it sets them up."""
+    registers = tuple(
+        (
+            *(INT[offset + index] for index in before),
+            *(DOUBLE[offset + index] for index in range(doubles)),
+            *(INT[offset + index] for index in after),
+        )
+        for before, doubles, after in _CONTROL
+    )
+    return (*registers, (INT[offset], EXTERNAL_WRENCH))
+
+
+def io_recipes(offset: Offset) -> tuple[tuple[str, ...], ...]:
+    """The 16 recipes of ur_rtde's IO interface, in the order in which it sets them up."""
+    name = INT[offset + 23]
+    free = range(offset + FIRST_FREE, offset + LAST_FREE + 1)
+    return tuple((name, *rest) for rest in (*_OUTPUTS, *((INT[i],) for i in free), *((DOUBLE[i],) for i in free)))
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """What one client may write.
+
+    Attributes:
+        offset: where its registers begin.
+        names: the variables.
+    """
+
+    offset: Offset
+    names: frozenset[str]
+
+    @classmethod
+    def of(cls, offset: Offset, *, control: bool, io: bool) -> Profile:
+        """The variables of ur_rtde's control interface, of its IO interface, or of both."""
+        recipes = (*(control_recipes(offset) if control else ()), *(io_recipes(offset) if io else ()))
+        return cls(offset, frozenset(name for recipe in recipes for name in recipe))
+
+
+@dataclass(frozen=True, slots=True)
+class Ignored:
+    """A package that is not as long as its recipe. ur_rtde sends such: it is dropped, and said in the record."""
+
+    recipe: int
+    size: int
+    expected: int
+
+
+class InputRecipes:
+    """The recipes of one client, numbered from 1 as the controller numbers them.
+
+    Args:
+        profile: what they may be made of.
+    """
+
+    def __init__(self, profile: Profile) -> None:
+        self._profile = profile
+        self._recipes: list[Recipe] = []
+
+    def set_up(self, names: Sequence[str]) -> Recipe | Refused:
+        """The client's next recipe.
+
+        Args:
+            names: the variables in wire order.
+
+        Returns:
+            Refused, and no recipe: `PARAMETERS_WRONG` for a variable that stands twice, `TOOL_UNKNOWN` for one outside
+            the profile, `BODY_TOO_LARGE` for more recipes than there are numbers.
+        """
+        refused = self.refusal(names)
+        if refused is not None:
+            return refused
+        recipe = Recipe(names, [INPUTS[name] for name in names])
+        self._recipes.append(recipe)
+        return recipe
+
+    def refusal(self, names: Sequence[str]) -> Refused | None:
+        """Why the client may not have that recipe; None when it may."""
+        if len(self._recipes) >= MAX_RECIPES:
+            return Refused(Reason.BODY_TOO_LARGE, "input recipes")
+        if not names or len(set(names)) != len(names):
+            return Refused(Reason.PARAMETERS_WRONG, "a variable twice, or none at all")
+        if not self._profile.names.issuperset(names):
+            return Refused(Reason.TOOL_UNKNOWN, "a variable outside the profile")
+        return None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Every variable of its recipes, once."""
+        return tuple(dict.fromkeys(name for recipe in self._recipes for name in recipe.names))
+
+    def recipe(self, values: Values) -> Recipe | None:
+        """The recipe that a package is of."""
+        number = values.recipe
+        return self._recipes[number - 1] if number is not None and 1 <= number <= len(self._recipes) else None
+
+    def read(self, values: Values) -> dict[str, Value] | Ignored | Refused:
+        """What a package writes, by name; refused as `TOOL_UNKNOWN` when it is of no recipe."""
+        number, recipe = values.recipe, self.recipe(values)
+        if recipe is None or number is None:
+            return Refused(Reason.TOOL_UNKNOWN, "a package of no recipe")
+        if len(values.packed) != recipe.size:
+            return Ignored(number, len(values.packed), recipe.size)
+        return recipe.unpack(values.packed)

@@ -1,0 +1,1 @@
+"""The watch over a moving arm, and the governor that slows it."""

@@ -1,0 +1,1 @@
+"""The world of a request: robot, people and objects, and what the arm did before."""

@@ -1,0 +1,160 @@
+"""A stream of joint targets or speeds in the cell as its sensors see it: told the view, asked about each value."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
+
+from pep.base.stop_model import patience_s
+from pep.perception.sensor_frames import Seen
+from pep.pit import Bounded, SceneError, ServoJ, SpeedJ, Stream
+from pep.pit.assessment import milli
+from pep.pit.stream import moves_with
+from pep.world.world import sight_of
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pep.base.ports import Clock
+    from pep.perception.sensor_frames import Frames
+    from pep.pit import CellParameters
+    from pep.pit.motion import Joints
+    from pep.rtde.robot.state_receiver import JointState
+    from pep.world.held_object import Holding
+
+STEP_S: Final = 0.04
+"""Ours: longest time for the whole question about one value: whoever asks has an event loop to himself meanwhile."""
+AGAIN_S: Final = 0.15
+"""A value that stands is judged again within this: each 100 ms, and that takes a while (`pep.watch.watch`)."""
+SPEED_LOOKAHEAD_S: Final = 0.03
+"""PHY-20: within the least lookahead a servo target makes for exactly the speeds that lead to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Angles:
+    """Joint angles to follow, rad, within `lookahead_s`; the next are due after `period_s`."""
+
+    q_rad: tuple[float, ...]
+    period_s: float
+    lookahead_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Speeds:
+    """Joint speeds to take up and keep until somebody ends them, rad/s; the leading axis at an acceleration, rad/s2."""
+
+    qd_rad_s: tuple[float, ...]
+    acceleration_rad_s2: float
+
+
+Value: TypeAlias = Angles | Speeds
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One value, judged with all that it lets follow until the arm stands.
+
+    Attributes:
+        index_milli: proven upper bound of its index, thousandths.
+        violations: kinds that are denied whatever is authorised.
+        tcp_speed_m_s: proven bound on the speed of the tool centre point.
+        contact_ratio: proven bound on speed by limit speed of any body region that could be met.
+    """
+
+    index_milli: int
+    violations: tuple[str, ...]
+    tcp_speed_m_s: float
+    contact_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """The view that was told: its age in ms, and what it shows; both None when there is none."""
+
+    age_ms: int | None
+    content: object
+
+
+class CellStream:
+    """One stream. Any thread: one value or view at a time.
+
+    Args:
+        holding: the arm with what it holds now; with another part it is another stream.
+        cell: its parameters and surveyed objects.
+        frames: the believed perception.
+        touch: objects that the token grants to touch.
+        clock: the monotonic one counts.
+    """
+
+    def __init__(
+        self, *, holding: Holding, cell: CellParameters, frames: Frames, touch: frozenset[str], clock: Clock
+    ) -> None:
+        self._holding = holding
+        self._robot = holding.robot
+        self._cell = cell = replace(cell, time_limit_s=min(cell.time_limit_s, STEP_S))
+        self._frames = frames
+        self._lock = threading.Lock()
+        self._stream = Stream(self._robot, cell, touch=touch, clock=lambda: clock.monotonic_ms() / 1000)
+
+    def see(self, q_rad: Sequence[float]) -> Shown | ImpactFault:
+        """From the next value on, the newest view is the one. Milliseconds.
+
+        Args:
+            q_rad: measured joint angles, six.
+        """
+        look = self._frames.look()
+        try:
+            sight = sight_of(look, self._cell)
+        except SceneError as error:
+            sight = ImpactFault(Reason.PERCEPTION_INVALID, error.detail)
+        if isinstance(sight, ImpactFault):
+            return sight
+        at: Joints = tuple(q_rad)  # type: ignore[assignment]  # six, counted where they were read
+        self._stream.see(sight.scene, age_s=sight.age_s, at_rad=at)
+        view = look.view()
+        return Shown(look.age_ms(look.taken_ms), view.content if isinstance(view, Seen) else None)
+
+    def judge(self, value: Value, state: JointState, *, authorised_milli: int, seed: bytes) -> Judged | ImpactFault:
+        """What a value lets follow, from where the arm is and as it moves. Microseconds where the bound settles it.
+
+        What is not answered within `STEP_S` is a fault.
+
+        Joint speeds that the arm takes up, or goes on with, are a stream of speeds (PHY-51). Other ones are judged as
+        the servo target that makes for them: each joint goes at a speed between the measured one and that which is
+        asked, however the others do. Nobody need end either at once: they go on until they are judged again, and for
+        the patience that the controller has with a host that says nothing more.
+
+        Args:
+            value: that would be sent.
+            state: measured now.
+            authorised_milli: index that was authorised, thousandths.
+            seed: digest of the request, for the whole question.
+        """
+        if self._holding.robot is not self._robot:
+            return ImpactFault(Reason.PHYSICS_FAULT, "the arm holds another part than when the stream began")
+        motion = _motion(value, state, self._cell)
+        with self._lock:  # of two who ask; who tells the view hinders nobody
+            found = self._stream.step(motion, authorised_milli=authorised_milli, seed=seed)
+        if isinstance(found, ImpactFault):
+            return found
+        violations = () if isinstance(found, Bounded) else found.violations
+        return Judged(milli(found.index), violations, found.tcp_speed_m_s, found.contact_ratio)
+
+
+def _motion(value: Value, state: JointState, cell: CellParameters) -> ServoJ | SpeedJ:
+    start, now = state.q_rad, state.qd_rad_s
+    match value:
+        case Angles(q_rad, period_s, lookahead_s):
+            return ServoJ(start, now, q_rad, period_s, lookahead_s)  # type: ignore[arg-type]  # six, counted where they were read
+        case Speeds(qd_rad_s, acceleration_rad_s2):
+            held = SpeedJ(start, qd_rad_s, acceleration_rad_s2, AGAIN_S)  # type: ignore[arg-type]
+            if moves_with(held, now):
+                return held
+            target = tuple(q + qd * SPEED_LOOKAHEAD_S for q, qd in zip(start, qd_rad_s, strict=True))
+            lasts_s = AGAIN_S + patience_s(cell.stop_deceleration_rad_s2)
+            return ServoJ(start, now, target, lasts_s, SPEED_LOOKAHEAD_S)  # type: ignore[arg-type]
+        case _:
+            assert_never(value)

@@ -1,0 +1,143 @@
+"""What was done with the arm, as a way through joint space: where each act began, where it led, how fast it was asked.
+
+Small steps in one direction are one way that was cut up. `joined` puts them together again, so that none of them is
+judged as smaller than what they make (docs/physics.md, PHY-25).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+from capabilities.values.units import Quantity, Unit
+from pep.base.operations import JOINTS, MOVE_JOINT, MOVE_PATH, SPEED_JOINT, waypoints_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from policies.evidence.model import Request
+
+BESIDE_PERMILLE: Final = 100
+"""Points of a way are on a straight line when none is farther beside it than this part of its length. Ours."""
+AS_FAST_PERMILLE: Final = 500
+"""An act is a part of the way of a later one when it was asked at this part of that one's speed or more. Ours: what was
+crept along before is no run-up."""
+
+Angles = tuple[int, ...]
+"""Six joint angles in microradian."""
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """Something that was done, or is about to be.
+
+    Attributes:
+        agent: who did it.
+        operation: object and operation.
+        values: of the request, in its own units.
+        at_ms: when, monotonic.
+        start_urad: where the arm stood; () when that is not known or does not matter.
+        points: where it led, waypoint by waypoint; () for what moves no arm.
+        speed, acceleration: of the leading axis, urad/s and urad/s2; 0 for what moves no arm.
+    """
+
+    agent: str
+    operation: tuple[str, str]
+    values: tuple[tuple[str, Unit, int], ...]
+    at_ms: int
+    start_urad: Angles = ()
+    points: tuple[Angles, ...] = ()
+    speed: int = 0
+    acceleration: int = 0
+
+
+def act_of(request: Request, *, agent: str, at_ms: int, start_urad: Angles) -> Act:
+    """The act that the request is, from there."""
+    values = tuple((value.name, value.unit, value.value) for value in request.values)
+    act = Act(agent, (request.object, request.operation), values, at_ms)
+    numbers = tuple(value.value for value in request.values)
+    if len(start_urad) != JOINTS:
+        return act
+    if request.operation == SPEED_JOINT.name:
+        *speeds, acceleration, duration_ms = numbers
+        end = tuple(q + qd * duration_ms // Unit.MILLISECOND.per_si for q, qd in zip(start_urad, speeds, strict=True))
+        fastest = max((abs(qd) for qd in speeds), default=0)
+        return replace(act, start_urad=start_urad, points=(end,), speed=fastest, acceleration=acceleration)
+    points = targets_of(request.operation, numbers)
+    if not points:
+        return act
+    return replace(act, start_urad=start_urad, points=points, speed=numbers[-2], acceleration=numbers[-1])
+
+
+def targets_of(operation: str, numbers: Angles) -> tuple[Angles, ...]:
+    """Where the operation with these numbers sends the arm, waypoint by waypoint; () when they name no place of it."""
+    if operation == MOVE_JOINT.name:
+        return (numbers[:JOINTS],)
+    return waypoints_of(numbers) if operation == MOVE_PATH.name else ()
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Several acts as the one that they make together: a straight move.
+
+    Attributes:
+        start_urad: where it would have begun, in line with this act: as far behind the arm as the first of them began.
+        request: a `move_joint` from there, to where the last one leads, at that one's speed and acceleration.
+        acts: how many of them were done before.
+    """
+
+    start_urad: Angles
+    request: Request
+    acts: int
+
+
+def joined(request: Request, now: Act, before: Sequence[Act]) -> Joined | None:
+    """The longest straight way that ends with this act's first leg, or None when no act before it is part of one.
+
+    Args:
+        request: what is asked.
+        now: the act that it is.
+        before: earlier acts in their order; those that move no arm are passed over.
+    """
+    if not now.points or now.points[0] == now.start_urad:
+        return None
+    moved = [act for act in before if act.points]
+    end, found = now.points[0], None
+    way: tuple[Angles, ...] = (now.start_urad,)
+    for count, act in enumerate(reversed(moved), 1):
+        if not act.speed * 1_000 >= now.speed * AS_FAST_PERMILLE:
+            break
+        # Where the arm stood, not where it was sent: an act may have been stopped on its way.
+        way = (act.start_urad, *act.points[:-1], *way)
+        if not _straight((*way, end)):
+            break
+        found = act.start_urad, count
+    if found is None:
+        return None
+    start, acts = found
+    # On the line of this leg, as far back as the way is long: what lies behind is done, and only its length counts.
+    here, leg = now.start_urad, max(abs(b - a) for a, b in zip(now.start_urad, end, strict=True))
+    back = max(abs(b - a) for a, b in zip(start, here, strict=True))
+    start = tuple(a - (b - a) * back // leg for a, b in zip(here, end, strict=True))
+    values = (*end, now.speed, now.acceleration)
+    made = tuple(Quantity(p.name, p.unit, v) for p, v in zip(MOVE_JOINT.parameters, values, strict=True))
+    return Joined(start, replace(request, operation=MOVE_JOINT.name, values=made), acts)
+
+
+def _straight(points: Sequence[Angles]) -> bool:
+    """Whether the points follow each other along the line from the first to the last, and none is far beside it."""
+    first, last = points[0], points[-1]
+    line = [b - a for a, b in zip(first, last, strict=True)]
+    length2 = sum(each * each for each in line)
+    if length2 == 0:
+        return False
+    longest = max(abs(each) for each in line)
+    so_far = 0
+    for point in points[1:]:
+        off = [b - a for a, b in zip(first, point, strict=True)]
+        along = sum(a * b for a, b in zip(off, line, strict=True))
+        beside = max(abs(length2 * a - along * b) for a, b in zip(off, line, strict=True))
+        if along < so_far or beside * 1_000 > longest * length2 * BESIDE_PERMILLE:
+            return False
+        so_far = along
+    return True

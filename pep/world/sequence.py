@@ -1,0 +1,174 @@
+"""What a command follows: the committed state of one robot, and what was done with it just now (TEA-6).
+
+One motion at a time: nothing is ever queued here, and a command that is no part of an unfinished one does not get this
+far. What is left to know is whether the arm is still where the last act left it, whether acts undo each other, and what
+they make together. Whose acts they are does not matter there: agents that take turns move one arm.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import TYPE_CHECKING, Final
+
+from capabilities.values.scope import Tier
+from pep.base.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SERVO_JOINT, SPEED_JOINT, SPEED_LINEAR
+from pep.base.ports import Together
+from pep.world.motion_history import act_of, joined, targets_of
+from policies.evidence.conduct_readings import SequenceReading
+from policies.evidence.evidence import ImpactReading, RobotReading
+
+if TYPE_CHECKING:
+    from pep.base.ports import Clock
+    from pep.world.motion_history import Act, Angles, Joined
+    from policies.evidence.model import Request
+
+WINDOW_MS: Final = 10_000
+"""How long an act counts. Ours: pick and place takes some seconds each way, and shaking takes less."""
+ARRIVED: Final = "reached"
+"""The outcome of a motion that ended at its target, as its tool says it."""
+MILLI: Final = 1_000
+ACTS_KEPT: Final = 256
+"""Acts that are remembered at most; more than a robot does within the window."""
+SAME_PERMILLE: Final = 50
+"""Two targets are the same when they differ by less than this part of the way between the act and the one before."""
+
+ARM: Final = frozenset(
+    each.name for each in (MOVE_JOINT, MOVE_PATH, SPEED_JOINT, MOVE_LINEAR, SPEED_LINEAR, SERVO_JOINT)
+)
+"""Operations after which the arm stands elsewhere."""
+
+
+class Sequence:
+    """The acts of one robot, in order. Any thread.
+
+    Args:
+        clock: monotonic.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._acts: deque[Act] = deque(maxlen=ACTS_KEPT)
+        self._stands_urad: Angles | None = None
+
+    def joined(self, request: Request, *, impact: object) -> Joined | None:
+        """What the request makes together with the acts before it, to be assessed as one; None when that is itself.
+
+        Args:
+            request: what would be done.
+            impact: of the request: where the arm is.
+        """
+        with self._lock:
+            acts = self._recent()
+        return joined(request, self._act(request, "", _start(impact)), acts)
+
+    def reading(
+        self,
+        request: Request,
+        *,
+        agent: str,
+        impact: object,
+        robot: object,
+        unfinished: bool,
+        together: object | None = None,
+    ) -> SequenceReading:
+        """What this request of that agent stands in, as of now.
+
+        Args:
+            request: what would be done.
+            agent: who asks.
+            impact: of the request: where the arm is, and its tier.
+            robot: its readiness: what it is known to hold.
+            unfinished: whether a motion is under way that the request is no part of.
+            together: what physics says of what `joined` gave, or None when it gave nothing. A fault there is no tier.
+        """
+        seen = impact if isinstance(impact, ImpactReading) else None
+        whole_milli = together.index_milli if isinstance(together, Together) else None
+        if together is None and seen is not None:
+            whole_milli = seen.index_milli
+        with self._lock:
+            acts = self._recent()
+            stands = self._stands_urad
+        start = _start(impact)
+        drift = max((abs(a - b) for a, b in zip(start, stands or start, strict=False)), default=0)
+        index_milli = None if seen is None or whole_milli is None else max(seen.index_milli, whole_milli)
+        tier = None
+        if seen is not None and index_milli is not None:
+            tier = max(seen.tier, Tier(-(-index_milli // MILLI)))
+        return SequenceReading(
+            unfinished=unfinished,
+            tier=tier,
+            index_milli=index_milli,
+            drift_urad=drift,
+            alternations=_alternations((*acts, self._act(request, agent, start))),
+            held_known=_held_known(robot),
+            acts=sum(act.agent == agent for act in acts),
+        )
+
+    def begins(self, request: Request, *, agent: str, impact: object) -> None:
+        """The request is sent now: where the arm will stand is not known until it has ended.
+
+        Args:
+            request: what is sent.
+            agent: whose it is.
+            impact: of the request: where the arm is.
+        """
+        with self._lock:
+            self._acts.append(self._act(request, agent, _start(impact)))
+            if request.operation in ARM:
+                self._stands_urad = None
+
+    def ended(self, request: Request, *, arrived: bool) -> None:
+        """The request's effect is over; an arm that arrived stands at its target, any other anywhere."""
+        targets = targets_of(request.operation, tuple(value.value for value in request.values))
+        if arrived and targets:
+            with self._lock:
+                self._stands_urad = targets[-1]
+
+    def looked(self) -> None:
+        """Where the arm stands was told to whoever asks next: what is asked from now on begins there."""
+        with self._lock:
+            self._stands_urad = None
+
+    def _act(self, request: Request, agent: str, start_urad: Angles) -> Act:
+        return act_of(request, agent=agent, at_ms=self._clock.monotonic_ms(), start_urad=start_urad)
+
+    def _recent(self) -> tuple[Act, ...]:
+        since = self._clock.monotonic_ms() - WINDOW_MS
+        return tuple(act for act in self._acts if act.at_ms >= since)
+
+
+def _start(impact: object) -> Angles:
+    return impact.start_urad if isinstance(impact, ImpactReading) else ()
+
+
+def _held_known(robot: object) -> bool:
+    return isinstance(robot, RobotReading) and robot.expected_payload_g is not None
+
+
+def _alternations(acts: tuple[Act, ...]) -> int:
+    """How often something was brought back to where it was before the act before: the arm, or any other thing.
+
+    The arm is one thing, whoever moves it and by which operation; the legs of a path are acts. A stream of speeds comes
+    back when its speeds do.
+    """
+    places: dict[tuple[str, ...], list[Angles]] = {}
+    for act in acts:
+        numbers = tuple(value for _, _, value in act.values)
+        targets = targets_of(act.operation[1], numbers)
+        places.setdefault(("arm",) if targets else act.operation, []).extend(targets or (numbers,))
+    return sum(
+        _undoes(before, there, back)
+        for each in places.values()
+        for before, there, back in zip(each, each[1:], each[2:], strict=False)
+    )
+
+
+def _undoes(before: Angles, there: Angles, back: Angles) -> bool:
+    """Whether `back` is at `before` again, as measured by the way to `there`: none at all is standing still."""
+    if len({len(before), len(there), len(back)}) > 1:
+        return False
+    way = [abs(a - b) for a, b in zip(before, there, strict=True)]
+    left = [abs(a - b) for a, b in zip(before, back, strict=True)]
+    return max(way, default=0) > 0 and max(left, default=0) * 1_000 <= max(way) * SAME_PERMILLE

@@ -1,0 +1,427 @@
+"""The world of TEA-4: what the sensors sign, where the robot says it is, and what physics makes of a request there."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, TypeVar, assert_never
+
+import numpy as np
+
+from capabilities.values.scope import Tier
+from capabilities.values.units import Unit, si
+from pep.base.errors import RobotError
+from pep.base.operations import (
+    GRIPPER_ACTIVATE,
+    GRIPPER_MOVE,
+    MOVE_JOINT,
+    MOVE_LINEAR,
+    MOVE_PATH,
+    SERVO_JOINT,
+    SET_DIGITAL_OUTPUT,
+    SET_PAYLOAD,
+    SET_SPEED_SLIDER,
+    SET_TCP,
+    SPEED_JOINT,
+    SPEED_LINEAR,
+    waypoints_of,
+)
+from pep.base.ports import Assessed, Rest, Together
+from pep.base.stop_model import patience_s
+from pep.perception.sensor_frames import Distrusted, Seen, Unseen
+from pep.pit import (
+    Assessment,
+    GripperMove,
+    JointLeg,
+    JointPath,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    Scene,
+    SceneError,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+    assess,
+    remaining,
+    scene_observed,
+)
+from pep.pit.kinematics import link_frames
+from pep.pit.stream import moves_with, stream_envelope
+from pep.world.arrival import arrived
+from policies.evidence.evidence import ImpactFault, ImpactReading
+from policies.evidence.tiers import FRESH
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from pep.base.ports import Clock
+    from pep.perception.sensor_frames import Frames, Look
+    from pep.pit import CellParameters, Motion, Remaining, Robot
+    from pep.rtde.robot.state_receiver import JointState, RobotState
+    from pep.world.held_object import Holding
+    from policies.evidence.model import Request
+
+MOTIONS_KEPT: Final = 64
+"""Requests whose motion is remembered; one at a time is under way."""
+MILLI: Final = 1_000
+ALLOWANCE: Final = 1.5
+"""A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
+
+STANDING: Final = frozenset({SET_SPEED_SLIDER.name, SET_PAYLOAD.name, SET_TCP.name})
+"""Operations during which the arm stands: they change what later ones mean, and the arm has to be at rest for that."""
+
+T = TypeVar("T")
+
+
+class CellPhysics:
+    """The `Physics` and `Remaining` ports: one look at perception and robot, one assessment.
+
+    Args:
+        holding: its model, with what it holds.
+        cell: its parameters and surveyed objects.
+        valid_until_s: end of the signed cell file that they come from, seconds since the epoch.
+        frames: the believed perception.
+        state: what the robot says about itself.
+        clock: ages on its monotonic, the cell file's end on its wall time.
+    """
+
+    def __init__(
+        self,
+        *,
+        holding: Holding,
+        cell: CellParameters,
+        valid_until_s: int,
+        frames: Frames,
+        state: RobotState,
+        clock: Clock,
+    ) -> None:
+        self._holding = holding
+        self._cell = cell
+        self._valid_until_s = valid_until_s
+        self._frames = frames
+        self._state = state
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._motions: OrderedDict[str, Motion] = OrderedDict()
+
+    def assess(self, request: Request, *, touch: frozenset[str]) -> Assessed:
+        """The runtime impact of the request in the world as it is now, or why none can be told, and whose view it is.
+
+        People go on walking while it is computed. So the age that counts is that at the end: an answer which took
+        longer than it reckoned with is thrown away, and the world is looked at anew with that much more age.
+        """
+        allowance_ms = 0
+        while True:
+            look = self._frames.look()
+            impact = _told(partial(self._assess, request, look, touch, allowance_ms=allowance_ms))
+            now_ms = self._clock.monotonic_ms()
+            if self._in_time(impact, look, now_ms):
+                break
+            if allowance_ms:
+                impact = ImpactFault(Reason.PHYSICS_FAULT, "the assessment is slower than the world")
+                break
+            allowance_ms = max(1, math.ceil((now_ms - look.taken_ms) * ALLOWANCE))
+        if isinstance(impact, ImpactReading):
+            impact = replace(impact, perception_age_ms=look.age_ms(now_ms))
+        return Assessed(impact, look.reading(now_ms=now_ms, limit_ms=self._limit_ms))
+
+    @property
+    def _limit_ms(self) -> int:
+        return int(self._cell.perception_age_limit_s * 1000)
+
+    def _in_time(self, impact: ImpactReading | ImpactFault, look: Look, now_ms: int) -> bool:
+        """Whether the age at the end is one that the impact was computed for."""
+        age_ms = look.age_ms(now_ms)
+        if isinstance(impact, ImpactFault) or impact.perception_age_ms is None or age_ms is None:
+            return True
+        fresh, seen = impact.perception == FRESH, look.view()
+        sighting_ms = look.sighting_age_ms(now_ms)
+        if fresh and sighting_ms is not None and sighting_ms > self._limit_ms:
+            return False
+        if isinstance(seen, Seen) and not any(frame.observation.people for frame in seen.frames):
+            return True  # nobody walks, and the view's own floor does not depend on its age
+        # A fresh view reckons with this reaction anyway (PHY-2); in an older one people have grown with its age.
+        reckoned_ms = int(self._cell.watch_age_limit_s * 1000) if fresh else 0
+        return age_ms <= max(reckoned_ms, impact.perception_age_ms)
+
+    def _assess(
+        self, request: Request, look: Look, touch: frozenset[str], *, allowance_ms: int
+    ) -> ImpactReading | ImpactFault:
+        if not self._clock.wall_s() < self._valid_until_s:
+            return ImpactFault(Reason.PHYSICS_FAULT, "the signed cell file has expired")
+        sight = sight_of(look, self._cell, allowance_ms=allowance_ms)
+        if isinstance(sight, ImpactFault):
+            return sight
+        state = self._state.read()
+        if not state.still and not _goes_on(request, state):
+            return ImpactFault(Reason.BUSY, "the arm is moving")
+        robot = self._holding.robot
+        motion = _motion(request, state, robot, self._cell)
+        if motion is None:
+            return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
+        with self._lock:
+            self._motions[request.request_id] = motion
+            while len(self._motions) > MOTIONS_KEPT:
+                self._motions.popitem(last=False)
+        assessed = assess(
+            robot,
+            sight.scene,
+            motion,
+            self._cell,
+            perception_age_s=sight.age_s,
+            touch=touch,
+            seed=bytes.fromhex(request.digest),
+        )
+        match assessed:
+            case ImpactFault():
+                return assessed
+            case Assessment():
+                return assessed.reading()
+            case _:
+                assert_never(assessed)
+
+    def together(
+        self, request: Request, *, start_urad: tuple[int, ...], touch: frozenset[str]
+    ) -> Together | ImpactFault:
+        """What is left, from where the arm is, of a straight move that began there: what lies behind is done."""
+        return _told(partial(self._together, request, start_urad, touch))
+
+    def _together(self, request: Request, start_urad: tuple[int, ...], touch: frozenset[str]) -> Together | ImpactFault:
+        cell = replace(self._cell, watch_time_limit_s=self._cell.time_limit_s)  # nothing moves yet
+        sight = sight_of(self._frames.look(), self._cell)
+        if isinstance(sight, ImpactFault):
+            return sight
+        state = self._state.read()
+        start = tuple(si(angle, Unit.MICRORADIAN) for angle in start_urad)
+        motion = _motion(request, replace(state, q_rad=start), self._holding.robot, cell)
+        if motion is None:
+            return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
+        for tier in Tier:
+            rest = remaining(
+                self._holding.robot,
+                sight.scene,
+                motion,
+                cell,
+                at_rad=state.q_rad,  # type: ignore[arg-type]  # six, counted where they were read
+                authorised_milli=tier * MILLI,
+                perception_age_s=sight.age_s,
+                touch=touch,
+            )
+            if isinstance(rest, ImpactFault):
+                return rest
+            if rest.holds:
+                return Together(rest.index_milli)
+        return Together(max(Tier) * MILLI)
+
+    def start_of(self, request_id: str) -> tuple[float, ...] | None:
+        """The joint angles (rad) from which that request was assessed, or None when it was not."""
+        with self._lock:
+            motion = self._motions.get(request_id)
+        match motion:
+            case None | OutputSet():
+                return None
+            case MoveJ() | SpeedJ() | MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath():
+                return motion.start
+            case GripperMove():
+                return motion.q
+            case _:
+                assert_never(motion)
+
+    def arrived(self, request_id: str, q_rad: Sequence[float]) -> bool:
+        """Whether an arm at these joint angles (rad) is where that request, as it was assessed, leads."""
+        with self._lock:
+            motion = self._motions.get(request_id)
+        return arrived(motion, self._holding.robot, q_rad)
+
+    def left(
+        self,
+        request: Request,
+        state_q_rad: Sequence[float],
+        *,
+        authorised_milli: int,
+        touch: frozenset[str],
+        running: float | None,
+    ) -> Rest:
+        """Whether what is left of a motion from these joint angles is proven to be inside what was authorised.
+
+        The `Remaining` port: one look at the frames, one judgement; it never raises.
+        """
+        look = self._frames.look()
+        age_ms = look.age_ms(look.taken_ms)
+
+        def ask() -> Remaining | ImpactFault:
+            sight = sight_of(look, self._cell)
+            with self._lock:
+                motion = self._motions.get(request.request_id)
+            if isinstance(sight, ImpactFault):
+                return sight
+            if motion is None:
+                return ImpactFault(Reason.PHYSICS_FAULT, "")
+            return remaining(
+                self._holding.robot,
+                sight.scene,
+                motion,
+                self._cell,
+                at_rad=tuple(state_q_rad),  # type: ignore[arg-type]  # six, counted where they were read
+                authorised_milli=authorised_milli,
+                perception_age_s=sight.age_s,
+                touch=touch,
+                running=running,
+            )
+
+        rest = _told(ask)
+        if isinstance(rest, ImpactFault):
+            return Rest(holds=False, index_milli=None, cause=rest.detail, fault=rest.reason, age_ms=age_ms)
+        view = look.view()
+        shown = view.content if isinstance(view, Seen) else None
+        pace = None if rest.pace is None else rest.pace.fraction
+        return Rest(rest.holds, rest.index_milli, rest.cause, fault="", age_ms=age_ms, shown=shown, pace=pace)
+
+    def grip_ended(self, *, on_something: bool, arrived: bool) -> None:
+        """A grip has ended: what the arm holds is committed, by the gripper's word and by what the sensors show.
+
+        Args:
+            on_something: whether the fingers were stopped by something.
+            arrived: whether the move of the fingers ended by itself. Fingers that were halted say nothing of what they
+                hold: what was held before still is.
+
+        Raises:
+            RobotError: the arm says nothing; what it holds is then unknown.
+            SceneError: the view cannot be read; likewise.
+        """
+        if not arrived and self._holding.held is not None:
+            return
+        if not on_something:
+            self._holding.released()
+            return
+        self._holding.closed_on_unknown()
+        seen = self._frames.view()
+        if isinstance(seen, Seen):
+            shown = scene_of(seen, self._cell).objects[len(self._cell.objects) :]
+            self._holding.closed_on(self._state.read().q_rad, shown)  # type: ignore[arg-type]  # six, counted where they were read
+
+    def summary(self) -> dict[str, Any]:
+        """What is seen, for people who look: how many, how old, whether it is believed."""
+        look = self._frames.look()
+        view = look.view()
+        match view:
+            case Distrusted():
+                return {"perception": "invalid", "age_ms": None, "people": None, "objects": None}
+            case Unseen():
+                return {"perception": "missing", "age_ms": None, "people": None, "objects": None}
+            case Seen(frames, age_ms):
+                complete = FRESH if view.complete else "missing"
+                return {
+                    "perception": complete if (look.sighting_age_ms(look.taken_ms) or 0) <= self._limit_ms else "stale",
+                    "age_ms": age_ms,
+                    "people": sum(len(frame.observation.people) for frame in frames),
+                    "objects": sum(len(frame.observation.objects) for frame in frames),
+                }
+            case _:
+                assert_never(view)
+
+
+def tool_position(robot: Robot, q_rad: Sequence[float]) -> tuple[float, float, float]:
+    """Where the model has the tool centre point, m in the base frame, at six joint angles."""
+    rotation, origin = link_frames(robot, np.array([q_rad], dtype=float))
+    x, y, z = (origin[0, -1] + rotation[0, -1] @ np.array(robot.tool.tcp_m)).tolist()
+    return x, y, z
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """The scene to reason about and its age in seconds; both None when there is no view."""
+
+    scene: Scene | None
+    age_s: float | None
+
+
+def sight_of(look: Look, cell: CellParameters, *, allowance_ms: int = 0) -> Sight | ImpactFault:
+    """The scene that a look shows and the age to reckon with, or why it must not be believed.
+
+    Args:
+        look: at the sensors.
+        cell: its surveyed objects.
+        allowance_ms: time that the question is given.
+
+    Raises:
+        SceneError: a region or kind that is not in the declared sets.
+    """
+    view = look.view()
+    match view:
+        case Distrusted(rejected):
+            return ImpactFault(Reason.PERCEPTION_INVALID, f"{rejected.sensor[:64]} {rejected.fault}")
+        case Unseen():
+            return Sight(None, None)
+        case Seen() as seen:
+            return Sight(scene_of(seen, cell), (seen.age_ms + allowance_ms) / 1000)
+        case _:
+            assert_never(view)
+
+
+def _told(ask: Callable[[], T]) -> T | ImpactFault:
+    """What physics says. Whatever breaks in it is a fault, never a tier."""
+    try:
+        return ask()
+    except RobotError as error:
+        return ImpactFault(Reason.PHYSICS_FAULT, str(error.code))
+    except SceneError as error:
+        return ImpactFault(Reason.PERCEPTION_INVALID, error.detail)
+    except Exception as error:  # noqa: BLE001 - a narrower net would let something through
+        return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
+
+
+def scene_of(seen: Seen, cell: CellParameters) -> Scene:
+    """The surveyed cell with everybody and everything that any sensor sees; complete only where all of them are.
+
+    Raises:
+        SceneError: a region or kind that is not in the declared sets.
+    """
+    return scene_observed((frame.observation for frame in seen.frames), cell, complete=seen.complete)
+
+
+def _motion(request: Request, state: JointState, robot: Robot, cell: CellParameters) -> Motion | None:
+    values = tuple(si(v.value, v.unit) for v in request.values)
+    if request.operation == MOVE_JOINT.name:
+        return MoveJ(state.q_rad, values[:6], values[6], values[7])  # type: ignore[arg-type]  # six joints, counted where they were read
+    if request.operation == MOVE_PATH.name:
+        *points, speed, acceleration = values
+        legs = tuple(JointLeg(point, speed, acceleration) for point in waypoints_of(points))  # type: ignore[arg-type]
+        return JointPath(state.q_rad, legs)  # type: ignore[arg-type]
+    if request.operation == GRIPPER_MOVE.name:
+        return GripperMove(state.q_rad, values[0], values[1], values[2])  # type: ignore[arg-type]
+    if request.operation == GRIPPER_ACTIVATE.name:
+        # Closed over the whole stroke at the fingers' highest speed. G1: FOR is 0 then, the least force.
+        return GripperMove(state.q_rad, 0.0, robot.tool.finger_speed_limit_m_s, robot.tool.force_min_n)  # type: ignore[arg-type]
+    if request.operation == SET_DIGITAL_OUTPUT.name:
+        return OutputSet(request.values[0].value, bool(request.values[1].value))
+    if request.operation == SPEED_JOINT.name:
+        return stream_envelope(_stream(values, state), cell, under_way=not state.still)
+    if request.operation == MOVE_LINEAR.name:
+        return MoveL(state.q_rad, values[:6], values[6], values[7])  # type: ignore[arg-type]
+    if request.operation == SPEED_LINEAR.name:
+        # A held tool speed ends when somebody ends it; who is late has the patience of a stream of joint speeds.
+        duration_s = values[7] + patience_s(cell.stop_deceleration_rad_s2)
+        return SpeedL(state.q_rad, values[:6], values[6], duration_s)  # type: ignore[arg-type]
+    if request.operation == SERVO_JOINT.name:
+        return ServoJ(state.q_rad, state.qd_rad_s, values[:6], values[6], values[7])  # type: ignore[arg-type]
+    if request.operation in STANDING:
+        return MoveJ(state.q_rad, state.q_rad, 1.0, 1.0)  # type: ignore[arg-type]  # a move to where it is: it stands
+    return None
+
+
+def _stream(values: Sequence[float], state: JointState) -> SpeedJ:
+    return SpeedJ(state.q_rad, values[:6], values[6], values[7])  # type: ignore[arg-type]
+
+
+def _goes_on(request: Request, state: JointState) -> bool:
+    """Whether the request is for a stream, and the arm moves as such a stream does."""
+    if request.operation != SPEED_JOINT.name:
+        return False
+    return moves_with(_stream([si(v.value, v.unit) for v in request.values], state), state.qd_rad_s)

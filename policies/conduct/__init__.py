@@ -1,0 +1,1 @@
+"""Trust and behaviour: pure reducers over reports of concluded requests."""

@@ -1,0 +1,102 @@
+"""From what an enforcement point wrote down to a `Report`: its record of a decision, and the one of what came of it.
+
+The one home of that step, for the identity provider that is shipped the records and for the enforcement point that
+keeps them. Total: a record that says anything but what it has to makes no report.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+from policies.conduct.report import Report, ReportError
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_OUTCOMES: Final = {"done": "done", "failed": "failed", "refused": "refused", "cancelled": "failed"}
+"""An outcome in a record, and in a report. What nobody knows ("unknown": the enforcement point died) is no report."""
+_CANCELLED: Final = "CANCELLED"
+"""The reason of an act whose caller went away while it lasted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """A decision as it was recorded.
+
+    Attributes:
+        report: of it; while it is open, as if nothing had been sent.
+        open: a PERMIT, of which an outcome is to come.
+        audience: at which it was asked.
+        hop_id: of the leaf: the authority under which it was asked.
+        role: of the leaf's agent, as its hop states it; "" for none.
+    """
+
+    report: Report
+    open: bool
+    audience: str
+    hop_id: str
+    role: str
+
+
+def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> Decided | None:
+    """What a record of a decision says; None when it is none, or nobody was proven to have asked.
+
+    Args:
+        body: of the record.
+        reporter: the enforcement point whose journal it is in.
+        at_ms: its time, milliseconds since the epoch.
+    """
+    try:
+        request, decision, evidence = body["request"], body["decision"], body["evidence"]
+        chain, tool = evidence["chain"], evidence["tool"]
+        # A chain that was verified, and a proof that its leaf's key made for this very request: somebody acted.
+        if chain["type"] != "Chain" or evidence["proof"] is not True:
+            return None
+        parties = (chain["sponsor"]["subject"], *(hop["agent"] for hop in chain["hops"]))
+        report = Report(
+            reporter=reporter,
+            request_id=request["id"],
+            agent=parties[-1],
+            delegators=parties,
+            at=at_ms // 1_000,
+            operation=request["operation"],
+            base_tier=tool["base_tier"] if type(tool) is dict else None,
+            runtime_tier=decision["tier"],
+            effect=decision["effect"],
+            reason=decision["reason"],
+            outcome="none",
+            values=tuple((name, value) for name, _, value in request["values"]),
+            near_permille=body.get("near_permille"),
+        )
+        audience, hop_id, role = request["audience"], chain["hops"][-1]["hop_id"], chain["hops"][-1]["role"]
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, ReportError):
+        return None
+    if not all(type(name) is str for name in (audience, hop_id, role)):
+        return None
+    return Decided(report, report.effect == Effect.PERMIT, audience, hop_id, role)
+
+
+def concluded(open_: Report, body: Mapping[str, Any], *, at_ms: int) -> Report | None:
+    """The report of a request whose PERMIT is on record and whose outcome this is; None while it is not concluded.
+
+    A verdict that was not acted on in time concludes nothing: the request is decided afresh, or comes again.
+
+    Args:
+        open_: of the decision.
+        body: of the record of the outcome.
+        at_ms: its time, milliseconds since the epoch.
+    """
+    outcome, reason = body.get("outcome"), body.get("reason")
+    if type(outcome) is not str or outcome not in _OUTCOMES:
+        return None
+    if outcome == "refused" and reason == Reason.VERDICT_EXPIRED:
+        return None
+    if reason is None:
+        reason = open_.reason if outcome == "done" else _CANCELLED if outcome == "cancelled" else outcome.upper()
+    try:
+        return replace(open_, at=at_ms // 1_000, outcome=_OUTCOMES[outcome], reason=reason)
+    except ReportError:
+        return None

@@ -1,0 +1,1 @@
+"""The decision: policies, how their answers combine, and the one pure function `decide`."""

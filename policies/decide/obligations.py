@@ -1,0 +1,115 @@
+"""What must be done: with a PERMIT, for it to count, and because of what a DENY found.
+
+A policy asks for what it knows beforehand; what only a decision can know is made here.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from policies.evidence.model import Effect, Obligation, ObligationKind
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from policies.decide.combine import Answer
+    from policies.decide.policy import Plan
+    from policies.evidence.model import ApprovalUse, Finding
+    from policies.primitives.base import Case
+
+RECORD: Final = Obligation(ObligationKind.RECORD)
+CONSUME: Final = Obligation(ObligationKind.CONSUME)
+NOTIFY: Final = Obligation(ObligationKind.NOTIFY)
+REATTEST: Final = Obligation(ObligationKind.REATTEST)
+LOWER_TRUST: Final = Obligation(ObligationKind.LOWER_TRUST)
+
+SPEED: Final = "speed"
+"""The parameter for whose value an impact is computed, and for no higher one."""
+
+AFTER: Final[Mapping[Reason, Obligation]] = MappingProxyType(
+    {
+        # somebody tried to have more than was lent, or to pass for somebody else; a slip of a parameter is neither
+        **dict.fromkeys(
+            (
+                Reason.SIGNATURE_INVALID,
+                Reason.HOP_NOT_ATTESTED,
+                Reason.NOT_CANONICAL,
+                Reason.CHAIN_BROKEN,
+                Reason.NOT_NARROWER,
+                Reason.PROOF_WRONG_KEY,
+                Reason.PROOF_NOT_FOR_THIS_REQUEST,
+                Reason.REPLAYED,
+                Reason.DELEGATE_NOT_ALLOWED,
+                Reason.NOT_GRANTED,
+                Reason.ABOVE_CEILING,
+                Reason.INSTRUCTION_UNAUTHENTIC,
+                Reason.INTENT_NOT_BOUND,
+                Reason.TEXT_WITHOUT_AUTHORITY,
+                Reason.MESSAGE_UNAUTHENTIC,
+                Reason.MESSAGE_OUT_OF_DELEGATION,
+            ),
+            LOWER_TRUST,
+        ),
+        # the holder is not, or no longer, known to be what it should be
+        **dict.fromkeys(
+            (
+                Reason.ATTESTATION_INVALID,
+                Reason.ATTESTATION_OLD,
+                Reason.REATTESTATION_NEEDED,
+                Reason.BEHAVIOUR_DEVIATES,
+            ),
+            REATTEST,
+        ),
+        # something of ours is broken or was tampered with, and only a person can set it right
+        **dict.fromkeys(
+            (
+                Reason.POLICY_ERROR,
+                Reason.ENGINES_DISAGREE,
+                Reason.PHYSICS_FAULT,
+                Reason.PERCEPTION_INVALID,
+                Reason.STATEMENT_UNTRUSTED,
+                Reason.TOOL_DEFINITION_CHANGED,
+                Reason.DOCUMENT_UNSIGNED,
+                Reason.TRUST_NOT_OF_EDGE,
+                Reason.BEHAVIOUR_DRIFTS,
+                Reason.SCOPE_CONTRACTED,
+            ),
+            NOTIFY,
+        ),
+    }
+)
+"""What a DENY for a reason obliges to, beside its record; nothing where the record is enough."""
+
+
+def of_permit(plan: Plan, case: Case, approval: ApprovalUse | None) -> tuple[Obligation, ...]:
+    """What must be done for a PERMIT to count: what its policies ask for, its approval used, its speed kept."""
+    owed = list(plan.obligations)
+    if approval is not None:
+        owed.append(CONSUME)
+    if plan.needs.physical:
+        # the impact was computed for this speed: at a higher one it is not what was decided
+        owed += [Obligation(ObligationKind.CLAMP, value) for value in case.request.values if value.name == SPEED]
+    return _sorted(owed)
+
+
+def of_refusal(
+    effect: Effect, plan: Plan, answers: Iterable[Answer], findings: Iterable[Finding]
+) -> tuple[Obligation, ...]:
+    """What must be done besides not doing it: what the policies that brought it about ask for, and what was found."""
+    owed = {RECORD}
+    for policy, answer in zip(plan.policies, answers, strict=True):
+        if policy.effect is effect is answer.effect:
+            owed |= policy.obligations
+    if effect is Effect.DENY:
+        owed.update(_after(findings))
+    return _sorted(owed)
+
+
+def _after(findings: Iterable[Finding]) -> Iterator[Obligation]:
+    return (AFTER[finding.reason] for finding in findings if finding.reason in AFTER)
+
+
+def _sorted(owed: Iterable[Obligation]) -> tuple[Obligation, ...]:
+    return tuple(sorted(owed, key=lambda obligation: obligation.kind))

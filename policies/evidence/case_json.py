@@ -1,0 +1,151 @@
+"""A decision's request and evidence as plain JSON, and back: what a record holds so that it can be decided again.
+
+Of a verified chain everything is written that a decision looks at, and of each hop's grants only the one that the
+request asks for: the token itself, and the rest of what it grants, are named by its digest. Reading is strict, and is
+the inverse of writing; what it gives was once decided on and proves nothing. It must never reach an enforcement point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+from capabilities.values.chain import Chain
+from capabilities.values.units import Quantity, Unit
+from policies.evidence.evidence import Evidence
+from policies.evidence.model import Point, Request
+from policies.evidence.plain_reader import (
+    expect_keys,
+    read_integer,
+    read_list,
+    read_number,
+    read_table,
+    read_text,
+    reader_of,
+)
+from policies.words import canonical
+from policies.words.errors import PolicyError, PolicyFault
+
+if TYPE_CHECKING:
+    from capabilities.values.scope import Scope
+
+FORM: Final = "ztpm/case/1"
+"""Names this form; another one is refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A request and the evidence on which it was decided, as somebody wrote them down."""
+
+    request: Request
+    evidence: Evidence
+
+
+# --- writing ---------------------------------------------------------------------------------------------------------
+
+
+def request_to_plain(request: Request) -> dict[str, object]:
+    """A request, whole."""
+    return {
+        "id": request.request_id,
+        "digest": request.digest,
+        "points": sorted(str(point) for point in request.points),
+        "audience": request.audience,
+        "object": request.object,
+        "operation": request.operation,
+        "values": [[v.name, str(v.unit), v.value] for v in request.values],
+        "at": canonical.plain(request.at),
+    }
+
+
+def evidence_to_plain(evidence: Evidence, request: Request | None) -> object:
+    """Everything in `evidence` that a decision about `request` looks at; None: nothing was asked for, so no grant is.
+
+    Total: strange readings have a form, too, which is refused when it is read.
+    """
+    chain = evidence.chain
+    if not isinstance(chain, Chain):
+        return canonical.plain(evidence)
+    hops = tuple(replace(hop, scope=_only(hop.scope, request)) for hop in chain.hops)
+    return canonical.plain(replace(evidence, chain=replace(chain, hops=hops)))
+
+
+def to_plain(request: Request, evidence: Evidence) -> dict[str, object]:
+    """The whole document, which `read` takes."""
+    return {"form": FORM, "request": request_to_plain(request), "evidence": evidence_to_plain(evidence, request)}
+
+
+def _only(scope: Scope, request: Request | None) -> Scope:
+    """The scope with the grant of the request alone, if it has it."""
+    grant = None if request is None else scope.find(request.object, request.operation)
+    return replace(scope, grants=() if grant is None else (grant,))
+
+
+# --- reading ---------------------------------------------------------------------------------------------------------
+
+
+def read(document: object) -> Recorded:
+    """The request and evidence of a document.
+
+    Args:
+        document: as `to_plain` gives it; a request's digest and any reading may be absent, and a float may be a plain
+            number.
+
+    Raises:
+        PolicyError: with the fault and the place in the document.
+    """
+    table = read_table(document, "document")
+    expect_keys(table, "", {"form", "request", "evidence"}, set())
+    if table["form"] != FORM:
+        raise PolicyError(PolicyFault.UNKNOWN_VALUE, "form", FORM)
+    return Recorded(read_request(table["request"]), read_evidence(table["evidence"]))
+
+
+def read_request(plain: object) -> Request:
+    """The request of a document or record.
+
+    Raises:
+        PolicyError: also `UNKNOWN_VALUE` at `request.digest` when the digest is of another request.
+    """
+    table = read_table(plain, "request")
+    names = {"id", "points", "audience", "object", "operation", "values", "at"}
+    expect_keys(table, "request", names, {"digest"})
+    points = read_list(table["points"], "request.points")
+    words = [reader_of(Point)(point, f"request.points[{i}]") for i, point in enumerate(points)]
+    if len(set(words)) != len(words):
+        raise PolicyError(PolicyFault.DUPLICATE_VALUE, "request.points")
+    request = Request(
+        request_id=read_text(table["id"], "request.id"),
+        points=frozenset(words),
+        audience=read_text(table["audience"], "request.audience"),
+        object=read_text(table["object"], "request.object"),
+        operation=read_text(table["operation"], "request.operation"),
+        values=tuple(
+            _quantity(value, f"request.values[{i}]")
+            for i, value in enumerate(read_list(table["values"], "request.values"))
+        ),
+        at=read_number(table["at"], "request.at"),
+    )
+    if table.get("digest", request.digest) != request.digest:
+        raise PolicyError(PolicyFault.UNKNOWN_VALUE, "request.digest", "of another request")
+    return request
+
+
+def read_evidence(plain: object) -> Evidence:
+    """The evidence of a document or record.
+
+    Raises:
+        PolicyError: with the fault and the place in the document.
+    """
+    evidence: Evidence = reader_of(Evidence)(plain, "evidence")
+    return evidence
+
+
+def _quantity(plain: object, where: str) -> Quantity:
+    listed = read_list(plain, where)
+    if len(listed) != 3:
+        raise PolicyError(PolicyFault.OUT_OF_RANGE, where, "name, unit and value")
+    name, unit, value = listed
+    return Quantity(
+        read_text(name, f"{where}[0]"), reader_of(Unit)(unit, f"{where}[1]"), read_integer(value, f"{where}[2]")
+    )

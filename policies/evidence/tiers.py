@@ -1,0 +1,87 @@
+"""Physical Impact Tiers: how the runtime tier is made, and what each tier asks for.
+
+`pit(inv) = max(tool.pit_class, param_pit(inv.params), context_pit(env))`: the tool's registered base tier and the tier
+that physics computed over parameters and world. Unknown is never a low tier: without both there is no tier.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from capabilities.values.scope import Tier
+from policies.evidence.evidence import ImpactReading, ToolReading
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from policies.evidence.evidence import Evidence
+    from policies.evidence.model import Decision
+    from policies.words.parameters import Parameters
+
+FRESH: Final = "fresh"
+"""The one state of perception that adds nothing to the tier."""
+UNSEEN_FLOOR: Final = Tier.HIGH_CONSEQUENCE
+"""Least tier of a motion in a cell that nothing sees freshly (docs/physics.md, PHY-8)."""
+
+
+class TierRule(StrEnum):
+    """What a tier asks for."""
+
+    AUDIT = "PERMIT, audit"
+    TRUST = "PERMIT when trust is at least theta, else DEFER"
+    ASK = "DEFER; DENY on timeout"
+    REFUSE = "DENY; only with prior dual authorisation by two different people"
+
+
+RULES: Final[Mapping[Tier, TierRule]] = MappingProxyType(
+    {
+        Tier.NO_EFFECT: TierRule.AUDIT,
+        Tier.REVERSIBLE: TierRule.AUDIT,
+        Tier.CONSEQUENTIAL: TierRule.TRUST,
+        Tier.HIGH_CONSEQUENCE: TierRule.ASK,
+        Tier.SAFETY_CRITICAL: TierRule.REFUSE,
+    }
+)
+"""The paper's table."""
+
+
+def base_tier(evidence: Evidence) -> Tier | None:
+    """The tool's registered base tier, or None when it is not known."""
+    tool = evidence.tool
+    if not isinstance(tool, ToolReading) or tool.base_tier is None:
+        return None
+    return Tier(tool.base_tier)
+
+
+def runtime_tier(evidence: Evidence, *, physical: bool) -> Tier | None:
+    """The tier of the request: the base tier, and for a physical act the maximum of that and the computed one.
+
+    Args:
+        evidence: where `tool` and `impact` are read.
+        physical: whether a policy makes the answer depend on the physical impact.
+
+    Returns:
+        The tier, or None when a part of it is not known. A fault is no tier.
+    """
+    base = base_tier(evidence)
+    if base is None or not physical:
+        return base
+    impact = evidence.impact
+    if not isinstance(impact, ImpactReading):
+        return None
+    floor = Tier.NO_EFFECT if impact.perception == FRESH else UNSEEN_FLOOR
+    return max(base, Tier(impact.tier), floor)
+
+
+def authorised_milli(decision: Decision, parameters: Parameters) -> int:
+    """The impact index, in thousandths, up to which a PERMIT goes on being one while its effect lasts.
+
+    Without people's answer the decision would have been the same all over its tier; with one it holds for the index
+    that was decided and the slack that an approval has, and never for the tier above.
+    """
+    if decision.tier is None or decision.index is None:
+        return 0
+    whole = int(decision.tier) * 1_000
+    return whole if decision.approval is None else min(whole, decision.index + parameters.approved_index_slack_milli)

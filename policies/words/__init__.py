@@ -1,0 +1,1 @@
+"""Words of the package: reason codes, labels, parameters, canonical text, errors."""

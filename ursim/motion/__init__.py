@@ -1,0 +1,1 @@
+"""The simulated arm: kinematics, dynamics, motions and safety limits."""

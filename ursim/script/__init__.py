@@ -1,0 +1,1 @@
+"""URScript on the simulated controller: compiler, built-in functions, running programs."""

@@ -1,0 +1,199 @@
+"""Where a cell keeps its files: one directory; private keys are encrypted and readable by their owner alone."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities.keys import keys
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from capabilities.keys.keys import PrivateKey
+
+OPERATORS: Final = ("alice", "bob", "carol")
+"""Three, so that a tier-4 act can have two different approvers besides its sponsor."""
+SURVEYOR: Final = "carol"
+"""The operator who signs the embedded cell's file."""
+
+
+class LayoutError(RuntimeError):
+    """A directory that is not as it should be."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Paths below one root directory."""
+
+    root: Path
+
+    @property
+    def trust(self) -> Path:
+        """The public trust bundle."""
+        return self.root / "trust.json"
+
+    @property
+    def idp_config(self) -> Path:
+        """Configuration of the identity provider."""
+        return self.root / "idp" / "idp.toml"
+
+    @property
+    def database(self) -> Path:
+        """Store of the identity provider."""
+        return self.root / "idp" / "idp.sqlite"
+
+    @property
+    def cell_config(self) -> Path:
+        """Configuration of the tool server."""
+        return self.root / "cell" / "cell.toml"
+
+    @property
+    def gateway_config(self) -> Path:
+        """Configuration of the robot's gateway."""
+        return self.root / "gateway" / "gateway.toml"
+
+    @property
+    def gateway_key(self) -> Path:
+        """The gateway's key."""
+        return self.root / "gateway" / "gateway.key"
+
+    @property
+    def gateway_journal(self) -> Path:
+        """The gateway's durable journal."""
+        return self.root / "gateway" / "journal.ndjson"
+
+    @property
+    def gateway_state(self) -> Path:
+        """What the gateway keeps over restarts."""
+        return self.root / "gateway" / "state"
+
+    @property
+    def cell_file(self) -> Path:
+        """What stands in the cell, signed by `SURVEYOR`."""
+        return self.root / "cell" / "cell.jws"
+
+    @property
+    def journal(self) -> Path:
+        """The PEP's durable journal."""
+        return self.root / "cell" / "journal.ndjson"
+
+    @property
+    def state(self) -> Path:
+        """What the PEP keeps over restarts."""
+        return self.root / "cell" / "state"
+
+    @property
+    def pep_key(self) -> Path:
+        """The PEP's key."""
+        return self.root / "cell" / "pep.key"
+
+    @property
+    def sensor_key(self) -> Path:
+        """The simulated sensor's key."""
+        return self.root / "cell" / "sensor.key"
+
+    @property
+    def platform_key(self) -> Path:
+        """The simulated platform attestor's key."""
+        return self.root / "platform" / "platform.key"
+
+    @property
+    def platform_jwks(self) -> Path:
+        """Its public half, as the identity provider reads it."""
+        return self.root / "platform" / "jwks.json"
+
+    @property
+    def enrolled(self) -> Path:
+        """There once the cell's parts are registered."""
+        return self.root / "cell" / "enrolled"
+
+    @property
+    def scene(self) -> Path:
+        """What the simulated sensor is to see: the object that it takes as a command, when there is one."""
+        return self.root / "cell" / "scene.json"
+
+    @property
+    def lock(self) -> Path:
+        """Held by the `ztpm up` that runs the cell."""
+        return self.root / "up.lock"
+
+    @property
+    def log(self) -> Path:
+        """What `ztpm up` did and saw, as JSON lines."""
+        return self.root / "up.log"
+
+    @property
+    def key_ring(self) -> Path:
+        """Which keys the identity provider has, and which of them sign."""
+        return self.root / "idp" / "keys.json"
+
+    def idp_key(self, id_: str) -> Path:
+        """A private key of the identity provider, by the name that the ring gives it: "root-2"."""
+        return self.root / "idp" / f"{id_}.key"
+
+    def operator_key(self, name: str) -> Path:
+        """An operator's key."""
+        return self.root / "operators" / f"{name}.key"
+
+    def agent_key(self, name: str) -> Path:
+        """An agent's key."""
+        return self.root / "agents" / f"{name}.key"
+
+
+def write_private(path: Path, content: bytes) -> None:
+    """The file exists, new, with mode 0600 from its first instant, and is on disk.
+
+    Raises:
+        LayoutError: when it exists already; a key is never overwritten.
+    """
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError as error:
+        raise LayoutError(f"{path} exists already") from error
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def replace_private(path: Path, content: bytes) -> None:
+    """The file has this content with mode 0600, and had the old content until it had all of the new one.
+
+    Raises:
+        OSError: when it cannot be written; it is as it was then.
+    """
+    beside = path.with_name(f"{path.name}.new")
+    beside.unlink(missing_ok=True)
+    write_private(beside, content)
+    beside.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def new_key(path: Path, passphrase: bytes, algorithm: keys.Algorithm = keys.Algorithm.ED25519) -> PrivateKey:
+    """A fresh key, stored encrypted at `path`."""
+    key = keys.generate(algorithm)
+    write_private(path, keys.to_pem(key, passphrase))
+    return key
+
+
+def read_key(path: Path, passphrase: bytes) -> PrivateKey:
+    """The key stored at `path`.
+
+    Raises:
+        LayoutError: when the file is missing or others can read it.
+        capabilities.values.errors.BadKeyError: when it is no key or the passphrase is wrong.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError as error:
+        raise LayoutError(f"{path} is missing") from error
+    if mode & 0o077:
+        raise LayoutError(f"{path} can be read by others (mode {mode & 0o777:o}); it must be 600")
+    return keys.from_pem(path.read_bytes(), passphrase)

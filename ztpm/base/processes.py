@@ -1,0 +1,205 @@
+"""Child processes that say when they are ready: started, watched and ended with deadlines, their output kept.
+
+They end with this process, however it ends (ztpm/base/parent_watch.py), and some of them answer questions on their
+standard input.
+"""
+
+from __future__ import annotations
+
+import collections
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import IO, TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+READY_S: Final = 180.0
+"""Longest wait for a ready line: the very first start compiles the kernel, which takes minutes on a loaded machine."""
+STOP_S: Final = 10.0
+"""Longest wait for a clean end before the process is killed."""
+KEPT_LINES: Final = 200
+POLL_S: Final = 0.2
+"""Longest time for which an end of the wait goes unnoticed."""
+ANSWER: Final = '{"answer":'
+"""How a line begins that answers a question; it is no output."""
+
+
+class ChildError(RuntimeError):
+    """A child that did not become ready, or died."""
+
+
+@dataclass
+class Child:
+    """One running child process.
+
+    Attributes:
+        name: for messages.
+        popen: the process.
+        ready: the JSON object of its ready line.
+        output: the last lines it wrote, for a failure report.
+        since: monotonic time of its start, seconds.
+    """
+
+    name: str
+    popen: subprocess.Popen[bytes]
+    ready: dict[str, object] = field(default_factory=dict)
+    output: collections.deque[str] = field(default_factory=lambda: collections.deque(maxlen=KEPT_LINES))
+    since: float = field(default_factory=time.monotonic)
+    _answers: queue.SimpleQueue[dict[str, Any]] = field(default_factory=queue.SimpleQueue)
+    _asking: threading.Lock = field(default_factory=threading.Lock)
+    _unanswered: bool = False
+
+    @classmethod
+    def start(
+        cls,
+        name: str,
+        module: str,
+        *arguments: str,
+        environment: Mapping[str, str],
+        ended: Callable[[], bool] = lambda: False,
+    ) -> Child:
+        """A child running `python -m module arguments`, ready. It ends when the calling thread does.
+
+        Args:
+            name: for messages.
+            module: to run.
+            arguments: of the command line.
+            environment: variables added to this process's own.
+            ended: when it says so, the wait is over.
+
+        Raises:
+            ChildError: when it ends or stays silent for `READY_S` seconds, or the wait is over; its last lines are in
+                the message.
+        """
+        command: Sequence[str] = (sys.executable, "-m", "ztpm.base.parent_watch", str(os.getpid()), module, *arguments)
+        popen = subprocess.Popen(  # noqa: S603 - our own interpreter and our own modules
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **environment},
+            start_new_session=True,
+        )
+        child = cls(name=name, popen=popen)
+        lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        for stream in (popen.stdout, popen.stderr):
+            assert stream is not None
+            threading.Thread(target=child._follow, args=(stream, lines), daemon=True).start()
+        try:
+            child._wait_ready(lines, ended)
+        except BaseException:
+            child.stop()
+            raise
+        return child
+
+    def _follow(self, stream: IO[bytes], lines: queue.SimpleQueue[str | None]) -> None:
+        for raw in stream:
+            line = raw.decode("utf-8", "replace").rstrip()
+            if line.startswith(ANSWER):
+                with suppress(ValueError, RecursionError):
+                    answer = json.loads(line)["answer"]
+                    if isinstance(answer, dict):
+                        self._answers.put(answer)
+                continue
+            self.output.append(line)
+            if not self.ready:  # nobody waits for lines afterwards
+                lines.put(line)
+        lines.put(None)
+
+    def _wait_ready(self, lines: queue.SimpleQueue[str | None], ended: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + READY_S
+        while (left := deadline - time.monotonic()) > 0 and not ended():
+            try:
+                line = lines.get(timeout=min(left, POLL_S))
+            except queue.Empty:
+                line = ""
+            if line and line.startswith("{"):
+                try:
+                    said = json.loads(line)
+                except ValueError:
+                    continue
+                if isinstance(said, dict) and said.get("ready") is True:
+                    self.ready = said
+                    return
+            # Both pipes may have ended a moment before the process has: then no line says so, and silence must do.
+            if not line and self.popen.poll() is not None:
+                break
+        raise ChildError(f"{self.name} did not become ready:\n" + "\n".join(self.output))
+
+    @property
+    def alive(self) -> bool:
+        """Whether it has not ended."""
+        return self.popen.poll() is None
+
+    def tell(self, command: object) -> None:
+        """One JSON line on the child's standard input."""
+        assert self.popen.stdin is not None
+        self.popen.stdin.write(json.dumps(command).encode() + b"\n")
+        self.popen.stdin.flush()
+
+    def ask(self, question: object, *, timeout_s: float) -> dict[str, Any] | None:
+        """The child's answer to a JSON line: the object behind `{"answer": `, or None when none comes in time.
+
+        Any thread. A child that has not answered yet is not asked again, so that one that stands still is not buried
+        in questions.
+
+        Args:
+            question: to be told.
+            timeout_s: longest wait.
+        """
+        with self._asking:
+            while True:  # an answer that came too late answers nothing now
+                try:
+                    self._answers.get_nowait()
+                    self._unanswered = False
+                except queue.Empty:
+                    break
+            try:
+                if not self._unanswered:
+                    self.tell(question)
+                    self._unanswered = True
+                answer = self._answers.get(timeout=timeout_s)
+            except (OSError, ValueError, queue.Empty):  # ended, closed, silent
+                return None
+            self._unanswered = False
+            return answer
+
+    def pause(self) -> None:
+        """The process stands still (SIGSTOP), as an unreachable machine would."""
+        self.popen.send_signal(signal.SIGSTOP)
+
+    def resume(self) -> None:
+        """The process goes on."""
+        self.popen.send_signal(signal.SIGCONT)
+
+    def kill(self) -> None:
+        """The process is gone at once (SIGKILL), as in a power cut."""
+        self.popen.kill()
+        self.popen.wait(STOP_S)
+
+    def stop(self) -> int:
+        """The process has ended; its exit code. Asked first (SIGTERM), killed after `STOP_S` seconds."""
+        if self.popen.poll() is None:
+            self.popen.send_signal(signal.SIGCONT)
+            self.popen.terminate()
+            try:
+                self.popen.wait(STOP_S)
+            except subprocess.TimeoutExpired:
+                self.popen.kill()
+                self.popen.wait(STOP_S)
+        for stream in (self.popen.stdin, self.popen.stdout, self.popen.stderr):
+            if stream is not None:
+                try:
+                    stream.close()
+                except OSError:
+                    continue
+        return self.popen.returncode

@@ -1,0 +1,1 @@
+"""The embedded cell: its directory, its processes, and the supervision that keeps them running."""

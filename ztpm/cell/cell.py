@@ -1,0 +1,241 @@
+"""The embedded cell: identity provider, simulated robot and sensor, gateway and tool server, a process each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, Self
+
+from capabilities.keys import keys
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from ztpm.base.layout import Layout, read_key
+from ztpm.base.processes import Child
+from ztpm.cell.setup import GATEWAY_ID, PEP_ID, SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+    from types import TracebackType
+
+    from ztpm_idp.client import Operator
+
+PASSPHRASE_VARIABLE = "ZTPM_PASSPHRASE"  # noqa: S105 - the name of the variable, not its value
+
+PROCESSES: Final = {
+    "idp": "identity provider",
+    "robot": "controller",
+    "sensor": "sensor",
+    "gateway": "gateway",
+    "tools": "tool server",
+}
+"""The processes of a cell by their attribute, those that others use first."""
+
+
+@dataclass
+class Cell:
+    """A cell's processes. Each can be started again; what it was before has then ended.
+
+    Attributes:
+        layout: its directory.
+        addresses: where it listens.
+        passphrase: of its keys.
+        joints: the simulated arm's first configuration, 6 angles in rad.
+        stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
+        start_child: starts a child; `Child.start` unless a test breaks one.
+        idp, robot, sensor, gateway, tools: its processes, once started.
+    """
+
+    layout: Layout
+    addresses: Addresses
+    passphrase: bytes
+    joints: tuple[float, ...]
+    stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
+    start_child: Callable[..., Child] = Child.start
+    idp: Child = field(init=False)
+    robot: Child = field(init=False)
+    sensor: Child = field(init=False)
+    gateway: Child = field(init=False)
+    tools: Child = field(init=False)
+
+    @classmethod
+    def start(
+        cls,
+        layout: Layout,
+        addresses: Addresses,
+        *,
+        passphrase: bytes,
+        joints: tuple[float, ...],
+        start: Callable[..., Child] | None = None,
+    ) -> Cell:
+        """Identity provider, controller and sensor run; the others come with `start_enforcement`, after `register`.
+
+        Args:
+            layout: made by `ztpm.cell.setup.initialise`.
+            addresses: the same as there.
+            passphrase: the same as there.
+            joints: the simulated arm's first configuration, 6 angles in rad.
+            start: starts a child in place of `Child.start`.
+
+        Raises:
+            ztpm.base.processes.ChildError: when a process does not become ready.
+        """
+        from ztpm.point.gateway_config import read_gateway_config
+
+        stop_deceleration = read_gateway_config(layout.gateway_config).cell.stop_deceleration_rad_s2
+        cell = cls(layout, addresses, passphrase, joints, stop_deceleration, start or Child.start)
+        try:
+            cell.start_idp()
+            cell.start_robot()
+            cell.start_sensor()
+        except BaseException:
+            cell.stop()
+            raise
+        return cell
+
+    @property
+    def children(self) -> dict[str, Child]:
+        """The processes that were started, by attribute, in the order of `PROCESSES`."""
+        return {name: vars(self)[name] for name in PROCESSES if name in vars(self)}
+
+    def start_idp(self) -> None:
+        """The identity provider runs."""
+        self.end("idp")
+        self.idp = self.start_child(
+            PROCESSES["idp"], "ztpm_idp", "--config", str(self.layout.idp_config), environment=self._secret
+        )
+
+    def start_robot(self) -> None:
+        """The controller runs, its arm standing at `joints`. Whoever was connected to an earlier one is not to this."""
+        self.end("robot")
+        pose = ",".join(repr(angle) for angle in self.joints)
+        self.robot = self.start_child(
+            PROCESSES["robot"], "ursim", "--host", self.addresses.host, f"--joints={pose}",
+            f"--stop-deceleration={self.stop_deceleration_rad_s2!r}", *self._installed(), environment={},
+        )  # fmt: skip
+
+    @staticmethod
+    def _installed() -> tuple[str, str]:
+        """The controller's installation has the gripper's tool point and weight, as a person would have set it up."""
+        from pep.pit import Robot
+        from pep.rtde.robot.gripper import DRIVEN
+        from ztpm.point.cell_config import ROBOT_MODEL
+
+        tool = Robot.load(ROBOT_MODEL, tool=DRIVEN).tool
+        numbers = (tool.tcp_m, (tool.mass_kg, *tool.com_m))
+        tcp, payload = (",".join(map(repr, each)) for each in numbers)
+        return f"--tcp={tcp}", f"--payload={payload}"
+
+    def start_sensor(self, *options: str) -> None:
+        """The sensor runs and sees an empty scene.
+
+        Args:
+            options: further ones of its command line.
+        """
+        self.end("sensor")
+        self.sensor = self.start_child(
+            PROCESSES["sensor"], "ursim.sensor.sensor", "--key-file", str(self.layout.sensor_key), "--sensor",
+            SENSOR_ID, "--calibration", SENSOR_CALIBRATION,
+            "--to", f"{self.addresses.gateway_host}:{self.addresses.perception_port}", *options,
+            environment=self._secret,
+        )  # fmt: skip
+
+    def start_gateway(self, *options: str) -> None:
+        """The robot's gateway runs, and the tools have the arm.
+
+        Args:
+            options: further ones of its command line.
+        """
+        self.end("gateway")
+        self.gateway = self.start_child(
+            PROCESSES["gateway"], "ztpm.point.gateway_server", "--config", str(self.layout.gateway_config), *options,
+            environment=self._secret,
+        )  # fmt: skip
+
+    def start_tools(self) -> None:
+        """The tool server runs."""
+        self.end("tools")
+        self.tools = self.start_child(
+            PROCESSES["tools"],
+            "ztpm.point.tool_proxy",
+            "--config",
+            str(self.layout.cell_config),
+            environment=self._secret,
+        )
+
+    def start_enforcement(self) -> None:
+        """Every enforcement point runs: agents can call the tools, programs can open a lease."""
+        self.start_gateway()
+        self.start_tools()
+
+    @property
+    def _secret(self) -> dict[str, str]:
+        return {PASSPHRASE_VARIABLE: self.passphrase.decode()}
+
+    def end(self, name: str) -> None:
+        """The process of that attribute has ended, if it was running."""
+        child = vars(self).pop(name, None)
+        if child is not None:
+            child.stop()
+
+    def register(self, admin: Operator) -> None:
+        """The PEPs, the sensor and the reviewed tool definitions are registered by a person."""
+        self.register_peps(admin)
+        self.register_sensor(admin)
+        self.register_tools(admin)
+
+    @property
+    def peps(self) -> dict[str, bytes]:
+        """Raw public keys of the enforcement points by id: each is in front of the same cell."""
+        files = {PEP_ID: self.layout.pep_key, GATEWAY_ID: self.layout.gateway_key}
+        return {name: keys.public_raw(read_key(file, self.passphrase)) for name, file in files.items()}
+
+    def register_peps(self, admin: Operator, *, only: Collection[str] | None = None) -> None:
+        """The enforcement points are registered.
+
+        Args:
+            admin: who registers.
+            only: ids, or None for all.
+        """
+        for name, key in self.peps.items():
+            if only is None or name in only:
+                admin.register_pep(name, key, [self.addresses.audience])
+
+    def register_sensor(self, admin: Operator) -> None:
+        """The sensor is registered."""
+        admin.register_sensor(
+            SENSOR_ID,
+            keys.public_raw(read_key(self.layout.sensor_key, self.passphrase)),
+            calibration=SENSOR_CALIBRATION,
+            transit_ms=SENSOR_TRANSIT_MS,
+            audience=self.addresses.audience,
+        )
+
+    def register_tools(self, admin: Operator, *, only: Collection[str] | None = None) -> None:
+        """The tools are registered as they are defined now; whoever calls this has reviewed them.
+
+        Args:
+            admin: who registers.
+            only: names, or None for all.
+        """
+        from pep.mcp.arm_server import tool_definitions
+
+        for tool in tool_definitions():
+            if only is None or tool.name in only:
+                admin.register_tool(
+                    audience=self.addresses.audience,
+                    name=tool.name,
+                    definition_digest=tool.definition_digest,
+                    operation=tool.operation,
+                    base_tier=int(tool.base_tier),
+                )
+
+    def stop(self) -> None:
+        """Every process has ended, those that use others first."""
+        for child in reversed(self.children.values()):
+            child.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()

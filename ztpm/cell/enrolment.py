@@ -1,0 +1,159 @@
+"""What the identity provider knows of a cell: read from its signed registry, compared with what the cell has now.
+
+What was registered once is never registered again behind a person's back: a tool whose definition changed stays refused
+until somebody has looked at it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Final
+
+import httpx2
+
+from capabilities.keys import keys
+from capabilities.statements import registry
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import CapabilityError
+from ztpm.base.layout import read_key, write_private
+from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS
+from ztpm_idp.client import direct_http
+
+if TYPE_CHECKING:
+    from capabilities.keys.trust import TrustBundle
+    from capabilities.statements.registry import RegistrySnapshot
+    from ztpm.cell.cell import Cell
+    from ztpm_idp.client import Operator
+
+TIMEOUT_S: Final = 5.0
+
+
+class EnrolmentError(RuntimeError):
+    """The registry cannot be had, or not be believed."""
+
+
+class Kind(StrEnum):
+    """What can differ."""
+
+    PEP = "enforcement point"
+    SENSOR = "sensor"
+    TOOL = "tool"
+
+
+class Difference(StrEnum):
+    """How it differs."""
+
+    MISSING = "not registered"
+    CHANGED = "registered differently"
+    GONE = "registered, and no longer there"
+
+
+@dataclass(frozen=True, slots=True)
+class Differing:
+    """One thing that the registry says differently from what the cell has now."""
+
+    kind: Kind
+    name: str
+    how: Difference
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.name}: {self.how}"
+
+
+def registered(issuer: str, audience: str, trust: TrustBundle) -> RegistrySnapshot:
+    """The signed registry for a cell.
+
+    Args:
+        issuer: base URL of the identity provider.
+        audience: canonical URL of the cell's tool server.
+        trust: holds the registry's key.
+
+    Raises:
+        EnrolmentError: when there is no answer, or none that verifies.
+    """
+    try:
+        with direct_http.client(TIMEOUT_S) as http:
+            answer = http.get(f"{issuer}/registry", params={"audience": audience}, follow_redirects=False)
+        if answer.status_code != 200:
+            raise EnrolmentError(f"the registry answers {answer.status_code}")
+        snapshot = registry.open(answer.text, trust.registry, CAPS)
+    except httpx2.HTTPError as error:
+        raise EnrolmentError(f"the registry does not answer: {type(error).__name__}") from error
+    except CapabilityError as error:
+        raise EnrolmentError(f"the registry is not believed: {error.code}") from error
+    if (snapshot.issuer, snapshot.audience) != (issuer, audience):
+        raise EnrolmentError("the registry is another's")
+    return snapshot
+
+
+def differences(cell: Cell, snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
+    """What the registry says differently from what the cell has now: its enforcement points, its sensor, its tools.
+
+    Args:
+        cell: whose keys count.
+        snapshot: as registered.
+    """
+    found, known = [], {entry.id: entry.key for entry in snapshot.peps}
+    for name, key in cell.peps.items():
+        if known.get(name) != key:
+            how = Difference.CHANGED if name in known else Difference.MISSING
+            found.append(Differing(Kind.PEP, name, how))
+    sensor = snapshot.sensor(SENSOR_ID)
+    public = keys.public_raw(read_key(cell.layout.sensor_key, cell.passphrase))
+    if sensor is None:
+        found.append(Differing(Kind.SENSOR, SENSOR_ID, Difference.MISSING))
+    elif (sensor.key, sensor.calibration, sensor.transit_ms) != (public, SENSOR_CALIBRATION, SENSOR_TRANSIT_MS):
+        found.append(Differing(Kind.SENSOR, SENSOR_ID, Difference.CHANGED))
+    return (*found, *tool_differences(snapshot))
+
+
+def tool_differences(snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
+    """What the registry says differently from the tools as they are defined now.
+
+    Args:
+        snapshot: as registered.
+    """
+    from pep.mcp.arm_server import tool_definitions
+
+    found = []
+    served = {tool.name: tool for tool in tool_definitions()}
+    for name, tool in sorted(served.items()):
+        known = snapshot.tool(name)
+        if known is None:
+            found.append(Differing(Kind.TOOL, name, Difference.MISSING))
+        elif (known.definition_digest, known.operation, known.base_tier) != (
+            tool.definition_digest, tool.operation, tool.base_tier,
+        ):  # fmt: skip
+            found.append(Differing(Kind.TOOL, name, Difference.CHANGED))
+    gone = sorted(tool.name for tool in snapshot.tools if tool.name not in served)
+    return (*found, *(Differing(Kind.TOOL, name, Difference.GONE) for name in gone))
+
+
+def enrol(cell: Cell, admin: Operator, trust: TrustBundle) -> tuple[Differing, ...]:
+    """The cell is registered, the first time; what differs from its registration, every other time.
+
+    A first time that was cut short goes on where it was cut: only what is missing is registered then.
+
+    Args:
+        cell: its identity provider runs.
+        admin: who registers.
+        trust: holds the registry's key.
+
+    Raises:
+        EnrolmentError: when the registry cannot be had.
+        ztpm_idp.client.ClientError: when the provider refuses.
+    """
+    found = differences(cell, registered(cell.addresses.issuer, cell.addresses.audience, trust))
+    if cell.layout.enrolled.exists():
+        return found
+    missing = {
+        kind: {differing.name for differing in found if (differing.kind, differing.how) == (kind, Difference.MISSING)}
+        for kind in Kind
+    }
+    cell.register_peps(admin, only=missing[Kind.PEP])
+    if missing[Kind.SENSOR]:
+        cell.register_sensor(admin)
+    cell.register_tools(admin, only=missing[Kind.TOOL])
+    write_private(cell.layout.enrolled, b"The cell's parts are registered; nothing registers them again by itself.\n")
+    return tuple(differing for differing in found if differing.how is not Difference.MISSING)

@@ -1,0 +1,104 @@
+"""Steps of a rotation on a cell's directory: the ring, the private keys beside it and the trust bundle, in safe order.
+
+The private key is on disk before the ring names it, and the ring before the bundle that it makes. A step that was cut
+off half way leaves a private key that nobody names, or an old bundle, which the next step writes anew.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from capabilities.keys import keys
+from capabilities.rotation import rotation
+from capabilities.rotation.rotation_json import ring_from_json, ring_to_json
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import BadKeyError
+from ztpm.base.layout import LayoutError, new_key, read_key, replace_private
+
+if TYPE_CHECKING:
+    from capabilities.keys.windows import Role
+    from capabilities.rotation.rotation import KeyRing, Refused
+    from ztpm.base.layout import Layout
+
+
+class Step(Protocol):
+    """A step of `capabilities.rotation.rotation` on one key."""
+
+    def __call__(self, ring: KeyRing, id_: str, *, at: int) -> KeyRing | Refused:
+        """The ring after it."""
+        ...
+
+
+def read(layout: Layout) -> KeyRing:
+    """The ring of a cell.
+
+    Raises:
+        LayoutError: when there is none, or others can write it.
+        capabilities.values.errors.BadKeyError: when it does not hold together.
+    """
+    try:
+        mode = layout.key_ring.stat().st_mode
+    except FileNotFoundError as error:
+        raise LayoutError(f"{layout.key_ring} is missing") from error
+    if mode & 0o022:
+        raise LayoutError(f"{layout.key_ring} can be written by others (mode {mode & 0o777:o}); it must be 600")
+    return ring_from_json(layout.key_ring.read_bytes())
+
+
+def prepare(layout: Layout, role: Role, algorithm: keys.Algorithm, *, passphrase: bytes, at: int) -> KeyRing | Refused:
+    """A further key of a role is made, encrypted under the passphrase that opens the key that signs now.
+
+    Args:
+        layout: of the cell.
+        role: what the key will sign.
+        algorithm: what it will sign with.
+        passphrase: of all keys of the provider.
+        at: seconds since the epoch.
+
+    Raises:
+        LayoutError, capabilities.values.errors.BadKeyError: as `read`; also for another passphrase than the other
+        keys'.
+        OSError: when a file cannot be written.
+    """
+    ring = read(layout)
+    try:
+        read_key(layout.idp_key(ring.active(role).id), passphrase)
+    except BadKeyError as error:  # one passphrase opens them all, or the provider does not start
+        raise LayoutError(f"the passphrase does not open {ring.active(role).id}") from error
+    number = 1 + max(record.number for record in ring.records if record.role is role)
+    path = layout.idp_key(f"{rotation.ID_STEM[role]}-{number}")
+    # Asked with a key that is thrown away, so that no file is made for a step that is refused.
+    asked = rotation.prepare(ring, role, keys.public_raw(keys.generate(algorithm)), at=at)
+    if isinstance(asked, rotation.Refused):
+        return asked
+    path.unlink(missing_ok=True)  # of a step that was cut off: no ring names it
+    made = new_key(path, passphrase, algorithm)
+    return _written(layout, rotation.prepare(ring, role, keys.public_raw(made), at=at))
+
+
+def step(layout: Layout, verb: Step, id_: str, *, at: int) -> KeyRing | Refused:
+    """A key is activated, tainted or revoked. What is revoked loses no file: the operator may want to show it.
+
+    Raises:
+        LayoutError, capabilities.values.errors.BadKeyError: as `read`.
+        OSError: when a file cannot be written.
+    """
+    return _written(layout, verb(read(layout), id_, at=at))
+
+
+def renew(layout: Layout, *, at: int) -> KeyRing | Refused:
+    """The trust bundle of the same keys holds for its whole life from now on.
+
+    Raises:
+        LayoutError, capabilities.values.errors.BadKeyError: as `read`.
+        OSError: when a file cannot be written.
+    """
+    return _written(layout, rotation.renew(read(layout), at=at))
+
+
+def _written(layout: Layout, answer: KeyRing | Refused) -> KeyRing | Refused:
+    if isinstance(answer, rotation.Refused):
+        return answer
+    replace_private(layout.key_ring, ring_to_json(answer))
+    replace_private(layout.trust, answer.bundle(DEFAULT).to_json())
+    return answer

@@ -1,0 +1,352 @@
+"""Making a cell's directory: keys, trust bundle, configurations, first operators. What `ztpm init` does."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import ipaddress
+import json
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from capabilities.keys import keys
+from capabilities.rotation import rotation
+from capabilities.rotation.rotation_json import ring_to_json
+from capabilities.statements import cell as cell_statement
+from capabilities.statements import workload
+from capabilities.values.caps import DEFAULT
+from pep.rtde.robot.connections import PORTS
+from ztpm.base.layout import OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
+from ztpm.base.loopback import free_host, is_free
+from ztpm.cell import survey
+from ztpm.cell.simulated_platform import TRUST_DOMAIN
+
+if TYPE_CHECKING:
+    from capabilities.keys.keys import PrivateKey
+
+PEP_ID: Final = "cell-1"
+GATEWAY_ID: Final = "gateway-1"
+SENSOR_ID: Final = "camera-1"
+SENSOR_CALIBRATION: Final = hashlib.sha256(b"simulated sensor, ideal pinhole, base frame").hexdigest()
+"""Digest of the calibration document; the simulated sensor's is this sentence."""
+SENSOR_TRANSIT_MS: Final = 20
+"""Declared longest transit of a frame from the simulated sensor on loopback."""
+
+
+@dataclass(frozen=True, slots=True)
+class Addresses:
+    """Where a cell listens: a loopback address of its own, since a robot's ports are fixed and cells must not meet.
+
+    Attributes:
+        host: an address in 127.0.0.0/8.
+        idp_port, tools_port, perception_port, status_port: TCP ports on it.
+        door_port, carriage_port: of the robot's gateway, on `gateway_host`.
+    """
+
+    host: str
+    idp_port: int = 8700
+    tools_port: int = 8800
+    perception_port: int = 8801
+    status_port: int = 8890
+    door_port: int = 8900
+    carriage_port: int = 8901
+
+    @property
+    def gateway_host(self) -> str:
+        """The robot's gateway has the next address: its ports are as fixed as the robot's.
+
+        Raises:
+            SetupError: `host` is no IPv4 address, or the last one.
+        """
+        try:
+            return str(ipaddress.IPv4Address(self.host) + 1)
+        except ipaddress.AddressValueError as error:
+            raise SetupError("host: no IPv4 address that has a next one") from error
+
+    @property
+    def ports(self) -> tuple[int, ...]:
+        """Every port of the cell, the robot's fixed ones among them."""
+        return (self.idp_port, self.tools_port, self.status_port, *ROBOT_PORTS)
+
+    @property
+    def gateway_ports(self) -> tuple[int, ...]:
+        """Every port of the robot's gateway."""
+        return (self.door_port, self.carriage_port, self.perception_port, *PORTS)
+
+    @property
+    def taken(self) -> tuple[int, ...]:
+        """The ports that somebody listens on now."""
+        own = (port for port in self.ports if not is_free(self.host, port))
+        return (*own, *(port for port in self.gateway_ports if not is_free(self.gateway_host, port)))
+
+    @property
+    def issuer(self) -> str:
+        """Base URL of the identity provider."""
+        return f"http://{self.host}:{self.idp_port}/ztpm"
+
+    @property
+    def door(self) -> str:
+        """Canonical URL where leases of the robot are asked for."""
+        return f"http://{self.gateway_host}:{self.door_port}/leases"
+
+    @property
+    def well_known(self) -> str:
+        """Where the cell's MCP server says whose tokens it takes, to anybody (RFC 9728)."""
+        from pep.mcp.dpop import WELL_KNOWN
+
+        return f"http://{self.host}:{self.tools_port}{WELL_KNOWN}/mcp"
+
+    @property
+    def calls(self) -> str:
+        """Canonical URL where the gateway takes the tool server's calls."""
+        return f"http://{self.gateway_host}:{self.door_port}/calls"
+
+    @property
+    def audience(self) -> str:
+        """Canonical URL of the cell's MCP server, and so of the cell."""
+        return f"http://{self.host}:{self.tools_port}/mcp"
+
+
+ROBOT_PORTS: Final = (*PORTS, 63352)
+"""Fixed ports of a UR controller and its Robotiq gripper."""
+
+
+def free_addresses(seed: bytes) -> Addresses:
+    """Addresses on a loopback host where every port of a cell is free now.
+
+    Args:
+        seed: random bytes; decides the order in which hosts are tried.
+
+    Raises:
+        OSError: when no host is found.
+    """
+    return Addresses(host=free_host(seed, lambda host: not Addresses(host=host).taken))
+
+
+class SetupError(ValueError):
+    """A cell that cannot be made as asked, or does not hold together; the text names the setting."""
+
+
+def read_addresses(layout: Layout) -> Addresses:
+    """Where the cell in a directory listens, by all its configurations.
+
+    Args:
+        layout: made by `initialise`.
+
+    Raises:
+        SetupError: naming what is missing, refused, or not the same in all; an embedded cell has one loopback host.
+    """
+    from pep.base.errors import ConfigError
+    from ztpm.point.gateway_config import read_gateway_config
+    from ztpm.point.tool_proxy_config import read_door_config
+    from ztpm_idp.keys.key_files import SettingsError
+    from ztpm_idp.settings import load_settings
+
+    try:
+        idp, door = load_settings(layout.idp_config), read_door_config(layout.cell_config)
+        gateway = read_gateway_config(layout.gateway_config)
+    except (SettingsError, ConfigError) as error:
+        raise SetupError(str(error)) from error
+    addresses = Addresses(
+        door.host,
+        idp_port=idp.port,
+        tools_port=door.port,
+        perception_port=gateway.perception_port,
+        door_port=gateway.port,
+        carriage_port=gateway.carriage_port,
+    )
+    stated = (
+        ("idp.toml: host", idp.host, addresses.host),
+        ("idp.toml: issuer", idp.issuer, addresses.issuer),
+        ("cell.toml: issuer", door.issuer, addresses.issuer),
+        ("cell.toml: audience", door.audience, addresses.audience),
+        ("cell.toml: gateway_url", door.gateway_url, addresses.calls),
+        ("gateway.toml: issuer", gateway.issuer, addresses.issuer),
+        ("gateway.toml: audience", gateway.audience, addresses.audience),
+        ("gateway.toml: host", gateway.host, addresses.gateway_host),
+        ("gateway.toml: listen_host", gateway.listen_host, addresses.gateway_host),
+        ("gateway.toml: url", gateway.url, addresses.door),
+        ("gateway.toml: calls_url", gateway.calls_url, addresses.calls),
+        ("gateway.toml: robot_host", gateway.robot_host, addresses.host),
+    )
+    for name, value, expected in stated:
+        if value != expected:
+            raise SetupError(f"{name} is {value}; an embedded cell on this host and these ports has {expected}")
+    return addresses
+
+
+def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
+    """Every file of a new cell exists, and its three operators are known to the identity provider; or no file does.
+
+    Args:
+        layout: an empty or missing directory; the lock of a `ztpm up` does not count.
+        addresses: where the cell will listen.
+        passphrase: encrypts every private key.
+        policy: name of a shipped policy set, or a path.
+        defer_timeout_s: how long the PEP waits for an answer to a deferral.
+
+    Raises:
+        ztpm.base.layout.LayoutError: when the directory has anything in it.
+        SetupError: when the services would not start on what is asked for.
+        OSError: when the directory cannot be written.
+    """
+    missing = not layout.root.exists()
+    layout.root.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if not is_empty(layout):
+        raise LayoutError(f"{layout.root} is not empty")
+    try:
+        _fill(layout, addresses, passphrase, policy, defer_timeout_s)
+    except BaseException:
+        # The directory was empty: all that is in it is ours.
+        for made in layout.root.iterdir():
+            if made != layout.lock:
+                shutil.rmtree(made) if made.is_dir() else made.unlink()
+        if missing:
+            layout.root.rmdir()
+        raise
+
+
+def is_empty(layout: Layout) -> bool:
+    """Whether nothing is in the directory but the lock of a `ztpm up`."""
+    return all(entry == layout.lock for entry in layout.root.iterdir())
+
+
+def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
+    write_private(layout.idp_config, _toml(_idp_settings(layout, addresses)))
+    operators = {name: new_key(layout.operator_key(name), passphrase) for name in OPERATORS}
+    surveyor = operators[SURVEYOR]
+    door = _door_settings(layout, addresses, policy)
+    write_private(layout.cell_config, _toml(door | {"gateway_url": addresses.calls}))
+    gateway = door | _gateway_settings(layout, addresses, defer_timeout_s, surveyor)
+    write_private(layout.gateway_config, _toml(gateway) + b"\n[cell]\n")
+    _check_readable(layout)
+    stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
+    write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
+    ring = _ring(layout, addresses, passphrase)
+    platform = new_key(layout.platform_key, passphrase)
+    write_private(layout.platform_jwks, workload.jwks(keys.public_raw(platform)))
+    new_key(layout.pep_key, passphrase)
+    new_key(layout.gateway_key, passphrase)
+    new_key(layout.sensor_key, passphrase)
+    for state in (layout.state, layout.gateway_state):
+        state.mkdir(mode=0o700, parents=True, exist_ok=True)
+    write_private(layout.key_ring, ring_to_json(ring))
+    write_private(layout.trust, ring.bundle(DEFAULT).to_json())
+    _bootstrap(layout, operators)
+
+
+def _check_readable(layout: Layout) -> None:
+    """Every service takes its configuration, by the very readers that they start with.
+
+    Raises:
+        SetupError: naming what is refused.
+    """
+    from pep.base.errors import ConfigError
+    from ztpm.point.cell_config import read_policies
+    from ztpm.point.gateway_config import read_gateway_config
+    from ztpm.point.tool_proxy_config import read_door_config
+    from ztpm_idp.keys.key_files import SettingsError
+    from ztpm_idp.settings import load_settings
+
+    try:
+        load_settings(layout.idp_config)
+        read_policies(read_door_config(layout.cell_config))
+        read_gateway_config(layout.gateway_config)
+    except (SettingsError, ConfigError) as error:
+        raise SetupError(str(error)) from error
+
+
+def _ring(layout: Layout, addresses: Addresses, passphrase: bytes) -> rotation.KeyRing:
+    """The first keys of the identity provider, their files written under the names that the ring gives them."""
+    first = {role: new_key(layout.idp_key(f"{stem}-1"), passphrase) for role, stem in rotation.ID_STEM.items()}
+    public = {role: keys.public_raw(key) for role, key in first.items()}
+    return rotation.begin(addresses.issuer, public, at=int(time.time()))
+
+
+def _toml(settings: dict[str, str | int]) -> bytes:
+    """Lines of TOML: a string as JSON spells it is a TOML basic string, but for DEL, which TOML wants escaped.
+
+    Raises:
+        SetupError: for a name that is not UTF-8.
+    """
+    lines = []
+    for name, value in settings.items():
+        try:
+            spelled = json.dumps(value, ensure_ascii=False).encode()
+        except UnicodeEncodeError as error:
+            raise SetupError(f"{name}: not UTF-8") from error
+        lines.append(b"%s = %s\n" % (name.encode(), spelled.replace(b"\x7f", rb"\u007f")))
+    return b"".join(lines)
+
+
+def _database_url(layout: Layout) -> str:
+    return f"sqlite+aiosqlite:///{layout.database}"
+
+
+def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
+    return {
+        "issuer": addresses.issuer,
+        "host": addresses.host,
+        "port": addresses.idp_port,
+        "database_url": _database_url(layout),
+        "key_ring_file": str(layout.key_ring),
+        "platform_trust_domain": TRUST_DOMAIN,
+        "platform_jwks_file": str(layout.platform_jwks),
+    }
+
+
+def _door_settings(layout: Layout, addresses: Addresses, policy: str) -> dict[str, str | int]:
+    return {
+        "audience": addresses.audience,
+        "host": addresses.host,
+        "port": addresses.tools_port,
+        "pep_id": PEP_ID,
+        "issuer": addresses.issuer,
+        "trust_file": str(layout.trust),
+        "pep_key_file": str(layout.pep_key),
+        "journal_file": str(layout.journal),
+        "state_dir": str(layout.state),
+        # A server may start in another directory: a path is written whole.
+        "policy": str(Path(policy).resolve()) if Path(policy).is_file() else policy,
+    }
+
+
+def _gateway_settings(
+    layout: Layout, addresses: Addresses, defer_timeout_s: int, surveyor: PrivateKey
+) -> dict[str, str | int]:
+    """Where the gateway's differ from the tool server's, and its own."""
+    return {
+        "host": addresses.gateway_host,
+        "port": addresses.door_port,
+        "pep_id": GATEWAY_ID,
+        "pep_key_file": str(layout.gateway_key),
+        "journal_file": str(layout.gateway_journal),
+        "state_dir": str(layout.gateway_state),
+        "robot_host": addresses.host,
+        "perception_port": addresses.perception_port,
+        "defer_timeout_s": defer_timeout_s,
+        "cell_file": str(layout.cell_file),
+        "cell_signer_key": keys.b64u(keys.public_raw(surveyor)),
+        "url": addresses.door,
+        "calls_url": addresses.calls,
+        "listen_host": addresses.gateway_host,
+        "carriage_port": addresses.carriage_port,
+    }
+
+
+def _bootstrap(layout: Layout, operators: dict[str, PrivateKey]) -> None:
+    from ztpm_idp.bootstrap import FirstPerson
+    from ztpm_idp.bootstrap import initialise as first_people
+    from ztpm_idp.store.errors import StoreUnavailableError
+
+    people = [
+        FirstPerson(id=name, name=name.title(), key=keys.public_raw(key), roles=("sponsor", "approver", "admin"))
+        for name, key in operators.items()
+    ]
+    try:
+        asyncio.run(first_people(_database_url(layout), people=people))
+    except StoreUnavailableError as error:
+        raise SetupError(f"database_url: {layout.database} cannot be made") from error

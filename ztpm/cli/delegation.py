@@ -1,0 +1,137 @@
+"""`ztpm token issue` and `delegate`: authority is lent to agents of a cell, whose keys are in its directory.
+
+The token is written to a file that only its owner can read; it is never shown. Exit status: 0 lent, 1 failure, 2 usage,
+3 refused.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+import typer
+
+from capabilities.values import strict_json
+from capabilities.values.errors import CapabilityError
+from ztpm.cli.agent import Software, agent_of
+from ztpm.cli.output import USAGE, fail, say_json
+from ztpm.cli.person import As, Data, Json, layout_of, operator, refusals
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.values.scope import Scope
+    from ztpm_idp.client import Issued
+
+T = TypeVar("T")
+
+Purpose = Annotated[str, typer.Option(help="What for; in the token and the ledger.")]
+Out = Annotated[Path, typer.Option("--out", help="New file for the token.")]
+TokenFile = Annotated[Path, typer.Option("--token", help="File of the holder's token.", exists=True, dir_okay=False)]
+
+
+def issue(
+    agent: Annotated[str, typer.Argument(metavar="AGENT", help="Who receives it.")],
+    *,
+    software: Software,
+    purpose: Purpose,
+    out: Out,
+    scope: Annotated[
+        Path | None, typer.Option(help="JSON of the whole scope (default: the arm, up to tier 3).")
+    ] = None,
+    delegate: Annotated[list[str] | None, typer.Option(help="Whom it may lend to, with the default scope.")] = None,
+    minutes: Annotated[int, typer.Option(min=1, max=60, help="How long, with the default scope.")] = 15,
+    name: As,
+    data: Data = None,
+    as_json: Json = False,
+) -> None:
+    """Lend an agent authority, as its sponsor."""
+    from capabilities.values.scope_json import scope_from_json
+
+    _check_new(out, as_json=as_json)
+    if scope is None:
+        lent = _arm(data, frozenset(delegate or ()), 60 * minutes, as_json=as_json)
+    else:
+        lent = _read(scope, scope_from_json, as_json=as_json)
+    person = operator(data=data, name=name, issuer="", key=None, as_json=as_json)
+    receiver = agent_of(agent, software, data=data, as_json=as_json)
+    with refusals(as_json=as_json), person, receiver:
+        issued = person.issue(receiver, lent, purpose=purpose)
+    _keep(issued, out, as_json=as_json)
+
+
+def delegate(
+    lender: Annotated[str, typer.Argument(metavar="FROM", help="The holder of --token.")],
+    receiver: Annotated[str, typer.Argument(metavar="TO", help="Who receives it.")],
+    *,
+    token: TokenFile,
+    restriction: Annotated[
+        Path, typer.Option(help="JSON of what is taken away; it must take something.", exists=True, dir_okay=False)
+    ],
+    software: Software,
+    purpose: Purpose,
+    out: Out,
+    data: Data = None,
+    as_json: Json = False,
+) -> None:
+    """Lend a narrower part of a token on; --software is what the receiver runs."""
+    from capabilities.values.scope_json import restriction_from_json
+
+    _check_new(out, as_json=as_json)
+    less = _read(restriction, restriction_from_json, as_json=as_json)
+    text = read_token(token, as_json=as_json)
+    # The lender signs with its key; only the receiver's measurement is attested.
+    holder = agent_of(lender, software, data=data, as_json=as_json)
+    other = agent_of(receiver, software, data=data, as_json=as_json)
+    with refusals(as_json=as_json), holder, other:
+        issued = holder.delegate(text, other, less, purpose=purpose)
+    _keep(issued, out, as_json=as_json)
+
+
+def read_token(file: Path, *, as_json: bool) -> str:
+    """The text of a token in a file, or the command ends."""
+    try:
+        return file.read_text("ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        fail("UNREADABLE", f"{file}: {type(error).__name__}", as_json=as_json, status=USAGE)
+
+
+def _arm(data: Path | None, delegates: frozenset[str], lifetime_s: int, *, as_json: bool) -> Scope:
+    from ztpm.cell.setup import SetupError, read_addresses
+    from ztpm.demo.stage import sweep_scope
+
+    try:
+        audience = read_addresses(layout_of(data, as_json=as_json)).audience
+    except SetupError as error:
+        fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
+    return sweep_scope(audience, delegates=delegates, now=int(time.time()), lifetime_s=lifetime_s)
+
+
+def _read(path: Path, parse: Callable[[object], T], *, as_json: bool) -> T:
+    try:
+        return parse(strict_json.parse_object(path.read_bytes()))
+    except CapabilityError as error:
+        fail(str(error.code), f"{path}: {error.detail}", as_json=as_json, status=USAGE)
+    except OSError as error:
+        fail("UNREADABLE", f"{path}: {error.strerror}", as_json=as_json, status=USAGE)
+
+
+def _check_new(out: Path, *, as_json: bool) -> None:
+    """Before anything is lent: a token that could not be kept would be lent to nobody."""
+    if out.exists() or not out.absolute().parent.is_dir():
+        fail("EXISTS" if out.exists() else "UNWRITABLE", f"{out}", as_json=as_json, status=USAGE)
+
+
+def _keep(issued: Issued, out: Path, *, as_json: bool) -> None:
+    from ztpm.base.layout import LayoutError, write_private
+
+    try:
+        write_private(out, issued.token.encode() + b"\n")
+    except (LayoutError, OSError) as error:
+        fail("UNWRITABLE", f"{out}: {error}", as_json=as_json)
+    told: dict[str, Any] = {"token_id": issued.token_id, "hop_id": issued.hop_id, "expires_at": issued.expires_at}
+    if as_json:
+        say_json({"ok": True, "file": str(out), **told})
+    else:
+        typer.echo(f"{out}: token {issued.token_id}, hop {issued.hop_id}.")

@@ -1,0 +1,1 @@
+"""`ztpm policy`: policy sets checked, explained, compared, simulated and proven."""

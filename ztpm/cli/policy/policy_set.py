@@ -1,0 +1,59 @@
+"""The policy set that a command names, or the end of the command with the fault and its place."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+from ztpm.cli.output import fail
+
+if TYPE_CHECKING:
+    from policies import PolicySet
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A set that loads, with the names of the parameters that its text states."""
+
+    policies: PolicySet
+    stated: frozenset[str]
+
+
+def open_set(source: str, *, as_json: bool) -> Opened:
+    """The set that `source` names: a shipped one, or a TOML file.
+
+    Ends the command with a `PolicyFault`, or with `UNREADABLE` when there is no such file.
+    """
+    from importlib import resources
+
+    from policies import SHIPPED, PolicyError, load
+    from policies.decide.load import TEXT_LIMIT
+
+    try:
+        if source in SHIPPED:
+            text = resources.files("policies").joinpath("sets", f"{source}.toml").read_text(encoding="utf-8")
+        elif not (source.endswith(".toml") or "/" in source):
+            _refuse(
+                source, "UNKNOWN_SET", f"neither a shipped set ({', '.join(SHIPPED)}) nor a .toml file", "", as_json
+            )
+        else:
+            with Path(source).open(encoding="utf-8") as file:
+                text = file.read(TEXT_LIMIT + 1)
+        policies = load(text)
+    except PolicyError as error:
+        _refuse(source, str(error.code), error.detail, error.where, as_json)
+    except (OSError, UnicodeDecodeError) as error:
+        _refuse(source, "UNREADABLE", str(error), "", as_json)
+    return Opened(policies, frozenset(tomllib.loads(text).get("parameters", {})))
+
+
+def about(policies: PolicySet) -> dict[str, object]:
+    """By what a set is told from another, for JSON."""
+    return {"name": policies.name, "version": policies.version, "digest": policies.digest}
+
+
+def _refuse(source: str, code: str, detail: str, where: str, as_json: bool) -> NoReturn:  # noqa: FBT001 - passed on
+    place = f"{source}: {where}" if where else source
+    fail(code, f"{place}: {detail}" if detail else place, as_json=as_json, more={"source": source, "where": where})

@@ -1,0 +1,66 @@
+"""`ztpm policy prove`: what is true of a policy set for every request and all evidence?"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.table import Table
+
+from ztpm.cli.output import FAILURE, USAGE, console, fail, plain, say_json
+from ztpm.cli.policy.policy_set import about, open_set
+
+if TYPE_CHECKING:
+    from policies.proof import Result
+
+
+def prove(
+    file: Annotated[Path | None, typer.Argument(help="A TOML file with a policy set.")] = None,
+    *,
+    shipped: Annotated[str | None, typer.Option("--set", help="A shipped set's name, in place of a file.")] = None,
+    harmless: Annotated[
+        str, typer.Option(help="Operations that move nothing; every other one is taken to move something.")
+    ] = "read_state,stop",
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+) -> None:
+    """Prove seven claims about a policy set with z3, or show a request that breaks one; 0 when all are proven."""
+    from policies import proof
+
+    if file is not None and shipped is not None:
+        fail("USAGE", "a file or --set, not both", as_json=as_json, status=USAGE)
+    names = frozenset(name.strip() for name in harmless.split(",")) - {""}
+    # with its directory a file is taken for one, whatever it is called
+    source = shipped or "paper-default" if file is None else str(file.absolute())
+    loaded = open_set(source, as_json=as_json).policies
+    results = proof.prove(loaded, harmless=names, clock=time.perf_counter)
+    proven = all(result.standing is proof.Standing.PROVEN for result in results)
+    if as_json:
+        said = [proof.result_to_plain(result) for result in results]
+        say_json({"ok": proven, **about(loaded), "harmless": sorted(names), "claims": said})
+    else:
+        _tell(results, f"{loaded.name} {loaded.version}, digest {loaded.digest}")
+    raise typer.Exit(0 if proven else FAILURE)
+
+
+def _tell(results: tuple[Result, ...], title: str) -> None:
+    from policies import proof
+
+    console.print(plain(title))
+    table = Table(box=None, pad_edge=False)
+    for heading in ("claim", "", "verdict", "s"):
+        table.add_column(heading, justify="right" if heading == "s" else "left")
+    for result in results:
+        verdict = f"{result.standing}{' (of nothing: the set permits no such act)' if result.about_nothing else ''}"
+        table.add_row(result.claim.id, result.claim.says, verdict, f"{result.seconds:.2f}")
+    console.print(table)
+    for result in results:
+        for number, line in enumerate(proof.lines(result)):
+            console.print(f"{result.claim.id if number == 0 else '  '}  {plain(line)}", markup=False)
+    if assumed := {name for result in results for name in result.assumed}:
+        console.print(
+            f"P5 takes for granted that these do not soften when the tier rises: {', '.join(sorted(assumed))}"
+        )
+    if any(result.standing is proof.Standing.SKIPPED for result in results):
+        console.print("z3 is not installed: pip install 'ztpm[prove]'", markup=False)

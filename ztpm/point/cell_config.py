@@ -1,0 +1,200 @@
+"""The configuration of a cell's tool server, read strictly; what is insecure or contradictory is refused by name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Self
+
+from capabilities.keys import keys
+from capabilities.statements import cell
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import CapabilityError, FaultCode
+from pep.base.errors import ConfigError, PepFault
+from pep.pit import (
+    CALIBRATED_UNCERTAINTY_M,
+    Calibration,
+    CellError,
+    CellParameters,
+    ModelError,
+    Robot,
+    SurveyError,
+    numbers_only,
+    surveyed,
+)
+from pep.rtde.command.stop_rules import JOINT_DECELERATION_LIMIT_RAD_S2
+from pep.rtde.robot.gripper import DRIVEN
+from ztpm.point.point_config import (
+    PointConfig,
+    check_port,
+    check_url,
+    is_loopback,
+    read_key,
+    read_policies,
+    read_text,
+    read_trust,
+    spelled,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = [
+    "ROBOT_MODEL",
+    "CellConfig",
+    "check_port",
+    "check_url",
+    "is_loopback",
+    "read_cell",
+    "read_config",
+    "read_key",
+    "read_policies",
+    "read_robot",
+    "read_text",
+    "read_trust",
+]
+
+ROBOT_MODEL: Final = "ur3e"
+CALIBRATION_BYTES: Final = 65_536
+"""Largest calibration file that is read at all; the vendor's tool writes about 1000."""
+OPTIONAL: Final = frozenset({"calibration_file"})
+"""Settings that may be left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellConfig(PointConfig):
+    """`cell.toml`, checked: the keys of every enforcement point, and these of the robot, its cell and its people.
+
+    Attributes:
+        robot_host: address of the controller.
+        perception_port: where sensors push frames, on `host`.
+        defer_timeout_s: how long a deferral waits for a person.
+        cell_file: what stands in the cell, signed by a person (`ztpm cell sign`).
+        cell_signer_key: that person's public key: 32 raw bytes in base64url.
+        cell: numbers of the physics engine; what stands in the cell is not among them.
+        calibration_file: the arm's own kinematics, as its vendor's tool exports them (PHY-41); None for an arm that is
+            reckoned with at its nominal ones, and with more uncertainty.
+    """
+
+    robot_host: str
+    perception_port: int
+    defer_timeout_s: int
+    cell_file: Path
+    cell_signer_key: str
+    cell: CellParameters
+    calibration_file: Path | None = None
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """The configuration that a TOML text spells: every key given but `calibration_file`, none unknown.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`, naming the key.
+        """
+        given = spelled(cls, text, optional=OPTIONAL)
+        if "calibration_file" in given:
+            given["cell"] = {"robot_uncertainty_m": CALIBRATED_UNCERTAINTY_M, **given["cell"]}
+        try:
+            given["cell"] = numbers_only(given["cell"])
+        except CellError as error:
+            raise ConfigError(PepFault.CONFIG_INVALID, f"cell: {error.detail}") from error
+        config = cls(**given)
+        config.check()
+        return config
+
+    def check(self) -> None:
+        """Nothing in it is insecure.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`, naming the key.
+        """
+        PointConfig.check(self)  # a class with slots is another one than `super()` knows
+        check_port("perception_port", self.perception_port)
+        if not 1 <= self.defer_timeout_s <= 3_600:
+            raise ConfigError(PepFault.CONFIG_INVALID, "defer_timeout_s must be 1 to 3600")
+        try:
+            keys.check_raw(keys.unb64u(self.cell_signer_key))
+        except CapabilityError as error:
+            raise ConfigError(PepFault.CONFIG_INVALID, "cell_signer_key is no public key") from error
+        if self.cell.stop_deceleration_rad_s2 > JOINT_DECELERATION_LIMIT_RAD_S2:
+            raise ConfigError(PepFault.CONFIG_INVALID, "cell: stop_deceleration_rad_s2 is harder than a stop can be")
+
+
+def read_config(path: Path) -> CellConfig:
+    """The configuration at `path`.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
+    return CellConfig.from_toml(read_text(path))
+
+
+def read_robot(config: CellConfig, *, tool: str) -> Robot:
+    """The arm of the cell with this tool: as it is calibrated where the configuration says how, else nominal.
+
+    Args:
+        config: names the calibration.
+        tool: what it carries.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`: no such tool; a calibration that cannot be read, is not strictly of the vendor's
+            form, or is farther from nominal than any arm of this model.
+    """
+    try:
+        own = None if config.calibration_file is None else _calibration(config.calibration_file)
+    except (ModelError, OSError, UnicodeDecodeError) as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"calibration_file: {_said(error)}") from error
+    try:
+        nominal = Robot.load(ROBOT_MODEL, tool=tool)
+    except ModelError as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {error}") from error
+    if own is None:
+        return nominal
+    try:
+        return Robot.load(ROBOT_MODEL, tool=tool, calibration=own)
+    except ModelError as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"calibration_file: {_said(error)}") from error
+
+
+def _calibration(path: Path) -> Calibration:
+    with path.open("rb") as opened:
+        raw = opened.read(CALIBRATION_BYTES + 1)
+    return Calibration.from_yaml(raw.decode("utf-8"))
+
+
+def _said(error: Exception) -> str:
+    """What is wrong, without a path or a text of the file."""
+    return error.detail if isinstance(error, ModelError) else type(error).__name__
+
+
+def read_cell(config: CellConfig, *, at: float) -> cell.Cell:
+    """What stands in the cell, by the word of the person that the configuration names.
+
+    Args:
+        config: names file and signer.
+        at: seconds since the epoch; the file must be in force then.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`: no such file, signed by another key or not at all, for another server, not in
+            force, or contradicting itself.
+    """
+    try:
+        text = config.cell_file.read_bytes()[: CAPS.statement_bytes + 1].decode("ascii").strip()
+        stated = cell.open(text, frozenset({keys.unb64u(config.cell_signer_key)}), CAPS)
+        surveyed(stated, config.cell)
+        read_robot(config, tool=stated.tool)
+    except CapabilityError as error:
+        where = "cell_signer_key" if error.code is FaultCode.STATEMENT_UNTRUSTED else "cell_file"
+        raise ConfigError(PepFault.CONFIG_INVALID, f"{where}: {error.code} {error.detail}") from error
+    except SurveyError as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {error}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {type(error).__name__}") from error
+    if stated.tool != DRIVEN:
+        raise ConfigError(PepFault.CONFIG_INVALID, "cell_file: TOOL_NOT_DRIVEN")
+    if stated.audience != config.audience:
+        raise ConfigError(PepFault.CONFIG_INVALID, "cell_file: WRONG_AUDIENCE")
+    if not stated.not_before <= at < stated.not_after:
+        raise ConfigError(
+            PepFault.CONFIG_INVALID, f"cell_file: {'EXPIRED' if at >= stated.not_before else 'NOT_YET_VALID'}"
+        )
+    return stated

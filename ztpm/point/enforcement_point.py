@@ -1,0 +1,286 @@
+"""What every enforcement point of a cell is made of: clock, journal, feeds, authority, and a door.
+
+What has a robot, people and physics besides is on top of it (`ztpm.point.robot_point`). Nothing here loads physics.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import json
+import logging
+import os
+import resource
+import signal
+import sys
+import traceback
+from typing import TYPE_CHECKING, Any, Final, TypedDict
+
+import uvicorn
+
+from capabilities.proof.freshness import Memory, earliest_iat_s, retention_ms
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.base.clock import HeldClock, SystemClock, TimeMark
+from pep.base.errors import PepError, PepFault
+from pep.journal.file_journal import FileJournal
+from pep.journal.replay_cache import ReplayCache
+from pep.mcp.deadline import DeadlineProtocol
+from pep.provider.feed import Follower, MarkFile
+from pep.provider.journal_shipper import Shipper
+from pep.request.authority import Authority
+from ztpm.base.incidents import Incidents
+from ztpm.base.report_server import serve_reports, view_of
+from ztpm.point.point_config import read_key, read_policies, read_trust
+from ztpm.point.trust_mark import check_mark
+from ztpm_idp.client import direct_http
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterator
+
+    import httpx2
+
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.keys.trust import TrustBundle
+    from pep.request.edge import Edge
+    from policies.decide.policy import PolicySet
+    from ztpm.point.point_config import PointConfig
+
+FIRST_VIEW_S: Final = 30.0
+"""Longest wait for the first verified view before it listens anyway, denying everything until it comes."""
+SHUTDOWN_S: Final = 3
+KEEP_ALIVE_S: Final = 5
+SWITCH_S: Final = 0.001
+ACCEPTED: Final = frozenset({"decision", "ticket"})
+"""Kinds of records that name a proof which had an effect."""
+CONNECTIONS: Final = 64
+"""Callers at once; a cell has a handful of agents. The next are told 503."""
+
+
+class Opened(TypedDict):
+    """What an enforcement point is made with besides its configuration: read, verified and in force."""
+
+    trust: TrustBundle
+    key: PrivateKey
+    policies: PolicySet
+    http: httpx2.AsyncClient
+
+
+def opened(config: PointConfig) -> Opened:
+    """What the configuration names.
+
+    Raises:
+        PepError: one of them cannot be had, or must not be believed.
+    """
+    policies, trust, key = read_policies(config), read_trust(config), read_key(config)
+    check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
+    return Opened(trust=trust, key=key, policies=policies, http=direct_http.async_client())
+
+
+class _Server(uvicorn.Server):
+    """A server that leaves signals to the composition: the arm is stopped before anything else ends."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """No signal is captured here."""
+        yield
+
+
+class EnforcementPoint:
+    """The parts that every enforcement point of a cell has, composed.
+
+    Args:
+        config: of it.
+        trust: the issuer's public keys.
+        key: of this PEP.
+        http: client of the identity provider.
+
+    Attributes:
+        ended: set it to end the process.
+        app: what is served at its door; made by whoever is one.
+    """
+
+    app: Any
+
+    def __init__(self, config: PointConfig, *, trust: TrustBundle, key: PrivateKey, http: httpx2.AsyncClient) -> None:
+        self.config = config
+        # Proofs, tokens and statements are judged by a wall time that nobody can set back.
+        self.clock = HeldClock(SystemClock(), mark=TimeMark(config.state_dir / "time.json"), skew_s=CAPS.skew_s)
+        # Rounded up: a proof counts whole seconds, and one made before the start must not pass for one made after it.
+        self.started_s = earliest_iat_s(self.clock.wall_s(), memory=Memory.KEPT, caps=CAPS)
+        self.journal = FileJournal.open(config.journal_file, pep_id=config.pep_id, clock=self.clock)
+        self.http = http
+        self.ended = asyncio.Event()
+        self.incidents = Incidents(self.clock)
+        self.follower = Follower(
+            self.http,
+            issuer=config.issuer,
+            audience=config.audience,
+            trust=trust,
+            caps=CAPS,
+            clock=self.clock,
+            mark=MarkFile(config.state_dir / "feed.json"),
+            incident=self._feed_incident,
+        )
+        self.shipper = Shipper(
+            self.journal,
+            self.http,
+            issuer=config.issuer,
+            key=key,
+            clock=self.clock,
+            incident=lambda error: self.incidents.tell("ledger", error),
+        )
+        self.replay = ReplayCache(self.clock)
+        self.authority = Authority(
+            verifier=Verifier(trust, CAPS),
+            feed=self.follower,
+            replay=self.replay,
+            clock=self.clock,
+            caps=CAPS,
+            audience=config.audience,
+            started_s=self.started_s,
+        )
+
+    @property
+    def edge(self) -> Edge:
+        """Leases and records; the gate, where there is one."""
+        raise NotImplementedError
+
+    def recover(self) -> None:
+        """What an earlier process accepted is not accepted again, and that its journal was torn is on record."""
+        earliest_ms = (self.clock.wall_s() * 1000) - retention_ms(CAPS)
+        expires_ms = self.clock.monotonic_ms() + retention_ms(CAPS)
+        for record in self.journal.records():
+            if record["kind"] in ACCEPTED and record["at_ms"] >= earliest_ms and record["body"]["proof"]:
+                self.replay.remember(bytes.fromhex(record["body"]["proof"]), expires_ms=expires_ms)
+        if self.journal.repaired_bytes:
+            self.journal.append("incident", {"what": "torn-tail", "bytes": self.journal.repaired_bytes})
+
+    async def run(self, *, reports: bool = False) -> None:
+        """It has served until it was told to end, and nothing moves; `reports`: it has told of itself."""
+        loop = asyncio.get_running_loop()
+        server = _Server(
+            uvicorn.Config(
+                self.app,
+                host=self.config.host,
+                port=self.config.port,
+                log_level="error",
+                access_log=False,
+                h11_max_incomplete_event_size=32_768,
+                http=DeadlineProtocol,
+                timeout_graceful_shutdown=SHUTDOWN_S,
+                timeout_keep_alive=KEEP_ALIVE_S,
+                limit_concurrency=CONNECTIONS,
+            )
+        )
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.ended.set)
+        parts = self.beside()
+        if reports:
+            parts["reports"] = serve_reports(self.report)
+        tasks = [self.incidents.watched(what, part) for what, part in parts.items()]
+        try:
+            await self._first_view()
+            await self.listen()
+            await self.begin()
+            serving = asyncio.create_task(server.serve())
+            while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn offers no event for it
+                await asyncio.sleep(0.01)
+            if server.started:
+                gc.collect()
+                gc.freeze()  # else each full collection looks at all that was built at start, while an arm moves
+                sys.stdout.write(json.dumps({"ready": True, "audience": self.config.audience}) + "\n")
+                sys.stdout.flush()
+            await asyncio.wait({serving, asyncio.create_task(self.ended.wait())}, return_when=asyncio.FIRST_COMPLETED)
+            await self.stand()
+            server.should_exit = True
+            await serving
+        finally:
+            await self.close()
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            with contextlib.suppress(OSError):  # what the last mark says is at most a period old
+                await asyncio.to_thread(self.clock.keep)
+            await self.release()
+            self.edge.close()
+            await self.http.aclose()
+            self.journal.close()
+
+    def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
+        """What runs as long as it serves, by name."""
+        keeping = self.clock.run(
+            failed=lambda error: self.incidents.tell("clock", error), set_back=self._clock_incident
+        )
+        return {"feed": self.follower.run(), "ledger": self.shipper.run(), "clock": keeping}
+
+    async def report(self) -> dict[str, object]:
+        """How things stand, for who started it."""
+        return {"view": view_of(self.follower)}
+
+    async def listen(self) -> None:
+        """What must be heard before anybody is served is heard. The first verified views are there."""
+
+    async def begin(self) -> None:
+        """What is served beside the door is there."""
+
+    async def stand(self) -> None:
+        """Nothing moves any more."""
+
+    async def close(self) -> None:
+        """What was composed beside these parts has ended, and nothing moves."""
+
+    async def release(self) -> None:
+        """What was listened to is let go, after everything else has ended and before the last record is written."""
+
+    async def _first_view(self) -> None:
+        """The first verified views are there and proofs made now are accepted, or it was waited long enough."""
+        deadline_ms = self.clock.monotonic_ms() + int(FIRST_VIEW_S * 1000)
+        while not self.ended.is_set() and self.clock.monotonic_ms() < deadline_ms:
+            ages_ms = self.follower.view().age_ms, self.follower.conduct().age_ms
+            if max(ages_ms) < FIRST_VIEW_S * 1000 and self.clock.wall_s() >= self.started_s:
+                return
+            await asyncio.sleep(0.02)
+
+    # -- what goes wrong beside requests
+
+    def _feed_incident(self, error: PepError) -> None:
+        """A refused answer is on record; an unreachable provider is only told."""
+        self.incidents.tell("feed", error)
+        if error.code is not PepFault.FEED_UNREACHABLE and self.incidents.first("record", error.code):
+            self._note({"what": "feed", "fault": str(error.code), "detail": error.detail})
+
+    def _clock_incident(self, held_s: float) -> None:
+        self._note({"what": "clock", "fault": str(PepFault.CLOCK_SET_BACK), "held_s": int(held_s)})
+
+    def _note(self, body: dict[str, object]) -> None:
+        self.incidents.watched("journal", self.edge.record("incident", body))
+
+
+def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
+    """The process of an enforcement point: it serves, and ends. Exit code 1 for whatever keeps it from serving."""
+    # The watch looks every few ms: whoever else computes hands the interpreter over within one (5 by default).
+    sys.setswitchinterval(SWITCH_S)
+    # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    # Before MCPServer does, which would hide our warnings; its own, of what strangers send, stay hidden.
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
+    logging.getLogger("mcp").setLevel(logging.ERROR)
+    status = 1
+    try:
+        asyncio.run(serve())
+        status = 0
+    except PepError as error:
+        sys.stderr.write(f"{error}\n")
+    except Exception:  # noqa: BLE001 - whatever it is, the process ends, and says why where somebody still reads
+        with contextlib.suppress(OSError):
+            traceback.print_exc()
+    finally:
+        # A thread inside ur_rtde that still waits for a controller that is gone would be joined for ever; and whoever
+        # read what we say may be gone, too.
+        for stream in (sys.stdout, sys.stderr):
+            with contextlib.suppress(OSError):
+                stream.flush()
+        os._exit(status)

@@ -1,0 +1,72 @@
+"""The configuration of a robot's gateway: that of its cell, and where it listens in the controller's place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+from pep.base.errors import ConfigError, PepFault
+from ztpm.point.cell_config import CellConfig, check_port, check_url, is_loopback, read_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GatewayConfig(CellConfig):
+    """`gateway.toml`, checked: the keys of `cell.toml`, and these.
+
+    `audience` is that of the cell: authority is about what is done with the robot, not about the way there. `host` and
+    `port` are those of the door for leases, `robot_host` is the controller.
+
+    Attributes:
+        url: canonical URL of the door; the `htu` of openings.
+        calls_url: canonical URL at which tool servers' calls are taken.
+        listen_host: address that has the controller's ports for everybody.
+        carriage_port: where leases are carried, on `host`.
+    """
+
+    url: str
+    calls_url: str
+    listen_host: str
+    carriage_port: int
+
+    def check(self) -> None:
+        """Nothing in it is insecure.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`, naming the key.
+        """
+        CellConfig.check(self)  # a class with slots is another one than `super()` knows
+        check_url("url", self.url)
+        check_url("calls_url", self.calls_url)
+        if urlsplit(self.url).scheme == "http" and not is_loopback(self.host):
+            raise ConfigError(PepFault.CONFIG_INVALID, "host: plain HTTP on loopback only")
+        check_port("carriage_port", self.carriage_port)
+        if self.listen_host == self.robot_host:
+            raise ConfigError(PepFault.CONFIG_INVALID, "listen_host is the controller's own address")
+
+
+def read_robot_config(path: Path) -> CellConfig:
+    """The configuration at `path` of whoever has the robot: a gateway, or a tool server without one.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
+    text = read_text(path)
+    try:
+        return GatewayConfig.from_toml(text)
+    except ConfigError:
+        if any(line.startswith("listen_host") for line in text.splitlines()):
+            raise
+        return CellConfig.from_toml(text)
+
+
+def read_gateway_config(path: Path) -> GatewayConfig:
+    """The configuration at `path`.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
+    return GatewayConfig.from_toml(read_text(path))

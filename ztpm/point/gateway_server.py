@@ -1,0 +1,415 @@
+"""The gateway of one robot: perception, feeds, gate, tools, motion lease and the controller's ports in one process.
+
+    python -m ztpm.point.gateway_server --config gateway.toml [--robot HOST] [--listen HOST]
+
+Everybody finds the robot's state, and a stop, at the controller's ports on `listen_host`. Whoever has the motion lease
+finds the same ports at the end of its carriage, and there what its token allows, command by command. While nobody has
+it, the cell's tools have the arm, over lines of their own to the same ports. The passphrase of the PEP's key comes from
+the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready": true`. SIGTERM stops the arm
+first and everything else after it. With `--reports` it tells whoever started it how things stand
+(ztpm/base/report_server.py).
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+from urllib.parse import urlsplit
+
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.chain import Chain
+from pep.base.errors import ConfigError, JournalError, PepFault
+from pep.base.stop_model import SAFE_MODES
+from pep.base.thread_priority import goes_first
+from pep.mcp.mapping import ARM_TOOLS
+from pep.mcp.ticket_layer import TicketLayer
+from pep.rtde.judge.command_judge import LeasedJudge
+from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.judge.execution import LeasedEffects
+from pep.rtde.lease.lease import Ending, Leases
+from pep.rtde.lease.lease_endpoint import Door
+from pep.rtde.lease.lease_port import LeasePort
+from pep.rtde.line.controller_ports import LeasedPorts
+from pep.rtde.line.gateway import Gateway
+from pep.rtde.line.lease_stop import Rung
+from pep.rtde.motion.permitted_control import PermittedControl
+from pep.rtde.own.tool_lease import OwnLease, OwnLines
+from pep.rtde.robot.dashboard import RemoteControl
+from pep.rtde.robot.gripper import RobotiqGripper
+from pep.rtde.robot.telemetry import Telemetry
+from pep.rtde.script.control_script import allow_list, installed_body
+from pep.watch.watch import Limits, Watch
+from pep.world.cell_stream import CellStream
+from policies.primitives.tools import RUNNING
+from ztpm.base.path_router import ByPath
+from ztpm.point.arm_tools import ArmTools
+from ztpm.point.enforcement_point import main_of
+from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
+from ztpm.point.robot import confirm_kinematics, found_holding, readiness
+from ztpm.point.robot_point import RobotPoint, opened_cell
+
+if TYPE_CHECKING:
+    import httpx2
+
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.keys.trust import TrustBundle
+    from capabilities.statements.cell import Cell
+    from pep.rtde.lease.lease import Lease
+    from pep.rtde.robot.judge_port import Held, Holder
+    from pep.rtde.wire.refusal import Refused
+    from policies.decide.policy import PolicySet
+    from policies.words.reason_table import Reason
+
+LOOK_S: Final = 0.1
+"""How often the open lease is asked whether its token still holds; revocations reach a view as fast while it moves."""
+FAREWELL_S: Final = 0.1
+"""Between what a program is told of its lease's end and the end of its connections; ur_rtde looks every few ms."""
+STANDS_S: Final = 6.0
+"""Longest wait for standstill at the end."""
+EQUIPPED_S: Final = 10.0
+"""Longest wait for the tools to have the arm at the beginning; it takes half a second."""
+VACATING: Final = "lease"
+"""Holds the slot while the tools let go of the arm."""
+
+
+class GatewayServer(RobotPoint):
+    """All parts of one gateway, composed. To be made on the event loop that it runs on.
+
+    Args:
+        config: of the gateway.
+        survey: the signed cell file, verified and in force.
+        trust: the issuer's public keys.
+        key: of this PEP.
+        policies: what is decided by.
+        http: client of the identity provider.
+    """
+
+    def __init__(
+        self,
+        config: GatewayConfig,
+        *,
+        survey: Cell,
+        trust: TrustBundle,
+        key: PrivateKey,
+        policies: PolicySet,
+        http: httpx2.AsyncClient,
+    ) -> None:
+        super().__init__(config, survey=survey, trust=trust, key=key, http=http)
+        self._listen_host, self._carriage_port = config.listen_host, config.carriage_port
+        gripper = RobotiqGripper(config.robot_host)
+        found_holding(self.holding, gripper)
+        self._loop = asyncio.get_running_loop()
+        self.ports = LeasedPorts(
+            config.robot_host,
+            self,
+            scripts=allow_list(installed_body),
+            stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
+            clock=self.clock,
+            closed=self._left,
+            stopped=self._stopped,
+        )
+        telemetry, remote = Telemetry(config.robot_host), RemoteControl(config.robot_host)
+        # Without its connection no program of a lease runs, and none of ours.
+        ready = partial(readiness, telemetry, remote, commanding=lambda: True, robot=self.robot, holding=self.holding)
+        self.readiness = ready(self.ports)
+        self.leases = Leases()
+        self.own = OwnLines(
+            self.ports,
+            fitted=self._fitted,
+            free=lambda: self.leases.current is None,
+            able=self._able,
+            failed=lambda error: self.incidents.tell("own lines", error),
+        )
+        if config.calibration_file is not None:
+            confirm_kinematics(self.readiness)
+        # It compiles what its steps ask when it is made, or reads what was compiled before.
+        self._stream(frozenset()).see(self.state.read().q_rad)
+        self.judging = ThreadPoolExecutor(1, "rest")
+        self.control = PermittedControl(
+            self.own.control,
+            audience=config.audience,
+            clock=self.clock,
+            raise_refusals=True,
+            stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
+        )
+        self.tools = ArmTools.of(
+            self,
+            control=self.control,
+            io=self.own.switches,
+            gripper=gripper,
+            telemetry=telemetry,
+            judging=self.judging,
+        )
+        self.gate = self.gated(policies, slot=self.tools.devices, readiness=self.readiness)
+        tools_app = self.tools.app(self, self.gate.with_readiness(ready(self.own)), key)
+        stopper = _Stopper(self.ports, self._loop)
+        self.judging_commands = LeasedJudge(
+            gate=self.gate,
+            effects=LeasedEffects(
+                acts=self.physics,
+                remaining=self.physics,
+                certifying=self._stream,
+                watching=partial(
+                    Watch, views=self.frames, limits=Limits.of(self.cell), clock=self.clock, submit=self.judging.submit
+                ),
+                hurry=self.follower.hurry,
+                state=self.state,
+                stopper=stopper,
+                record=self.gate.record,
+                parameters=policies.parameters,
+                audience=config.audience,
+                clock=self.clock,
+            ),
+            asks=self.asks,
+            registry=self.follower,
+            stopper=stopper,
+            fitted=self._fitted,
+            audience=config.audience,
+            clock=self.clock,
+        )
+        self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, begun=self.gate.looked, ended=self._ended)
+        self.gateway = Gateway(self.ports)
+        door = Door(
+            leases=self.leases,
+            authority=self.authority,
+            clock=self.clock,
+            journal=self.journal,
+            caps=CAPS,
+            url=config.url,
+            audience=config.audience,
+            signer=key,
+            port=config.carriage_port,
+            lease_ms=policies.parameters.lease_motion_ms,
+            vacated=self._vacated,
+        ).app()
+        # Nobody reaches the tools but by a tool server, whoever calls.
+        calls = TicketLayer(
+            tools_app,
+            edge=self.gate,
+            bindings=ARM_TOOLS,
+            peps=self.follower.peps,
+            feed=self.follower,
+            replay=self.replay,
+            audience=config.audience,
+            url=config.calls_url,
+            clock=self.clock,
+            caps=CAPS,
+        )
+        self.app = ByPath(calls, {urlsplit(config.url).path: door})
+        self._lease_ms = policies.parameters.lease_motion_ms
+        self._tasks: list[asyncio.Task[object]] = []
+        self._notes: set[asyncio.Task[None]] = set()
+
+    async def begin(self) -> None:
+        """The controller's ports are here.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`: an address or a port of them cannot be had.
+        """
+        await self.ports.begin()
+        try:
+            await self.carriages.listen(self.config.host, self._carriage_port)
+            await self.gateway.listen(self._listen_host)
+        except OSError as error:
+            raise ConfigError(PepFault.CONFIG_INVALID, f"host, listen_host: {error.strerror}") from error
+        self._tasks = [
+            self.incidents.watched("leases", self._look()),
+            self.incidents.watched("own lines", self.own.keep()),
+        ]
+        await self._equipped()
+        goes_first()  # what was slow to make is made: what it does from now on a program waits for
+
+    async def stand(self) -> None:
+        """The lease is over, and the arm stands still."""
+        self.gateway.close()
+        await self._end(Ending.GATEWAY)
+        await self.tools.devices.stop()
+        await self.carriages.close()
+        await self.judging_commands.close()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(STANDS_S):
+                while not self.ports.ladder.over:  # noqa: ASYNC110 - the arm itself sets no event
+                    await asyncio.sleep(LOOK_S)
+
+    async def close(self) -> None:
+        """The connections to the robot have ended."""
+        await self.tools.close()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._notes, return_exceptions=True)
+        self.ports.close()
+        self.judging.shutdown(wait=False, cancel_futures=True)
+        self.readiness.close()
+
+    # ---- the judge of the ports, which are there before it
+
+    def judge(self, held: Held) -> None:
+        """See `Judge.judge`."""
+        (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).judge(held)
+
+    def withdrawn(self, held: Held) -> None:
+        """See `Judge.withdrawn`."""
+        (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).withdrawn(held)
+
+    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+        """See `Judge.refused`."""
+        (self.own if isinstance(holder, OwnLease) else self.judging_commands).refused(holder, refused, what)
+
+    # ---- the tools' own lines
+
+    def _able(self) -> bool:
+        """Whether the arm could move: powered, no safety stop, remote control."""
+        robot = self.readiness.reading()
+        return robot.robot_mode == RUNNING and robot.safety_mode in SAFE_MODES and robot.remote_control is True
+
+    def _vacated(self) -> bool:
+        """Whether the tools have let go of the arm: they are moving nothing, and are about to move nothing."""
+        if not self.tools.devices.reserve(VACATING):
+            return False
+        try:
+            self.own.give_way()
+        finally:
+            self.tools.devices.release(VACATING)
+        return True
+
+    async def _equipped(self) -> None:
+        """The tools have the arm, or it was waited long enough: an arm that is switched off has its gateway too."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(EQUIPPED_S):
+                while not self.own.up:  # noqa: ASYNC110 - a look at the controller, which sets no event
+                    await asyncio.sleep(FAREWELL_S)
+
+    def _stopped(self) -> None:
+        """Somebody has stopped the arm past the tools: what they were about to do is not done."""
+        self.control.note_stop()
+
+    # ---- the lease
+
+    def _left(self, holder: Holder, ending: Ending) -> None:
+        """The control connection of a lease has ended."""
+        if isinstance(holder, OwnLease):
+            self.own.give_way()
+        else:
+            self.carriages.end(ending)
+
+    def _stream(self, touch: frozenset[str]) -> CellStream:
+        return CellStream(holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
+
+    def _fitted(self) -> Fitted:
+        return Fitted((*self.robot.tool.tcp_m, 0.0, 0.0, 0.0), self.holding.carried_kg, self.holding.centre_m)
+
+    def _ended(self, lease: Lease, ending: Ending) -> None:
+        self.ports.over(lease, ending)
+        chain = lease.credentials.chain
+        body = {
+            "at": self.clock.wall_s(),
+            "agent": lease.agent,
+            "hop": chain.leaf.hop_id if isinstance(chain, Chain) else "",
+            "ending": str(ending),
+        }
+        task = asyncio.get_running_loop().create_task(self._noted(body))
+        self._notes.add(task)
+        task.add_done_callback(self._notes.discard)
+
+    async def _noted(self, body: dict[str, object]) -> None:
+        with contextlib.suppress(JournalError):  # the lease is over either way
+            await self.gate.record("lease-ended", body)
+
+    async def _look(self) -> None:
+        """A lease ends when its token does, or when nobody can tell any more whether that holds."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            try:
+                self.carriages.look()
+                if not self._stands():
+                    await self._end(Ending.AUTHORITY)
+            except Exception as error:  # noqa: BLE001 - who looks goes on looking
+                self.incidents.tell("leases", error)
+
+    def _stands(self) -> bool:
+        """Whether the token of the open lease does, if there is one."""
+        lease = self.leases.current
+        token = None if lease is None else lease.credentials.token
+        if token is None:
+            return True
+        try:
+            return isinstance(self.authority.verify(token, lease_ms=self._lease_ms), Chain)
+        except Exception:  # noqa: BLE001 - a verification that breaks has not verified
+            return False
+
+    async def _end(self, ending: Ending) -> None:
+        """The lease is over, if there is one, and its program knows."""
+        lease = self.leases.current
+        if lease is not None:
+            try:
+                self.ports.over(lease, ending)
+                await asyncio.sleep(FAREWELL_S)
+            finally:
+                if self.leases.current is lease:
+                    self.carriages.end(ending)
+
+
+class _Stopper:
+    """`pep.rtde.robot.judge_port.Stopper` over the ports, from any thread."""
+
+    def __init__(self, ports: LeasedPorts, loop: asyncio.AbstractEventLoop) -> None:
+        self._ports = ports
+        self._loop = loop
+
+    def stop(self, reason: Reason) -> None:  # noqa: ARG002 - whoever asks has it on record
+        """See `Stopper.stop`."""
+        self._loop.call_soon_threadsafe(self._ports.stop, Rung.PROGRAM)
+
+    @property
+    def stopped_ms(self) -> int | None:
+        """See `Stopper.stopped_ms`."""
+        return self._ports.stopped_ms
+
+
+async def serve(config: GatewayConfig, *, reports: bool = False) -> None:
+    """The gateway has run and ended, the arm standing still.
+
+    Args:
+        config: of it.
+        reports: it has told of itself.
+
+    Raises:
+        PepError: when a part cannot be had; nothing was served then.
+    """
+    server = GatewayServer(config, **opened_cell(config))
+    server.recover()
+    await server.run(reports=reports)
+
+
+def main() -> None:
+    """The command line. Exit code 1 for whatever keeps it from serving."""
+    parser = argparse.ArgumentParser(
+        prog="python -m ztpm.point.gateway_server", description="The gateway of one robot."
+    )
+    parser.add_argument("--config", type=Path, required=True)
+    parser.add_argument("--robot", help="address of the controller, in place of robot_host")
+    parser.add_argument("--listen", help="address to listen on as the controller, in place of listen_host")
+    parser.add_argument("--reports", action="store_true", help="answer questions on standard input")
+    options = parser.parse_args()
+
+    async def served() -> None:
+        config = read_gateway_config(options.config)
+        config = replace(
+            config,
+            robot_host=options.robot or config.robot_host,
+            listen_host=options.listen or config.listen_host,
+        )
+        config.check()
+        await serve(config, reports=options.reports)
+
+    main_of(served)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,167 @@
+"""The robot's side of a cell, composed: a connection whose program, payload and tool are ours, and its readiness."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.values.units import Unit
+from pep.base.errors import ConfigError, PepError, PepFault, RobotError
+from pep.pit import NOMINAL_ERROR_M
+from pep.pit.calibration import own_kinematics
+from pep.rtde.motion.permitted_control import PermittedControl
+from pep.rtde.robot.readiness import OWN_POSE_M, RobotReadiness, equip
+from pep.world.world import tool_position
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.base.ports import Clock
+    from pep.pit import CellParameters, Robot
+    from pep.rtde.robot.dashboard import RemoteControl
+    from pep.rtde.robot.gripper import Grip, RobotiqGripper
+    from pep.rtde.robot.program import ProgramWatch
+    from pep.rtde.robot.readiness import Program
+    from pep.rtde.robot.telemetry import Telemetry
+    from pep.world.held_object import Holding
+    from pep.world.world import CellPhysics
+
+PROGRAM_S: Final = 1.0
+"""Longest wait for the controller to tell on another port what we did on this one; it takes some milliseconds."""
+
+
+def connect(host: str) -> Any:
+    """A control connection with the uploaded script running.
+
+    Raises:
+        PepError: `ROBOT_UNREACHABLE`.
+    """
+    from rtde_control import RTDEControlInterface
+
+    try:
+        return RTDEControlInterface(host)
+    except RuntimeError as error:
+        raise PepError(PepFault.ROBOT_UNREACHABLE, str(error)) from error
+
+
+def connect_outputs(host: str) -> Any:
+    """A connection that owns the controller's digital outputs.
+
+    Raises:
+        PepError: `ROBOT_UNREACHABLE`, also when somebody else owns them.
+    """
+    from rtde_io import RTDEIOInterface
+
+    try:
+        return RTDEIOInterface(host)
+    except RuntimeError as error:
+        raise PepError(PepFault.ROBOT_UNREACHABLE, str(error)) from error
+
+
+def commanded(
+    raw: Any,
+    program: ProgramWatch,
+    robot: Robot,
+    cell: CellParameters,
+    holding: Holding,
+    *,
+    audience: str,
+    clock: Clock,
+) -> PermittedControl:
+    """The guarded control connection: its script running and ours, the controller reckoning with our payload and tool.
+
+    Args:
+        raw: `RTDEControlInterface`; keep no reference to it.
+        program: listening since before the script was uploaded.
+        robot: its model, with the tool that it carries.
+        cell: its parameters.
+        holding: what it holds at the start.
+        audience: canonical URL of the server that decides.
+        clock: both clocks.
+
+    Raises:
+        RobotError: the controller does not take payload or tool.
+    """
+    equip(raw, payload_kg=holding.carried_kg, centre_m=holding.centre_m, tcp_m=robot.tool.tcp_m)
+    # A script that is not seen to start is not known to be ours: then every motion is denied, and says so.
+    program.claim(within_s=PROGRAM_S)
+    return PermittedControl(
+        raw,
+        audience=audience,
+        clock=clock,
+        raise_refusals=True,
+        stop_deceleration_rad_s2=cell.stop_deceleration_rad_s2,
+    )
+
+
+def found_holding(holding: Holding, gripper: RobotiqGripper) -> None:
+    """What the fingers hold since before this process began is known to be something, if they say so.
+
+    A gripper that does not answer, or is not active, says nothing: it moves nothing either until it is made ready, and
+    that commits what it holds.
+    """
+    with contextlib.suppress(RobotError):
+        if gripper.holds():
+            holding.closed_on_unknown()
+
+
+def readiness(
+    telemetry: Telemetry,
+    remote: RemoteControl,
+    program: Program,
+    commanding: Callable[[], bool],
+    *,
+    robot: Robot,
+    holding: Holding,
+) -> RobotReadiness:
+    """The robot's readiness, by connections beside the one that commands it.
+
+    Args:
+        telemetry: of the controller.
+        remote: of the controller.
+        program: what the controller runs; a `ProgramWatch` that has claimed it, say.
+        commanding: whether the connection that commands stands.
+        robot: its model.
+        holding: what it holds.
+    """
+    return RobotReadiness(
+        telemetry=telemetry,
+        remote=remote,
+        program=program,
+        commanding=commanding,
+        tool_position=partial(tool_position, robot),
+        tcp_m=robot.tool.tcp_m,
+        pose_m=NOMINAL_ERROR_M if own_kinematics(robot.model) is None else OWN_POSE_M,
+        expected_payload_g=lambda: round(holding.carried_kg * Unit.GRAM.per_si),
+    )
+
+
+def confirm_kinematics(readiness: RobotReadiness) -> None:
+    """The controller has the tool where the arm's own kinematics have it.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`: it has not, so the calibration is another arm's, or has another tool than the
+            model.
+        RobotError: the controller does not tell.
+    """
+    if not readiness.confirmed(within_s=PROGRAM_S):
+        raise ConfigError(PepFault.CONFIG_INVALID, "calibration_file: the controller has the tool elsewhere")
+
+
+async def committed(physics: CellPhysics, control: PermittedControl, holding: Holding, grip: Grip) -> None:
+    """What the gripper holds after a grip is committed, and the controller reckons with it.
+
+    A controller that does not take the new payload contradicts what is committed, and TEA-5 denies every motion.
+    """
+
+    def commit() -> None:
+        before = holding.carried_kg
+        try:
+            physics.grip_ended(on_something=grip.object, arrived=grip.arrived)
+        finally:
+            if holding.carried_kg != before:
+                control.carries(holding.carried_kg, holding.centre_m)
+
+    await asyncio.to_thread(commit)

@@ -1,0 +1,198 @@
+"""What an enforcement point with a robot is made of: sensors, people, physics and a gate on top of what each has."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.base.clock import SystemClock
+from pep.gate import records
+from pep.gate.gate import Gate
+from pep.gate.observe_only import Marked
+from pep.people.ask_composer import Asker
+from pep.people.asks import Asks
+from pep.perception.receiver import Receiver
+from pep.perception.sensor_frames import Frames
+from pep.pit import surveyed
+from pep.pit.engine import chosen
+from pep.provider.ask_client import Asking
+from pep.rtde.command.limits import Ur3eLimits
+from pep.rtde.robot.state_receiver import ReceivedState
+from pep.world.held_object import Holding
+from pep.world.sequence import Sequence
+from pep.world.world import CellPhysics
+from ztpm.point.cell_config import read_cell, read_robot
+from ztpm.point.enforcement_point import EnforcementPoint, Opened, opened
+from ztpm.point.robot_report import report_of
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+    import httpx2
+
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.keys.trust import TrustBundle
+    from capabilities.statements.cell import Cell
+    from pep.base.ports import Journal, MotionSlot, Readiness
+    from pep.gate.observe_only import Simulated
+    from pep.request.edge import Edge
+    from policies.decide.policy import PolicySet
+    from ztpm.point.cell_config import CellConfig
+
+
+class OpenedCell(Opened):
+    """What an enforcement point with a robot is made with besides its configuration: read, verified and in force."""
+
+    survey: Cell
+
+
+def opened_cell(config: CellConfig) -> OpenedCell:
+    """What the configuration names.
+
+    Raises:
+        PepError: one of them cannot be had, or must not be believed.
+    """
+    survey = read_cell(config, at=SystemClock().wall_s())
+    return OpenedCell(survey=survey, **opened(config))
+
+
+class RobotPoint(EnforcementPoint):
+    """The parts that every enforcement point with a robot has, composed.
+
+    Args:
+        config: of it.
+        survey: the signed cell file, verified and in force.
+        trust: the issuer's public keys.
+        key: of this PEP.
+        http: client of the identity provider.
+        unsafe_observe: the simulated controller, where nothing is to be enforced; None enforces.
+
+    Attributes:
+        robot: the arm's model, with its tool and empty fingers.
+        gate: made by whoever is one.
+    """
+
+    config: CellConfig
+    gate: Gate
+
+    def __init__(
+        self,
+        config: CellConfig,
+        *,
+        survey: Cell,
+        trust: TrustBundle,
+        key: PrivateKey,
+        http: httpx2.AsyncClient,
+        unsafe_observe: Simulated | None = None,
+    ) -> None:
+        super().__init__(config, trust=trust, key=key, http=http)
+        self._unsafe_observe = unsafe_observe
+        self.cell = surveyed(survey, config.cell)
+        self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
+        self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
+        self.state = ReceivedState(config.robot_host)
+        chosen()  # compiled before anybody may ask: a minute or more the very first time, a second from then on
+        self.robot = read_robot(config, tool=survey.tool)
+        self.holding = Holding(self.robot, self.cell)
+        self.physics = CellPhysics(
+            holding=self.holding,
+            cell=self.cell,
+            valid_until_s=survey.not_after,
+            frames=self.frames,
+            state=self.state,
+            clock=self.clock,
+        )
+        asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)
+        self.asks = Asks(
+            clock=self.clock,
+            journal=self.marked,
+            timeout_ms=config.defer_timeout_s * 1000,
+            asker=asker,
+            approvers=self.follower,
+            caps=CAPS,
+        )
+        self.asking = Asking(
+            self.asks,
+            self.http,
+            asker=asker,
+            trust=trust,
+            caps=CAPS,
+            clock=self.clock,
+            incident=self._feed_incident,
+        )
+
+    @property
+    def edge(self) -> Edge:
+        """The gate."""
+        return self.gate
+
+    @property
+    def marked(self) -> Journal:
+        """The journal; where nothing is enforced, every record says so."""
+        return self.journal if self._unsafe_observe is None else Marked(self.journal)
+
+    def gated(self, policies: PolicySet, *, slot: MotionSlot, readiness: Readiness) -> Gate:
+        """The gate over these parts.
+
+        Args:
+            policies: what is decided by.
+            slot: one motion at a time.
+            readiness: of the robot.
+        """
+        return Gate(
+            clock=self.clock,
+            authority=self.authority,
+            registry=self.follower,
+            limits=Ur3eLimits(),
+            slot=slot,
+            readiness=readiness,
+            sequence=Sequence(self.clock),
+            physics=self.physics,
+            policies=policies,
+            journal=self.journal,
+            asks=self.asks,
+            announcer=self.asking,
+            unsafe_observe=self._unsafe_observe,
+        )
+
+    def recover(self) -> None:
+        """What an earlier process left unfinished has an end on record, and what it accepted is not accepted again."""
+        permits = records.unfinished(self.journal.records())
+        self.asks.recover(self.journal.records())
+        self.gate.conduct.recall(self.journal.records())
+        super().recover()
+        for request_id, digest in permits:
+            self.journal.append("outcome", {"request_id": request_id, "decision": digest, "outcome": "unknown"})
+        self.asks.expire()
+
+    def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
+        """What runs as long as it serves, by name."""
+        return {**super().beside(), "asking": self.asking.run()}
+
+    async def report(self) -> dict[str, object]:
+        """How things stand: robot, perception and revocation view."""
+        sensors = {**self.physics.summary(), "sensors": sorted(self.follower.sensors())}
+        now_ms, view = self.clock.monotonic_ms(), self.frames.view()
+        told = await report_of(self.robot, self.cell, self.state, sensors, view, at_ms=now_ms)
+        return {**told, **await super().report()}
+
+    async def listen(self) -> None:
+        """The sensors are heard."""
+        # Not before: a frame is judged by the registered keys, and without them every sensor is a stranger.
+        await self.receiver.listen(self.config.host, self.config.perception_port)
+
+    async def stand(self) -> None:
+        """The arm stands still."""
+        raise NotImplementedError
+
+    async def close(self) -> None:
+        """What was composed beside these parts has ended, the arm standing still."""
+        raise NotImplementedError
+
+    async def release(self) -> None:
+        """Neither sensors nor the robot are listened to."""
+        await self.receiver.close()
+        self.state.close()
+
+    def _frame_incident(self, sensor: str, fault: str, detail: str, count: int) -> None:
+        self._note({"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count})

@@ -1,0 +1,40 @@
+"""The configuration of a tool server without a robot: that of every enforcement point, and where the gateway is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ztpm.point.point_config import PointConfig, check_url, read_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DoorConfig(PointConfig):
+    """`door.toml`, checked: the keys of every enforcement point, and this one.
+
+    Attributes:
+        gateway_url: canonical URL at which the robot's gateway takes calls; plain HTTP on loopback only.
+    """
+
+    gateway_url: str
+
+    def check(self) -> None:
+        """Nothing in it is insecure.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`, naming the key.
+        """
+        PointConfig.check(self)  # a class with slots is another one than `super()` knows
+        check_url("gateway_url", self.gateway_url)
+
+
+def read_door_config(path: Path) -> DoorConfig:
+    """The configuration at `path`.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`.
+    """
+    return DoorConfig.from_toml(read_text(path))

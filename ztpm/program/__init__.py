@@ -1,0 +1,1 @@
+"""Programs in a motion lease: the lease opened, the robot's ports brought to the program."""

@@ -1,0 +1,211 @@
+"""A program in a motion lease: the lease is opened, its carriage brought, and the robot's ports are there for it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import re
+import secrets
+import signal
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+from urllib.parse import urlsplit
+
+import httpx2
+
+from capabilities.proof import session_opening as session
+from capabilities.proof.key_agreement import KEY_BYTES, NONCE_BYTES
+from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import Fault
+from pep.base.clock import SystemClock
+from pep.base.thread_priority import goes_first
+from pep.rtde.lease.lease import ID_BYTES
+from pep.rtde.lease.lease_endpoint import LOSSLESS
+from policies.words.reason_table import REASONS, Reason
+from ztpm.base.parent_watch import ends_with_parent
+from ztpm.program.program_ports import ProgramPorts
+from ztpm_idp.client import direct_http
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.proof.session_frames import Session
+    from pep.rtde.lease.lease import Ending
+
+VARIABLE: Final = "ZTPM_ROBOT"
+"""Where a program finds the robot's address."""
+PLACE: Final = "{robot}"
+"""Stands for the address in a program's command."""
+TIMEOUT_S: Final = 10.0
+JTI_BYTES: Final = 16
+ANSWER_BYTES: Final = 4_096
+KILLED: Final = 128
+"""A shell tells the signal that ended a program so, added to its number."""
+_ID: Final = re.compile(f"[0-9a-f]{{{2 * ID_BYTES}}}")
+
+
+class LeaseError(Exception):
+    """There is no lease.
+
+    Attributes:
+        code: the gateway's reason, or our own.
+        detail: a sentence.
+        refused: whether the gateway said so; else it could not be asked, or was not believed.
+    """
+
+    def __init__(self, code: str, detail: str, *, refused: bool) -> None:
+        super().__init__(f"{code}: {detail}")
+        self.code = code
+        self.detail = detail
+        self.refused = refused
+
+
+@dataclass(frozen=True, slots=True)
+class Leased:
+    """A lease that is open and not carried yet.
+
+    Attributes:
+        id: names it to the gateway, and is a secret.
+        session: the holder's end.
+        gateway: host and port where it is to be carried.
+    """
+
+    id: bytes
+    session: Session
+    gateway: tuple[str, int]
+
+
+def open_lease(url: str, audience: str, token: str, key: PrivateKey, *, gateway_key: bytes) -> Leased:
+    """The motion lease of one robot, if nobody else has it.
+
+    Args:
+        url: canonical, of the gateway's door.
+        audience: canonical URL of the cell, as the token names it.
+        token: its text.
+        key: of the token's leaf hop.
+        gateway_key: raw public key of the robot's enforcement point, from the registry.
+
+    Raises:
+        LeaseError: it is refused, or the gateway cannot be reached or believed.
+    """
+    pending = session.begin(
+        key=key,
+        url=url,
+        audience=audience,
+        token=token,
+        verifier_key=gateway_key,
+        private=secrets.token_bytes(KEY_BYTES),
+        nonce=secrets.token_bytes(NONCE_BYTES),
+        at=int(time.time()),
+        jti=secrets.token_urlsafe(JTI_BYTES),
+    )
+    headers = {"Authorization": f"DPoP {token}", "DPoP": pending.proof, "Content-Type": "application/json"}
+    try:
+        with direct_http.client(TIMEOUT_S) as http:
+            answer = http.post(url, content=pending.body, headers=headers, follow_redirects=False)
+    except httpx2.HTTPError as error:
+        raise LeaseError("GATEWAY_UNREACHABLE", f"{url}: {type(error).__name__}", refused=False) from error
+    said = _members(answer.content)
+    if answer.status_code != 201:
+        raise LeaseError(*_refusal(said.get("reason"), f"{url} answers {answer.status_code}"), refused=True)
+    lease_id, text, port = said.get("lease"), said.get("session"), said.get("port")
+    if not (isinstance(lease_id, str) and isinstance(text, str) and type(port) is int and _ID.fullmatch(lease_id)):
+        raise LeaseError("GATEWAY_NOT_BELIEVED", "its answer has another form", refused=False)
+    opened = session.conclude(pending, text.encode(), at=time.time(), most_missing=LOSSLESS, caps=CAPS)
+    if isinstance(opened, Fault):
+        raise LeaseError("GATEWAY_NOT_BELIEVED", f"{opened.clause} {opened.detail}".strip(), refused=False)
+    return Leased(bytes.fromhex(lease_id), opened, (urlsplit(url).hostname or "", port))
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How it ended.
+
+    Attributes:
+        early: why the lease was over before it was given back, if it was.
+        status: the program's exit status, as a shell tells it; 0 where there was no program.
+    """
+
+    early: Ending | None
+    status: int
+
+
+async def lend(
+    leased: Leased, host: str, command: Sequence[str], *, begun: Callable[[], None], told: Callable[[str], None]
+) -> Ended:
+    """Serves the robot's ports at `host` until the lease or the program is over.
+
+    A program is told where in `VARIABLE`, and wherever `PLACE` stands in its command; SIGTERM and SIGINT are passed on
+    to it. A lease that ends before it closes its connections, as a robot that is switched off does, and the program is
+    left to notice; one whose program has ended is given back. The program does not outlive this process.
+
+    Args:
+        leased: just opened.
+        host: an address on this machine.
+        command: the program and its arguments; none, to serve until a signal.
+        begun: called once the ports are there.
+        told: is given each reason for which the gateway has refused something, a line of text. Must not wait: the lease
+            does meanwhile.
+
+    Raises:
+        OSError: the gateway cannot be reached, the address cannot be had, or the program cannot be started.
+    """
+    loop = asyncio.get_running_loop()
+    over: asyncio.Future[Ending] = loop.create_future()
+    ports = ProgramPorts(
+        leased.session, leased.id, clock=SystemClock(), user=os.getuid(), ended=over.set_result, told=told
+    )
+    stopped = asyncio.Event()
+    program: asyncio.subprocess.Process | None = None
+
+    def passed_on(number: signal.Signals) -> None:
+        stopped.set()
+        if program is not None:
+            with contextlib.suppress(ProcessLookupError):
+                program.send_signal(number)
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, passed_on, number)
+    try:
+        await ports.begin(gateway=leased.gateway, host=host)
+        goes_first()  # not the program: it is an ordinary one unless it says otherwise itself
+        if command:
+            place = os.environ | {VARIABLE: host}
+            program = await asyncio.create_subprocess_exec(
+                *(part.replace(PLACE, host) for part in command),
+                env=place,
+                preexec_fn=ends_with_parent(),
+            )
+        begun()
+        if program is None:
+            waiting = asyncio.create_task(stopped.wait())
+            await asyncio.wait((waiting, over), return_when=asyncio.FIRST_COMPLETED)
+            waiting.cancel()
+        else:
+            await program.wait()
+        early = over.result() if over.done() else None
+    finally:
+        ports.close()
+    status = 0 if program is None or program.returncode is None else program.returncode
+    return Ended(early, status if status >= 0 else KILLED - status)
+
+
+def _refusal(reason: object, otherwise: str) -> tuple[str, str]:
+    """Code and detail of a refusal: what is said of a reason everywhere, and `otherwise` of what is none."""
+    if isinstance(reason, str) and reason in Reason.__members__:
+        row = REASONS[Reason(reason)]
+        return reason, f"{row.text} {row.remedy}"
+    return "GATEWAY_FAILED", otherwise
+
+
+def _members(content: bytes) -> dict[str, object]:
+    """The members of an answer; none where it is no JSON object."""
+    try:
+        said = strict_json.read(content, limit_bytes=ANSWER_BYTES, limit_depth=1)
+    except strict_json.JsonError:
+        return {}
+    return said if isinstance(said, dict) else {}

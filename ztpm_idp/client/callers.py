@@ -1,0 +1,495 @@
+"""The identity provider as people's and agents' programs see it: every request is signed by the caller's key.
+
+Example::
+
+    operator = Operator("alice", key, "http://127.0.0.1:8700/ztpm")
+    planner = Agent("planner", planner_key, "http://127.0.0.1:8700/ztpm", measurement)
+    operator.register_agent("planner", planner_raw, software_digest=measurement.hex(), model="none", role="planner")
+    planner.attest()
+    lent = operator.issue(planner, scope, purpose="sweep the table")
+    narrower = planner.delegate(lent.token, mover, restriction, purpose="move the arm")
+"""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Self
+from urllib.parse import quote
+
+import httpx2
+import rfc8785
+
+from capabilities.keys.keys import b64u, public_raw, thumbprint
+from capabilities.statements import attestation, opening
+from capabilities.values.errors import StatementError
+from capabilities.values.scope_json import restriction_to_json, scope_to_json
+from ztpm_idp.client import direct_http, person_answers
+from ztpm_idp.client.signing import ProofAuth as ProofAuth  # noqa: PLC0414 - part of what this module offers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from types import TracebackType
+
+    from capabilities.keys.keys import PrivateKey
+    from capabilities.values.scope import Restriction, Scope
+
+TIMEOUT_S: Final = 30.0
+"""Longest wait for one answer."""
+
+
+class ClientError(Exception):
+    """The identity provider refused, or did not answer as it should.
+
+    Attributes:
+        code: the reason; `UNREACHABLE`, `ANSWER_MALFORMED` and `ASK_CHANGED` are this client's own.
+        status: HTTP status, 0 when there was no answer.
+        detail: for people.
+        explanation: of `NOT_NARROWER`: `places`, each with `nearest`, `could_narrow`, and `repaired`, the nearest
+            restriction that is accepted (`capabilities.values.explanation`).
+    """
+
+    def __init__(self, code: str, status: int, detail: str = "", explanation: dict[str, Any] | None = None) -> None:
+        super().__init__(f"{code} ({status}): {detail}")
+        self.code = code
+        self.status = status
+        self.detail = detail
+        self.explanation = explanation
+
+
+@dataclass(frozen=True, slots=True)
+class Issued:
+    """What was lent.
+
+    Attributes:
+        token: its text. It is not shown when this is printed; only the holder's key makes it useful, still keep it to
+            yourself.
+        token_id, hop_id: for revoking it.
+        expires_at: seconds since the epoch.
+    """
+
+    token: str = field(repr=False)
+    token_id: str
+    hop_id: str
+    expires_at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """An agent's evidence for one request, as it hands it to whoever delegates to it."""
+
+    agent: str
+    jws: str
+
+
+class _Caller:
+    """Requests by one registered key."""
+
+    def __init__(
+        self,
+        id: str,  # noqa: A002  the word of the wire
+        key: PrivateKey,
+        issuer: str,
+        *,
+        transport: httpx2.BaseTransport | None = None,
+        now: Callable[[], float] = time.time,
+    ) -> None:
+        self.id = id
+        self.issuer = issuer
+        self._key = key
+        self._now = now
+        self._http = direct_http.client(TIMEOUT_S, transport)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.id!r}, {self.issuer!r})"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Its connections are closed."""
+        self._http.close()
+
+    def auth(self, token: str | None = None) -> ProofAuth:
+        """Signs requests of any `httpx2` client, such as an MCP transport's, as this caller; presents `token`."""
+        return ProofAuth(self._key, token, now=self._now)
+
+    def revoke(self, kind: str, id: str, reason: str) -> int:  # noqa: A002  the word of the wire
+        """The thing is revoked for ever; the epoch at which it is.
+
+        Args:
+            kind: "token", "hop", "agent", "key", "sponsor" or "audience".
+            id: of that kind.
+            reason: for the ledger.
+        """
+        return int(self._post("/revocations", {"kind": kind, "id": id, "reason": reason})["epoch"])
+
+    def agents(self) -> list[dict[str, Any]]:
+        """Every registered agent.
+
+        Each has id, status, sponsor, role, model, software_digest, key, trust_permille, workload, `trust_by` (score in
+        permille by delegator, where it is not the prior) and `conduct` (`deviations`, `deviated_at`, `contracted`,
+        `samples`, `restored_at`; None when nothing was reported).
+        """
+        found: list[dict[str, Any]] = self._json(self._send("GET", "/agents", b"", None))
+        return found
+
+    def _post(self, path: str, body: Mapping[str, object], *, token: str | None = None) -> dict[str, Any]:
+        answer: dict[str, Any] = self._json(self._send("POST", path, rfc8785.dumps(dict(body)), token))  # type: ignore[arg-type]
+        return answer
+
+    def _send(self, method: str, path: str, content: bytes, token: str | None) -> httpx2.Response:
+        headers = {"Content-Type": "application/json"} if content else {}
+        try:
+            response = self._http.request(
+                method,
+                self.issuer + path,
+                content=content,
+                headers=headers,
+                auth=self.auth(token),
+                follow_redirects=False,
+            )
+        except httpx2.HTTPError as error:
+            raise ClientError("UNREACHABLE", 0, type(error).__name__) from error
+        if response.is_success:
+            return response
+        try:
+            problem = response.json()
+            code, detail, why = str(problem["code"]), str(problem.get("detail", "")), problem.get("explanation")
+        except (ValueError, KeyError, TypeError, AttributeError):
+            code, detail, why = "ANSWER_MALFORMED", "", None
+        raise ClientError(code, response.status_code, detail, why if isinstance(why, dict) else None)
+
+    def _json(self, response: httpx2.Response) -> Any:
+        try:
+            return response.json()
+        except ValueError:
+            raise ClientError("ANSWER_MALFORMED", response.status_code) from None
+
+    def _issued(self, answer: dict[str, Any]) -> Issued:
+        try:
+            return Issued(
+                str(answer["token"]), str(answer["token_id"]), str(answer["hop_id"]), int(answer["expires_at"])
+            )
+        except (KeyError, ValueError):
+            raise ClientError("ANSWER_MALFORMED", 201) from None
+
+
+class Agent(_Caller):
+    """An agent's side: it attests itself, receives authority and lends it on.
+
+    Args:
+        id, key, issuer: as registered.
+        measurement: SHA-256 over what it runs; must be the registered software digest.
+        workload: fetches a fresh workload token from the platform, for this identity provider and this key, as often as
+            evidence is made. None: evidence is of kind `key`, and no hop of it may carry tier 4.
+        transport: of `httpx2`, for tests.
+        now: wall clock, seconds since the epoch.
+    """
+
+    def __init__(
+        self,
+        id: str,  # noqa: A002  the word of the wire
+        key: PrivateKey,
+        issuer: str,
+        measurement: bytes,
+        *,
+        workload: Callable[[], str] | None = None,
+        transport: httpx2.BaseTransport | None = None,
+        now: Callable[[], float] = time.time,
+    ) -> None:
+        super().__init__(id, key, issuer, transport=transport, now=now)
+        self.measurement = measurement
+        self._workload = workload
+
+    def attest(self) -> None:
+        """The agent is active: it has shown its key and what it runs."""
+        self._post(f"/agents/{self.id}/attestations", {"evidence": self._evidence("", bytes(32))})
+
+    def evidence(self, delegator: str, request: Mapping[str, object]) -> str:
+        """Signed evidence, with a fresh nonce, for exactly this delegator and request. Good for one hop.
+
+        Args:
+            delegator: id of the sponsor or agent who will lend.
+            request: the request as it will be sent.
+        """
+        return self._evidence(delegator, hashlib.sha256(rfc8785.dumps(dict(request))).digest())  # type: ignore[arg-type]
+
+    def nonce(self) -> str:
+        """A fresh attestation nonce."""
+        return str(self._post("/nonces", {})["nonce"])
+
+    def delegate(self, token: str, delegate: Agent | Evidence, restriction: Restriction, *, purpose: str) -> Issued:
+        """A narrower token for another agent.
+
+        Args:
+            token: this agent's.
+            delegate: the other agent, when it lives in this program; else evidence that it made for the very same
+                request (see `delegate_request`).
+            restriction: what is taken away.
+            purpose: for the token and the ledger.
+
+        Raises:
+            ClientError: `NOT_NARROWER`, `DELEGATE_NOT_ALLOWED`, `HOP_NOT_ATTESTED`, `ATTESTATION_INVALID`,
+                `REVOKED` and other codes of the identity provider.
+        """
+        match delegate:
+            case Agent():
+                evidence = delegate.evidence(self.id, delegate_request(delegate.id, restriction, purpose=purpose))
+                return self.delegate_with(token, delegate.id, restriction, purpose=purpose, evidence=evidence)
+            case Evidence(agent=agent, jws=jws):
+                return self.delegate_with(token, agent, restriction, purpose=purpose, evidence=jws)
+
+    def delegate_with(
+        self, token: str, delegate: str, restriction: Restriction, *, purpose: str, evidence: str
+    ) -> Issued:
+        """As `delegate`, with the delegate's id and evidence as they were received."""
+        request = delegate_request(delegate, restriction, purpose=purpose)
+        return self._issued(self._post("/tokens/delegate", {"request": request, "evidence": evidence}, token=token))
+
+    def _evidence(self, delegator: str, request_digest: bytes) -> str:
+        stated = attestation.Evidence(
+            agent=self.id,
+            key_thumbprint=thumbprint(public_raw(self._key)),
+            nonce=self.nonce(),
+            delegator=delegator,
+            request_digest=request_digest,
+            measurement=self.measurement,
+            at=int(self._now()),
+            workload="" if self._workload is None else self._workload(),
+        )
+        return attestation.sign(stated, self._key)
+
+
+class Operator(_Caller):
+    """A person's side: registering, lending, ending, reading the ledger.
+
+    Args:
+        id, key, issuer: as registered.
+        transport: of `httpx2`, for tests.
+        now: wall clock, seconds since the epoch.
+    """
+
+    def register_person(self, id: str, name: str, key: bytes, roles: Iterable[str]) -> None:  # noqa: A002
+        """A person is registered, with roles out of "sponsor", "approver", "admin"."""
+        self._post("/people", {"id": id, "name": name, "key": b64u(key), "roles": list(roles)})
+
+    def disable_person(self, id: str, reason: str) -> int:  # noqa: A002
+        """The person and its whole tree are dead; the epoch."""
+        return int(self._post(f"/people/{id}/disable", {"reason": reason})["epoch"])
+
+    def register_agent(
+        self,
+        id: str,  # noqa: A002
+        key: bytes,
+        *,
+        software_digest: str,
+        model: str,
+        role: str,
+        sponsor: str | None = None,
+        workload: str = "",
+    ) -> None:
+        """An agent is registered under a sponsor: this person unless another is named.
+
+        `workload` is what the provider's platform calls it, e.g. "spiffe://cell.example/mover"; without one the agent
+        has evidence of kind `key` alone.
+        """
+        body = {"id": id, "key": b64u(key), "software_digest": software_digest, "model": model, "role": role}
+        named = {"workload": workload} if workload else {}
+        self._post("/agents", body | {"sponsor": sponsor or self.id} | named)
+
+    def suspend_agent(self, id: str, reason: str) -> int:  # noqa: A002
+        """The agent and all that is below it are dead; the epoch."""
+        return int(self._post(f"/agents/{id}/suspend", {"reason": reason})["epoch"])
+
+    def restore_agent(self, id: str, reason: str, *, relearn: bool = False) -> None:  # noqa: A002
+        """The agent's deviations are taken off it: it may act again as before.
+
+        Args:
+            id: of the agent.
+            reason: for the ledger.
+            relearn: its work has changed: what is usual for it is learned anew.
+
+        Raises:
+            ClientError: `NOTHING_TO_RESTORE` when nothing was reported of it, `NOT_PERMITTED` and other codes.
+        """
+        self._post(f"/agents/{id}/restore", {"reason": reason, "relearn": relearn})
+
+    def set_trust(self, id: str, permille: int) -> None:  # noqa: A002
+        """The agent's static trust is this."""
+        self._post(f"/agents/{id}/trust", {"permille": permille})
+
+    def register_pep(self, id: str, key: bytes, audiences: Iterable[str]) -> None:  # noqa: A002
+        """An enforcement point is registered."""
+        self._post("/peps", {"id": id, "key": b64u(key), "audiences": list(audiences)})
+
+    def register_sensor(self, id: str, key: bytes, *, calibration: str, transit_ms: int, audience: str) -> None:  # noqa: A002
+        """A sensor is registered for the cell of an audience."""
+        body = {"id": id, "key": b64u(key), "calibration": calibration, "transit_ms": transit_ms, "audience": audience}
+        self._post("/sensors", body)
+
+    def register_tool(
+        self, *, audience: str, name: str, definition_digest: str, operation: str, base_tier: int
+    ) -> None:
+        """A tool's reviewed definition is registered, or replaced."""
+        body = {"audience": audience, "name": name, "definition_digest": definition_digest, "operation": operation}
+        self._post("/tools", body | {"base_tier": base_tier})
+
+    def issue(self, agent: Agent | Evidence, scope: Scope, *, purpose: str) -> Issued:
+        """A token for an agent: this person lends it `scope`.
+
+        Args:
+            agent: the agent, when it lives in this program; else evidence that it made for the very same request
+                (see `issue_request`).
+            scope: all that it may do.
+            purpose: for the token and the ledger.
+
+        Raises:
+            ClientError: when it is refused.
+        """
+        if isinstance(agent, Agent):
+            request = issue_request(agent.id, scope, purpose=purpose)
+            evidence = agent.evidence(self.id, request)
+        else:
+            request, evidence = issue_request(agent.agent, scope, purpose=purpose), agent.jws
+        return self._issued(self._post("/tokens", {"request": request, "evidence": evidence}))
+
+    def approvals(self, state: str = "open") -> list[dict[str, Any]]:
+        """The asks in one state ("open", "granted", "denied", "withdrawn", "expired"), the oldest first."""
+        found: list[dict[str, Any]] = self._json(self._send("GET", f"/approvals?state={quote(state)}", b"", None))
+        return found
+
+    def approval(self, ask_id: str) -> dict[str, Any]:
+        """An ask, how it stands and its votes.
+
+        Returns:
+            `ask` (its signed text), `shown` (all that the text says, parsed strictly from it), `ask_digest` (of that
+            text: give it to `approve` as `shown`), `state`, `votes` (texts), `expires_at`.
+
+        Raises:
+            ClientError: `ASK_UNKNOWN`; `ANSWER_MALFORMED` when the answer holds no such ask.
+        """
+        answer, shown = self._shown(ask_id)
+        return answer | {"shown": person_answers.plain(shown.ask), "ask_digest": shown.digest}
+
+    def approve(
+        self,
+        ask_id: str,
+        *,
+        uses: int = 1,
+        lifetime_s: int = person_answers.LIFETIME_S,
+        sees_clear: bool = False,
+        shown: str | None = None,
+    ) -> dict[str, Any]:
+        """This person approves the ask: exactly the text that the identity provider holds, parsed strictly first.
+
+        Args:
+            ask_id: which.
+            uses: how often, 1 to 100.
+            lifetime_s: for how long, seconds, at most 3600.
+            sees_clear: this person sees the cell clear; needed where perception was not fresh.
+            shown: digest of the text that this person read; nothing is signed when the ask has another text.
+
+        Returns:
+            `ask_id` and the `state` after it.
+
+        Raises:
+            ClientError: `ASK_CHANGED` when the text is not the one shown; codes of the identity provider.
+        """
+        return self._vote(ask_id, "approve", person_answers.Terms(uses, lifetime_s, sees_clear=sees_clear), shown)
+
+    def deny(self, ask_id: str) -> dict[str, Any]:
+        """This person denies the ask, and so ends it; `ask_id` and `state`."""
+        return self._vote(ask_id, "deny")
+
+    def withdraw(self, ask_id: str) -> dict[str, Any]:
+        """This person takes its approval back, and so ends the ask; `ask_id` and `state`."""
+        return self._vote(ask_id, "withdraw")
+
+    def open_tier_4(
+        self,
+        *,
+        audience: str,
+        agent: str,
+        object: str,  # noqa: A002  the word of the wire
+        operation: str,
+        uses: int = 1,
+        lifetime_s: int = 600,
+        reason: str = "",
+    ) -> str:
+        """A safety-critical act may be asked for, from now on; the opening's id. It approves nothing.
+
+        Args:
+            audience: canonical URL of the enforcement point's server.
+            agent: the leaf of the chain that will act.
+            object: what it will act on.
+            operation: what it will do.
+            uses: how many acts, 1 to 100.
+            lifetime_s: for how long, seconds, at most 3600.
+            reason: for the record, in the form of a name (letters, digits, `._:@/|+=~%-`).
+        """
+        at = int(self._now())
+        opened = opening.Opening(
+            opening_id=secrets.token_hex(16),
+            opener=self.id,
+            audience=audience,
+            agent=agent,
+            object=object,
+            operation=operation,
+            reason=reason,
+            uses=uses,
+            not_before=at,
+            not_after=at + lifetime_s,
+        )
+        return str(self._post("/openings", {"opening": opening.sign(opened, self._key)})["opening_id"])
+
+    def openings(self) -> list[dict[str, Any]]:
+        """The openings that are not over, each with its signed text as `opening`."""
+        found: list[dict[str, Any]] = self._json(self._send("GET", "/openings", b"", None))
+        return found
+
+    def close_opening(self, opening_id: str, reason: str) -> None:
+        """The opening is over."""
+        self._post(f"/openings/{quote(opening_id, safe='')}/withdraw", {"reason": reason})
+
+    def _shown(self, ask_id: str) -> tuple[dict[str, Any], person_answers.Shown]:
+        found = self._json(self._send("GET", f"/approvals/{quote(ask_id, safe='')}", b"", None))
+        answer: dict[str, Any] = found if isinstance(found, dict) else {}
+        try:
+            return answer, person_answers.read(answer, ask_id)
+        except StatementError as error:
+            raise ClientError("ANSWER_MALFORMED", 200, error.detail) from None
+
+    def _vote(
+        self,
+        ask_id: str,
+        answer: str,
+        terms: person_answers.Terms = person_answers.DEFAULT_TERMS,
+        expected: str | None = None,
+    ) -> dict[str, Any]:
+        _, shown = self._shown(ask_id)
+        if expected is not None and expected != shown.digest:
+            raise ClientError("ASK_CHANGED", 0, "the ask is not the one that was shown")
+        vote = person_answers.sign_vote(shown, answer, terms, self._key, approver=self.id, at=int(self._now()))
+        return self._post(f"/approvals/{ask_id}/votes", {"vote": vote})
+
+    def export_ledger(self) -> bytes:
+        """The whole ledger as JSON lines, the last one its signed checkpoint."""
+        return self._send("GET", "/ledger/export", b"", None).content
+
+
+def issue_request(agent: str, scope: Scope, *, purpose: str) -> dict[str, object]:
+    """What a sponsor asks for: the agent's evidence names the digest of this."""
+    return {"agent": agent, "purpose": purpose, "scope": scope_to_json(scope)}
+
+
+def delegate_request(delegate: str, restriction: Restriction, *, purpose: str) -> dict[str, object]:
+    """What a holder asks for: the delegate's evidence names the digest of this."""
+    return {"delegate": delegate, "purpose": purpose, "restriction": restriction_to_json(restriction)}

@@ -1,0 +1,200 @@
+"""Lending authority: by a person to an agent, and by a holder to the next agent.
+
+What comes out is what the token's block will say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from capabilities.statements.revocation import RevocationView
+from capabilities.token import block, hop_rules
+from capabilities.token.verify import Verifier
+from capabilities.values.chain import Attestation, Chain, HopGrant, Sponsor
+from capabilities.values.errors import CapabilityError, Fault, FaultCode
+from capabilities.values.explanation import explain
+from policies.words.reason_table import Reason
+from ztpm_idp.domain import conduct, delegation_policy
+from ztpm_idp.domain.attestation import judge, may_receive
+from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.events import DelegationRefused, RevocationKind, TokenDelegated, TokenIssued
+from ztpm_idp.domain.parties import PersonRole
+from ztpm_idp.domain.registry import active_person
+
+if TYPE_CHECKING:
+    from capabilities.values.chain import EvidenceKind
+    from capabilities.values.scope import Scope
+    from policies.evidence.model import Decision
+    from ztpm_idp.domain.codes import Code
+    from ztpm_idp.domain.commands import Delegate, Issue
+    from ztpm_idp.domain.events import Event
+    from ztpm_idp.domain.parties import Agent
+    from ztpm_idp.domain.registry import Outcome
+    from ztpm_idp.domain.rules import Rules
+    from ztpm_idp.domain.state import State
+
+
+def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
+    """A new token's authority block, when a sponsor lends to an agent that is attested for exactly this."""
+    # 1. The caller is a sponsor, now.
+    if active_person(state, command.by, PersonRole.SPONSOR) is None:
+        return Refusal(IdpCode.NOT_PERMITTED, "a sponsor issues tokens")
+    # 2. The agent may receive authority, and shows it for this sponsor and this request.
+    agent = may_receive(state, command.agent)
+    if isinstance(agent, Refusal):
+        return agent
+    shown = judge(
+        rules, state, agent, command.evidence,
+        delegator=command.by, request_digest=command.request_digest, purpose=command.hop_id, at_ms=at_ms,
+    )  # fmt: skip
+    if isinstance(shown, Refusal):
+        return shown
+    # 3. The scope keeps the profile's rules and what this kind of evidence can carry: the very checks that verifiers
+    # make.
+    hop = _hop(command, agent, shown.kind, delegator=command.by, sponsor=command.by, at_ms=at_ms)
+    sponsor = Sponsor(issuer=rules.issuer, subject=command.by, method="operator-key", authenticated_at=at_ms // 1_000)
+    authority = block.AuthorityBlock(command.token_id, sponsor, 0, hop, command.scope)
+    highest = hop_rules.highest(shown.kind, rules.caps)
+    if command.scope.ceiling > highest:
+        return Refusal(FaultCode.ABOVE_CEILING, f"evidence of kind {shown.kind} carries at most tier {int(highest)}")
+    try:
+        block.well_formed(authority, rules.caps)
+        first = hop_rules.first_hop(authority, reserved=rules.own_keys, caps=rules.caps)
+        hop_rules.check_lifetimes((first,), rules.caps)
+    except CapabilityError as error:
+        return Refusal(error.code, error.detail)
+    if (over := _over(rules, command.scope, at_ms)) is not None:
+        return over
+    return (shown.spent, TokenIssued(command.token_id, sponsor, hop, command.scope, command.evidence, command.signed))
+
+
+def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outcome:
+    """One more hop, when the holder lends strictly less than it has to an agent that is attested for exactly this."""
+    # 1. The token verifies in full against what is revoked in this very transaction.
+    verified = _verified(rules, state, command, at_ms)
+    if isinstance(verified, Refusal):
+        return verified
+    chain, audience = verified
+    refused = _Refusing(rules, state, command, chain, at_ms)
+    # 2. The caller proved possession of the leaf's key.
+    if command.key != chain.leaf.key or command.by != chain.leaf.agent:
+        return Refusal(FaultCode.PROOF_WRONG_KEY, "the proof is not by the holder of the token")
+    # 3. The agent may receive authority, and is new to the chain.
+    agent = may_receive(state, command.delegate)
+    if isinstance(agent, Refusal):
+        return refused(agent)
+    if any(hop.agent == agent.id or hop.key == agent.key for hop in chain.hops):
+        return refused(Refusal(FaultCode.DELEGATE_NOT_ALLOWED, "no agent stands twice in a chain"))
+    # 4. The delegate shows itself for this delegator and this request.
+    shown = judge(
+        rules, state, agent, command.evidence,
+        delegator=chain.leaf.agent, request_digest=command.request_digest, purpose=command.hop_id, at_ms=at_ms,
+    )  # fmt: skip
+    if isinstance(shown, Refusal):
+        return refused(shown)
+    # 5. The token names this delegate and has depth left, and what is lent is strictly less than what is held: the very
+    # checks that verifiers make.
+    hop = _hop(command, agent, shown.kind, delegator=chain.leaf.agent, sponsor=chain.sponsor.subject, at_ms=at_ms)
+    added = block.HopBlock(len(chain.hops), hop, command.restriction)
+    try:
+        block.well_formed(added, rules.caps)
+        leaf = hop_rules.next_hop(chain.hops, added, reserved=rules.own_keys, caps=rules.caps)
+        hop_rules.check_lifetimes((*chain.hops, leaf), rules.caps)
+    except CapabilityError as error:
+        return refused(_told(error, chain, command))
+    if (over := _over(rules, leaf.scope, at_ms)) is not None:
+        return refused(over)
+    # 6. The policies permit it.
+    decision, against = delegation_policy.judged(rules, state, command, chain, audience=audience, at_ms=at_ms)
+    if against is not None:
+        return refused(against, decision)
+    made = TokenDelegated(chain, hop, command.restriction, leaf.scope, command.evidence, command.signed)
+    return (shown.spent, made, *_observed(rules, state, chain, command.hop_id, at_ms=at_ms))
+
+
+def _verified(rules: Rules, state: State, command: Delegate, at_ms: int) -> tuple[Chain, str] | Refusal:
+    """The holder's chain, and an audience that it is good for."""
+    verifier, audience = Verifier(rules.trust, rules.caps), ""
+    view = RevocationView(epoch=state.epoch, age_ms=0, revoked=state.revoked)
+    found: Chain | Fault
+    match verifier.audiences(command.token, view=view):
+        case Fault() as fault:
+            found = fault
+        case named:
+            # The provider serves no audience of its own: the token must be good for at least one of those it names.
+            alive = [one for one in sorted(named) if (RevocationKind.AUDIENCE.value, one) not in state.revoked]
+            audience = (alive or sorted(named))[0]
+            found = verifier.verify(command.token, at=at_ms / 1_000, audience=audience, view=view, lease_ms=0)
+    match found:
+        case Chain():
+            return found, audience
+        case Fault(code=code, detail=detail):
+            return Refusal(code, detail)
+
+
+def _over(rules: Rules, scope: Scope, at_ms: int) -> Refusal | None:
+    if not at_ms < scope.not_after * 1_000:
+        return Refusal(FaultCode.EXPIRED, "it would be over before it begins")
+    if scope.not_after - at_ms // 1_000 > rules.token_lifetime_s:
+        return Refusal(FaultCode.LIFETIME_TOO_LONG, f"at most {rules.token_lifetime_s} s")
+    return None
+
+
+def _hop(
+    command: Issue | Delegate, agent: Agent, kind: EvidenceKind, *, delegator: str, sponsor: str, at_ms: int
+) -> HopGrant:
+    return HopGrant(
+        hop_id=command.hop_id,
+        agent=agent.id,
+        key=agent.key,
+        delegator=delegator,
+        purpose=command.purpose,
+        request_digest=command.request_digest,
+        attestation=Attestation(kind, agent.software_digest, at_ms // 1_000),
+        # A role is vouched for among the sponsor's own agents only.
+        role=agent.role if agent.sponsor == sponsor else "",
+    )
+
+
+def _told(error: CapabilityError, chain: Chain, command: Delegate) -> Refusal:
+    """The refusal; where it asks for too much or takes nothing away, with the places and what could be had."""
+    if error.code is FaultCode.NOT_NARROWER and (why := explain(chain.scope, command.restriction)) is not None:
+        return Refusal(error.code, why.sentence, explanation=why)
+    return Refusal(error.code, error.detail)
+
+
+@dataclass(frozen=True, slots=True)
+class _Refusing:
+    """How a holder's attempt is refused: with what the ledger keeps of it, and what it says of the holder."""
+
+    rules: Rules
+    state: State
+    command: Delegate
+    chain: Chain
+    at_ms: int
+
+    def __call__(self, refusal: Refusal, decision: Decision | None = None) -> Refusal:
+        attempt = DelegationRefused(
+            token_id=self.chain.token_id,
+            parent_hop=self.chain.leaf.hop_id,
+            holder=self.chain.leaf.agent,
+            delegate=self.command.delegate,
+            code=refusal.code.value,
+            widenings=() if refusal.explanation is None else refusal.explanation.widenings,
+            signed=self.command.signed,
+            decision=decision,
+        )
+        # Who asked for nothing less did not ask for more: that is a slip.
+        slip = refusal.explanation is not None and not refusal.explanation.widenings
+        code = Reason.PARAMETERS_WRONG if slip else refusal.code
+        said = _observed(self.rules, self.state, self.chain, self.command.hop_id, at_ms=self.at_ms, refused=code)
+        return replace(refusal, recorded=(attempt, *said))
+
+
+def _observed(
+    rules: Rules, state: State, chain: Chain, hop_id: str, *, at_ms: int, refused: Code | None = None
+) -> tuple[Event, ...]:
+    """What the attempt, whose possession was proven, says of the holder."""
+    report = conduct.of_delegation(rules, chain, hop_id, at_ms=at_ms, refused=refused)
+    return () if report is None else conduct.observed(rules, state, (report,), at_ms)

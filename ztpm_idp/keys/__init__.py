@@ -1,0 +1,1 @@
+"""The identity provider's private keys and its key ring."""

@@ -1,0 +1,180 @@
+"""An ask as people read it: one plain page, without script, colour that means anything, or anything from elsewhere.
+
+Every value comes from the text whose digest an approval binds, and stands as its exact integer beside the readable
+figure. Names in an ask are of a closed ASCII grammar ([capabilities.values.text]), so no name can look like another or
+turn the line; everything is escaped all the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from base64 import b64encode
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from decimal import Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import jinja2
+
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit
+from policies.words.reason_table import REASONS, Reason
+from ztpm_idp.domain.asks import Answer, AskState
+
+if TYPE_CHECKING:
+    from capabilities.statements.ask import Ask
+    from ztpm_idp.domain.asks import Asked
+
+_FOLDER: Final = Path(__file__).parent / "templates"
+_STYLE: Final = (_FOLDER / "ask.css").read_text("utf-8")
+_PAGES: Final = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(_FOLDER),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+HEADERS: Final = {
+    "Content-Security-Policy": "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
+    f"style-src 'sha256-{b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode()}'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+"""What every page is sent with: nothing but its own style, which is named by its hash, and no frame around it."""
+RELOAD_S: Final = 10
+"""How often the page of an open ask is read anew, in seconds: by its own header, without a script."""
+START_TOLERANCE: Final = "2 mrad"
+"""How far from the shown start an approval still counts (DESIGN section 6)."""
+INDEX_TOLERANCE_MILLI: Final = 50
+"""How much higher the index may be at use (DESIGN section 6)."""
+
+TIERS: Final = {
+    Tier(0): "no effect",
+    Tier(1): "reversible",
+    Tier(2): "consequential",
+    Tier(3): "high consequence",
+    Tier(4): "safety critical",
+}
+"""The tiers' names (DESIGN section 6)."""
+_PERCEPTION: Final = {
+    "fresh": "fresh: sensors saw the cell",
+    "stale": "NOT FRESH: the sensors' last view of the cell was too old",
+    "missing": "MISSING: no sensor showed the cell",
+}
+_STATE: Final = {
+    AskState.OPEN: "open, waits for people",
+    AskState.GRANTED: "granted",
+    AskState.DENIED: "denied",
+    AskState.WITHDRAWN: "withdrawn",
+    AskState.EXPIRED: "over",
+}
+_ANSWER: Final = {Answer.APPROVE: "approved", Answer.DENY: "denied", Answer.WITHDRAW: "withdrew"}
+_DECIMAL: Final[dict[Unit, tuple[int, str]]] = {
+    Unit.MICROMETRE: (3, "mm"),
+    Unit.MICROMETRE_PER_SECOND: (3, "mm/s"),
+    Unit.MICROMETRE_PER_SECOND2: (3, "mm/s²"),
+    Unit.MILLINEWTON: (3, "N"),
+    Unit.MILLINEWTON_METRE: (3, "N·m"),
+    Unit.GRAM: (3, "kg"),
+    Unit.MILLISECOND: (3, "s"),
+    Unit.PERMILLE: (1, "%"),
+    Unit.COUNT: (0, ""),
+}
+"""Units whose readable figure is the same number with the point moved: by how many places, and its unit."""
+_ANGULAR: Final = {
+    Unit.MICRORADIAN: "°",
+    Unit.MICRORADIAN_PER_SECOND: "°/s",
+    Unit.MICRORADIAN_PER_SECOND2: "°/s²",
+}
+
+
+def readable(value: int, unit: Unit) -> str:
+    """The figure for people: exact where the unit allows it, an angle in degrees to two places, with `≈`."""
+    if unit in _ANGULAR:
+        return f"≈ {math.degrees(value / unit.per_si):z.2f}{_ANGULAR[unit]}"
+    places, word = _DECIMAL[unit]
+    return f"{Decimal(value).scaleb(-places):f} {word}".strip()
+
+
+@dataclass(frozen=True, slots=True)
+class _Figure:
+    """One number as the page shows it."""
+
+    name: str
+    readable: str
+    exact: str
+
+
+def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
+    """The page of an ask.
+
+    Args:
+        ask: as opened from the text whose digest `asked` holds.
+        asked: the votes so far.
+        state: how it stands.
+        at_ms: now, wall clock.
+    """
+    return _PAGES.get_template("ask.html").render(
+        style=_STYLE,
+        ask=ask,
+        digest=asked.ask.digest,
+        state=_STATE[state],
+        is_open=state is AskState.OPEN,
+        reload_s=RELOAD_S,
+        left=_left(ask, at_ms) if state is AskState.OPEN else "",
+        shown_at=_time(at_ms // 1_000),
+        asked_at=_time(ask.asked_at),
+        expires_at=_time(ask.expires_at),
+        tier=TIERS[ask.tier],
+        index=f"{Decimal(ask.index_milli).scaleb(-3):f}",
+        index_at_use=f"{Decimal(ask.index_milli + INDEX_TOLERANCE_MILLI).scaleb(-3):f}",
+        values=[_figure(value.name, value.value, value.unit) for value in ask.values],
+        start=[_figure(f"joint {n}", angle, Unit.MICRORADIAN) for n, angle in enumerate(ask.start_urad)],
+        start_tolerance=START_TOLERANCE,
+        contributors=[
+            (
+                c.kind,
+                c.object or "(none)",
+                c.source or "no sensor",
+                c.link or "(none)",
+                f"{Decimal(c.index_milli).scaleb(-3):f}",
+                _figure("", c.clearance_um, Unit.MICROMETRE),
+                _figure("", c.speed_um_s, Unit.MICROMETRE_PER_SECOND),
+            )
+            for c in ask.contributors
+        ],
+        perception=_PERCEPTION[ask.perception],
+        seen=ask.perception == "fresh",
+        perception_age=None if ask.perception_age_ms is None else _figure("", ask.perception_age_ms, Unit.MILLISECOND),
+        reasons=[(code, _reason(code)) for code in ask.reasons],
+        votes=[
+            (vote.approver, _ANSWER[vote.answer], _time(vote.not_after), "" if vote.active else "disabled since")
+            for vote in asked.votes
+        ],
+    )
+
+
+def _figure(name: str, value: int, unit: Unit) -> _Figure:
+    quantity = Quantity(name, unit, value)
+    return _Figure(quantity.name, readable(quantity.value, quantity.unit), f"{quantity.value} {quantity.unit}")
+
+
+def _reason(code: str) -> str:
+    return REASONS[Reason(code)].text if code in Reason.__members__ else "No text is known for this reason here."
+
+
+def _time(at_s: int) -> str:
+    """UTC, to the second; the bare number for what no calendar holds."""
+    try:
+        return datetime.fromtimestamp(at_s, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    except (ValueError, OverflowError, OSError):
+        return f"{at_s} s"
+
+
+def _left(ask: Ask, at_ms: int) -> str:
+    minutes, seconds = divmod(max(0, ask.expires_at - at_ms // 1_000), 60)
+    return f"{minutes} min {seconds} s"

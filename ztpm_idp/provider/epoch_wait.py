@@ -1,0 +1,92 @@
+"""Waiting for the revocation epoch to grow: a hint for enforcement points, which then pull the signed index.
+
+The hint carries no signature and no authority. Forged or lost, it can cause a pull or leave the next ordinary one to
+find out; it can never make a view young, and never makes a revocation wait longer than a pull period.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Final
+
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.provider.problems import Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Coroutine
+
+LONGEST_S: Final = 20.0
+"""Longest wait for one answer: below the 30 s after which common proxies drop a silent request."""
+WAITERS: Final = 256
+"""Requests that may wait at a time. Each holds a connection; the endpoint asks nobody who they are."""
+
+
+class EpochWait:
+    """Requests that wait for a higher epoch.
+
+    It is told of every commit of this process. With several processes over one store, a revocation made by another one
+    is found when the wait ends by time; until then the pull, four times a second, is what finds it. A notification of
+    the database (PostgreSQL's LISTEN and NOTIFY) would call `told` from a task that starts beside this object.
+
+    Args:
+        epoch: the store's epoch now.
+        longest_s: longest wait.
+        most: requests that may wait at a time.
+    """
+
+    def __init__(
+        self, epoch: Callable[[], Awaitable[int]], *, longest_s: float = LONGEST_S, most: int = WAITERS
+    ) -> None:
+        self._epoch = epoch
+        self._longest_s = longest_s
+        self._most = most
+        self._grown = asyncio.Event()
+        self._highest = 0
+        self._waiting = 0
+        self._closed = False
+
+    def told(self, epoch: int) -> None:
+        """The store's epoch is at least this: committed, not merely tried."""
+        if epoch > self._highest:
+            self._highest = epoch
+            self._wake()
+
+    def close(self) -> None:
+        """Everybody who waits is answered now, and nobody waits any more: the service ends."""
+        self._closed = True
+        self._wake()
+
+    async def above(self, since: int, *, gone: Callable[[], Coroutine[None, None, None]]) -> int:
+        """The epoch, as soon as it is above `since`, and at the latest after the longest wait.
+
+        Args:
+            since: what the caller knows.
+            gone: what it starts ends when the caller has hung up, and so ends the wait.
+
+        Raises:
+            Problem: `TOO_MANY_WAITERS`.
+            StoreUnavailableError: the store cannot be read.
+        """
+        if self._waiting >= self._most:
+            raise Problem(IdpCode.TOO_MANY_WAITERS, f"{self._most} requests are waiting")
+        self._waiting += 1
+        left = asyncio.create_task(gone())
+        try:
+            # Taken before the store is asked: what is committed after the answer sets this very event.
+            grown = self._grown
+            epoch = await self._epoch()
+            if epoch > since or self._closed:
+                return epoch
+            grew = asyncio.create_task(grown.wait())
+            try:
+                await asyncio.wait({grew, left}, timeout=self._longest_s, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                grew.cancel()
+            return self._highest if self._highest > since else await self._epoch()
+        finally:
+            left.cancel()
+            self._waiting -= 1
+
+    def _wake(self) -> None:
+        grown, self._grown = self._grown, asyncio.Event()
+        grown.set()

@@ -1,0 +1,254 @@
+"""What the identity provider publishes, signed: what is revoked and registered, who behaves how, the ledger's end."""
+
+from __future__ import annotations
+
+import asyncio
+from itertools import accumulate
+from typing import TYPE_CHECKING, Final
+
+from capabilities.statements import answers, checkpoint, conduct, registry, revocation
+from capabilities.values.scope import Tier
+from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing
+from ztpm_idp.provider.problems import Problem
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+    from ztpm_idp.provider.provider import Provider
+    from ztpm_idp.store.conduct import Told
+
+INDEX_BYTES: Final = 150_000
+"""Entries of one index, as JSON: in base64 and with the rest they stay below the size of a statement (256 KiB)."""
+INDEX_ENTRIES: Final = revocation.ENTRIES
+"""Most entries of one index."""
+_ENTRY_BYTES: Final = 60
+"""An entry without its id, as JSON, at most."""
+_EDGE_BYTES: Final = 80
+_STANDING_BYTES: Final = 160
+_DEVIATION_BYTES: Final = 100
+"""An edge without its names, an agent without its name and deviations, and a deviation, as JSON, at most."""
+EXPORT_PAGE: Final = 500
+ANSWERS_BYTES: Final = 190_000
+"""Texts of one `answers` statement, as JSON: in base64 and with the rest they stay below its size (256 KiB)."""
+_ASK_BYTES: Final = 90
+"""An ask of an `answers` statement without its votes, as JSON, at most."""
+_QUOTES_BYTES: Final = 3
+"""What a text costs beside itself, as JSON."""
+
+
+class Heartbeat:
+    """Proof that the store can commit, shared by everybody who asks at the same time.
+
+    One commit serves all callers that were waiting when it began; nobody is served by a commit that began before it
+    asked.
+    """
+
+    def __init__(self, provider: Provider) -> None:
+        self._provider = provider
+        self._turn = asyncio.Lock()
+        self._asked = 0
+        self._served = 0
+
+    async def beat(self) -> None:
+        """A commit that began after this call has succeeded.
+
+        Raises:
+            StoreUnavailableError: it has not.
+        """
+        self._asked += 1
+        mine = self._asked
+        async with self._turn:
+            if self._served >= mine:
+                return
+            everybody = self._asked
+            await self._provider.store.beat()
+            self._served = everybody
+
+
+async def revocation_index(provider: Provider, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
+    """The signed index of what was revoked after `since`.
+
+    `as_of` is taken first: everything acknowledged before it is in the snapshot. Each epoch has exactly one entry. An
+    index that cannot hold all of them brings the oldest; that its last entry is below its epoch says that more is to
+    come.
+
+    Raises:
+        StoreUnavailableError: the store cannot commit; there is no heartbeat then.
+        Problem: `EPOCH_AHEAD` when the caller knows more than the store.
+    """
+    as_of_ms = provider.now_ms()
+    await heartbeat.beat()
+    async with provider.store.read() as view:
+        counters = await view.counters()
+        found = await view.revocations_since(since, INDEX_ENTRIES)
+    if since > counters.epoch:
+        # A store restored from an older copy: saying so aloud beats signing an index that nobody can accept.
+        raise Problem(IdpCode.EPOCH_AHEAD)
+    index = revocation.RevocationIndex(
+        issuer=provider.settings.issuer,
+        epoch=counters.epoch,
+        since=since,
+        as_of_ms=as_of_ms,
+        nonce=nonce,
+        registry_version=counters.registry_version,
+        entries=_that_fit(found),
+    )
+    return revocation.sign(index, provider.keys.feed)
+
+
+def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.Entry, ...]:
+    sizes = accumulate(_ENTRY_BYTES + len(id_) for _, _, id_ in found)
+    return tuple(
+        revocation.Entry(epoch, kind, id_)
+        for (epoch, kind, id_), size in zip(found, sizes, strict=True)
+        if size <= INDEX_BYTES
+    )
+
+
+async def conduct_word(provider: Provider, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
+    """The signed word on what became known of agents' conduct after `since`.
+
+    As with revocations, `as_of` is taken first, and a store that cannot commit says nothing. A word that cannot hold
+    everything brings the oldest.
+
+    Raises:
+        StoreUnavailableError: the store cannot commit.
+        Problem: `EPOCH_AHEAD` when the caller knows more than the store.
+    """
+    as_of_ms = provider.now_ms()
+    await heartbeat.beat()
+    async with provider.store.read() as view:
+        newest = (await view.counters()).conduct_version
+        told = await view.conduct.told(since=since, most=conduct.ENTRIES)
+    if since > newest:
+        raise Problem(IdpCode.EPOCH_AHEAD)
+    # A kind that was cut ends at its last; what is newer of the other one is told with what follows.
+    cut = [rows[-1].version for rows in _kinds(told) if len(rows) == conduct.ENTRIES]
+    through = min([newest, *cut])
+    rows = sorted((row for kind in _kinds(told) for row in kind if row.version <= through), key=lambda row: row.version)
+    sizes = list(accumulate(map(_size, rows)))
+    if sizes and sizes[-1] > INDEX_BYTES:
+        rows = rows[: sum(size <= INDEX_BYTES for size in sizes)]
+        through = rows[-1].version
+    word = conduct.Conduct(
+        issuer=provider.settings.issuer,
+        version=newest,
+        since=since,
+        through=through,
+        as_of_ms=as_of_ms,
+        nonce=nonce,
+        edges=tuple(row for row in rows if isinstance(row, conduct.EdgeEntry)),
+        agents=tuple(row for row in rows if isinstance(row, conduct.AgentEntry)),
+    )
+    return conduct.sign(word, provider.keys.feed)
+
+
+def _kinds(told: Told) -> tuple[tuple[conduct.EdgeEntry | conduct.AgentEntry, ...], ...]:
+    return told.edges, told.agents
+
+
+def _size(row: conduct.EdgeEntry | conduct.AgentEntry) -> int:
+    if isinstance(row, conduct.EdgeEntry):
+        return _EDGE_BYTES + len(row.delegator) + len(row.delegate)
+    return _STANDING_BYTES + len(row.agent) + _DEVIATION_BYTES * len(row.deviations)
+
+
+async def registry_snapshot(provider: Provider, *, audience: str) -> str:
+    """The signed registry of `audience`."""
+    as_of_ms = provider.now_ms()
+    async with provider.store.read() as view:
+        counters = await view.counters()
+        tools = await view.tools(audience)
+        sensors = [s for s in await view.all_parties("sensor") if isinstance(s, Sensor)]
+        agents = [a for a in await view.all_parties("agent") if isinstance(a, Agent)]
+        people = [p for p in await view.all_parties("person") if isinstance(p, Person)]
+        peps = [p for p in await view.all_parties("pep") if isinstance(p, Pep)]
+    snapshot = registry.RegistrySnapshot(
+        issuer=provider.settings.issuer,
+        version=counters.registry_version,
+        audience=audience,
+        as_of_ms=as_of_ms,
+        tools=tuple(
+            registry.ToolEntry(t.name, bytes(t.definition_digest).hex(), t.operation, Tier(t.base_tier)) for t in tools
+        ),
+        sensors=tuple(
+            registry.SensorEntry(s.id, s.key, s.calibration.hex(), s.transit_ms)
+            for s in sensors
+            if s.audience == audience and s.standing is Standing.ACTIVE
+        ),
+        trust=tuple(
+            registry.TrustEntry(a.id, a.trust_permille)
+            for a in agents
+            if a.trust_permille is not None and a.standing is not Standing.REVOKED
+        ),
+        approvers=tuple(
+            registry.PartyEntry(p.id, p.key)
+            for p in people
+            if PersonRole.APPROVER in p.roles and p.standing is Standing.ACTIVE
+        ),
+        peps=tuple(
+            registry.PartyEntry(p.id, p.key) for p in peps if audience in p.audiences and p.standing is Standing.ACTIVE
+        ),
+    )
+    return registry.sign(snapshot, provider.keys.registry)
+
+
+async def answers_for(provider: Provider, *, audience: str, nonce: str) -> str:
+    """How the asks and openings of an audience stand, signed, with the votes and openings as people signed them.
+
+    `as_of` is taken first: everything acknowledged before it is in the statement. What is open or granted is there
+    always (`STANDING_ASKS` and `OPENINGS` see to it); of what is over, as much as fits, the latest first. So what is
+    not in the statement is not approved.
+
+    Raises:
+        StoreUnavailableError: the store cannot be read.
+    """
+    as_of_ms = provider.now_ms()
+    since_s = as_of_ms // 1_000 - ANSWERED_MEMORY_S
+    async with provider.store.read() as view:
+        found = await view.approvals.not_long_over(since_s=since_s, audience=audience)
+        openings = await view.approvals.openings(since_s=as_of_ms // 1_000, audience=audience)
+    latest = found[::-1]
+    # Stable: within each half the latest ask stays first.
+    ranked = sorted(latest, key=lambda asked: asked.state(as_of_ms) not in {AskState.OPEN, AskState.GRANTED})
+    opened = tuple(opening.text for opening in openings if not opening.over(as_of_ms))
+    room = ANSWERS_BYTES - sum(len(text) + _QUOTES_BYTES for text in opened)
+    sizes = accumulate(_ASK_BYTES + sum(len(vote.text) + _QUOTES_BYTES for vote in asked.votes) for asked in ranked)
+    statement = answers.Answers(
+        issuer=provider.settings.issuer,
+        audience=audience,
+        nonce=nonce,
+        as_of_ms=as_of_ms,
+        asks=tuple(
+            answers.AnsweredAsk(asked.ask.ask_id, asked.state(as_of_ms).value, tuple(vote.text for vote in asked.votes))
+            for asked, size in zip(ranked[: answers.ASKS], sizes, strict=False)
+            if size <= room
+        ),
+        openings=opened,
+    )
+    return answers.sign(statement, provider.keys.registry)
+
+
+async def ledger_export(provider: Provider) -> AsyncIterator[bytes]:
+    """The ledger's lines as of now, and the signed checkpoint that they end in.
+
+    Entries never change, so pages need no snapshot.
+    """
+    as_of_ms = provider.now_ms()
+    async with provider.store.read() as view:
+        counters = await view.counters()
+    after = 0
+    while after < counters.ledger_size:
+        async with provider.store.read() as view:
+            lines = await view.ledger_lines(after=after, through=counters.ledger_size, most=EXPORT_PAGE)
+        after += len(lines)
+        yield b"".join(line + b"\n" for line in lines)
+    signed = checkpoint.sign(
+        checkpoint.Checkpoint(
+            issuer=provider.settings.issuer, size=counters.ledger_size, head=counters.ledger_head, as_of_ms=as_of_ms
+        ),
+        provider.keys.ledger,
+    )
+    yield b'{"checkpoint":"' + signed.encode() + b'"}\n'

@@ -1,0 +1,157 @@
+"""From a refusal to an answer: RFC 9457 problem details, as one table.
+
+A stranger gets the code and its fixed title only.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Final
+
+from fastapi.responses import Response
+
+from capabilities.values.errors import FaultCode
+from capabilities.values.explanation import explanation_to_json
+from policies.words.reason_table import Reason
+from ztpm_idp.domain.codes import Code, IdpCode
+
+if TYPE_CHECKING:
+    from capabilities.values.explanation import Explanation
+
+MEDIA_TYPE: Final = "application/problem+json"
+
+_UNAUTHORISED: Final = 401
+STATUS: Final[dict[Code, tuple[int, str]]] = {
+    # who calls
+    IdpCode.CALLER_UNKNOWN: (401, "The key is not registered."),
+    IdpCode.CALLER_INACTIVE: (403, "The caller is revoked."),
+    IdpCode.NOT_PERMITTED: (403, "The caller may not do this."),
+    # the body
+    IdpCode.BODY_MALFORMED: (400, "The body is not what this endpoint takes."),
+    IdpCode.BODY_TOO_LARGE: (413, "The body is too large."),
+    IdpCode.QUERY_MALFORMED: (400, "The query is not what this endpoint takes."),
+    IdpCode.TEXT_REFUSED: (400, "A text holds what people cannot see."),
+    # the registry
+    IdpCode.ALREADY_REGISTERED: (409, "The id is taken."),
+    IdpCode.KEY_IN_USE: (409, "The key has an owner."),
+    IdpCode.NOT_FOUND: (404, "There is no such party."),
+    IdpCode.SPONSOR_INACTIVE: (403, "The sponsor is not active."),
+    IdpCode.AGENT_INACTIVE: (403, "The agent is revoked."),
+    IdpCode.WORKLOAD_UNKNOWN: (400, "The workload is of no trusted platform."),
+    IdpCode.NOTHING_TO_RESTORE: (409, "Nothing was reported of the agent."),
+    IdpCode.REGISTRY_FULL: (409, "There are as many as a registry snapshot can hold."),
+    IdpCode.TOO_MANY_NONCES: (429, "Too many nonces are open."),
+    IdpCode.STORE_NOT_EMPTY: (409, "The first people are registered already."),
+    IdpCode.NO_ADMINISTRATOR: (400, "Nobody would be an administrator."),
+    # records of enforcement points
+    IdpCode.RECORD_GAP: (409, "Records are missing before this one."),
+    IdpCode.RECORD_FORKED: (409, "Another record has this number."),
+    IdpCode.RECORD_CHAIN_BROKEN: (409, "The record does not follow the one before."),
+    IdpCode.RECORD_OF_ANOTHER: (403, "The record is another enforcement point's."),
+    # asking people
+    IdpCode.ASK_UNKNOWN: (404, "There is no such ask."),
+    IdpCode.ASK_DIFFERS: (409, "Another ask has this id."),
+    IdpCode.ASK_NOT_YOURS: (403, "The ask is another enforcement point's."),
+    IdpCode.ASK_CONTRADICTS_REGISTRY: (409, "The ask says otherwise than the registry."),
+    IdpCode.ASK_OUT_OF_TIME: (409, "The times of the ask are out of bounds."),
+    IdpCode.ASK_BUDGET_SPENT: (429, "Too many asks wait for people."),
+    IdpCode.ASK_OVER: (409, "The ask is over."),
+    IdpCode.ASK_ANSWERED: (409, "The ask has been answered."),
+    IdpCode.VOTE_NOT_FOR_THIS_ASK: (409, "The vote is for another ask, or another text of it."),
+    IdpCode.VOTE_NOT_YOURS: (403, "The vote is another person's."),
+    IdpCode.VOTE_OUT_OF_TIME: (409, "The times of the vote are out of bounds."),
+    IdpCode.VOTED_BEFORE: (409, "This person has voted."),
+    IdpCode.NOTHING_TO_WITHDRAW: (409, "This person has approved nothing here."),
+    IdpCode.CLEAR_NOT_SEEN: (409, "The approver must attest to seeing the cell clear."),
+    IdpCode.OPENING_UNKNOWN: (404, "There is no such opening."),
+    IdpCode.OPENING_DIFFERS: (409, "Another opening has this id."),
+    IdpCode.OPENING_NOT_YOURS: (403, "The opening is another person's."),
+    IdpCode.OPENING_OUT_OF_TIME: (409, "The times of the opening are out of bounds."),
+    IdpCode.OPENING_NOT_IN_FORCE: (409, "No opening in force allows to ask for this."),
+    IdpCode.TOO_MANY_OPENINGS: (429, "Too many openings are in force."),
+    # engines and keys
+    FaultCode.LIMIT_EXCEEDED: (503, "An engine's limit was reached; nothing was decided."),
+    FaultCode.ENGINES_DISAGREE: (503, "Two engines disagree; nothing was decided."),
+    FaultCode.KEY_WRONG_ROLE: (403, "The key has another role."),
+    # the service
+    IdpCode.EPOCH_AHEAD: (409, "The caller knows a later epoch than this store: one of the two is wrong."),
+    IdpCode.TOO_MANY_WAITERS: (503, "Too many requests wait already."),
+    IdpCode.CONFLICT: (409, "Another request came first."),
+    IdpCode.STORE_UNAVAILABLE: (503, "The store cannot commit; nothing may be taken to hold."),
+    IdpCode.PATH_UNKNOWN: (404, "There is nothing at this path."),
+    IdpCode.METHOD_NOT_ALLOWED: (405, "This path does not know the method."),
+    IdpCode.INTERNAL: (500, "An error of ours; it is in the log."),
+    # proofs and tokens, as presented by the caller
+    FaultCode.TOKEN_MISSING: (401, "A token is needed."),
+    FaultCode.TOKEN_TOO_LARGE: (401, "The token is too large."),
+    FaultCode.TOKEN_MALFORMED: (401, "The token is malformed."),
+    FaultCode.SIGNATURE_INVALID: (401, "A signature is wrong."),
+    FaultCode.UNKNOWN_ROOT_KEY: (401, "The token is not of this issuer."),
+    FaultCode.NOT_CANONICAL: (401, "The token is not in its one form."),
+    FaultCode.WRONG_PROFILE: (401, "The token is of another profile."),
+    FaultCode.CHAIN_BROKEN: (401, "The token's chain is broken."),
+    FaultCode.NOT_YET_VALID: (401, "The token is not valid yet."),
+    FaultCode.EXPIRED: (401, "The token, or what was asked for, is over."),
+    FaultCode.WRONG_AUDIENCE: (401, "The token is for another audience."),
+    FaultCode.REVOKED: (401, "The token is revoked."),
+    FaultCode.REVOCATION_VIEW_STALE: (503, "What is revoked is not known now."),
+    FaultCode.PROOF_MISSING: (401, "A proof of possession is needed."),
+    FaultCode.PROOF_MALFORMED: (401, "The proof is malformed."),
+    FaultCode.PROOF_WRONG_KEY: (401, "The proof is by another key."),
+    FaultCode.PROOF_STALE: (401, "The proof is too old or from the future."),
+    FaultCode.PROOF_NOT_FOR_THIS_REQUEST: (401, "The proof is for another request."),
+    FaultCode.REPLAYED: (401, "The proof was used before."),
+    # delegation
+    FaultCode.NOT_NARROWER: (403, "Authority can only shrink."),
+    FaultCode.DELEGATE_NOT_ALLOWED: (403, "The token does not name this delegate."),
+    FaultCode.HOP_NOT_ATTESTED: (403, "The delegate is not attested."),
+    FaultCode.ATTESTATION_INVALID: (403, "The attestation is not valid for this."),
+    FaultCode.TOO_MANY_HOPS: (403, "The chain may not grow."),
+    FaultCode.ABOVE_CEILING: (403, "The tier is above what this evidence carries."),
+    FaultCode.LIFETIME_TOO_LONG: (403, "The lifetime is longer than this evidence carries."),
+    # numbers and shapes inside a body
+    FaultCode.NOT_FINITE: (400, "A number is not finite."),
+    FaultCode.NOT_A_NUMBER: (400, "Something is not a number."),
+    FaultCode.NOT_ON_GRID: (400, "A number is finer than its unit."),
+    FaultCode.OUT_OF_RANGE: (400, "A number is out of range."),
+    FaultCode.STATEMENT_MALFORMED: (400, "A statement, scope or restriction is malformed."),
+    FaultCode.STATEMENT_WRONG_KIND: (400, "A statement is of another kind."),
+    FaultCode.STATEMENT_UNTRUSTED: (403, "A statement is not signed by the right key."),
+    FaultCode.KEY_MALFORMED: (400, "A key is malformed."),
+}
+"""Status and title of each code that can reach a caller; anything else is an error of ours."""
+DECIDED: Final = (403, "The policies do not permit it.")
+"""Status and title of whatever policies decided against."""
+
+
+class Problem(Exception):  # noqa: N818  RFC 9457's word
+    """A refusal on its way to the caller."""
+
+    def __init__(self, code: Code, detail: str = "", explanation: Explanation | None = None) -> None:
+        super().__init__(str(code))
+        self.code = code
+        self.detail = detail
+        self.explanation = explanation
+
+
+def answer(code: Code, detail: str = "", explanation: Explanation | None = None) -> Response:
+    """The problem details of a code, with the member `explanation` where there is one (RFC 9457 section 3.2).
+
+    Detail and explanation go only to a caller that is known: for 401 they are left out.
+    """
+    status, title = DECIDED if isinstance(code, Reason) else STATUS.get(code, STATUS[IdpCode.INTERNAL])
+    shown = title if status == _UNAUTHORISED or not detail else detail
+    body: dict[str, object] = {
+        "type": f"urn:ztpm:problem:{code.value.lower()}",
+        "title": title,
+        "status": status,
+        "code": code.value,
+        "detail": shown,
+    }
+    if explanation is not None and status != _UNAUTHORISED:
+        body["explanation"] = explanation_to_json(explanation)
+    headers = {"Cache-Control": "no-store"}
+    if status == _UNAUTHORISED:
+        scheme = "invalid_token" if code.value.startswith("TOKEN") else "invalid_dpop_proof"
+        headers["WWW-Authenticate"] = f'DPoP error="{scheme}", algs="EdDSA"'
+    return Response(json.dumps(body, ensure_ascii=True), status_code=status, headers=headers, media_type=MEDIA_TYPE)

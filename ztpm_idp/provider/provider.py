@@ -1,0 +1,194 @@
+"""The identity provider at work: a command goes through the pure domain inside one transaction of the store.
+
+Order of every change: load, decide, make the token if there is one, write, commit, answer. What is answered is durable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from capabilities.token.delegate import delegate
+from capabilities.token.mint import mint
+from capabilities.token.verify import token_to_text
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import CapabilityError, FaultCode
+from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.commands import Delegate, wanted
+from ztpm_idp.domain.core import caller_refused, decide
+from ztpm_idp.domain.events import TokenDelegated, TokenIssued
+from ztpm_idp.domain.rules import Rules
+from ztpm_idp.domain.state import State
+from ztpm_idp.provider.epoch_wait import EpochWait
+from ztpm_idp.provider.problems import Problem
+from ztpm_idp.store import ConflictError, OnceOnlyError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.proof.proof import Proof
+    from capabilities.statements.workload import Platform
+    from policies.decide.policy import PolicySet
+    from ztpm_idp.domain.commands import Command
+    from ztpm_idp.domain.events import Event
+    from ztpm_idp.domain.parties import Party
+    from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.settings import Settings
+    from ztpm_idp.store import Store
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What a command did, durable.
+
+    Attributes:
+        events: in order; empty when it had been done before.
+        epoch: the revocation epoch after it.
+        token: text of the token that was made, if any. Never kept anywhere.
+    """
+
+    events: tuple[Event, ...]
+    epoch: int
+    token: str | None
+
+    def __repr__(self) -> str:
+        return f"Done(epoch={self.epoch}, events={len(self.events)})"
+
+
+def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None, policies: PolicySet) -> Rules:
+    """What a deployment's settings, keys and policies fix for the domain."""
+    trust = keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
+    return Rules(
+        issuer=settings.issuer,
+        trust=trust,
+        caps=DEFAULT,
+        # Nobody who is registered may hold a key of the platform either, or one that was ours.
+        own_keys=keys.every_public | (frozenset() if platform is None else platform.all_keys),
+        token_lifetime_s=settings.lifetimes.token_s,
+        nonce_age_s=settings.lifetimes.nonce_s,
+        open_nonces=settings.open_nonces,
+        platform=platform,
+        open_asks=settings.open_asks,
+        policies=policies,
+    )
+
+
+class Provider:
+    """Everything the routes need, and all that may change the state.
+
+    Args:
+        settings, keys, store: of this deployment.
+        now: wall clock, seconds since the epoch.
+        platform: whose word on workloads counts, if anyone's.
+        policies: by what delegations are decided.
+
+    Attributes:
+        epochs: requests that wait for the next revocation.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        keys: IdpKeys,
+        store: Store,
+        now: Callable[[], float],
+        *,
+        platform: Platform | None,
+        policies: PolicySet,
+    ) -> None:
+        self.rules = rules_of(settings, keys, platform, policies)
+        self.settings = settings
+        self.keys = keys
+        self.store = store
+        self._now = now
+        self.epochs = EpochWait(self._epoch)
+
+    def now_ms(self) -> int:
+        """The wall clock, milliseconds since the epoch."""
+        return int(self._now() * 1_000)
+
+    async def caller(self, proof: Proof) -> Party:
+        """The registered party that made this proof, which is used up by it.
+
+        Raises:
+            Problem: `CALLER_UNKNOWN`, `CALLER_INACTIVE`, or `REPLAYED` for a proof that was used before.
+        """
+        async with self.store.read() as view:
+            party = await view.party_of_key(proof.key)
+        # A stranger's proof is not stored: strangers change nothing here.
+        refused = caller_refused(
+            State(parties={} if party is None else {party.id: party}), "" if party is None else party.id
+        )
+        if party is None or refused is not None:
+            raise Problem(IdpCode.CALLER_UNKNOWN if refused is None else refused.code)
+        caps, at_ms = self.rules.caps, self.now_ms()
+        expires_ms = (proof.iat + caps.proof_age_s + caps.skew_s) * 1_000
+        if not await self.store.first_use(key=proof.key, jti=proof.jti, expires_ms=expires_ms, at_ms=at_ms):
+            raise Problem(FaultCode.REPLAYED)
+        return party
+
+    async def run(self, command: Command, *, actor: str) -> Done:
+        """The command is done, durably.
+
+        Raises:
+            Problem: it is refused; nothing of it holds, but what the ledger keeps of the attempt is kept.
+            StoreUnavailableError: the store failed; nothing may be taken to hold.
+        """
+        at_ms = self.now_ms()
+        young_ms = at_ms - self.rules.nonce_age_s * 1_000
+        try:
+            async with self.store.write() as transaction:
+                state = await transaction.load(wanted(command), young_ms=young_ms)
+                outcome = decide(self.rules, state, command, at_ms)
+                if isinstance(outcome, Refusal):
+                    if outcome.recorded:
+                        await transaction.append(outcome.recorded, actor=actor, at_ms=at_ms)
+                    done = None
+                else:
+                    token = self._make_token(command, outcome)
+                    done = Done(outcome, await transaction.append(outcome, actor=actor, at_ms=at_ms), token)
+        except OnceOnlyError:
+            raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce is spent") from None
+        except ConflictError:
+            raise Problem(IdpCode.CONFLICT) from None
+        except CapabilityError as error:
+            raise Problem(error.code, error.detail) from None
+        if isinstance(outcome, Refusal):
+            raise Problem(outcome.code, outcome.detail, outcome.explanation)
+        if done is None:
+            raise AssertionError
+        self.epochs.told(done.epoch)  # after the commit: nobody is woken for what may still be rolled back
+        return done
+
+    async def _epoch(self) -> int:
+        async with self.store.read() as view:
+            return (await view.counters()).epoch
+
+    def _make_token(self, command: Command, events: tuple[Event, ...]) -> str | None:
+        for event in events:
+            match event:
+                case TokenIssued():
+                    made = mint(
+                        root=self.keys.root,
+                        root_key_id=self.settings.root_key_id,
+                        token_id=event.token_id,
+                        sponsor=event.sponsor,
+                        hop=event.hop,
+                        scope=event.scope,
+                        caps=self.rules.caps,
+                    )
+                    return token_to_text(made)
+                case TokenDelegated() if isinstance(command, Delegate):
+                    made = delegate(
+                        command.token,
+                        chain=event.chain,
+                        attester=self.keys.attester,
+                        trust=self.rules.trust,
+                        hop=event.hop,
+                        restriction=event.restriction,
+                        caps=self.rules.caps,
+                    )
+                    return token_to_text(made)
+                case _:
+                    continue
+        return None

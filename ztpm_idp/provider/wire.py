@@ -1,0 +1,255 @@
+"""What comes over the wire, as strict models: what passes is clean, bounded and of the right type."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Final, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from capabilities.keys.keys import check_raw, unb64u
+from capabilities.values import text
+from capabilities.values.errors import BadKeyError, ScopeError
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.events import RevocationKind
+from ztpm_idp.domain.parties import PersonRole
+from ztpm_idp.provider.body_json import BodyError, parse_json
+
+TEXT_BYTES: Final = 512
+"""Longest purpose or reason, as in a token (`Caps.purpose_bytes`)."""
+URL_BYTES: Final = 256
+"""Longest URL, as in a token (`Caps.text_bytes`)."""
+
+
+def _clean(value: str) -> str:
+    """Text for people: what a token may carry, and visible at both ends."""
+    try:
+        text.prose(value, most_bytes=TEXT_BYTES)
+    except ScopeError as error:
+        raise ValueError(error.detail) from None
+    if value != value.strip():
+        raise ValueError("space at an end")
+    return value
+
+
+def _key(value: str) -> str:
+    try:
+        check_raw(unb64u(value))
+    except BadKeyError as error:
+        raise ValueError(error.detail) from None
+    return value
+
+
+def _workload(value: str) -> str:
+    try:
+        return text.workload_id(value) if value else ""
+    except ScopeError as error:
+        raise ValueError(error.detail) from None
+
+
+def _url(value: str) -> str:
+    try:
+        text.url(value, most_bytes=URL_BYTES)
+    except ScopeError as error:
+        raise ValueError(error.detail) from None
+    if not value.startswith(("http://", "https://")):
+        raise ValueError("not an HTTP URL")
+    return value
+
+
+Name = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9._-]{0,62}$")]
+"""An id: lower-case ASCII, so that two ids that look alike are alike."""
+ToolName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,62}$")]
+Text = Annotated[str, Field(min_length=1, max_length=TEXT_BYTES), AfterValidator(_clean)]
+ShortText = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(_clean)]
+KeyText = Annotated[str, Field(min_length=43, max_length=44), AfterValidator(_key)]
+Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
+Workload = Annotated[str, Field(max_length=text.WORKLOAD_BYTES), AfterValidator(_workload)]
+Url = Annotated[str, Field(max_length=URL_BYTES), AfterValidator(_url)]
+Statement = Annotated[
+    str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=4_096)
+]
+"""A compact JWS; what it says is checked where it is opened."""
+AskText = Annotated[
+    str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
+]
+"""A signed ask: the longest one, of 64 contributors and 32 parameters with the longest names, still fits."""
+Json = dict[str, Any]
+
+
+class Body(BaseModel):
+    """Base of every body: exact types, no extra field, finite numbers, never changed."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True)
+
+
+class PersonBody(Body):
+    """A person to register."""
+
+    id: Name
+    name: ShortText
+    key: KeyText
+    roles: Annotated[list[Annotated[PersonRole, Field(strict=False)]], Field(min_length=1, max_length=3)]
+
+
+class ReasonBody(Body):
+    """Why something ends."""
+
+    reason: Text
+
+
+class AgentBody(Body):
+    """An agent to register."""
+
+    id: Name
+    key: KeyText
+    software_digest: Digest
+    model: ShortText
+    role: Name
+    sponsor: Name
+    workload: Workload = ""
+
+
+class EvidenceBody(Body):
+    """A stand-alone attestation."""
+
+    evidence: Statement
+
+
+class TrustBody(Body):
+    """An agent's static trust, in thousandths."""
+
+    permille: Annotated[int, Field(ge=0, le=1_000)]
+
+
+class RestoreBody(Body):
+    """Why an agent is all right again; with `relearn` its baseline is learned anew."""
+
+    reason: Text
+    relearn: bool = False
+
+
+class PepBody(Body):
+    """An enforcement point to register."""
+
+    id: Name
+    key: KeyText
+    audiences: Annotated[list[Url], Field(min_length=1, max_length=16)]
+
+
+class SensorBody(Body):
+    """A sensor to register."""
+
+    id: Name
+    key: KeyText
+    calibration: Digest
+    transit_ms: Annotated[int, Field(ge=0, le=10_000)]
+    audience: Url
+
+
+class ToolBody(Body):
+    """A tool's reviewed definition."""
+
+    audience: Url
+    name: ToolName
+    definition_digest: Digest
+    operation: ToolName
+    base_tier: Annotated[int, Field(ge=0, le=4)]
+
+
+class NothingBody(Body):
+    """An empty object."""
+
+
+class IssueRequest(Body):
+    """What a sponsor signs; its canonical form is what the agent's evidence names."""
+
+    agent: Name
+    purpose: Text
+    scope: Json
+
+
+class IssueBody(Body):
+    """A request for a token."""
+
+    request: IssueRequest
+    evidence: Statement
+
+
+class DelegateRequest(Body):
+    """What a holder signs; its canonical form is what the delegate's evidence names."""
+
+    delegate: Name
+    purpose: Text
+    restriction: Json
+
+
+class DelegateBody(Body):
+    """A request for a further hop."""
+
+    request: DelegateRequest
+    evidence: Statement
+
+
+class RevocationBody(Body):
+    """What to revoke."""
+
+    kind: Annotated[RevocationKind, Field(strict=False)]
+    id: Annotated[str, Field(min_length=1, max_length=256)]
+    reason: Text
+
+
+class RecordsBody(Body):
+    """A batch of a journal."""
+
+    records: Annotated[list[Json], Field(min_length=1, max_length=1_000)]
+
+
+class AskBody(Body):
+    """An enforcement point's signed ask."""
+
+    ask: AskText
+
+
+class VoteBody(Body):
+    """A person's signed answer to an ask."""
+
+    vote: Statement
+
+
+class OpeningBody(Body):
+    """A person's signed opening."""
+
+    opening: Statement
+
+
+REVOCATION_IDS: Final[dict[RevocationKind, re.Pattern[str]]] = {
+    RevocationKind.TOKEN: re.compile(r"[A-Za-z0-9_-]{22}"),
+    RevocationKind.HOP: re.compile(r"[0-9a-f]{32}"),
+    RevocationKind.AGENT: re.compile(r"[a-z0-9][a-z0-9._-]{0,62}"),
+    RevocationKind.KEY: re.compile(r"[A-Za-z0-9_-]{43}"),
+    RevocationKind.SPONSOR: re.compile(r"[a-z0-9][a-z0-9._-]{0,62}"),
+    RevocationKind.AUDIENCE: re.compile(r"https?://[^\s]{1,250}"),
+}
+"""The only form of each id: a revocation that could match nothing must not be acknowledged."""
+
+_FIELDS: Final = frozenset(name for model in Body.__subclasses__() for name in model.model_fields)
+"""Names of ours: a field that a stranger invented is not repeated to anybody."""
+
+B = TypeVar("B", bound=Body)
+
+
+def parse_body(model: type[B], raw: bytes) -> B:
+    """The body as `model`.
+
+    Raises:
+        BodyError: as `parse_json`; `BODY_MALFORMED` for what the model refuses, naming the field and the fault but
+            never the value.
+    """
+    value = parse_json(raw)
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"] if isinstance(part, int) or part in _FIELDS)[:120]
+        raise BodyError(IdpCode.BODY_MALFORMED, f"{where or 'body'}: {first['type']}") from None
