@@ -1,6 +1,7 @@
 # The whole developer story. Each target is short and says what it proves.
 RUN ?= uv run --extra all --group dev
 TESTS ?=
+VECTORS ?= ../shared/data/vectors
 
 .PHONY: check format lint types imports test docs demo bench campaign soundness rtde-campaign mutants constraints
 
@@ -33,7 +34,7 @@ bench:  ## capability tokens beside their peers, in one run; the ratios last
 	uv run --extra all --extra bench --group dev ztpm eval bench capabilities
 
 campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in full; the figures, and each defence taken out, last
-	$(RUN) ztpm eval tokens
+	$(RUN) ztpm eval tokens $(if $(wildcard $(VECTORS)),--vectors $(VECTORS))
 	$(RUN) python -m tests.model.campaign
 	$(RUN) ztpm eval conduct
 	$(RUN) pytest -q --campaign -m campaign

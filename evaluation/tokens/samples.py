@@ -22,7 +22,7 @@ _PANIC: Final = "PanicException"
 def run(settings: Settings) -> Outcome | Skipped:
     """Each validation has the result that the sample states, down to the index of the policy that allowed."""
     if settings.vectors is None:
-        return Skipped("no vectors")
+        return Skipped("no vectors: give their directory with --vectors")
     described: dict[str, Any] = json.loads((settings.vectors / "biscuit" / "samples.json").read_text("utf-8"))
     root = _library.PublicKey("ed25519/" + described["root_public_key"])
     misses, passed, slowest = Misses(), 0, 0

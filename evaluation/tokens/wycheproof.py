@@ -72,7 +72,7 @@ class Tally:
 def run(settings: Settings) -> Outcome | Skipped:
     """No invalid vector is accepted; every valid one of our two algorithms is, or is listed with a reason."""
     if settings.vectors is None:
-        return Skipped("no vectors")
+        return Skipped("no vectors: give their directory with --vectors")
     found = tally(settings.vectors / "wycheproof", signatures.verify)
     misses = Misses()
     for name, one in found.items():

@@ -14,8 +14,8 @@ from evaluation.bench.decisions.report import Result, Row
 from evaluation.bench.decisions.rules import NoPlainFormError, Of, Op
 from evaluation.bench.timing import QUICK, WrongAnswerError
 from typer.testing import CliRunner
-from ztpm.cli import evaluation
 
+from evaluation import cli
 from policies import NOT_COLLECTED, SHIPPED, Effect, Point, load, load_shipped
 
 SETS = {name: load_shipped(name) for name in SHIPPED}
@@ -246,7 +246,7 @@ def test_the_recorded_form_has_the_digest_of_its_evidence():
 def test_the_command_prints_one_object_with_every_measured_row():
     for name in run.OTHERS:
         needs(name)
-    told = CliRunner().invoke(evaluation.app, ["bench", "decide", "--quick", "--json"])
+    told = CliRunner().invoke(cli.app, ["bench", "decide", "--quick", "--json"])
     assert told.exit_code == 0, told.output
     found = json.loads(told.output)
     assert {"vs_cedarpy", "vs_casbin", "vs_regopy"} <= found["ratios"].keys()

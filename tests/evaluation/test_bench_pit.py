@@ -19,7 +19,8 @@ from pep.pit.obstacles import Kind
 from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID
 from typer.testing import CliRunner
-from ztpm.cli import evaluation
+
+from evaluation import cli
 
 MUJOCO = importlib.util.find_spec("mujoco") is not None
 
@@ -184,10 +185,10 @@ def test_a_target_is_met_by_both_figures_or_missed():
 def test_the_ratios_are_the_last_line_and_everything_is_in_the_json(monkeypatch):
     result = Result(ROWS, {"engine": "numba-1"}, {"processor": "x", "load": [0.0]}, Plan(1, 1), 1.0)
     monkeypatch.setattr(run, "run", lambda *a, **k: result)
-    said = CliRunner().invoke(evaluation.app, ["bench", "pit"])
+    said = CliRunner().invoke(cli.app, ["bench", "pit"])
     assert said.exit_code == 0, said.output
     assert "kernel_speedup_20 50.00" in " ".join(said.output.strip().splitlines()[-2:])
-    told = json.loads(CliRunner().invoke(evaluation.app, ["bench", "pit", "--json"]).output)
+    told = json.loads(CliRunner().invoke(cli.app, ["bench", "pit", "--json"]).output)
     assert told["ratios"]["assess_speedup_20"] == 2.0
     assert told["bars"] == {"kernel_speedup_20": 100.0, "assess_speedup_20": 10.0}
     assert len(told["rows"]) == len(ROWS)

@@ -12,7 +12,8 @@ from evaluation.bench import report, run
 from evaluation.bench.report import Result, Row, Size
 from evaluation.bench.timing import QUICK
 from typer.testing import CliRunner
-from ztpm.cli import evaluation
+
+from evaluation import cli
 
 RATIOS = {
     "warm_proof_d3",
@@ -77,7 +78,7 @@ def test_a_ratio_of_what_was_not_measured_is_none(gone):
 
 def invoke(monkeypatch, *arguments: str):
     monkeypatch.setattr(run, "run", lambda *_, **__: RESULT)
-    done = CliRunner().invoke(evaluation.app, ["bench", "capabilities", *arguments], catch_exceptions=False)
+    done = CliRunner().invoke(cli.app, ["bench", "capabilities", *arguments], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.stdout
 

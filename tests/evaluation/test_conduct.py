@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import islice
 
 import pytest
+from evaluation.cli import app
 from evaluation.conduct import agents, alarms, delays, trusting
 from evaluation.conduct.agents import Worker, life
 from evaluation.conduct.counting import interval, quantile
@@ -14,7 +15,6 @@ from evaluation.conduct.registry import CAMPAIGNS
 from evaluation.tokens.campaign import Outcome, Settings
 from policies.words.parameters import Parameters
 from typer.testing import CliRunner
-from ztpm.cli.evaluation import app
 
 QUICK = Settings(quick=True, seed=11, vectors=None, clock_ns=time.perf_counter_ns, told=lambda _: None)
 BY_ID = {campaign.id: campaign for campaign in CAMPAIGNS}

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from evaluation.stops import SHORTEST_S, Report, draw, spread
+from evaluation.stops.measure import SHORTEST_S, Report, draw, spread
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from ztpm.demo.eyes import Sample
 from ztpm.demo.stopping import model_rad, read_stop

@@ -13,9 +13,9 @@ from evaluation.tokens.blocks import CONDITIONS, SIZES, STATEMENTS
 from evaluation.tokens.campaign import Campaign, Misses, Outcome, Settings, Skipped
 from evaluation.tokens.hostile import Later
 from typer.testing import CliRunner
-from ztpm.cli import evaluation
 
 from capabilities import Chain, Fault, FaultCode
+from evaluation import cli
 
 VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
 needs_vectors = pytest.mark.skipif(not VECTORS.is_dir(), reason="the reference vectors are not beside this checkout")
@@ -233,20 +233,20 @@ ABSENT = Campaign("B3", "three", "none", lambda _: Skipped("no vectors"))
 )
 def test_the_command_says_what_was_found(campaigns, code, monkeypatch):
     monkeypatch.setattr(registry, "CAMPAIGNS", campaigns)
-    done = CliRunner().invoke(evaluation.app, ["tokens", "--json", "--seed", "7"])
+    done = CliRunner().invoke(cli.app, ["tokens", "--json", "--seed", "7"])
     said = json.loads(done.stdout)
     assert (done.exit_code, said["ok"], said["seed"]) == (code, code == 0, 7)
     assert [one["id"] for one in said["campaigns"]] == [campaign.id for campaign in campaigns]
-    lines = CliRunner().invoke(evaluation.app, ["tokens", "--quick"]).stdout.rstrip().splitlines()
+    lines = CliRunner().invoke(cli.app, ["tokens", "--quick"]).stdout.rstrip().splitlines()
     assert all(campaign.id in lines[-1] for campaign in campaigns)
 
 
 def test_one_campaign_alone_and_an_unknown_one(monkeypatch):
     monkeypatch.setattr(registry, "CAMPAIGNS", [MET, MISSED])
-    done = CliRunner().invoke(evaluation.app, ["tokens", "--json", "--only", "B1"])
+    done = CliRunner().invoke(cli.app, ["tokens", "--json", "--only", "B1"])
     assert done.exit_code == 0
     assert [one["id"] for one in json.loads(done.stdout)["campaigns"]] == ["B1"]
-    assert CliRunner().invoke(evaluation.app, ["tokens", "--only", "B9"]).exit_code == 2
+    assert CliRunner().invoke(cli.app, ["tokens", "--only", "B9"]).exit_code == 2
 
 
 def test_every_miss_counts_and_the_first_are_told():

@@ -29,7 +29,7 @@ BREAKS = [
     ("capabilities-rooms", "capabilities/attic/__init__.py", "import json"),
     ("layers", "pep/base/ports.py", "import ztpm.cell.cell"),
     ("layers", "ztpm/cell/cell.py", "import evaluation.stops"),
-    ("physics-fence", "evaluation/stops.py", "import coal"),
+    ("physics-fence", "evaluation/cli.py", "import coal"),
     ("core-is-light", "policies/evidence/model.py", "import fastapi"),
     ("core-is-light", "capabilities/values/units.py", "import numpy"),
     ("core-is-light", "capabilities/values/units.py", "import socket"),

@@ -6,6 +6,8 @@ provider turns down), 4 not decided yet (another person must answer).
 
 from __future__ import annotations
 
+from importlib.metadata import entry_points
+
 import typer
 
 from ztpm.cli import (
@@ -16,7 +18,6 @@ from ztpm.cli import (
     delegation,
     demo,
     doctor,
-    evaluation,
     keys,
     mcp,
     pit,
@@ -27,6 +28,7 @@ from ztpm.cli import (
     token,
     up,
 )
+from ztpm.cli.brought import GROUP, add_brought
 from ztpm.cli.policy import commands
 
 app = typer.Typer(
@@ -52,13 +54,13 @@ token.app.command("issue")(delegation.issue)
 token.app.command("delegate")(delegation.delegate)
 app.add_typer(token.app, name="token")
 app.add_typer(cell.app, name="cell")
-app.add_typer(evaluation.app, name="eval")
 mcp.app.command("serve")(serve.tools)
 app.add_typer(mcp.app, name="mcp")
 app.add_typer(serve.idp, name="idp")
 serve.rtde.command("run")(rtde_run.run)
 serve.rtde.command("connect")(rtde_run.connect)
 app.add_typer(serve.rtde, name="rtde")
+add_brought(app, entry_points(group=GROUP))
 
 
 def main() -> None:

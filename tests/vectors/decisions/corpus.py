@@ -1,7 +1,7 @@
 """The recorded decisions: cases, policy sets, and what each case is answered under some of the sets.
 
-`cases.ndjson.xz` has a request with its evidence a line (`policies.evidence.case_json`), `sets.json` the sets as TOML or by a
-shipped name, `answers.ndjson.xz` a line for each case: set, effect, reason, tier and a digest of the whole answer.
+`cases.ndjson.xz`, a file of the package `policies`, has a request with its evidence a line (`policies.evidence.case_json`);
+`sets.json` the sets as TOML or by a shipped name, `answers.ndjson.xz` a line for each case: set, effect, reason, tier and a digest of the whole answer.
 """
 
 import json
@@ -16,7 +16,8 @@ from policies.words.reason_table import REASONS
 from policies import ApprovalReading, decide, load, load_shipped
 
 HERE = Path(__file__).parent
-CASES, SETS, ANSWERS = HERE / "cases.ndjson.xz", HERE / "sets.json", HERE / "answers.ndjson.xz"
+CASES = HERE.parents[2] / "policies" / "sets" / "cases.ndjson.xz"
+SETS, ANSWERS = HERE / "sets.json", HERE / "answers.ndjson.xz"
 DIGEST_DIGITS = 12
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -16,13 +17,13 @@ from ztpm.cli.policy.explanation import JournalFile
 from ztpm.cli.policy.policy_set import about, open_set
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from policies.explain.differences import Case, Comparison, SetChange
     from ztpm.cli.policy.replay import Replayed
 
-CORPUS: Final = Path(__file__).parents[3] / "tests" / "vectors" / "decisions" / "cases.ndjson.xz"
-"""The recorded cases of a checkout; an installation has none."""
+RECORDED: Final = "sets/cases.ndjson.xz"
+"""The recorded cases, a file of the package `policies`."""
 
 CorpusFile = Annotated[
     Path | None,
@@ -48,21 +49,16 @@ def diff(
         fail("USAGE", "--corpus or --journal, not both", as_json=as_json, status=USAGE)
     old, new = open_set(one, as_json=as_json).policies, open_set(other, as_json=as_json).policies
     change = of_sets(old, new)
-    drawn, over = Replayed(), corpus or (CORPUS if journal is None and CORPUS.exists() else None)
-    cases: Iterator[Case] = iter(())
-    if journal is not None:
-        cases = (_afresh(case) for case in drawn.cases(journal))
-    elif over is not None:
-        cases = written_cases(over)
-    found = _compared(lambda: of_decisions(cases, old, new), journal or over, as_json=as_json)
+    drawn = Replayed()
+    with resources.as_file(resources.files("policies").joinpath(RECORDED)) as recorded:
+        over = journal or corpus or recorded
+        cases = written_cases(over) if journal is None else (_afresh(case) for case in drawn.cases(journal))
+        found = _compared(lambda: of_decisions(cases, old, new), over, as_json=as_json)
     if as_json:
         told = {"old": about(old), "new": about(new), **_change(change), **_comparison(found), **_left_out(drawn)}
-        say_json({"ok": True, **told, "over": str(journal or over or "")})
+        say_json({"ok": True, **told, "over": str(over)})
         return
     _tell_change(change)
-    if journal is None and over is None:
-        console.print("no cases to compare decisions on: give --corpus or --journal")
-        return
     _tell(found, drawn)
     _tell_unseen(change)
 

@@ -13,7 +13,7 @@ import math
 import random
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from ztpm.demo.eyes import Eyes
@@ -281,9 +281,4 @@ def _repeat(
     return Report(kind, tuple(stops), outcomes, spoilt)
 
 
-def rows(reports: Sequence[Report]) -> list[dict[str, Any]]:
-    """Every stop as it was measured, for a file."""
-    return [{"kind": report.kind, **asdict(stop)} for report in reports for stop in report.stops]
-
-
-__all__ = ["MeasureError", "Report", "StageError", "measure", "rows"]
+__all__ = ["MeasureError", "Report", "StageError", "measure"]

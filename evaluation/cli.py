@@ -1,30 +1,32 @@
-"""`ztpm eval`: what we claim, measured on this machine."""
+"""`ztpm eval`: the commands that measure the project's claims on this machine.
+
+The entry point `eval` of the group `ztpm.commands` names `app`; `ztpm` itself imports nothing of `evaluation`.
+"""
 
 from __future__ import annotations
 
-import importlib
 import json
 import secrets
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
-from ztpm.cli import campaigns
-from ztpm.cli.conduct import conduct
-from ztpm.cli.output import FAILURE, console, fail, say_json
+from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Collection, Iterable, Sequence
+
+    from rich.table import Table
 
     from evaluation.bench.timing import Plan
-    from evaluation.stops import Report
+    from evaluation.tokens.campaign import Campaign, Outcome, Skipped
 
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
 bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
-app.command()(conduct)
 
 
 @app.command()
@@ -37,7 +39,8 @@ def stops(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
 ) -> None:
     """Stop times on an embedded cell; the exit status is not 0 when a stop left the model or came too late."""
-    from evaluation.stops import MeasureError, StageError, measure, rows
+    from evaluation.stops.measure import MeasureError, StageError, measure
+    from evaluation.stops.report import plot, rows, table
 
     seed = secrets.randbits(32) if seed is None else seed
     try:
@@ -59,11 +62,11 @@ def stops(
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / "stops.json").write_text(json.dumps({**result, "stops": rows(reports)}, indent=1), encoding="utf-8")
-        _plot(reports, out / "stops.png")
+        plot(reports, out / "stops.png")
     if as_json:
         say_json(result)
     else:
-        console.print(_table(reports))
+        console.print(table(reports))
     raise typer.Exit(0 if result["ok"] else FAILURE)
 
 
@@ -205,75 +208,94 @@ def _tell(
     console.print(ratios_line(found["ratios"]))
 
 
-VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
-"""Where vectors made by others lie: beside the checkout."""
-
-
-@app.command("tokens")
-def campaigns_of_tokens(
+@app.command()
+def tokens(
     *,
     quick: Annotated[
         bool, typer.Option("--quick", help="Few trials: shows that it runs, not that a bar holds.")
     ] = False,
     only: Annotated[list[str] | None, typer.Option(help="Run this one, by its id; may be repeated.")] = None,
     seed: Annotated[int | None, typer.Option(help="Of every draw; a fresh one is drawn and told.")] = None,
-    vectors: Annotated[Path, typer.Option(help="Vectors made by others: `biscuit` and `wycheproof` in it.")] = VECTORS,
+    vectors: Annotated[
+        Path | None,
+        typer.Option(help="Vectors made by others: `biscuit` and `wycheproof` in it.", exists=True, file_okay=False),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
 ) -> None:
     """The claims about tokens, each tried so many times; the exit status is not 0 when one is missed."""
     from evaluation.tokens.registry import CAMPAIGNS
     from evaluation.tokens.report import line, table
 
-    there = vectors if vectors.is_dir() else None
-    found, said = campaigns.run(CAMPAIGNS, only, quick=quick, seed=seed, vectors=there, as_json=as_json)
+    found, report = _campaigns(CAMPAIGNS, only, quick=quick, seed=seed, vectors=vectors, as_json=as_json)
     if as_json:
-        say_json(said)
+        say_json(report)
     else:
         console.print(table(found))
         console.print(line(found))
-    raise typer.Exit(0 if said["ok"] else FAILURE)
+    raise typer.Exit(0 if report["ok"] else FAILURE)
+
+
+@app.command()
+def conduct(
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Few runs: shows that it runs, not that a bar holds.")] = False,
+    only: Annotated[list[str] | None, typer.Option(help="Run this one, by its id; may be repeated.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of every draw; a fresh one is drawn and told.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Directory for the pictures; needs matplotlib.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
+) -> None:
+    """False alarms, detection delays and trust under attack; the exit status is not 0 when a bar is missed."""
+    from evaluation.conduct.plots import plot as draw
+    from evaluation.conduct.registry import CAMPAIGNS
+    from evaluation.tokens.report import table
+
+    found, report = _campaigns(CAMPAIGNS, only, quick=quick, seed=seed, vectors=None, as_json=as_json)
+    if plot is not None:
+        try:
+            report["plots"] = [path.name for path in draw(plot, seed=report["seed"])]
+        except ModuleNotFoundError as error:
+            fail("NOT_PLOTTED", str(error), as_json=as_json)
+    if as_json:
+        say_json(report)
+    else:
+        console.print(table(found))
+    raise typer.Exit(0 if report["ok"] else FAILURE)
+
+
+def _campaigns(
+    campaigns: Sequence[Campaign],
+    only: Collection[str] | None,
+    *,
+    quick: bool,
+    seed: int | None,
+    vectors: Path | None,
+    as_json: bool,
+) -> tuple[list[tuple[Campaign, Outcome | Skipped]], dict[str, Any]]:
+    """Outcome of each campaign, in their order, and the report of all of them.
+
+    Ends the command with `UNKNOWN_CAMPAIGN` when `only` names none of them.
+    """
+    from evaluation.tokens.campaign import Settings
+    from evaluation.tokens.report import report
+
+    seed = secrets.randbits(32) if seed is None else seed
+    known = {campaign.id: campaign for campaign in campaigns}
+    unknown = sorted(set(only or ()) - known.keys())
+    if unknown:
+        fail("UNKNOWN_CAMPAIGN", f"{', '.join(unknown)} is none of {', '.join(known)}", as_json=as_json, status=USAGE)
+    chosen = [campaign for campaign in campaigns if not only or campaign.id in only]
+    settings = Settings(quick=quick, seed=seed, vectors=vectors, clock_ns=time.perf_counter_ns, told=_nothing)
+    if as_json:
+        found = [(campaign, campaign.run(settings)) for campaign in chosen]
+    else:
+        console.print(f"seed {seed}")
+        found = []
+        with console.status("") as status:
+            for campaign in chosen:
+                told = lambda what, of=campaign.id: status.update(f"{of}: {what}")  # noqa: E731
+                found.append((campaign, campaign.run(replace(settings, told=told))))
+    return found, report(found, quick=quick, seed=seed)
 
 
 def _nothing(*_: object) -> None:
     """No progress is told."""
-
-
-def _table(reports: list[Report]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for heading in ("", "stops", "what", "p50", "p90", "p99", "max", "beyond the model", "bar"):
-        table.add_column(heading, justify="right" if heading[:1] == "p" or heading == "max" else "left")
-    for report in reports:
-        figures = report.figures()
-        for n, (key, what) in enumerate(
-            (("reaction_ms", "t1 - t0, ms"), ("braking_ms", "t2 - t1, ms"), ("travel_mrad", "travel from t0, mrad"))
-        ):
-            spread = figures[key]
-            first = (report.kind, str(figures["count"])) if n == 0 else ("", "")
-            last = (str(figures["beyond_model"]), "met" if report.ok else "missed") if n == 0 else ("", "")
-            table.add_row(*first, what, *(f"{spread[p]:.1f}" for p in ("p50", "p90", "p99", "max")), *last)
-    return table
-
-
-def _plot(reports: list[Report], file: Path) -> None:
-    """Travel against speed, with the model's curve; nothing without matplotlib."""
-    try:
-        matplotlib = importlib.import_module("matplotlib")
-    except ModuleNotFoundError:
-        return
-    from ztpm.demo.stopping import model_rad
-
-    matplotlib.use("Agg")
-    plots = importlib.import_module("matplotlib.pyplot")
-    figure, (travel, reaction) = plots.subplots(1, 2, figsize=(10, 4))
-    speeds = [n / 100 for n in range(101)]
-    travel.plot(speeds, [model_rad(speed) for speed in speeds], color="black", label="model")
-    for report in reports:
-        travel.scatter(
-            [s.speed_rad_s for s in report.stops], [s.braking_rad for s in report.stops], s=8, label=report.kind
-        )
-        reaction.hist([s.reaction_s * 1000 for s in report.stops], bins=30, alpha=0.6, label=report.kind)
-    travel.set(xlabel="speed of the leading axis, rad/s", ylabel="travel from t1, rad")
-    reaction.set(xlabel="t1 - t0, ms", ylabel="stops")
-    travel.legend()
-    reaction.legend()
-    figure.savefig(file, dpi=150)
