@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from evaluation.bench.timing import Plan
-    from evaluation.tokens.campaign import Campaign, Outcome, Skipped
+    from evaluation.harness.campaign import Campaign, Outcome, Skipped
+    from evaluation.harness.timing import Plan
 
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
 bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_help=True)
@@ -79,11 +79,11 @@ def bench_capabilities(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
 ) -> None:
     """Capability tokens from the wire to a decision: ours, Tenuo, AIP, bare Biscuit, macaroons, PyJWT."""
-    from evaluation.bench import plot as plots
-    from evaluation.bench.report import ratios_line
-    from evaluation.bench.run import run
-    from evaluation.bench.table import tables
-    from evaluation.bench.timing import FULL, QUICK
+    from evaluation.harness.timing import FULL, QUICK
+    from evaluation.tokens import picture as plots
+    from evaluation.tokens.bench import ratios_line
+    from evaluation.tokens.run import run
+    from evaluation.tokens.tables import tables
 
     result = _measured(run, plots.plot, QUICK if quick else FULL, seed=seed, plot=plot, as_json=as_json)
     absent = [f"{row.peer}: {row.why}" for row in result.rows if row.scope is None]
@@ -99,10 +99,10 @@ def bench_decide(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
 ) -> None:
     """One decision on facts that are there: ours, Cedar, casbin and Rego on equivalent rules."""
-    from evaluation.bench.decisions import plot as plots
-    from evaluation.bench.decisions.report import ratios_line, tables
-    from evaluation.bench.decisions.run import FULL, run
-    from evaluation.bench.timing import QUICK
+    from evaluation.decisions import picture as plots
+    from evaluation.decisions.bench import ratios_line, tables
+    from evaluation.decisions.run import FULL, run
+    from evaluation.harness.timing import QUICK
 
     result = _measured(run, plots.plot, QUICK if quick else FULL, seed=seed, plot=plot, as_json=as_json)
     remarks = [f"{row.peer}: {row.why}" for row in result.rows if row.case is None]
@@ -121,9 +121,9 @@ def bench_pit(
     """The physics of one command: ours, its parts, and distances sampled by pinocchio and MuJoCo."""
     from functools import partial
 
-    from evaluation.bench.pit import plot as plots
-    from evaluation.bench.pit.report import ratios_line, tables
-    from evaluation.bench.pit.run import FULL, QUICK, run
+    from evaluation.pit import picture as plots
+    from evaluation.pit.bench import ratios_line, tables
+    from evaluation.pit.run import FULL, QUICK, run
 
     few = partial(run, sizes=(5,), questions=2)
     plan = QUICK if quick else FULL
@@ -139,8 +139,8 @@ def bench_rtde(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
 ) -> None:
     """A 500 Hz stream of an unmodified ur_rtde program: through the gateway, and directly to the controller."""
-    from evaluation.bench.rtde.report import StreamBrokenError, summary, tables
-    from evaluation.bench.rtde.run import run
+    from evaluation.rtde.bench import StreamBrokenError, summary, tables
+    from evaluation.rtde.run import run
 
     try:
         if as_json:
@@ -168,9 +168,9 @@ def _measured(
     as_json: bool,
 ) -> Any:
     """What a benchmark found, its progress shown and its picture drawn; ends the command where it found nothing."""
-    from evaluation.bench.absent import AbsentError
-    from evaluation.bench.decisions.rules import NoPlainFormError
-    from evaluation.bench.timing import WrongAnswerError
+    from evaluation.decisions.rules import NoPlainFormError
+    from evaluation.harness.absent import AbsentError
+    from evaluation.harness.timing import WrongAnswerError
 
     try:
         if as_json:
@@ -223,8 +223,8 @@ def tokens(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
 ) -> None:
     """The claims about tokens, each tried so many times; the exit status is not 0 when one is missed."""
-    from evaluation.tokens.registry import CAMPAIGNS
-    from evaluation.tokens.report import line, table
+    from evaluation.harness.campaign_report import line, table
+    from evaluation.tokens.campaigns.registry import CAMPAIGNS
 
     found, report = _campaigns(CAMPAIGNS, only, quick=quick, seed=seed, vectors=vectors, as_json=as_json)
     if as_json:
@@ -247,7 +247,7 @@ def conduct(
     """False alarms, detection delays and trust under attack; the exit status is not 0 when a bar is missed."""
     from evaluation.conduct.plots import plot as draw
     from evaluation.conduct.registry import CAMPAIGNS
-    from evaluation.tokens.report import table
+    from evaluation.harness.campaign_report import table
 
     found, report = _campaigns(CAMPAIGNS, only, quick=quick, seed=seed, vectors=None, as_json=as_json)
     if plot is not None:
@@ -275,8 +275,8 @@ def _campaigns(
 
     Ends the command with `UNKNOWN_CAMPAIGN` when `only` names none of them.
     """
-    from evaluation.tokens.campaign import Settings
-    from evaluation.tokens.report import report
+    from evaluation.harness.campaign import Settings
+    from evaluation.harness.campaign_report import report
 
     seed = secrets.randbits(32) if seed is None else seed
     known = {campaign.id: campaign for campaign in campaigns}

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Final
 from evaluation.conduct.agents import PHASES, Worker, life
 from evaluation.conduct.counting import interval
 from evaluation.conduct.watching import false_alarms
-from evaluation.tokens.campaign import Campaign, Outcome
+from evaluation.harness.campaign import Campaign, Outcome
 from policies.conduct.cusum import watched
 from policies.evidence.conduct_readings import Feature
 from policies.words.parameters import Parameters
 
 if TYPE_CHECKING:
-    from evaluation.tokens.campaign import Settings
+    from evaluation.harness.campaign import Settings
 
 PARAMETERS: Final = Parameters()
 STATED: Final = PARAMETERS.behaviour_false_alarm_count

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 from evaluation.conduct import agents
 from evaluation.conduct.counting import quantile
 from evaluation.conduct.watching import caught
-from evaluation.tokens.campaign import Campaign, Outcome, missed
+from evaluation.harness.campaign import Campaign, Outcome, missed
 from policies.words.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from evaluation.conduct.agents import Draft
     from evaluation.conduct.watching import Caught
-    from evaluation.tokens.campaign import Settings
+    from evaluation.harness.campaign import Settings
 
 PARAMETERS: Final = Parameters()
 LEARNED: Final = 400

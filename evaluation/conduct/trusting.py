@@ -6,7 +6,7 @@ import random
 from typing import TYPE_CHECKING, Final
 
 from evaluation.conduct.agents import BEGIN, SPONSOR, Draft, reported
-from evaluation.tokens.campaign import Campaign, Outcome
+from evaluation.harness.campaign import Campaign, Outcome
 from policies.conduct.decay import TICKS, decayed
 from policies.conduct.report import Edge
 from policies.conduct.trust import NOTHING_REPORTED, observe, score
@@ -15,7 +15,7 @@ from policies.words.parameters import Parameters
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from evaluation.tokens.campaign import Settings
+    from evaluation.harness.campaign import Settings
     from policies.conduct.report import Report
     from policies.conduct.trust import TrustState
 

@@ -7,7 +7,7 @@ from capabilities.values.bounds import one_of, permits, within
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import INT_LIMIT, Parameter, Unit
-from evaluation.tokens.laws import Request
+from evaluation.tokens.campaigns.laws import Request
 from hypothesis import strategies as st
 from tests.capabilities.world import CELL, OTHER_CELL
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from capabilities.values import algebra
 from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import Parameter, Quantity, Unit
-from evaluation.tokens import twin
-from evaluation.tokens.families import integers, lay_over, whole
+from evaluation.tokens.campaigns import twin
+from evaluation.tokens.campaigns.families import integers, lay_over, whole
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
-from evaluation.bench.pit.ruler import REACH_M, Least, Ruler
+from evaluation.pit.ruler import REACH_M, Least, Ruler
 from pep.pit import Contact, Person, Region, Scene, Sphere, Thing, Workspace, assess
 from pep.pit.checker import Verified
 from pep.pit.clearance import interval_clearance

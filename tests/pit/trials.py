@@ -5,7 +5,7 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from evaluation.bench.pit.ruler import REACH_M, Ruler
+from evaluation.pit.ruler import REACH_M, Ruler
 from pep.pit import JointPath, Scene, assess
 from pep.pit.checker import Code, Refused, Verified, verify
 from pep.pit.engine import chosen

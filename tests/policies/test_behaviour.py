@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import islice
 
 import pytest
-from evaluation.conduct import agents, thresholds
 from evaluation.conduct.agents import BEGIN, Worker, life
 from evaluation.conduct.watching import caught, false_alarms
 from hypothesis import given, settings
@@ -28,6 +27,8 @@ from policies.conduct.history import Baseline, Career
 from policies.conduct.report import Report, ReportError
 from policies.evidence.conduct_readings import DRIFT, Feature
 from policies.words.parameters import PARAMETERS, Parameters
+
+from evaluation.conduct import agents, thresholds
 
 P = Parameters()
 SHORT = replace(P, behaviour_learn_count=64)

@@ -1,4 +1,4 @@
-"""The laws of the scope algebra, asked of drawn scopes. `evaluation.tokens.laws` says what each one is."""
+"""The laws of the scope algebra, asked of drawn scopes. `evaluation.tokens.campaigns.laws` says what each one is."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from capabilities.values.explanation import difference, explain, explanation_to_
 from capabilities.values.scope import OneOf, Range, Scope
 from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
 from capabilities.values.well_formed import well_formed, well_formed_restriction
-from evaluation.tokens import hop_laws, laws
+from evaluation.tokens.campaigns import hop_laws, laws
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.capabilities.drawn import (

@@ -6,6 +6,7 @@ provider turns down), 4 not decided yet (another person must answer).
 
 from __future__ import annotations
 
+from functools import cache
 from importlib.metadata import entry_points
 
 import typer
@@ -60,9 +61,15 @@ app.add_typer(serve.idp, name="idp")
 serve.rtde.command("run")(rtde_run.run)
 serve.rtde.command("connect")(rtde_run.connect)
 app.add_typer(serve.rtde, name="rtde")
-add_brought(app, entry_points(group=GROUP))
+
+
+@cache
+def command_line() -> typer.Typer:
+    """`app`, with the commands that installed packages bring; they may import `ztpm`, so not when this is imported."""
+    add_brought(app, entry_points(group=GROUP))
+    return app
 
 
 def main() -> None:
     """Run the command line."""
-    app()
+    command_line()()

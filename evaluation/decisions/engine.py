@@ -1,0 +1,46 @@
+"""What every measured engine can do: make a question ready, answer it, and say what the answer means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from evaluation.decisions.facts import Situation
+    from policies import Effect
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """An answer.
+
+    Attributes:
+        effect: PERMIT, DENY or DEFER.
+        blamed: ids of the primitives whose conditions do not hold, ours leading first; None where the engine
+            cannot say.
+    """
+
+    effect: Effect
+    blamed: tuple[str, ...] | None
+
+
+class Engine(Protocol):
+    """One engine with the rules in its own language, ready to be asked.
+
+    Attributes:
+        name, version: of the engine, and of the form in which the rules are given to it.
+        checks: what its answer rests on, and what it does not say.
+    """
+
+    name: str
+    version: str
+    checks: str
+
+    def ready(self, situation: Situation) -> Any:
+        """The question in the form that the engine takes; not timed."""
+
+    def ask(self, question: Any) -> Any:
+        """The engine's answer; timed."""
+
+    def read(self, answer: Any) -> Said:
+        """What it means; not timed."""

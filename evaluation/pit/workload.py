@@ -1,0 +1,245 @@
+"""What is asked: moves of every joint among things of three shapes, lines, sequences and steps of streams."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Final, cast
+
+import numpy as np
+
+from evaluation.pit.ruler import Ruler
+from pep.pit import (
+    Box,
+    Capsule,
+    CellParameters,
+    JointLeg,
+    JointPath,
+    MoveJ,
+    MoveL,
+    Robot,
+    Scene,
+    ServoJ,
+    SpeedJ,
+    Sphere,
+    Thing,
+    adult_at_distance,
+)
+from pep.pit.drive import Drive
+from pep.pit.driving import drive_of
+from pep.pit.engine import chosen
+from pep.pit.pairs import pairs_of
+from pep.pit.stream import stream_envelope
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.random import Generator
+
+    from pep.pit import Motion
+    from pep.pit.course import Course
+    from pep.pit.motion import Joints, Pose
+    from pep.pit.pairs import Pairs
+    from pep.pit.scene import Shape, Vector
+
+AGE_S: Final = 0.1
+"""Of the view, in every question."""
+TIME_LIMIT_S: Final = 60.0
+"""A slow engine is slow here, and no fault."""
+WAY_RAD, SPEED_RAD_S, ACCELERATION_RAD_S2 = 2.0, 1.05, 1.4
+"""Of every joint; speed and acceleration are the controller's defaults."""
+NEAR_M, FAR_M, MIDDLE_M = 0.25, 0.75, 0.15
+"""Things stand so far about the point so high over the base."""
+ROOM_M: Final = 0.005
+"""Nothing is nearer to the way than this: a sampled distance says nothing of bodies that overlap."""
+LEGS: Final = 20
+LINE_M: Final = (0.1, 0.2)
+"""Length of a line."""
+ONE_STUCK_OF: Final = 8
+"""So many lines are drawn for one that is not proven to its end."""
+PROVEN_SHARE: Final = 0.75
+"""Of a joint's greatest speed: up to it the speed adds nothing to the index."""
+HOME: Final = (0.0, -1.62, 1.25, -1.20, -1.57, 0.0)
+PEOPLE_M: Final = (0.9, 1.2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """One motion in one scene.
+
+    Attributes:
+        robot: the arm.
+        scene: what is around it.
+        motion: what is asked.
+        cell: parameters.
+        step: of a stream, all that may follow of which is the motion; else None.
+    """
+
+    robot: Robot
+    scene: Scene
+    motion: Motion
+    cell: CellParameters
+    step: ServoJ | SpeedJ | None = None
+
+
+@cache
+def robot() -> Robot:
+    """The arm of every question."""
+    return Robot.load("ur3e")
+
+
+@cache
+def cell() -> CellParameters:
+    """The parameters of every question; all that stands in the cell is in the scene."""
+    return CellParameters(objects=(), time_limit_s=TIME_LIMIT_S)
+
+
+def moves(rng: Generator, count: int) -> list[MoveJ]:
+    """Moves of 2 rad on all six joints on which the arm keeps clear of itself."""
+    found: list[MoveJ] = []
+    while len(found) < count:
+        start = np.array(HOME) + rng.uniform(-1.2, 1.2, 6)
+        target = start + WAY_RAD * rng.choice([-1, 1], 6)
+        if np.abs([start, target])[:, 2].max() > math.pi:
+            continue
+        move = MoveJ(_joints(start), _joints(target), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        pairs = pairs_of(robot(), Scene(), cell(), grown_m=0.0)
+        if Ruler(chosen(), robot(), cell(), pairs, np.arange(len(pairs))).least(move).proven > ROOM_M:
+            found.append(move)
+    return found
+
+
+def around(rng: Generator, move: MoveJ, count: int) -> Scene:
+    """Balls, capsules and boxes in equal parts about the arm, none of them on the way of the move."""
+    rows = np.arange(robot().world_bodies)
+    return _clear(rng, count, lambda pairs: Ruler(chosen(), robot(), cell(), pairs, rows).least(move).proven)
+
+
+def beside(rng: Generator, course: Course, count: int) -> Scene:
+    """The same, none of them on the way of the course."""
+    cells, bodies = course.cells, robot().world_bodies
+    low, high, rows = (
+        np.repeat(cells.low, bodies),
+        np.repeat(cells.high, bodies),
+        np.tile(np.arange(bodies), len(cells)),
+    )
+    return _clear(rng, count, lambda pairs: float(course.examine(pairs, low, high, rows).clear_m.min()))
+
+
+def _clear(rng: Generator, count: int, least: Callable[[Pairs], float]) -> Scene:
+    """Things to which `least`, which is asked of each one's pairs with the moving bodies, is more than `ROOM_M`."""
+    things: list[Thing] = []
+    while len(things) < count:
+        thing = Thing(f"thing{len(things)}", "rigid", _shape(rng, len(things) % 3), cell().object_uncertainty_m)
+        if least(pairs_of(robot(), Scene(objects=(thing,)), cell(), grown_m=0.0)) > ROOM_M:
+            things.append(thing)
+    return Scene(objects=tuple(things))
+
+
+def with_people(scene: Scene) -> Scene:
+    """The scene and two standing adults."""
+    people = tuple(adult_at_distance(far, bearing_rad=2.5 * k, name=f"person{k}") for k, far in enumerate(PEOPLE_M))
+    return replace(scene, people=people)
+
+
+def bare(rng: Generator, things: int, count: int) -> list[Question]:
+    """Moves among things alone: what a sampled distance can be asked of as well."""
+    return [Question(robot(), around(rng, move, things), move, cell()) for move in moves(rng, count)]
+
+
+def peopled(rng: Generator, things: int, count: int) -> list[Question]:
+    """The same with two people."""
+    return [replace(each, scene=with_people(each.scene)) for each in bare(rng, things, count)]
+
+
+def lines(rng: Generator, things: int, count: int) -> list[Question]:
+    """Lines of the tool of 0.1 m to 0.2 m from about the home position, among things and two people.
+
+    They are what a cell asks for: proven to their end, no joint faster than it may be. The last one of every
+    `ONE_STUCK_OF` is not: it leads out of the arm's reach.
+    """
+    found: list[Question] = []
+    while len(found) < count:
+        stuck = len(found) % ONE_STUCK_OF == ONE_STUCK_OF - 1
+        start = np.array(HOME) + rng.uniform(-0.3, 0.3, 6)
+        x, y, z, *turn = _pose(_joints(start))
+        way = np.array([x, y, z]) if stuck else rng.standard_normal(3)
+        way *= (_REACH_M if stuck else rng.uniform(*LINE_M)) / np.linalg.norm(way)
+        target = cast("Pose", (x + way[0], y + way[1], z + way[2], *turn))
+        move = MoveL(_joints(start), target, 0.25, 1.2)
+        drive = drive_of(robot(), move, cell(), perception_age_s=AGE_S, check_time=lambda: None)
+        if not isinstance(drive, Drive) or _proven(drive) is stuck or z + way[2] < _LOW_M:
+            continue
+        found.append(Question(robot(), with_people(beside(rng, drive.course, things)), move, cell()))
+    return found
+
+
+def _proven(drive: Drive) -> bool:
+    """Whether the line is proven to its end, and no joint's speed alone is more than it may be."""
+    fastest = drive.joint_speeds_rad_s(drive.profile).max(axis=0) / robot().speed_limits_rad_s
+    return drive.doubt is None and float(fastest.max()) <= PROVEN_SHARE
+
+
+def sequences(rng: Generator, things: int, count: int) -> list[Question]:
+    """Twenty joint moves in one path, among things and two people."""
+    found: list[Question] = []
+    for _ in range(count):
+        at = np.array(HOME)
+        ends = [at + rng.uniform(-0.4, 0.4, 6) for _ in range(LEGS)]
+        legs = tuple(JointLeg(_joints(end), SPEED_RAD_S, ACCELERATION_RAD_S2) for end in ends)
+        whole = MoveJ(HOME, _joints(ends[0]), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        found.append(Question(robot(), with_people(around(rng, whole, things)), JointPath(HOME, legs), cell()))
+    return found
+
+
+def steps(rng: Generator, things: int, count: int, *, servo: bool) -> list[Question]:
+    """Steps of a stream under way: all that one target, or a set of joint speeds, lets follow until the arm stands."""
+    found: list[Question] = []
+    for _ in range(count):
+        start, qd = np.array(HOME) + rng.uniform(-0.3, 0.3, 6), rng.uniform(-0.3, 0.3, 6)
+        step: ServoJ | SpeedJ
+        motion: Motion
+        if servo:
+            step = motion = ServoJ(_joints(start), _joints(qd), _joints(start + 0.1 * qd), 0.002, 0.1)
+        else:
+            step = SpeedJ(_joints(start), _joints(qd), 2.0, 0.1)
+            motion = stream_envelope(step, cell(), under_way=True)
+        still = MoveJ(_joints(start), _joints(start + 1e-3), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        found.append(Question(robot(), with_people(around(rng, still, things)), motion, cell(), step))
+    return found
+
+
+_REACH_M: Final = 0.48
+_LOW_M: Final = 0.1
+
+
+def _joints(angles: object) -> Joints:
+    a, b, c, d, e, f = np.asarray(angles, dtype=float).tolist()
+    return a, b, c, d, e, f
+
+
+def _pose(q: Joints) -> Pose:
+    """Pose of the tool there."""
+    from evaluation.pit.sampled import pose_of
+
+    return pose_of(robot(), q)
+
+
+def _shape(rng: Generator, kind: int) -> Shape:
+    direction = rng.standard_normal(3)
+    center = direction / np.linalg.norm(direction) * rng.uniform(NEAR_M, FAR_M) + np.array([0.0, 0.0, MIDDLE_M])
+    if kind == 0:
+        return Sphere(_point(center), float(rng.uniform(0.02, 0.06)))
+    if kind == 1:
+        half = rng.standard_normal(3)
+        half *= rng.uniform(0.03, 0.12) / np.linalg.norm(half)
+        return Capsule(_point(center - half), _point(center + half), float(rng.uniform(0.015, 0.05)))
+    turn = rng.standard_normal(4)
+    w, x, y, z = (turn / np.linalg.norm(turn)).tolist()
+    return Box(_point(center), _point(rng.uniform(0.02, 0.07, 3)), (w, x, y, z))
+
+
+def _point(place: object) -> Vector:
+    x, y, z = np.asarray(place, dtype=float).tolist()
+    return x, y, z

@@ -1,0 +1,39 @@
+"""The gateway whose streams ask no physics: what reading, judging and writing a value cost without it.
+
+    python -m evaluation.rtde.bare --config gateway.toml --robot HOST
+
+Everything else is the gateway's own: the lease and its carriage, the line, grants and limits of each value, the watch.
+It moves a simulated arm through anything.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from pep.world.cell_stream import Judged, Shown
+from ztpm.point import gateway_server
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+NOTHING = Judged(0, (), 0.0, 0.0)
+
+
+class Unjudged:
+    """In place of `pep.world.cell_stream.CellStream`."""
+
+    def __init__(self, **_: Any) -> None:
+        pass
+
+    def see(self, q_rad: Sequence[float]) -> Shown:  # noqa: ARG002 - the form of what it stands for
+        """The view is fresh, whatever it is."""
+        return Shown(0, None)
+
+    def judge(self, *_: Any, **__: Any) -> Judged:
+        """No impact."""
+        return NOTHING
+
+
+if __name__ == "__main__":
+    gateway_server.CellStream = Unjudged  # type: ignore[assignment,attr-defined]
+    gateway_server.main()

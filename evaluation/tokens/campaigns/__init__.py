@@ -1,0 +1,1 @@
+"""Campaigns: each claim about tokens, tried many times."""

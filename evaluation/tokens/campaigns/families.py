@@ -1,0 +1,245 @@
+"""Random chains of up to eight hops, issued as the library issues, and hops that were forged below them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+from capabilities.values.errors import FaultCode, TokenError
+from capabilities.values.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import INT_LIMIT, Parameter, Unit
+from evaluation.tokens.campaigns import twin
+from evaluation.tokens.campaigns.issuer import ATTESTED_AT, CELLS, SPONSOR, chain_of
+
+if TYPE_CHECKING:
+    from random import Random
+
+    from capabilities.token.verify import Verifier
+    from capabilities.values.chain import Chain, HopGrant
+    from evaluation.tokens.campaigns.issuer import Issuer
+    from evaluation.tokens.campaigns.twin import Blocks
+
+HOPS: Final = 8
+AGENTS: Final = tuple(f"a{n}" for n in range(HOPS + 1))
+ROLE: Final = "planner"
+ARM: Final = "arm"
+RANGE: Final = Parameter("low_high", Unit.MICROMETRE)
+SET: Final = Parameter("one_of", Unit.COUNT)
+_WORDS: Final = ("a", "b", "c", "read", "right", "query")
+_UNITS: Final = (Unit.COUNT, Unit.MICROMETRE, Unit.MILLINEWTON)
+_TRIES: Final = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A chain as it grew.
+
+    Attributes:
+        blocks: what was asked of the issuer.
+        tokens: after each block.
+        chains: each token, verified.
+    """
+
+    blocks: Blocks
+    tokens: tuple[bytes, ...]
+    chains: tuple[Chain, ...]
+
+
+# --- bounds ----------------------------------------------------------------------------------------------------------
+
+
+def integers(values: set[int]) -> Bound:
+    """The bound of exactly these integers: a range when they are consecutive."""
+    low, high = min(values), max(values)
+    return Range(low, high) if high - low + 1 == len(values) else OneOf(frozenset(values))
+
+
+def _range(chance: Random) -> Range:
+    most = chance.choice((3, 9, 1_000, INT_LIMIT))
+    ends = chance.randint(-most, most), chance.randint(-most, most)
+    return Range(min(ends), max(ends))
+
+
+def _set(chance: Random) -> Bound:
+    size = chance.choice((2, 3, 5, 9))
+    first = chance.choice((-INT_LIMIT, -20, 0, 5))
+    return OneOf(frozenset({first + 2, *(first + chance.randrange(4, 40) for _ in range(size))}))
+
+
+def inner(bound: Bound, chance: Random) -> Bound:
+    """A bound inside `bound`, often with an end in common."""
+    if isinstance(bound, OneOf):
+        kept = {value for value in bound.values if chance.random() < 0.7}
+        return integers(kept or {min(bound.values)})
+    low, high = bound.low, bound.high
+    inside = (low, low + 1, low + 2, (low + high) // 2, high - 2, high - 1, high)
+    ends = sorted(chance.choice([point for point in inside if low <= point <= high]) for _ in range(2))
+    if chance.random() < 0.2:
+        return integers(set(ends))
+    return Range(*ends)
+
+
+# --- chains ----------------------------------------------------------------------------------------------------------
+
+
+def _first(chance: Random) -> Scope:
+    grants = []
+    for thing in (ARM, "hand"):
+        for operation in chance.sample(_WORDS, chance.randint(1, 3)):
+            limits = [Limit(RANGE, _range(chance)), Limit(SET, _set(chance))] if chance.random() < 0.8 else []
+            for n in range(chance.choice((0, 0, 1, 3))):
+                bound = _range(chance) if chance.random() < 0.5 else _set(chance)
+                limits.append(Limit(Parameter(f"p{n}", chance.choice(_UNITS)), bound))
+            grants.append(Grant(thing, operation, tuple(limits)))
+    grants.append(Grant(ARM, "z", (Limit(RANGE, _range(chance)), Limit(SET, _set(chance)))))
+    return Scope(
+        grants=tuple(sorted(grants, key=lambda grant: (grant.object, grant.operation))),
+        ceiling=Tier(chance.randint(1, 3)),
+        audiences=frozenset(CELLS),
+        delegates=frozenset({*AGENTS[1:], *(f"spare-{n}" for n in range(1, HOPS + 1)), f"role:{ROLE}"}),
+        depth=HOPS,
+        not_before=ATTESTED_AT + chance.randint(0, 5),
+        not_after=ATTESTED_AT + chance.randint(600, 3_000),
+    )
+
+
+def narrower(held: Scope, further: tuple[str, ...], chance: Random) -> Restriction:
+    """A restriction of `held` that leaves enough for further hops to these agents."""
+    grants = None
+    if chance.random() < 0.8:
+        kept = [g for g in held.grants if (g.object, g.operation) == (ARM, "z") or chance.random() < 0.85]
+        grants = tuple(
+            Grant(
+                g.object,
+                g.operation,
+                tuple(Limit(x.parameter, inner(x.bound, chance)) for x in g.limits if chance.random() < 0.4),
+            )
+            for g in kept
+        )
+    spare = frozenset(each for each in held.delegates - set(further) if not each.startswith("spare"))
+    return Restriction(
+        grants=grants,
+        ceiling=Tier(chance.randint(0, held.ceiling)) if chance.random() < 0.15 else None,
+        audiences=_some(held.audiences - {CELLS[0]}, chance) | {CELLS[0]} if chance.random() < 0.3 else None,
+        delegates=held.delegates - _some(spare, chance) if chance.random() < 0.5 else None,
+        depth=chance.randint(len(further), held.depth - 1) if chance.random() < 0.4 else None,
+        not_before=held.not_before + chance.randint(0, 1) if chance.random() < 0.3 else None,
+        not_after=held.not_after - chance.randint(0, 9) if chance.random() < 0.5 else None,
+    )
+
+
+def _some(members: frozenset[str], chance: Random) -> frozenset[str]:
+    return frozenset(member for member in sorted(members) if chance.random() < 0.5)
+
+
+def family(issuer: Issuer, verifier: Verifier, hops: int, chance: Random) -> Family:
+    """A chain of so many hops, or of fewer where it grows too large, every token of it issued and verified.
+
+    Raises:
+        RuntimeError: when an issued token is refused.
+    """
+    first = _first(chance)
+    tokens = [issuer.mint(first, issuer.holder(AGENTS[0], SPONSOR.subject))]
+    chains = [chain_of(verifier, tokens[0])]
+    restrictions: list[Restriction] = []
+    for n in range(1, hops + 1):
+        hop = holder(issuer, chains[-1], n, chance)
+        restriction = _fitting(chains[-1], AGENTS[n + 1 : hops + 1], chance)
+        try:
+            tokens.append(issuer.delegate(tokens[-1], chains[-1], hop, restriction))
+        except TokenError as error:
+            if error.code is not FaultCode.TOKEN_TOO_LARGE:
+                raise
+            break
+        restrictions.append(restriction)
+        chains.append(chain_of(verifier, tokens[-1]))
+    return Family((whole(first), *restrictions), tuple(tokens), tuple(chains))
+
+
+def holder(issuer: Issuer, chain: Chain, hop: int, chance: Random) -> HopGrant:
+    """The next holder: named itself, or by the role that it has."""
+    by_role = f"role:{ROLE}" in chain.scope.delegates and chance.random() < 0.4
+    agent = f"planner-{hop}" if by_role else AGENTS[hop]
+    return issuer.holder(agent, chain.leaf.agent, role=ROLE if by_role or chance.random() < 0.3 else "")
+
+
+def _fitting(chain: Chain, further: tuple[str, ...], chance: Random) -> Restriction:
+    """A restriction that narrows the leaf's scope somewhere."""
+    for _ in range(_TRIES):
+        restriction = narrower(chain.scope, further, chance)
+        if twin.less((whole(chain.scope),), lay_over(chain.scope, restriction)):
+            return restriction
+    # Nothing random narrowed it. Every holder has a name to spare that nobody else drops.
+    return Restriction(delegates=chain.scope.delegates - {f"spare-{len(chain.hops)}"})
+
+
+def lay_over(held: Scope, restriction: Restriction) -> Scope:
+    """The whole of what a restriction asks for, wider places included."""
+    grants = []
+    for asked in held.grants if restriction.grants is None else restriction.grants:
+        above = [each for each in held.grants if (each.object, each.operation) == (asked.object, asked.operation)]
+        own = {limit.parameter: limit for limit in asked.limits}
+        limits = tuple(own.get(limit.parameter, limit) for limit in above[0].limits) if above else asked.limits
+        grants.append(Grant(asked.object, asked.operation, limits))
+    kept = {
+        name: getattr(held if getattr(restriction, name) is None else restriction, name)
+        for name in ("ceiling", "audiences", "delegates", "not_before", "not_after")
+    }
+    return Scope(grants=tuple(grants), depth=held.depth - 1 if restriction.depth is None else restriction.depth, **kept)
+
+
+def whole(scope: Scope) -> Restriction:
+    """The restriction that states all of a scope."""
+    return Restriction(
+        scope.grants, scope.ceiling, scope.audiences, scope.delegates, scope.depth, scope.not_before, scope.not_after
+    )
+
+
+# --- forged hops -----------------------------------------------------------------------------------------------------
+
+FORGED: Final = ("grants", "ranges", "sets", "ceiling", "audience", "delegates", "depth", "window", "idle", "stranger")
+"""What a forged hop has too much of; "idle" narrows nothing, "stranger" is named by nobody."""
+
+
+def too_much(what: str, held: Scope, chance: Random) -> Restriction:
+    """A restriction that narrows somewhere and has a little more than `held` in one dimension."""
+    ends = held.grants[:1] + held.grants[1:][-1:]
+    fair = Restriction(grants=ends, audiences=frozenset({CELLS[0]}), delegates=frozenset())
+    match what:
+        case "grants":
+            extra = Grant("zz", "read") if chance.random() < 0.5 else Grant(held.grants[-1].object, "zz")
+            return replace(fair, grants=(*held.grants[:1], extra))
+        case "ranges" | "sets":
+            return replace(fair, grants=(_loosened(held, RANGE if what == "ranges" else SET, chance),))
+        case "ceiling":
+            return replace(fair, ceiling=Tier(min(held.ceiling + 1, Tier.SAFETY_CRITICAL)))
+        case "audience":
+            return replace(
+                fair, audiences=held.audiences | {chance.choice(("https://cell-9.example", CELLS[0] + "/x"))}
+            )
+        case "delegates":
+            return replace(fair, delegates=held.delegates | {chance.choice(("a", "role:a1", "role:planne", "A1"))})
+        case "depth":
+            return replace(fair, depth=held.depth + chance.choice((0, 1)))
+        case "window":
+            if chance.random() < 0.5:
+                return replace(fair, not_after=held.not_after + 1)
+            return replace(fair, not_before=held.not_before - 1)
+        case "idle":
+            return Restriction(not_after=held.not_after - 1, depth=0)
+        case "stranger":
+            return fair
+        case _:
+            raise ValueError(what)
+
+
+def _loosened(held: Scope, parameter: Parameter, chance: Random) -> Grant:
+    """The grant that every chain keeps, with one integer more for this parameter."""
+    grant = next(each for each in held.grants if (each.object, each.operation) == (ARM, "z"))
+    (bound,) = (limit.bound for limit in grant.limits if limit.parameter == parameter)
+    if isinstance(bound, Range) and bound.low < bound.high:
+        more: Bound = Range(bound.low - 1, bound.high) if chance.random() < 0.5 else Range(bound.low, bound.high + 1)
+    else:
+        members = {bound.low} if isinstance(bound, Range) else set(bound.values)
+        more = integers(members | {chance.choice([p for p in twin.points(bound) if p not in members])})
+    return Grant(ARM, "z", (Limit(parameter, more),))

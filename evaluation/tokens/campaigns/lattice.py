@@ -1,0 +1,244 @@
+"""The laws of the scope algebra for all integers, shown with z3 by running the code itself on symbols.
+
+A law is proven when every way through it, with every shape of bound, answers that it holds.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
+from evaluation.tokens.campaigns import hop_laws, laws
+from evaluation.tokens.campaigns.symbolic import UndecidedError, ways
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from capabilities.values.scope import Bound
+    from evaluation.tokens.campaigns.symbolic import Run, Symbol
+
+PROVEN: Final = "proven"
+REFUTED: Final = "refuted"
+UNDECIDED: Final = "undecided"
+
+Law = tuple[str, str, float]
+"""Name, verdict and seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """A law of bounds and the shapes that it is proven for: how many members each bound has, 0 for a range."""
+
+    law: Callable[..., bool]
+    shapes: tuple[tuple[int, ...], ...]
+    values: int = 0
+
+
+def _all(count: int, *sizes: int) -> tuple[tuple[int, ...], ...]:
+    """Every combination of these sizes."""
+    return tuple(product(sizes, repeat=count))
+
+
+BOUNDS: Final = (
+    Claim(laws.meet_is_the_intersection, _all(2, 0, 2, 3, 4), 1),
+    Claim(laws.meet_is_the_greatest_below_both, (*_all(3, 0, 2), (3, 3, 3), (4, 4, 2))),
+    Claim(laws.meet_commutes, _all(2, 0, 2, 3, 4)),
+    Claim(laws.meet_associates, _all(3, 0, 2)),
+    Claim(laws.meet_is_monotone, (*_all(3, 0, 2), (3, 4, 3))),
+    Claim(laws.within_is_subset, _all(2, 0, 2, 3, 4), 1),
+    Claim(laws.within_is_antisymmetric, _all(2, 0, 2, 3, 4)),
+    Claim(laws.within_is_transitive, (*_all(3, 0, 2), (3, 3, 4))),
+    Claim(laws.less_is_left_out, _all(2, 0, 2, 3, 4)),
+    Claim(laws.nearest_is_nearest, _all(1, 0, 2, 3, 4), 2),
+    Claim(laws.nearest_bound_is_nearest, (*_all(2, 0, 2), (0, 3), (3, 0)), 2),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ScopeClaim:
+    """A law of scopes: how many scopes it takes, and whether a request or a restriction comes after them."""
+
+    law: Callable[..., bool]
+    scopes: int
+    request: bool = False
+    restriction: bool = False
+
+
+SCOPES: Final = (
+    ScopeClaim(laws.narrowing_is_an_order, 3),
+    ScopeClaim(laws.a_child_permits_no_more, 2, request=True),
+    ScopeClaim(laws.strict_is_less, 2, request=True),
+    ScopeClaim(laws.scopes_meet_in_the_intersection, 2, request=True),
+    ScopeClaim(laws.scopes_meet_in_the_greatest, 3),
+    ScopeClaim(laws.scopes_meet_in_any_order, 3),
+    ScopeClaim(hop_laws.a_hop_is_the_meet, 1, restriction=True),
+    ScopeClaim(hop_laws.a_refused_hop_asks_too_much, 1, restriction=True),
+    ScopeClaim(hop_laws.repair_is_the_nearest, 1, restriction=True),
+    ScopeClaim(hop_laws.every_nearest_is_permitted, 1, restriction=True),
+    ScopeClaim(hop_laws.the_nearest_window_is_that_of_seconds, 1, restriction=True),
+)
+
+
+def prove() -> list[Law]:
+    """Every law with its verdict and the seconds that it took."""
+    return [prove_one(claim) for claim in (*BOUNDS, *SCOPES)]
+
+
+def prove_one(claim: Claim | ScopeClaim) -> Law:
+    """One law, with its verdict and the seconds that it took."""
+    return verdict(claim.law, bound_cases(claim) if isinstance(claim, Claim) else scope_cases(claim))
+
+
+def verdict(law: Callable[..., bool], cases: Iterator[Callable[[Run], bool]]) -> Law:
+    """Whether the law holds in every case: on every way through each."""
+    began = time.perf_counter()
+    try:
+        # A law that no way goes through would hold of nothing.
+        answers = [all(way.answer for way in ways(case)) for case in cases]
+    except UndecidedError:
+        return law.__name__, UNDECIDED, time.perf_counter() - began
+    return law.__name__, PROVEN if answers and all(answers) else REFUTED, time.perf_counter() - began
+
+
+# --- symbolic bounds -------------------------------------------------------------------------------------------------
+
+
+def symbolic_bound(run: Run, name: str, members: int) -> Bound:
+    """Any range, or any set of this many integers that are not consecutive."""
+    if not members:
+        low, high = run.symbol(f"{name}_low"), run.symbol(f"{name}_high")
+        run.assume(low.term <= high.term)
+        return Range(_int(low), _int(high))
+    symbols = [run.symbol(f"{name}_{place}") for place in range(members)]
+    # Every set can be written in ascending order.
+    run.assume(*(one.term < other.term for one, other in pairwise(symbols)))
+    run.assume(symbols[-1].term - symbols[0].term > members - 1)
+    return OneOf(frozenset(map(_int, symbols)))
+
+
+def _int(symbol: Symbol) -> Any:
+    """Read as an integer: that is what a symbol stands for."""
+    return symbol
+
+
+def bound_cases(claim: Claim) -> Iterator[Callable[[Run], bool]]:
+    """The law, asked of symbolic bounds of each shape."""
+    for shape in claim.shapes:
+
+        def case(run: Run, shape: tuple[int, ...] = shape) -> bool:
+            named = [symbolic_bound(run, f"b{place}", members) for place, members in enumerate(shape)]
+            return claim.law(*named, *(_int(run.symbol(f"v{place}")) for place in range(claim.values)))
+
+        yield case
+
+
+# --- symbolic scopes -------------------------------------------------------------------------------------------------
+
+_FIXED: Final = Limit(Parameter("p", Unit.COUNT), Range(0, 1))
+_MOVE: Final = Grant("arm", "move", (_FIXED,))
+_NAMES: Final = frozenset({"here"})
+_DIMENSIONS: Final = ("limit", "ceiling", "depth", "window")
+
+
+def scope_cases(claim: ScopeClaim) -> Iterator[Callable[[Run], bool]]:
+    """The law, asked first of scopes with symbolic numbers and then of scopes with symbolic names."""
+    # All numbers at once for two scopes; of three, whose ways multiply, those of one dimension at a time.
+    groups = (_DIMENSIONS,) if claim.scopes < 3 else tuple((each,) for each in _DIMENSIONS)
+    for group in groups:
+
+        def numbers(run: Run, group: tuple[str, ...] = group) -> bool:
+            scopes = [_numbers(run, f"s{place}", group) for place in range(claim.scopes)]
+            asked: list[Any] = [_request(run, scopes[-1])] if claim.request else []
+            return claim.law(*scopes, *asked, *([_fewer_numbers(run)] if claim.restriction else []))
+
+        yield numbers
+    for shape in _shapes(claim.scopes + claim.restriction):
+
+        def names(run: Run, shape: tuple[_Names, ...] = shape) -> bool:
+            scopes: list[Any] = [_named(run, f"s{place}", each) for place, each in enumerate(shape)]
+            asked: list[Any] = [_request(run, scopes[-1])] if claim.request else []
+            if claim.restriction:
+                stated = scopes.pop()
+                asked.append(Restriction(stated.grants, None, stated.audiences, stated.delegates))
+            return claim.law(*scopes, *asked)
+
+        yield names
+
+
+def _numbers(run: Run, name: str, group: tuple[str, ...]) -> Scope:
+    """Any numbers in these dimensions; all else as it is everywhere."""
+    scope = Scope((_MOVE,), Tier(1), _NAMES, _NAMES, 1, 0, 9)
+    if "limit" in group:
+        limit = Limit(_FIXED.parameter, symbolic_bound(run, name, 0))
+        scope = replace(scope, grants=(replace(_MOVE, limits=(limit,)),))
+    if "ceiling" in group:
+        scope = replace(scope, ceiling=_natural(run, f"{name}_ceiling"))
+    if "depth" in group:
+        scope = replace(scope, depth=_natural(run, f"{name}_depth"))
+    if "window" in group:
+        start, end = run.symbol(f"{name}_start"), run.symbol(f"{name}_end")
+        run.assume(start.term < end.term)
+        scope = replace(scope, not_before=_int(start), not_after=_int(end))
+    return scope
+
+
+def _natural(run: Run, name: str) -> Any:
+    symbol = run.symbol(name)
+    run.assume(symbol.term >= 0)
+    return symbol
+
+
+def _fewer_numbers(run: Run) -> Restriction:
+    """As a scope's, without an order between the ends of the window."""
+    limit = Limit(_FIXED.parameter, symbolic_bound(run, "r", 0))
+    ceiling, depth = _natural(run, "r_ceiling"), _natural(run, "r_depth")
+    start, end = _int(run.symbol("r_start")), _int(run.symbol("r_end"))
+    return Restriction((replace(_MOVE, limits=(limit,)),), ceiling, None, None, depth, start, end)
+
+
+_Names = tuple[tuple[str, ...], int, int]
+"""The operations of a scope, and how many audiences and delegates it has."""
+
+
+def _shapes(count: int) -> Iterator[tuple[_Names, ...]]:
+    if count == 2:
+        held = (("move",), ("move", "stop"), ("stop",))
+        yield from product([(grants, 2, 1) for grants in held], repeat=count)
+        yield from product([(("stop",), 1, 0), (("stop",), 1, 2)], repeat=count)
+    else:
+        yield from product([(("move",), 1, 0), (("move", "stop"), 1, 0)], repeat=count)
+        yield from product([(("stop",), 1, 1), (("stop",), 2, 0)], repeat=count)
+
+
+def _named(run: Run, name: str, names: _Names) -> Scope:
+    """Any audiences and delegates, integers in place of names since only sameness counts; numbers as they are."""
+    grants, audiences, delegates = names
+    held = tuple(Grant("arm", grant, (_FIXED,) if grant == "move" else ()) for grant in grants)
+    return Scope(
+        held,
+        Tier(1),
+        _distinct(run, f"{name}_audience", audiences),
+        _distinct(run, f"{name}_delegate", delegates),
+        1,
+        0,
+        9,
+    )
+
+
+def _distinct(run: Run, name: str, count: int) -> frozenset[Any]:
+    symbols = [run.symbol(f"{name}_{place}") for place in range(count)]
+    run.assume(*(one.term < other.term for one, other in pairwise(symbols)))
+    return frozenset(map(_int, symbols))
+
+
+def _request(run: Run, scope: Scope) -> laws.Request:
+    grant = scope.grants[0]
+    values = tuple(_int(run.symbol(f"v{place}")) for place in range(len(grant.limits)))
+    tier, at, audience = (_int(run.symbol(name)) for name in ("tier", "at", "audience"))
+    return laws.Request(
+        (grant.object, grant.operation), values, tier, at, "here" if scope.audiences is _NAMES else audience
+    )

@@ -1,0 +1,242 @@
+"""The laws of the scope algebra, each a plain function that answers whether it holds for the values it is given.
+
+They ask the very functions of `capabilities` and only compare and add, so that they can be asked with integers (the
+property tests do) and with symbols that stand for every integer (`campaigns.lattice` does). Bounds are not
+empty and in their one form; scopes are well formed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from capabilities.values import algebra, bounds
+from capabilities.values.bounds import permits, size, within
+from capabilities.values.scope import OneOf, Scope
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from capabilities.values.scope import Bound, Grant
+
+# --- bounds ----------------------------------------------------------------------------------------------------------
+
+
+def meet_is_the_intersection(a: Bound, b: Bound, value: int) -> bool:
+    """A value is inside the meet exactly when it is inside both."""
+    return inside(bounds.meet(a, b), value) == (permits(a, value) and permits(b, value))
+
+
+def meet_is_the_greatest_below_both(a: Bound, b: Bound, c: Bound) -> bool:
+    """The meet is within both, and whatever is within both is within it."""
+    both = bounds.meet(a, b)
+    if both is None:
+        return not (within(c, a) and within(c, b))
+    return within(both, a) and within(both, b) and (not (within(c, a) and within(c, b)) or within(c, both))
+
+
+def meet_commutes(a: Bound, b: Bound) -> bool:
+    """The order of two does not matter, nor that a bound meets itself."""
+    return bounds.meet(a, b) == bounds.meet(b, a) and bounds.meet(a, a) == a
+
+
+def meet_associates(a: Bound, b: Bound, c: Bound) -> bool:
+    """Nor does the order of three."""
+    return _both(bounds.meet(a, b), c) == _both(a, bounds.meet(b, c))
+
+
+def meet_is_monotone(a: Bound, b: Bound, c: Bound) -> bool:
+    """What is within another keeps being so when both meet a third."""
+    if not within(a, b):
+        return True
+    mine, other = bounds.meet(a, c), bounds.meet(b, c)
+    return mine is None or (other is not None and within(mine, other))
+
+
+def within_is_subset(a: Bound, b: Bound, value: int) -> bool:
+    """`within` is asked of all values: none is left out when it holds, and one is when it does not."""
+    if within(a, b):
+        return not permits(a, value) or permits(b, value)
+    return left_out(b, a) is not None
+
+
+def within_is_antisymmetric(a: Bound, b: Bound) -> bool:
+    """Two bounds with the same inside are the same value."""
+    return not (within(a, b) and within(b, a)) or a == b
+
+
+def within_is_transitive(a: Bound, b: Bound, c: Bound) -> bool:
+    """What is within what is within a third is within that, and everything is within itself."""
+    return within(a, a) and (not (within(a, b) and within(b, c)) or within(a, c))
+
+
+def less_is_left_out(a: Bound, b: Bound) -> bool:
+    """Of two bounds, one within the other, the smaller one leaves out a value of the other, and the equal one none."""
+    return not within(a, b) or (size(a) < size(b)) == (left_out(a, b) is not None)
+
+
+def nearest_is_nearest(a: Bound, value: int, other: int) -> bool:
+    """The nearest is inside; no other inside is nearer, and none as near is lower."""
+    found = bounds.nearest(a, value)
+    if found is None or not permits(a, found):
+        return False
+    gap, farther = abs(found - value), abs(other - value)
+    return not permits(a, other) or gap < farther or (gap == farther and found <= other)
+
+
+def nearest_bound_is_nearest(parent: Bound, wanted: Bound, inner: int, asked: int) -> bool:
+    """It is the meet when there is one, and else one permitted value; nothing permitted is nearer to what was asked."""
+    found, both = bounds.nearest_bound(parent, wanted), bounds.meet(parent, wanted)
+    if found is None or not within(found, parent):
+        return False
+    if both is not None:
+        return found == both
+    value = bounds.nearest(found, asked)
+    if value is None or size(found) != 1 or not (permits(parent, inner) and permits(wanted, asked)):
+        return value is not None and size(found) == 1
+    near = bounds.nearest(wanted, value)
+    return near is not None and abs(value - near) <= abs(inner - asked)
+
+
+def inside(bound: Bound | None, value: int) -> bool:
+    """Whether the value is inside a bound that may be none."""
+    return bound is not None and permits(bound, value)
+
+
+def left_out(child: Bound, parent: Bound) -> int | None:
+    """A value of `parent` that is not inside `child`, or None when there is none."""
+    return next(
+        (value for value in _candidates(child, parent) if permits(parent, value) and not permits(child, value)), None
+    )
+
+
+def _candidates(child: Bound, parent: Bound) -> Iterator[int]:
+    """If any value of `parent` is left out, one of these is."""
+    if isinstance(parent, OneOf):
+        yield from parent.values
+        return
+    yield parent.low
+    yield parent.high
+    if isinstance(child, OneOf):
+        # A range whose low end is in the set leaves it after some member for the first time.
+        yield from (value + 1 for value in child.values)
+
+
+def _both(a: Bound | None, b: Bound | None) -> Bound | None:
+    return None if a is None or b is None else bounds.meet(a, b)
+
+
+# --- scopes ----------------------------------------------------------------------------------------------------------
+
+
+class Request:
+    """What is asked of a scope: an operation with one value for each parameter, its tier, when, and at which server."""
+
+    def __init__(self, pair: tuple[str, str], values: tuple[Any, ...], tier: Any, at: Any, audience: Any) -> None:
+        self.pair, self.values, self.tier, self.at, self.audience = pair, values, tier, at, audience
+
+
+def allowed(scope: Scope, request: Request) -> bool:
+    """Whether a scope permits a request: the plain reading of docs/spec.md 1.2, written here a second time."""
+    grants = [grant for grant in scope.grants if (grant.object, grant.operation) == request.pair]
+    return (
+        len(grants) == 1
+        and len(grants[0].limits) == len(request.values)
+        and all(permits(limit.bound, value) for limit, value in zip(grants[0].limits, request.values, strict=True))
+        and request.tier <= scope.ceiling
+        and scope.not_before <= request.at < scope.not_after
+        and request.audience in scope.audiences
+    )
+
+
+def a_child_permits_no_more(child: Scope, parent: Scope, request: Request) -> bool:
+    """What a child permits its parent permits, and whom a child may delegate to its parent may."""
+    if algebra.narrows(child, parent).widenings:
+        return True
+    return (not allowed(child, request) or allowed(parent, request)) and child.delegates <= parent.delegates
+
+
+def scopes_meet_in_the_intersection(a: Scope, b: Scope, request: Request) -> bool:
+    """The meet permits exactly what both permit; where there is none, they permit nothing in common."""
+    both = algebra.meet(a, b)
+    return (both is not None and allowed(both, request)) == (allowed(a, request) and allowed(b, request))
+
+
+def scopes_meet_in_the_greatest(a: Scope, b: Scope, c: Scope) -> bool:
+    """The meet narrows both, and whatever narrows both narrows it."""
+    both = algebra.meet(a, b)
+    lower = not algebra.narrows(c, a).widenings and not algebra.narrows(c, b).widenings
+    if both is None:
+        return not lower
+    above = not algebra.narrows(both, a).widenings and not algebra.narrows(both, b).widenings
+    return above and (not lower or not algebra.narrows(c, both).widenings)
+
+
+def scopes_meet_in_any_order(a: Scope, b: Scope, c: Scope) -> bool:
+    """The meet of scopes is commutative, associative and idempotent."""
+    ab, bc = algebra.meet(a, b), algebra.meet(b, c)
+    left = None if ab is None else algebra.meet(ab, c)
+    right = None if bc is None else algebra.meet(a, bc)
+    return ab == algebra.meet(b, a) and left == right and algebra.meet(a, a) == a
+
+
+def narrowing_is_an_order(a: Scope, b: Scope, c: Scope) -> bool:
+    """Reflexive and never strictly so; antisymmetric; transitive."""
+    itself = algebra.narrows(a, a)
+    below, above = not algebra.narrows(a, b).widenings, not algebra.narrows(b, a).widenings
+    onward = not algebra.narrows(b, c).widenings
+    return (
+        not itself.widenings
+        and not itself.strict
+        and (not (below and above) or a == b)
+        and (not (below and onward) or not algebra.narrows(a, c).widenings)
+    )
+
+
+def strict_is_less(child: Scope, parent: Scope, request: Request) -> bool:
+    """A child that narrows strictly refuses what its parent allows, another nothing, while the child is valid.
+
+    What it refuses is a request, or a delegate of a further hop.
+    """
+    found = algebra.narrows(child, parent)
+    if found.widenings:
+        return True
+    if found.strict:
+        return refuses_something(child, parent)
+    during = child.not_before <= request.at < child.not_after
+    return parent.delegates <= child.delegates and (
+        not during or not allowed(parent, request) or allowed(child, request)
+    )
+
+
+def refuses_something(child: Scope, parent: Scope) -> bool:
+    """Whether a request, or a delegate, that `parent` allows within the window of `child` is refused by `child`."""
+    if any(delegate not in child.delegates for delegate in parent.delegates):
+        return True
+    return any(allowed(parent, request) and not allowed(child, request) for request in _witnesses(child, parent))
+
+
+def _witnesses(child: Scope, parent: Scope) -> Iterator[Request]:
+    """If `child` refuses any request that `parent` allows while both are valid, it refuses one of these."""
+    start = child.not_before
+    for grant in parent.grants:
+        pair = grant.object, grant.operation
+        values = tuple(_a_member(limit.bound) for limit in grant.limits)
+        below = next((each for each in child.grants if (each.object, each.operation) == pair), None)
+        for audience in parent.audiences:
+            yield Request(pair, values, parent.ceiling, start, audience)
+        for audience in child.audiences:
+            yield from (Request(pair, other, child.ceiling, start, audience) for other in _values(values, below, grant))
+
+
+def _values(values: tuple[int, ...], below: Grant | None, grant: Grant) -> Iterator[tuple[int, ...]]:
+    if below is None or len(below.limits) != len(grant.limits):
+        yield values
+        return
+    for place, (mine, above) in enumerate(zip(below.limits, grant.limits, strict=True)):
+        missing = left_out(mine.bound, above.bound)
+        if missing is not None:
+            yield (*values[:place], missing, *values[place + 1 :])
+
+
+def _a_member(bound: Bound) -> int:
+    return next(iter(bound.values)) if isinstance(bound, OneOf) else bound.low

@@ -1,0 +1,215 @@
+"""Campaign A1: bytes that nobody issued, made from twenty shapes of tokens, put before the whole of `verify`.
+
+None may be accepted, none may raise, none may take 50 ms, and memory may not grow by 64 MiB.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections import Counter
+from collections.abc import Callable  # noqa: TC003 - a dataclass field: its annotation must resolve
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from capabilities.values.chain import Chain
+from capabilities.values.errors import Fault
+from evaluation.harness.campaign import missed
+from evaluation.tokens.campaigns.crew import seeds_of, shares, together
+from evaluation.tokens.campaigns.issuer import Issuer, verified
+from evaluation.tokens.campaigns.mutation import KINDS, Pool, mutant, pool
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+COUNT: Final = 1_000_000
+SLOWEST_MS: Final = 50.0
+GROWTH_MIB: Final = 64.0
+_AGAIN: Final = 50
+"""Most further tries of a mutant that took too long: one that is slow by itself is slow every time."""
+_CONTROL: Final = 10_000
+"""After so many mutants the issued tokens are verified again."""
+_KEPT: Final = 20
+"""Failures of each kind that are kept whole."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clocks:
+    """Two monotonic clocks, ns: that of the room, and of the processor's work in this thread."""
+
+    room_ns: Callable[[], int] = time.perf_counter_ns
+    work_ns: Callable[[], int] = time.thread_time_ns
+
+
+@dataclass(slots=True)
+class Tally:
+    """What one run found.
+
+    Attributes:
+        tried: mutants by kind.
+        issued: draws that gave an issued token, which is no mutant.
+        codes: faults by code.
+        accepted, stray: mutants in hex; what was raised, with its mutant.
+        slow: mutants that took over `SLOWEST_MS` of the processor, or by the clock each time that they were tried.
+        paused: mutants that took over it by the clock alone, and not each time: the processor was somebody else's.
+        worst_ms, worst_cpu_ms: of one `verify`: by the clock, and of this thread.
+        growth_mib: peak of memory less what there was before the first mutant.
+        lost: issued tokens that were refused afterwards.
+    """
+
+    tried: Counter[str] = field(default_factory=Counter)
+    issued: int = 0
+    codes: Counter[str] = field(default_factory=Counter)
+    accepted: list[str] = field(default_factory=list)
+    stray: list[str] = field(default_factory=list)
+    slow: int = 0
+    paused: int = 0
+    worst_ms: float = 0.0
+    worst_cpu_ms: float = 0.0
+    growth_mib: float = 0.0
+    lost: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What the campaign shows.
+
+    Attributes:
+        count: mutants that were wanted.
+        tally: of all of them.
+    """
+
+    count: int
+    tally: Tally
+
+    @property
+    def missed(self) -> tuple[str, ...]:
+        """Where the bar is not met; nowhere when all the mutants that were wanted meet it."""
+        found = self.tally
+        faults = {
+            f"{sum(found.tried.values())} tried": not sum(found.tried.values()) == self.count > 0,
+            f"{found.slow} over {SLOWEST_MS:g} ms": found.slow > 0,
+            f"{found.lost} issued tokens refused": found.lost > 0,
+            f"memory +{found.growth_mib:.0f} MiB": not found.growth_mib < GROWTH_MIB,
+        }
+        return missed(faults, {"accepted": found.accepted, "stray exceptions": found.stray})
+
+
+# --- one process -----------------------------------------------------------------------------------------------------
+
+
+def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> Tally:
+    """What `ask` says to so many mutants, the kinds in turn.
+
+    Args:
+        of: the tokens.
+        count: mutants, at least 1.
+        seed: of every draw.
+        ask: the whole of `verify`, for one token.
+        clocks: that each answer is timed with.
+    """
+    chance = random.Random(seed)  # noqa: S311 - draws, no secrets
+    found = Tally()
+    found.lost += _control(of, ask)
+    before_mib, peak_mib = _memory_mib("VmRSS"), _memory_mib("VmHWM")
+    for number in range(count):
+        kind = KINDS[number % len(KINDS)]
+        while (made := mutant(kind, of, chance)) in of.issued:
+            found.issued += 1
+        found.tried[kind] += 1
+        _judge(made, found, ask, clocks)
+        if number % _CONTROL == _CONTROL - 1:
+            found.lost += _control(of, ask)
+    found.lost += _control(of, ask)
+    # A peak of before is none of ours; below it, what is there now tells whether something was kept.
+    highest_mib = _memory_mib("VmHWM")
+    found.growth_mib = (highest_mib if highest_mib > peak_mib else _memory_mib("VmRSS")) - before_mib
+    return found
+
+
+def _judge(made: bytes, found: Tally, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> None:
+    took_ms, cpu_ms = _timed(made, found, ask, clocks)
+    if took_ms > SLOWEST_MS:
+        aside = Tally()
+        again = (_timed(made, aside, ask, clocks)[0] <= SLOWEST_MS for _ in range(_AGAIN))
+        if cpu_ms <= SLOWEST_MS and any(again):
+            found.paused += 1
+        else:
+            found.slow += 1
+    found.worst_ms = max(found.worst_ms, took_ms)
+    found.worst_cpu_ms = max(found.worst_cpu_ms, cpu_ms)
+
+
+def _timed(made: bytes, found: Tally, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> tuple[float, float]:
+    """Milliseconds by the clock and of this thread; the answer is counted."""
+    cpu, began = clocks.work_ns(), clocks.room_ns()
+    try:
+        answer: object = ask(made)
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # noqa: BLE001 - a panic of the library is no Exception
+        answer = error
+    took, cpu = clocks.room_ns() - began, clocks.work_ns() - cpu
+    if isinstance(answer, Fault):
+        found.codes[str(answer.code)] += 1
+    elif isinstance(answer, BaseException):
+        _keep(found.stray, f"{type(answer).__name__} {made.hex()}")
+    else:
+        _keep(found.accepted, made.hex())
+    return took / 1e6, cpu / 1e6
+
+
+def _keep(into: list[str], what: str) -> None:
+    into.append(what if len(into) < _KEPT else "")
+
+
+def _control(of: Pool, ask: Callable[[bytes], Chain | Fault]) -> int:
+    """How many issued tokens are refused."""
+    return sum(not isinstance(ask(token), Chain) for token in of.issued)
+
+
+def _memory_mib(what: str) -> float:
+    """Memory of this process from Linux's own account: now (`VmRSS`) or at its highest (`VmHWM`)."""
+    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+        if line.startswith(what):
+            return int(line.split()[1]) / 1_024
+    raise RuntimeError(f"no {what} in /proc/self/status")
+
+
+# --- all of it -------------------------------------------------------------------------------------------------------
+
+
+def _share(issuer_seed: str, count: int, seed: int) -> Tally:
+    issuer = Issuer(issuer_seed)
+    verifier = issuer.verifier()
+    return hunt(pool(issuer), count, seed, lambda token: verified(verifier, token), Clocks())
+
+
+def run(count: int = COUNT, seed: int = 1, *, processes: int = 2) -> Figures:
+    """The figures of the campaign.
+
+    Args:
+        count: mutants.
+        seed: of every draw. Tokens have random parts of their own, so a failure is kept whole.
+        processes: that share the work; with 1 it is done here.
+    """
+    drawn = zip(shares(count, processes), seeds_of(seed, processes), strict=True)
+    return Figures(count, _sum(together(_share, [(f"mutants {each}", share, each) for share, each in drawn])))
+
+
+def _sum(tallies: Sequence[Tally]) -> Tally:
+    total = Tally()
+    for each in tallies:
+        total.tried += each.tried
+        total.codes += each.codes
+        total.accepted += each.accepted
+        total.stray += each.stray
+        total.issued += each.issued
+        total.slow += each.slow
+        total.paused += each.paused
+        total.lost += each.lost
+        total.worst_ms = max(total.worst_ms, each.worst_ms)
+        total.worst_cpu_ms = max(total.worst_cpu_ms, each.worst_cpu_ms)
+        total.growth_mib = max(total.growth_mib, each.growth_mib)
+    return total

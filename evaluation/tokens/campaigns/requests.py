@@ -1,0 +1,157 @@
+"""Requests to a family of chains, most of them at a boundary that one of its blocks drew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit
+from evaluation.tokens.campaigns import twin
+from evaluation.tokens.campaigns.families import ARM, RANGE, ROLE, SET, lay_over, narrower, too_much
+from evaluation.tokens.campaigns.issuer import CELLS
+from evaluation.tokens.campaigns.twin import Act, Lend
+
+if TYPE_CHECKING:
+    from random import Random
+
+    from capabilities.values.scope import Limit
+    from evaluation.tokens.campaigns.families import Family
+
+ACTING: Final = ("grants", "ranges", "sets", "ceiling", "audience", "window")
+LENDING: Final = ("delegates", "depth")
+DIMENSIONS: Final = (*ACTING, *LENDING)
+_ODD: Final = 0.05
+"""How often a request has other parameters than the operation."""
+
+
+def act(of: Family, dimension: str, chance: Random) -> Act:
+    """A request to act that is inside one of the chains but, perhaps, for this dimension."""
+    blocks = of.blocks[: chance.randint(1, len(of.blocks))]
+    grants = list(blocks[0].grants or ())
+    if dimension in {"ranges", "sets"}:
+        grants = [each for each in grants if (each.object, each.operation) == (ARM, "z")]
+    grant = chance.choice(grants)
+    pair = grant.object, grant.operation
+    values = [Quantity(x.parameter.name, x.parameter.unit, _within(blocks, pair, x, chance)) for x in grant.limits]
+    held = of.chains[len(blocks) - 1].scope
+    fair = Act(
+        *pair,
+        tuple(values),
+        Tier(chance.randint(0, held.ceiling)),
+        chance.choice((held.not_before, held.not_after - 1)),
+        CELLS[0],
+    )
+    if chance.random() < _ODD:
+        return replace(fair, values=_odd(values, chance))
+    return _at_boundary(of, dimension, fair, chance)
+
+
+def _within(blocks: Any, pair: tuple[str, str], limit: Limit, chance: Random) -> int:
+    """A value that all the blocks allow, at an end of one of them; where none does, any end."""
+    bounds = twin.stated(blocks, pair, limit.parameter)
+    ends = sorted(set(twin.points(*bounds)))
+    allowed = [end for end in ends if all(twin.inside(bound, end) for bound in bounds)]
+    return chance.choice(allowed or ends)
+
+
+def _at_boundary(of: Family, dimension: str, fair: Act, chance: Random) -> Act:
+    """The request with this dimension at a line that some block drew, or a step beside it."""
+    block = chance.choice([each for each in of.blocks if _states(each, dimension)])
+    match dimension:
+        case "grants":
+            grants = [g for each in of.blocks for g in each.grants or ()]
+            one, other = chance.choice(grants), chance.choice(grants)
+            if chance.random() < 0.6:
+                return fair
+            pair = chance.choice(
+                (
+                    (one.object, other.operation),
+                    (one.operation, one.object),
+                    (one.object, one.operation + "x"),
+                    (one.object.upper(), one.operation),
+                    (one.object, ""),
+                )
+            )
+            return replace(fair, object=pair[0], operation=pair[1])
+        case "ranges" | "sets":
+            wanted = RANGE if dimension == "ranges" else SET
+            bounds = twin.stated(of.blocks, (ARM, "z"), wanted)
+            value = chance.choice(list(twin.points(chance.choice(bounds))))
+            changed = [replace(each, value=value) if each.name == wanted.name else each for each in fair.values]
+            return replace(fair, values=tuple(changed))
+        case "ceiling":
+            return replace(fair, base_tier=Tier((block.ceiling or 0) + chance.choice((0, 1))))
+        case "audience":
+            near = (CELLS[0] + "/", CELLS[0].upper(), CELLS[0] + "/x", CELLS[0][:-1], "")
+            return replace(fair, audience=chance.choice(near) if chance.random() < 0.3 else chance.choice(CELLS))
+        case "window":
+            end = chance.choice([t for t in (block.not_before, block.not_after) if t is not None])
+            return replace(fair, at=end + chance.choice((-1, 0, 0, 1)))
+        case _:
+            raise ValueError(dimension)
+
+
+def _states(block: Any, dimension: str) -> bool:
+    match dimension:
+        case "ceiling":
+            return block.ceiling is not None
+        case "window":
+            return block.not_before is not None or block.not_after is not None
+        case _:
+            return True
+
+
+def _odd(values: list[Quantity], chance: Random) -> tuple[Quantity, ...]:
+    """Other parameters: one less, one more, another order, another unit, a number that is no integer."""
+    if not values:
+        return (Quantity("p0", Unit.COUNT, 0),)
+    at = chance.randrange(len(values))
+    one = values[at]
+    rest = [*values[:at], *values[at + 1 :]]
+    strange: Any = chance.choice((True, 1.0, "1", float("nan"), None))
+    return tuple(
+        chance.choice(
+            (
+                rest,
+                [*values, one],
+                [*reversed(values), *(() if len(values) > 1 else (one,))],
+                [*values[:at], replace(one, unit=Unit.GRAM), *values[at + 1 :]],
+                [*values[:at], replace(one, name="other"), *values[at + 1 :]],
+                [*values[:at], replace(one, value=strange), *values[at + 1 :]],
+            )
+        )
+    )
+
+
+# --- lending ---------------------------------------------------------------------------------------------------------
+
+
+def lend(of: Family, dimension: str, chance: Random) -> Lend:
+    """A request to lend on what one of the holders has, or a little more of this dimension."""
+    able = [n for n, chain in enumerate(of.chains) if chain.scope.depth > 0]
+    held = of.chains[chance.choice(able)].scope
+    scope = lay_over(held, narrower(held, (), chance))
+    names = sorted({name for block in of.blocks for name in block.delegates or ()})
+    if dimension == "depth":
+        depths = [twin.depth(of.blocks[: n + 1]) for n in range(len(of.blocks))]
+        scope = replace(scope, depth=chance.choice(depths) + chance.choice((-2, -1, -1, 0)))
+        agent, role = chance.choice(sorted(held.delegates - {f"role:{ROLE}"}) or names), ""
+    else:
+        agent, role = _delegate(names, chance)
+        if chance.random() < 0.3:
+            scope = replace(scope, delegates=scope.delegates | {chance.choice(names)})
+    if chance.random() < 0.25:
+        what = chance.choice(("ranges", "sets", "ceiling", "audience", "window", "grants"))
+        scope = lay_over(held, too_much(what, held, chance))
+    return Lend(agent, role, scope)
+
+
+def _delegate(names: list[str], chance: Random) -> tuple[str, str]:
+    """Somebody whom a block names, by name or by role, or a name that is only like one."""
+    name = chance.choice(names)
+    if chance.random() < 0.3:
+        return "stranger", chance.choice((ROLE, "", "plan", name.removeprefix("role:")))
+    if name.startswith("role:"):
+        return "anybody", ROLE
+    return (name if chance.random() < 0.8 else name + chance.choice(("x", "-1", "0"))), ""
