@@ -17,12 +17,14 @@ import typer
 from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Collection, Sequence
 
-    from rich.table import Table
-
+    from evaluation.harness.bench import Bench
     from evaluation.harness.campaign import Campaign, Outcome, Skipped
-    from evaluation.harness.timing import Plan
+
+Quick = Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")]
+Plot = Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")]
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")]
 
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
 bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_help=True)
@@ -73,70 +75,50 @@ def stops(
 @bench.command("capabilities")
 def bench_capabilities(
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")] = False,
+    quick: Quick = False,
     seed: Annotated[int, typer.Option(help="Of the order in which cells take turns.")] = 1,
-    plot: Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+    plot: Plot = None,
+    as_json: AsJson = False,
 ) -> None:
     """Capability tokens from the wire to a decision: ours, Tenuo, AIP, bare Biscuit, macaroons, PyJWT."""
-    from evaluation.harness.timing import FULL, QUICK
-    from evaluation.tokens import picture as plots
-    from evaluation.tokens.bench import ratios_line
-    from evaluation.tokens.run import run
-    from evaluation.tokens.tables import tables
+    from evaluation.tokens.bench import BENCH
 
-    result = _measured(run, plots.plot, QUICK if quick else FULL, seed=seed, plot=plot, as_json=as_json)
-    absent = [f"{row.peer}: {row.why}" for row in result.rows if row.scope is None]
-    _tell(result, tables, ratios_line, remarks=absent, as_json=as_json)
+    _run(BENCH, quick=quick, seed=seed, plot=plot, as_json=as_json)
 
 
 @bench.command("decide")
 def bench_decide(
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")] = False,
+    quick: Quick = False,
     seed: Annotated[int, typer.Option(help="Of the order in which engines take turns.")] = 1,
-    plot: Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+    plot: Plot = None,
+    as_json: AsJson = False,
 ) -> None:
     """One decision on facts that are there: ours, Cedar, casbin and Rego on equivalent rules."""
-    from evaluation.decisions import picture as plots
-    from evaluation.decisions.bench import ratios_line, tables
-    from evaluation.decisions.run import FULL, run
-    from evaluation.harness.timing import QUICK
+    from evaluation.decisions.bench import BENCH
 
-    result = _measured(run, plots.plot, QUICK if quick else FULL, seed=seed, plot=plot, as_json=as_json)
-    remarks = [f"{row.peer}: {row.why}" for row in result.rows if row.case is None]
-    remarks.append(f"All engines agree in {result.agreed} cases, on {result.rules} rules.")
-    _tell(result, tables, ratios_line, remarks=remarks, as_json=as_json)
+    _run(BENCH, quick=quick, seed=seed, plot=plot, as_json=as_json)
 
 
 @bench.command("pit")
 def bench_pit(
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")] = False,
+    quick: Quick = False,
     seed: Annotated[int, typer.Option(help="Of the questions, and of the order in which engines take turns.")] = 1,
-    plot: Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+    plot: Plot = None,
+    as_json: AsJson = False,
 ) -> None:
     """The physics of one command: ours, its parts, and distances sampled by pinocchio and MuJoCo."""
-    from functools import partial
+    from evaluation.pit.bench import BENCH
 
-    from evaluation.pit import picture as plots
-    from evaluation.pit.bench import ratios_line, tables
-    from evaluation.pit.run import FULL, QUICK, run
-
-    few = partial(run, sizes=(5,), questions=2)
-    plan = QUICK if quick else FULL
-    result = _measured(few if quick else run, plots.plot, plan, seed=seed, plot=plot, as_json=as_json)
-    remarks = [f"{row.peer}: {row.why}" for row in result.rows if row.load is None]
-    _tell(result, tables, ratios_line, remarks=remarks, as_json=as_json)
+    _run(BENCH, quick=quick, seed=seed, plot=plot, as_json=as_json)
 
 
 @bench.command("rtde")
 def bench_rtde(
     *,
     seconds: Annotated[float, typer.Option(min=1, help="How long each stream lasts.")] = 60.0,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """A 500 Hz stream of an unmodified ur_rtde program: through the gateway, and directly to the controller."""
     from evaluation.rtde.bench import StreamBrokenError, summary, tables
@@ -151,61 +133,41 @@ def bench_rtde(
     except StreamBrokenError as error:
         fail("NOT_MEASURED", str(error), as_json=as_json)
     if as_json:
-        say_json(result.as_json())
+        say_json(result.to_json())
         return
     for table in tables(result):
         console.print(table)
     console.print(summary(result))
 
 
-def _measured(
-    run: Callable[..., Any],
-    draw: Callable[[Any, Path], None],
-    plan: Plan,
-    *,
-    seed: int,
-    plot: Path | None,
-    as_json: bool,
-) -> Any:
-    """What a benchmark found, its progress shown and its picture drawn; ends the command where it found nothing."""
+def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_json: bool) -> None:
+    """Run a benchmark; tell its tables, what is to be said beside them, and the ratios last."""
     from evaluation.decisions.rules import NoPlainFormError
     from evaluation.harness.absent import AbsentError
     from evaluation.harness.timing import WrongAnswerError
 
+    plan, few = (bench.quick, bench.few) if quick else (bench.full, {})
     try:
         if as_json:
-            result = run(plan, seed=seed, told=_nothing)
+            result = bench.run(plan, seed=seed, told=_nothing, **few)
         else:
             with console.status("") as status:
-                result = run(plan, seed=seed, told=status.update)
+                result = bench.run(plan, seed=seed, told=status.update, **few)
         if plot is not None:
-            draw(result, plot)
+            bench.picture(result, plot)
     except (WrongAnswerError, NoPlainFormError, AbsentError) as error:
         fail("NOT_MEASURED", str(error), as_json=as_json)
-    return result
-
-
-def _tell(
-    result: Any,
-    tables: Callable[[Any], Iterable[Table]],
-    ratios_line: Callable[[dict[str, Any]], str],
-    *,
-    remarks: Iterable[str],
-    as_json: bool,
-) -> None:
-    """The tables of a benchmark, what is to be said beside them, and the ratios last."""
-    found = result.to_json()
     if as_json:
-        say_json(found)
+        say_json(result.to_json())
         return
-    for table in tables(result):
+    for table in bench.tables(result):
         console.print(table)
         console.print()
-    for remark in remarks:
+    for remark in bench.remarks(result):
         console.print(remark)
     console.print(", ".join(f"{name} {version}" for name, version in result.versions.items()))
     console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
-    console.print(ratios_line(found["ratios"]))
+    console.print(bench.last_line(result.ratios))
 
 
 @app.command()

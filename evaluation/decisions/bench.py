@@ -1,52 +1,51 @@
-"""What a run found: rows, and the ratios between us and each engine."""
+"""The benchmark of decisions: every engine and case in one run."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from rich.table import Table
-
+from evaluation.decisions import cases, rules
 from evaluation.decisions.casbin_abac import NAME as CASBIN
-from evaluation.decisions.cedar import GROUPED
+from evaluation.decisions.casbin_abac import Casbin
+from evaluation.decisions.cedar import GROUPED, Cedar, GroupedCedar
 from evaluation.decisions.cedar import NAME as CEDAR
 from evaluation.decisions.ours import NAME as OURS
-from evaluation.decisions.ours import RECORDED
+from evaluation.decisions.ours import RECORDED, Ours, Recorded
+from evaluation.decisions.readings import VERIFIED
 from evaluation.decisions.rego import NAME as REGO
+from evaluation.decisions.rego import Rego
+from evaluation.harness import picture
+from evaluation.harness.bench import Bench, LineUp, installed, ratio
+from evaluation.harness.tables import figure, pivot, table
+from evaluation.harness.timing import QUICK, Cell, Plan, Verdict, WrongAnswerError
+from policies import load_shipped
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
-    from evaluation.harness.timing import Plan
+    from rich.table import Table
 
+    from evaluation.decisions.cases import Case
+    from evaluation.decisions.engine import Engine, Said
+    from evaluation.decisions.facts import Situation
+    from evaluation.decisions.readings import Fact
+    from evaluation.decisions.rules import Rule
+    from evaluation.harness.bench import Result, Row
+    from policies import PolicySet
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One case at one engine, or why there are no figures.
-
-    Attributes:
-        peer, case: what it is of; the case is None for an engine that is not installed.
-        beside: the engine with which we took turns, in the very calls that this row is of.
-        p50_us: median over all calls.
-        min_us: smallest median of a pass.
-        p99_us: 99th percentile over all calls.
-        n: calls.
-        checks: what the answer rests on, and what it does not say.
-        why: why there are no figures, or empty.
-    """
-
-    peer: str
-    case: str | None
-    beside: str = ""
-    p50_us: float | None = None
-    min_us: float | None = None
-    p99_us: float | None = None
-    n: int = 0
-    checks: str = ""
-    why: str = ""
-
-
+FULL: Final = Plan(repeats=5, rounds=200, warm_up=20)
+SHIPPED: Final = "paper-default"
+OTHERS: Final[dict[str, Callable[[Sequence[Rule]], Engine]]] = {
+    CEDAR: Cedar,
+    GROUPED: GroupedCedar,
+    CASBIN: Casbin,
+    REGO: Rego,
+}
+"""By name; each needs its package only when it is called."""
 RATIOS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {
         "vs_cedarpy": (OURS, CEDAR),
@@ -57,93 +56,169 @@ RATIOS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     }
 )
 """Whose time is divided by whose."""
+_COLOURS: Final = {OURS: picture.OURS, RECORDED: "#6fa8dc"}
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """A whole run.
+class Of:
+    """The key of a row.
 
     Attributes:
-        rows: of every engine and case.
-        versions: of the engines.
-        rules: how many rules the other engines were given.
-        agreed: in how many cases all engines gave the same answer before anything was timed.
-        machine, plan, seconds: where, how often, how long.
+        peer, case: who answers what; the case is None for an engine that is not installed.
+        beside: the engine with which we took turns, in the very calls that the row is of.
     """
 
-    rows: tuple[Row, ...]
-    versions: Mapping[str, str]
-    rules: int
-    agreed: int
-    machine: Mapping[str, Any]
-    plan: Plan
-    seconds: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Everything, as one JSON object."""
-        return {
-            "ok": True,
-            "ratios": worst(ratios(self.rows, "p50_us")),
-            "ratios_of_minima": worst(ratios(self.rows, "min_us")),
-            "ratios_by_case": ratios(self.rows, "p50_us"),
-            "rows": [asdict(row) for row in self.rows],
-            "versions": dict(self.versions),
-            "rules": self.rules,
-            "agreed": self.agreed,
-            "machine": dict(self.machine),
-            "plan": asdict(self.plan),
-            "seconds": round(self.seconds, 1),
-        }
+    peer: str
+    case: str | None = None
+    beside: str = ""
 
 
-def ratios(rows: Sequence[Row], figure: str) -> dict[str, dict[str, float]]:
+def line_up(
+    plan: Plan,  # noqa: ARG001 - a case is asked as often as one likes
+    *,
+    seed: int,  # noqa: ARG001 - nothing is drawn
+    told: Callable[[str], None],
+    others: Mapping[str, Callable[[Sequence[Rule]], Engine]] = OTHERS,
+) -> LineUp[Of]:
+    """Cells of all engines, which agree; see `Bench.line_up`.
+
+    Args:
+        plan: how often.
+        seed: of nothing here.
+        told: is told what happens now.
+        others: the engines besides ourselves.
+
+    Raises:
+        WrongAnswerError: when two engines do not agree.
+        NoPlainFormError: when the shipped set has a rule that the other engines cannot be given.
+    """
+    policies = load_shipped(SHIPPED)
+    given = rules.compiled(policies, cases.POINTS)
+    mine: list[Engine] = [Ours(policies), Recorded(policies)]
+    ready, unmeasured = installed({name: partial(make, given) for name, make in others.items()}, Of)
+    told("asking every engine for every broken condition")
+    engines = [*mine, *ready]
+    agreed = agree(engines, policies)
+    # We take turns with one other at a time: a slow engine empties the processor's caches for whoever comes next.
+    turns = [[*mine, other] for other in ready] or [mine]
+    groups = [[_cell(engine, case, group[-1], policies) for engine in group] for case in cases.CASES for group in turns]
+    versions = {engine.name: engine.version for engine in engines}
+    return LineUp(groups, unmeasured, versions, more={"rules": len(given), "agreed": agreed})
+
+
+def agree(engines: Iterable[Engine], policies: PolicySet) -> int:
+    """In how many cases every engine has our answer, and blames our leading primitive.
+
+    Raises:
+        WrongAnswerError: in one it does not.
+    """
+    ours, *others = engines
+    asked: list[tuple[str, Case, Mapping[str, Fact]]] = [(case.name, case, {}) for case in cases.CASES]
+    asked += [(what, cases.PERMIT, changes) for what, changes in cases.BROKEN.items()]
+    asked += [(f"stop: {what}", cases.STOP, cases.BROKEN[what]) for what in cases.BROKEN_STOP]
+    for what, case, changes in asked:
+        situation = case.situation(policies, changes)
+        right = ours.read(ours.ask(ours.ready(situation)))
+        for engine in others:
+            said = engine.read(engine.ask(engine.ready(situation)))
+            if said.effect is not right.effect or not _blames(said, right, situation):
+                raise WrongAnswerError(f"{engine.name}, {what}: {said}, and ours {right}")
+    return len(asked)
+
+
+def _blames(said: Said, right: Said, situation: Situation) -> bool:
+    """Whether an engine blames our leading primitive, where anybody is to blame and it can say whom.
+
+    A chain that is not verified fails every rule that needs one; which of them owns the fault, ours alone knows.
+    """
+    if not right.blamed or said.blamed is None or situation.facts["chain"] != VERIFIED:
+        return True
+    return right.blamed[0] in said.blamed
+
+
+def _cell(engine: Engine, case: Case, beside: Engine, policies: PolicySet) -> Cell[Of]:
+    """A case for an engine; wrong are the cases that have another answer."""
+
+    def ready(one: Case) -> Any:
+        return engine.ready(one.situation(policies))
+
+    def judge(answer: Any) -> Verdict:
+        return Verdict.ALLOWED if engine.read(answer).effect is case.effect else Verdict.REFUSED
+
+    wrong = {other.name: partial(ready, other) for other in cases.CASES if other.effect is not case.effect}
+    of = Of(engine.name, case.name, beside.name)
+    return Cell(of, engine.checks, partial(ready, case), engine.ask, judge, wrong)
+
+
+def by_case(rows: Sequence[Row[Of]], name: str) -> dict[str, dict[str, float | None]]:
     """Ours over each engine's in each case, from the calls in which the two took turns.
 
     Args:
         rows: of one run.
-        figure: "p50_us" or "min_us".
+        name: "p50_us" or "min_us".
     """
-    took: dict[tuple[str, str, str], float] = {
-        (row.peer, row.beside, row.case): getattr(row, figure) for row in rows if row.case is not None
-    }
+    took = {row.of: getattr(row, name) for row in rows if row.of.case is not None}
     return {
         key: {
-            case: round(took[mine, theirs, case] / took[theirs, theirs, case], 3)
-            for peer, _, case in took
-            if peer == theirs and (mine, theirs, case) in took
+            str(of.case): ratio(took[Of(mine, of.case, theirs)], took[of])
+            for of in took
+            if of.peer == theirs and Of(mine, of.case, theirs) in took
         }
         for key, (mine, theirs) in RATIOS.items()
     }
 
 
-def worst(by_case: Mapping[str, Mapping[str, float]]) -> dict[str, float | None]:
+def ratios(rows: Sequence[Row[Of]], _: Mapping[str, Any], name: str) -> dict[str, float | None]:
     """Each ratio in the case that is worst for us; None for an engine that was not measured."""
-    return {key: max(of.values(), default=None) for key, of in by_case.items()}
+    known = {key: [each for each in of.values() if each is not None] for key, of in by_case(rows, name).items()}
+    return {key: max(values, default=None) for key, values in known.items()}
 
 
-def ratios_line(found: Mapping[str, float | None]) -> str:
-    """The ratios in one line."""
-    said = ", ".join(f"{name} {'-' if value is None else f'{value:.2f}'}" for name, value in found.items())
-    return f"{OURS} over each, in its worst case: {said}"
-
-
-def tables(result: Result) -> Iterator[Table]:
+def tables(result: Result[Of]) -> Iterator[Table]:
     """Durations, and what each engine's answer rests on."""
-    measured = [row for row in result.rows if row.case is not None]
-    named = dict.fromkeys(row.case for row in measured)
-    durations = Table(title="median, µs (99th percentile)", title_justify="left", box=None, pad_edge=False)
-    durations.add_column("engine")
-    durations.add_column("in turns with")
-    for case in named:
-        durations.add_column(str(case), justify="right")
-    rests = Table(title="what an answer rests on", title_justify="left", box=None, pad_edge=False)
-    rests.add_column("engine")
-    rests.add_column("checks", overflow="fold")
-    for peer, beside in dict.fromkeys((row.peer, row.beside) for row in measured):
-        of = {row.case: row for row in measured if (row.peer, row.beside) == (peer, beside)}
-        other = beside if peer != beside else OURS
-        durations.add_row(peer, other, *(f"{of[case].p50_us:.0f} ({of[case].p99_us:.0f})" for case in named))
-    for peer, checks in {row.peer: row.checks for row in measured}.items():
-        rests.add_row(peer, checks)
-    yield durations
-    yield rests
+    measured = [row for row in result.rows if row.of.case is not None]
+    texts = {
+        ((row.of.peer, row.of.beside if row.of.peer != row.of.beside else OURS), str(row.of.case)): figure(
+            row.p50_us, row.p99_us
+        )
+        for row in measured
+    }
+    yield pivot("median, µs (99th percentile)", ("engine", "in turns with"), texts)
+    yield table(
+        "what an answer rests on",
+        ("engine", "checks"),
+        rows={row.of.peer: row.checks for row in measured}.items(),
+    )
+
+
+def draw(result: Result[Of], file: Path) -> None:
+    """A bar for each case and engine; of ours, those in turns with the first of the others."""
+    rows = [row for row in result.rows if row.p50_us is not None]
+    first = rows[0].of.beside
+    bars = [
+        (f"{row.of.case}: {row.of.peer}", row.p50_us, row.p99_us, _COLOURS.get(row.of.peer, picture.OTHERS))
+        for row in sorted(rows, key=lambda row: [case.name for case in cases.CASES].index(str(row.of.case)))
+        if row.of.beside in (row.of.peer, first) and row.p50_us is not None and row.p99_us is not None
+    ]
+    picture.bars(file, f"One decision, {result.more['rules']} rules", result.machine, bars, unit="µs")
+
+
+def _remarks(result: Result[Of]) -> Iterator[str]:
+    yield from (f"{row.of.peer}: {row.why}" for row in result.rows if row.of.case is None)
+    yield f"All engines agree in {result.more['agreed']} cases, on {result.more['rules']} rules."
+
+
+BENCH: Final = Bench(
+    line_up,
+    FULL,
+    QUICK,
+    ratios,
+    f"{OURS} over each, in its worst case",
+    tables,
+    draw,
+    remarks=_remarks,
+    more=lambda rows, more: {
+        "ratios_of_minima": ratios(rows, more, "min_us"),
+        "ratios_by_case": by_case(rows, "p50_us"),
+    },
+)

@@ -1,4 +1,4 @@
-"""Cells of one scope and depth, called in turns, with what was right about each call."""
+"""Cells called in turns: how long each call takes, once each is known to answer right and wrong as it must."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import math
 import statistics
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Protocol
-
-from evaluation.tokens.cell import Verdict
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 if TYPE_CHECKING:
     import random
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
 
+K = TypeVar("K")
 TRIES: Final = 20
 """How often a peer is asked again that gives up for its own limit of time."""
 
@@ -24,24 +24,34 @@ class WrongAnswerError(RuntimeError):
     """A cell answered what it must not: its figure would be of something else."""
 
 
-class Timed(Protocol):
-    """What can be timed: `evaluation.tokens.cell.Cell` says what each member is."""
+class Verdict(Enum):
+    """What a timed call came to."""
 
-    @property
-    def name(self) -> str:
-        """Which it is, for people."""
+    ALLOWED = "allowed"
+    REFUSED = "refused"
+    OVERRUN = "overrun"
+    """The peer gave up for its own limit of time and not for what it was asked: nothing is known, nothing counted."""
 
-    @property
-    def fresh(self) -> Callable[[], Any]: ...  # noqa: D102 - see the class
 
-    @property
-    def act(self) -> Callable[[Any], Any]: ...  # noqa: D102 - see the class
+@dataclass(frozen=True, slots=True)
+class Cell(Generic[K]):
+    """One timed call, and how it is known to be right.
 
-    @property
-    def judge(self) -> Callable[[Any], Verdict]: ...  # noqa: D102 - see the class
+    Attributes:
+        of: the key of its row: who answers, and what is asked.
+        checks: what an answer rests on, in a few words.
+        fresh: makes an input; a call gets one that no call had before, where that matters. Not timed.
+        act: the timed call.
+        judge: what the outcome of `act` amounts to; not timed.
+        wrong: by what is wrong with them, makers of inputs that the same `act` must refuse.
+    """
 
-    @property
-    def wrong(self) -> Mapping[str, Callable[[], Any]]: ...  # noqa: D102 - see the class
+    of: K
+    checks: str
+    fresh: Callable[[], Any]
+    act: Callable[[Any], Any]
+    judge: Callable[[Any], Verdict] = lambda verdict: verdict
+    wrong: Mapping[str, Callable[[], Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +107,7 @@ class Series:
         }
 
 
-def prove(cell: Timed) -> None:
+def prove(cell: Cell[K]) -> None:
     """Pass when the cell allows what it should and refuses each of its counter-examples.
 
     Raises:
@@ -108,7 +118,7 @@ def prove(cell: Timed) -> None:
         _demand(cell, _answer(cell, given), why, Verdict.REFUSED)
 
 
-def _answer(cell: Timed, given: Callable[[], object]) -> object:
+def _answer(cell: Cell[K], given: Callable[[], object]) -> object:
     """The first answer that is one: a peer that gives up for its own limit of time is asked again."""
     verdict: object = Verdict.OVERRUN
     for _ in range(TRIES):
@@ -119,7 +129,7 @@ def _answer(cell: Timed, given: Callable[[], object]) -> object:
 
 
 def measure(
-    groups: Sequence[Sequence[Timed]], plan: Plan, *, clock_ns: Callable[[], int], order: random.Random
+    groups: Sequence[Sequence[Cell[K]]], plan: Plan, *, clock_ns: Callable[[], int], order: random.Random
 ) -> list[list[Series]]:
     """The durations of every cell, in the shape of `groups`.
 
@@ -138,7 +148,7 @@ def measure(
 
 
 def _pass(
-    group: Sequence[Timed], series: Sequence[Series], plan: Plan, clock_ns: Callable[[], int], order: random.Random
+    group: Sequence[Cell[K]], series: Sequence[Series], plan: Plan, clock_ns: Callable[[], int], order: random.Random
 ) -> None:
     for cell in group:
         for _ in range(plan.warm_up):
@@ -164,9 +174,9 @@ def _pass(
                     one.firsts.append(took)
 
 
-def _demand(cell: Timed, verdict: object, what: str, *right: Verdict) -> None:
+def _demand(cell: Cell[K], verdict: object, what: str, *right: Verdict) -> None:
     if verdict not in right:
-        raise WrongAnswerError(f"{cell.name}, {what}: {verdict}, not {right[0].value}")
+        raise WrongAnswerError(f"{cell.of}, {what}: {verdict}, not {right[0].value}")
 
 
 @contextmanager

@@ -1,21 +1,54 @@
-"""What a run found: rows, and how they stand to sampling and to the controller's cycle."""
+"""The benchmark of physics: every engine and workload in one run, beside sampling and the controller's cycle."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import replace
+from importlib import metadata
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from rich.table import Table
+import numpy as np
 
-from evaluation.pit.cells import ASSESS, CHECKER, KERNEL, NUMPY_ASSESS, RULER, STREAM
+from evaluation.harness import picture
+from evaluation.harness.absent import package
+from evaluation.harness.bench import Bench, LineUp, Row, installed
+from evaluation.harness.tables import table
+from evaluation.harness.timing import Plan
+from evaluation.pit import mujoco_sampled, workload
+from evaluation.pit.cells import (
+    ASSESS,
+    CHECKER,
+    KERNEL,
+    NUMPY_ASSESS,
+    RULER,
+    STREAM,
+    Of,
+    assessing,
+    assessing_by_numpy,
+    beside_sampling,
+    checking,
+    streaming,
+)
 from evaluation.pit.sampled import NAME as SAMPLED
+from evaluation.pit.truth import legs_truth, ready
+from pep.pit.engine import chosen
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
-    from evaluation.harness.timing import Plan
+    from rich.table import Table
 
+    from evaluation.harness.bench import Result
+    from evaluation.harness.timing import Cell
+
+FULL: Final = Plan(repeats=3, rounds=2, warm_up=1, burst=24)
+QUICK: Final = Plan(repeats=1, rounds=2, warm_up=1, burst=4)
+STREAMED: Final = 10
+"""Steps of a stream are asked so many times more often: their 99th percentile is what counts."""
+QUESTIONS: Final = 8
+"""Different ones of each workload."""
+SIZES: Final = (5, 20, 100)
 CYCLE_US: Final = 2_000.0
 """One cycle of the controller at 500 Hz."""
 AMONG_20: Final = "moveJ, 20 things"
@@ -28,174 +61,161 @@ def peopled(form: str, things: int) -> str:
     return f"{form}, {things} things, 2 people"
 
 
-TARGETS: Final[Mapping[tuple[str, str], tuple[float, float]]] = MappingProxyType(
+TARGETS: Final[Mapping[Of, tuple[float, float]]] = MappingProxyType(
     {
-        **{(ASSESS, peopled("moveJ", n)): (200.0, 1_000.0) for n in (5, 20, 100)},
-        (ASSESS, peopled("moveL", 5)): (1_000.0, 4_000.0),
-        (ASSESS, peopled("moveL", 20)): (1_000.0, 4_000.0),
-        (ASSESS, peopled("moveL", 100)): (4_000.0, 15_000.0),
-        (ASSESS, peopled("20 moves", 20)): (5_000.0, 20_000.0),
-        (NUMPY_ASSESS, peopled("moveJ", 20)): (5_000.0, 10_000.0),
-        (NUMPY_ASSESS, peopled("moveJ", 100)): (20_000.0, 80_000.0),
-        (STREAM, SPEED_STEP): (20.0, 100.0),
-        (STREAM, SERVO_STEP): (20.0, 100.0),
-        (CHECKER, peopled("moveJ", 20)): (20_000.0, 100_000.0),
+        **{Of(ASSESS, peopled("moveJ", n)): (200.0, 1_000.0) for n in (5, 20, 100)},
+        Of(ASSESS, peopled("moveL", 5)): (1_000.0, 4_000.0),
+        Of(ASSESS, peopled("moveL", 20)): (1_000.0, 4_000.0),
+        Of(ASSESS, peopled("moveL", 100)): (4_000.0, 15_000.0),
+        Of(ASSESS, peopled("20 moves", 20)): (5_000.0, 20_000.0),
+        Of(NUMPY_ASSESS, peopled("moveJ", 20)): (5_000.0, 10_000.0),
+        Of(NUMPY_ASSESS, peopled("moveJ", 100)): (20_000.0, 80_000.0),
+        Of(STREAM, SPEED_STEP): (20.0, 100.0),
+        Of(STREAM, SERVO_STEP): (20.0, 100.0),
+        Of(CHECKER, peopled("moveJ", 20)): (20_000.0, 100_000.0),
     }
 )
-"""What we want of the median and of the 99th percentile, microseconds, by who answers and of what."""
+"""What we want of the median and of the 99th percentile, microseconds."""
 SPEEDUPS: Final[Mapping[str, tuple[str, float]]] = MappingProxyType(
     {"kernel_speedup_20": (KERNEL, 100.0), "assess_speedup_20": (ASSESS, 10.0)}
 )
 """Who is to be so many times faster than sampling."""
+_COLOURS: Final = {KERNEL: picture.OURS, RULER: "#3d85c6", ASSESS: "#6fa8dc"}
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One workload at one answerer, or why there are no figures.
+def line_up(
+    plan: Plan,  # noqa: ARG001 - a question is asked as often as one likes
+    *,
+    seed: int,
+    told: Callable[[str], None],
+    sizes: tuple[int, ...] = SIZES,
+    questions: int = QUESTIONS,
+) -> LineUp[Of]:
+    """Cells of all workloads; see `Bench.line_up`.
 
-    Attributes:
-        peer, load: what it is of; the workload is None for a peer that is not installed.
-        p50_us, min_us, p99_us: median over all calls, smallest median of a pass, 99th percentile.
-        first_us: median over the calls that began a turn: somebody else was asked just before.
-        cycles_p50, cycles_p99: the same in cycles of 2 ms.
-        target_p50, target_p99: what we want of these, in cycles, or None.
-        n: calls.
-        checks: what an answer says.
-        why: why there are no figures, or empty.
+    Args:
+        plan: how often.
+        seed: of the questions.
+        told: is told what happens now.
+        sizes: with how many things about the arm, besides the twenty among which we are compared with sampling.
+        questions: how many different ones of each workload.
     """
-
-    peer: str
-    load: str | None
-    p50_us: float | None = None
-    first_us: float | None = None
-    min_us: float | None = None
-    p99_us: float | None = None
-    cycles_p50: float | None = None
-    cycles_p99: float | None = None
-    target_p50: float | None = None
-    target_p99: float | None = None
-    n: int = 0
-    checks: str = ""
-    why: str = ""
-
-    @property
-    def met(self) -> str:
-        """Whether what is wanted is had; empty where nothing is."""
-        if None in (self.target_p50, self.target_p99, self.cycles_p50, self.cycles_p99):
-            return ""
-        wanted = ((self.cycles_p50, self.target_p50), (self.cycles_p99, self.target_p99))
-        return "met" if all(is_ <= want for is_, want in wanted if is_ is not None and want is not None) else "missed"
+    found, unmeasured = installed({mujoco_sampled.NAME: lambda: package("mujoco", "mujoco")[1]}, Of)
+    mujoco = {"mujoco": found[0]} if found else {}
+    told("drawing questions, and sampling what is true of them")
+    groups, streamed = _groups(np.random.default_rng(seed), sizes, questions, mujoco=bool(mujoco))
+    versions = {"engine": chosen().name, "pin": metadata.version("pin"), "coal": metadata.version("coal")}
+    bars = {name: bar for name, (_, bar) in SPEEDUPS.items()}
+    return LineUp(groups, unmeasured, versions | mujoco, more={"bars": bars}, frequent=streamed, often=STREAMED)
 
 
-def row(peer: str, load: str, checks: str, figures: Mapping[str, float], n: int) -> Row:
-    """The row of a series."""
-    p50, p99 = figures["p50_us"], figures["p99_us"]
-    target = TARGETS.get((peer, load), (None, None))
-    return Row(
-        peer,
-        load,
-        p50_us=round(p50, 1),
-        first_us=round(figures["first_us"], 1),
-        min_us=round(figures["min_us"], 1),
-        p99_us=round(p99, 1),
-        cycles_p50=round(p50 / CYCLE_US, 4),
-        cycles_p99=round(p99 / CYCLE_US, 4),
-        target_p50=None if target[0] is None else target[0] / CYCLE_US,
-        target_p99=None if target[1] is None else target[1] / CYCLE_US,
-        n=n,
-        checks=checks,
-    )
+def _groups(
+    rng: np.random.Generator, sizes: tuple[int, ...], count: int, *, mujoco: bool
+) -> tuple[list[list[Cell[Of]]], list[list[Cell[Of]]]]:
+    """Cells that take turns with each other, and those that are asked more often."""
+    among = [ready(each) for each in workload.bare(rng, 20, count)]
+    groups = [beside_sampling(among, AMONG_20, mujoco=mujoco)]
+    for things in sizes:
+        asked, name = [ready(each) for each in workload.peopled(rng, things, count)], peopled("moveJ", things)
+        groups.append([assessing(asked, name), assessing_by_numpy(asked, name), checking(asked, name)])
+    for things in sizes:
+        asked = [ready(each) for each in workload.lines(rng, things, count)]
+        groups.append([assessing(asked, peopled("moveL", things))])
+    asked = [legs_truth(each) for each in workload.sequences(rng, 20, max(1, count // 4))]
+    groups.append([assessing(asked, peopled("20 moves", 20))])
+    prepared: list[Cell[Of]] = []
+    whole: list[Cell[Of]] = []
+    for servo, name in ((False, SPEED_STEP), (True, SERVO_STEP)):
+        asked = [ready(each) for each in workload.steps(rng, 20, count, servo=servo)]
+        prepared.append(streaming(asked, name))
+        whole.append(assessing(asked, name))
+    # Each by itself: whoever serves a stream asks about nothing else in between.
+    return groups, [prepared, whole]
 
 
-@dataclass(frozen=True, slots=True)
-class Result:
-    """A whole run.
-
-    Attributes:
-        rows: of every answerer and workload.
-        versions: of the engines.
-        machine, plan, seconds: where, how often, how long.
-    """
-
-    rows: tuple[Row, ...]
-    versions: Mapping[str, str]
-    machine: Mapping[str, Any]
-    plan: Plan
-    seconds: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Everything, as one JSON object."""
-        return {
-            "ok": True,
-            "ratios": ratios(self.rows),
-            "bars": {name: bar for name, (_, bar) in SPEEDUPS.items()},
-            "rows": [asdict(each) | {"met": each.met} for each in self.rows],
-            "versions": dict(self.versions),
-            "machine": dict(self.machine),
-            "plan": asdict(self.plan),
-            "seconds": round(self.seconds, 1),
-        }
+def wanted(row: Row[Of]) -> Row[Of]:
+    """The row with its figures in cycles of 2 ms, those that we want, and whether they are met."""
+    p50, p99 = (None if us is None else us / CYCLE_US for us in (row.p50_us, row.p99_us))
+    target = TARGETS.get(row.of)
+    most = (None, None) if target is None else tuple(us / CYCLE_US for us in target)
+    met = ""
+    if p50 is not None and p99 is not None and target is not None:
+        met = "met" if p50 * CYCLE_US <= target[0] and p99 * CYCLE_US <= target[1] else "missed"
+    cycles = {
+        "cycles_p50": None if p50 is None else round(p50, 4),
+        "cycles_p99": None if p99 is None else round(p99, 4),
+    }
+    return replace(row, more={**cycles, "target_p50": most[0], "target_p99": most[1], "met": met})
 
 
-def ratios(rows: tuple[Row, ...]) -> dict[str, float | None]:
+def ratios(rows: Sequence[Row[Of]], _: Mapping[str, Any], name: str) -> dict[str, float | None]:
     """How many times faster than sampling, and shares of the controller's cycle; None for what was not measured.
 
     `_first`: of the calls before which somebody else was asked, who left the processor's caches as theirs.
     """
-    by = {(each.peer, each.load): each for each in rows if each.p50_us is not None}
-    sampling = by.get((SAMPLED, AMONG_20))
+    by = {row.of: row for row in rows if row.p50_us is not None}
+    sampling = by.get(Of(SAMPLED, AMONG_20))
 
-    def faster(peer: str, figure: str = "p50_us") -> float | None:
-        ours = by.get((peer, AMONG_20))
+    def faster(peer: str, figure: str = name) -> float | None:
+        ours = by.get(Of(peer, AMONG_20))
         if ours is None or sampling is None:
             return None
         return round(float(getattr(sampling, figure) / getattr(ours, figure)), 2)
 
-    found = {name: faster(peer) for name, (peer, _) in SPEEDUPS.items()}
-    found |= {f"{name}_first": faster(peer, "first_us") for name, (peer, _) in SPEEDUPS.items()}
+    found = {key: faster(peer) for key, (peer, _) in SPEEDUPS.items()}
+    found |= {f"{key}_first": faster(peer, "first_us") for key, (peer, _) in SPEEDUPS.items()}
     found["clearance_speedup_20"] = faster(RULER)
-    steps = [by[STREAM, load] for load in (SPEED_STEP, SERVO_STEP) if (STREAM, load) in by]
-    for name in ("p50", "p99"):
-        shares = [getattr(each, f"cycles_{name}") for each in steps]
-        found[f"stream_cycle_{name}"] = max(shares, default=None)
+    steps = [by[of] for of in (Of(STREAM, SPEED_STEP), Of(STREAM, SERVO_STEP)) if of in by]
+    for each in ("p50", "p99"):
+        shares = (row.more[f"cycles_{each}"] for row in steps)
+        found[f"stream_cycle_{each}"] = max(shares, default=None)
     return found
 
 
-def ratios_line(found: Mapping[str, float | None]) -> str:
-    """The ratios in one line."""
-    said = ", ".join(f"{name} {'-' if value is None else f'{value:.2f}'}" for name, value in found.items())
-    return f"times faster than sampling, and shares of a cycle of 2 ms: {said}"
-
-
-def tables(result: Result) -> Iterator[Table]:
+def tables(result: Result[Of]) -> Iterator[Table]:
     """Durations, and what each answer says."""
-    durations = Table(title="milliseconds, and cycles of 2 ms", title_justify="left", box=None, pad_edge=False)
-    for heading in ("of what", "by"):
-        durations.add_column(heading)
-    for heading in ("p50 ms", "first ms", "p99 ms", "cycles p50", "wanted", "cycles p99", "wanted"):
-        durations.add_column(heading, justify="right")
-    durations.add_column("")
-    measured = [each for each in result.rows if each.load is not None]
-    for each in measured:
-        assert each.p50_us is not None
-        assert each.first_us is not None
-        assert each.p99_us is not None
-        durations.add_row(
-            each.load,
-            each.peer,
-            f"{each.p50_us / 1_000:.3f}",
-            f"{each.first_us / 1_000:.3f}",
-            f"{each.p99_us / 1_000:.3f}",
-            f"{each.cycles_p50:.3f}",
-            "" if each.target_p50 is None else f"{each.target_p50:.3f}",
-            f"{each.cycles_p99:.3f}",
-            "" if each.target_p99 is None else f"{each.target_p99:.3f}",
-            each.met,
-        )
-    says = Table(title="what an answer says", title_justify="left", box=None, pad_edge=False)
-    says.add_column("by")
-    says.add_column("says", overflow="fold")
-    for peer, checks in {each.peer: each.checks for each in measured}.items():
-        says.add_row(peer, checks)
-    yield durations
-    yield says
+    measured = [row for row in result.rows if row.of.load is not None]
+    yield table(
+        "milliseconds, and cycles of 2 ms",
+        ("of what", "by"),
+        ("p50 ms", "first ms", "p99 ms", "cycles p50", "wanted", "cycles p99", "wanted", ""),
+        ([str(row.of.load), row.of.peer, *_figures(row), row.more["met"]] for row in measured),
+    )
+    yield table("what an answer says", ("by", "says"), rows={row.of.peer: row.checks for row in measured}.items())
+
+
+def _figures(row: Row[Of]) -> Iterator[str]:
+    for us in (row.p50_us, row.first_us, row.p99_us):
+        yield "" if us is None else f"{us / 1_000:.3f}"
+    for name in ("cycles_p50", "target_p50", "cycles_p99", "target_p99"):
+        share = row.more[name]
+        yield "" if share is None else f"{share:.3f}"
+
+
+def draw(result: Result[Of], file: Path) -> None:
+    """A bar for each workload and answerer, the controller's cycle as a line."""
+    bars = []
+    for row in result.rows:
+        if row.p50_us is not None and row.p99_us is not None:
+            colour = _COLOURS.get(row.of.peer, picture.OTHERS)
+            bars.append((f"{row.of.load}: {row.of.peer}", row.p50_us / 1_000, row.p99_us / 1_000, colour))
+    cycle = (CYCLE_US / 1_000, "one cycle of 2 ms")
+    picture.bars(file, "Certified physics and sampling", result.machine, bars, unit="ms", line=cycle)
+
+
+def _absent(result: Result[Of]) -> Iterable[str]:
+    return (f"{row.of.peer}: {row.why}" for row in result.rows if row.of.load is None)
+
+
+BENCH: Final = Bench(
+    line_up,
+    FULL,
+    QUICK,
+    ratios,
+    "times faster than sampling, and shares of a cycle of 2 ms",
+    tables,
+    draw,
+    few={"sizes": (5,), "questions": 2},
+    remarks=_absent,
+    wanted=wanted,
+)

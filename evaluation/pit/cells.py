@@ -1,39 +1,35 @@
-"""What is timed: a question, who answers it, and what a right answer is by an engine that shares nothing with ours."""
+"""Answerers of the questions of one workload, each a cell: who answers, what is timed, and when it is right."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from evaluation.harness.timing import Cell, Verdict
 from evaluation.pit import mujoco_sampled, sampled
 from evaluation.pit.ruler import Ruler
+from evaluation.pit.truth import stop_of
 from evaluation.pit.workload import AGE_S
-from evaluation.tokens.cell import Verdict
-from pep.pit import Assessment, JointPath, MoveJ, assess
+from pep.pit import Assessment, MoveJ, assess
 from pep.pit.assessment import MILLI
 from pep.pit.checker import Verified, verify
-from pep.pit.driving import joint_moves
 from pep.pit.engine import NUMPY, chosen
-from pep.pit.kinematics import layout, poses
 from pep.pit.motion import profile_of
 from pep.pit.moves import MoveQuestion
 from pep.pit.pairs import pairs_of
 from pep.pit.proof import document
 from pep.pit.question import as_run, view_around
-from pep.pit.separation import stopping
 from pep.pit.streaming import Bounded, Stream
 from pep.pit.tier import HIGHEST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
-    from evaluation.pit.workload import Question
+    from evaluation.pit.truth import Asked
     from pep.pit.engine import Engine
-    from pep.pit.motion import Floats
-    from pep.pit.separation import Stopping
 
 SEED: Final = b"the benchmark's only command"
 NOTHING: Final[frozenset[str]] = frozenset()
@@ -58,99 +54,42 @@ RATIOS: Final = frozenset({"joint_speed", "acceleration", "tcp_speed", "elbow_sp
 ABSENT_M: Final = 0.05
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Asked:
-    """A question made ready, and what pinocchio and coal say of it at instants 8 ms apart.
-
-    Attributes:
-        question: what is asked.
-        angles: joint angles of the instants.
-        pin: its pairs in pinocchio and coal.
-        nearest: least clearance of any pair, metre.
-        index: the highest index: coal's clearances and the kinematics' speeds under the room's laws.
-        extra: whatever else a cell needs.
-    """
-
-    question: Question
-    angles: list[Floats]
-    pin: sampled.Measured
-    nearest: float
-    index: float
-    extra: dict[str, Any] = field(default_factory=dict)
-
-
-def ready(question: Question) -> Asked:
-    """The question with its truth."""
-    instants, pin = sampled.instants(question), sampled.Measured(question)
-    angles = [q for q, _ in instants]
-    robot, cell = question.robot, question.cell
-    pairs = pairs_of(robot, question.scene, cell, grown_m=0.0)
-    clear, plan = pin.each(angles), layout(robot)
-    asked = np.arange(pin.pairs)
-    radius, index = plan.radius[pairs.body], 1.0
-    leading = _leading(question)
-    for row, (q, qd) in zip(clear, instants, strict=True):
-        moving = poses(robot, plan, q[None], qd)
-        speed = moving.speed[0, pairs.body] + radius * moving.spin[0, pairs.body]
-        index = max(index, float(pairs.index(asked, row, speed, _stop(question, leading)).max()))
-    return Asked(question, angles, pin, float(clear.min()), index)
-
-
-def _leading(question: Question) -> float:
-    """Speed of the fastest joint on the way, where it is the same for all of it; else none is reckoned with."""
-    motion = question.motion
-    if not isinstance(motion, MoveJ):
-        return 0.0
-    profile = profile_of(motion)
-    return 0.0 if profile is None else profile.peak_rad_s
-
-
-def _stop(question: Question, leading_rad_s: float) -> Stopping:
-    return stopping(question.cell, perception_age_s=AGE_S, joint_speed_rad_s=leading_rad_s)
-
-
 @dataclass(frozen=True, slots=True)
-class Cell:
-    """One answerer of the questions of one workload; see `evaluation.tokens.cell.Cell`.
-
-    Attributes:
-        peer: who answers.
-        load: which workload.
-        checks: what its answer says.
-        questions: all that it is asked, in turn.
-        answer: the timed call.
-        right: whether an answer is one.
-    """
+class Of:
+    """The key of a row: who answers, and the workload; None for a peer that is not installed."""
 
     peer: str
-    load: str
-    checks: str
-    questions: Iterator[Asked]
-    answer: Callable[[Asked], Any]
-    right: Callable[[Asked, Any], bool]
-    spoiled: Callable[[Asked], Asked]
+    load: str | None = None
 
-    @property
-    def name(self) -> str:
-        """Which it is, for people."""
-        return f"{self.peer}, {self.load}"
 
-    def fresh(self) -> Asked:
-        """The next question."""
-        return next(self.questions)
+def cell(
+    of: Of,
+    checks: str,
+    asked: Sequence[Asked],
+    answer: Callable[[Asked], Any],
+    *,
+    right: Callable[[Asked, Any], bool],
+    spoiled: Callable[[Asked], Asked],
+) -> Cell[Of]:
+    """A cell that is asked each question in turn.
 
-    def act(self, asked: Asked) -> tuple[Asked, Any]:
-        """The answer, beside its question."""
-        return asked, self.answer(asked)
-
-    def judge(self, outcome: tuple[Asked, Any]) -> Verdict:
-        """Whether it is right."""
-        return Verdict.ALLOWED if self.right(*outcome) else Verdict.REFUSED
-
-    @property
-    def wrong(self) -> Mapping[str, Callable[[], Asked]]:
-        """A question whose truth is another one."""
-        return {"another truth": lambda: self.spoiled(self.fresh())}
+    Args:
+        of: its key.
+        checks: what its answer says.
+        asked: the questions.
+        answer: the timed call.
+        right: whether an answer is one.
+        spoiled: the question with another truth.
+    """
+    questions = cycle(asked)
+    return Cell(
+        of,
+        checks,
+        fresh=questions.__next__,
+        act=lambda each: (each, answer(each)),
+        judge=lambda outcome: Verdict.ALLOWED if right(*outcome) else Verdict.REFUSED,
+        wrong={"another truth": lambda: spoiled(next(questions))},
+    )
 
 
 def _nearer(asked: Asked) -> Asked:
@@ -213,7 +152,7 @@ def _by_search(engine: Engine) -> Callable[[Asked], Any]:
         profile = profile_of(question.motion)
         if profile is None:
             raise ValueError("a move that goes nowhere")
-        path, stop = engine.path(question.robot, question.motion), _stop(question, profile.peak_rad_s)
+        path, stop = engine.path(question.robot, question.motion), stop_of(question, profile.peak_rad_s)
         return engine.certify(path, pairs, profile, stop, rows=asked.extra["rows"], floor=1.0, check_time=_no_limit)
 
     return answer
@@ -255,11 +194,7 @@ def _no_limit() -> None:
     """The time is not counted."""
 
 
-def _in_turn(asked: Sequence[Asked]) -> Iterator[Asked]:
-    return cycle(asked)
-
-
-def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[Cell]:
+def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[Cell[Of]]:
     """Ours and what samples, on moves among things."""
     for each in asked:
         pairs = pairs_of(each.question.robot, each.question.scene, each.question.cell, grown_m=0.0)
@@ -271,38 +206,39 @@ def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[
     least = "the least clearance at instants 8 ms apart; nothing of what is between"
     proven = "an upper bound of the index of the whole way, with its rows"
     cells = [
-        Cell(sampled.NAME, load, least, _in_turn(asked), _by_pin, _sampled_right, _nearer),
-        Cell(KERNEL, load, proven, _in_turn(asked), _by_search(chosen()), _index_right, _higher),
-        Cell(
-            RULER,
-            load,
+        cell(Of(sampled.NAME, load), least, asked, _by_pin, right=_sampled_right, spoiled=_nearer),
+        cell(Of(KERNEL, load), proven, asked, _by_search(chosen()), right=_index_right, spoiled=_higher),
+        cell(
+            Of(RULER, load),
             "a lower bound of the clearance on the whole way, within 0.2 mm",
-            _in_turn(asked),
+            asked,
             _by_ruler,
-            _clearance_right,
-            _nearer,
+            right=_clearance_right,
+            spoiled=_nearer,
         ),
         assessing(asked, load),
-        Cell(NUMPY_INDEX, load, proven, _in_turn(asked), _by_search(NUMPY), _index_right, _higher),
+        cell(Of(NUMPY_INDEX, load), proven, asked, _by_search(NUMPY), right=_index_right, spoiled=_higher),
     ]
     if mujoco:
-        cells.append(Cell(mujoco_sampled.NAME, load, least, _in_turn(asked), _by_mujoco, _sampled_right, _nearer))
+        cells.append(
+            cell(Of(mujoco_sampled.NAME, load), least, asked, _by_mujoco, right=_sampled_right, spoiled=_nearer)
+        )
     return cells
 
 
-def assessing(asked: Sequence[Asked], load: str) -> Cell:
+def assessing(asked: Sequence[Asked], load: str) -> Cell[Of]:
     """`assess` as it is called for a command."""
     checks = "the whole answer: index, tier, violations, causes, a slower speed; confirmed by the second engine"
-    return Cell(ASSESS, load, checks, _in_turn(asked), _by_assess, _assessed_right, _highest)
+    return cell(Of(ASSESS, load), checks, asked, _by_assess, right=_assessed_right, spoiled=_highest)
 
 
-def assessing_by_numpy(asked: Sequence[Asked], load: str) -> Cell:
+def assessing_by_numpy(asked: Sequence[Asked], load: str) -> Cell[Of]:
     """The same where numba is not installed."""
     checks = "the same without numba"
-    return Cell(NUMPY_ASSESS, load, checks, _in_turn(asked), _by_numpy, _assessed_right, _highest)
+    return cell(Of(NUMPY_ASSESS, load), checks, asked, _by_numpy, right=_assessed_right, spoiled=_highest)
 
 
-def streaming(asked: Sequence[Asked], load: str) -> Cell:
+def streaming(asked: Sequence[Asked], load: str) -> Cell[Of]:
     """A stream that was told the view beforehand, asked about a step in the tier that the whole question finds."""
     settled = 0
     for each in asked:
@@ -313,10 +249,10 @@ def streaming(asked: Sequence[Asked], load: str) -> Cell:
         each.extra.update(stream=stream, authorised=int(whole.tier) * MILLI)
         settled += isinstance(_by_stream(each), Bounded)
     checks = f"a bound of the index, or else the whole answer; the bound was enough for {settled} of {len(asked)}"
-    return Cell(STREAM, load, checks, _in_turn(asked), _by_stream, _bounded_right, _highest)
+    return cell(Of(STREAM, load), checks, asked, _by_stream, right=_bounded_right, spoiled=_highest)
 
 
-def checking(asked: Sequence[Asked], load: str) -> Cell:
+def checking(asked: Sequence[Asked], load: str) -> Cell[Of]:
     """The certificate, recomputed by the standard library alone."""
     for each in asked:
         answer, question = _by_assess(each), each.question
@@ -330,11 +266,4 @@ def checking(asked: Sequence[Asked], load: str) -> Cell:
             touch=NOTHING,
         )
     checks = "every row of the proof"
-    return Cell(CHECKER, load, checks, _in_turn(asked), _by_checker, _verified_right, _highest)
-
-
-def legs_truth(question: Question) -> Asked:
-    """A path's truth: the highest of its legs'."""
-    assert isinstance(question.motion, JointPath)
-    legs = [ready(replace(question, motion=leg)) for leg in joint_moves(question.motion)]
-    return Asked(question, [], legs[0].pin, min(each.nearest for each in legs), max(each.index for each in legs))
+    return cell(Of(CHECKER, load), checks, asked, _by_checker, right=_verified_right, spoiled=_highest)

@@ -10,7 +10,7 @@ from evaluation.harness.absent import package
 from pep.pit.scene import Box, Capsule, Convex, Sphere
 
 if TYPE_CHECKING:
-    from evaluation.pit.workload import Question
+    from evaluation.pit.question import Question
     from pep.pit.motion import Floats
     from pep.pit.scene import Shape, Vector
 

@@ -26,7 +26,7 @@ from pep.pit.scene import Box, Capsule, Convex, Sphere
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from evaluation.pit.workload import Question
+    from evaluation.pit.question import Question
     from pep.pit import Motion, Robot
     from pep.pit.motion import Floats, Joints, Pose
     from pep.pit.scene import Shape

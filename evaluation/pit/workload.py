@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
+from evaluation.pit.question import Question
 from evaluation.pit.ruler import Ruler
+from evaluation.pit.sampled import pose_of
 from pep.pit import (
     Box,
     Capsule,
@@ -62,25 +64,6 @@ PROVEN_SHARE: Final = 0.75
 """Of a joint's greatest speed: up to it the speed adds nothing to the index."""
 HOME: Final = (0.0, -1.62, 1.25, -1.20, -1.57, 0.0)
 PEOPLE_M: Final = (0.9, 1.2)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Question:
-    """One motion in one scene.
-
-    Attributes:
-        robot: the arm.
-        scene: what is around it.
-        motion: what is asked.
-        cell: parameters.
-        step: of a stream, all that may follow of which is the motion; else None.
-    """
-
-    robot: Robot
-    scene: Scene
-    motion: Motion
-    cell: CellParameters
-    step: ServoJ | SpeedJ | None = None
 
 
 @cache
@@ -163,7 +146,7 @@ def lines(rng: Generator, things: int, count: int) -> list[Question]:
     while len(found) < count:
         stuck = len(found) % ONE_STUCK_OF == ONE_STUCK_OF - 1
         start = np.array(HOME) + rng.uniform(-0.3, 0.3, 6)
-        x, y, z, *turn = _pose(_joints(start))
+        x, y, z, *turn = pose_of(robot(), _joints(start))
         way = np.array([x, y, z]) if stuck else rng.standard_normal(3)
         way *= (_REACH_M if stuck else rng.uniform(*LINE_M)) / np.linalg.norm(way)
         target = cast("Pose", (x + way[0], y + way[1], z + way[2], *turn))
@@ -217,13 +200,6 @@ _LOW_M: Final = 0.1
 def _joints(angles: object) -> Joints:
     a, b, c, d, e, f = np.asarray(angles, dtype=float).tolist()
     return a, b, c, d, e, f
-
-
-def _pose(q: Joints) -> Pose:
-    """Pose of the tool there."""
-    from evaluation.pit.sampled import pose_of
-
-    return pose_of(robot(), q)
 
 
 def _shape(rng: Generator, kind: int) -> Shape:

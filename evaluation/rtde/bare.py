@@ -35,5 +35,4 @@ class Unjudged:
 
 
 if __name__ == "__main__":
-    gateway_server.CellStream = Unjudged  # type: ignore[assignment,attr-defined]
-    gateway_server.main()
+    gateway_server.main(Unjudged)

@@ -6,12 +6,14 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from rich.table import Table
 
+from evaluation.harness.tables import table
 from evaluation.pit.bench import CYCLE_US
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from rich.table import Table
 
 BARS: Final = (0.2, 1.0)
 """What a gateway may add at the median and at the 99th percentile, ms, with policy, without physics and record."""
@@ -83,7 +85,7 @@ class Result:
     seconds: float
     machine: dict[str, Any]
 
-    def as_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """For machines."""
         direct, relayed, policy, whole = self.rows
         return {
@@ -104,18 +106,21 @@ def _added(us: float, direct_us: float) -> float:
 
 def tables(result: Result) -> list[Table]:
     """For people."""
-    table = Table(title="A value of a stream, from ur_rtde's call to the controller's port")
-    for heading in ("way", "values", "while it opened", "skipped", "opened, us", "p50, us", "p99, us", "most, us"):
-        table.add_column(heading, justify="left" if heading == "way" else "right")
-    for row in result.rows:
-        figures = (f"{us:.0f}" for us in (row.opened_us, row.p50_us, row.p99_us, row.most_us))
-        table.add_row(row.way, str(row.sent), str(row.opening), str(row.skipped), *figures)
-    return [table]
+    headings = ("values", "while it opened", "skipped", "opened, us", "p50, us", "p99, us", "most, us")
+    rows = (
+        (row.way, *map(str, (row.sent, row.opening, row.skipped)), *(f"{us:.0f}" for us in _durations(row)))
+        for row in result.rows
+    )
+    return [table("A value of a stream, from ur_rtde's call to the controller's port", ("way",), headings, rows)]
+
+
+def _durations(row: Row) -> tuple[float, ...]:
+    return row.opened_us, row.p50_us, row.p99_us, row.most_us
 
 
 def summary(result: Result) -> str:
     """The figures that have bars."""
-    told = result.as_json()
+    told = result.to_json()
     added, relays, share = told["added_ms"], told["relays_ms"], told["ratios"]["stream_physics_p50"]
     return (
         f"added {added['p50']} ms at p50 (bar {BARS[0]}), {added['p99']} ms at p99 (bar {BARS[1]}); "

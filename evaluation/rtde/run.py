@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from evaluation.harness.machine import machine
-from evaluation.pit import cells, workload
+from evaluation.pit import cells, truth, workload
 from evaluation.pit.bench import SERVO_STEP
 from evaluation.rtde import client
 from evaluation.rtde.bench import Result, StreamBrokenError, row_of
@@ -152,7 +152,7 @@ def _scope(audience: str) -> Scope:
 
 def _physics_us() -> float:
     """Median of one step of a stream of joint angles, as `ztpm eval bench pit` asks it, microseconds."""
-    asked = [cells.ready(each) for each in workload.steps(np.random.default_rng(1), 20, 1, servo=True)]
+    asked = [truth.ready(each) for each in workload.steps(np.random.default_rng(1), 20, 1, servo=True)]
     cell = cells.streaming(asked, SERVO_STEP)
     took = []
     for _ in range(STEPS):

@@ -1,47 +1,49 @@
-"""What a run found: rows, token sizes and the ratios between us and Tenuo."""
+"""The benchmark of capability tokens: every peer, scope and depth in one run."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from evaluation.tokens.cell import Kind
-from evaluation.tokens.peers import ours, tenuo
-from evaluation.tokens.workload import REALISTIC
+from evaluation.harness.bench import Bench, LineUp, Row, installed, ratio
+from evaluation.harness.tables import figure, pivot, table
+from evaluation.harness.timing import FULL, QUICK, Cell
+from evaluation.tokens.cell import Kind, Of
+from evaluation.tokens.peers import lending, ours, tenuo
+from evaluation.tokens.peers.act_token import ActToken
+from evaluation.tokens.peers.aip import Aip
+from evaluation.tokens.peers.bare_biscuit import BareBiscuit
+from evaluation.tokens.peers.macaroons import Macaroons
+from evaluation.tokens.picture import draw
+from evaluation.tokens.workload import DEPTHS, REALISTIC, WORKLOADS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+    from rich.table import Table
+
+    from evaluation.harness.bench import Result
     from evaluation.harness.timing import Plan
+    from evaluation.tokens.cell import Peer
+    from evaluation.tokens.workload import Workload
 
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One measured cell, or why there are no figures.
-
-    Attributes:
-        peer, scope, depth, kind, proof: what it is of; all but the peer are None for a peer that is not installed.
-        p50_us: median over all calls.
-        min_us: smallest median of a pass.
-        p99_us: 99th percentile over all calls.
-        n: calls; with less than 100, the 99th percentile is the slowest of them.
-        overruns: calls besides, in which the peer gave up for its own limit of time though the token was good.
-        checks: what a decision of this row rests on.
-        why: why there are no figures, or empty.
-    """
-
-    peer: str
-    scope: str | None
-    depth: int | None
-    kind: str | None
-    proof: bool | None
-    p50_us: float | None = None
-    min_us: float | None = None
-    p99_us: float | None = None
-    n: int = 0
-    overruns: int = 0
-    checks: str = ""
-    why: str = ""
+PEERS: Final[dict[str, Callable[[], Peer]]] = {
+    tenuo.NAME: tenuo.Tenuo,
+    "aip": Aip,
+    "biscuit": BareBiscuit,
+    "macaroons": Macaroons,
+    "pyjwt-act": ActToken,
+}
+"""By name; each needs its package only when it is called."""
+RATIOS: Final = {
+    "warm_proof_d3": (Kind.WARM, Kind.WARM, 3),
+    "warm_proof_d8": (Kind.WARM, Kind.WARM, 8),
+    "stream_d3": (Kind.STREAM, Kind.WARM, 3),  # Tenuo has no session: each sample is a call with a proof
+    "cold_proof_d3": (Kind.COLD, Kind.COLD, 3),
+    "novel_proof_d3": (Kind.NOVEL, Kind.COLD, 3),  # Tenuo remembers nothing of limits: its cold call is its novel one
+    "first_proof_d3": (Kind.FIRST, Kind.FIRST, 3),
+}
+BYTES_DEPTH: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,73 +56,104 @@ class Size:
     bytes: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class Result:
-    """A whole run."""
-
-    rows: tuple[Row, ...]
-    sizes: tuple[Size, ...]
-    versions: Mapping[str, str]
-    machine: Mapping[str, Any]
-    plan: Plan
-    seconds: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Everything, as one JSON object."""
-        return {
-            "ok": True,
-            "ratios": ratios(self.rows, self.sizes, "p50_us"),
-            "ratios_of_minima": ratios(self.rows, self.sizes, "min_us"),
-            "rows": [asdict(row) for row in self.rows],
-            "sizes": [asdict(size) for size in self.sizes],
-            "versions": dict(self.versions),
-            "machine": dict(self.machine),
-            "plan": asdict(self.plan),
-            "seconds": round(self.seconds, 1),
-        }
-
-
-_RATIOS: Final = {
-    "warm_proof_d3": (Kind.WARM, Kind.WARM, 3),
-    "warm_proof_d8": (Kind.WARM, Kind.WARM, 8),
-    "stream_d3": (Kind.STREAM, Kind.WARM, 3),  # Tenuo has no session: each sample is a call with a proof
-    "cold_proof_d3": (Kind.COLD, Kind.COLD, 3),
-    "novel_proof_d3": (Kind.NOVEL, Kind.COLD, 3),  # Tenuo remembers nothing of limits: its cold call is its novel one
-    "first_proof_d3": (Kind.FIRST, Kind.FIRST, 3),
-}
-_BYTES_DEPTH: Final = 3
-
-
-def ratios(rows: Sequence[Row], sizes: Sequence[Size], figure: str) -> dict[str, float | None]:
-    """Ours over Tenuo's in the realistic scope, with proof; None where one of the two was not measured.
+def line_up(
+    plan: Plan,
+    *,
+    seed: int,  # noqa: ARG001 - nothing is drawn
+    told: Callable[[str], None],
+    workloads: Sequence[Workload] = WORKLOADS,
+    depths: Sequence[int] = DEPTHS,
+    others: Mapping[str, Callable[[], Peer]] = PEERS,
+) -> LineUp[Of]:
+    """Cells of all peers; see `Bench.line_up`.
 
     Args:
-        rows: of one run.
-        sizes: of the same run.
-        figure: "p50_us" or "min_us".
+        plan: how often.
+        seed: of nothing here.
+        told: is told what happens now.
+        workloads: which scopes.
+        depths: which depths of the chain.
+        others: the peers besides ourselves.
     """
+    sizes: list[Size] = []
+    groups: list[list[Cell[Of]]] = []
+    found, unmeasured = installed(others, Of)
+    with lending.elsewhere() as lend:
+        peers: list[Peer] = [ours.Ours(lend), *found]
+        for workload in workloads:
+            for depth in depths:
+                told(f"making tokens: {workload.name}, depth {depth}")
+                cells: list[Cell[Of]] = []
+                for peer in peers:
+                    prepared = peer.prepare(workload, depth, plan.calls)
+                    sizes.append(Size(peer.name, workload.name, depth, prepared.bytes))
+                    cells += [cell for cell in prepared.cells if isinstance(cell, Cell)]
+                    unmeasured += [row for row in prepared.cells if isinstance(row, Row)]
+                # What is forgotten before each call of one cell must not be missed by another: a group of its own.
+                first = [cell for cell in cells if cell.of.kind is Kind.FIRST]
+                groups += [[cell for cell in cells if cell.of.kind is not Kind.FIRST], first]
+    versions = {peer.name: peer.version for peer in peers}
+    return LineUp(groups, unmeasured, versions, more={"sizes": [asdict(size) for size in sizes]})
+
+
+def ratios(rows: Sequence[Row[Of]], more: Mapping[str, Any], name: str) -> dict[str, float | None]:
+    """Ours over Tenuo's in the realistic scope, with proof; None where one of the two was not measured."""
+    took = {row.of: getattr(row, name) for row in rows}
+    sizes = {(size["peer"], size["depth"]): size["bytes"] for size in more["sizes"] if size["scope"] == REALISTIC.name}
 
     def of(peer: str, kind: Kind, depth: int) -> float | None:
-        wanted = (peer, REALISTIC.name, depth, kind, True)
-        found = [row for row in rows if (row.peer, row.scope, row.depth, row.kind, row.proof) == wanted]
-        return None if not found else getattr(found[0], figure)
+        return took.get(Of(peer, REALISTIC.name, depth, kind, proof=True))
 
-    def bytes_of(peer: str) -> float | None:
-        wanted = (peer, REALISTIC.name, _BYTES_DEPTH)
-        return next((size.bytes for size in sizes if (size.peer, size.scope, size.depth) == wanted), None)
-
-    timed = {
-        name: _ratio(of(ours.NAME, mine, depth), of(tenuo.NAME, theirs, depth))
-        for name, (mine, theirs, depth) in _RATIOS.items()
+    found = {
+        key: ratio(of(ours.NAME, mine, depth), of(tenuo.NAME, theirs, depth))
+        for key, (mine, theirs, depth) in RATIOS.items()
     }
-    return {**timed, f"bytes_d{_BYTES_DEPTH}": _ratio(bytes_of(ours.NAME), bytes_of(tenuo.NAME))}
+    mine, theirs = (sizes.get((peer, BYTES_DEPTH)) for peer in (ours.NAME, tenuo.NAME))
+    return {**found, f"bytes_d{BYTES_DEPTH}": ratio(mine, theirs)}
 
 
-def _ratio(mine: float | None, theirs: float | None) -> float | None:
-    return None if mine is None or not theirs else round(mine / theirs, 3)
+def tables(result: Result[Of]) -> Iterator[Table]:
+    """One table of durations for each scope, one of what each row checks, one of sizes."""
+    order = list(Kind)
+
+    def place(row: Row[Of]) -> tuple[int, bool, str, int]:
+        return order.index(row.of.kind or Kind.FIRST), bool(row.of.proof), row.of.peer, row.of.depth or 0
+
+    measured = sorted((row for row in result.rows if row.of.scope is not None), key=place)
+    for scope in dict.fromkeys(row["scope"] for row in result.more["sizes"]):
+        texts = {
+            (_words(row.of), f"depth {row.of.depth}"): figure(row.p50_us, row.p99_us, row.why, row.overruns)
+            for row in measured
+            if row.of.scope == scope
+        }
+        yield pivot(f"{scope} scope: median, µs (99th percentile)", ("what", "proof", "peer"), texts)
+    checks = {_words(row.of): row.checks for row in measured if row.checks}
+    yield table(
+        "what a decision rests on", ("what", "proof", "peer", "checks"), rows=((*k, c) for k, c in checks.items())
+    )
+    sizes = {
+        ((size["scope"], size["peer"]), f"depth {size['depth']}"): f"{size['bytes']:,}" if size["bytes"] else "-"
+        for size in result.more["sizes"]
+    }
+    yield pivot("token bytes, before base64", ("scope", "peer"), sizes)
 
 
-def ratios_line(found: Mapping[str, float | None]) -> str:
-    """The ratios in one line."""
-    said = ", ".join(f"{name} {'-' if value is None else f'{value:.2f}'}" for name, value in found.items())
-    return f"{ours.NAME}/{tenuo.NAME}, {REALISTIC.name} scope: {said}"
+def _words(of: Of) -> tuple[str, str, str]:
+    return str(of.kind), "yes" if of.proof else "no", of.peer
+
+
+def _absent(result: Result[Of]) -> Iterable[str]:
+    return (f"{row.of.peer}: {row.why}" for row in result.rows if row.of.scope is None)
+
+
+BENCH: Final = Bench(
+    line_up,
+    FULL,
+    QUICK,
+    ratios,
+    f"{ours.NAME}/{tenuo.NAME}, {REALISTIC.name} scope",
+    tables,
+    draw,
+    remarks=_absent,
+    more=lambda rows, more: {"ratios_of_minima": ratios(rows, more, "min_us")},
+)

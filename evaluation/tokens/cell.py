@@ -1,24 +1,17 @@
-"""One measured cell: a peer, a scope, a depth and what is timed, with the proof that the right thing is timed."""
+"""Rows of the benchmark of tokens: what is timed of whom, and what a peer lines up."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import Enum, StrEnum
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
+    from evaluation.harness.bench import Row
+    from evaluation.harness.timing import Cell
     from evaluation.tokens.workload import Workload
-
-
-class Verdict(Enum):
-    """What a timed call came to."""
-
-    ALLOWED = "allowed"
-    REFUSED = "refused"
-    OVERRUN = "overrun"
-    """The peer gave up for its own limit of time and not for what it was asked: nothing is known, nothing counted."""
 
 
 class Kind(StrEnum):
@@ -42,46 +35,21 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
-    """What is timed, and how it is known to be right.
+class Of:
+    """The key of a row.
 
     Attributes:
-        peer, scope, depth, kind: of the row.
+        peer: who answers.
+        scope, depth: of the tokens; None, and so the others, for a peer that is not installed.
+        kind: what is timed.
         proof: a proof of possession, made for this very call outside the timed part, is checked.
-        checks: what a decision of this row rests on, in a few words.
-        fresh: an input that no call has had before; not timed.
-        act: the timed call.
-        judge: what the outcome of `act` amounts to; not timed.
-        wrong: by what is wrong with them, inputs that the same `act` must refuse.
     """
 
     peer: str
-    scope: str
-    depth: int
-    kind: Kind
-    proof: bool
-    checks: str
-    fresh: Callable[[], Any]
-    act: Callable[[Any], Any]
-    judge: Callable[[Any], Verdict] = lambda verdict: verdict
-    wrong: Mapping[str, Callable[[], Any]] = field(default_factory=dict)
-
-    @property
-    def name(self) -> str:
-        """Which cell it is, for people."""
-        return f"{self.peer} {self.scope} depth {self.depth} {self.kind}"
-
-
-@dataclass(frozen=True, slots=True)
-class Unmeasured:
-    """A row without figures, and why: the peer is not installed, or has no such form, or refuses this depth."""
-
-    peer: str
-    scope: str
-    depth: int
-    kind: Kind
-    proof: bool
-    why: str
+    scope: str | None = None
+    depth: int | None = None
+    kind: Kind | None = None
+    proof: bool | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +61,7 @@ class Prepared:
         bytes: of the token on the wire, before any base64; None when there is no token.
     """
 
-    cells: tuple[Cell | Unmeasured, ...]
+    cells: tuple[Cell[Of] | Row[Of], ...]
     bytes: int | None
 
 

@@ -509,7 +509,7 @@ def test_every_module_that_a_trial_is_made_of_makes_the_ledger_stale():
             each for several in re.findall(r"from tests\.pit import (.+)", text) for each in several.split(", ")
         ]
         assert set(asked_for) <= set(campaign.OWN), name
-        assert set(re.findall(r"from evaluation\.([\w.]+) import", text)) <= {"bench.pit.ruler"}, name
+        assert set(re.findall(r"from evaluation\.([\w.]+) import", text)) <= {"pit.ruler"}, name
 
 
 @pytest.mark.parametrize("scene", [with_glass(), with_person(0.9)])

@@ -499,7 +499,7 @@ def test_p1_a_larger_radius_or_another_corner_never_lowers_the_clearance_index(s
 
 def test_mujoco_measures_the_same():
     from evaluation.pit.mujoco_sampled import Measured
-    from evaluation.pit.workload import Question
+    from evaluation.pit.question import Question
 
     rng = np.random.default_rng(2211)
     for _ in range(5):

@@ -55,11 +55,14 @@ from ztpm.point.robot import confirm_kinematics, found_holding, readiness
 from ztpm.point.robot_point import RobotPoint, opened_cell
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import httpx2
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.cell import Cell
+    from pep.rtde.judge.stream_values import Certifying
     from pep.rtde.lease.lease import Lease
     from pep.rtde.robot.judge_port import Held, Holder
     from pep.rtde.wire.refusal import Refused
@@ -88,6 +91,7 @@ class GatewayServer(RobotPoint):
         key: of this PEP.
         policies: what is decided by.
         http: client of the identity provider.
+        certifier: makes what certifies the values of one stream, given what `CellStream` is given.
     """
 
     def __init__(
@@ -99,9 +103,11 @@ class GatewayServer(RobotPoint):
         key: PrivateKey,
         policies: PolicySet,
         http: httpx2.AsyncClient,
+        certifier: Callable[..., Certifying] = CellStream,
     ) -> None:
         super().__init__(config, survey=survey, trust=trust, key=key, http=http)
         self._listen_host, self._carriage_port = config.listen_host, config.carriage_port
+        self._certifier = certifier
         gripper = RobotiqGripper(config.robot_host)
         found_holding(self.holding, gripper)
         self._loop = asyncio.get_running_loop()
@@ -298,8 +304,8 @@ class GatewayServer(RobotPoint):
         else:
             self.carriages.end(ending)
 
-    def _stream(self, touch: frozenset[str]) -> CellStream:
-        return CellStream(holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
+    def _stream(self, touch: frozenset[str]) -> Certifying:
+        return self._certifier(holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
 
     def _fitted(self) -> Fitted:
         return Fitted((*self.robot.tool.tcp_m, 0.0, 0.0, 0.0), self.holding.carried_kg, self.holding.centre_m)
@@ -372,23 +378,30 @@ class _Stopper:
         return self._ports.stopped_ms
 
 
-async def serve(config: GatewayConfig, *, reports: bool = False) -> None:
+async def serve(
+    config: GatewayConfig, *, reports: bool = False, certifier: Callable[..., Certifying] = CellStream
+) -> None:
     """The gateway has run and ended, the arm standing still.
 
     Args:
         config: of it.
         reports: it has told of itself.
+        certifier: see `GatewayServer`.
 
     Raises:
         PepError: when a part cannot be had; nothing was served then.
     """
-    server = GatewayServer(config, **opened_cell(config))
+    server = GatewayServer(config, **opened_cell(config), certifier=certifier)
     server.recover()
     await server.run(reports=reports)
 
 
-def main() -> None:
-    """The command line. Exit code 1 for whatever keeps it from serving."""
+def main(certifier: Callable[..., Certifying] = CellStream) -> None:
+    """The command line. Exit code 1 for whatever keeps it from serving.
+
+    Args:
+        certifier: see `GatewayServer`; a benchmark brings one of its own.
+    """
     parser = argparse.ArgumentParser(
         prog="python -m ztpm.point.gateway_server", description="The gateway of one robot."
     )
@@ -406,7 +419,7 @@ def main() -> None:
             listen_host=options.listen or config.listen_host,
         )
         config.check()
-        await serve(config, reports=options.reports)
+        await serve(config, reports=options.reports, certifier=certifier)
 
     main_of(served)
 

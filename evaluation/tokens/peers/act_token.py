@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from evaluation.harness.absent import package
-from evaluation.tokens.cell import Cell, Kind, Prepared, Verdict, endless
+from evaluation.harness.timing import Cell, Verdict
+from evaluation.tokens.cell import Kind, Of, Prepared, endless
 from evaluation.tokens.peers.plain import Ask, PlainPeer
 
 if TYPE_CHECKING:
@@ -127,11 +128,7 @@ class ActToken(PlainPeer):
             "a proof for another request": lambda: call(pool[-1], over=outside),
         }
         cell = Cell(
-            self.name,
-            workload.name,
-            depth,
-            Kind.COLD,
-            proof=True,
+            Of(self.name, workload.name, depth, Kind.COLD, proof=True),
             checks=self.checks + "; a DPoP proof over method, URL, token and body (not replay)",
             fresh=endless(fresh()),
             act=self._decide_proven,

@@ -6,7 +6,7 @@ import base64
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from evaluation.harness.absent import package
-from evaluation.tokens.cell import Verdict
+from evaluation.harness.timing import Verdict
 from evaluation.tokens.peers.plain import Ask, PlainPeer
 
 if TYPE_CHECKING:

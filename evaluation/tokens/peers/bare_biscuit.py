@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import biscuit_auth
 
-from evaluation.tokens.cell import Verdict
+from evaluation.harness.timing import Verdict
 from evaluation.tokens.peers.plain import Ask, PlainPeer
 
 if TYPE_CHECKING:

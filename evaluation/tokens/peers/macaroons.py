@@ -7,7 +7,7 @@ import json
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from evaluation.harness.absent import package
-from evaluation.tokens.cell import Verdict
+from evaluation.harness.timing import Verdict
 from evaluation.tokens.peers.plain import Ask, PlainPeer
 
 if TYPE_CHECKING:

@@ -22,7 +22,9 @@ from capabilities import (
     token_to_text,
 )
 from capabilities.values.caps import DEFAULT
-from evaluation.tokens.cell import Cell, Kind, Prepared, Unmeasured, Verdict, endless
+from evaluation.harness.bench import Row
+from evaluation.harness.timing import Cell, Verdict
+from evaluation.tokens.cell import Kind, Of, Prepared, endless
 from evaluation.tokens.peers import lending as tokens
 from evaluation.tokens.peers import session as stream
 from evaluation.tokens.peers.lending import Declined
@@ -88,13 +90,13 @@ class Ours:
 
     def prepare(self, workload: Workload, depth: int, calls: int) -> Prepared:
         """Cells of one scope at one depth, each good for `calls` calls."""
-        cells: list[Cell | Unmeasured] = []
+        cells: list[Cell[Of] | Row[Of]] = []
         wanted = [(kind, proof) for kind in (Kind.COLD, Kind.NOVEL, Kind.FIRST) for proof in (False, True)]
         one = self._lend(workload, depth, self._next(1), False)  # noqa: FBT003 - across processes
         if isinstance(one, Declined):
             kinds = [*wanted, (Kind.WARM, False), (Kind.WARM, True), (Kind.STREAM, True)]
             why = f"refused: {one.code}"
-            return Prepared(tuple(Unmeasured(NAME, workload.name, depth, k, p, why) for k, p in kinds), None)
+            return Prepared(tuple(Row(Of(NAME, workload.name, depth, k, proof=p), why=why) for k, p in kinds), None)
         for kind, proof in wanted:
             pool = self._lend(workload, depth, self._next(calls), kind is not Kind.COLD)
             assert not isinstance(pool, Declined)
@@ -190,7 +192,7 @@ class Ours:
             )
         return wrong
 
-    def _unseen(self, workload: Workload, depth: int, kind: Kind, *, proof: bool, pool: list[Held]) -> Cell:
+    def _unseen(self, workload: Workload, depth: int, kind: Kind, *, proof: bool, pool: list[Held]) -> Cell[Of]:
         """From bytes that were never seen: by a new verifier for each call of `FIRST`, else by one for all."""
         verifier = Verifier(self._trust, DEFAULT)
 
@@ -209,26 +211,18 @@ class Ours:
         wrong = self._wrong(workload, pool[-1], proof=proof, verifier=Verifier(self._trust, DEFAULT))
         wrong["one bit of the token"] = lambda: self._call(workload, spoiled, proof=proof, verifier=verifier)
         return Cell(
-            NAME,
-            workload.name,
-            depth,
-            kind,
-            proof=proof,
+            Of(NAME, workload.name, depth, kind, proof=proof),
             checks=CHECKS + (PROVEN if proof else ""),
             fresh=endless(calls()),
             act=self._decide(workload, proof=proof),
             wrong=wrong,
         )
 
-    def _seen(self, workload: Workload, depth: int, held: Held, *, proof: bool) -> Cell:
+    def _seen(self, workload: Workload, depth: int, held: Held, *, proof: bool) -> Cell[Of]:
         verifier = Verifier(self._trust, DEFAULT)
         fixed = self._call(workload, held, proof=False, verifier=verifier)
         return Cell(
-            NAME,
-            workload.name,
-            depth,
-            Kind.WARM,
-            proof=proof,
+            Of(NAME, workload.name, depth, Kind.WARM, proof=proof),
             checks="of the token once; times, audience, revocations, limits, tier" + (PROVEN if proof else ""),
             fresh=(lambda: self._call(workload, held, proof=True, verifier=verifier)) if proof else (lambda: fixed),
             act=self._decide(workload, proof=proof),
@@ -237,23 +231,19 @@ class Ours:
 
     # --- making ------------------------------------------------------------------------------------------------------
 
-    def _mint(self, workload: Workload) -> Cell:
+    def _mint(self, workload: Workload) -> Cell[Of]:
         def act(asked: dict[str, Any]) -> bytes:
             return mint(**asked)
 
         return Cell(
-            NAME,
-            workload.name,
-            0,
-            Kind.MINT,
-            proof=False,
+            Of(NAME, workload.name, 0, Kind.MINT, proof=False),
             checks="the scope is well formed, lifetimes, key roles",
             fresh=lambda: tokens.first_of(workload, self._next(1)[0]),
             act=act,
             judge=lambda token: self._grants(token, hops=1),
         )
 
-    def _attenuate(self, workload: Workload, depth: int) -> Cell:
+    def _attenuate(self, workload: Workload, depth: int) -> Cell[Of]:
         """From a verified chain, as the identity provider does it: attestation and checking are its own steps."""
         serial = self._next(1)[0]
         parent = tokens.lend(workload, depth - 1, serial, varied=True).token
@@ -269,11 +259,7 @@ class Ours:
                 return None
 
         return Cell(
-            NAME,
-            workload.name,
-            depth,
-            Kind.ATTENUATE,
-            proof=False,
+            Of(NAME, workload.name, depth, Kind.ATTENUATE, proof=False),
             checks="signatures of the parent, strictly narrower, delegate, depth, lifetimes, key roles",
             fresh=lambda: asked(depth),
             act=act,

@@ -8,7 +8,8 @@ from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from evaluation.tokens.cell import Cell, Kind, Prepared, Verdict, endless
+from evaluation.harness.timing import Cell, Verdict
+from evaluation.tokens.cell import Kind, Of, Prepared, endless
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -86,10 +87,10 @@ class PlainPeer(ABC):
         pool = [self.lend(workload, depth, next(self._serials)) for _ in range(calls)]
         one = self.lend(workload, depth, next(self._serials))
 
-        def cell(kind: Kind, checks: str, fresh: Callable[[], Any], act: Callable[[Any], Any], **other: Any) -> Cell:
-            return Cell(
-                self.name, workload.name, depth, kind, proof=False, checks=checks, fresh=fresh, act=act, **other
-            )
+        def cell(
+            kind: Kind, checks: str, fresh: Callable[[], Any], act: Callable[[Any], Any], **other: Any
+        ) -> Cell[Of]:
+            return Cell(Of(self.name, workload.name, depth, kind, proof=False), checks, fresh, act, **other)
 
         def refused(token: Any) -> dict[str, Callable[[], tuple[Any, Ask]]]:
             return {why: partial(_pair, token, ask) for why, ask in wrong.items()}

@@ -11,7 +11,9 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from capabilities import Fault, Tier, Verifier, token_to_text
 from capabilities.proof import session_opening
 from capabilities.values.caps import DEFAULT
-from evaluation.tokens.cell import Cell, Kind, Unmeasured, Verdict
+from evaluation.harness.bench import Row
+from evaluation.harness.timing import Cell, Verdict
+from evaluation.tokens.cell import Kind, Of
 from evaluation.tokens.peers import lending as tokens
 from evaluation.tokens.workload import OBJECT, body, quantities
 
@@ -37,12 +39,12 @@ class Frame:
     values: tuple[Quantity, ...]
 
 
-def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: RevocationView) -> Cell | Unmeasured:
+def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: RevocationView) -> Cell[Of] | Row[Of]:
     """A cell of one open session; or a row that says that the package has no session form."""
     verifier = Verifier(tokens.trust(), DEFAULT)
     first = verifier.verify(held.token, at=tokens.NOW, audience=tokens.SERVER, view=view, lease_ms=tokens.LEASE_MS)
     if isinstance(first, Fault):
-        return Unmeasured(peer, workload.name, depth, Kind.STREAM, proof=True, why=str(first.code))
+        return Row(Of(peer, workload.name, depth, Kind.STREAM, proof=True), why=str(first.code))
     holder_end, verifier_end = _opened(held)
 
     def decide(given: Frame) -> Verdict:
@@ -83,11 +85,7 @@ def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: Revocat
         "a frame twice": again,
     }
     return Cell(
-        peer,
-        workload.name,
-        depth,
-        Kind.STREAM,
-        proof=True,
+        Of(peer, workload.name, depth, Kind.STREAM, proof=True),
         checks=CHECKS,
         fresh=lambda: sealed(workload.values),
         act=decide,

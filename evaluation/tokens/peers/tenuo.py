@@ -12,12 +12,13 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, Final
 
 from evaluation.harness.absent import package
-from evaluation.tokens.cell import Cell, Kind, Prepared, Verdict, endless
+from evaluation.harness.timing import Cell, Verdict
+from evaluation.tokens.cell import Kind, Of, Prepared, endless
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from evaluation.tokens.cell import Unmeasured
+    from evaluation.harness.bench import Row
     from evaluation.tokens.workload import Workload
 
 NAME: Final = "tenuo"
@@ -62,7 +63,7 @@ class Tenuo:
     def prepare(self, workload: Workload, depth: int, calls: int) -> Prepared:
         """Cells of one scope at one depth, each good for `calls` calls."""
         held = self._held(workload, depth)
-        cells: list[Cell | Unmeasured] = [
+        cells: list[Cell[Of] | Row[Of]] = [
             self._unseen(workload, depth, kind, proof=proof, calls=calls)
             for kind in (Kind.COLD, Kind.FIRST)
             for proof in (False, True)
@@ -159,7 +160,7 @@ class Tenuo:
             wrong["a proof for another request"] = lambda: call(signed=workload.outside)
         return wrong
 
-    def _unseen(self, workload: Workload, depth: int, kind: Kind, *, proof: bool, calls: int) -> Cell:
+    def _unseen(self, workload: Workload, depth: int, kind: Kind, *, proof: bool, calls: int) -> Cell[Of]:
         pool = [(held, _wire(held)) for held in (self._held(workload, depth) for _ in range(calls))]
         authorizer = self._authorizer()
 
@@ -176,25 +177,17 @@ class Tenuo:
             workload, held, (*wire[:-1], bytes(flipped)), authorizer=authorizer
         )
         return Cell(
-            NAME,
-            workload.name,
-            depth,
-            kind,
-            proof=proof,
+            Of(NAME, workload.name, depth, kind, proof=proof),
             checks=CHECKS + (PROVEN if proof else UNPROVEN),
             fresh=endless(each()),
             act=self._decide(workload, proof=proof, seen=False),
             wrong=wrong,
         )
 
-    def _seen(self, workload: Workload, depth: int, held: Held, *, proof: bool) -> Cell:
+    def _seen(self, workload: Workload, depth: int, held: Held, *, proof: bool) -> Cell[Of]:
         authorizer, wire = self._authorizer(), _wire(held)
         return Cell(
-            NAME,
-            workload.name,
-            depth,
-            Kind.WARM,
-            proof=proof,
+            Of(NAME, workload.name, depth, Kind.WARM, proof=proof),
             checks="decoded warrants; " + CHECKS + (PROVEN if proof else UNPROVEN),
             fresh=lambda: self._call(workload, held, wire, authorizer=authorizer),
             act=self._decide(workload, proof=proof, seen=True),
@@ -203,21 +196,17 @@ class Tenuo:
 
     # --- measured making ---------------------------------------------------------------------------------------------
 
-    def _mint(self, workload: Workload) -> Cell:
+    def _mint(self, workload: Workload) -> Cell[Of]:
         key = self._tenuo.SigningKey.generate()
         return Cell(
-            NAME,
-            workload.name,
-            0,
-            Kind.MINT,
-            proof=False,
+            Of(NAME, workload.name, 0, Kind.MINT, proof=False),
             checks="the builder's own",
             fresh=lambda: self._tools(workload, 0, next(self._serials)),
             act=lambda tools: self._first(tools, key),
             judge=lambda made: self._grants([made]),
         )
 
-    def _attenuate(self, workload: Workload, depth: int) -> Cell:
+    def _attenuate(self, workload: Workload, depth: int) -> Cell[Of]:
         held = self._held(workload, depth - 1)
         serial = held.serial
         holder = self._tenuo.SigningKey.generate()
@@ -230,11 +219,7 @@ class Tenuo:
                 return None
 
         return Cell(
-            NAME,
-            workload.name,
-            depth,
-            Kind.ATTENUATE,
-            proof=False,
+            Of(NAME, workload.name, depth, Kind.ATTENUATE, proof=False),
             checks="narrowing against a decoded parent (not strictness)",
             fresh=lambda: self._tools(workload, depth, serial),
             act=act,

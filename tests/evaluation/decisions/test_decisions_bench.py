@@ -6,21 +6,20 @@ from dataclasses import replace
 from importlib import resources
 
 import pytest
-from evaluation.decisions.bench import Result, Row
 from evaluation.decisions.engine import Said
 from evaluation.decisions.ours import Ours, Recorded
 from evaluation.decisions.rules import NoPlainFormError, Of, Op
 from evaluation.harness.absent import AbsentError
+from evaluation.harness.bench import Row
 from evaluation.harness.timing import QUICK, WrongAnswerError
 from typer.testing import CliRunner
 
 from evaluation import cli
-from evaluation.decisions import bench as report
-from evaluation.decisions import cases, facts, rules, run
+from evaluation.decisions import bench, cases, facts, rules
 from policies import NOT_COLLECTED, SHIPPED, Effect, Point, load, load_shipped
 
 SETS = {name: load_shipped(name) for name in SHIPPED}
-PACKAGES = {name: name.partition(",")[0] for name in run.OTHERS}
+PACKAGES = {name: name.partition(",")[0] for name in bench.OTHERS}
 
 
 def needs(name):
@@ -28,13 +27,13 @@ def needs(name):
         pytest.skip(f"{PACKAGES[name]} is not installed")
 
 
-@pytest.mark.parametrize("name", run.OTHERS)
+@pytest.mark.parametrize("name", bench.OTHERS)
 @pytest.mark.parametrize("shipped", SETS)
 def test_every_engine_answers_as_we_do_whatever_is_broken(shipped, name):
     needs(name)
     policies = SETS[shipped]
-    engine = run.OTHERS[name](rules.compiled(policies, cases.POINTS))
-    assert run.agree([Ours(policies), engine], policies) > 75
+    engine = bench.OTHERS[name](rules.compiled(policies, cases.POINTS))
+    assert bench.agree([Ours(policies), engine], policies) > 75
 
 
 # --- nothing in the rules is beyond the cases: a clause that no case breaks could be wrong in every language -----------
@@ -119,17 +118,17 @@ class Liar(Ours):
     ],
 )
 def test_an_engine_that_answers_otherwise_is_not_measured(lie):
-    policies = SETS[run.SHIPPED]
-    assert run.agree([Ours(policies), Liar(policies, lambda said, _: said)], policies)
+    policies = SETS[bench.SHIPPED]
+    assert bench.agree([Ours(policies), Liar(policies, lambda said, _: said)], policies)
     with pytest.raises(WrongAnswerError):
-        run.agree([Ours(policies), Liar(policies, lie)], policies)
+        bench.agree([Ours(policies), Liar(policies, lie)], policies)
 
 
 # --- what is given ---------------------------------------------------------------------------------------------------
 
 
 def test_the_cases_have_the_effects_that_they_are_named_for():
-    policies = SETS[run.SHIPPED]
+    policies = SETS[bench.SHIPPED]
     ours = Ours(policies)
     assert [ours.read(ours.ask(ours.ready(c.situation(policies)))).effect for c in cases.CASES] == [
         Effect.PERMIT, Effect.DENY, Effect.DEFER, Effect.PERMIT
@@ -137,7 +136,7 @@ def test_the_cases_have_the_effects_that_they_are_named_for():
 
 
 def test_no_two_situations_are_the_same():
-    policies = SETS[run.SHIPPED]
+    policies = SETS[bench.SHIPPED]
     one, other = (cases.PERMIT.situation(policies) for _ in range(2))
     assert one.request != other.request
     assert one.evidence != other.evidence
@@ -145,7 +144,7 @@ def test_no_two_situations_are_the_same():
 
 
 def test_a_reading_that_no_policy_looks_at_is_given_to_nobody():
-    policies = SETS[run.SHIPPED]
+    policies = SETS[bench.SHIPPED]
     collected = cases.readings(policies)
     situation = cases.PERMIT.situation(policies)
     for reading, names in facts.OF_READING.items():
@@ -154,13 +153,13 @@ def test_a_reading_that_no_policy_looks_at_is_given_to_nobody():
 
 
 def test_a_stop_is_decided_on_authority_alone():
-    situation = cases.STOP.situation(SETS[run.SHIPPED])
+    situation = cases.STOP.situation(SETS[bench.SHIPPED])
     assert situation.evidence.impact is NOT_COLLECTED
     assert "impact_tier" not in situation.facts
 
 
 def shipped_with(before, after):
-    text = resources.files("policies").joinpath("sets", f"{run.SHIPPED}.toml").read_text("utf-8")
+    text = resources.files("policies").joinpath("sets", f"{bench.SHIPPED}.toml").read_text("utf-8")
     assert before in text
     return load(text.replace(before, after, 1))
 
@@ -196,26 +195,26 @@ def absent(_):
 @pytest.fixture(scope="module")
 def result():
     def made(given):
-        return Ours(SETS[run.SHIPPED])
+        return Ours(SETS[bench.SHIPPED])
 
-    return run.run(QUICK, seed=1, told=lambda _: None, others={"another": made, "absent": absent})
+    return bench.BENCH.run(QUICK, seed=1, told=lambda _: None, others={"another": made, "absent": absent})
 
 
 def test_an_engine_that_is_not_installed_is_a_row_that_says_so(result):
-    (row,) = (row for row in result.rows if row.case is None)
-    assert (row.peer, row.why) == ("absent", "not installed: x")
+    (row,) = (row for row in result.rows if row.of.case is None)
+    assert (row.of.peer, row.why) == ("absent", "not installed: x")
     json.dumps(result.to_json())
 
 
 def test_without_any_other_engine_ours_is_measured_alone():
-    alone = run.run(QUICK, seed=1, told=lambda _: None, others={"absent": absent}).to_json()
-    assert alone["ratios"] == dict.fromkeys(report.RATIOS)
+    alone = bench.BENCH.run(QUICK, seed=1, told=lambda _: None, others={"absent": absent}).to_json()
+    assert alone["ratios"] == dict.fromkeys(bench.RATIOS)
     assert {row["peer"] for row in alone["rows"] if row["case"]} == {Ours.name, Recorded.name}
 
 
 def test_a_ratio_is_of_the_calls_in_which_the_two_took_turns_in_the_worst_case():
     def row(peer, case, beside, us):
-        return Row(peer, case, beside, p50_us=us, min_us=us / 2, p99_us=us, n=1)
+        return Row(bench.Of(peer, case, beside), p50_us=us, min_us=us / 2, p99_us=us, n=1)
 
     rows = (
         row("ztpm", "move", "cedarpy", 10.0),
@@ -224,11 +223,10 @@ def test_a_ratio_is_of_the_calls_in_which_the_two_took_turns_in_the_worst_case()
         row("cedarpy", "stop", "cedarpy", 60.0),
         row("ztpm", "move", "casbin", 999.0),
         row("casbin", "move", "casbin", 1_000.0),
-        Row("regopy", None, why="not installed"),
+        Row(bench.Of("regopy"), why="not installed"),
     )
-    found = Result(rows, {}, 1, 1, {}, QUICK, 1.0).to_json()
-    assert found["ratios_by_case"]["vs_cedarpy"] == {"move": 0.1, "stop": 0.5}
-    assert found["ratios"] == {
+    assert bench.by_case(rows, "p50_us")["vs_cedarpy"] == {"move": 0.1, "stop": 0.5}
+    assert bench.ratios(rows, {}, "p50_us") == {
         "vs_cedarpy": 0.5,
         "vs_cedarpy_two_rules": None,
         "vs_casbin": 0.999,
@@ -238,14 +236,14 @@ def test_a_ratio_is_of_the_calls_in_which_the_two_took_turns_in_the_worst_case()
 
 
 def test_the_recorded_form_has_the_digest_of_its_evidence():
-    policies = SETS[run.SHIPPED]
+    policies = SETS[bench.SHIPPED]
     recorded = Recorded(policies)
     decision = recorded.ask(recorded.ready(cases.PERMIT.situation(policies)))
     assert len(decision.evidence_digest) == 64
 
 
 def test_the_command_prints_one_object_with_every_measured_row():
-    for name in run.OTHERS:
+    for name in bench.OTHERS:
         needs(name)
     told = CliRunner().invoke(cli.app, ["bench", "decide", "--quick", "--json"])
     assert told.exit_code == 0, told.output
@@ -253,7 +251,7 @@ def test_the_command_prints_one_object_with_every_measured_row():
     assert {"vs_cedarpy", "vs_casbin", "vs_regopy"} <= found["ratios"].keys()
     assert all(value is not None for value in found["ratios"].values())
     measured = {(row["peer"], row["case"]) for row in found["rows"]}
-    names = {Ours.name, Recorded.name, *run.OTHERS}
+    names = {Ours.name, Recorded.name, *bench.OTHERS}
     assert measured == {(peer, case.name) for peer in names for case in cases.CASES}
     for row in found["rows"]:
         assert 0 < row["min_us"] <= row["p99_us"]

@@ -5,8 +5,7 @@ import random
 from itertools import count, pairwise
 
 import pytest
-from evaluation.harness.timing import Plan, Series, WrongAnswerError
-from evaluation.tokens.cell import Cell, Kind, Verdict
+from evaluation.harness.timing import Cell, Plan, Series, Verdict, WrongAnswerError
 
 from evaluation.harness import timing
 
@@ -14,7 +13,7 @@ PLAN = Plan(repeats=3, rounds=5, warm_up=2)
 
 
 def cell(act, peer="one", **other) -> Cell:
-    return Cell(peer, "small", 0, Kind.WARM, proof=False, checks="", fresh=lambda: None, act=act, **other)
+    return Cell(peer, checks="", fresh=lambda: None, act=act, **other)
 
 
 def allowed(_: object) -> Verdict:
@@ -75,10 +74,6 @@ def test_only_the_call_is_timed():
 
     measured = Cell(
         "one",
-        "small",
-        0,
-        Kind.COLD,
-        proof=True,
         checks="",
         fresh=lambda: passes(10**9),
         act=lambda _: passes(7_000, "raw"),
@@ -156,7 +151,7 @@ def test_a_plan_needs_no_more_inputs_than_it_says():
         nonlocal last
         last = next(asked)
 
-    one = Cell("one", "small", 0, Kind.COLD, proof=False, checks="", fresh=fresh, act=allowed)
+    one = Cell("one", checks="", fresh=fresh, act=allowed)
     timing.prove(one)
     measure([one])
     assert last == PLAN.repeats * (PLAN.rounds + PLAN.warm_up) + 1

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from evaluation.harness.absent import AbsentError
+from evaluation.harness.bench import Bench, Result, Row
 from evaluation.harness.timing import Plan, WrongAnswerError
-from evaluation.pit.bench import AMONG_20, SERVO_STEP, SPEED_STEP, Result, Row, ratios
-from evaluation.pit.cells import ASSESS, KERNEL, RULER, STREAM
+from evaluation.pit.bench import AMONG_20, SERVO_STEP, SPEED_STEP
+from evaluation.pit.cells import ASSESS, KERNEL, RULER, STREAM, Of
+from evaluation.pit.truth import legs_truth, ready
 from pep.pit import MoveL, assess
 from pep.pit.driving import drive_of
 from pep.pit.obstacles import Kind
@@ -20,8 +22,7 @@ from typer.testing import CliRunner
 
 from evaluation import cli
 from evaluation.harness import timing
-from evaluation.pit import bench as report
-from evaluation.pit import cells, mujoco_sampled, run, sampled, workload
+from evaluation.pit import bench, cells, mujoco_sampled, sampled, workload
 
 MUJOCO = importlib.util.find_spec("mujoco") is not None
 
@@ -39,7 +40,7 @@ def with_upper(answer, upper):
 
 @pytest.fixture(scope="module")
 def among():
-    return [cells.ready(each) for each in drawn(workload.bare, things=6, count=2)]
+    return [ready(each) for each in drawn(workload.bare, things=6, count=2)]
 
 
 def test_things_are_of_three_shapes_in_equal_parts_and_leave_the_way_free(among):
@@ -73,8 +74,8 @@ def test_every_cell_answers_what_is_true_and_not_what_is_not(among):
     ],
 )
 def test_a_wrong_answer_is_no_figure(among, peer, lie):
-    (cell,) = (each for each in cells.beside_sampling(among, "moveJ", mujoco=False) if each.peer == peer)
-    liar = replace(cell, answer=lambda asked: lie(cell.answer(asked)))
+    (cell,) = (each for each in cells.beside_sampling(among, "moveJ", mujoco=False) if each.of.peer == peer)
+    liar = replace(cell, act=lambda asked: (asked, lie(cell.act(asked)[1])))
     with pytest.raises(WrongAnswerError):
         timing.prove(liar)
     with pytest.raises(WrongAnswerError):
@@ -120,24 +121,24 @@ def test_of_eight_lines_seven_are_proven_to_their_end_and_meet_nothing():
     ],
 )
 def test_assess_answers_at_least_what_was_sampled(question):
-    timing.prove(cells.assessing([cells.ready(question)], "any"))
+    timing.prove(cells.assessing([ready(question)], "any"))
 
 
 @pytest.mark.parametrize("servo", [False, True])
 def test_a_prepared_stream_answers_at_least_what_was_sampled_and_no_more_than_its_tier(servo):
-    asked = [cells.ready(each) for each in drawn(workload.steps, count=2, servo=servo)]
+    asked = [ready(each) for each in drawn(workload.steps, count=2, servo=servo)]
     cell = cells.streaming(asked, "any")
     timing.prove(cell)
     assert cell.checks.endswith("of 2")
     question, answer = cell.act(cell.fresh())
     for lie in (question.index - 0.1, question.extra["authorised"] / 1000 + 0.1):
-        assert cell.right(question, answer)
-        assert not cell.right(question, replace(answer, index=lie))
+        assert cell.judge((question, answer)) is timing.Verdict.ALLOWED
+        assert cell.judge((question, replace(answer, index=lie))) is timing.Verdict.REFUSED
 
 
 def test_a_sequence_is_as_bad_as_its_worst_leg():
     (question,) = drawn(workload.sequences)
-    truth = cells.legs_truth(question)
+    truth = legs_truth(question)
     answer = assess(
         question.robot, question.scene, question.motion, question.cell,
         perception_age_s=workload.AGE_S, touch=cells.NOTHING, seed=b"",
@@ -151,7 +152,11 @@ def test_a_sequence_is_as_bad_as_its_worst_leg():
 
 def row(peer, load, p50, p99=None):
     figures = {"p50_us": p50, "first_us": p50 + 200.0, "min_us": p50, "p99_us": p99 or 2 * p50}
-    return report.row(peer, load, "", figures, 10)
+    return bench.wanted(Row(Of(peer, load), **figures, n=10))
+
+
+def ratios(rows):
+    return bench.ratios(rows, {}, "p50_us")
 
 
 ROWS = (
@@ -178,14 +183,16 @@ def test_ratios():
 
 
 def test_a_target_is_met_by_both_figures_or_missed():
-    assert [each.met for each in ROWS] == ["", "", "", "", "met", "missed"]
-    assert row(STREAM, SPEED_STEP, 10.0, 150.0).met == "missed"
-    assert Row("MuJoCo", None, why="not installed").met == ""
+    assert [each.more["met"] for each in ROWS] == ["", "", "", "", "met", "missed"]
+    assert row(STREAM, SPEED_STEP, 10.0, 150.0).more["met"] == "missed"
+    assert bench.wanted(Row(Of("MuJoCo"), why="not installed")).more["met"] == ""
 
 
 def test_the_ratios_are_the_last_line_and_everything_is_in_the_json(monkeypatch):
-    result = Result(ROWS, {"engine": "numba-1"}, {"processor": "x", "load": [0.0]}, Plan(1, 1), 1.0)
-    monkeypatch.setattr(run, "run", lambda *a, **k: result)
+    bars = {name: bar for name, (_, bar) in bench.SPEEDUPS.items()}
+    place = {"processor": "x", "load": [0.0]}
+    result = Result(ROWS, ratios(ROWS), {"engine": "numba-1"}, {"bars": bars}, place, Plan(1, 1), 1.0)
+    monkeypatch.setattr(Bench, "run", lambda *a, **k: result)
     said = CliRunner().invoke(cli.app, ["bench", "pit"])
     assert said.exit_code == 0, said.output
     assert "kernel_speedup_20 50.00" in " ".join(said.output.strip().splitlines()[-2:])
@@ -200,16 +207,14 @@ def test_a_peer_that_is_not_installed_is_a_row_that_says_so(monkeypatch):
     def absent(module, distribution):
         raise AbsentError(f"not installed: {distribution}")
 
-    monkeypatch.setattr(run, "package", absent)
-    monkeypatch.setattr(run, "_groups", lambda *a, mujoco: ([], []) if not mujoco else pytest.fail("is not there"))
-    result = run.run(Plan(1, 1), seed=1, told=lambda what: None)
-    assert [(each.peer, each.load) for each in result.rows] == [(mujoco_sampled.NAME, None)]
+    monkeypatch.setattr(bench, "package", absent)
+    monkeypatch.setattr(bench, "_groups", lambda *a, mujoco: ([], []) if not mujoco else pytest.fail("is not there"))
+    result = bench.BENCH.run(Plan(1, 1), seed=1, told=lambda what: None)
+    assert [each.of for each in result.rows] == [Of(mujoco_sampled.NAME)]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="matplotlib is not installed")
 def test_the_picture_is_drawn(tmp_path):
-    from evaluation.pit.picture import plot
-
     machine = {"processor": "x", "cores": 2, "python": "3"}
-    plot(Result(ROWS, {}, machine, Plan(1, 1), 1.0), tmp_path / "pit.png")
+    bench.draw(Result(ROWS, {}, {}, {}, machine, Plan(1, 1), 1.0), tmp_path / "pit.png")
     assert (tmp_path / "pit.png").read_bytes()[1:4] == b"PNG"

@@ -32,7 +32,7 @@ def test_what_is_added_is_the_difference_and_what_was_skipped_anyway_is_not_coun
     policy = Row("policy", 1_000, 20, 3, 40_000.0, 180.0, 900.0, 2_000.0)
     whole = Row("whole", 1_000, 25, 6, 50_000.0, 230.0, 1_900.0, 9_000.0)
     result = Result((direct, relayed, policy, whole), physics_us=40.0, seconds=1.0, machine={})
-    told = result.as_json()
+    told = result.to_json()
     assert told["added_ms"] == {"p50": 0.15, "p99": 0.8}
     assert told["relays_ms"] == {"p50": 0.04, "p99": 0.15}
     assert told["added_whole_ms"] == {"p50": 0.2, "p99": 1.8}

@@ -5,8 +5,10 @@ import sys
 
 import capabilities.keys.keys
 import pytest
-from evaluation.harness.timing import WrongAnswerError
-from evaluation.tokens.cell import Cell, Kind, Unmeasured
+from evaluation.harness.bench import Row
+from evaluation.harness.timing import Cell, WrongAnswerError
+from evaluation.tokens.bench import BENCH, PEERS
+from evaluation.tokens.cell import Kind, Of
 from evaluation.tokens.peers import lending as tokens
 from evaluation.tokens.peers import ours
 from evaluation.tokens.peers import session as stream
@@ -15,13 +17,12 @@ from evaluation.tokens.workload import REALISTIC, SMALL, WORKLOADS
 
 from capabilities import Chain, Verifier, inspect_token
 from evaluation.harness import absent, timing
-from evaluation.tokens import run
 
 PACKAGES = {"tenuo": "tenuo", "aip": "aip_token", "biscuit": "biscuit_auth", "macaroons": "pymacaroons"}
 CALLS = 3
 
 
-def measured(prepared) -> list[Cell]:
+def measured(prepared) -> list[Cell[Of]]:
     return [one for one in prepared.cells if isinstance(one, Cell)]
 
 
@@ -32,20 +33,20 @@ def test_our_cells(workload, depth):
     cells = measured(prepared)
     for one in cells:
         timing.prove(one)
-        assert one.wrong or one.kind is Kind.MINT
+        assert one.wrong or one.of.kind is Kind.MINT
     making = Kind.ATTENUATE if depth else Kind.MINT
-    assert {(one.kind, one.proof) for one in cells} >= {
+    assert {(one.of.kind, one.of.proof) for one in cells} >= {
         *((kind, proof) for kind in (Kind.FIRST, Kind.NOVEL, Kind.COLD, Kind.WARM) for proof in (True, False)),
         (making, False),
     }
     assert prepared.bytes == len(tokens.lend(workload, depth, 0).token)
 
 
-@pytest.mark.parametrize("name", run.PEERS)
+@pytest.mark.parametrize("name", PEERS)
 def test_cells_of_peers(name):
     if importlib.util.find_spec(PACKAGES.get(name, "jwt")) is None:
         pytest.skip(f"{name} is not installed")
-    peer = run.PEERS[name]()
+    peer = PEERS[name]()
     assert peer.name == name
     for workload in WORKLOADS:
         for depth in (0, 1, 3, 8):
@@ -54,7 +55,7 @@ def test_cells_of_peers(name):
             assert len(cells) == len(prepared.cells)
             for one in cells:
                 timing.prove(one)
-                assert one.wrong or one.kind in {Kind.MINT, Kind.ATTENUATE}
+                assert one.wrong or one.of.kind in {Kind.MINT, Kind.ATTENUATE}
             assert prepared.bytes > 100
 
 
@@ -142,7 +143,7 @@ def test_no_token_is_used_twice_and_no_two_are_alike():
 
 def test_a_cold_call_has_a_token_of_its_own_and_one_verifier_for_all():
     cells = measured(Ours(tokens.lend_all).prepare(SMALL, 0, CALLS))
-    (cold,) = [one for one in cells if (one.kind, one.proof) == (Kind.COLD, True)]
+    (cold,) = [one for one in cells if (one.of.kind, one.of.proof) == (Kind.COLD, True)]
     calls = [cold.fresh() for _ in range(CALLS)]
     assert len({call.token for call in calls}) == len({call.proof for call in calls}) == CALLS
     assert len({id(call.verifier) for call in calls}) == 1
@@ -153,7 +154,7 @@ def test_a_cold_call_has_a_token_of_its_own_and_one_verifier_for_all():
 @pytest.mark.parametrize(("kind", "scopes"), [(Kind.COLD, 1), (Kind.NOVEL, CALLS), (Kind.FIRST, CALLS)])
 def test_cold_calls_have_the_limits_of_others_and_novel_ones_have_not(kind, scopes):
     cells = measured(Ours(tokens.lend_all).prepare(SMALL, 1, CALLS))
-    (one,) = [each for each in cells if (each.kind, each.proof) == (kind, False)]
+    (one,) = [each for each in cells if (each.of.kind, each.of.proof) == (kind, False)]
     described = [inspect_token(one.fresh().token, tokens.trust()) for _ in range(CALLS)]
     assert len({str(token["hops"][-1]["scope"]["grants"]) for token in described}) == scopes
     assert len({token["hops"][-1]["agent"] for token in described}) == CALLS
@@ -161,7 +162,7 @@ def test_cold_calls_have_the_limits_of_others_and_novel_ones_have_not(kind, scop
 
 def test_a_first_call_finds_nothing_remembered():
     cells = measured(Ours(tokens.lend_all).prepare(SMALL, 0, CALLS))
-    (first,) = [one for one in cells if (one.kind, one.proof) == (Kind.FIRST, True)]
+    (first,) = [one for one in cells if (one.of.kind, one.of.proof) == (Kind.FIRST, True)]
     caches = [
         member
         for name, module in sys.modules.items()
@@ -186,16 +187,16 @@ def test_what_forgets_is_measured_apart_from_what_remembers(monkeypatch):
 
     monkeypatch.setattr(timing, "measure", measure)
     plan = timing.Plan(repeats=1, rounds=1, warm_up=0)
-    run.run(plan, seed=1, told=lambda _: None, workloads=[SMALL], depths=[0, 1], others={})
-    kinds = [{one.kind for one in group} for group in groups]
+    BENCH.run(plan, seed=1, told=lambda _: None, workloads=[SMALL], depths=[0, 1], others={})
+    kinds = [{one.of.kind for one in group} for group in groups]
     assert kinds.count({Kind.FIRST}) == 2
     assert all(kind == {Kind.FIRST} or Kind.FIRST not in kind for kind in kinds)
-    assert all(len({one.depth for one in group}) == 1 for group in groups)
+    assert all(len({one.of.depth for one in group}) == 1 for group in groups)
 
 
 def test_every_warm_call_has_a_proof_of_its_own():
     cells = measured(Ours(tokens.lend_all).prepare(SMALL, 0, CALLS))
-    (warm,) = [one for one in cells if (one.kind, one.proof) == (Kind.WARM, True)]
+    (warm,) = [one for one in cells if (one.of.kind, one.of.proof) == (Kind.WARM, True)]
     assert len({warm.fresh().proof for _ in range(20)}) == 20
 
 
@@ -213,7 +214,7 @@ def test_a_depth_that_the_profile_refuses_is_a_row_that_says_so():
     peer = Ours(lambda *_: tokens.Declined("TOKEN_TOO_LARGE"))
     prepared = peer.prepare(REALISTIC, 8, CALLS)
     assert prepared.bytes is None
-    assert all(isinstance(one, Unmeasured) and "TOKEN_TOO_LARGE" in one.why for one in prepared.cells)
+    assert all(isinstance(one, Row) and "TOKEN_TOO_LARGE" in one.why for one in prepared.cells)
 
 
 def test_the_caps_decide_what_is_declined(monkeypatch):
@@ -226,9 +227,9 @@ def test_a_peer_that_is_not_installed_is_a_row_that_says_so():
         absent.package("no_such_package_at_all", "no-such-distribution")
 
     plan = timing.Plan(repeats=1, rounds=1, warm_up=0)
-    result = run.run(plan, seed=1, told=lambda _: None, workloads=[SMALL], depths=[0], others={"gone": missing})
-    (row,) = [row for row in result.rows if row.peer == "gone"]
+    result = BENCH.run(plan, seed=1, told=lambda _: None, workloads=[SMALL], depths=[0], others={"gone": missing})
+    (row,) = [row for row in result.rows if row.of.peer == "gone"]
     assert "no-such-distribution" in row.why
     assert "bench" in row.why
-    assert (row.scope, row.p50_us) == (None, None)
+    assert (row.of.scope, row.p50_us) == (None, None)
     assert any(row.p50_us for row in result.rows)

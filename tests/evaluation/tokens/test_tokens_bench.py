@@ -8,13 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from evaluation.harness.bench import Bench, Result, Row
+from evaluation.harness.machine import machine
 from evaluation.harness.timing import QUICK
-from evaluation.tokens.bench import Result, Row, Size
+from evaluation.tokens.cell import Of
 from typer.testing import CliRunner
 
 from evaluation import cli
-from evaluation.tokens import bench as report
-from evaluation.tokens import run
+from evaluation.tokens import bench as tokens
 
 RATIOS = {
     "warm_proof_d3",
@@ -28,7 +29,7 @@ RATIOS = {
 
 
 def row(peer: str, depth: int, kind: str, us: float, *, scope: str = "realistic", proof: bool = True) -> Row:
-    return Row(peer, scope, depth, kind, proof, p50_us=us, min_us=us / 2, p99_us=us * 3, n=10, checks="all")
+    return Row(Of(peer, scope, depth, kind, proof), p50_us=us, min_us=us / 2, p99_us=us * 3, n=10, checks="all")
 
 
 ROWS = (
@@ -44,15 +45,25 @@ ROWS = (
     row("ztpm", 3, "novel", 400.0),
     row("ztpm", 3, "first", 1_000.0),
     row("tenuo", 3, "first", 250.0),
-    Row("aip", None, None, None, None, why="not installed: x"),
+    Row(Of("aip"), why="not installed: x"),
 )
-SIZES = (
-    Size("ztpm", "realistic", 3, 4_000),
-    Size("tenuo", "realistic", 3, 6_000),
-    Size("tenuo", "small", 3, 1),
-    Size("ztpm", "realistic", 8, None),
-)
-RESULT = Result(ROWS, SIZES, {"ztpm": "0", "tenuo": "1"}, run.machine(), QUICK, 1.0)
+SIZES = [
+    {"peer": peer, "scope": scope, "depth": depth, "bytes": size}
+    for peer, scope, depth, size in (
+        ("ztpm", "realistic", 3, 4_000),
+        ("tenuo", "realistic", 3, 6_000),
+        ("tenuo", "small", 3, 1),
+        ("ztpm", "realistic", 8, None),
+    )
+]
+
+
+def ratios(rows=ROWS, sizes=SIZES, name="p50_us"):
+    return tokens.ratios(rows, {"sizes": sizes}, name)
+
+
+MORE = {"sizes": SIZES, **tokens.BENCH.more(ROWS, {"sizes": SIZES})}
+RESULT = Result(ROWS, ratios(), {"ztpm": "0", "tenuo": "1"}, MORE, machine(), QUICK, 1.0)
 
 
 def test_ratios_are_ours_over_theirs_in_the_realistic_scope_with_proof():
@@ -65,20 +76,20 @@ def test_ratios_are_ours_over_theirs_in_the_realistic_scope_with_proof():
         "first_proof_d3": 4.0,
         "bytes_d3": 0.667,
     }
-    assert report.ratios(ROWS, SIZES, "p50_us") == expected
-    assert report.ratios(ROWS, SIZES, "min_us") == expected
+    assert ratios() == expected
+    assert ratios(name="min_us") == expected
 
 
 @pytest.mark.parametrize("gone", ["ztpm", "tenuo"])
 def test_a_ratio_of_what_was_not_measured_is_none(gone):
-    rows = [replace(r, p50_us=None) if (r.peer, r.depth, r.kind) == (gone, 8, "warm") else r for r in ROWS]
-    assert report.ratios(rows, SIZES, "p50_us")["warm_proof_d8"] is None
-    assert report.ratios([r for r in ROWS if r.peer != gone], SIZES, "p50_us")["cold_proof_d3"] is None
-    assert report.ratios(ROWS, [s for s in SIZES if s.peer != gone], "p50_us")["bytes_d3"] is None
+    rows = [replace(r, p50_us=None) if (r.of.peer, r.of.depth, r.of.kind) == (gone, 8, "warm") else r for r in ROWS]
+    assert ratios(rows)["warm_proof_d8"] is None
+    assert ratios([r for r in ROWS if r.of.peer != gone])["cold_proof_d3"] is None
+    assert ratios(sizes=[s for s in SIZES if s["peer"] != gone])["bytes_d3"] is None
 
 
 def invoke(monkeypatch, *arguments: str):
-    monkeypatch.setattr(run, "run", lambda *_, **__: RESULT)
+    monkeypatch.setattr(Bench, "run", lambda *_, **__: RESULT)
     done = CliRunner().invoke(cli.app, ["bench", "capabilities", *arguments], catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.stdout
