@@ -29,8 +29,9 @@ from ztpm.base.loopback import free_host, is_free
 from ztpm.base.processes import Child
 from ztpm.cell.cell import PASSPHRASE_VARIABLE, Cell
 from ztpm.cell.setup import free_addresses, initialise
-from ztpm.demo.stage import LEFT, Stage, sweep_scope
 from ztpm.program.program_lease import PLACE
+from ztpm.stage.lending import sweep_scope
+from ztpm.stage.stage import LEFT, Stage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

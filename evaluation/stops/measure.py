@@ -16,18 +16,20 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from ztpm.demo.eyes import Eyes
-from ztpm.demo.props import front, hand_down, hop_id, person
-from ztpm.demo.run import play, stage
-from ztpm.demo.stage import LEFT, StageError, arm_only, until
-from ztpm.demo.stopping import BAR_S, Stopped, read_stop
+from ztpm.demo.run import play
 from ztpm.demo.story import STORY
+from ztpm.stage.lending import arm_only, hand_down, hop_id
+from ztpm.stage.live import stage
+from ztpm.stage.samples import Eyes
+from ztpm.stage.scene import front, person
+from ztpm.stage.stage import LEFT, StageError, until
+from ztpm.stage.stopping import BAR_S, Stopped, read_stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from ztpm.demo.calls import Answer
-    from ztpm.demo.stage import Stage
+    from ztpm.stage.calls import Answer
+    from ztpm.stage.stage import Stage
 
 AGENT: Final = "robotic"
 FASTEST: Final = 1_000_000

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from ztpm.demo.stopping import model_rad
+from ztpm.stage.stopping import model_rad
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

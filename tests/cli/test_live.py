@@ -9,7 +9,7 @@ from tests.cli.conftest import PASSPHRASE
 from ztpm.base.layout import Layout
 from ztpm.cell.cell import Cell
 from ztpm.cell.setup import free_addresses, initialise
-from ztpm.demo.stage import arm_only, sweep_scope
+from ztpm.stage.lending import arm_only, sweep_scope
 from ztpm_idp.client import Operator
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(300)]

@@ -9,8 +9,9 @@ A cell of its own takes a quarter of a minute each: one case of each kind is alw
 import pytest
 from tests.e2e import sabotage
 from ztpm.base.processes import Child
-from ztpm.demo.run import Told, play, stage
+from ztpm.demo.run import Told, play
 from ztpm.demo.story import STORY
+from ztpm.stage.live import stage
 
 IDP, GATEWAY, TOOLS = ("identity provider",), ("gateway",), ("tool server",)
 BOTH = (*TOOLS, *GATEWAY)
@@ -104,7 +105,7 @@ def played(name: str, broken: tuple[str, ...], defect: str) -> Told:
 def test_step_fails_without_its_defence(
     name: str, broken: tuple[str, ...], defect: str, seen: tuple[str, str, bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ztpm.demo.stage.WAIT_S", 5.0)
+    monkeypatch.setattr("ztpm.stage.stage.WAIT_S", 5.0)
     last = played(name, broken, defect)
     assert not last.ok, last
     assert (last.decision, last.reason, last.moved_rad > SHORT_RAD.get(name, 0.1)) == seen, last

@@ -42,8 +42,8 @@ def test_middle_of_the_sweep_is_where_the_story_says() -> None:
     import numpy as np
     from pep.pit import Robot
     from pep.pit.kinematics import link_frames
-    from ztpm.demo.props import MIDDLE_M
-    from ztpm.demo.stage import LEFT
+    from ztpm.stage.scene import MIDDLE_M
+    from ztpm.stage.stage import LEFT
 
     robot = Robot.load("ur3e")
     rotations, origins = link_frames(robot, np.array([[0.0, *LEFT[1:]]]))

@@ -23,10 +23,11 @@ from ztpm.base.layout import OPERATORS, Layout, write_private
 from ztpm.base.processes import Child
 from ztpm.cell.cell import PASSPHRASE_VARIABLE, Cell
 from ztpm.cell.setup import free_addresses, initialise
-from ztpm.demo.eyes import Eyes
 from ztpm.demo.motion import Motion
-from ztpm.demo.stage import LEFT, Stage, sweep_scope, until
-from ztpm.demo.stopping import read_stop
+from ztpm.stage.lending import sweep_scope
+from ztpm.stage.samples import Eyes
+from ztpm.stage.stage import LEFT, Stage, until
+from ztpm.stage.stopping import read_stop
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
 

@@ -6,11 +6,12 @@ import pytest
 from pep.base.stop_model import KICK_S, STOP_DECELERATION_RAD_S2, dead_man_s
 from ztpm.base.layout import write_private
 from ztpm.demo.motion import Motion
-from ztpm.demo.run import play, stage
-from ztpm.demo.stage import RIGHT
-from ztpm.demo.stopping import SAMPLE_S
+from ztpm.demo.run import play
 from ztpm.demo.story import STORY
 from ztpm.demo.story.moving import SLOW_RAD_S, UNDER_WAY_RAD, at_left
+from ztpm.stage.live import stage
+from ztpm.stage.stage import RIGHT
+from ztpm.stage.stopping import SAMPLE_S
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120)]
 

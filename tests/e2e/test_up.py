@@ -16,9 +16,9 @@ from capabilities.keys import keys
 from pep.mcp.mapping import ARM_TOOLS
 from ztpm.base.layout import Layout, new_key, read_key
 from ztpm.cell.setup import Addresses
-from ztpm.demo.calls import call
-from ztpm.demo.props import lent
-from ztpm.demo.stage import ACCELERATION_RAD_S2, RIGHT, SPEED_RAD_S, Stage
+from ztpm.stage.calls import call
+from ztpm.stage.lending import lent
+from ztpm.stage.stage import ACCELERATION_RAD_S2, RIGHT, SPEED_RAD_S, Stage
 from ztpm_idp.client import Agent, Operator
 
 PASSPHRASE = "a passphrase for tests"

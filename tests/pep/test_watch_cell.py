@@ -11,8 +11,8 @@ import time
 import pytest
 from tests.pep.kit import AUDIENCE, HOST
 from tests.pep.test_cell import LEFT, PATIENT, RIGHT, controller, decided, in_cell  # noqa: F401 - a fixture
-from ztpm.demo.eyes import Eyes
-from ztpm.demo.stopping import read_stop
+from ztpm.stage.samples import Eyes
+from ztpm.stage.stopping import read_stop
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
 SPEED = 0.3

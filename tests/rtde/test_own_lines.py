@@ -23,7 +23,7 @@ from pep.rtde.script.control_script import allow_list, installed_body
 from policies.words.reason_table import Reason
 from tests.sim_controller.cell import HOME, until
 from ursim.ports.launch import Controller
-from ztpm.demo.eyes import Eyes
+from ztpm.stage.samples import Eyes
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(60), pytest.mark.clause("LSD-9")]
 

@@ -11,8 +11,8 @@ pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 from tests.rtde.campaign import __main__ as campaign
 from tests.rtde.campaign import broken, fuzz, kills, race
 from tests.rtde.campaign.figures import Figures
-from ztpm.demo.eyes import Sample
-from ztpm.demo.stopping import BAR_S
+from ztpm.stage.samples import Sample
+from ztpm.stage.stopping import BAR_S
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.clause("RTDE-11", "RTDE-12", "RTDE-13")]
 

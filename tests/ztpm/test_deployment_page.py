@@ -28,9 +28,9 @@ from ztpm.cell import survey
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.cli import app
-from ztpm.demo.stage import LEFT
 from ztpm.point.cell_config import read_cell, read_key, read_policies, read_robot, read_trust
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
+from ztpm.stage.stage import LEFT
 
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
 

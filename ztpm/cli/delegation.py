@@ -99,7 +99,7 @@ def read_token(file: Path, *, as_json: bool) -> str:
 
 def _arm(data: Path | None, delegates: frozenset[str], lifetime_s: int, *, as_json: bool) -> Scope:
     from ztpm.cell.setup import SetupError, read_addresses
-    from ztpm.demo.stage import sweep_scope
+    from ztpm.stage.lending import sweep_scope
 
     try:
         audience = read_addresses(layout_of(data, as_json=as_json)).audience

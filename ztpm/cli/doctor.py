@@ -93,7 +93,7 @@ def _loopback() -> tuple[bool, str]:
 
 def _physics() -> tuple[bool, str]:
     from pep.pit import Assessment, CellParameters, MoveJ, Robot, Scene, assess
-    from ztpm.demo.stage import ACCELERATION_RAD_S2, LEFT, RIGHT, SPEED_RAD_S
+    from ztpm.stage.stage import ACCELERATION_RAD_S2, LEFT, RIGHT, SPEED_RAD_S
 
     robot, cell = Robot.load("ur3e"), CellParameters()
     started = time.perf_counter()

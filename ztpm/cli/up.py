@@ -71,7 +71,7 @@ def up(
                 else:
                     _overview(cell, layout)
 
-            from ztpm.demo.stage import LEFT
+            from ztpm.stage.stage import LEFT
 
             run(layout, addresses, passphrase=passphrase, joints=LEFT, log=log, ended=ended, ready=ready)
         except UpError as error:

@@ -6,16 +6,16 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Self
 
-from ztpm.demo.eyes import Eyes
-from ztpm.demo.stage import ACCELERATION_RAD_S2, WAIT_S, StageError, until
-from ztpm.demo.stopping import read_stop
+from ztpm.stage.samples import Eyes
+from ztpm.stage.stage import ACCELERATION_RAD_S2, WAIT_S, StageError, until
+from ztpm.stage.stopping import read_stop
 
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from ztpm.demo.calls import Answer
-    from ztpm.demo.stage import Stage
-    from ztpm.demo.stopping import Stopped
+    from ztpm.stage.calls import Answer
+    from ztpm.stage.stage import Stage
+    from ztpm.stage.stopping import Stopped
 
 
 class Motion:

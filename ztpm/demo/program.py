@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Final, Self
 
 from ztpm.base.layout import write_private
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
-from ztpm.demo.stage import SEND_TRIES, WAIT_S, StageError
 from ztpm.program.program_lease import PLACE
+from ztpm.stage.stage import SEND_TRIES, WAIT_S, StageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from types import TracebackType
 
-    from ztpm.demo.stage import Stage
+    from ztpm.stage.stage import Stage
 
 MOVES: Final = f"""
 import sys, time

@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import secrets
-import tempfile
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from ztpm.base.layout import OPERATORS, Layout
-from ztpm.cell.cell import Cell
-from ztpm.cell.setup import free_addresses, initialise
-from ztpm.demo.stage import LEFT, Stage, until
+from ztpm.stage.stage import until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
-    from ztpm.base.processes import Child
-    from ztpm.demo.calls import Answer
+    from ztpm.stage.calls import Answer
+    from ztpm.stage.stage import Stage
 
 MOVED_RAD: Final = 1e-3
 """Less than this on every joint is standing still (the simulator's and the sensor's noise is far below)."""
-DEMO_DEFER_TIMEOUT_S: Final = 4
-"""The demo waits this long for an answer to a deferral, so that the story stays short."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,32 +122,6 @@ class Story:
                     wanted.add(need)
                     frontier.append(need)
         return [step for step in self.steps if step.id in wanted]
-
-
-@contextmanager
-def stage(*, start: Callable[..., Child] | None = None, directory: Path | None = None) -> Iterator[Stage]:
-    """A stage on a fresh cell, gone afterwards.
-
-    Args:
-        start: starts a process in place of `Child.start`; the tests of the defences break one here.
-        directory: kept afterwards; a temporary one by default.
-    """
-    with tempfile.TemporaryDirectory(prefix="ztpm-") as temporary:
-        layout = Layout(directory or Path(temporary) / "cell")
-        addresses = free_addresses(secrets.token_bytes(16))
-        passphrase = secrets.token_urlsafe(24).encode()
-        initialise(
-            layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=DEMO_DEFER_TIMEOUT_S
-        )
-        with Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, start=start) as cell:
-            on_stage = Stage(cell=cell, people={})
-            on_stage.people = {name: on_stage.operator_from_disk(name) for name in OPERATORS}
-            cell.register(on_stage.people["carol"])
-            cell.start_enforcement()
-            try:
-                yield on_stage
-            finally:
-                on_stage.close()
 
 
 def play(on_stage: Stage, step: Step) -> Told:

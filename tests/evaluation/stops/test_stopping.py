@@ -5,8 +5,8 @@ import random
 import pytest
 from evaluation.stops.measure import SHORTEST_S, Report, draw, spread
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
-from ztpm.demo.eyes import Sample
-from ztpm.demo.stopping import model_rad, read_stop
+from ztpm.stage.samples import Sample
+from ztpm.stage.stopping import model_rad, read_stop
 
 DT = 0.002
 ACCELERATION = 1.4

@@ -21,9 +21,10 @@ from tests.e2e.test_gateway import House, Run
 from tests.rtde.campaign.figures import Figures, share
 from tests.rtde.relay import relay
 from ztpm.base.layout import write_private
-from ztpm.demo.eyes import Eyes
-from ztpm.demo.stage import StageError, sweep_scope, until
-from ztpm.demo.stopping import BAR_S, model_rad, read_stop
+from ztpm.stage.lending import sweep_scope
+from ztpm.stage.samples import Eyes
+from ztpm.stage.stage import StageError, until
+from ztpm.stage.stopping import BAR_S, model_rad, read_stop
 
 GRIPPER_PORT = 63352
 SIDE_RAD = 0.6

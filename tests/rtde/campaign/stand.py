@@ -10,7 +10,7 @@ from pep.rtde.robot.dashboard import stop_program
 from tests.rtde.campaign.rule import HOME
 from tests.rtde.leased_gateway import leased_gateway
 from ursim.ports.launch import Controller
-from ztpm.demo.eyes import Eyes
+from ztpm.stage.samples import Eyes
 
 STANDS_S = 3.0
 """Ours: a stop that took longer was none."""

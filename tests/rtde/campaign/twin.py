@@ -14,7 +14,7 @@ from tests.rtde.campaign.rule import (
     SPEED_RAD_S,
     STREAM_RAD_S,
 )
-from ztpm.demo.stopping import model_rad
+from ztpm.stage.stopping import model_rad
 
 GRID = 1.5e-6
 """A move is taken to whole microradians before it is judged."""

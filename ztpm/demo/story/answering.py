@@ -6,14 +6,16 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.scope import Tier
-from ztpm.demo.props import PERSON_AXIS_M, ballot, front, lent, person, posted_vote
+from ztpm.demo.forgeries import ballot, posted_vote
 from ztpm.demo.run import Expect, Seen, Story
-from ztpm.demo.stage import LEFT, StageError, pose, until
 from ztpm.demo.story.lending import outcome
+from ztpm.stage.lending import lent
+from ztpm.stage.scene import PERSON_AXIS_M, front, person
+from ztpm.stage.stage import LEFT, StageError, pose, until
 
 if TYPE_CHECKING:
-    from ztpm.demo.calls import Answer
-    from ztpm.demo.stage import Stage
+    from ztpm.stage.calls import Answer
+    from ztpm.stage.stage import Stage
 
 ANSWERING: Final = Story()
 DELEGATED: Final = ("delegate",)

@@ -13,23 +13,13 @@ import httpx2
 from capabilities.token.token_text import token_to_text
 from capabilities.values.scope import Tier
 from policies.decide.load import load_shipped
-from ztpm.demo.calls import Answer, resend, send
-from ztpm.demo.props import (
-    LIFETIME_S,
-    PERSON_AXIS_M,
-    PLAIN_CALL,
-    SLOWER,
-    front,
-    hand_down,
-    hop_id,
-    lent,
-    person,
-    raw,
-    self_attested,
-    under_the_path,
-)
-from ztpm.demo.run import DEMO_DEFER_TIMEOUT_S, Expect, Seen, Story
-from ztpm.demo.stage import ACCELERATION_RAD_S2, LEFT, SPEED_RAD_S, Stage, arm_only, until
+from ztpm.demo.forgeries import PLAIN_CALL, self_attested
+from ztpm.demo.run import Expect, Seen, Story
+from ztpm.stage.calls import Answer, resend, send
+from ztpm.stage.lending import LIFETIME_S, SLOWER, arm_only, hand_down, hop_id, lent, raw
+from ztpm.stage.live import DEFER_TIMEOUT_S
+from ztpm.stage.scene import PERSON_AXIS_M, front, person, under_the_path
+from ztpm.stage.stage import ACCELERATION_RAD_S2, LEFT, SPEED_RAD_S, Stage, until
 from ztpm_idp.client import ClientError
 from ztpm_idp.ledger_file import Defect, Verified
 from ztpm_idp.ledger_file import verify as verify_ledger
@@ -275,7 +265,7 @@ def _human(stage: Stage) -> Seen:
 def _expires(stage: Stage) -> Seen:
     until(lambda: stage.open_ask in stage.ended_asks(), "the deferral's end in the journal")
     answer = stage.move("robotic")
-    return Seen.answer(f"nobody answered for {DEMO_DEFER_TIMEOUT_S} s: silence denies", answer)
+    return Seen.answer(f"nobody answered for {DEFER_TIMEOUT_S} s: silence denies", answer)
 
 
 @LENDING.step("ceiling-refused", Expect("DENY", "ABOVE_CEILING", 3), needs=DELEGATED)

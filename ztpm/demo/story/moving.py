@@ -5,19 +5,21 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Final
 
+from ztpm.demo.forgeries import forged_frame
 from ztpm.demo.motion import Motion
-from ztpm.demo.props import PERSON_AXIS_M, SLOWER, forged_frame, front, hand_down, hop_id, person
 from ztpm.demo.run import Expect, Seen, Story
-from ztpm.demo.stage import LEFT, RIGHT, SPEED_RAD_S, arm_only, until
-from ztpm.demo.stopping import BAR_S, model_rad
 from ztpm.demo.story.answering import FAR, approve, asked, beside_a_person, out_of_the_zone, retry
 from ztpm.demo.story.lending import outcome, poll_refusal
+from ztpm.stage.lending import SLOWER, arm_only, hand_down, hop_id
+from ztpm.stage.scene import PERSON_AXIS_M, front, person
+from ztpm.stage.stage import LEFT, RIGHT, SPEED_RAD_S, until
+from ztpm.stage.stopping import BAR_S, model_rad
 from ztpm_idp.ledger_file import Verified
 from ztpm_idp.ledger_file import verify as verify_ledger
 
 if TYPE_CHECKING:
-    from ztpm.demo.stage import Stage
-    from ztpm.demo.stopping import Stopped
+    from ztpm.stage.stage import Stage
+    from ztpm.stage.stopping import Stopped
 
 MOVING: Final = Story()
 DELEGATED: Final = ("delegate",)

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Final
 
 from pep.rtde.lease.lease import ID_BYTES
 from pep.rtde.robot.connections import RTDE, SECONDARY
-from ztpm.demo.eyes import Eyes
 from ztpm.demo.program import Program
-from ztpm.demo.props import LIFETIME_S
 from ztpm.demo.run import Expect, Seen, Story
-from ztpm.demo.stage import ACCELERATION_RAD_S2, LEFT, RIGHT, SPEED_RAD_S, WAIT_S, StageError, sweep_scope, until
-from ztpm.demo.stopping import read_stop
 from ztpm.demo.story.moving import UNDER_WAY_RAD, at_left, figures
+from ztpm.stage.lending import LIFETIME_S, sweep_scope
+from ztpm.stage.samples import Eyes
+from ztpm.stage.stage import ACCELERATION_RAD_S2, LEFT, RIGHT, SPEED_RAD_S, WAIT_S, StageError, until
+from ztpm.stage.stopping import read_stop
 
 if TYPE_CHECKING:
-    from ztpm.demo.stage import Stage
+    from ztpm.stage.stage import Stage
 
 PROGRAMS: Final = Story()
 AGENT: Final = "programmer"

@@ -11,7 +11,7 @@ from pep.base.stop_model import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ztpm.demo.eyes import Sample
+    from ztpm.stage.samples import Sample
 
 HARDER: Final = 2.0
 """A stop brakes at least this much harder than the motion's own ramp: 8 rad/s2 against at most 1.4, so 2.8 divides."""

@@ -1,6 +1,6 @@
-"""The stage of the demo: the running cell, the people, the agents, and eyes of its own.
+"""The stage: the running cell, the people, the agents, and eyes of its own.
 
-The eyes are separate from everything that is judged: a receive connection of the demo's own to the controller, the
+The eyes are separate from everything that is judged: a receive connection of the stage's own to the controller, the
 PEP's journal read from disk, HTTP answers as they came over the wire.
 """
 
@@ -16,11 +16,9 @@ from rtde_receive import RTDEReceiveInterface
 
 from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
-from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
-from capabilities.values.units import Parameter, Unit
 from ztpm.base.layout import new_key, read_key
 from ztpm.cell.simulated_platform import Attestor, workload_id
-from ztpm.demo.calls import Answer, call
+from ztpm.stage.calls import Answer, call
 from ztpm_idp.client import Agent, Operator
 
 if TYPE_CHECKING:
@@ -79,7 +77,7 @@ class Stage:
         people: the three operators.
         agents: by name, once registered.
         tokens: by the holder's name.
-        eyes: joint angles and speeds over a connection of the demo's own.
+        eyes: joint angles and speeds over a connection of the stage's own.
         open_ask: id of the deferral that waits for people.
     """
 
@@ -254,59 +252,3 @@ class Stage:
             return (world.get("people"), world.get("objects")) == (len(people), len(objects))
 
         until(arrived, "the new scene at the PEP")
-
-
-def sweep_scope(audience: str, *, delegates: frozenset[str], now: int, lifetime_s: int) -> Scope:
-    """What an operator lends to a planner: arm, gripper, the table's touch and the state of one cell, up to tier 3.
-
-    Args:
-        audience: canonical URL of the cell's tool server.
-        delegates: agents that the planner may lend to.
-        now: seconds since the epoch.
-        lifetime_s: how long.
-    """
-    angle, speed, acceleration = Unit.MICRORADIAN, Unit.MICRORADIAN_PER_SECOND, Unit.MICRORADIAN_PER_SECOND2
-    joints = tuple(Limit(Parameter(f"q{i}", angle), Range(-3_000_000, 3_000_000)) for i in range(6))
-    move = Grant(
-        "ur3e",
-        "move_joint",
-        (
-            *joints,
-            Limit(Parameter("speed", speed), Range(0, 1_050_000)),
-            Limit(Parameter("acceleration", acceleration), Range(0, 2_000_000)),
-        ),
-    )
-    gripper = Grant(
-        "ur3e",
-        "gripper_move",
-        (
-            Limit(Parameter("width", Unit.MICROMETRE), Range(0, 85_000)),
-            Limit(Parameter("speed", Unit.MICROMETRE_PER_SECOND), Range(20_000, 150_000)),
-            Limit(Parameter("force", Unit.MILLINEWTON), Range(20_000, 100_000)),
-        ),
-    )
-    return Scope(
-        grants=(Grant("table", "touch"), gripper, move, Grant("ur3e", "read_state"), Grant("ur3e", "stop")),
-        ceiling=Tier.HIGH_CONSEQUENCE,
-        audiences=frozenset({audience}),
-        delegates=delegates,
-        depth=3,
-        not_before=now - 1,
-        not_after=now + lifetime_s,
-    )
-
-
-def arm_only(*, speed_high: int, ceiling: Tier | None = None, delegates: frozenset[str] = frozenset()) -> Restriction:
-    """What a delegation leaves: arm, state and stop, slower; no gripper.
-
-    Args:
-        speed_high: highest joint speed in urad/s.
-        ceiling: a lower tier ceiling, or None to keep the parent's.
-        delegates: who may be next; nobody by default.
-    """
-    speed = Limit(Parameter("speed", Unit.MICRORADIAN_PER_SECOND), Range(0, speed_high))
-    return Restriction(
-        grants=(Grant("ur3e", "move_joint", (speed,)), Grant("ur3e", "read_state"), Grant("ur3e", "stop")),
-        ceiling=ceiling,
-        delegates=delegates,
-    )

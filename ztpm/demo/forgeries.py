@@ -1,4 +1,4 @@
-"""What the story is played with: scenes, tokens and a forgery, each made for real."""
+"""What the story's offenders bring: a hop, a ballot and a frame, each made for real and wrong in one thing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import secrets
 import socket
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import httpx2
 
@@ -14,28 +14,19 @@ from capabilities.keys import keys
 from capabilities.statements import ask, observation, vote
 from capabilities.statements.revocation import RevocationView
 from capabilities.token.delegate import delegate
-from capabilities.token.token_text import token_from_text, token_to_text
-from capabilities.token.verify import inspect_token, verify
+from capabilities.token.token_text import token_to_text
+from capabilities.token.verify import verify
 from capabilities.values.caps import DEFAULT
 from capabilities.values.chain import Attestation, EvidenceKind, HopGrant
 from capabilities.values.errors import Fault
-from capabilities.values.scope import Tier
 from ztpm.base.layout import read_key
 from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID
-from ztpm.demo.stage import StageError, arm_only, sweep_scope
+from ztpm.stage.lending import SLOWER, arm_only, raw
+from ztpm.stage.stage import StageError
 from ztpm_idp.client import ProofAuth
 
 if TYPE_CHECKING:
-    from capabilities.values.scope import Restriction, Scope
-    from ztpm.demo.stage import Stage
-
-LIFETIME_S: Final = 900
-SLOWER: Final = 600_000
-"""The orchestrator leaves the robotic agent this joint speed, urad/s."""
-
-GLASS: Final = {"id": "glass-1", "kind": "fragile"}
-PERSON_AXIS_M: Final = 0.69
-"""Body axis of a standing adult whose nearest surface (torso, radius 0.19 m) is 0.5 m from the base axis: C2."""
+    from ztpm.stage.stage import Stage
 
 PLAIN_CALL: Final = {
     "content-type": "application/json",
@@ -52,47 +43,6 @@ class Refused:
 
     status: int
     code: str
-
-
-def person(identity: str, x_m: float, y_m: float) -> dict[str, object]:
-    """A standing adult for the sensor, by the position of the body axis in the base frame."""
-    return {"id": identity, "x_m": x_m, "y_m": y_m}
-
-
-MIDDLE_M: Final = (-0.272, -0.131)
-"""Where the tool passes the middle of the sweep: x, y in the base frame, by forward kinematics."""
-
-
-def front(radius_m: float) -> tuple[float, float]:
-    """The point at that distance from the base axis in the direction of the middle of the sweep, base frame."""
-    x, y = MIDDLE_M
-    norm = (x * x + y * y) ** 0.5
-    return radius_m * x / norm, radius_m * y / norm
-
-
-def under_the_path() -> dict[str, object]:
-    """A fragile glass standing on the table under the middle of the sweep (condition C1)."""
-    x, y = MIDDLE_M
-    return {**GLASS, "shape": {"type": "capsule", "a_m": [x, y, 0.03], "b_m": [x, y, 0.10], "radius_m": 0.035}}
-
-
-def lent(stage: Stage, *delegates: str, ceiling: Tier = Tier.HIGH_CONSEQUENCE) -> Scope:
-    """What an operator lends now, to be handed down to these agents."""
-    scope = sweep_scope(
-        stage.cell.addresses.audience, delegates=frozenset(delegates), now=int(time.time()), lifetime_s=LIFETIME_S
-    )
-    return replace(scope, ceiling=ceiling)
-
-
-def hand_down(stage: Stage, to: str, restriction: Restriction, *, keep_as: str | None = None) -> str:
-    """The orchestrator delegates to an agent; the token is kept under `keep_as` or the agent's name."""
-    token = (
-        stage.agents["orchestrator"]
-        .delegate(stage.tokens["orchestrator"], stage.agents[to], restriction, purpose="move the arm along the sweep")
-        .token
-    )
-    stage.tokens[keep_as or to] = token
-    return token
 
 
 def self_attested(stage: Stage, to: str) -> str:
@@ -126,20 +76,6 @@ def self_attested(stage: Stage, to: str) -> str:
         caps=DEFAULT,
     )
     return token_to_text(grafted)
-
-
-def raw(text: str) -> bytes:
-    """The bytes of a token text that is known to be well formed."""
-    token = token_from_text(text, DEFAULT)
-    if not isinstance(token, bytes):
-        raise StageError("a token that was just issued does not parse")
-    return token
-
-
-def hop_id(stage: Stage, token: str) -> str:
-    """The id of a token's last hop, as `ztpm token inspect` shows it."""
-    described: Any = inspect_token(raw(token), stage.trust, DEFAULT)
-    return str(described["hops"][-1]["hop_id"])
 
 
 def ballot(stage: Stage, signer: str, ask_id: str, *, approver: str) -> str:

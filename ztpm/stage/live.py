@@ -1,0 +1,46 @@
+"""A stage on a fresh embedded cell, which is gone afterwards."""
+
+from __future__ import annotations
+
+import secrets
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from ztpm.base.layout import OPERATORS, Layout
+from ztpm.cell.cell import Cell
+from ztpm.cell.setup import free_addresses, initialise
+from ztpm.stage.stage import LEFT, Stage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from ztpm.base.processes import Child
+
+DEFER_TIMEOUT_S: Final = 4
+"""The cell waits this long for an answer to a deferral, so that the story stays short."""
+
+
+@contextmanager
+def stage(*, start: Callable[..., Child] | None = None, directory: Path | None = None) -> Iterator[Stage]:
+    """A stage on a fresh cell, gone afterwards.
+
+    Args:
+        start: starts a process in place of `Child.start`; the tests of the defences break one here.
+        directory: kept afterwards; a temporary one by default.
+    """
+    with tempfile.TemporaryDirectory(prefix="ztpm-") as temporary:
+        layout = Layout(directory or Path(temporary) / "cell")
+        addresses = free_addresses(secrets.token_bytes(16))
+        passphrase = secrets.token_urlsafe(24).encode()
+        initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=DEFER_TIMEOUT_S)
+        with Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, start=start) as cell:
+            on_stage = Stage(cell=cell, people={})
+            on_stage.people = {name: on_stage.operator_from_disk(name) for name in OPERATORS}
+            cell.register(on_stage.people["carol"])
+            cell.start_enforcement()
+            try:
+                yield on_stage
+            finally:
+                on_stage.close()
