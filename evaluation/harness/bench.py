@@ -67,7 +67,8 @@ class Row(Generic[K]):
     def to_json(self) -> dict[str, Any]:
         """All columns, those of the key first."""
         told = asdict(self)
-        return {**told.pop("of"), **told, **told.pop("more")}
+        key, more = told.pop("of"), told.pop("more")
+        return {**key, **told, **more}
 
 
 def installed(others: Mapping[str, Callable[[], T]], absent: Callable[[str], K]) -> tuple[list[T], list[Row[K]]]:

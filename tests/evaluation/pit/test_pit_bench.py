@@ -201,6 +201,10 @@ def test_the_ratios_are_the_last_line_and_everything_is_in_the_json(monkeypatch)
     assert told["bars"] == {"kernel_speedup_20": 100.0, "assess_speedup_20": 10.0}
     assert len(told["rows"]) == len(ROWS)
     assert told["rows"][-1]["met"] == "missed"
+    assert told["rows"][-1].keys() == {
+        "peer", "load", "p50_us", "first_us", "min_us", "p99_us", "n", "overruns", "checks", "why", "met",
+        "cycles_p50", "cycles_p99", "target_p50", "target_p99",
+    }  # fmt: skip
 
 
 def test_a_peer_that_is_not_installed_is_a_row_that_says_so(monkeypatch):
