@@ -8,10 +8,10 @@ from dataclasses import replace
 import httpx2
 import pytest
 from policies.evidence.model import ObligationKind
+from ztpm.base.peer import owner_of
 from ztpm.status.decisions import Decided, Decisions, OpenAsk
 from ztpm.status.markup import Markup, tag, text
 from ztpm.status.page import render
-from ztpm.status.peer import owner_of
 from ztpm.status.picture import Known, Part, Picture
 from ztpm.status.server import StatusError, StatusServer
 
@@ -142,6 +142,9 @@ def test_the_kernel_says_whose_connection_it_is(tmp_path):
     with socket.create_server((HOST, 0)) as server, socket.create_connection(server.getsockname()) as client:
         assert owner_of(server.getsockname(), client.getsockname()) == os.getuid()
         assert owner_of(server.getsockname(), ("127.0.0.1", 1)) is None
+        ends = server.getsockname(), client.getsockname()
+        client.close()
+        assert owner_of(*ends) is None, "a socket that is being closed is nobody's"
     assert owner_of(("::1", 1), ("::1", 2)) is None
     assert owner_of((HOST, 1), (HOST, 2), table=tmp_path / "none") is None
 

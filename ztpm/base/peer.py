@@ -1,42 +1,56 @@
-"""Whose process is at the other end of a connection on this machine."""
+"""The user whose process is at the other end of a connection on this machine, by the kernel's table of sockets."""
 
 from __future__ import annotations
 
 import ipaddress
-import socket
 import sys
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    import socket
 
 TABLE: Final = Path("/proc/net/tcp")
-_ESTABLISHED: Final = "01"
+"""IPv4 sockets alone, proc(5)."""
+ESTABLISHED: Final = "01"
+"""A socket that is being closed may have left its owner already."""
 _LOCAL, _REMOTE, _STATE, _USER = 1, 2, 3, 7
-"""Columns of the table (proc(5))."""
+"""Columns of the table."""
 
 
-def user_of(link: socket.socket) -> int | None:
-    """The user id of the process at the other end of an IPv4 connection from this machine to itself.
+def owner_of(near: tuple[str, int], far: tuple[str, int], *, table: Path = TABLE) -> int | None:
+    """The user id that owns the far end of an established IPv4 connection from this machine to itself.
 
-    The kernel's table of connections names the user of each socket. None for a connection that is not there (any more),
-    from another machine, or of another family: unknown is nobody.
+    Args:
+        near: address and port at this end.
+        far: address and port at the other end.
+        table: the kernel's.
+
+    Returns:
+        None for a connection that the table does not hold: an ended one, one from another machine, another family.
     """
     try:
-        here, there = link.getsockname(), link.getpeername()
-        table = TABLE.read_text(encoding="ascii")
-    except (OSError, UnicodeDecodeError):
+        wanted = [_spelled(far), _spelled(near)]  # their socket: its local address is our remote one
+        rows = table.read_text(encoding="ascii").splitlines()[1:]
+    except (OSError, ValueError):
         return None
-    if link.family is not socket.AF_INET:
-        return None
-    wanted = (_text(there), _text(here))  # their socket: its local address is our remote one
-    for row in table.splitlines()[1:]:
-        columns = row.split()
-        if (columns[_LOCAL], columns[_REMOTE]) == wanted and columns[_STATE] == _ESTABLISHED:
-            return int(columns[_USER])
+    for row in rows:
+        cells = row.split()
+        if cells[_LOCAL : _REMOTE + 1] == wanted and cells[_STATE] == ESTABLISHED:
+            return int(cells[_USER])
     return None
 
 
-def _text(address: tuple[str, int]) -> str:
-    """As the table writes an address: the bytes in this machine's order."""
-    host, port = address
-    number = int.from_bytes(ipaddress.IPv4Address(host).packed, sys.byteorder)
-    return f"{number:08X}:{port:04X}"
+def user_of(link: socket.socket) -> int | None:
+    """The owner of the far end of this connection; None as for `owner_of`."""
+    try:
+        near, far = link.getsockname(), link.getpeername()
+    except OSError:
+        return None
+    return owner_of(near[:2], far[:2]) if isinstance(near, tuple) and isinstance(far, tuple) else None
+
+
+def _spelled(end: tuple[str, int]) -> str:
+    """An IPv4 address in the machine's byte order and a port, in hex, as the kernel writes them."""
+    number = int.from_bytes(ipaddress.IPv4Address(end[0]).packed, sys.byteorder)
+    return f"{number:08X}:{end[1]:04X}"

@@ -146,7 +146,7 @@ def _tether() -> tuple[bool, str]:
     import socket
     import subprocess
 
-    from ztpm.status.peer import owner_of
+    from ztpm.base.peer import owner_of
 
     command = [sys.executable, "-m", "ztpm.base.parent_watch", str(os.getpid()), "ztpm"]
     tried = subprocess.run(command, capture_output=True, text=True, timeout=TETHER_S, check=False)  # noqa: S603 - our own

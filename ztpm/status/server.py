@@ -19,8 +19,8 @@ from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
+from ztpm.base.peer import owner_of
 from ztpm.status.page import STYLE, render
-from ztpm.status.peer import owner_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
