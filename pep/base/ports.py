@@ -236,6 +236,16 @@ class Physics(Protocol):
         """
         ...
 
+    def remember(self, request: Request) -> None:
+        """Keeps the motion of a request that nothing has assessed, from where the arm is now. Never raises.
+
+        For `unsafe_observe` alone: what was denied before physics begins somewhere, and leads somewhere, too.
+
+        Args:
+            request: what is done unassessed.
+        """
+        ...
+
     def together(
         self, request: Request, *, start_urad: tuple[int, ...], touch: frozenset[str]
     ) -> Together | ImpactFault:

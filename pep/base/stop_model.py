@@ -6,7 +6,6 @@ An arm at w rad/s stands T_s = `STOP_DELAY_S` + w / a after a stop is sent, and 
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 STOP_DECELERATION_RAD_S2: Final = 8.0
@@ -21,10 +20,6 @@ A cell with a weaker stop model may get both stops; the second does no harm."""
 SAFE_MODES: Final = (1, 2)  # safety_mode NORMAL and REDUCED; any other has stopped the arm by itself
 STREAM_SPEED_RAD_S: Final = 1.0
 """Ours: no axis of a stream of joint speeds is faster, so that its stop always ends inside the dead man's patience."""
-FASTEST_RAD_S: Final = 2 * math.pi
-"""No axis is faster: the UR3e's wrists (UR's UR3e technical specification)."""
-KICK_S: Final = 0.05
-"""How often a controller hears that we are still there, while nothing else is said to it."""
 PATIENCE_S: Final = 0.3
 """Ours: fifteen sends of a stream; a host that stalls for longer is not fit to drive one."""
 
@@ -38,14 +33,3 @@ def patience_s(stop_deceleration_rad_s2: float) -> float:
         stop_deceleration_rad_s2: of every stop, of the leading axis.
     """
     return max(PATIENCE_S, 2 * STOP_DELAY_S + STREAM_SPEED_RAD_S / stop_deceleration_rad_s2)
-
-
-def dead_man_s(stop_deceleration_rad_s2: float) -> float:
-    """How long a move goes on when nobody is there any more: then the controller ends its program.
-
-    It hears nothing while an arm is being stopped, either, so that it has to outlast the longest stop.
-
-    Args:
-        stop_deceleration_rad_s2: of every stop, of the leading axis.
-    """
-    return KICK_S + 2 * STOP_DELAY_S + FASTEST_RAD_S / stop_deceleration_rad_s2

@@ -359,6 +359,8 @@ class Gate(Edge):
     ) -> Answer:
         """What was denied or deferred, and happened: in the simulator, on record before, and told as what it is."""
         record = await self.record("decision", records.decision(call, evidence, decision))
+        if call.operation.kind is Kind.MOTION and not isinstance(evidence.impact, ImpactReading):
+            await self._in_time(partial(self._physics.remember, call.request))
         permit = Permit(
             request_id=call.request.request_id,
             digest=call.request.digest,

@@ -165,10 +165,7 @@ class CellPhysics:
         motion = _motion(request, state, robot, self._cell)
         if motion is None:
             return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
-        with self._lock:
-            self._motions[request.request_id] = motion
-            while len(self._motions) > MOTIONS_KEPT:
-                self._motions.popitem(last=False)
+        self._keep(request, motion)
         assessed = assess(
             robot,
             sight.scene,
@@ -185,6 +182,21 @@ class CellPhysics:
                 return assessed.reading()
             case _:
                 assert_never(assessed)
+
+    def _keep(self, request: Request, motion: Motion) -> None:
+        with self._lock:
+            self._motions[request.request_id] = motion
+            while len(self._motions) > MOTIONS_KEPT:
+                self._motions.popitem(last=False)
+
+    def remember(self, request: Request) -> None:
+        """See `Physics.remember`. A motion that cannot be told begins nowhere, and is refused."""
+        _told(partial(self._remember, request))
+
+    def _remember(self, request: Request) -> None:
+        motion = _motion(request, self._state.read(), self._holding.robot, self._cell)
+        if motion is not None:
+            self._keep(request, motion)
 
     def together(
         self, request: Request, *, start_urad: tuple[int, ...], touch: frozenset[str]

@@ -38,6 +38,7 @@ def test_a_process_of_a_cell_has_the_cells_configuration(run, cell, tmp_path, mo
         (("--robot", "192.0.2.7"), ["--robot=192.0.2.7"]),
         (("--listen", "127.0.0.5"), ["--listen=127.0.0.5"]),
         (("--listen", "127.0.0.5", "--robot", "192.0.2.7"), ["--robot=192.0.2.7", "--listen=127.0.0.5"]),
+        (("--unsafe-observe",), ["--unsafe-observe"]),
     ],
 )
 def test_a_gateway_stands_where_it_is_told_and_before_whom(run, cell, monkeypatch, said, meant):
@@ -53,7 +54,8 @@ def test_a_gateway_stands_where_it_is_told_and_before_whom(run, cell, monkeypatc
 def test_what_it_is_told_goes_before_its_configuration(cell, monkeypatch):
     served = []
 
-    async def serve(config, *, reports):
+    async def serve(config, *, reports, unsafe_observe):
+        assert not unsafe_observe, "nobody asked for it"
         served.append((config.robot_host, config.listen_host))
 
     monkeypatch.setattr(gateway_server, "serve", serve)

@@ -251,7 +251,7 @@ class Physics:
 
     def __init__(self):
         self.answer, self.asked, self.touch = reading(), 0, None
-        self.whole, self.joined = None, []
+        self.whole, self.joined, self.remembered = None, [], []
         self.perception = PerceptionReading((SensorReading("camera-1", "fresh", "", 10),))
         self.before = lambda: None
 
@@ -261,6 +261,9 @@ class Physics:
         if isinstance(self.answer, Exception):
             raise self.answer
         return Assessed(self.answer, self.perception)
+
+    def remember(self, request):
+        self.remembered.append(request.request_id)
 
     def together(self, request, *, start_urad, touch):
         self.joined.append((request, start_urad))

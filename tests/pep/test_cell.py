@@ -12,9 +12,11 @@ import threading
 import httpx2
 import pytest
 from capabilities.keys import keys
-from capabilities.statements.registry import SensorEntry, ToolEntry
+from capabilities.statements.registry import PartyEntry, SensorEntry, ToolEntry
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
+from pep.base.clock import SystemClock
+from pep.gate.observe_only import OBSERVED
 from pep.mcp.arm_server import tool_definitions
 from pep.mcp.guard import DECISION_META
 from pep.pit import CellParameters, Output
@@ -25,8 +27,16 @@ from policies.decide.load import load_shipped
 from policies.evidence.tiers import FRESH
 from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
 from tests.pep.test_mcp import Signed
-from ztpm.tool_server import CellConfig, ToolServer
+from ztpm.point.gateway_config import GatewayConfig
+from ztpm.point.gateway_server import GatewayServer
+from ztpm.point.simulator_check import recognise
+from ztpm.point.tool_proxy import ToolDoor
+from ztpm.point.tool_proxy_config import DoorConfig
 
+GATEWAY_HOST = HOST.rpartition(".")[0] + ".10"
+"""Where the gateway has the controller's ports."""
+CALLS = f"http://{HOST}:{PORT + 2}/calls"
+DOOR = "door-1"
 SEND_TRIES = 5
 
 LEFT = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
@@ -78,65 +88,93 @@ def controller():
     child.end()
 
 
-class Cell:
-    """A running tool server with everything around it."""
+class Elsewhere(httpx2.MockTransport):
+    """The provider as the tool server finds it: the ledger has a journal of each, and a test looks at the gateway's."""
 
-    def __init__(self, tmp, sensor, parameters):
+    def __init__(self, issuer):
+        def handle(request):
+            if not request.url.path.endswith("/ledger/records"):
+                return issuer.handle(request)
+            return httpx2.Response(200, json={"accepted_through": json.loads(request.content)["records"][-1]["seq"]})
+
+        super().__init__(handle)
+
+
+async def listens(port, task):
+    """Who is served by that task does."""
+    async with asyncio.timeout(60):
+        while True:
+            with contextlib.suppress(OSError):
+                _, writer = await asyncio.open_connection(HOST, port)
+                writer.close()
+                return
+            assert not task.done(), task.exception()
+            await asyncio.sleep(0.05)
+
+
+class Cell:
+    """A running gateway, and a tool server before it, with everything around them. To be made on their event loop."""
+
+    def __init__(self, tmp, sensor, parameters, **gateway):
         self.made, trust = issuer_keys()
-        sensor_key, pep_key = keys.generate(), keys.generate()
+        sensor_key, pep_key, door_key = keys.generate(), keys.generate(), keys.generate()
         (tmp / "sensor.key").write_bytes(keys.to_pem(sensor_key, PASSPHRASE.encode()))
         (tmp / "sensor.key").chmod(0o600)
-        config = CellConfig(
-            audience=AUDIENCE,
-            host=HOST,
-            port=PORT,
+        point = dict(audience=AUDIENCE, host=HOST, issuer=ISSUER, trust_file=tmp / "trust.json", policy="paper-default")
+        (tmp / "door").mkdir()
+        config = GatewayConfig(
+            **point,
+            port=PORT + 2,
             pep_id=PEP,
-            issuer=ISSUER,
-            trust_file=tmp / "trust.json",
             pep_key_file=tmp / "pep.key",
             journal_file=tmp / "journal.ndjson",
             state_dir=tmp,
             robot_host=HOST,
             perception_port=PORT + 1,
-            policy="paper-default",
             defer_timeout_s=1,
             cell_file=tmp / "cell.jws",
             cell_signer_key=keys.b64u(keys.public_raw(keys.generate())),
             cell=dataclasses.replace(parameters, objects=()),
+            url=f"http://{HOST}:{PORT + 2}/leases",
+            calls_url=CALLS,
+            listen_host=GATEWAY_HOST,
+            carriage_port=PORT + 3,
+        )
+        door = DoorConfig(
+            **point,
+            port=PORT,
+            pep_id=DOOR,
+            pep_key_file=tmp / "door.key",
+            journal_file=tmp / "door.ndjson",
+            state_dir=tmp / "door",
+            gateway_url=CALLS,
         )
         tools = [ToolEntry(t.name, t.definition_digest, t.operation, t.base_tier) for t in tool_definitions_cached()]
         sensors = [SensorEntry("camera-1", keys.public_raw(sensor_key), CALIBRATION, 20)]
-        from pep.base.clock import SystemClock
-
         self.clock = SystemClock()
         self.issuer = FakeIssuer(self.made, self.clock, tools=tools, sensors=sensors)
-        self.server = ToolServer(
-            config,
-            survey=survey(self.clock.wall_s()),
-            trust=trust,
-            key=pep_key,
-            policies=load_shipped("paper-default"),
-            http=self.issuer.client(),
+        self.issuer.peps = (PartyEntry(DOOR, keys.public_raw(door_key)),)
+        made = dict(trust=trust, policies=load_shipped("paper-default"))
+        self.server = GatewayServer(
+            config, survey=survey(self.clock.wall_s()), key=pep_key, http=self.issuer.client(), **made, **gateway
         )
-        self.server.recover()
+        self.door = ToolDoor(door, key=door_key, http=httpx2.AsyncClient(transport=Elsewhere(self.issuer)), **made)
+        for each in (self.server, self.door):
+            each.recover()
         self.sensor = sensor(str(tmp / "sensor.key"))
 
     @contextlib.asynccontextmanager
     async def running(self):
-        task = asyncio.create_task(self.server.run())
+        tasks = []
         try:
-            async with asyncio.timeout(60):
-                while True:
-                    with contextlib.suppress(OSError):
-                        _, writer = await asyncio.open_connection(HOST, PORT)
-                        writer.close()
-                        break
-                    assert not task.done(), task.exception()
-                    await asyncio.sleep(0.05)
+            for each in (self.server, self.door):
+                tasks.append(task := asyncio.create_task(each.run()))
+                await listens(each.config.port, task)
             yield self
         finally:
-            self.server.ended.set()
-            await task
+            for each, task in zip((self.door, self.server), reversed(tasks), strict=True):
+                each.ended.set()
+                await task
             self.sensor.end()
 
     def holder(self, name="robotic", **options):
@@ -190,9 +228,9 @@ def sensor(key_file):
     )  # fmt: skip
 
 
-def in_cell(tmp_path, scenario, parameters=PATIENT):
+def in_cell(tmp_path, scenario, parameters=PATIENT, **gateway):
     async def inside():
-        cell = Cell(tmp_path, sensor, parameters)
+        cell = Cell(tmp_path, sensor, parameters, **gateway)
         async with cell.running():
             return await scenario(cell)
 
@@ -488,6 +526,30 @@ async def moved(eyes, start, moving):
         while abs(eyes.read().q_rad[0] - start[0]) < 0.02:
             assert not moving.done(), moving.result().structured_content
             await asyncio.sleep(0.005)
+
+
+def test_a_gateway_that_observes_enforces_no_policy(controller, tmp_path):
+    """A person in the way, and a speed that the token does not allow: both moves are refused on record, and made."""
+    eyes = ReceivedState(HOST)
+
+    async def scenario(cell):
+        holder = cell.holder()
+        await cell.see(holder)
+        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        await cell.see(holder, people=[{"id": "bob", "x_m": 0.66, "y_m": 0.0}])
+        result = await cell.move(holder, RIGHT)
+        assert decided(result)[0] == "DEFER"
+        assert (result.meta[DECISION_META][OBSERVED], result.structured_content["outcome"]) == (True, "reached")
+        assert eyes.read().q_rad == pytest.approx(RIGHT, abs=2e-3)
+        result = await cell.move(holder, LEFT, speed=1.2)
+        assert decided(result)[:2] == ("DENY", "LIMIT_EXCEEDED_BY_REQUEST")
+        assert result.structured_content["outcome"] == "reached", result.structured_content
+        assert eyes.read().q_rad == pytest.approx(LEFT, abs=2e-3)
+        assert all(body[OBSERVED] for kind in ("decision", "outcome") for body in cell.records(kind))
+        assert cell.issuer.asks == {}, "nobody is asked"
+
+    in_cell(tmp_path, scenario, unsafe_observe=recognise(HOST))
+    eyes.close()
 
 
 def test_the_journal_reaches_the_ledger(controller, tmp_path):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 from capabilities.values.scope import Tier
@@ -15,14 +16,19 @@ from pep.base.errors import PepFault, RobotError
 from pep.gate.gate import Gate
 from pep.gate.observe_only import HIGHEST_MILLI, OBSERVED, Marked, Simulated, Unwatched
 from pep.mcp.guard import DECISION_META
+from pep.rtde.command.command_values import MoveJ
 from policies.evidence.evidence import ImpactFault
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
 from tests.pep import kit
 from tests.pep.kit import MOVE, FailingJournal, Rig, full_scope, reading
 from tests.pep.test_mcp import Cell, with_cell
-from tests.pep.test_tool_server import toml
+from tests.pep.test_tool_config import toml
+from tests.pit.scenes import HOME
+from tests.rtde.leased import leased_scope
+from tests.rtde.world import World
 from ursim.ports.launch import Controller
+from ztpm.point import gateway_server
 from ztpm.point.simulator_check import ANSWER, PORT, QUESTION, recognise
 
 SIMULATED = Simulated("127.0.0.1")
@@ -68,13 +74,14 @@ def test_everything_happens_and_the_record_says_what_was_decided(rig, impact, ef
     assert [record["body"][OBSERVED] for record in rig.records()] == [True, True]
     assert rig.slot.holder is None
     assert answer.ask is None
+    assert bool(rig.physics.remembered) is isinstance(impact, ImpactFault), "what was assessed begins where it was"
 
 
 def test_what_cheap_evidence_denies_happens_without_physics(rig):
     holder = rig.agent(scope=full_scope(rig.clock.wall_s(), speed_high=300_000))
     answer = asyncio.run(rig.gate.run(rig.call(holder), rig.effect))
     assert (answer.decision.reason, answer.observed, len(rig.sent)) == (Reason.LIMIT_EXCEEDED_BY_REQUEST, True, 1)
-    assert rig.physics.asked == 0
+    assert (rig.physics.asked, rig.physics.remembered) == (0, [rig.sent[0]]), "it begins from where the arm is"
     assert rig.slot.holder is None
 
 
@@ -141,6 +148,23 @@ def test_the_caller_is_told_its_result_and_what_would_have_been_decided(tmp_path
     finally:
         cell.gate.close()
         cell.journal.close()
+
+
+@pytest.mark.real_time
+def test_a_leased_programs_command_that_was_denied_is_forwarded(tmp_path, observing):
+    """Before physics, so that nothing but the command itself says from where and to where."""
+    world = World(tmp_path)
+    try:
+        world.holder = world.agent(scope=leased_scope(world.clock.wall_s(), speed_high=300_000))
+        world.at()
+        held = world.decided(MoveJ((HOME[0] + 0.1, *HOME[1:]), 0.5, 1.4, asynchronous=False))
+        assert held.answers[0] == "forward"
+        (decision,) = world.records("decision")
+        assert decision["body"]["decision"]["reason"] == Reason.LIMIT_EXCEEDED_BY_REQUEST
+        assert decision["body"][OBSERVED] is True
+    finally:
+        world.gate.close()
+        world.journal.close()
 
 
 def test_a_gate_enforces_unless_it_is_told_otherwise(tmp_path):
@@ -219,15 +243,15 @@ def test_the_question_is_no_command_of_a_robot():
 
 
 @pytest.mark.parametrize("kind", ["a robot", "an address elsewhere", "nobody"])
-def test_a_server_refuses_to_start_observing_what_is_not_simulated(tmp_path, kind):
-    journal, config = tmp_path / "journal.ndjson", tmp_path / "cell.toml"
+def test_a_gateway_refuses_to_start_observing_what_is_not_simulated(tmp_path, kind):
+    journal, config = tmp_path / "journal.ndjson", tmp_path / "gateway.toml"
     with contextlib.ExitStack() as stack:
         host = {"an address elsewhere": "192.0.2.1", "nobody": "127.99.99.99"}.get(kind)
         if host is None:
             host = stack.enter_context(dashboard(NO_SIMULATOR["a robot"]))
         config.write_text(toml(robot_host=f'"{host}"', journal_file=f'"{journal}"', state_dir=f'"{tmp_path}"'))
         ended = subprocess.run(
-            [sys.executable, "-m", "ztpm.tool_server", "--config", config, "--unsafe-observe"],
+            [sys.executable, "-m", "ztpm.point.gateway_server", "--config", config, "--unsafe-observe"],
             capture_output=True,
             text=True,
             timeout=60,
@@ -236,3 +260,12 @@ def test_a_server_refuses_to_start_observing_what_is_not_simulated(tmp_path, kin
     assert ended.stderr.startswith("NOT_SIMULATED")
     assert ended.stdout == ""
     assert not journal.exists()
+
+
+def test_a_gateway_that_observes_says_so_before_anything_else(monkeypatch, capsys):
+    monkeypatch.setattr(gateway_server, "recognise", Simulated)
+    monkeypatch.setattr(gateway_server, "opened_cell", lambda config: pytest.fail(capsys.readouterr().err))
+    config = SimpleNamespace(robot_host="127.0.0.1")
+    with pytest.raises(pytest.fail.Exception) as raised:
+        asyncio.run(gateway_server.serve(config, unsafe_observe=True))
+    assert str(raised.value).startswith("UNSAFE")

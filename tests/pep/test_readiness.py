@@ -1,5 +1,6 @@
 """What the robot says about itself, from the real controller and the real ur_rtde client: true things, in time, and unknown otherwise."""
 
+import asyncio
 import dataclasses
 import socket
 import threading
@@ -8,23 +9,26 @@ from functools import partial
 from types import SimpleNamespace
 
 import pytest
+from pep.base.clock import SystemClock
 from pep.base.errors import ConfigError, PepFault, RobotError
 from pep.pit import NOMINAL_ERROR_M, Calibration, CellParameters, Robot
+from pep.rtde.command import command_values as v
+from pep.rtde.judge.command_requests import Fitted
 from pep.rtde.robot.dashboard import RemoteControl
-from pep.rtde.robot.program import ProgramWatch
-from pep.rtde.robot.readiness import OWN_POSE_M, RobotReadiness, equip
+from pep.rtde.robot.primary_line import PrimaryLine
+from pep.rtde.robot.readiness import OWN_POSE_M, PLAYING, RobotReadiness
 from pep.rtde.robot.state_receiver import ReceivedState
 from pep.rtde.robot.telemetry import Posture, Telemetry
 from pep.world.held_object import Holding
 from pep.world.world import tool_position
 from policies.evidence.evidence import RobotReading
-from tests.pep.kit import AUDIENCE, ManualClock
 from tests.pit.test_calibration import ARMS, NOMINAL, spelled
+from tests.rtde.test_own_lines import Served
 from tests.sim_controller.cell import HOME, until
 from ursim.ports.launch import Controller
 from ztpm.point import robot as composition
 
-rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
+pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
 pytestmark = pytest.mark.e2e
 
 ROBOT = Robot.load("ur3e")
@@ -38,25 +42,27 @@ def cell():
 
 
 class Held:
-    """A readiness with everything behind it, and the raw connection that a test may misuse."""
+    """The readiness of the tools' own lines with everything behind it, and those lines, which a test may misuse."""
 
     def __init__(self, cell, parameters=None, robot=ROBOT):
-        self.program = ProgramWatch(cell.host)
-        assert self.program.listening(within_s=5.0)
-        self.raw = rtde_control.RTDEControlInterface(cell.host)
-        parameters = parameters or CellParameters()
-        holding = Holding(robot, parameters)
-        self.control = composition.commanded(
-            self.raw, self.program, robot, parameters, holding, audience=AUDIENCE, clock=ManualClock()
+        holding = Holding(robot, parameters or CellParameters())
+        self.served = Served(
+            cell.host, Fitted((*robot.tool.tcp_m, 0.0, 0.0, 0.0), holding.carried_kg, holding.centre_m)
         )
+        until(lambda: self.served.own.up)
+        self.served.free = False  # what has been disturbed is not begun anew
         self.readiness = composition.readiness(
             Telemetry(cell.host),
             RemoteControl(cell.host),
-            self.program,
-            self.control.isConnected,
+            self.served.own,
+            lambda: True,
             robot=robot,
             holding=holding,
         )
+
+    def says(self, command):
+        """The controller has taken the command."""
+        return self.served.do(self.served.own.said(command))
 
     def becomes(self, **changes):
         expected = dataclasses.replace(READY, **changes)
@@ -64,7 +70,7 @@ class Held:
 
     def close(self):
         self.readiness.close()
-        self.raw.disconnect()
+        self.served.close()
 
 
 @pytest.fixture
@@ -86,43 +92,45 @@ def test_a_program_of_somebody_else_is_seen_and_stays_seen(cell, held):
     with socket.create_connection((cell.host, 30003)) as script:
         script.sendall(b"def rtde_control():\n while True:\n  sync()\n end\nend\n")
         held.becomes(exclusive=False)
-        until(lambda: held.control.isProgramRunning())  # its name is ours, and it runs
+        until(lambda: held.readiness._telemetry.read().runtime_state == PLAYING)  # its name is ours, and it runs
         assert not held.readiness.reading().exclusive
         script.sendall(b"stop program\n")
-        until(lambda: not held.control.isProgramRunning())
+        until(lambda: held.readiness._telemetry.read().runtime_state != PLAYING)
     assert not held.readiness.reading().exclusive
 
 
 def test_a_paused_program_is_not_ours_to_use(cell, held):
+    """Nor is it when it goes on: the tools begin their own anew."""
     with socket.create_connection((cell.host, 29999)) as dashboard:
         dashboard.recv(256)
         dashboard.sendall(b"pause\n")
         held.becomes(exclusive=False)
         dashboard.sendall(b"play\n")
-        held.becomes()
+    assert not held.readiness.reading().exclusive
+    held.served.free = True
+    held.becomes()
 
 
 def test_a_lost_primary_connection_hides_programs(cell, held):
-    lost = held.program._listener._link
-    lost.shutdown(socket.SHUT_RDWR)
+    primary = held.served.ports._primary
+    lost = primary._robot._robot
+    held.served.loop.call_soon_threadsafe(lost._transport.abort)
     held.becomes(exclusive=False)
-    until(lambda: held.program._listener._link not in {None, lost})
-    since = time.monotonic()
-    until(lambda: (held.program._heard_s or 0.0) > since)
+    until(lambda: primary._robot._robot is not lost and primary.hears)
     assert not held.readiness.reading().exclusive
 
 
 def test_payload_and_tool_are_what_the_controller_says(held):
-    assert held.raw.setPayload(1.25, [0.0, 0.0, 0.06])
+    assert held.says(v.SetPayload(1.25, (0.0, 0.0, 0.06)))
     held.becomes(payload_g=1_250)
-    assert held.raw.setPayload(1.0, [0.0, 0.0, 0.058])
-    assert held.raw.setTcp([0.0, 0.0, 0.1769, 0.0, 0.0, 0.0])  # 0.2 mm
+    assert held.says(v.SetPayload(1.0, (0.0, 0.0, 0.058)))
+    assert held.says(v.SetTcp((0.0, 0.0, 0.1769, 0.0, 0.0, 0.0)))  # 0.2 mm
     held.becomes(frames_match=False)
-    assert held.raw.setTcp([0.0, 0.0, 0.1767, 0.0, 0.0, 0.0])
+    assert held.says(v.SetTcp((0.0, 0.0, 0.1767, 0.0, 0.0, 0.0)))
     held.becomes()
-    assert held.raw.setTcp([0.0, 0.0, 0.1767, 0.0, 0.0, 0.01])
+    assert held.says(v.SetTcp((0.0, 0.0, 0.1767, 0.0, 0.0, 0.01)))
     held.becomes(frames_match=False)
-    assert held.raw.setTcp([0.0, 0.0, 0.1767, 0.0, 0.0, 0.0])
+    assert held.says(v.SetTcp((0.0, 0.0, 0.1767, 0.0, 0.0, 0.0)))
     held.becomes()
 
 
@@ -296,14 +304,21 @@ def test_a_dashboard_that_says_something_else_says_nothing(monkeypatch, said):
 
 
 @pytest.mark.parametrize("said", [b"\0" * 64, b"\xff" * 64, b"\0\0\0\3\0", b"GET / HTTP/1.1\r\n\r\n"])
-def test_a_primary_port_that_speaks_something_else_claims_nothing(monkeypatch, said):
-    speaker = Speaker(said)
-    monkeypatch.setattr("pep.rtde.robot.program.PORT", speaker.server.getsockname()[1])
-    program = ProgramWatch("127.0.0.1")
-    until(lambda: speaker.links)
-    assert not program.claim(within_s=0.3)
-    assert not program.undisturbed()
-    program.close()
+def test_a_primary_port_that_speaks_something_else_tells_of_no_program(monkeypatch, said):
+    speaker, told = Speaker(said), []
+    monkeypatch.setattr("pep.rtde.robot.primary_line.PRIMARY", speaker.server.getsockname()[1])
+
+    async def listen():
+        line = PrimaryLine("127.0.0.1", clock=SystemClock(), told=told.append, lost=lambda: None)
+        await line.begin()
+        async with asyncio.timeout(5):
+            while len(speaker.links) < 2:  # given up, and tried again
+                assert not line.hears
+                await asyncio.sleep(0.005)
+        line.close()
+
+    asyncio.run(listen())
+    assert told == []
     speaker.close()
 
 
@@ -378,19 +393,6 @@ def test_a_controller_that_says_nothing_confirms_nothing():
     )  # fmt: skip
     with pytest.raises(RobotError):
         readiness.confirmed(within_s=0.0)
-
-
-def test_a_controller_that_does_not_take_the_tool():
-    class Deaf:
-        def setPayload(self, *_):
-            return True
-
-        def setTcp(self, *_):
-            return False
-
-    with pytest.raises(RobotError) as raised:
-        equip(Deaf(), payload_kg=1.0, centre_m=(0.0, 0.0, 0.0), tcp_m=(0.0, 0.0, 0.1))
-    assert raised.value.code is PepFault.ROBOT_UNREACHABLE
 
 
 def test_a_controller_with_another_tool_is_told_as_that():

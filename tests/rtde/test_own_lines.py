@@ -49,7 +49,8 @@ class Program:
 class Served:
     """The ports of a controller and our own lines there, on a loop in a thread of its own; also the ports' judge."""
 
-    def __init__(self, host):
+    def __init__(self, host, fitted=FITTED):
+        self.fitted = fitted
         self.host, self.free, self.able, self.asked, self.failed = host, True, True, [], []
         self.loop = asyncio.new_event_loop()
         self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
@@ -66,7 +67,11 @@ class Served:
             closed=lambda lease, _: self.own.give_way() if isinstance(lease, OwnLease) else None,
         )  # fmt: skip
         self.own = OwnLines(
-            self.ports, fitted=lambda: FITTED, free=lambda: self.free, able=lambda: self.able, failed=self.failed.append
+            self.ports,
+            fitted=lambda: self.fitted,
+            free=lambda: self.free,
+            able=lambda: self.able,
+            failed=self.failed.append,
         )
         await self.ports.begin()
         self.keeping = asyncio.create_task(self.own.keep())

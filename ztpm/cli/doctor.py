@@ -45,8 +45,7 @@ ConfigFile = Annotated[
 def doctor(*, config: ConfigFile = None, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
     """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.
 
-    With the configuration of a gateway, or of a tool server without one, also that it would be taken, and how well it
-    knows its arm.
+    With the configuration of a gateway also that it would be taken, and how well it knows its arm.
     """
     rows: list[dict[str, object]] = []
     checks = list(CHECKS)
@@ -109,15 +108,15 @@ def _physics() -> tuple[bool, str]:
 
 
 def _arm(config: Path) -> tuple[bool, str]:
-    """A gateway or a tool server takes the configuration, and the arm's calibration where it names one."""
+    """A gateway takes the configuration, and the arm's calibration where it names one."""
     from pep.base.errors import ConfigError
     from pep.pit.calibration import own_kinematics
     from ztpm.point.cell_config import read_cell, read_robot
-    from ztpm.point.gateway_config import read_robot_config
+    from ztpm.point.gateway_config import read_gateway_config
     from ztpm.status.page import kinematics_said
 
     try:
-        found = read_robot_config(config)
+        found = read_gateway_config(config)
         robot = read_robot(found, tool=read_cell(found, at=time.time()).tool)
     except ConfigError as error:
         return False, str(error)

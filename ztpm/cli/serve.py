@@ -62,6 +62,10 @@ def gateway(
     ] = None,
     robot: Annotated[str, typer.Option(help="Address of the controller, in place of robot_host.")] = "",
     listen: Annotated[str, typer.Option(help="Address to listen on as the controller.")] = "",
+    unsafe_observe: Annotated[
+        bool,
+        typer.Option("--unsafe-observe", help="Enforce no policy; refused unless the controller is simulated."),
+    ] = False,
     data: Data = None,
 ) -> None:
     """Stand before a robot's controller: state and stop for everybody, motion for whoever holds its lease.
@@ -70,6 +74,7 @@ def gateway(
     """
     file = config or layout_of(data, as_json=False).gateway_config
     options = [f"--{name}={value}" for name, value in (("robot", robot), ("listen", listen)) if value]
+    options += ["--unsafe-observe"] if unsafe_observe else []
     _become("ztpm.point.gateway_server", "--config", str(file), *options)
 
 

@@ -21,11 +21,10 @@ from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.digital_outputs import DigitalOutputs
 from pep.rtde.robot.speed_slider import SpeedSlider
 from pep.watch.governor import Pacing
-from pep.watch.watch import Limits, Watch
+from pep.watch.watch import Limits
 from ztpm.point.robot import committed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from concurrent.futures import Executor
 
     from starlette.types import ASGIApp
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from pep.rtde.motion.permitted_control import PermittedControl
     from pep.rtde.robot.gripper import RobotiqGripper
     from pep.rtde.robot.telemetry import Telemetry
+    from pep.watch.watch import Watch
     from ztpm.point.robot_point import RobotPoint
 
 
@@ -60,8 +60,7 @@ class ArmTools:
         gripper: RobotiqGripper,
         telemetry: Telemetry,
         judging: Executor,
-        watch: type[Watch] = Watch,
-        start_of: Callable[[str], tuple[float, ...] | None] | None = None,
+        watch: type[Watch],
     ) -> ArmTools:
         """The tools of an enforcement point.
 
@@ -73,17 +72,15 @@ class ArmTools:
             telemetry: of the controller.
             judging: where the watch computes.
             watch: looks at what moves.
-            start_of: joint angles from which a request was assessed; those that its physics tells by default.
         """
         config, physics = point.config, point.physics
-        start_of = start_of or physics.start_of
         slider = SpeedSlider(io)
         drive = Drive(
             control=control,
             state=point.state,
             gripper=gripper,
             dashboard_stop=lambda: stop_program(config.robot_host),
-            start_of=start_of,
+            start_of=physics.start_of,
             watching=partial(
                 watch,
                 remaining=physics,
@@ -99,7 +96,7 @@ class ArmTools:
         )
         devices = Devices(
             drive,
-            Jog(drive, control, start_of=start_of, clock=point.clock),
+            Jog(drive, control, start_of=physics.start_of, clock=point.clock),
             DigitalOutputs(io, telemetry, audience=config.audience, stopped_ms=lambda: control.stopped_ms),
             partial(committed, physics, control, point.holding),
         )

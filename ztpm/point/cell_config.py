@@ -1,4 +1,4 @@
-"""The configuration of a cell's tool server, read strictly; what is insecure or contradictory is refused by name."""
+"""The configuration of a robot and its cell, read strictly; an insecure or contradictory one is refused by name."""
 
 from __future__ import annotations
 
@@ -45,7 +45,6 @@ __all__ = [
     "check_url",
     "is_loopback",
     "read_cell",
-    "read_config",
     "read_key",
     "read_policies",
     "read_robot",
@@ -62,7 +61,7 @@ OPTIONAL: Final = frozenset({"calibration_file"})
 
 @dataclass(frozen=True, slots=True)
 class CellConfig(PointConfig):
-    """`cell.toml`, checked: the keys of every enforcement point, and these of the robot, its cell and its people.
+    """The keys of every enforcement point, and these of the robot, its cell and its people, checked.
 
     Attributes:
         robot_host: address of the controller.
@@ -117,15 +116,6 @@ class CellConfig(PointConfig):
             raise ConfigError(PepFault.CONFIG_INVALID, "cell_signer_key is no public key") from error
         if self.cell.stop_deceleration_rad_s2 > JOINT_DECELERATION_LIMIT_RAD_S2:
             raise ConfigError(PepFault.CONFIG_INVALID, "cell: stop_deceleration_rad_s2 is harder than a stop can be")
-
-
-def read_config(path: Path) -> CellConfig:
-    """The configuration at `path`.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`.
-    """
-    return CellConfig.from_toml(read_text(path))
 
 
 def read_robot(config: CellConfig, *, tool: str) -> Robot:

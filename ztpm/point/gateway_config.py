@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GatewayConfig(CellConfig):
-    """`gateway.toml`, checked: the keys of `cell.toml`, and these.
+    """`gateway.toml`, checked: the keys of a cell with a robot, and these.
 
     `audience` is that of the cell: authority is about what is done with the robot, not about the way there. `host` and
     `port` are those of the door for leases, `robot_host` is the controller.
@@ -46,21 +46,6 @@ class GatewayConfig(CellConfig):
         check_port("carriage_port", self.carriage_port)
         if self.listen_host == self.robot_host:
             raise ConfigError(PepFault.CONFIG_INVALID, "listen_host is the controller's own address")
-
-
-def read_robot_config(path: Path) -> CellConfig:
-    """The configuration at `path` of whoever has the robot: a gateway, or a tool server without one.
-
-    Raises:
-        ConfigError: `CONFIG_INVALID`.
-    """
-    text = read_text(path)
-    try:
-        return GatewayConfig.from_toml(text)
-    except ConfigError:
-        if any(line.startswith("listen_host") for line in text.splitlines()):
-            raise
-        return CellConfig.from_toml(text)
 
 
 def read_gateway_config(path: Path) -> GatewayConfig:

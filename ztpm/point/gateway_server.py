@@ -8,6 +8,7 @@ it, the cell's tools have the arm, over lines of their own to the same ports. Th
 the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready": true`. SIGTERM stops the arm
 first and everything else after it. With `--reports` it tells whoever started it how things stand
 (ztpm/base/report_server.py).
+With `--unsafe-observe` it enforces no policy (pep/gate/observe_only.py), and starts before a simulated controller alone.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -27,6 +29,7 @@ from capabilities.values.chain import Chain
 from pep.base.errors import ConfigError, JournalError, PepFault
 from pep.base.stop_model import SAFE_MODES
 from pep.base.thread_priority import goes_first
+from pep.gate.observe_only import Unwatched
 from pep.mcp.mapping import ARM_TOOLS
 from pep.mcp.ticket_layer import TicketLayer
 from pep.rtde.judge.command_judge import LeasedJudge
@@ -53,6 +56,7 @@ from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.point.robot import confirm_kinematics, found_holding, readiness
 from ztpm.point.robot_point import RobotPoint, opened_cell
+from ztpm.point.simulator_check import recognise
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,6 +67,7 @@ if TYPE_CHECKING:
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.cell import Cell
     from pep.rtde.judge.stream_values import Certifying
+    from pep.gate.observe_only import Simulated
     from pep.rtde.lease.lease import Lease
     from pep.rtde.robot.judge_port import Held, Holder
     from pep.rtde.wire.refusal import Refused
@@ -79,6 +84,7 @@ EQUIPPED_S: Final = 10.0
 """Longest wait for the tools to have the arm at the beginning; it takes half a second."""
 VACATING: Final = "lease"
 """Holds the slot while the tools let go of the arm."""
+WARNING: Final = "UNSAFE: no policy is enforced (--unsafe-observe); denied acts happen at the simulated controller\n"
 
 
 class GatewayServer(RobotPoint):
@@ -92,6 +98,7 @@ class GatewayServer(RobotPoint):
         policies: what is decided by.
         http: client of the identity provider.
         certifier: makes what certifies the values of one stream, given what `CellStream` is given.
+        unsafe_observe: the simulated controller, where no policy is enforced; None enforces.
     """
 
     def __init__(
@@ -104,8 +111,10 @@ class GatewayServer(RobotPoint):
         policies: PolicySet,
         http: httpx2.AsyncClient,
         certifier: Callable[..., Certifying] = CellStream,
+        unsafe_observe: Simulated | None = None,
     ) -> None:
-        super().__init__(config, survey=survey, trust=trust, key=key, http=http)
+        super().__init__(config, survey=survey, trust=trust, key=key, http=http, unsafe_observe=unsafe_observe)
+        watch = Watch if unsafe_observe is None else Unwatched
         self._listen_host, self._carriage_port = config.listen_host, config.carriage_port
         self._certifier = certifier
         gripper = RobotiqGripper(config.robot_host)
@@ -151,6 +160,7 @@ class GatewayServer(RobotPoint):
             gripper=gripper,
             telemetry=telemetry,
             judging=self.judging,
+            watch=watch,
         )
         self.gate = self.gated(policies, slot=self.tools.devices, readiness=self.readiness)
         tools_app = self.tools.app(self, self.gate.with_readiness(ready(self.own)), key)
@@ -162,7 +172,7 @@ class GatewayServer(RobotPoint):
                 remaining=self.physics,
                 certifying=self._stream,
                 watching=partial(
-                    Watch, views=self.frames, limits=Limits.of(self.cell), clock=self.clock, submit=self.judging.submit
+                    watch, views=self.frames, limits=Limits.of(self.cell), clock=self.clock, submit=self.judging.submit
                 ),
                 hurry=self.follower.hurry,
                 state=self.state,
@@ -379,7 +389,11 @@ class _Stopper:
 
 
 async def serve(
-    config: GatewayConfig, *, reports: bool = False, certifier: Callable[..., Certifying] = CellStream
+    config: GatewayConfig,
+    *,
+    reports: bool = False,
+    unsafe_observe: bool = False,
+    certifier: Callable[..., Certifying] = CellStream,
 ) -> None:
     """The gateway has run and ended, the arm standing still.
 
@@ -387,11 +401,16 @@ async def serve(
         config: of it.
         reports: it has told of itself.
         certifier: see `GatewayServer`.
+        unsafe_observe: it has enforced no policy, and has recorded each decision. Only before a simulated controller.
 
     Raises:
-        PepError: when a part cannot be had; nothing was served then.
+        PepError: when a part cannot be had; nothing was served then. `NOT_SIMULATED` comes before anything is opened.
     """
-    server = GatewayServer(config, **opened_cell(config), certifier=certifier)
+    simulated = recognise(config.robot_host) if unsafe_observe else None
+    if simulated is not None:
+        sys.stderr.write(WARNING)
+        sys.stderr.flush()
+    server = GatewayServer(config, **opened_cell(config), unsafe_observe=simulated, certifier=certifier)
     server.recover()
     await server.run(reports=reports)
 
@@ -409,6 +428,9 @@ def main(certifier: Callable[..., Certifying] = CellStream) -> None:
     parser.add_argument("--robot", help="address of the controller, in place of robot_host")
     parser.add_argument("--listen", help="address to listen on as the controller, in place of listen_host")
     parser.add_argument("--reports", action="store_true", help="answer questions on standard input")
+    parser.add_argument(
+        "--unsafe-observe", action="store_true", help="enforce no policy; refused unless the controller is simulated"
+    )
     options = parser.parse_args()
 
     async def served() -> None:
@@ -419,7 +441,7 @@ def main(certifier: Callable[..., Certifying] = CellStream) -> None:
             listen_host=options.listen or config.listen_host,
         )
         config.check()
-        await serve(config, reports=options.reports, certifier=certifier)
+        await serve(config, reports=options.reports, unsafe_observe=options.unsafe_observe, certifier=certifier)
 
     main_of(served)
 

@@ -1,99 +1,33 @@
-"""The robot's side of a cell, composed: a connection whose program, payload and tool are ours, and its readiness."""
+"""The robot's side of a cell, composed: its readiness, its kinematics, and what its gripper holds."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from capabilities.values.units import Unit
-from pep.base.errors import ConfigError, PepError, PepFault, RobotError
+from pep.base.errors import ConfigError, PepFault, RobotError
 from pep.pit import NOMINAL_ERROR_M
 from pep.pit.calibration import own_kinematics
-from pep.rtde.motion.permitted_control import PermittedControl
-from pep.rtde.robot.readiness import OWN_POSE_M, RobotReadiness, equip
+from pep.rtde.robot.readiness import OWN_POSE_M, RobotReadiness
 from pep.world.world import tool_position
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.base.ports import Clock
-    from pep.pit import CellParameters, Robot
+    from pep.pit import Robot
+    from pep.rtde.motion.permitted_control import PermittedControl
     from pep.rtde.robot.dashboard import RemoteControl
     from pep.rtde.robot.gripper import Grip, RobotiqGripper
-    from pep.rtde.robot.program import ProgramWatch
     from pep.rtde.robot.readiness import Program
     from pep.rtde.robot.telemetry import Telemetry
     from pep.world.held_object import Holding
     from pep.world.world import CellPhysics
 
 PROGRAM_S: Final = 1.0
-"""Longest wait for the controller to tell on another port what we did on this one; it takes some milliseconds."""
-
-
-def connect(host: str) -> Any:
-    """A control connection with the uploaded script running.
-
-    Raises:
-        PepError: `ROBOT_UNREACHABLE`.
-    """
-    from rtde_control import RTDEControlInterface
-
-    try:
-        return RTDEControlInterface(host)
-    except RuntimeError as error:
-        raise PepError(PepFault.ROBOT_UNREACHABLE, str(error)) from error
-
-
-def connect_outputs(host: str) -> Any:
-    """A connection that owns the controller's digital outputs.
-
-    Raises:
-        PepError: `ROBOT_UNREACHABLE`, also when somebody else owns them.
-    """
-    from rtde_io import RTDEIOInterface
-
-    try:
-        return RTDEIOInterface(host)
-    except RuntimeError as error:
-        raise PepError(PepFault.ROBOT_UNREACHABLE, str(error)) from error
-
-
-def commanded(
-    raw: Any,
-    program: ProgramWatch,
-    robot: Robot,
-    cell: CellParameters,
-    holding: Holding,
-    *,
-    audience: str,
-    clock: Clock,
-) -> PermittedControl:
-    """The guarded control connection: its script running and ours, the controller reckoning with our payload and tool.
-
-    Args:
-        raw: `RTDEControlInterface`; keep no reference to it.
-        program: listening since before the script was uploaded.
-        robot: its model, with the tool that it carries.
-        cell: its parameters.
-        holding: what it holds at the start.
-        audience: canonical URL of the server that decides.
-        clock: both clocks.
-
-    Raises:
-        RobotError: the controller does not take payload or tool.
-    """
-    equip(raw, payload_kg=holding.carried_kg, centre_m=holding.centre_m, tcp_m=robot.tool.tcp_m)
-    # A script that is not seen to start is not known to be ours: then every motion is denied, and says so.
-    program.claim(within_s=PROGRAM_S)
-    return PermittedControl(
-        raw,
-        audience=audience,
-        clock=clock,
-        raise_refusals=True,
-        stop_deceleration_rad_s2=cell.stop_deceleration_rad_s2,
-    )
+"""Longest wait for the controller to tell where its tool is; it takes some milliseconds."""
 
 
 def found_holding(holding: Holding, gripper: RobotiqGripper) -> None:
@@ -121,7 +55,7 @@ def readiness(
     Args:
         telemetry: of the controller.
         remote: of the controller.
-        program: what the controller runs; a `ProgramWatch` that has claimed it, say.
+        program: what the controller runs.
         commanding: whether the connection that commands stands.
         robot: its model.
         holding: what it holds.

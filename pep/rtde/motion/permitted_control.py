@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from capabilities.values.units import Unit
 from pep.base.errors import ActuationRefusedError
 from pep.base.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SPEED_JOINT, digest_of, padded
-from pep.base.stop_model import dead_man_s, patience_s
+from pep.base.stop_model import patience_s
 from pep.rtde.command.stop_rules import joint_stop, tool_stop
 from pep.rtde.motion.control_interface import STOPPING, UNWATCHED_HZ, ControlInterface
 from policies.words.reason_table import Reason
@@ -72,26 +72,6 @@ class PermittedControl(ControlInterface):
         self._speeding = False
         # What of a path was not sent yet, its speed and acceleration, and since which stop.
         self._legs: tuple[tuple[tuple[float, ...], ...], float, float, int] | None = None
-        self._idle_hz = UNWATCHED_HZ
-
-    def expect(self) -> bool:
-        """Whether the controller ends its program from now on, as soon as it has heard nothing for `dead_man_s`.
-
-        Say `kick` every `KICK_S`: ur_rtde's motion outlives its client.
-        """
-        with self._lock:
-            self._idle_hz = 1 / dead_man_s(self._deceleration)
-            return bool(self._control.setWatchdog(self._idle_hz))
-
-    def kick(self) -> None:
-        """The controller hears that we are still there. It does anyway while a command is being said, or a stream."""
-        if not self._lock.acquire(blocking=False):
-            return
-        try:
-            if not self._speeding and self._control.isProgramRunning():
-                self._control.kickWatchdog()
-        finally:
-            self._lock.release()
 
     def moveJ(  # noqa: N802 - the interface's own name
         self,
@@ -270,7 +250,7 @@ class PermittedControl(ControlInterface):
                 permit.spend(digest=digest, stopped_ms=self._stopped_ms)
             except ActuationRefusedError as refused:
                 if not prolongs:
-                    self._control.setWatchdog(self._idle_hz)
+                    self._control.setWatchdog(UNWATCHED_HZ)
                 return self._refuse(refused.reason, f"speedJ: {refused.detail}")
             since_ms = permit.since_ms if prolongs else self._clock.monotonic_ms()
             until_ms = since_ms + round(time * Unit.MILLISECOND.per_si)
@@ -306,7 +286,7 @@ class PermittedControl(ControlInterface):
             self._stream = None
             if self._speeding:
                 self._brake_speed()
-            self._control.setWatchdog(self._idle_hz)
+            self._control.setWatchdog(UNWATCHED_HZ)
 
     def _send_speed(self) -> bool:
         """Whether the controller took the speeds. Under the lock; a stop that came meanwhile is given again."""

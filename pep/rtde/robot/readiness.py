@@ -14,7 +14,6 @@ from policies.primitives.tools import NO_CONTROLLER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from typing import Any
 
     from pep.rtde.robot.dashboard import RemoteControl
     from pep.rtde.robot.telemetry import Posture, Telemetry
@@ -126,19 +125,3 @@ class RobotReadiness:
 
     def _in_place(self, posture: Posture) -> bool:
         return math.dist(posture.tool_pose[:3], self._tool_position(posture.q_rad)) <= self._pose_m
-
-
-def equip(control: Any, *, payload_kg: float, centre_m: Sequence[float], tcp_m: Sequence[float]) -> None:
-    """The controller reckons with this payload and this tool centre point.
-
-    Args:
-        control: the raw `RTDEControlInterface`, before it is guarded.
-        payload_kg: tool and held part.
-        centre_m: of their mass, in the flange frame.
-        tcp_m: tool centre point in the flange frame, not turned against it.
-
-    Raises:
-        RobotError: `ROBOT_UNREACHABLE` when the controller does not take them.
-    """
-    if not (control.setPayload(payload_kg, list(centre_m)) and control.setTcp([*tcp_m, 0.0, 0.0, 0.0])):
-        raise RobotError(PepFault.ROBOT_UNREACHABLE, "payload or tool centre point was not taken")

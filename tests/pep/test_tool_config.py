@@ -35,10 +35,9 @@ from tests.pep.kit import AUDIENCE, issuer_keys, survey
 from tests.pit.test_calibration import ARMS, spelled
 from typer.testing import CliRunner
 from ztpm.cli import app as cli
-from ztpm.point import cell_config, robot_point
-from ztpm.point.cell_config import CellConfig, read_cell, read_config, read_key, read_policies, read_robot, read_trust
-
-from ztpm import tool_server
+from ztpm.point import cell_config, gateway_server, robot_point
+from ztpm.point.cell_config import read_cell, read_key, read_policies, read_robot, read_trust
+from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 
 SURVEYOR = keys.generate()
 SIGNER = keys.b64u(keys.public_raw(SURVEYOR))
@@ -58,6 +57,10 @@ GOOD = {
     "defer_timeout_s": "60",
     "cell_file": '"/nonexistent/cell.jws"',
     "cell_signer_key": f'"{SIGNER}"',
+    "url": '"http://127.0.0.1:8802/leases"',
+    "calls_url": '"http://127.0.0.1:8802/calls"',
+    "listen_host": '"127.0.0.2"',
+    "carriage_port": "8803",
 }
 
 
@@ -68,13 +71,13 @@ def toml(cell="", **changes):
 
 def refused(text, key):
     with pytest.raises(ConfigError) as raised:
-        CellConfig.from_toml(text)
+        GatewayConfig.from_toml(text)
     assert raised.value.code is PepFault.CONFIG_INVALID
     assert raised.value.detail.startswith(key)
 
 
 def test_the_good_one():
-    config = CellConfig.from_toml(toml())
+    config = GatewayConfig.from_toml(toml())
     assert (config.port, config.policy, config.cell.stop_deceleration_rad_s2) == (8800, "paper-default", 8.0)
 
 
@@ -131,7 +134,7 @@ def files(tmp_path, monkeypatch):
     key_file.write_bytes(keys.to_pem(keys.generate(), b"secret words"))
     key_file.chmod(0o600)
     monkeypatch.setenv("ZTPM_PASSPHRASE", "secret words")
-    config = CellConfig.from_toml(
+    config = GatewayConfig.from_toml(
         toml(trust_file=f'"{tmp_path}/trust.json"', pep_key_file=f'"{key_file}"', issuer=f'"{trust.issuer}"')
     )
     return config, key_file
@@ -167,17 +170,20 @@ def test_trust_of_another_issuer(files):
 
 def test_a_missing_file_or_policy(files, tmp_path):
     with pytest.raises(ConfigError):
-        read_config(tmp_path / "none.toml")
+        read_gateway_config(tmp_path / "none.toml")
     object.__setattr__(files[0], "policy", str(tmp_path / "none.toml"))
     with pytest.raises(ConfigError):
         read_policies(files[0])
 
 
 def test_the_process_says_what_is_wrong_and_ends(tmp_path):
-    path = tmp_path / "cell.toml"
+    path = tmp_path / "gateway.toml"
     path.write_text(toml(port="0"))
     ended = subprocess.run(
-        [sys.executable, "-m", "ztpm.tool_server", "--config", str(path)], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "ztpm.point.gateway_server", "--config", str(path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert (ended.returncode, ended.stdout) == (1, "")
     assert "CONFIG_INVALID" in ended.stderr
@@ -200,22 +206,27 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
         def __init__(self, host):
             assert host == config.robot_host
 
+        def read(self):
+            return JointState((0.0,) * 6, (0.0,) * 6, 7, 1)
+
+        def newest(self):
+            return Package(next(stamps), self.read())
+
+    class Lines:
+        """What the tools say to the arm."""
+
+        up = True
+
+        def __init__(self, ports, *, fitted, **_):
+            assert ports.deceleration == 5.0
+            equipped.append(fitted())
+            self.control = self.switches = self
+
         def stopJ(self, a, asynchronous):
             sent.append(a)
 
         def stopScript(self):
             pass
-
-        def setPayload(self, kg, centre_m):
-            equipped.append((kg, centre_m))
-            return True
-
-        def setTcp(self, pose):
-            equipped.append(pose)
-            return True
-
-        def setWatchdog(self, hz):
-            return hz > 0
 
         def isProgramRunning(self):
             return False
@@ -223,20 +234,13 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
         def disconnect(self):
             pass
 
-        def read(self):
-            return JointState((0.0,) * 6, (0.0,) * 6, 7, 1)
-
-        def newest(self):
-            return Package(next(stamps), self.read())
-
     stamps = itertools.count(1.0)
-    monkeypatch.setattr(tool_server, "connect", Arm)
-    monkeypatch.setattr(tool_server, "connect_outputs", Arm)
+    monkeypatch.setattr(gateway_server, "OwnLines", Lines)
     monkeypatch.setattr(robot_point, "ReceivedState", Arm)
 
     async def scenario():
         async with httpx2.AsyncClient() as http:
-            server = tool_server.ToolServer(
+            server = gateway_server.GatewayServer(
                 config,
                 survey=survey(time.time()),
                 trust=read_trust(config),
@@ -244,15 +248,15 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
                 policies=read_policies(config),
                 http=http,
             )
-            server.dead_man.close()
-            await server.tools.devices.close()
-            server.readiness.close()
+            await server.close()
             server.gate.close()
             server.journal.close()
 
     asyncio.run(scenario())
     assert sent == [5.0]
-    assert equipped == [(1.0, [0.0, 0.0, 0.058]), [0.0, 0.0, 0.1767, 0.0, 0.0, 0.0]]
+    (fitted,) = equipped
+    assert (fitted.payload_kg, list(fitted.centre_m)) == (1.0, [0.0, 0.0, 0.058])
+    assert fitted.tcp_m_rad == (0.0, 0.0, 0.1767, 0.0, 0.0, 0.0)
 
 
 # -- the signed cell file
@@ -281,7 +285,7 @@ def signed(tmp_path, text=None, *, key=SURVEYOR, at=NOW, **changes):
     stated = survey(NOW, audience="http://127.0.0.1:8800/mcp")
     written = cell.sign(dataclasses.replace(stated, **changes), key) if text is None else text
     path.write_bytes(written if isinstance(written, bytes) else written.encode())
-    return read_cell(CellConfig.from_toml(toml(cell_file=f'"{path}"')), at=at)
+    return read_cell(GatewayConfig.from_toml(toml(cell_file=f'"{path}"')), at=at)
 
 
 def test_a_signed_cell_file_is_taken(tmp_path):
@@ -311,11 +315,11 @@ def calibrated_config(tmp_path, text=None, cell=""):
     path = tmp_path / "arm.yaml"
     if text is not None:
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return CellConfig.from_toml(toml(cell, calibration_file=f'"{path}"'))
+    return GatewayConfig.from_toml(toml(cell, calibration_file=f'"{path}"'))
 
 
 def test_an_arm_without_a_calibration_is_nominal_and_known_less_well():
-    config = CellConfig.from_toml(toml())
+    config = GatewayConfig.from_toml(toml())
     assert (config.calibration_file, config.cell.robot_uncertainty_m) == (None, NOMINAL_UNCERTAINTY_M)
     assert read_robot(config, tool="robotiq_2f85").model_digest == Robot.load("ur3e").model_digest
 
@@ -361,14 +365,14 @@ def test_a_broken_calibration_keeps_the_server_from_starting(tmp_path):
     path = tmp_path / "cell.jws"
     path.write_text(cell.sign(survey(NOW, audience="http://127.0.0.1:8800/mcp"), SURVEYOR))
     (tmp_path / "arm.yaml").write_text("kinematics:\n")
-    config = CellConfig.from_toml(toml(cell_file=f'"{path}"', calibration_file=f'"{tmp_path}/arm.yaml"'))
+    config = GatewayConfig.from_toml(toml(cell_file=f'"{path}"', calibration_file=f'"{tmp_path}/arm.yaml"'))
     with pytest.raises(ConfigError) as raised:
         read_cell(config, at=NOW)
     assert raised.value.detail.startswith("calibration_file")
 
 
 def test_doctor_tells_how_well_the_arm_is_known(tmp_path):
-    path, configured = tmp_path / "cell.jws", tmp_path / "cell.toml"
+    path, configured = tmp_path / "cell.jws", tmp_path / "gateway.toml"
     stated = dataclasses.replace(
         survey(NOW, audience="http://127.0.0.1:8800/mcp"),
         not_before=int(time.time()) - 9,
@@ -489,12 +493,15 @@ def test_what_lies_whole_in_a_hard_zone_cannot_be_touched(name):
 def test_the_process_does_not_start_on_another_persons_cell_file(tmp_path, files):
     config, key_file = files
     (tmp_path / "cell.jws").write_text(cell.sign(survey(time.time(), audience=config.audience), keys.generate()))
-    path = tmp_path / "cell.toml"
+    path = tmp_path / "gateway.toml"
     path.write_text(
         toml(trust_file=f'"{config.trust_file}"', pep_key_file=f'"{key_file}"', cell_file=f'"{tmp_path}/cell.jws"')
     )
     ended = subprocess.run(
-        [sys.executable, "-m", "ztpm.tool_server", "--config", str(path)], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "ztpm.point.gateway_server", "--config", str(path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert (ended.returncode, ended.stdout) == (1, "")
     assert "cell_signer_key" in ended.stderr
@@ -532,5 +539,5 @@ def test_the_embedded_zones_keep_away_from_the_sweep_and_can_be_reached():
 
 def test_the_mass_of_a_part_is_a_number_of_the_configuration():
     text = toml() + '[[cell.parts]]\nobject = "part-1"\nmass_kg = 0.4\n'
-    numbers = CellConfig.from_toml(text).cell
+    numbers = GatewayConfig.from_toml(text).cell
     assert [(part.object, part.mass_kg) for part in surveyed(survey(NOW), numbers).parts] == [("part-1", 0.4)]
