@@ -17,7 +17,7 @@ from policies.words.reason_table import REASONS, Reason
 from tests.pep.kit import AUDIENCE, HOST, PORT, Rig
 from tests.pep.test_lease import ECHO, URL, House, Robot, until
 from ztpm.base.loopback import free_host, is_free
-from ztpm.program.program_lease import PLACE, VARIABLE, LeaseError, lend, open_lease
+from ztpm.program.program_lease import PLACE, VARIABLE, LeaseError, Place, begin_lease, lend, open_lease
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(60)]
 
@@ -55,10 +55,10 @@ class Served:
         await self.serving
         await self.house.__aexit__()
 
-    async def lease(self, holder=None, **lies):
+    async def lease(self, holder=None, *, gateway_key=None):
         holder = holder or self.house.rig.agent()
-        given = {"gateway_key": keys.public_raw(self.house.signer)} | lies
-        return await asyncio.to_thread(open_lease, URL, AUDIENCE, holder.text, holder.key, **given)
+        place = Place(URL, AUDIENCE, gateway_key or keys.public_raw(self.house.signer))
+        return await asyncio.to_thread(open_lease, URL, holder.text, begin_lease(place, holder.text, holder.key))
 
 
 def served(scenario, tmp_path):
@@ -193,6 +193,7 @@ def test_an_answer_of_another_form_is_no_lease_and_a_reason_that_is_none_is_not_
 
 
 def test_nobody_there_is_told():
+    place = Place(f"http://{HOST}:1/x", AUDIENCE, keys.public_raw(keys.generate()))
     with pytest.raises(LeaseError) as refused:
-        open_lease(f"http://{HOST}:1/x", AUDIENCE, "a", keys.generate(), gateway_key=keys.public_raw(keys.generate()))
+        open_lease(place.door, "a", begin_lease(place, "a", keys.generate()))
     assert (refused.value.code, refused.value.refused) == ("GATEWAY_UNREACHABLE", False)

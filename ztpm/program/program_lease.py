@@ -15,17 +15,22 @@ from urllib.parse import urlsplit
 
 import httpx2
 
+from capabilities.keys.trust import TrustBundle
 from capabilities.proof import session_opening as session
 from capabilities.proof.key_agreement import KEY_BYTES, NONCE_BYTES
 from capabilities.values import strict_json
 from capabilities.values.caps import DEFAULT as CAPS
-from capabilities.values.errors import Fault
+from capabilities.values.errors import CapabilityError, Fault
 from pep.base.clock import SystemClock
 from pep.base.thread_priority import goes_first
-from pep.rtde.lease.lease import ID_BYTES
+from pep.rtde.lease.lease import ID_BYTES, Ending
 from pep.rtde.lease.lease_endpoint import LOSSLESS
+from pep.rtde.robot.connections import PORTS
 from policies.words.reason_table import REASONS, Reason
+from ztpm.base.loopback import free_host, is_free
 from ztpm.base.parent_watch import ends_with_parent
+from ztpm.cell.enrolment import EnrolmentError, registered
+from ztpm.cell.setup import GATEWAY_ID, SetupError, read_addresses
 from ztpm.program.program_ports import ProgramPorts
 from ztpm_idp.client import direct_http
 
@@ -34,7 +39,8 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.proof.session_frames import Session
-    from pep.rtde.lease.lease import Ending
+    from capabilities.proof.session_opening import Pending
+    from ztpm.base.layout import Layout
 
 VARIABLE: Final = "ZTPM_ROBOT"
 """Where a program finds the robot's address."""
@@ -79,46 +85,109 @@ class Leased:
     gateway: tuple[str, int]
 
 
-def open_lease(url: str, audience: str, token: str, key: PrivateKey, *, gateway_key: bytes) -> Leased:
-    """The motion lease of one robot, if nobody else has it.
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The gateway of one robot, as a holder has to know it.
+
+    Attributes:
+        door: canonical URL of the door for leases.
+        audience: canonical URL of the cell, as the token names it.
+        gateway_key: raw public key of the robot's enforcement point, from the registry.
+    """
+
+    door: str
+    audience: str
+    gateway_key: bytes
+
+
+def place_of(layout: Layout, *, door: str = "", audience: str = "", pep: str = GATEWAY_ID) -> Place:
+    """The place where a cell's lease is had.
 
     Args:
-        url: canonical, of the gateway's door.
-        audience: canonical URL of the cell, as the token names it.
-        token: its text.
-        key: of the token's leaf hop.
-        gateway_key: raw public key of the robot's enforcement point, from the registry.
+        layout: of the cell; its trust bundle names the identity provider.
+        door: URL of the gateway's door, in place of the cell's own gateway.
+        audience: canonical URL of the cell, in place of its own.
+        pep: id of the gateway, as it is registered.
 
     Raises:
-        LeaseError: it is refused, or the gateway cannot be reached or believed.
+        LeaseError: `NOT_A_CELL`, `CONFIG_INVALID`, `REGISTRY_UNAVAILABLE`, `GATEWAY_UNKNOWN`.
     """
-    pending = session.begin(
+    try:
+        trust = TrustBundle.from_json(layout.trust.read_bytes())
+        if not (door and audience):
+            addresses = read_addresses(layout)
+            door, audience = door or addresses.door, audience or addresses.audience
+        serving = registered(trust.issuer, audience, trust).peps
+    except (OSError, CapabilityError) as error:
+        raise LeaseError("NOT_A_CELL", f"{layout.trust}: {type(error).__name__}", refused=False) from error
+    except SetupError as error:
+        raise LeaseError("CONFIG_INVALID", str(error), refused=False) from error
+    except EnrolmentError as error:
+        raise LeaseError("REGISTRY_UNAVAILABLE", str(error), refused=False) from error
+    found = next((entry.key for entry in serving if entry.id == pep), None)
+    if found is None:
+        known = ", ".join(entry.id for entry in serving) or "nobody"
+        raise LeaseError("GATEWAY_UNKNOWN", f"registered for {audience}: {known}", refused=False)
+    return Place(door, audience, found)
+
+
+def free_address() -> str:
+    """A loopback address on which every port of a controller is free.
+
+    Raises:
+        OSError: none was found.
+    """
+    return free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in PORTS))
+
+
+def begin_lease(place: Place, token: str, key: PrivateKey) -> Pending:
+    """A signed request for the lease. Whoever sends it needs the holder's key no more.
+
+    Args:
+        place: where.
+        token: its text.
+        key: of the token's leaf hop.
+    """
+    return session.begin(
         key=key,
-        url=url,
-        audience=audience,
+        url=place.door,
+        audience=place.audience,
         token=token,
-        verifier_key=gateway_key,
+        verifier_key=place.gateway_key,
         private=secrets.token_bytes(KEY_BYTES),
         nonce=secrets.token_bytes(NONCE_BYTES),
         at=int(time.time()),
         jti=secrets.token_urlsafe(JTI_BYTES),
     )
+
+
+def open_lease(door: str, token: str, pending: Pending) -> Leased:
+    """The motion lease of one robot, if nobody else has it.
+
+    Args:
+        door: canonical URL of the gateway's door.
+        token: its text.
+        pending: begun with it a moment ago.
+
+    Raises:
+        LeaseError: it is refused, or the gateway cannot be reached or believed.
+    """
     headers = {"Authorization": f"DPoP {token}", "DPoP": pending.proof, "Content-Type": "application/json"}
     try:
         with direct_http.client(TIMEOUT_S) as http:
-            answer = http.post(url, content=pending.body, headers=headers, follow_redirects=False)
+            answer = http.post(door, content=pending.body, headers=headers, follow_redirects=False)
     except httpx2.HTTPError as error:
-        raise LeaseError("GATEWAY_UNREACHABLE", f"{url}: {type(error).__name__}", refused=False) from error
+        raise LeaseError("GATEWAY_UNREACHABLE", f"{door}: {type(error).__name__}", refused=False) from error
     said = _members(answer.content)
     if answer.status_code != 201:
-        raise LeaseError(*_refusal(said.get("reason"), f"{url} answers {answer.status_code}"), refused=True)
+        raise LeaseError(*_refusal(said.get("reason"), f"{door} answers {answer.status_code}"), refused=True)
     lease_id, text, port = said.get("lease"), said.get("session"), said.get("port")
     if not (isinstance(lease_id, str) and isinstance(text, str) and type(port) is int and _ID.fullmatch(lease_id)):
         raise LeaseError("GATEWAY_NOT_BELIEVED", "its answer has another form", refused=False)
     opened = session.conclude(pending, text.encode(), at=time.time(), most_missing=LOSSLESS, caps=CAPS)
     if isinstance(opened, Fault):
         raise LeaseError("GATEWAY_NOT_BELIEVED", f"{opened.clause} {opened.detail}".strip(), refused=False)
-    return Leased(bytes.fromhex(lease_id), opened, (urlsplit(url).hostname or "", port))
+    return Leased(bytes.fromhex(lease_id), opened, (urlsplit(door).hostname or "", port))
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +201,11 @@ class Ended:
 
     early: Ending | None
     status: int
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether the lease was ended by another than the program, which closes its connections before it ends."""
+        return self.early not in {None, Ending.LEFT}
 
 
 async def lend(

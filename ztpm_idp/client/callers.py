@@ -209,6 +209,11 @@ class Agent(_Caller):
         self.measurement = measurement
         self._workload = workload
 
+    @property
+    def key(self) -> PrivateKey:
+        """Its private key, for what it signs to others than the identity provider."""
+        return self._key
+
     def attest(self) -> None:
         """The agent is active: it has shown its key and what it runs."""
         self._post(f"/agents/{self.id}/attestations", {"evidence": self._evidence("", bytes(32))})

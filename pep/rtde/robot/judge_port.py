@@ -37,7 +37,7 @@ class Steps(Protocol):
 
 
 class Holder(Protocol):
-    """Whose program it is: a lease, or whoever runs a program in the judge's own process."""
+    """Whose program it is: a lease, or the gateway's own tools."""
 
     @property
     def credentials(self) -> Credentials:

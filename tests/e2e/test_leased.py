@@ -1,0 +1,187 @@
+"""`ztpm.leased` before a cell with its gateway, real processes all: unmodified ur_rtde moves the arm for as long as a block lasts."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import textwrap
+import time
+
+import pytest
+from pep.rtde.robot.connections import DASHBOARD
+from tests.e2e.test_gateway import NO_WAY, House, stopped, tools_move
+from ztpm.cell.cell import PASSPHRASE_VARIABLE
+from ztpm.demo.eyes import Eyes
+from ztpm.demo.stage import until
+
+import ztpm
+
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180), pytest.mark.clause("LSD-8")]
+
+HEAD = """
+import json, sys, time
+import ztpm
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+NAME, TOKEN, DATA = sys.argv[1:]
+heard = []
+
+def say(*words):
+    print(json.dumps(words), flush=True)
+
+def robot(host):
+    control, receive = RTDEControlInterface(host), RTDEReceiveInterface(host)
+    return control, receive, receive.getActualQ()
+"""
+LONG = """
+    with ztpm.leased(NAME, TOKEN, data=DATA, told=heard.append) as host:
+        control, receive, q = robot(host)
+        there = [0.6 if q[0] < 0 else -0.6, *q[1:]]
+        assert control.moveJ(there, 0.4, 1.4, True)
+        while abs(receive.getActualQ()[0] - q[0]) < 0.05:
+            time.sleep(0.002)
+        say("under way")
+"""
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory):
+    house = House(tmp_path_factory.mktemp("leased"))
+    house.agent("mover")
+    yield house
+    house.stage.close()
+    house.cell.stop()
+
+
+@pytest.fixture
+def eyes(house):
+    with Eyes(house.cell.addresses.host) as eyes:
+        yield eyes
+        until(lambda: eyes.now().still, "standstill")
+
+
+class Program:
+    """A program that leases the robot itself."""
+
+    def __init__(self, house, text, holder="mover"):
+        token, data = house.issued[holder].token, str(house.cell.layout.root)
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", HEAD + textwrap.dedent(text), holder, token, data],
+            env=os.environ | NO_WAY | {PASSPHRASE_VARIABLE: house.cell.passphrase.decode()},
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+
+    def line(self):
+        return json.loads(self.process.stdout.readline() or "null")
+
+    def ended(self):
+        out, errors = self.process.communicate(timeout=60)
+        said = [line for line in out.splitlines() if line.startswith("[")]  # ur_rtde says something, too
+        return self.process.returncode, [json.loads(line) for line in said], errors
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.communicate()
+
+
+def ends(house):
+    """How many leases have ended so far."""
+    return len(house.endings())
+
+
+def given_back(house, before, ending="closed"):
+    """One lease has ended since, by its program, and the cell's tools have the arm again."""
+    until(lambda: house.endings()[before:] == [ending], "the end on record")
+    tools_move(house)
+
+
+def test_what_is_granted_moves_and_a_refusal_is_told(house, eyes):
+    before = ends(house)
+    with Program(house, """
+        with ztpm.leased(NAME, TOKEN, data=DATA, told=heard.append) as host:
+            control, receive, q = robot(host)
+            there = [q[0] + (0.2 if q[0] < 0 else -0.2), *q[1:]]
+            say(control.moveJ(there, 0.8, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
+            say(control.moveJ(q, 2.0, 1.4))
+            time.sleep(0.01)
+            say(control.moveJ(q, 0.8, 1.4), abs(receive.getActualQ()[0] - q[0]) < 1e-3)
+        say(*heard)
+    """) as program:  # fmt: skip
+        status, said, errors = program.ended()
+    *moves, heard = said
+    assert (status, moves) == (0, [[True, True], [False], [True, True]]), errors
+    (refused,) = heard
+    assert refused.startswith("LIMIT_EXCEEDED_BY_REQUEST: ")
+    given_back(house, before)
+
+
+def test_an_exception_in_the_block_stops_the_arm_and_ends_the_lease(house, eyes):
+    before = ends(house)
+    with Program(house, LONG + "        raise KeyError(time.monotonic())") as program:
+        began_s = time.monotonic()
+        assert program.line() == ["under way"]
+        status, _, errors = program.ended()
+    assert status == 1
+    stopped(eyes, began_s, float(errors.rpartition("KeyError: ")[2]))
+    given_back(house, before)
+
+
+def test_the_death_of_the_program_stops_the_arm_and_ends_the_lease(house, eyes):
+    before = ends(house)
+    with Program(house, LONG + "        time.sleep(60)") as program:
+        began_s = time.monotonic()
+        assert program.line() == ["under way"]
+        program.process.kill()
+        t0 = time.monotonic()
+        assert stopped(eyes, began_s, t0).within_bar
+    given_back(house, before, "left")  # its control connection has gone with it
+
+
+def test_a_revoked_token_ends_the_lease_before_the_block_and_that_is_told(house, eyes):
+    name = house.agent_to_revoke()
+    with Program(house, LONG + """
+        while not any("LEASE_OVER" in text for text in heard):
+            time.sleep(0.002)
+        say(control.moveJ(q, 0.4, 1.4))
+    say(heard[-1])
+    """, name) as program:  # fmt: skip
+        began_s = time.monotonic()
+        assert program.line() == ["under way"]
+        house.stage.person("alice").revoke("hop", house.issued[name].hop_id, reason="test")
+        stopped(eyes, began_s, time.monotonic())
+        status, said, errors = program.ended()
+    assert (status, said) == (0, [[False], ["LEASE_OVER: authority"]]), errors
+    assert house.endings()[-1] == "authority"
+    tools_move(house)
+
+
+def test_an_agent_leases_with_the_key_that_it_has_and_nobody_else_meanwhile(house, monkeypatch):
+    """The child is told a signed request and no key: it needs neither passphrase nor the cell's directory."""
+    monkeypatch.delenv(PASSPHRASE_VARIABLE, raising=False)
+    before, agent = ends(house), house.stage.agents["mover"]
+    asked = {"data": house.cell.layout.root, "told": lambda text: None}
+    with ztpm.leased(agent, house.issued["mover"].token, **asked) as host:
+        with socket.create_connection((host, DASHBOARD), 5.0) as link:
+            assert link.recv(64).startswith(b"Connected")
+        with pytest.raises(ztpm.LeaseError) as refused, ztpm.leased(agent, house.issued["mover"].token, **asked):
+            pass
+        assert (refused.value.code, refused.value.refused) == ("LEASE_HELD", True)
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection((host, DASHBOARD), 1.0).close()
+    given_back(house, before)
+
+
+@pytest.mark.parametrize(
+    ("asked", "code"),
+    [({"pep": "another"}, "GATEWAY_UNKNOWN"), ({"data": "/nonexistent"}, "NOT_A_CELL")],
+)
+def test_no_lease_without_a_gateway_that_is_known(house, asked, code):
+    agent = house.stage.agents["mover"]
+    with pytest.raises(ztpm.LeaseError) as refused:
+        with ztpm.leased(agent, house.issued["mover"].token, **{"data": house.cell.layout.root, **asked}):
+            pass
+    assert (refused.value.code, refused.value.refused) == (code, False)

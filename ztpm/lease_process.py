@@ -1,0 +1,183 @@
+"""A robot's lease for the time of a block: `with ztpm.leased(agent, token) as host:`.
+
+A process of its own carries the lease, as `ztpm rtde connect` does: the constructors of ur_rtde hold Python's
+interpreter while they wait for the robot's ports, so those ports cannot be served by the program's own process. The two
+speak over the child's standard input and output, a JSON object a line:
+
+    program > {"door", "token", "pending": {...}, "host"}   once; the end of input ends the lease
+    child   > {"ready": true}                               the ports are there
+    child   > {"code", "detail", "refused"}                 there is no lease
+    child   > {"told"}                                      why the gateway has refused something
+
+The agent's key stays in the program: the child gets a signed request for one session (`Pending`). It ends with the
+block, with an exception that leaves it, and with the program, however that dies: its standard input ends then.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import traceback
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, Final
+
+from capabilities.keys.keys import b64u, unb64u
+from capabilities.proof.session_opening import Pending
+from pep.base.key_file import read_key
+from pep.rtde.lease.lease import LEASE_OVER
+from ztpm.base.layout import Layout
+from ztpm.cell.setup import GATEWAY_ID
+from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
+from ztpm.program.refusal_lines import NAME, ToldLines, on_standard_error
+from ztpm_idp.client import Agent
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+DIRECTORY: Final = Path(".ztpm")
+"""As for `--data` of the command line."""
+ENDS_S: Final = 10.0
+"""Longest wait for the child's end, which takes some milliseconds."""
+PREFIX: Final = f"{NAME}: "
+TEXTS: Final = frozenset({"audience", "proof", "token"})
+"""Members of `Pending` that are text; the others are bytes, in base64url on their way."""
+
+
+@contextlib.contextmanager
+def leased(
+    agent: Agent | str,
+    token: str,
+    *,
+    data: Path | str = DIRECTORY,
+    gateway: str = "",
+    audience: str = "",
+    pep: str = GATEWAY_ID,
+    address: str = "",
+    told: Callable[[str], None] = lambda text: on_standard_error(PREFIX + text),
+) -> Iterator[str]:
+    """A block in which the agent has the robot's motion lease; the value is the robot's address for ur_rtde.
+
+    The lease ends with the block. It ends earlier when its token does, when the program closes its control connection,
+    or when the gateway says so; then every connection is closed, and `told` is given `LEASE_OVER` and why.
+
+    Args:
+        agent: the token's holder, or its name: then its key is read from the cell's directory, with the passphrase in
+            `ZTPM_PASSPHRASE`.
+        token: its text.
+        data: the cell's directory.
+        gateway: URL of the gateway's door, in place of the cell's own.
+        audience: canonical URL of the cell, as the token names it, in place of its own.
+        pep: id of the gateway, as it is registered.
+        address: on this machine, where the robot is to be found; a free loopback one by default.
+        told: is given each reason for which the gateway has refused something, a line of text, on a thread of its own.
+            Standard error by default.
+
+    Raises:
+        LeaseError: there is no lease: it is refused, or the gateway cannot be found, reached or believed.
+        ConfigError: `CONFIG_INVALID`: the key of a named agent cannot be read.
+        OSError: no address is free.
+    """
+    layout = Layout(Path(data).resolve())
+    key = agent.key if isinstance(agent, Agent) else read_key(layout.agent_key(agent), name=agent)
+    place = place_of(layout, door=gateway, audience=audience, pep=pep)
+    host = address or free_address()
+    pending = {
+        name: value if name in TEXTS else b64u(value) for name, value in asdict(begin_lease(place, token, key)).items()
+    }
+    asked = {"door": place.door, "token": token, "pending": pending, "host": host}
+    child = subprocess.Popen(  # noqa: S603 - our own interpreter and our own module
+        [sys.executable, "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        start_new_session=True,  # Ctrl-C is the program's: the lease ends when its block does
+    )
+    assert child.stdin is not None
+    assert child.stdout is not None
+    hearing = threading.Thread(target=_hear, args=(child.stdout, told), name="leased", daemon=True)
+    try:
+        with contextlib.suppress(BrokenPipeError):  # why it has ended already is asked below
+            child.stdin.write(json.dumps(asked).encode() + b"\n")
+            child.stdin.flush()
+        _begun(child.stdout)
+        hearing.start()
+        yield host
+    finally:
+        with contextlib.suppress(BrokenPipeError):
+            child.stdin.close()
+        try:
+            child.wait(ENDS_S)
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.wait()
+        if hearing.ident is not None:
+            hearing.join(ENDS_S)
+        child.stdout.close()
+
+
+def _begun(said: IO[bytes]) -> None:
+    """The child serves the ports.
+
+    Raises:
+        LeaseError: it does not.
+    """
+    line = said.readline()
+    answer: dict[str, Any] = json.loads(line) if line else {"code": "NOT_BEGUN", "detail": "", "refused": False}
+    if "ready" not in answer:
+        raise LeaseError(answer["code"], answer["detail"], refused=answer["refused"])
+
+
+def _hear(said: IO[bytes], told: Callable[[str], None]) -> None:
+    """Tells what the child tells, until it has ended. A callback that breaks is shown, and given the next one."""
+    for line in said:
+        try:
+            told(json.loads(line)["told"])
+        except Exception:  # noqa: BLE001 - it is the program's own
+            traceback.print_exc()
+
+
+# ---- the child
+
+
+def _say(**members: object) -> None:
+    sys.stdout.write(json.dumps(members) + "\n")
+    sys.stdout.flush()
+
+
+def _end_with_input() -> None:
+    """Whoever asked for the lease wants it no more, or is gone."""
+    sys.stdin.buffer.read()
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def main() -> None:
+    """Carries one lease. Exit code 1 when there was none."""
+    asked = json.loads(sys.stdin.buffer.readline())
+    pending: dict[str, Any] = {
+        name: value if name in TEXTS else unb64u(value) for name, value in asked["pending"].items()
+    }
+    try:
+        lease = open_lease(asked["door"], asked["token"], Pending(**pending))
+        threading.Thread(target=_end_with_input, name="input", daemon=True).start()
+        with ToldLines(lambda line: _say(told=line.removeprefix(PREFIX))) as lines:
+            ended = asyncio.run(
+                lend(lease, asked["host"], [], begun=lambda: _say(ready=True), told=lines.tell),
+            )
+            if ended.cut_short:
+                lines.tell(f"{LEASE_OVER}: {ended.early}")
+    except LeaseError as error:
+        _say(code=error.code, detail=error.detail, refused=error.refused)
+        sys.exit(1)
+    except OSError as error:
+        _say(code="NOT_BEGUN", detail=str(error), refused=False)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()
