@@ -5,8 +5,14 @@ A person lends a scope to an agent (`mint`), an agent lends part of it on (`dele
 or a socket.
 """
 
+from capabilities.keys.keys import generate as generate_key
+from capabilities.keys.keys import public_raw
 from capabilities.keys.trust import TrustBundle
+from capabilities.keys.windows import Role
 from capabilities.proof.proof import Proof, check_proof, prove
+from capabilities.rotation.rotation import KeyRing
+from capabilities.rotation.rotation import begin as begin_key_ring
+from capabilities.statements.revocation import RevocationView
 from capabilities.token.delegate import delegate
 from capabilities.token.mint import mint
 from capabilities.token.token_text import token_from_text, token_to_text
@@ -14,15 +20,20 @@ from capabilities.token.verify import Verifier, inspect_token, tightest, verify
 from capabilities.values.algebra import Narrowing, apply, hop, meet, narrows, stated
 from capabilities.values.bounds import one_of
 from capabilities.values.boxes import box
+from capabilities.values.caps import DEFAULT as DEFAULT_CAPS
+from capabilities.values.caps import Caps
 from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, HopGrant, Refusal, Sponsor
 from capabilities.values.errors import CapabilityError, Fault, FaultCode, ScopeError, StatementError, TokenError
 from capabilities.values.explanation import Explanation, explain, explanation_to_json, repair
 from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier, Widening
 from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
+from capabilities.values.units import Parameter, Quantity, Unit
 
 __all__ = [
+    "DEFAULT_CAPS",
     "Attestation",
     "CapabilityError",
+    "Caps",
     "Chain",
     "EvidenceKind",
     "Explanation",
@@ -31,13 +42,18 @@ __all__ = [
     "Grant",
     "Hop",
     "HopGrant",
+    "KeyRing",
     "Limit",
     "Narrowing",
     "OneOf",
+    "Parameter",
     "Proof",
+    "Quantity",
     "Range",
     "Refusal",
     "Restriction",
+    "RevocationView",
+    "Role",
     "Scope",
     "ScopeError",
     "Sponsor",
@@ -45,14 +61,17 @@ __all__ = [
     "Tier",
     "TokenError",
     "TrustBundle",
+    "Unit",
     "Verifier",
     "Widening",
     "apply",
+    "begin_key_ring",
     "box",
     "check_proof",
     "delegate",
     "explain",
     "explanation_to_json",
+    "generate_key",
     "hop",
     "inspect_token",
     "meet",
@@ -60,6 +79,7 @@ __all__ = [
     "narrows",
     "one_of",
     "prove",
+    "public_raw",
     "repair",
     "restriction_from_json",
     "restriction_to_json",

@@ -1,4 +1,6 @@
-"""Writes docs/primitives.md from the catalog and docs/schemas from the forms of files: `python -m docs.generate`.
+"""Writes docs/primitives.md, docs/cli.md and docs/schemas from the code: `python -m docs.generate`.
+
+The catalog gives the primitives, the command line its own page, and the forms of files the schemas.
 
 With `--check` nothing is written, and a difference fails.
 """
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
 
 WIDTH: Final = 120
 PAGE: Final = Path(__file__).with_name("primitives.md")
+COMMANDS: Final = Path(__file__).with_name("cli.md")
 SCHEMAS: Final = Path(__file__).with_name("schemas")
 
 OPENING: Final = """# The 25 primitives
@@ -195,10 +198,12 @@ def page() -> str:
 
 def generated() -> dict[Path, str]:
     """Every generated file and its whole text."""
+    from docs import command_page
     from pep.pit import schemas
+    from ztpm.cli import app
 
     files = {"scene": schemas.scene_schema(), "motion": schemas.motion_schema()}
-    return {PAGE: page()} | {
+    return {PAGE: page(), COMMANDS: command_page.page(app)} | {
         SCHEMAS / f"{name}.schema.json": json.dumps(schema, indent=2) + "\n" for name, schema in files.items()
     }
 

@@ -3,7 +3,6 @@
 import importlib
 import json
 import re
-import shlex
 import subprocess
 import sys
 import time
@@ -11,7 +10,6 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
-import typer.main
 from capabilities.keys import keys
 from capabilities.rotation import rotation
 from capabilities.statements import cell
@@ -27,7 +25,6 @@ from ztpm.base.layout import new_key
 from ztpm.cell import survey
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
 from ztpm.cell.setup import GATEWAY_ID
-from ztpm.cli import app
 from ztpm.point.cell_config import read_cell, read_key, read_policies, read_robot, read_trust
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.stage.stage import LEFT
@@ -36,7 +33,6 @@ rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not instal
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "deployment.md").read_text("utf-8")
-README = (DOCS.parent / "README.md").read_text("utf-8")
 DRAFT, CONFIG = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
 (PROGRAM,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 GATEWAY = GatewayConfig.from_toml(CONFIG)
@@ -106,30 +102,6 @@ def test_what_it_names_is_there():
     codes = re.findall(r"`([A-Z_]{5,})`", table)
     assert codes
     assert set(codes) <= set(PepFault)
-
-
-def commands(text):
-    """Every `ztpm ...` line of a page's blocks, and every one in its text that has options."""
-    blocks = re.findall(r"```sh\n(.*?)```", text, re.DOTALL)
-    lines = [line.split("#")[0] for block in blocks for line in block.splitlines()]
-    lines += re.findall(r"`(ztpm [^`|\[…]*)`", text)
-    return [words for line in lines if (words := shlex.split(line))[:1] == ["ztpm"]]
-
-
-@pytest.mark.parametrize("text", [PAGE, README], ids=["deployment", "readme"])
-def test_the_commands_are_there_with_their_options(text):
-    said = commands(text)
-    assert len(said) > 5
-    for words in said:
-        own = words[1 : words.index("--") if "--" in words else None]
-        options = {word.split("=")[0] for word in own if word.startswith("--")}
-        at = typer.main.get_command(app)
-        for word in own:
-            if word.startswith("--") or not hasattr(at, "commands"):
-                break
-            assert word in at.commands, words
-            at = at.commands[word]
-        assert options <= {option for parameter in at.params for option in parameter.opts}, words
 
 
 def test_the_scope_is_one_for_the_first_move():
