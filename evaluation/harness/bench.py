@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import time
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from evaluation.harness import timing
 from evaluation.harness.absent import AbsentError
@@ -33,7 +33,7 @@ class Key(Protocol):
     def peer(self) -> str:
         """Who answers."""
 
-    __dataclass_fields__: Any
+    __dataclass_fields__: ClassVar[dict[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +217,7 @@ def _row(cell: Cell[K], series: Series) -> Row[K]:
     row = Row(cell.of, overruns=series.overruns)
     if not series.count:
         return replace(row, why=GAVE_UP)
-    figures = {name: round(us, DIGITS) for name, us in series.figures().items()}
+    figures: dict[str, Any] = {name: round(us, DIGITS) for name, us in series.figures().items()}
     return replace(row, **figures, n=series.count, checks=cell.checks)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
@@ -22,7 +22,7 @@ def table(title: str, left: Sequence[str], right: Sequence[str] = (), rows: Iter
     return made
 
 
-def pivot(title: str, left: Sequence[str], cells: Mapping[tuple[tuple[str, ...], str], str]) -> Table:
+def pivot(title: str, left: Sequence[str], cells: Mapping[tuple[Any, str], str]) -> Table:
     """A row for each first key and a column for each second one, both in the order in which they come.
 
     Args:

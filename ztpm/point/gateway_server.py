@@ -7,8 +7,8 @@ finds the same ports at the end of its carriage, and there what its token allows
 it, the cell's tools have the arm, over lines of their own to the same ports. The passphrase of the PEP's key comes from
 the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready": true`. SIGTERM stops the arm
 first and everything else after it. With `--reports` it tells whoever started it how things stand
-(ztpm/base/report_server.py).
-With `--unsafe-observe` it enforces no policy (pep/gate/observe_only.py), and starts before a simulated controller alone.
+(ztpm/base/report_server.py). With `--unsafe-observe` it enforces no policy (pep/gate/observe_only.py), and starts
+before a simulated controller alone.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.cell import Cell
-    from pep.rtde.judge.stream_values import Certifying
     from pep.gate.observe_only import Simulated
+    from pep.rtde.judge.stream_values import Certifying
     from pep.rtde.lease.lease import Lease
     from pep.rtde.robot.judge_port import Held, Holder
     from pep.rtde.wire.refusal import Refused
