@@ -107,7 +107,7 @@ def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Asse
         assessment: the answer.
     """
     cell = situation.cell
-    scene = Scene.of_cell(cell) if situation.scene is None else situation.scene
+    scene = cell.surveyed if situation.scene is None else situation.scene
     age_s = view_of(situation.scene, situation.age_s, cell).stopping_age_s
     route = route_of(robot, motion, cell, perception_age_s=age_s)
     whole = route.duration_s

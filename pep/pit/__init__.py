@@ -23,7 +23,8 @@ from pep.pit.cell import (
 )
 from pep.pit.chain import robot_of
 from pep.pit.errors import CellError, ModelError, PitError, SceneError
-from pep.pit.held import Held, gripped, unknown_part
+from pep.pit.gripped_object import Held
+from pep.pit.held import gripped, unknown_part
 from pep.pit.motion import (
     GripperMove,
     JointLeg,

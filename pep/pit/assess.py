@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, assert_never
 from pep.pit.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, MILLI, Assessment, micro, milli, seen
 from pep.pit.driven import DriveQuestion
 from pep.pit.driving import PathQuestion, drive_of
-from pep.pit.engine import chosen
 from pep.pit.errors import PitError
 from pep.pit.grip import gripping
 from pep.pit.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
@@ -22,6 +21,7 @@ from pep.pit.moves import MoveQuestion
 from pep.pit.oracle import Disagreement
 from pep.pit.outputs import output_cause
 from pep.pit.question import as_run, deadline, refuse_nonsense, view_around
+from pep.pit.readiness import compile_all
 from pep.pit.tier import MOVING, tier_of
 from pep.pit.view import view_of
 from policies.evidence.evidence import Contribution, ImpactFault
@@ -79,7 +79,7 @@ def _assess(
     seed: bytes,
     clock: Callable[[], float],
 ) -> Assessment | ImpactFault:
-    chosen()  # compiled, where it is the first call of all, before the time is counted
+    compile_all()  # compiled, where it is the first call of all, before the time is counted
     check_time = deadline(clock, cell.time_limit_s)
     refuse_nonsense(robot, motion, cell, touch)
     match motion:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pep.pit.motion import Floats, Profile
     from pep.pit.pairs import Pairs
     from pep.pit.route import Route
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
 
 DEPTH: Final = 7  # halvings; what is still open then counts with its bound
 RESOLUTION: Final = 0.01  # PHY-4: ratio within which bound and attained value may differ

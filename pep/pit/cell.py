@@ -295,7 +295,7 @@ def _defect(cell: CellParameters) -> str | None:
     if cell.tracking_tolerance_m > cell.robot_uncertainty_m:
         return "tracking_tolerance_m is more than the robot's whole uncertainty"
     try:
-        return Scene.of_cell(cell).defect()
+        return cell.surveyed.defect()
     except CellError as error:
         return error.detail
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from pep.pit.errors import WorkLimitError
 from pep.pit.obstacles import VIOLABLE, Kind
-from pep.pit.path import GRID, Leaves
+from pep.pit.path import GRID
+from pep.pit.route import Leaves
 from pep.pit.tier import TIE
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from pep.pit.motion import Floats, Profile
     from pep.pit.pairs import Pairs
     from pep.pit.route import Route
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
 
 FIRST_CUT_LEAST: Final = 8  # intervals of the first cut; fewer only add a level
 FIRST_CUT_MOST: Final = 64  # more cost time on every pair

@@ -16,8 +16,8 @@ import numpy as np
 
 from pep.pit.clearance import core_distance, interval_clearance
 from pep.pit.kinematics import Poses, layout, poses
-from pep.pit.path import CHORD, GRID, Leaves
-from pep.pit.route import Route
+from pep.pit.path import CHORD, GRID
+from pep.pit.route import Leaves, Route
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from pep.pit.kinematics import Layout
     from pep.pit.motion import Floats
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Keys
     from pep.pit.robot import Robot
+    from pep.pit.route import Keys
     from pep.pit.track import Track
 
 

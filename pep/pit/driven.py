@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from pep.pit.motion import Floats, Joints, Profile
     from pep.pit.pairs import Pairs
     from pep.pit.parameters import Ratio
-    from pep.pit.path import Keys, Leaves
     from pep.pit.robot import Robot
-    from pep.pit.separation import Stopping
+    from pep.pit.route import Keys, Leaves
+    from pep.pit.travel import Stopping
     from pep.pit.view import View
 
 DOUBTFUL: Final = 3.0  # PHY-18: index of what is not proven to its end

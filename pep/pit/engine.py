@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 from pep.pit.blow import blow_ratio
 from pep.pit.certify import certify, fits
+from pep.pit.parameters import Demands
 from pep.pit.path import Path
-from pep.pit.scene import Scene
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pep.pit.certify import Certified, Fit
     from pep.pit.motion import Straight
     from pep.pit.robot import Robot
+    from pep.pit.scene import Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class Engine:
         name: in every assessment and record.
         path: a path of one robot.
         certify, fits, blow_ratio: as the functions of these names in `pep.pit.certify` and `pep.pit.blow`.
+        demands: what a move on such a path demands of the arm.
         slows: whether `certify` also answers at what speed the index of the pairs is a tier lower, when asked.
     """
 
@@ -37,10 +39,11 @@ class Engine:
     certify: Callable[..., Certified]
     fits: Callable[..., Fit]
     blow_ratio: Callable[..., float]
+    demands: Callable[[Path, CellParameters], Demands]
     slows: bool = False
 
 
-NUMPY: Final = Engine("numpy-1", Path, certify, fits, blow_ratio)
+NUMPY: Final = Engine("numpy-1", Path, certify, fits, blow_ratio, Demands)
 
 
 @cache
@@ -48,17 +51,17 @@ def chosen() -> Engine:
     """The engine of this installation. The first call compiles it, or reads what was compiled before."""
     if find_spec("numba") is None:
         return NUMPY
-    from pep.pit.kernel import confirm, courses, demands
+    from pep.pit.kernel import courses, demands
     from pep.pit.kernel.engine import CompiledPath, compile_all
 
     compile_all()
     demands.compile_all()
-    confirm.compile_all()
     courses.compile_all()  # `pep.pit.curved` chooses them: what is ready for the one is ready for the other
-    return Engine("numba-1", CompiledPath, CompiledPath.certify, CompiledPath.fits, CompiledPath.blow_ratio, slows=True)
+    path = CompiledPath
+    return Engine("numba-1", path, path.certify, path.fits, path.blow_ratio, demands.CompiledDemands, slows=True)
 
 
 def chosen_for(scene: Scene | None, cell: CellParameters) -> Engine:
     """The engine for questions about this scene, or without one about the bare cell: polytopes have numpy's alone."""
-    solids = (Scene.of_cell(cell) if scene is None else scene).solids
+    solids = (cell.surveyed if scene is None else scene).solids
     return NUMPY if solids.hulls else chosen()

@@ -16,7 +16,7 @@ from pep.pit.errors import ModelError
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from pep.pit.model import Vector
+    from pep.pit.shape import Vector
 
 BYTES: Final = 1_048_576  # ours: a UR description expands to some 30 kB
 DEPTH: Final = 16  # ours: robot, link, collision, geometry, shape are five

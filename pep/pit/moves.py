@@ -14,7 +14,6 @@ from pep.pit.engine import chosen_for
 from pep.pit.motion import profile_of
 from pep.pit.oracle import Disagreement, cross_check
 from pep.pit.pairs import pairs_of
-from pep.pit.parameters import demands_of
 from pep.pit.separation import stopping
 from pep.pit.slower import highest_speed
 from pep.pit.tier import HIGHEST, MOVING, TIE, tier_of
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from pep.pit.path import Path
     from pep.pit.robot import Robot
     from pep.pit.route import Route
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
     from pep.pit.view import View
 
 SLOWEST_RAD_S: Final = 0.01  # slower than this is of no use, so no lower tier is named
@@ -79,7 +78,7 @@ class MoveQuestion:
         path = self.engine.path(self.robot, self.move)
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
         pairs = self._with_meant(path, bare, profile)
-        demands = demands_of(self.engine, path, self.cell)
+        demands = self.engine.demands(path, self.cell)
         ratios = demands.ratios(profile)
         speeds = demands.surface_speed_m_s(profile)
         speed = float(speeds[: self.robot.world_bodies].max())

@@ -33,7 +33,7 @@ def scene_observed(observations: Iterable[wire.Observation], cell: CellParameter
     Raises:
         SceneError: a region or kind that is not in the declared sets.
     """
-    known = Scene.of_cell(cell)
+    known = cell.surveyed
     taken = {o.id for o in known.objects} | {z.id for z in known.zones}
     people: list[Person] = []
     objects: list[Thing] = []

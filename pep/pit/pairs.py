@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pep.pit.motion import Floats
     from pep.pit.robot import Robot
     from pep.pit.scene import Scene, Workspace
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
 
 SCENES_KEPT: Final = 4  # with people where they are seen and where they may have come meanwhile
 

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pep.pit.contact import payload_kg
-from pep.pit.engine import NUMPY
 from pep.pit.motion import profile_of
 from pep.pit.slower import highest_speed
 from pep.pit.speeds import Intervals
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from pep.pit.cell import CellParameters
-    from pep.pit.engine import Engine
     from pep.pit.motion import Floats, Profile, Run
     from pep.pit.path import Path
     from pep.pit.robot import Robot
@@ -93,15 +91,6 @@ def body_ratios(
 def carried_ratio(robot: Robot, cell: CellParameters) -> float:
     """Mass of the tool and of all that is carried, by what the robot may carry."""
     return (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg
-
-
-def demands_of(engine: Engine, path: Path, cell: CellParameters) -> Demands:
-    """What the move on this path of that engine demands."""
-    if engine is NUMPY:
-        return Demands(path, cell)
-    from pep.pit.kernel.demands import CompiledDemands  # here, since numba may be missing
-
-    return CompiledDemands(path, cell)
 
 
 class Demands:

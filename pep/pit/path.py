@@ -6,15 +6,14 @@ name.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from pep.pit.clearance import core_distance, interval_clearance
 from pep.pit.kinematics import Poses, bending, layout, poses
-from pep.pit.route import Route
+from pep.pit.route import Leaves, Route
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,53 +22,10 @@ if TYPE_CHECKING:
     from pep.pit.motion import Floats, Straight
     from pep.pit.pairs import Pairs
     from pep.pit.robot import Robot
-
-    Keys = NDArray[np.int64]
+    from pep.pit.route import Keys
 
 GRID: Final = 2**24  # 6 bits for the first cut, 14 for halvings, 1 for midpoints, 3 to spare
 CHORD: Final = 32  # 1 / (8 * 2^2): the chord lemma's h^2 / 8 with a third node in the middle
-
-
-@dataclass(frozen=True, slots=True)
-class Leaves:
-    """Rows of (interval, pair) with what was found there.
-
-    Attributes:
-        low, high: the interval, in GRID units.
-        pair: index into the pairs.
-        clear_m: proven: clearance on the whole interval is at least this.
-        rush: proven: surface speed per unit of ds/dt on the whole interval is at most this, metre.
-        clear_mid_m, rush_mid: the same two, exactly, at the middle.
-    """
-
-    low: Keys
-    high: Keys
-    pair: NDArray[np.intp]
-    clear_m: Floats
-    rush: Floats
-    clear_mid_m: Floats
-    rush_mid: Floats
-
-    def __len__(self) -> int:
-        """How many rows."""
-        return len(self.low)
-
-    def take(self, which: NDArray[Any]) -> Leaves:
-        """These rows."""
-        return Leaves(*(getattr(self, f.name)[which] for f in fields(self)))
-
-    @property
-    def mid(self) -> Keys:
-        """Middles of the intervals."""
-        return (self.low + self.high) // 2
-
-    @staticmethod
-    def joined(parts: list[Leaves]) -> Leaves:
-        """All rows of all parts."""
-        return Leaves(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Leaves)))
-
-
-NO_LEAVES: Final = Leaves(*(np.zeros(0, dtype=np.int64),) * 3, *(np.zeros(0),) * 4)
 
 
 class Path(Route):

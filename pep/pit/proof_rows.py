@@ -23,9 +23,10 @@ if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
     from pep.pit.motion import Floats, Profile
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Leaves, Path
+    from pep.pit.path import Path
     from pep.pit.robot import Robot
-    from pep.pit.separation import Stopping
+    from pep.pit.route import Leaves
+    from pep.pit.travel import Stopping
 
 ALL_BUT_ON_IT: Final = 1e-6  # rad: what Newton leaves beside a line, with much room
 CLEARLY: Final = 1e-3  # of an index: far more than that can count

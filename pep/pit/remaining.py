@@ -15,13 +15,13 @@ import numpy as np
 
 from pep.pit.assessment import milli
 from pep.pit.drive_rest import rests_of
-from pep.pit.engine import chosen
 from pep.pit.errors import MotionError, PitError
 from pep.pit.grip import gripping
 from pep.pit.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
 from pep.pit.oracle import Disagreement
 from pep.pit.outputs import output_cause
 from pep.pit.question import as_run, deadline, refuse_nonsense, six_finite
+from pep.pit.readiness import compile_all
 from pep.pit.rest import FULL, OFF_PATH, PERCEPTION, Pace, Remaining, Rest, against, strays_m
 from pep.pit.slowing import paced
 from pep.pit.tier import HIGHEST
@@ -73,7 +73,7 @@ def remaining(
         clock: monotonic seconds; the answer comes within `cell.watch_time_limit_s` or is a fault.
     """
     try:
-        chosen()  # compiled, where it is the first call of all, before the time is counted
+        compile_all()  # compiled, where it is the first call of all, before the time is counted
         check_time = deadline(clock, cell.watch_time_limit_s)
         spare = deadline(clock, cell.pacing_time_limit_s)
         answer = _remaining(

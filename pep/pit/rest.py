@@ -21,7 +21,6 @@ from pep.pit.errors import WorkLimitError
 from pep.pit.motion import STILL_RAD, profile_of
 from pep.pit.obstacles import VIOLABLE
 from pep.pit.pairs import pairs_of
-from pep.pit.parameters import demands_of
 from pep.pit.path import GRID
 from pep.pit.question import view_around
 from pep.pit.separation import stopping
@@ -37,11 +36,10 @@ if TYPE_CHECKING:
     from pep.pit.departure import JointLimits
     from pep.pit.motion import Floats, Joints, Profile, Run
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Leaves
     from pep.pit.robot import Robot
-    from pep.pit.route import Route
+    from pep.pit.route import Leaves, Route
     from pep.pit.scene import Scene
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
     from pep.pit.view import View
 
 PER_MILLI: Final = 1e-3  # index by index_milli
@@ -172,7 +170,7 @@ class Rest:
         self.limits = joint_limits(self.robot, path.q(s).tolist(), run.target)
         if self.limits.broken:
             return Remaining(holds=False, index_milli=milli(HIGHEST), cause=JOINT_LIMIT)
-        self.demands = demands_of(engine, path, cell)
+        self.demands = engine.demands(path, cell)
         # 2. The view, without what the arm holds, wherever that was seen to be on the way here: at whatever speed.
         speeds = self.demands.surface_speed_m_s(profile)
         self.look_around(scene, age_s, touch, speeds)

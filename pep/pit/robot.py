@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.calibration import Calibration
-    from pep.pit.held import Held
+    from pep.pit.gripped_object import Held
 
 
 @dataclass(frozen=True, slots=True)

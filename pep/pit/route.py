@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -15,8 +16,51 @@ if TYPE_CHECKING:
     from pep.pit.kinematics import Layout, Poses
     from pep.pit.motion import Floats
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Keys, Leaves
     from pep.pit.robot import Robot
+
+    Keys = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Leaves:
+    """Rows of (interval, pair) with what was found there.
+
+    Attributes:
+        low, high: the interval, in GRID units.
+        pair: index into the pairs.
+        clear_m: proven: clearance on the whole interval is at least this.
+        rush: proven: surface speed per unit of ds/dt on the whole interval is at most this, metre.
+        clear_mid_m, rush_mid: the same two, exactly, at the middle.
+    """
+
+    low: Keys
+    high: Keys
+    pair: NDArray[np.intp]
+    clear_m: Floats
+    rush: Floats
+    clear_mid_m: Floats
+    rush_mid: Floats
+
+    def __len__(self) -> int:
+        """How many rows."""
+        return len(self.low)
+
+    def take(self, which: NDArray[Any]) -> Leaves:
+        """These rows."""
+        return Leaves(*(getattr(self, f.name)[which] for f in fields(self)))
+
+    @property
+    def mid(self) -> Keys:
+        """Middles of the intervals."""
+        return (self.low + self.high) // 2
+
+    @staticmethod
+    def joined(parts: list[Leaves]) -> Leaves:
+        """All rows of all parts."""
+        return Leaves(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Leaves)))
+
+
+NO_LEAVES: Final = Leaves(*(np.zeros(0, dtype=np.int64),) * 3, *(np.zeros(0),) * 4)
 
 
 class Route(ABC):

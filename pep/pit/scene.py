@@ -11,7 +11,7 @@ import json
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from pep.pit.cores import cast_of
 from pep.pit.shape import (
@@ -22,16 +22,13 @@ from pep.pit.shape import (
     Shape,
     Sphere,
     Vector,
+    Workspace,
     sound,
     spans,
 )
 from pep.pit.solids import solids_of
-from pep.pit.strict import STRICT
 
 if TYPE_CHECKING:
-    from pydantic import ConfigDict
-
-    from pep.pit.cell import CellParameters
     from pep.pit.cores import Cast
     from pep.pit.solids import Solids
 
@@ -123,15 +120,6 @@ class Zone:
     source: str = CELL_FILE
 
 
-@dataclass(frozen=True, slots=True)
-class Workspace:
-    """The box that no part of the moving arm may leave."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT
-    low_m: Vector
-    high_m: Vector
-
-
 @dataclass(frozen=True)
 class Scene:
     """Everything around the arm. What follows from it alone is computed once: it never changes.
@@ -146,11 +134,6 @@ class Scene:
     zones: tuple[Zone, ...] = ()
     workspace: Workspace | None = None
     complete: bool = True
-
-    @staticmethod
-    def of_cell(cell: CellParameters) -> Scene:
-        """What is known without any perception: the surveyed part of the cell."""
-        return cell.surveyed
 
     def oldest(self) -> Person | Thing | None:
         """Whoever or whatever was not seen for longest when its sensor spoke of it, or None when nobody was late."""

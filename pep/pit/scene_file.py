@@ -15,7 +15,7 @@ from pydantic import Field, TypeAdapter
 from pep.pit.adult import adult_at_distance, standing_adult
 from pep.pit.cell import CellParameters  # noqa: TC001 - pydantic reads the annotation at run time
 from pep.pit.files import FileError, formed
-from pep.pit.held import Held
+from pep.pit.gripped_object import Held
 from pep.pit.scene import (
     PEOPLE_LIMIT,
     REGIONS_LIMIT,
@@ -192,7 +192,7 @@ def situation_of(value: object) -> Situation:
     if wrong is not None:
         raise FileError("PARAMETERS_WRONG", "scene.cell", wrong)
     scene = None if stated.view is None else _scene(stated.view, cell)
-    known = {thing.id for thing in (Scene.of_cell(cell) if scene is None else scene).objects}
+    known = {thing.id for thing in (cell.surveyed if scene is None else scene).objects}
     for row, contact in enumerate(cell.contacts):
         if contact.object not in known:
             raise FileError("PARAMETERS_WRONG", f"scene.cell.contacts.{row}.object", "no such object")
@@ -217,7 +217,7 @@ def _say_objects(value: Any) -> None:
 def _scene(view: SeenView, cell: CellParameters) -> Scene:
     if not view.source.signed:
         raise FileError("PERCEPTION_INVALID", "scene.view.source.signed", "a view that no sensor signed")
-    known = Scene.of_cell(cell)
+    known = cell.surveyed
     things = tuple(
         _thing(seen, f"scene.view.objects.{row}", cell, view.source.sensor) for row, seen in enumerate(view.objects)
     )

@@ -11,14 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import pinocchio
 
-from pep.pit.oracle import (
-    SPEED_TOLERANCE_M_S,
-    Agreement,
-    Disagreement,
-    World,
-    fractions,
-    judged_where_near,
-)
+from pep.pit.oracle import Agreement, Disagreement, fractions, judged_where_near, look
+from pep.pit.world import SPEED_TOLERANCE_M_S, World
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,7 +23,7 @@ if TYPE_CHECKING:
     from pep.pit.pairs import Pairs
     from pep.pit.robot import Robot
     from pep.pit.scene import Scene
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
     from pep.pit.twist import Twist
 
 POSE_TOLERANCE: Final = 1e-8  # m and rad; Newton ends at 1e-11
@@ -65,7 +59,7 @@ def drive_check(
     at = np.array([q for q, _ in angles])
     moving_at = np.array([dq * rate for (_, rate), (_, dq) in zip(places, angles, strict=True)])
     kernel = np.array([course.clearance_at(pairs, witness.key, every) for witness in watched]).reshape(-1, len(pairs))
-    sight = world.look(at, moving_at, kernel, stop=stop, since=len(met), upper=certified.upper)
+    sight = look(world, at, moving_at, kernel, stop=stop, since=len(met), upper=certified.upper)
     if not sight.agrees:
         return Disagreement("clearance at the witness")
     for k, witness in enumerate(watched):

@@ -67,6 +67,15 @@ class Convex:
 Shape: TypeAlias = Capsule | Sphere | Box | Convex
 
 
+@dataclass(frozen=True, slots=True)
+class Workspace:
+    """The box that no part of the moving arm may leave."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    low_m: Vector
+    high_m: Vector
+
+
 def sound(shape: Shape) -> bool:
     """Whether all its numbers are finite and of a possible size, and it has an extent."""
     match shape:

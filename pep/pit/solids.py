@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
     from pep.pit.hull import Hull
     from pep.pit.motion import Floats
-    from pep.pit.scene import Workspace
-    from pep.pit.shape import Quaternion, Shape, Vector
+    from pep.pit.shape import Quaternion, Shape, Vector, Workspace
 
 Plane = tuple["Vector", float]
 """Outward normal and offset."""

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.motion import Floats, Profile
-    from pep.pit.path import Keys, Path
+    from pep.pit.path import Path
+    from pep.pit.route import Keys
 
 FINER: Final = 2  # halves of the first cut to begin with: a quarter of the slack
 INDEX_WITHIN: Final = 0.005  # PHY-7: of the index of a ratio, between what is proven and what is attained

@@ -22,16 +22,17 @@ from pep.pit.engine import NUMPY, chosen, chosen_for
 from pep.pit.errors import PitError
 from pep.pit.held import without_held
 from pep.pit.motion import MoveJ, ServoJ, SpeedJ
-from pep.pit.oracle import SPEED_TOLERANCE_M_S, Disagreement, World, cross_check_rest, judged
+from pep.pit.oracle import Disagreement, cross_check_rest, judged
 from pep.pit.pairs import pairs_of
-from pep.pit.path import Leaves
 from pep.pit.question import refuse_nonsense, refuse_unreal
 from pep.pit.rest import PER_MILLI
+from pep.pit.route import Leaves
 from pep.pit.scene import Convex
 from pep.pit.separation import stopping
 from pep.pit.stream import stream_envelope
 from pep.pit.tier import tier_of
 from pep.pit.view import view_of
+from pep.pit.world import SPEED_TOLERANCE_M_S, World
 from policies.evidence.evidence import ImpactFault
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:
     from pep.pit.motion import Floats
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
 
 TIE: Final = 1e-9  # one constant: an index this little above a whole number is that number, in every engine
 MOVING: Final = 1.0  # index of any motion that comes near nothing

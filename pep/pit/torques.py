@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio
 
-from pep.pit.engine import NUMPY, chosen
+from pep.pit.kernel.effort import masses_of, torques
 
 if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
@@ -39,19 +39,7 @@ def _loaded(robot: Robot, carried: float) -> Any:
 @lru_cache(maxsize=64)  # likewise
 def masses_with(robot: Robot, carried: float) -> Any:
     """The links as rigid bodies with so much at the tool point, kg: `pep.pit.kernel.effort.Masses`."""
-    from pep.pit.kernel.effort import masses_of  # here, since numba may be missing
-
     return masses_of(_loaded(robot, carried))
-
-
-def by_pinocchio(model: Any, q: Floats, dq: Floats, ddq: Floats) -> tuple[Floats, Floats, Floats]:
-    """To hold, per unit of s'', and per s' squared: each (n, 6), N m."""
-    scratch, still = model.createData(), np.zeros(model.nv)
-    rows = list(zip(q, dq, ddq, strict=True))
-    hold = np.array([pinocchio.rnea(model, scratch, here, still, still) for here, _, _ in rows])
-    push = np.array([pinocchio.rnea(model, scratch, here, still, first) for here, first, _ in rows])
-    swing = np.array([pinocchio.rnea(model, scratch, here, first, second) for here, first, second in rows])
-    return hold, push - hold, swing - hold
 
 
 class Torques:
@@ -60,14 +48,9 @@ class Torques:
     def __init__(self, robot: Robot, cell: CellParameters, q: Floats, dq: Floats, ddq: Floats) -> None:
         """At configurations `q` (n, 6), rad, with their derivatives by the path parameter `dq` and `ddq` (n, 6)."""
         carried = carried_kg(robot, cell)
-        if chosen() is NUMPY:
-            self._hold, self._push, self._swing = by_pinocchio(_loaded(robot, carried), q, dq, ddq)
-        else:
-            from pep.pit.kernel.effort import torques  # likewise
-
-            # Rows that lie apart in memory would be another type, compiled when the first question has it.
-            rows = map(np.ascontiguousarray, (q, dq, ddq))
-            self._hold, self._push, self._swing = torques(masses_with(robot, carried), *rows)
+        # Rows that lie apart in memory would be another type, compiled when the first question has it.
+        rows = map(np.ascontiguousarray, (q, dq, ddq))
+        self._hold, self._push, self._swing = torques(masses_with(robot, carried), *rows)
         self._limits_nm = robot.torque_limits_nm
 
     def ratio(self, rate: Floats, *, forward: float, backward: float) -> float:

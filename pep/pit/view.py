@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from pep.pit.errors import SceneError
-from pep.pit.scene import Scene
 
 if TYPE_CHECKING:
     from pep.pit.cell import CellParameters
+    from pep.pit.scene import Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ def view_of(scene: Scene | None, age_s: float | None, cell: CellParameters) -> V
         SceneError: a scene or an age that must not be reasoned about.
     """
     if scene is None or age_s is None:
-        return View(Scene.of_cell(cell), "missing", None, 0.0, 0.0, cell.unknown_floor)
+        return View(cell.surveyed, "missing", None, 0.0, 0.0, cell.unknown_floor)
     wrong = scene.defect()
     if wrong is not None:
         raise SceneError("PERCEPTION_INVALID", wrong)

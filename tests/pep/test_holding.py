@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from pep.base.errors import PepFault, RobotError
 from pep.perception.sensor_frames import Seen
-from pep.pit import CellParameters, Robot, Scene, Sphere, Thing
+from pep.pit import CellParameters, Robot, Sphere, Thing
 from pep.pit.cell import Part
 from pep.rtde.robot.gripper import Grip
 from pep.world.held_object import Holding
@@ -78,7 +78,7 @@ def test_the_controller_is_told_what_is_carried_whenever_that_changes():
 
 
 def test_an_arm_that_says_nothing_holds_something_unknown(monkeypatch):
-    monkeypatch.setattr("pep.world.world.scene_of", lambda seen, cell: Scene.of_cell(cell))
+    monkeypatch.setattr("pep.world.world.scene_of", lambda seen, cell: cell.surveyed)
     from pep.world.world import CellPhysics
 
     class Silent:

@@ -8,7 +8,7 @@ from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Tier
 from pep.perception.sensor_frames import Frame, Frames
 from pep.pit import CellParameters, Person, Region, Robot, Sphere, observed
-from pep.pit.engine import chosen
+from pep.pit.readiness import compile_all
 from pep.rtde.robot.state_receiver import JointState
 from pep.world.held_object import Holding
 from pep.world.world import CellPhysics
@@ -20,7 +20,7 @@ from tests.pit.scenes import HOME, tcp
 ROBOT = Robot.load("ur3e")
 SLOW = {"speed_rad_s": 0.2, "acceleration_rad_s2": 1.0}
 STREAM = {"acceleration_rad_s2": 1.0, "duration_s": 0.2}
-chosen()  # compiled before a gate waits for it, as in a tool server: the first time takes longer than any gate waits
+compile_all()  # compiled before a gate waits for it, as in a tool server: the first time takes longer than any gate waits
 
 
 class Standing:

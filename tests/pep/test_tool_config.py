@@ -21,7 +21,6 @@ from pep.pit import (
     CellParameters,
     MoveJ,
     Robot,
-    Scene,
     Sphere,
     StaticZone,
     SurveyError,
@@ -522,7 +521,7 @@ def test_the_embedded_zones_keep_away_from_the_sweep_and_can_be_reached():
 
     def asked(start, target, parameters, speed=0.5):
         move = MoveJ(at(start), at(target), speed, 1.4)
-        scene = Scene.of_cell(parameters)
+        scene = parameters.surveyed
         return assess(arm, scene, move, parameters, perception_age_s=0.05, touch=frozenset(), seed=b"zones")
 
     for start, target in ((-0.6, 0.6), (0.6, -0.6)):

@@ -17,7 +17,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 from pathlib import Path
 
-from pep.pit.engine import chosen
+from pep.pit.readiness import compile_all
 from tests.pit.trials import CORRUPT_EACH, Figures, trial
 
 COUNT = 100_000
@@ -118,7 +118,7 @@ def main():
     parser.add_argument("--ledger", type=Path, help="a file that keeps what is done; a run with it goes on")
     given = parser.parse_args()
     began = time.monotonic()
-    chosen()  # compiled once, before the others read it
+    compile_all()  # compiled once, before the others read it
     told = lambda whole: print(f"\r{whole.counts['trials']} trials, {len(whole.failed)} failed", end="", flush=True)  # noqa: E731
     whole = run(
         given.seed, given.first, given.count, share=given.curved, ledger=given.ledger, until=began + 60 * given.minutes,

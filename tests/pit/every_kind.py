@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from pep.pit import SpeedJ, Stream, assess, remaining
-from pep.pit.engine import chosen
+from pep.pit.readiness import compile_all
 from tests.pit import curves, lines
 from tests.pit.lines import AGE
 from tests.pit.questions import KINDS
@@ -49,7 +49,7 @@ def ask_all():
 
 
 def main():
-    chosen()
+    compile_all()
     Stream(ROBOT, CELL, touch=NOTHING, clock=lambda: 0.0)  # it compiles what its steps ask when it is made
     found, compile_it = [], Dispatcher.compile
 

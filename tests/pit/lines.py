@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio
 from pep.pit import MoveL, ServoJ, SpeedL
 from pep.pit.contact import payload_kg
-from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
+from pep.pit.world import World
 from tests.pit import twin
 from tests.pit.scenes import CELL, HOME, ROBOT
 

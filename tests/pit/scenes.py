@@ -46,7 +46,7 @@ FRONT = math.atan2(tcp()[1], tcp()[0])
 
 
 def empty():
-    return Scene.of_cell(CELL)
+    return CELL.surveyed
 
 
 def with_glass():

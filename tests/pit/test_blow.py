@@ -7,10 +7,10 @@ import pytest
 from pep.pit import GripperMove, Person, Region, Sphere, assess
 from pep.pit.contact import contact_speed_m_s, effective_mass_kg
 from pep.pit.motion import profile_of
-from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
 from pep.pit.path import Path
 from pep.pit.separation import stopping
+from pep.pit.world import World
 from tests.pit.scenes import (
     CELL,
     HOME,

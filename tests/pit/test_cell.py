@@ -11,7 +11,6 @@ from pep.pit import (
     CellError,
     CellParameters,
     Region,
-    Scene,
     SceneError,
     Sphere,
     Workspace,
@@ -47,7 +46,7 @@ high_m = [0.8, 0.8, 1.2]
 def test_a_cell_file():
     cell = CellParameters.from_toml(GOOD)
     assert (cell.stop_deceleration_rad_s2, cell.payload_kg, cell.person_speed_m_s) == (6, 0.25, 1.6)
-    scene = Scene.of_cell(cell)
+    scene = cell.surveyed
     assert [o.id for o in scene.objects] == ["table", "vase"]
     assert [(z.id, z.tier) for z in scene.zones] == [("press", None), ("store", 2)]
     assert scene.workspace == Workspace((-0.8, -0.8, -0.1), (0.8, 0.8, 1.2))
@@ -118,7 +117,7 @@ def test_an_observation_becomes_a_scene():
     assert scene.objects[2].shape == Box((0.5, 0.0, 0.0), (0.1, 0.001, 1e-6), (1.0, 0.0, 0.0, 0.0))
     assert [o.uncertainty_m for o in scene.objects] == [0.0, 0.0, cell.object_uncertainty_m]
     assert scene.complete is False
-    assert scene.zones == Scene.of_cell(cell).zones
+    assert scene.zones == cell.surveyed.zones
     assert scene.defect() is None
 
 

@@ -126,7 +126,7 @@ def test_coal_keeps_the_nearest_of_one_result():
 def test_one_pass_over_all_pairs_is_right_where_the_manager_is_not():
     """`computeDistances` keeps one result per pair: the smallest equals coal asked pair by pair."""
     rng = np.random.default_rng(13)
-    from pep.pit.oracle import World
+    from pep.pit.world import World
 
     for _ in range(10):
         scene = random_scene(rng)

@@ -541,7 +541,7 @@ def test_a_surveyed_polytope_stands_in_the_scene():
         '[[objects]]\nname = "wedge"\n[objects.convex]\nradius_m = 0.01\n'
         "vertices_m = [[0.3,0.0,0.0],[0.4,0.0,0.0],[0.3,0.1,0.0],[0.3,0.0,0.1]]\n"
     )
-    assert cell.objects[0].shape == Scene.of_cell(cell).objects[0].shape
+    assert cell.objects[0].shape == cell.surveyed.objects[0].shape
     assert isinstance(cell.objects[0].shape, Convex)
     with pytest.raises(Exception) as refused:
         StaticObject("two", convex=Convex(CUBE), box=Box((0, 0, 0), (1, 1, 1))).shape

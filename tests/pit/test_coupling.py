@@ -32,8 +32,8 @@ from pep.pit.kernel.known import RADIUS, SECOND, SPIN_SECOND, TABLE, THIRD, tabl
 from pep.pit.motion import Profile
 from pep.pit.obstacles import CODE, Kind
 from pep.pit.path import CHORD, GRID
-from pep.pit.separation import Stopping
 from pep.pit.tier import person_index, thing_index, zone_index
+from pep.pit.travel import Stopping
 from tests.pit.test_kernel import KERNEL, ROBOT, Asked, drawn
 
 DENSE = 16

@@ -27,12 +27,12 @@ from pep.pit.contact import effective_mass_kg, harm_speed_m_s
 from pep.pit.held import _capsule_around, without_held
 from pep.pit.kinematics import link_frames
 from pep.pit.motion import profile_of
-from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
 from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path
 from pep.pit.scene import Region
 from pep.pit.solids import rotation_of
+from pep.pit.world import World
 from policies.evidence.evidence import ImpactFault
 from tests.pit.scenes import (
     CELL,

@@ -7,10 +7,11 @@ import pytest
 from pep.pit import Robot, Workspace, adult_at_distance
 from pep.pit.certify import VIOLATION_RESOLUTION_M
 from pep.pit.engine import NUMPY, chosen
-from pep.pit.oracle import DISTANCE_TOLERANCE_M, World
+from pep.pit.oracle import look
 from pep.pit.pairs import pairs_of
 from pep.pit.separation import stopping
 from pep.pit.tier import MOVING
+from pep.pit.world import DISTANCE_TOLERANCE_M, World
 from tests.pit.scenes import CELL, ROBOT, random_scene
 
 if chosen() is NUMPY:
@@ -22,7 +23,7 @@ STOP = stopping(CELL, perception_age_s=0.1, joint_speed_rad_s=1.0)
 ROOMS = (None, Workspace((-0.6, -0.6, -0.1), (0.6, 0.6, 0.9)))
 
 
-def sights(monkeypatch, rng, room, *, robot=ROBOT, wrong=0.0, since=0, upper=MOVING):
+def sights(rng, room, *, robot=ROBOT, wrong=0.0, since=0, upper=MOVING):
     """What both see at a few random places, and the pairs; the first engine's clearances are off by `wrong`."""
     scene = replace(random_scene(rng), people=(adult_at_distance(0.7, bearing_rad=0.4),), workspace=room)
     pairs = pairs_of(robot, scene, CELL, grown_m=0.0)
@@ -32,20 +33,18 @@ def sights(monkeypatch, rng, room, *, robot=ROBOT, wrong=0.0, since=0, upper=MOV
     kernel = exact[:MEASURED].copy()
     kernel[1, rng.integers(len(pairs))] += wrong
     q, qd = np.array(places).swapaxes(0, 1)
-    ours = world.look(q, qd, kernel, stop=STOP, since=since, upper=upper)
-    with monkeypatch.context() as without:
-        without.setattr("pep.pit.oracle.chosen", lambda: NUMPY)
-        theirs = world.look(q, qd, kernel, stop=STOP, since=since, upper=upper)
+    ours = look(world, q, qd, kernel, stop=STOP, since=since, upper=upper)
+    theirs = world.look(q, qd, kernel, stop=STOP, since=since, upper=upper)
     return ours, theirs, exact, pairs, world
 
 
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize("upper", [MOVING, 2.0, 2.9])
-def test_clearances_speeds_and_doubts_are_the_twins(monkeypatch, room, upper):
+def test_clearances_speeds_and_doubts_are_the_twins(room, upper):
     rng = np.random.default_rng(94)
     doubts = calm = settled = 0
     for _ in range(12):
-        ours, theirs, exact, pairs, world = sights(monkeypatch, rng, room, upper=upper)
+        ours, theirs, exact, pairs, world = sights(rng, room, upper=upper)
         assert ours.near == pytest.approx(theirs.near, abs=NEAR)
         assert ours.speed == pytest.approx(theirs.speed, abs=NEAR)
         assert (ours.near <= exact + DISTANCE_TOLERANCE_M).all()
@@ -73,20 +72,20 @@ def test_clearances_speeds_and_doubts_are_the_twins(monkeypatch, room, upper):
     assert (settled > 100) == (upper > MOVING)
 
 
-def test_what_is_open_counts_from_the_place_that_is_said(monkeypatch):
-    ours, theirs, *_ = sights(monkeypatch, np.random.default_rng(95), None, since=MEASURED)
+def test_what_is_open_counts_from_the_place_that_is_said():
+    ours, theirs, *_ = sights(np.random.default_rng(95), None, since=MEASURED)
     for each in (ours, theirs):
         assert each.open[:, 0].min() >= MEASURED
 
 
 @pytest.mark.parametrize("wrong", [1e-5, -1e-5, np.nan])
-def test_a_clearance_that_is_another_one_is_found_by_both(monkeypatch, wrong):
-    ours, theirs, *_ = sights(monkeypatch, np.random.default_rng(96), None, wrong=wrong)
+def test_a_clearance_that_is_another_one_is_found_by_both(wrong):
+    ours, theirs, *_ = sights(np.random.default_rng(96), None, wrong=wrong)
     assert (ours.agrees, theirs.agrees) == (False, False)
 
 
-def test_another_tool_has_other_bodies(monkeypatch):
+def test_another_tool_has_other_bodies():
     robot = Robot.load("ur3e", tool="robotiq_hande")
-    ours, theirs, *_ = sights(monkeypatch, np.random.default_rng(97), ROOMS[1], robot=robot)
+    ours, theirs, *_ = sights(np.random.default_rng(97), ROOMS[1], robot=robot)
     assert ours.near == pytest.approx(theirs.near, abs=NEAR)
     assert ours.speed == pytest.approx(theirs.speed, abs=NEAR)

@@ -8,7 +8,7 @@ from pep.pit import CellParameters, MoveJ, Robot
 from pep.pit.engine import NUMPY, chosen
 from pep.pit.errors import WorkLimitError
 from pep.pit.motion import profile_of
-from pep.pit.parameters import Demands, demands_of
+from pep.pit.parameters import Demands
 from pep.pit.path import Path
 from pep.pit.question import as_run
 from pep.pit.tier import tier_of
@@ -26,7 +26,7 @@ def both(move, cell, robot=ROBOT):
     """The twin, the kernel's, the run and its profile."""
     run = as_run(move, cell)
     engine = chosen()
-    return Demands(Path(robot, run), cell), demands_of(engine, engine.path(robot, run), cell), run, profile_of(run)
+    return Demands(Path(robot, run), cell), engine.demands(engine.path(robot, run), cell), run, profile_of(run)
 
 
 def in_time():

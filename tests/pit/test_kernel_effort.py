@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import Robot
-from pep.pit.engine import NUMPY
 from pep.pit.kernel.effort import masses_of, torques
-from pep.pit.torques import Torques, by_pinocchio, carried_kg
+from pep.pit.torques import Torques, carried_kg
+from tests.model.torques import by_pinocchio
 from tests.pit.scenes import CELL, ROBOT
 
 NEAR = 1e-9
@@ -74,12 +74,3 @@ def test_a_torque_that_is_no_number_is_beyond_every_limit():
     q[1, 3] = np.nan
     still = np.zeros((2, 6))
     assert Torques(ROBOT, CELL, q, still, still).ratio(np.zeros(2), forward=1.0, backward=1.0) == np.inf
-
-
-def test_without_numba_pinocchio_gives_the_same(monkeypatch):
-    rng = np.random.default_rng(15)
-    q, dq, ddq = (rng.uniform(-2, 2, (5, 6)) for _ in range(3))
-    ours = Torques(ROBOT, CELL, q, dq, ddq).ratio(np.ones(5), forward=1.0, backward=2.0)
-    monkeypatch.setattr("pep.pit.torques.chosen", lambda: NUMPY)
-    theirs = Torques(ROBOT, CELL, q, dq, ddq).ratio(np.ones(5), forward=1.0, backward=2.0)
-    assert ours == pytest.approx(theirs, abs=NEAR)

@@ -9,7 +9,7 @@ from capabilities.statements import observation as wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pep.perception.sensor_frames import Frame, Heard, Look
-from pep.pit import Assessment, GripperMove, Scene, Sphere, Thing, adult_at_distance, assess, gripped, scene_observed
+from pep.pit import Assessment, GripperMove, Sphere, Thing, adult_at_distance, assess, gripped, scene_observed
 from pep.pit.checker import Refused, Verified, verify
 from pep.pit.kinematics import link_frames
 from pep.pit.proof import document
@@ -164,7 +164,7 @@ def test_each_contribution_tells_who_says_so():
     assert told["glass"] == "right"
     assert {source for name, source in told.items() if name not in ("glass", "table")} == {"left"}
     vague = replace(PATIENT, surveyed_uncertainty_m=0.6)
-    low = ask(Scene.of_cell(vague), sweep(0.5, 1.0), cell=vague)
+    low = ask(vague.surveyed, sweep(0.5, 1.0), cell=vague)
     table = [each for each in low.contributions if each.object == "table"]
     assert table
     assert {each.source for each in table} == {CELL_FILE}

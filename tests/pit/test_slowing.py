@@ -35,13 +35,13 @@ from pep.pit import (
 from pep.pit.drive_rest import rests_of
 from pep.pit.engine import NUMPY
 from pep.pit.motion import profile_of
-from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
 from pep.pit.path import GRID, Path
 from pep.pit.question import as_run
 from pep.pit.rest import Rest, slowed
 from pep.pit.slowing import paced, steps
 from pep.pit.twist import Twist, turn_of
+from pep.pit.world import World
 from policies.evidence.evidence import ImpactFault
 from tests.pit import twin
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, along, at_time, empty, random_move, tcp

@@ -8,10 +8,10 @@ from pep.pit import Box, Capsule, CellParameters, MoveJ, Person, Scene, Sphere, 
 from pep.pit.certify import RESOLUTION
 from pep.pit.model import Model
 from pep.pit.motion import profile_of
-from pep.pit.oracle import World
 from pep.pit.pairs import pairs_of
 from pep.pit.parameters import Demands
 from pep.pit.path import GRID, Path
+from pep.pit.world import World
 from tests.pit import twin
 from tests.pit.scenes import (
     CELL,

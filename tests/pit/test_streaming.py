@@ -31,10 +31,10 @@ from pep.pit import (
 )
 from pep.pit.assessment import Assessment
 from pep.pit.engine import NUMPY
-from pep.pit.oracle import World
 from pep.pit.separation import stopping
 from pep.pit.stream import stream_envelope
 from pep.pit.streaming import CONFIRMED_OF, Bounded, Stream
+from pep.pit.world import World
 from policies.evidence.evidence import ImpactFault
 from tests.pit.lines import AGE, Sampled
 from tests.pit.scenes import (

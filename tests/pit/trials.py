@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from evaluation.pit.ruler import REACH_M, Ruler
-from pep.pit import JointPath, Scene, assess
+from pep.pit import JointPath, assess
 from pep.pit.checker import Code, Refused, Verified, verify
 from pep.pit.engine import chosen
 from pep.pit.errors import ProofError
@@ -101,7 +101,7 @@ def sampled(question, answer, found, fail, *, control=False):
     unseen = scene is None or age is None
     world = World(
         question["robot"],
-        Scene.of_cell(cell) if unseen else scene,
+        cell.surveyed if unseen else scene,
         motion,
         cell,
         0.0 if unseen else age,

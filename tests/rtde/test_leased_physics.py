@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import JointLeg, JointPath, MoveJ, MoveL, SpeedL, adult_at_distance
-from pep.pit.engine import chosen
 from pep.pit.inverse import solved, stance
+from pep.pit.readiness import compile_all
 from pep.pit.twist import Twist, turn_of
 from pep.rtde.command import command_values as v
 from pep.rtde.robot.state_receiver import JointState
@@ -28,7 +28,7 @@ pytestmark = pytest.mark.real_time
 STILL = (0.0,) * 6
 ANY = 4_000
 SEED = b"a request's digest"
-chosen()
+compile_all()
 
 
 def pose(q=HOME, dz=0.0):

@@ -91,13 +91,13 @@ def _loopback() -> tuple[bool, str]:
 
 
 def _physics() -> tuple[bool, str]:
-    from pep.pit import Assessment, CellParameters, MoveJ, Robot, Scene, assess
+    from pep.pit import Assessment, CellParameters, MoveJ, Robot, assess
     from ztpm.stage.stage import ACCELERATION_RAD_S2, LEFT, RIGHT, SPEED_RAD_S
 
     robot, cell = Robot.load("ur3e"), CellParameters()
     started = time.perf_counter()
     motion = MoveJ(LEFT, RIGHT, SPEED_RAD_S, ACCELERATION_RAD_S2)
-    result = assess(robot, Scene.of_cell(cell), motion, cell, perception_age_s=0.0, touch=frozenset(), seed=b"doctor")
+    result = assess(robot, cell.surveyed, motion, cell, perception_age_s=0.0, touch=frozenset(), seed=b"doctor")
     spent_ms = (time.perf_counter() - started) * 1e3
     if not isinstance(result, Assessment):
         return False, f"{result.reason} {result.detail}"

@@ -14,7 +14,7 @@ from pep.people.asks import Asks
 from pep.perception.receiver import Receiver
 from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
-from pep.pit.engine import chosen
+from pep.pit.readiness import compile_all
 from pep.provider.ask_client import Asking
 from pep.rtde.command.limits import Ur3eLimits
 from pep.rtde.robot.state_receiver import ReceivedState
@@ -91,7 +91,7 @@ class RobotPoint(EnforcementPoint):
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
-        chosen()  # compiled before anybody may ask: a minute or more the very first time, a second from then on
+        compile_all()  # compiled before anybody may ask: a minute or more the very first time, a second from then on
         self.robot = read_robot(config, tool=survey.tool)
         self.holding = Holding(self.robot, self.cell)
         self.physics = CellPhysics(

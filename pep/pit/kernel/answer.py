@@ -10,7 +10,8 @@ import numpy as np
 from pep.pit.certify import Certified, Proof, Witness
 from pep.pit.kernel.known import LEAF_NUMBERS, MET
 from pep.pit.kernel.tree import FIRST
-from pep.pit.path import GRID, Leaves
+from pep.pit.path import GRID
+from pep.pit.route import Leaves
 from pep.pit.tier import MOVING
 
 if TYPE_CHECKING:

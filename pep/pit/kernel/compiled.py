@@ -6,6 +6,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from functools import cache, partial
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -29,7 +30,7 @@ _made: Final = partial(njit, nogil=True, error_model="numpy", no_cfunc_wrapper=T
 @cache
 def _sources() -> str:
     """SHA-256 (hex) of all that machine code of the kernel is made from."""
-    room = Path(__file__).parents[1]
+    room = Path(str(files("pep.pit")))
     texts = [part.read_bytes() for part in sorted(room.rglob("*.py"))]
     return hashlib.sha256(b"".join(hashlib.sha256(text).digest() for text in texts)).hexdigest()
 

@@ -1,7 +1,7 @@
 """The second engine's arithmetic: what follows from where pinocchio puts the links and how coal measures the cores.
 
 It takes pinocchio's frames and Jacobians, and of the searches the law of an index, by which it settles what nobody has
-measured; whatever else is wrong with these is not wrong here as well. The twin in numpy is `pep.pit.oracle.World`.
+measured; whatever else is wrong with these is not wrong here as well. The twin in numpy is `pep.pit.world.World`.
 """
 
 from __future__ import annotations
@@ -18,18 +18,17 @@ from pep.pit.kernel.columns import BAND, BODY, INTRUSION, KIND, PERSON, UNCERTAI
 from pep.pit.kernel.compiled import compiled, entry, lent
 from pep.pit.kernel.engine import field_of, law_of
 from pep.pit.kernel.law import pair_index
-from pep.pit.oracle import DISTANCE_TOLERANCE_M, INDEX_TOLERANCE, World
 from pep.pit.pairs import pairs_of
 from pep.pit.robot import Robot
-from pep.pit.scene import Scene
 from pep.pit.separation import stopping
 from pep.pit.tier import MOVING
+from pep.pit.world import DISTANCE_TOLERANCE_M, INDEX_TOLERANCE, World
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.motion import Floats
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
 
     Whole = NDArray[np.int64]
 
@@ -173,7 +172,7 @@ def confirmed(
         upper: the index that what was not measured may not exceed.
 
     Returns:
-        As the last four of `pep.pit.oracle.Sight`.
+        As the last four of `pep.pit.world.Sight`.
     """
     places, pairs, of_things = turns.shape[0], kernel.shape[1], things.shape[0] * moving
     of_bodies, bodies = of_things + own.shape[0], whole.shape[0]
@@ -216,7 +215,7 @@ def confirmed(
 def sight(
     world: World, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float
 ) -> tuple[Floats, Floats, bool, Whole]:
-    """As `pep.pit.oracle.World.look`: the last four of its `Sight`."""
+    """As `pep.pit.world.World.look`: the last four of its `Sight`."""
     model, stage, pairs = world.robot.pinocchio, world.stage, world.pairs
     count, links = len(q), len(stage.turns)
     turns, origins = np.empty((count, links, AXES, AXES)), np.empty((count, links, AXES))
@@ -255,7 +254,7 @@ def sight(
 def compile_all() -> None:
     """Every entry is compiled, or read from where it was kept."""
     robot, cell = Robot.load("ur3e"), CellParameters()
-    scene, still = Scene.of_cell(cell), np.zeros((1, len(robot.model.joints)))
+    scene, still = cell.surveyed, np.zeros((1, len(robot.model.joints)))
     pairs = pairs_of(robot, scene, cell, grown_m=0.0)
     stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=0.0)
     sight(World(robot, scene, pairs), still, still, np.zeros((1, len(pairs))), stop=stop, since=0, upper=MOVING)

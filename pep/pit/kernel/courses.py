@@ -24,9 +24,9 @@ from pep.pit.kinematics import layout
 from pep.pit.line import ASKED_POSES, FIRST_PIECES, Stuck, Trace
 from pep.pit.motion import Profile
 from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID, Leaves
+from pep.pit.path import GRID
 from pep.pit.robot import Robot
-from pep.pit.scene import Scene
+from pep.pit.route import Leaves
 from pep.pit.separation import stopping
 from pep.pit.tier import MOVING
 from pep.pit.track import Track
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from pep.pit.kinematics import Poses
     from pep.pit.motion import Floats
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Keys
-    from pep.pit.separation import Stopping
+    from pep.pit.route import Keys
+    from pep.pit.travel import Stopping
 
     Check = Callable[[], None]
 
@@ -259,7 +259,7 @@ def compile_all() -> None:
     course = CompiledCourse(robot, found.cells, Track(twist, 1.0, found.q, found.dq))
     profile = Profile(twist.way_m, 0.1, 1.0)
     stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=1.0)
-    pairs = pairs_of(robot, Scene.of_cell(cell), cell, grown_m=0.0)
+    pairs = pairs_of(robot, cell.surveyed, cell, grown_m=0.0)
     rows = np.arange(len(pairs))
     certified = course.certify(pairs, profile, stop, rows=rows, floor=MOVING, check_time=_no_limit)
     course.fits(pairs, profile, stop, certified.leaves, index=MOVING, check_time=_no_limit)

@@ -28,9 +28,9 @@ from pep.pit.kinematics import layout
 from pep.pit.motion import MoveJ, profile_of
 from pep.pit.obstacles import KINDS_IN_ORDER, Kind
 from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID, Leaves, Path
+from pep.pit.path import GRID, Path
 from pep.pit.robot import Robot
-from pep.pit.scene import Scene
+from pep.pit.route import Leaves
 from pep.pit.separation import stopping
 from pep.pit.solids import FORM
 from pep.pit.tier import MOVING
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from pep.pit.kernel.room import Room
     from pep.pit.motion import Floats, Profile, Straight
     from pep.pit.pairs import Pairs
-    from pep.pit.path import Keys
-    from pep.pit.separation import Stopping
+    from pep.pit.route import Keys
+    from pep.pit.travel import Stopping
 
 _ASKED: Final = struct.Struct(f"{ASKED}d")
 _AS_FAST: Final = Slower(0.0, 0.0, 0.0, 0.0)  # where no slower speed is looked for
@@ -254,7 +254,7 @@ def compile_all() -> None:
     if profile is None:
         raise AssertionError("the move goes somewhere")
     stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=profile.peak_rad_s)
-    pairs = pairs_of(robot, Scene.of_cell(cell), cell, grown_m=0.0)
+    pairs = pairs_of(robot, cell.surveyed, cell, grown_m=0.0)
     path, rows = CompiledPath(robot, move), np.arange(len(pairs))
     found = path.certify(
         pairs, profile, stop, rows=rows, floor=MOVING, check_time=_no_limit, slower=Slower(0.05, 8.0, 0.01, 0.5)
