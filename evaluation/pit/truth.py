@@ -15,6 +15,7 @@ from pep.pit.kinematics import layout, poses
 from pep.pit.motion import profile_of
 from pep.pit.pairs import pairs_of
 from pep.pit.separation import stopping
+from pep.pit.travel import Stopping
 
 if TYPE_CHECKING:
     from evaluation.pit.question import Question
