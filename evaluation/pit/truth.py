@@ -20,7 +20,7 @@ from pep.pit.travel import Stopping
 if TYPE_CHECKING:
     from evaluation.pit.question import Question
     from pep.pit.motion import Floats
-    from pep.pit.separation import Stopping
+    from pep.pit.travel import Stopping
 
 
 @dataclass(frozen=True, slots=True, eq=False)
