@@ -199,7 +199,7 @@ def page() -> str:
 def generated() -> dict[Path, str]:
     """Every generated file and its whole text."""
     from docs import command_page
-    from pep.pit import schemas
+    from pep.pit.files import schemas
     from ztpm.cli import app
 
     files = {"scene": schemas.scene_schema(), "motion": schemas.motion_schema()}

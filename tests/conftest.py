@@ -32,7 +32,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     """The kernel is compiled once, before several workers would each compile it beside tests in which time passes."""
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        compile_it = "from pep.pit.readiness import compile_all; compile_all()"
+        compile_it = "from pep.pit.assess.readiness import compile_all; compile_all()"
         subprocess.run([sys.executable, "-c", compile_it], cwd=config.rootpath, check=True, timeout=600)
 
 

@@ -9,26 +9,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.values.scope import Tier
-from pep.pit.assess import assess
-from pep.pit.calibration import Calibration, calibrated
-from pep.pit.cell import CALIBRATED_UNCERTAINTY_M
-from pep.pit.chain import robot_of
+from pep.pit.assess.assess import assess
+from pep.pit.assess.path_legs import LegsCertificate
+from pep.pit.base.errors import PitError
+from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
 from pep.pit.checker import Refused, Verified, verify
-from pep.pit.errors import PitError
-from pep.pit.files import FILE_LIMIT_BYTES, value_of
-from pep.pit.legs import LegsCertificate
-from pep.pit.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
-from pep.pit.motion_file import motion_of, seed_of, word_of
-from pep.pit.outfit import Outfit
-from pep.pit.proof import document, question_digest
-from pep.pit.robot import Robot
-from pep.pit.scene_file import situation_of
+from pep.pit.files.motion_file import motion_of, seed_of, word_of
+from pep.pit.files.plain_file import FILE_LIMIT_BYTES, value_of
+from pep.pit.files.scene_file import situation_of
+from pep.pit.proof.proof_document import document, question_digest
+from pep.pit.robot.calibration import Calibration, calibrated
+from pep.pit.robot.outfit import Outfit
+from pep.pit.robot.robot import Robot
+from pep.pit.robot.urdf_robot import robot_of
+from pep.pit.scene.cell import CALIBRATED_UNCERTAINTY_M
 from policies.evidence.tiers import RULES, TierRule
 
 if TYPE_CHECKING:
-    from pep.pit.assessment import Assessment
-    from pep.pit.motion import Motion
-    from pep.pit.scene_file import Situation
+    from pep.pit.assess.assessment import Assessment
+    from pep.pit.base.motion import Motion
+    from pep.pit.files.scene_file import Situation
     from policies.evidence.evidence import Contribution, ImpactFault
 
 URDF: Final = ".urdf"

@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
-from pep.pit.postures import nearest, route_of
-from pep.pit.scene import CELL_FILE, Box, Capsule, Convex, Scene, Sphere
-from pep.pit.view import view_of
+from pep.pit.scene.scene import CELL_FILE, Box, Capsule, Convex, Scene, Sphere
+from pep.pit.scene.view import view_of
+from ztpm.picture.postures import nearest, route_of
 from ztpm.pit_picture_faces import pieces_of, rounded_edges_of
 
 if TYPE_CHECKING:
-    from pep.pit.assessment import Assessment
-    from pep.pit.motion import Motion
-    from pep.pit.postures import Nearest, Part, Posture
-    from pep.pit.robot import Robot
-    from pep.pit.scene import Shape, Vector
-    from pep.pit.scene_file import Situation
+    from pep.pit.assess.assessment import Assessment
+    from pep.pit.base.motion import Motion
+    from pep.pit.files.scene_file import Situation
+    from pep.pit.robot.robot import Robot
+    from pep.pit.scene.scene import Shape, Vector
     from policies.evidence.evidence import Contribution
+    from ztpm.picture.postures import Nearest, Part, Posture
 
 STEPS: Final = 48
 """Instants that are drawn, start and end included; those of the witnesses are added."""
@@ -183,7 +183,7 @@ def _witness(
 
 def _to_face(part: Part, low: Vector, high: Vector) -> Nearest:
     """The part's point that is nearest to a face of the workspace, or farthest beyond one."""
-    from pep.pit.postures import Nearest
+    from ztpm.picture.postures import Nearest
 
     ways: list[tuple[float, Nearest]] = []
     for end in (part.a_m, part.b_m):
@@ -201,7 +201,7 @@ def _to_face(part: Part, low: Vector, high: Vector) -> Nearest:
 
 def corners(shape: Box) -> tuple[Vector, ...]:
     """The eight corners of a box; corner k has bit 0 for +x, bit 1 for +y, bit 2 for +z of its own axes."""
-    from pep.pit.solids import rotation_of
+    from pep.pit.geometry.solids import rotation_of
 
     axes = rotation_of(shape.quaternion)
     found: list[Vector] = []

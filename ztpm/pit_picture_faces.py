@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pep.pit.hull import hull_of
+from pep.pit.geometry.hull import hull_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from pep.pit.scene import Convex, Vector
+    from pep.pit.scene.scene import Convex, Vector
 
 Line = tuple["Vector", "Vector"]
 

@@ -8,7 +8,7 @@ import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from pep.pit.scene import Box
+from pep.pit.scene.scene import Box
 from ztpm.pit_picture import COLOURS, MICRO_PER_MILLI, corners
 from ztpm.pit_picture_views import ABOVE, aslant, frame, level, outline, patches_of, rgb_of
 

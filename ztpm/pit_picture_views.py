@@ -9,15 +9,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from pep.pit.scene import Box, Capsule, Convex
+from pep.pit.scene.scene import Box, Capsule, Convex
 from ztpm.pit_picture import CELL_M, COLOURS, FACES, corners
 from ztpm.pit_picture_faces import pieces_of, rounded_edges_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from pep.pit.postures import Part
-    from pep.pit.scene import Shape, Sphere, Vector
+    from pep.pit.scene.scene import Shape, Sphere, Vector
+    from ztpm.picture.postures import Part
     from ztpm.pit_picture import Body, Picture
 
 GHOSTS: Final = 14

@@ -31,7 +31,7 @@ from evaluation.pit.cells import (
 )
 from evaluation.pit.sampled import NAME as SAMPLED
 from evaluation.pit.truth import legs_truth, ready
-from pep.pit.engine import chosen
+from pep.pit.search.engine import chosen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

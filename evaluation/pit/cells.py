@@ -14,22 +14,22 @@ from evaluation.pit.ruler import Ruler
 from evaluation.pit.truth import stop_of
 from evaluation.pit.workload import AGE_S
 from pep.pit import Assessment, MoveJ, assess
-from pep.pit.assessment import MILLI
+from pep.pit.assess.assessment import MILLI
+from pep.pit.assess.straight_assessment import MoveQuestion
+from pep.pit.assess.stream import Bounded, Stream
+from pep.pit.base.motion import profile_of
+from pep.pit.base.tier import HIGHEST
 from pep.pit.checker import Verified, verify
-from pep.pit.engine import NUMPY, chosen
-from pep.pit.motion import profile_of
-from pep.pit.moves import MoveQuestion
-from pep.pit.pairs import pairs_of
-from pep.pit.proof import document
-from pep.pit.question import as_run, view_around
-from pep.pit.streaming import Bounded, Stream
-from pep.pit.tier import HIGHEST
+from pep.pit.proof.proof_document import document
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.search.question import as_run, view_around
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from evaluation.pit.truth import Asked
-    from pep.pit.engine import Engine
+    from pep.pit.search.engine import Engine
 
 SEED: Final = b"the benchmark's only command"
 NOTHING: Final[frozenset[str]] = frozenset()

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from evaluation.harness.absent import package
-from pep.pit.scene import Box, Capsule, Convex, Sphere
+from pep.pit.scene.scene import Box, Capsule, Convex, Sphere
 
 if TYPE_CHECKING:
     from evaluation.pit.question import Question
-    from pep.pit.motion import Floats
-    from pep.pit.scene import Shape, Vector
+    from pep.pit.base.motion import Floats
+    from pep.pit.scene.scene import Shape, Vector
 
 NAME: Final = "MuJoCo"
 FARTHEST_M: Final = 10.0

@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit.motion import profile_of
-from pep.pit.obstacles import Kind
-from pep.pit.separation import stopping
+from pep.pit.base.motion import profile_of
+from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.separation import stopping
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pep.pit.cell import CellParameters
-    from pep.pit.certify import Certified
-    from pep.pit.engine import Engine
-    from pep.pit.motion import Straight
-    from pep.pit.pairs import Pairs
-    from pep.pit.path import Path
-    from pep.pit.robot import Robot
+    from pep.pit.base.motion import Straight
+    from pep.pit.path.straight_path import Path
+    from pep.pit.robot.robot import Robot
+    from pep.pit.scene.cell import CellParameters
+    from pep.pit.scene.pairs import Pairs
+    from pep.pit.search.certify import Certified
+    from pep.pit.search.engine import Engine
 
 COARSE_M: Final = 1.0
 FINE_M: Final = 0.02

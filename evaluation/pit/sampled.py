@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never, cast
 import numpy as np
 
 from evaluation.harness.absent import package
-from pep.pit.hull import hull_of
-from pep.pit.motion import (
+from pep.pit.base.motion import (
     GripperMove,
     JointPath,
     LinePath,
@@ -21,15 +20,16 @@ from pep.pit.motion import (
     SpeedL,
     profile_of,
 )
-from pep.pit.scene import Box, Capsule, Convex, Sphere
+from pep.pit.geometry.hull import hull_of
+from pep.pit.scene.scene import Box, Capsule, Convex, Sphere
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from evaluation.pit.question import Question
     from pep.pit import Motion, Robot
-    from pep.pit.motion import Floats, Joints, Pose
-    from pep.pit.scene import Shape
+    from pep.pit.base.motion import Floats, Joints, Pose
+    from pep.pit.scene.scene import Shape
 
 STEP_S: Final = 0.008
 NAME: Final = "pinocchio and coal"
@@ -123,7 +123,7 @@ def _jacobian(robot: Robot, scratch: Any, q: Floats, rotation: Floats) -> Floats
 
 
 class Measured:
-    """The pairs of one question in coal's geometry, their shapes with their radii, in the order of `pep.pit.pairs`."""
+    """Pairs of one question in coal's geometry, shapes with their radii, in the order of `pep.pit.scene.pairs`."""
 
     def __init__(self, question: Question) -> None:
         """Built once; asking does not change it."""

@@ -10,17 +10,17 @@ import numpy as np
 from evaluation.pit import sampled
 from evaluation.pit.workload import AGE_S
 from pep.pit import JointPath, MoveJ
-from pep.pit.driving import joint_moves
-from pep.pit.kinematics import layout, poses
-from pep.pit.motion import profile_of
-from pep.pit.pairs import pairs_of
-from pep.pit.separation import stopping
-from pep.pit.travel import Stopping
+from pep.pit.assess.dispatch import joint_moves
+from pep.pit.base.motion import profile_of
+from pep.pit.base.travel import Stopping
+from pep.pit.robot.kinematics import layout, poses
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
 
 if TYPE_CHECKING:
     from evaluation.pit.question import Question
-    from pep.pit.motion import Floats
-    from pep.pit.travel import Stopping
+    from pep.pit.base.motion import Floats
+    from pep.pit.base.travel import Stopping
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,11 +28,11 @@ from pep.pit import (
     Thing,
     adult_at_distance,
 )
-from pep.pit.drive import Drive
-from pep.pit.driving import drive_of
-from pep.pit.engine import chosen
-from pep.pit.pairs import pairs_of
-from pep.pit.stream import stream_envelope
+from pep.pit.assess.dispatch import drive_of
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.engine import chosen
+from pep.pit.search.speed_envelope import stream_envelope
+from pep.pit.search.timed_course import Drive
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
     from numpy.random import Generator
 
     from pep.pit import Motion
-    from pep.pit.course import Course
-    from pep.pit.motion import Joints, Pose
-    from pep.pit.pairs import Pairs
-    from pep.pit.scene import Shape, Vector
+    from pep.pit.base.motion import Joints, Pose
+    from pep.pit.path.course import Course
+    from pep.pit.scene.pairs import Pairs
+    from pep.pit.scene.scene import Shape, Vector
 
 AGE_S: Final = 0.1
 """Of the view, in every question."""

@@ -111,7 +111,7 @@ def _widths(shape: Shape) -> tuple[int, int]:
         case Box(half_um=half_um):
             return 2 * min(half_um), math.ceil(2 * math.hypot(*half_um))
         case Convex(vertices_um, radius_um):
-            from pep.pit.hull import widths_of  # here, since all of physics comes with it
+            from pep.pit.geometry.hull import widths_of  # here, since all of physics comes with it
 
             per_m = Unit.MICROMETRE.per_si
             least_m, most_m = widths_of(tuple(map(_metres, vertices_um)))

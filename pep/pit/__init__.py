@@ -5,27 +5,12 @@ a motion under way whether what is left of it stays inside what was authorised. 
 robot's own safety configuration stays in force, and the tier decides authorisation, not protection.
 """
 
-from pep.pit.adult import Build, adult_at_distance, standing_adult
-from pep.pit.assess import assess
-from pep.pit.assessment import Assessment, Certificate
-from pep.pit.calibration import Calibration
-from pep.pit.cell import (
-    CALIBRATED_ERROR_M,
-    CALIBRATED_UNCERTAINTY_M,
-    NOMINAL_ERROR_M,
-    NOMINAL_UNCERTAINTY_M,
-    CellParameters,
-    Contact,
-    Output,
-    Part,
-    StaticObject,
-    StaticZone,
-)
-from pep.pit.chain import robot_of
-from pep.pit.errors import CellError, ModelError, PitError, SceneError
-from pep.pit.gripped_object import Held
-from pep.pit.held import gripped, unknown_part
-from pep.pit.motion import (
+from pep.pit.assess.assess import assess
+from pep.pit.assess.assessment import Assessment, Certificate
+from pep.pit.assess.remaining import Pace, Remaining, remaining
+from pep.pit.assess.stream import Bounded, Stream
+from pep.pit.base.errors import CellError, ModelError, PitError, SceneError
+from pep.pit.base.motion import (
     GripperMove,
     JointLeg,
     JointPath,
@@ -39,13 +24,28 @@ from pep.pit.motion import (
     SpeedJ,
     SpeedL,
 )
-from pep.pit.observing import observed, scene_observed
-from pep.pit.outfit import Outfit
-from pep.pit.remaining import Pace, Remaining, remaining
-from pep.pit.robot import Robot
-from pep.pit.scene import Box, Capsule, Convex, Person, Region, Scene, Sphere, Thing, Workspace, Zone
-from pep.pit.streaming import Bounded, Stream
-from pep.pit.surveyed import SurveyError, SurveyFault, numbers_only, surveyed
+from pep.pit.robot.calibration import Calibration
+from pep.pit.robot.gripped_object import Held
+from pep.pit.robot.outfit import Outfit
+from pep.pit.robot.robot import Robot
+from pep.pit.robot.urdf_robot import robot_of
+from pep.pit.scene.adult_body import Build, adult_at_distance, standing_adult
+from pep.pit.scene.cell import (
+    CALIBRATED_ERROR_M,
+    CALIBRATED_UNCERTAINTY_M,
+    NOMINAL_ERROR_M,
+    NOMINAL_UNCERTAINTY_M,
+    CellParameters,
+    Contact,
+    Output,
+    Part,
+    StaticObject,
+    StaticZone,
+)
+from pep.pit.scene.grip_sightings import gripped, unknown_part
+from pep.pit.scene.observation import observed, scene_observed
+from pep.pit.scene.scene import Box, Capsule, Convex, Person, Region, Scene, Sphere, Thing, Workspace, Zone
+from pep.pit.scene.survey import SurveyError, SurveyFault, numbers_only, surveyed
 
 __all__ = [
     "CALIBRATED_ERROR_M",

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from pep.pit import NOMINAL_ERROR_M, JointPath, MoveJ, MoveL
-from pep.pit.inverse import stance
-from pep.pit.twist import turn_of, turned_by
+from pep.pit.robot.inverse_kinematics import stance
+from pep.pit.robot.twist import turn_of, turned_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Seen
 from pep.pit import Bounded, SceneError, ServoJ, SpeedJ, Stream
-from pep.pit.assessment import milli
-from pep.pit.stream import moves_with
+from pep.pit.assess.assessment import milli
+from pep.pit.search.speed_envelope import moves_with
 from pep.world.world import sight_of
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
     from pep.perception.sensor_frames import Frames
     from pep.pit import CellParameters
-    from pep.pit.motion import Joints
+    from pep.pit.base.motion import Joints
     from pep.rtde.robot.state_receiver import JointState
     from pep.world.held_object import Holding
 

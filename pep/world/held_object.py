@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from pep.pit import CellParameters, Held, Robot
-    from pep.pit.motion import Joints
-    from pep.pit.scene import Thing
+    from pep.pit.base.motion import Joints
+    from pep.pit.scene.scene import Thing
 
 
 class Holding:

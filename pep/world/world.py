@@ -50,8 +50,8 @@ from pep.pit import (
     remaining,
     scene_observed,
 )
-from pep.pit.kinematics import link_frames
-from pep.pit.stream import moves_with, stream_envelope
+from pep.pit.robot.kinematics import link_frames
+from pep.pit.search.speed_envelope import moves_with, stream_envelope
 from pep.world.arrival import arrived
 from policies.evidence.evidence import ImpactFault, ImpactReading
 from policies.evidence.tiers import FRESH

@@ -31,9 +31,9 @@ from pep.pit import (
     SpeedL,
     Sphere,
 )
-from pep.pit.hull import hull_of
-from pep.pit.postures import Part, nearest, route_of
+from pep.pit.geometry.hull import hull_of
 from tests.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
+from ztpm.picture.postures import Part, nearest, route_of
 from ztpm.pit import Arm, asked
 from ztpm.pit_picture import COLOURS, FACES, corners, picture, to_plain
 from ztpm.pit_picture_faces import pieces_of

@@ -41,7 +41,7 @@ def test_demo_is_as_told() -> None:
 def test_middle_of_the_sweep_is_where_the_story_says() -> None:
     import numpy as np
     from pep.pit import Robot
-    from pep.pit.kinematics import link_frames
+    from pep.pit.robot.kinematics import link_frames
     from ztpm.stage.scene import MIDDLE_M
     from ztpm.stage.stage import LEFT
 

@@ -1,4 +1,4 @@
-"""Torques by pinocchio: the slow twin of `pep.pit.kernel.effort`."""
+"""Torques by pinocchio: the slow twin of `pep.pit.search.kernel.arithmetic.joint_torques`."""
 
 import numpy as np
 import pinocchio

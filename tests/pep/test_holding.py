@@ -7,7 +7,7 @@ import pytest
 from pep.base.errors import PepFault, RobotError
 from pep.perception.sensor_frames import Seen
 from pep.pit import CellParameters, Robot, Sphere, Thing
-from pep.pit.cell import Part
+from pep.pit.scene.cell import Part
 from pep.rtde.robot.gripper import Grip
 from pep.world.held_object import Holding
 from pep.world.world import tool_position

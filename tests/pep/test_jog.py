@@ -16,8 +16,8 @@ from pep.base.ports import Rest
 from pep.base.stop_model import STOP_DELAY_S, patience_s
 from pep.perception.sensor_frames import Seen
 from pep.pit import CellParameters, SpeedJ
-from pep.pit.motion import profile_of
-from pep.pit.stream import stream_envelope
+from pep.pit.base.motion import profile_of
+from pep.pit.search.speed_envelope import stream_envelope
 from pep.request.permit import Permit
 from pep.rtde.motion.drive import Drive
 from pep.rtde.motion.jog import Jog

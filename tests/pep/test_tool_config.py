@@ -28,7 +28,7 @@ from pep.pit import (
     assess,
     surveyed,
 )
-from pep.pit.calibration import own_kinematics
+from pep.pit.robot.calibration import own_kinematics
 from pep.rtde.robot.state_receiver import JointState, Package
 from tests.pep.kit import AUDIENCE, issuer_keys, survey
 from tests.pit.test_calibration import ARMS, spelled

@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 from pep.pit.checker import Code
 from pep.pit.checker.check import NO_ROWS
-from pep.pit.checker.drive import NOT_TRACED
-from pep.pit.inverse import reaching, solved
-from pep.pit.path import GRID
-from pep.pit.twist import turned_by
+from pep.pit.checker.curved_motion import NOT_TRACED
+from pep.pit.path.straight_path import GRID
+from pep.pit.robot.inverse_kinematics import reaching, solved
+from pep.pit.robot.twist import turned_by
 from tests.pit.corruption import Corrupted, Unfit, fit, index_of, pick, seal, step_in, with_model
 from tests.pit.courses import courses_of
 from tests.pit.lines import placed

@@ -21,7 +21,7 @@ from pep.pit import (
     SpeedL,
     assess,
 )
-from pep.pit.proof import document
+from pep.pit.proof.proof_document import document
 from tests.pit.lines import placed, pose_of, random_hold, random_line, random_servo, random_start, random_way
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, random_bounds, random_move, random_scene
 

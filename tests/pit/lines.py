@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pinocchio
 from pep.pit import MoveL, ServoJ, SpeedL
-from pep.pit.contact import payload_kg
-from pep.pit.pairs import pairs_of
-from pep.pit.world import World
+from pep.pit.scene.contact_limits import payload_kg
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.second.second_engine import World
 from tests.pit import twin
 from tests.pit.scenes import CELL, HOME, ROBOT
 

@@ -22,7 +22,7 @@ from pep.pit import (
     Zone,
     adult_at_distance,
 )
-from pep.pit.path import Path
+from pep.pit.path.straight_path import Path
 
 ROBOT = Robot.load("ur3e")
 CELL = CellParameters()

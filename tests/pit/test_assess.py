@@ -25,12 +25,12 @@ from pep.pit import (
     assess,
     standing_adult,
 )
-from pep.pit.assessment import Assessment
-from pep.pit.certify import VIOLATION_RESOLUTION_M
-from pep.pit.obstacles import Kind
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID, Path
-from pep.pit.view import view_of
+from pep.pit.assess.assessment import Assessment
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.view import view_of
+from pep.pit.search.certify import VIOLATION_RESOLUTION_M
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
@@ -382,7 +382,7 @@ def test_a_question_that_is_too_large_ends():
 
 
 def break_kinematics(monkeypatch):
-    from pep.pit import kinematics
+    from pep.pit.robot import kinematics
 
     true = kinematics.link_frames
 
@@ -394,7 +394,7 @@ def break_kinematics(monkeypatch):
 
 
 def break_boxes(monkeypatch):
-    from pep.pit import clearance
+    from pep.pit.geometry import clearance
 
     true = clearance.segment_box
     monkeypatch.setattr(clearance, "segment_box", lambda p, q, c, x, h: true(p, q, c, x, h + 0.005))
@@ -405,7 +405,7 @@ def break_radii(monkeypatch):
 
     from pep.pit import assess as _  # noqa: F401
 
-    module = sys.modules["pep.pit.moves"]
+    module = sys.modules["pep.pit.assess.straight_assessment"]
     true = module.pairs_of
 
     def thinner(*args, **more):
@@ -416,7 +416,7 @@ def break_radii(monkeypatch):
 
 
 def break_speed(monkeypatch):
-    from pep.pit import path
+    from pep.pit.path import straight_path as path
 
     true = path.poses
     monkeypatch.setattr(path, "poses", lambda *a: replace(true(*a), speed=true(*a).speed * 0.5))
@@ -424,7 +424,7 @@ def break_speed(monkeypatch):
 
 def break_search(monkeypatch):
     """A search that forgets the last half of the path: no witness there, so only the unforeseeable configurations can tell."""
-    from pep.pit import certify
+    from pep.pit.search import certify
 
     true = certify.cut
 
@@ -437,7 +437,7 @@ def break_search(monkeypatch):
 
 
 def break_compiled_kinematics(monkeypatch):
-    from pep.pit.kernel import engine
+    from pep.pit.search.kernel import compiled_path as engine
 
     true = engine.arm_of
     monkeypatch.setattr(engine, "blocks", engine.blocks.__wrapped__)
@@ -445,26 +445,28 @@ def break_compiled_kinematics(monkeypatch):
 
 
 def break_compiled_boxes(monkeypatch):
-    from pep.pit.kernel import columns, engine
+    from pep.pit.base import pair_columns
+    from pep.pit.search.kernel import compiled_path as engine
 
     true = engine.packed
 
     def smaller(pairs):
         field = true(pairs)
-        field.numbers[:, columns.HALF : columns.HALF + 3] -= 0.005
+        field.numbers[:, pair_columns.HALF : pair_columns.HALF + 3] -= 0.005
         return field
 
     monkeypatch.setattr(engine, "packed", smaller)
 
 
 def break_compiled_speed(monkeypatch):
-    from pep.pit.kernel import columns, engine
+    from pep.pit.base import pair_columns
+    from pep.pit.search.kernel import compiled_path as engine
 
     true = engine.timing_of
 
     def slower(profile):
         timing = list(true(profile))
-        timing[columns.PEAK] *= 0.5
+        timing[pair_columns.PEAK] *= 0.5
         return timing
 
     monkeypatch.setattr(engine, "timing_of", slower)
@@ -472,7 +474,7 @@ def break_compiled_speed(monkeypatch):
 
 def break_compiled_search(monkeypatch):
     """A search that forgets the pairs of the last obstacle that was asked about, and of the arm with itself."""
-    from pep.pit.kernel import engine
+    from pep.pit.search.kernel import compiled_path as engine
 
     true = engine.certify
     kept = ROBOT.world_bodies * len(empty().objects)
@@ -505,10 +507,10 @@ def late_glass():
     ],
 )
 def test_a_broken_engine_is_found_out(monkeypatch, engine, sabotage, scene):
-    from pep.pit.engine import NUMPY
+    from pep.pit.search.engine import NUMPY
 
     if engine == NUMPY.name:
-        monkeypatch.setattr("pep.pit.moves.chosen_for", lambda *_: NUMPY)
+        monkeypatch.setattr("pep.pit.assess.straight_assessment.chosen_for", lambda *_: NUMPY)
     move = sweep(2.0, 3.0)
     assert ask(scene, move).engine == engine
     assert isinstance(ask(scene, move), Assessment)
@@ -522,7 +524,7 @@ def test_a_broken_engine_is_found_out(monkeypatch, engine, sabotage, scene):
 
 
 def test_whatever_breaks_inside_is_a_fault(monkeypatch):
-    monkeypatch.setattr("pep.pit.moves.pairs_of", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr("pep.pit.assess.straight_assessment.pairs_of", lambda *a, **k: 1 / 0)
     answer = ask()
     assert isinstance(answer, ImpactFault)
     assert answer.reason == "PHYSICS_FAULT"

@@ -42,7 +42,7 @@ from pep.pit import (
     Zone,
     assess,
 )
-from pep.pit.certify import RESOLUTION
+from pep.pit.search.certify import RESOLUTION
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pit.lines import pose_of
@@ -317,7 +317,7 @@ def test_without_its_check_a_scene_is_believed(monkeypatch):
 
 
 def test_without_its_check_a_cell_is_believed(monkeypatch):
-    monkeypatch.setattr("pep.pit.cell._defect", lambda cell: None)
+    monkeypatch.setattr("pep.pit.scene.cell._defect", lambda cell: None)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         found, _ = matrix(lambda cell: ask(cell=cell), CONFIGURED)
@@ -325,8 +325,8 @@ def test_without_its_check_a_cell_is_believed(monkeypatch):
 
 
 def test_without_its_check_a_model_is_believed(monkeypatch):
-    monkeypatch.setattr("pep.pit.model.TURN_LIMIT_RAD", math.inf)
-    monkeypatch.setattr("pep.pit.model.THINNEST_M", 5e-324)
+    monkeypatch.setattr("pep.pit.robot.model.TURN_LIMIT_RAD", math.inf)
+    monkeypatch.setattr("pep.pit.robot.model.THINNEST_M", 5e-324)
     for name in ("1e308", "5e-324"):
         with pytest.raises(AssertionError):
             test_p13_every_number_of_a_model(name)

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import GripperMove, Person, Region, Sphere, assess
-from pep.pit.contact import contact_speed_m_s, effective_mass_kg
-from pep.pit.motion import profile_of
-from pep.pit.pairs import pairs_of
-from pep.pit.path import Path
-from pep.pit.separation import stopping
-from pep.pit.world import World
+from pep.pit.base.motion import profile_of
+from pep.pit.path.straight_path import Path
+from pep.pit.scene.contact_limits import contact_speed_m_s, effective_mass_kg
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
+from pep.pit.second.second_engine import World
 from tests.pit.scenes import (
     CELL,
     HOME,

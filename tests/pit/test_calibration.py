@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import ModelError, Robot, assess
-from pep.pit.calibration import OFFSET_LIMIT_M, TIP_LIMIT_M, TURN_LIMIT_RAD, Calibration, calibrated
 from pep.pit.checker import Verified, verify
-from pep.pit.kinematics import layout, link_frames
-from pep.pit.proof import document
+from pep.pit.proof.proof_document import document
+from pep.pit.robot.calibration import OFFSET_LIMIT_M, TIP_LIMIT_M, TURN_LIMIT_RAD, Calibration, calibrated
+from pep.pit.robot.kinematics import layout, link_frames
 from tests.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
 
 VENDOR = File(__file__).parents[3] / "shared" / "data" / "ur3e" / "default_kinematics.yaml"

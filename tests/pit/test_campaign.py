@@ -11,15 +11,15 @@ pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 from evaluation.pit.ruler import REACH_M, Least, Ruler
 from pep.pit import Contact, Person, Region, Scene, Sphere, Thing, Workspace, assess
+from pep.pit.base.motion import Profile, profile_of
 from pep.pit.checker import Verified
-from pep.pit.clearance import interval_clearance
-from pep.pit.engine import NUMPY
-from pep.pit.kinematics import bending
-from pep.pit.motion import Profile, profile_of
-from pep.pit.oracle import Agreement
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID, Path
-from pep.pit.separation import stopping
+from pep.pit.geometry.clearance import interval_clearance
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.robot.kinematics import bending
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
+from pep.pit.search.engine import NUMPY
+from pep.pit.second.straight_check import Agreement
 from policies.evidence.evidence import ImpactFault
 from tests.pit import bracket, campaign, dense, facts, laws, stage, trials, twin
 from tests.pit.corruption import Corrupted
@@ -202,7 +202,7 @@ def bent(share):
             true = bending(*asked)
             return replace(true, second=share * true.second, third=share * true.third)
 
-        patched.setattr("pep.pit.path.bending", less)
+        patched.setattr("pep.pit.path.straight_path.bending", less)
 
     return change
 
@@ -211,7 +211,8 @@ def one_node(patched):
     """Of an interval's three nodes only the middle counts, and nothing bends."""
     bent(0.0)(patched)
     patched.setattr(
-        "pep.pit.path.interval_clearance", lambda ends, *a, **k: interval_clearance(ends[[1, 1, 1]], *a, **k)
+        "pep.pit.path.straight_path.interval_clearance",
+        lambda ends, *a, **k: interval_clearance(ends[[1, 1, 1]], *a, **k),
     )
 
 
@@ -223,7 +224,7 @@ def other_pairs(change):
             true = pairs_of(*asked, **more)
             return replace(true, radii=change(true))
 
-        patched.setattr("pep.pit.moves.pairs_of", pairs)
+        patched.setattr("pep.pit.assess.straight_assessment.pairs_of", pairs)
 
     return changed
 
@@ -240,7 +241,10 @@ def without_a_top(patched):
 
 
 def shorter_stop(patched):
-    patched.setattr("pep.pit.moves.stopping", lambda cell, **k: stopping(cell, **{n: 0.9 * v for n, v in k.items()}))
+    patched.setattr(
+        "pep.pit.assess.straight_assessment.stopping",
+        lambda cell, **k: stopping(cell, **{n: 0.9 * v for n, v in k.items()}),
+    )
 
 
 BROKEN = {
@@ -258,8 +262,8 @@ WITHIN = 45
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_kernel_is_found_by_the_samples_alone(monkeypatch, name):
-    monkeypatch.setattr("pep.pit.moves.chosen_for", lambda *_: NUMPY)
-    monkeypatch.setattr("pep.pit.moves.cross_check", lambda *a, **k: Agreement(1))
+    monkeypatch.setattr("pep.pit.assess.straight_assessment.chosen_for", lambda *_: NUMPY)
+    monkeypatch.setattr("pep.pit.assess.straight_assessment.cross_check", lambda *a, **k: Agreement(1))
     monkeypatch.setattr(trials, "certified", lambda *a: None)
     BROKEN[name](monkeypatch)
     found = (trials.trial(11, number).failed for number in range(WITHIN))
@@ -514,7 +518,7 @@ def test_every_module_that_a_trial_is_made_of_makes_the_ledger_stale():
 
 @pytest.mark.parametrize("scene", [with_glass(), with_person(0.9)])
 def test_ratios_are_below_the_proven_ones_and_near(scene):
-    from pep.pit.parameters import Demands
+    from pep.pit.search.arm_limits import Demands
 
     move = sweep(2.0, 3.0)
     world = dense.World(ROBOT, scene, move, CELL, 0.1, NOTHING)

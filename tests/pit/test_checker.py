@@ -35,38 +35,38 @@ from pep.pit import (
     Zone,
     assess,
 )
-from pep.pit.certify import TIE
+from pep.pit.base.motion import profile_of
 from pep.pit.checker import (
     Code,
     Refused,
     Verified,
     arm,
     check,
+    distances,
     laws,
     leg,
     motion,
     question,
     robot,
     rows,
-    space,
     verdict,
     verify,
 )
-from pep.pit.clearance import core_distance
-from pep.pit.contact import harm_speed_m_s
-from pep.pit.kinematics import bending
-from pep.pit.motion import profile_of
-from pep.pit.obstacles import Kind
-from pep.pit.pairs import pairs_of
-from pep.pit.parameters import Demands
-from pep.pit.path import GRID
-from pep.pit.path import Path as JointPath
-from pep.pit.proof import document, question_digest
-from pep.pit.proof_rows import order_of
-from pep.pit.question import as_run, view_around
-from pep.pit.separation import stopping
-from pep.pit.solids import cores_of
-from pep.pit.view import view_of
+from pep.pit.geometry.clearance import core_distance
+from pep.pit.geometry.solids import cores_of
+from pep.pit.path.straight_path import GRID
+from pep.pit.path.straight_path import Path as JointPath
+from pep.pit.proof.proof_document import document, question_digest
+from pep.pit.proof.row_proofs import order_of
+from pep.pit.robot.kinematics import bending
+from pep.pit.scene.contact_limits import harm_speed_m_s
+from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
+from pep.pit.scene.view import view_of
+from pep.pit.search.arm_limits import Demands
+from pep.pit.search.certify import TIE
+from pep.pit.search.question import as_run, view_around
 from tests.pit import twin
 from tests.pit.corruption import KINDS, all_refused, corrupted, seal
 from tests.pit.corruption_courses import EXPECTED as OF_COURSES
@@ -591,7 +591,7 @@ def test_the_shortest_way_between_segments_and_from_boxes():
         if k % 5 == 0:  # parallel, also on one line
             d = c + (b - a) * rng.uniform(-2, 2)
             c, d = (c, d) if k % 2 else (a + (b - a) * rng.uniform(-1, 2), a + (b - a) * rng.uniform(-1, 2))
-        gap = np.array(space.between_segments(*(tuple(map(float, p)) for p in (a, b, c, d))))
+        gap = np.array(distances.between_segments(*(tuple(map(float, p)) for p in (a, b, c, d))))
         s = np.linspace(0, 1, 60)
         ab, cd = a + s[:, None] * (b - a), c + s[:, None] * (d - c)
         sampled = np.linalg.norm(ab[:, None] - cd[None], axis=2).min()
@@ -606,7 +606,7 @@ def test_the_shortest_way_between_segments_and_from_boxes():
         core, _ = question._shape(
             {"type": "Box", "center_m": [x.hex() for x in box.center_m], "half_m": [x.hex() for x in box.half_m],
              "quaternion": [x.hex() for x in box.quaternion]}, "")  # fmt: skip
-        gap = np.array(space.from_block(tuple(map(float, a)), tuple(map(float, b)), core))
+        gap = np.array(distances.from_block(tuple(map(float, a)), tuple(map(float, b)), core))
         cores = cores_of([box])[0]
         ours, direction = core_distance(np.array([[a, b]]), cores)
         assert np.linalg.norm(gap) == pytest.approx(float(ours[0]), abs=1e-9)
@@ -617,7 +617,7 @@ def test_the_shortest_way_between_segments_and_from_boxes():
                 cores.a[0] + cores.axes[0] @ (np.array(sign) * cores.half[0])
                 for sign in np.stack(np.meshgrid(*[[-1, 1]] * 3), -1).reshape(-1, 3)
             ]
-            assert space.reach(core, tuple(n.tolist())) == pytest.approx(max(c @ n for c in corners), abs=1e-12)
+            assert distances.reach(core, tuple(n.tolist())) == pytest.approx(max(c @ n for c in corners), abs=1e-12)
 
 
 def test_laws_are_those_of_the_tables():
@@ -633,7 +633,7 @@ def test_laws_are_those_of_the_tables():
         law = laws.Laws(arm_, cell, view, peak_rad_s=omega)
 
         def index(kind, detail, region=""):
-            thing = question.Obstacle(kind, region, space.Segment((0, 0, 0), (0, 0, 0)), 0.1, z, detail)
+            thing = question.Obstacle(kind, region, distances.Segment((0, 0, 0), (0, 0, 0)), 0.1, z, detail)
             return law.index(thing, d, v, meant=False)
 
         region = str(rng.choice(list(twin.LIMITS)))
@@ -699,7 +699,7 @@ def test_cores_that_meet_are_as_near_as_their_radii_say():
     a, b, *_ = sweep_.pose(body, GRID // 2)
     middle = tuple((p + q) / 2 for p, q in zip(a, b, strict=True))
     above, below = ((*middle[:2], middle[2] + d) for d in (0.1, -0.1))
-    crossing = question.Obstacle("rigid", "", space.Segment(above, below), 0.02, 0.0, 0.02)
+    crossing = question.Obstacle("rigid", "", distances.Segment(above, below), 0.02, 0.0, 0.02)
     pair = rows.Pair(body, crossing, None, touchable=False)
     assert rows.clearance(sweep_, pair, 0, GRID) == -(body.radius + 0.02)
 

@@ -7,10 +7,10 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import Box, Capsule, Scene, Sphere, Thing
-from pep.pit.clearance import core_distance, segment_box, segment_segment
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID, Path
-from pep.pit.solids import rotation_of
+from pep.pit.geometry.clearance import core_distance, segment_box, segment_segment
+from pep.pit.geometry.solids import rotation_of
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.scene.pairs import pairs_of
 from tests.pit.scenes import CELL, ROBOT, random_move, random_scene, random_shape
 
 
@@ -126,7 +126,7 @@ def test_coal_keeps_the_nearest_of_one_result():
 def test_one_pass_over_all_pairs_is_right_where_the_manager_is_not():
     """`computeDistances` keeps one result per pair: the smallest equals coal asked pair by pair."""
     rng = np.random.default_rng(13)
-    from pep.pit.world import World
+    from pep.pit.second.second_engine import World
 
     for _ in range(10):
         scene = random_scene(rng)
@@ -141,7 +141,7 @@ def test_one_pass_over_all_pairs_is_right_where_the_manager_is_not():
 def test_the_second_engine_measures_things_where_they_are_now():
     """Bodies of coal stay from scene to scene, and only what moved is put elsewhere."""
     rng = np.random.default_rng(15)
-    from pep.pit import oracle, stage
+    from pep.pit.second import collision_model, straight_check
 
     for _ in range(10):
         scene, q = random_scene(rng), rng.uniform(-1, 1, 6)
@@ -149,7 +149,7 @@ def test_the_second_engine_measures_things_where_they_are_now():
         moved = replace(scene, objects=(replace(first, shape=_lifted(first.shape)), *rest))
         seen = []
         for each in (scene, moved, scene):
-            world = oracle.World(ROBOT, each, pairs_of(ROBOT, each, CELL, grown_m=0.0))
+            world = straight_check.World(ROBOT, each, pairs_of(ROBOT, each, CELL, grown_m=0.0))
             seen.append(world.ask(q, np.ones(6))[0])
             # What is read again and again is where coal writes.
             told = [result.min_distance for result in world.stage.found.distanceResults]
@@ -159,18 +159,18 @@ def test_the_second_engine_measures_things_where_they_are_now():
             assert (world.stage.origins == np.array([frame.translation for frame in frames])).all()
         assert np.abs(seen[0] - seen[2]).max() <= 2e-6
         assert np.abs(seen[0] - seen[1]).max() > 1e-3
-        stage.STAGES.of.cache_clear()
-        world = oracle.World(ROBOT, moved, pairs_of(ROBOT, moved, CELL, grown_m=0.0))
+        collision_model.STAGES.of.cache_clear()
+        world = straight_check.World(ROBOT, moved, pairs_of(ROBOT, moved, CELL, grown_m=0.0))
         assert np.abs(world.ask(q, np.ones(6))[0] - seen[1]).max() <= 2e-6
 
 
 def test_what_does_not_lie_at_equal_distances_is_no_array():
     rows = np.arange(12.0).reshape(6, 2)
-    from pep.pit import stage
+    from pep.pit.second import collision_model
 
-    assert (stage._in_one([rows[0], rows[2], rows[4]]) == rows[::2]).all()
+    assert (collision_model._in_one([rows[0], rows[2], rows[4]]) == rows[::2]).all()
     with pytest.raises(ValueError, match="equal distances"):
-        stage._in_one([rows[0], rows[1], rows[3]])
+        collision_model._in_one([rows[0], rows[1], rows[3]])
 
 
 def _lifted(shape):

@@ -34,21 +34,20 @@ from pep.pit import (
     gripped,
     remaining,
 )
-from pep.pit.cell import StaticObject
-from pep.pit.checker import Verified, space, verify
-from pep.pit.clearance import core_distance, interval_clearance, segment_hull
-from pep.pit.enclosing import capsule_around_points
-from pep.pit.engine import NUMPY, chosen, chosen_for
-from pep.pit.errors import PitError
-from pep.pit.held import _outermost
-from pep.pit.hull import CORNERS_MOST, hull_of, widths_of
-from pep.pit.kinematics import link_frames
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID, Path
-from pep.pit.postures import Part, nearest
-from pep.pit.proof import document
-from pep.pit.shape import shape_of
-from pep.pit.solids import cores_of
+from pep.pit.base.errors import PitError
+from pep.pit.checker import Verified, distances, verify
+from pep.pit.geometry.clearance import core_distance, interval_clearance, segment_hull
+from pep.pit.geometry.hull import CORNERS_MOST, hull_of, widths_of
+from pep.pit.geometry.shape import shape_of
+from pep.pit.geometry.solids import cores_of
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.proof.proof_document import document
+from pep.pit.robot.enclosing_capsule import capsule_around_points
+from pep.pit.robot.kinematics import link_frames
+from pep.pit.scene.cell import StaticObject
+from pep.pit.scene.grip_sightings import _outermost
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.engine import NUMPY, chosen, chosen_for
 from tests.pit.lines import pose_of
 from tests.pit.scenes import (
     CELL,
@@ -67,6 +66,7 @@ from tests.pit.scenes import (
 )
 from tests.pit.test_bad_numbers import BAD, ask, matrix
 from tests.pit.test_clearance import placed
+from ztpm.picture.postures import Part, nearest
 
 PATIENT = replace(CELL, time_limit_s=60.0)  # a slow machine is no fault here
 CUBE = tuple(itertools.product((-0.1, 0.1), repeat=3))
@@ -201,7 +201,7 @@ def test_the_second_engine_lives_through_corners_that_are_all_but_flat():
 
 
 def test_the_ball_that_the_second_engine_settles_by_holds_every_corner():
-    from pep.pit.cores import core_of
+    from pep.pit.geometry.coal_shapes import core_of
 
     rng = np.random.default_rng(2214)
     for _ in range(50):
@@ -286,7 +286,7 @@ def test_a_box_of_corners_is_a_box():
     rng = np.random.default_rng(2203)
     for _ in range(300):
         box = random_shape(rng, "b", 0.0, 0.3)
-        from pep.pit.solids import rotation_of
+        from pep.pit.geometry.solids import rotation_of
 
         turned = np.array(CUBE) * 10 * np.array(box.half_m) @ rotation_of(box.quaternion).T + np.array(box.center_m)
         twin = Convex(tuple(map(tuple, turned.tolist())))
@@ -369,13 +369,13 @@ def test_the_checkers_way_is_the_rooms():
         shape = random_convex(rng, rng.uniform(-0.1, 0.1, 3))
         p, q = (each[0] for each in axes(rng, 1, 0.15))
         ours, way = core_distance(np.array([[p, q]]), cores_of([shape])[0])
-        body = space.Polytope(shape.vertices_m)
-        theirs = space.from_polytope(tuple(p.tolist()), tuple(q.tolist()), body)
-        assert space.length(theirs) == pytest.approx(ours[0], abs=1e-9)
+        body = distances.Polytope(shape.vertices_m)
+        theirs = distances.from_polytope(tuple(p.tolist()), tuple(q.tolist()), body)
+        assert distances.length(theirs) == pytest.approx(ours[0], abs=1e-9)
         if ours[0] > 1e-3:
             apart += 1
             assert np.array(theirs) / ours[0] == pytest.approx(way[0], abs=1e-7)
-            assert space.reach(body, tuple(way[0].tolist())) == pytest.approx(
+            assert distances.reach(body, tuple(way[0].tolist())) == pytest.approx(
                 (hull_of(shape.vertices_m).vertices @ way[0]).max()
             )
     assert 100 < apart < 390
@@ -422,7 +422,7 @@ def test_both_engines_agree_on_polytopes_and_every_certificate_is_verified():
 def test_the_kernel_says_that_it_knows_no_polytopes():
     """It would take one for a plane; so a scene with one has the numpy engine, and what is handed to it is a fault."""
     pytest.importorskip("numba")
-    from pep.pit.kernel.engine import packed
+    from pep.pit.search.kernel.compiled_path import packed
 
     scene = replace(empty(), objects=(Thing("it", "rigid", Convex(CUBE), 0.0),))
     with pytest.raises(PitError):

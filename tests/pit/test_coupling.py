@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from pep.pit.kernel import arm, coupling, gap, law
-from pep.pit.kernel.arm import bends_of, no_nodes, pose, put
-from pep.pit.kernel.columns import (
+from pep.pit.base.motion import Profile
+from pep.pit.base.pair_columns import (
     BAND,
     BODY,
     BRAKE,
@@ -27,13 +26,15 @@ from pep.pit.kernel.columns import (
     WARN_BAND,
     ZONE,
 )
-from pep.pit.kernel.engine import arm_of, law_of, packed, timing_of
-from pep.pit.kernel.known import RADIUS, SECOND, SPIN_SECOND, TABLE, THIRD, table_of
-from pep.pit.motion import Profile
-from pep.pit.obstacles import CODE, Kind
-from pep.pit.path import CHORD, GRID
-from pep.pit.tier import person_index, thing_index, zone_index
-from pep.pit.travel import Stopping
+from pep.pit.base.tier import person_index, thing_index, zone_index
+from pep.pit.base.travel import Stopping
+from pep.pit.path.straight_path import CHORD, GRID
+from pep.pit.scene.obstacles import CODE, Kind
+from pep.pit.search.kernel import coupling
+from pep.pit.search.kernel.arithmetic import body_poses, core_distance, index_law
+from pep.pit.search.kernel.arithmetic.body_poses import bends_of, no_nodes, pose, put
+from pep.pit.search.kernel.compiled_path import arm_of, law_of, packed, timing_of
+from pep.pit.search.kernel.search_columns import RADIUS, SECOND, SPIN_SECOND, TABLE, THIRD, table_of
 from tests.pit.test_kernel import KERNEL, ROBOT, Asked, drawn
 
 DENSE = 16
@@ -45,10 +46,10 @@ SLACK = 1e-9
 def plain(monkeypatch):
     """All that is asked here is Python."""
     inner = {
-        arm: ("squares",),
+        body_poses: ("squares",),
         coupling: ("ahead", "support", "pair_index", "tangent"),
-        gap: ("_box", "_clip", "_directed", "_out", "_segment", "plane_gap"),
-        law: ("_share",),
+        core_distance: ("_box", "_clip", "_directed", "_out", "_segment", "plane_gap"),
+        index_law: ("_share",),
     }
     for module, names in inner.items():
         for name in names:
@@ -74,7 +75,7 @@ class Span:
     def coupled(self, pair):
         numbers, whole, nodes = self.field.numbers, self.field.whole, self.nodes
         body, shape, width = whole[pair, BODY], whole[pair, SHAPE], (self.high - self.low) / GRID
-        away = gap.core_gap.py_func(nodes.ends, 1, body, numbers, pair, shape)
+        away = core_distance.core_gap.py_func(nodes.ends, 1, body, numbers, pair, shape)
         return coupling.in_step_index.py_func(
             nodes.ends, nodes.speed, nodes.spin, self.table, numbers, self.low, self.high, 0, 1, 2, body, pair, shape,
             whole[pair, KIND], away, width * width / CHORD, self.profile, self.law,

@@ -22,21 +22,34 @@ from pep.pit import (
     SpeedL,
     Sphere,
 )  # fmt: skip
-from pep.pit.checker import Code, Refused, Verified, check, doubt, leg, line, rows, stance, twist, verdict, verify
+from pep.pit.assess.dispatch import drive_of
+from pep.pit.checker import (
+    Code,
+    Refused,
+    Verified,
+    check,
+    leg,
+    rows,
+    stance,
+    trace_pieces,
+    twist,
+    untraced_line,
+    verdict,
+    verify,
+)
 from pep.pit.checker.arm import GRID
 from pep.pit.checker.piece import Lever, Piece, contraction
 from pep.pit.checker.question import obstacles_of
 from pep.pit.checker.robot import robot_of
-from pep.pit.drive import Drive, Nowhere, line_drive
-from pep.pit.driving import drive_of
-from pep.pit.effort import Effort
-from pep.pit.hold import speed_drive
-from pep.pit.pairs import pairs_of
-from pep.pit.proof import document, question_digest
-from pep.pit.proof_course import Recorded
-from pep.pit.proof_rows import order_of
-from pep.pit.question import view_around
-from pep.pit.twist import tool_pose
+from pep.pit.proof.course_proof import Recorded
+from pep.pit.proof.proof_document import document, question_digest
+from pep.pit.proof.row_proofs import order_of
+from pep.pit.robot.twist import tool_pose
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.course_limits import Effort
+from pep.pit.search.question import view_around
+from pep.pit.search.stream_course import speed_drive
+from pep.pit.search.timed_course import Drive, Nowhere, line_drive
 from tests.pit.corruption import all_refused, seal
 from tests.pit.corruption_courses import EXPECTED, KINDS, Unfit, corrupted, made
 from tests.pit.courses import FORMS, PATIENT, courses_of, random_question, shifted, short_line, written
@@ -258,10 +271,10 @@ def test_no_course_breaks_the_checker(texts):
 
 def test_work_is_bounded(monkeypatch):
     text = documents_of("line")[0].text
-    monkeypatch.setattr(line, "NODES_MOST", 5)
+    monkeypatch.setattr(trace_pieces, "NODES_MOST", 5)
     assert verify(text).code is Code.TOO_LARGE
-    monkeypatch.setattr(line, "NODES_MOST", 50_000)
-    monkeypatch.setattr(line, "PIECES_MOST", 5)
+    monkeypatch.setattr(trace_pieces, "NODES_MOST", 50_000)
+    monkeypatch.setattr(trace_pieces, "PIECES_MOST", 5)
     assert verify(text).code is Code.TOO_LARGE
 
 
@@ -529,15 +542,18 @@ def test_a_line_that_can_be_followed_is_not_blocked_and_one_that_cannot_is():
         start, way = random_start(rng), rng.uniform(-0.05, 0.05, 3)
         here = stance.stance(ARM, start)
         line_ = twist.Twist(here.pose, tuple(way.tolist()), (0.0, 0.1, 0.0))
-        assert doubt.blocked(ARM, line_, here, 0, doubt.FINEST) is None
+        assert untraced_line.blocked(ARM, line_, here, 0, untraced_line.FINEST) is None
     here = stance.stance(ARM, HOME)
     out = twist.Twist(here.pose, (2.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert doubt.blocked(ARM, out, here, 0, GRID) == "singular"
+    assert untraced_line.blocked(ARM, out, here, 0, GRID) == "singular"
     beside = (6.2831, *HOME[1:])
     there = stance.stance(ARM, beside)
     x, y, _ = there.pose[0]
     ahead, back = (twist.Twist(there.pose, (-s * y, s * x, 0.0), (0.0, 0.0, 0.0)) for s in (1.0, -1.0))
-    assert {doubt.blocked(ARM, each, there, 0, doubt.FINEST) for each in (ahead, back)} == {None, "joint_limit"}
+    assert {untraced_line.blocked(ARM, each, there, 0, untraced_line.FINEST) for each in (ahead, back)} == {
+        None,
+        "joint_limit",
+    }
 
 
 @pytest.mark.parametrize("seed", range(3))

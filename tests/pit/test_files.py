@@ -11,9 +11,8 @@ import jsonschema
 import pytest
 from docs import generate
 from pep.pit import Box, Convex, Region, Robot, adult_at_distance, assess, standing_adult
-from pep.pit.errors import PitError
-from pep.pit.files import FILE_LIMIT_BYTES, FileError, value_of
-from pep.pit.motion import (
+from pep.pit.base.errors import PitError
+from pep.pit.base.motion import (
     GripperMove,
     JointLeg,
     JointPath,
@@ -27,10 +26,11 @@ from pep.pit.motion import (
     SpeedJ,
     SpeedL,
 )
-from pep.pit.motion_file import KINDS, motion_of, seed_of
-from pep.pit.scene import CELL_FILE
-from pep.pit.scene_file import situation_of
-from pep.pit.schemas import motion_schema, scene_schema
+from pep.pit.files.motion_file import KINDS, motion_of, seed_of
+from pep.pit.files.plain_file import FILE_LIMIT_BYTES, FileError, value_of
+from pep.pit.files.scene_file import situation_of
+from pep.pit.files.schemas import motion_schema, scene_schema
+from pep.pit.scene.scene import CELL_FILE
 from tests.pit.scenes import CELL, FRONT, empty, sweep, with_glass, with_person
 
 EXAMPLES = Path(generate.__file__).parent / "examples"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import Capsule, Person, Region, adult_at_distance, assess, standing_adult
-from pep.pit.separation import stopping
+from pep.pit.scene.separation import stopping
 from tests.pit.scenes import CELL, FRONT, NOTHING, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
 FRESH = 0.10  # age of the view, s

@@ -22,17 +22,17 @@ from pep.pit import (
     remaining,
     unknown_part,
 )
-from pep.pit.certify import RESOLUTION
-from pep.pit.contact import effective_mass_kg, harm_speed_m_s
-from pep.pit.held import _capsule_around, without_held
-from pep.pit.kinematics import link_frames
-from pep.pit.motion import profile_of
-from pep.pit.pairs import pairs_of
-from pep.pit.parameters import Demands
-from pep.pit.path import GRID, Path
-from pep.pit.scene import Region
-from pep.pit.solids import rotation_of
-from pep.pit.world import World
+from pep.pit.base.motion import profile_of
+from pep.pit.geometry.solids import rotation_of
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.robot.kinematics import link_frames
+from pep.pit.scene.contact_limits import effective_mass_kg, harm_speed_m_s
+from pep.pit.scene.grip_sightings import _capsule_around, without_held
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.scene import Region
+from pep.pit.search.arm_limits import Demands
+from pep.pit.search.certify import RESOLUTION
+from pep.pit.second.second_engine import World
 from policies.evidence.evidence import ImpactFault
 from tests.pit.scenes import (
     CELL,

@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import ServoJ, SpeedL, Sphere, Thing, assess, remaining
-from pep.pit.drive import Drive, Nowhere
-from pep.pit.driving import drive_of
-from pep.pit.hold import servo_drive, speed_drive
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID
-from pep.pit.separation import stopping
+from pep.pit.assess.dispatch import drive_of
+from pep.pit.path.straight_path import GRID
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
+from pep.pit.search.stream_course import servo_drive, speed_drive
+from pep.pit.search.timed_course import Drive, Nowhere
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pit.lines import MODEL, Sampled, followed, placed, random_hold, random_line, random_servo, tool_jacobian

@@ -7,11 +7,11 @@ import pytest
 from capabilities.values.scope import Tier
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pep.pit.cell import CellParameters
-from pep.pit.contact import LIMITS, contact_speed_m_s, harm_speed_m_s
-from pep.pit.scene import Region
-from pep.pit.separation import stopping
-from pep.pit.tier import TIE, person_index, ratio_index, thing_index, tier_of, zone_index
+from pep.pit.base.tier import TIE, person_index, ratio_index, thing_index, tier_of, zone_index
+from pep.pit.scene.cell import CellParameters
+from pep.pit.scene.contact_limits import LIMITS, contact_speed_m_s, harm_speed_m_s
+from pep.pit.scene.scene import Region
+from pep.pit.scene.separation import stopping
 from tests.pit import twin
 from tests.pit.scenes import ROBOT
 

@@ -3,23 +3,23 @@
 import numpy as np
 import pytest
 from pep.pit import CellParameters, MoveJ, Robot
-from pep.pit.adult import standing_adult
-from pep.pit.certify import RESOLUTION
-from pep.pit.engine import NUMPY, chosen
-from pep.pit.kernel import arm as arm_module
-from pep.pit.kernel import culling
-from pep.pit.kernel.arm import no_nodes, pose, put
-from pep.pit.kernel.asks import laid_out
-from pep.pit.kernel.effort import torques
-from pep.pit.kernel.engine import arm_of, blocks
-from pep.pit.motion import profile_of
-from pep.pit.obstacles import Kind
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID
-from pep.pit.scene import Box, Capsule, Scene, Sphere, Thing, Workspace, Zone
-from pep.pit.separation import stopping
-from pep.pit.tier import TIE
-from pep.pit.torques import masses_with
+from pep.pit.base.motion import profile_of
+from pep.pit.base.tier import TIE
+from pep.pit.path.straight_path import GRID
+from pep.pit.scene.adult_body import standing_adult
+from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.scene import Box, Capsule, Scene, Sphere, Thing, Workspace, Zone
+from pep.pit.scene.separation import stopping
+from pep.pit.search.certify import RESOLUTION
+from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.search.kernel import broad_phase
+from pep.pit.search.kernel.arithmetic import body_poses as arm_module
+from pep.pit.search.kernel.arithmetic.body_poses import no_nodes, pose, put
+from pep.pit.search.kernel.arithmetic.joint_torques import torques
+from pep.pit.search.kernel.compiled_path import arm_of, blocks
+from pep.pit.search.kernel.loads import laid_out
+from pep.pit.search.torques import masses_with
 
 ROBOT, CELL = Robot.load("ur3e"), CellParameters()
 KERNEL = chosen()
@@ -158,7 +158,7 @@ def test_places_side_by_side_are_to_the_last_bit_what_each_is_alone(count):
 def plain(monkeypatch):
     """What `put` and the broad phase call is Python as well."""
     squares = arm_module.squares.py_func
-    for module in (arm_module, culling):
+    for module in (arm_module, broad_phase):
         monkeypatch.setattr(module, "squares", squares)
 
 
@@ -185,13 +185,15 @@ def test_first_and_second_derivatives_of_the_ends_are_those_of_where_they_are():
 def test_the_broad_phase_knows_of_all_bodies_what_is_put_of_each():
     rng, arm, bodies = np.random.default_rng(39), arm_of(ROBOT), np.arange(len(ROBOT.bodies))
     first, count = 2, 3  # nodes before these are not looked at
-    nodes = no_nodes.py_func(first + culling.FIRST, len(bodies))
-    for at in range(first, first + culling.FIRST):
+    nodes = no_nodes.py_func(first + broad_phase.FIRST, len(bodies))
+    for at in range(first, first + broad_phase.FIRST):
         pose.py_func(nodes, at, arm, rng.uniform(-3, 3, 6), rng.uniform(-2, 2, 6))
         for body in bodies:
             put.py_func(*nodes, arm.link, arm.reference, arm.ends, at, body)
-    swept = culling.swept.py_func(nodes, first, culling.FIRST, arm, bodies).reshape(len(bodies), -1, culling.FIRST)
-    there = slice(first, first + culling.FIRST)
+    swept = broad_phase.swept.py_func(nodes, first, broad_phase.FIRST, arm, bodies).reshape(
+        len(bodies), -1, broad_phase.FIRST
+    )
+    there = slice(first, first + broad_phase.FIRST)
     assert np.allclose(swept[:, :count].transpose(2, 0, 1), nodes.ends[there].mean(axis=2), rtol=0, atol=1e-12)
     for column, numbers in enumerate((nodes.speed, nodes.swerve, nodes.spin), start=count):
         assert np.allclose(swept[:, column].T, numbers[there], rtol=0, atol=1e-12), column
@@ -273,7 +275,7 @@ def test_meant_contact_and_clear_room_follow_the_same_law():
 
 
 def test_without_numba_the_numpy_engine_decides(monkeypatch):
-    monkeypatch.setattr("pep.pit.engine.find_spec", lambda name: None)
+    monkeypatch.setattr("pep.pit.search.engine.find_spec", lambda name: None)
     chosen.cache_clear()
     try:
         assert chosen() is NUMPY
@@ -282,7 +284,7 @@ def test_without_numba_the_numpy_engine_decides(monkeypatch):
 
 
 def test_too_many_rows_are_a_fault_in_both(monkeypatch):
-    from pep.pit.errors import WorkLimitError
+    from pep.pit.base.errors import WorkLimitError
 
     rng = np.random.default_rng(37)
     scene, move = drawn(rng)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import Robot, Workspace, adult_at_distance
-from pep.pit.certify import VIOLATION_RESOLUTION_M
-from pep.pit.engine import NUMPY, chosen
-from pep.pit.oracle import look
-from pep.pit.pairs import pairs_of
-from pep.pit.separation import stopping
-from pep.pit.tier import MOVING
-from pep.pit.world import DISTANCE_TOLERANCE_M, World
+from pep.pit.base.tier import MOVING
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
+from pep.pit.search.certify import VIOLATION_RESOLUTION_M
+from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, World
+from pep.pit.second.straight_check import look
 from tests.pit.scenes import CELL, ROBOT, random_scene
 
 if chosen() is NUMPY:

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import CellParameters, MoveJ, Robot
-from pep.pit.engine import NUMPY, chosen
-from pep.pit.errors import WorkLimitError
-from pep.pit.motion import profile_of
-from pep.pit.parameters import Demands
-from pep.pit.path import Path
-from pep.pit.question import as_run
-from pep.pit.tier import tier_of
+from pep.pit.base.errors import WorkLimitError
+from pep.pit.base.motion import profile_of
+from pep.pit.base.tier import tier_of
+from pep.pit.path.straight_path import Path
+from pep.pit.search.arm_limits import Demands
+from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.search.question import as_run
 from tests.pit.scenes import CELL, HOME, ROBOT
 from tests.pit.test_speeds import fast, limited
 

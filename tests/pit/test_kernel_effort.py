@@ -4,8 +4,8 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import Robot
-from pep.pit.kernel.effort import masses_of, torques
-from pep.pit.torques import Torques, carried_kg
+from pep.pit.search.kernel.arithmetic.joint_torques import masses_of, torques
+from pep.pit.search.torques import Torques, carried_kg
 from tests.model.torques import by_pinocchio
 from tests.pit.scenes import CELL, ROBOT
 

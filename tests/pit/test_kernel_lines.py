@@ -4,17 +4,17 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import MoveL, ServoJ
-from pep.pit.certify import RESOLUTION
-from pep.pit.course import Course
-from pep.pit.curved import NUMPY, chosen
-from pep.pit.drive import Drive, Nowhere
-from pep.pit.driving import drive_of
-from pep.pit.line import trace
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID
-from pep.pit.separation import stopping
-from pep.pit.tier import TIE
-from pep.pit.twist import Twist
+from pep.pit.assess.dispatch import drive_of
+from pep.pit.base.tier import TIE
+from pep.pit.path.course import Course
+from pep.pit.path.line_trace import trace
+from pep.pit.path.straight_path import GRID
+from pep.pit.robot.twist import Twist
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
+from pep.pit.search.certify import RESOLUTION
+from pep.pit.search.course_engine import NUMPY, chosen
+from pep.pit.search.timed_course import Drive, Nowhere
 from tests.pit.lines import placed, random_hold, random_line, random_servo, random_start, random_way
 from tests.pit.scenes import CELL, HOME, ROBOT, random_scene
 
@@ -111,10 +111,10 @@ def test_p12_what_is_reachable_is_the_same():
 
 def test_p12_only_in_a_small_box_is_a_configuration_the_only_one():
     """Both engines say so of the same boxes, whatever decides: the way, the turn or how near it is."""
-    from pep.pit.inverse import stance
-    from pep.pit.kernel.compiled import entry
-    from pep.pit.kernel.piece import on_path
-    from pep.pit.line import _Lever, _on_path
+    from pep.pit.path.line_trace import _Lever, _on_path
+    from pep.pit.robot.inverse_kinematics import stance
+    from pep.pit.search.kernel.arithmetic.compilation import entry
+    from pep.pit.search.kernel.arithmetic.line_piece import on_path
 
     @entry
     def compiled(reach, q, inverse, near, within):
@@ -306,7 +306,7 @@ def test_a_line_that_is_not_found_again_is_a_fault():
     """The cells of one line, the track of another: no number comes of it."""
     from dataclasses import replace
 
-    from pep.pit.errors import MotionError
+    from pep.pit.base.errors import MotionError
 
     each = next(asked(87, 1))
     twist = each.kernel.track.twist
@@ -325,9 +325,9 @@ def test_a_line_that_is_not_found_again_is_a_fault():
 
 
 def test_without_numba_the_numpy_engine_decides(monkeypatch):
-    from pep.pit import engine
+    from pep.pit.search import engine
 
-    monkeypatch.setattr("pep.pit.engine.find_spec", lambda name: None)
+    monkeypatch.setattr("pep.pit.search.engine.find_spec", lambda name: None)
     engine.chosen.cache_clear()
     try:
         assert chosen() is NUMPY

@@ -8,16 +8,16 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import MoveL, Sphere, Thing, Workspace, assess
-from pep.pit.certify import RESOLUTION
-from pep.pit.drive import line_drive
-from pep.pit.driven import CourseCertificate
-from pep.pit.effort import Effort
-from pep.pit.inverse import stance
-from pep.pit.line import FINEST, trace
-from pep.pit.motion import Profile
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID
-from pep.pit.twist import Twist, turn_of, turned_by
+from pep.pit.assess.course_assessment import CourseCertificate
+from pep.pit.base.motion import Profile
+from pep.pit.path.line_trace import FINEST, trace
+from pep.pit.path.straight_path import GRID
+from pep.pit.robot.inverse_kinematics import stance
+from pep.pit.robot.twist import Twist, turn_of, turned_by
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.certify import RESOLUTION
+from pep.pit.search.course_limits import Effort
+from pep.pit.search.timed_course import line_drive
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pit.lines import MODEL, Sampled, marched, placed, pose_of, random_line
@@ -222,7 +222,7 @@ def test_the_rows_of_the_proof_cover_every_pair_and_are_found_again_from_the_rec
     course = drive_for(move).course
     drive = drive_for(move)
     stop_speed = float(drive.joint_speeds_rad_s(drive.profile).max())
-    from pep.pit.separation import stopping
+    from pep.pit.scene.separation import stopping
 
     stop = stopping(CELL, perception_age_s=0.1, joint_speed_rad_s=stop_speed)
     leaves = course.examine(pairs, proof.low, proof.high, proof.pair)
@@ -419,47 +419,48 @@ def test_out_of_time_is_a_fault():
 
 def test_a_second_engine_that_sees_another_line_is_a_fault(monkeypatch):
     """The compiled engine has its tool a thousandth of a millimetre elsewhere."""
-    from pep.pit.kernel import courses
+    from pep.pit.search.kernel import compiled_course
 
-    honest = courses._tool_of
+    honest = compiled_course._tool_of
 
     def bent(robot):
         tool = honest(robot)
         return tool._replace(wrist=tool.wrist._replace(tcp=tool.wrist.tcp + np.array([0, 0, 1e-6])))
 
-    monkeypatch.setattr(courses, "_tool_of", bent)
+    monkeypatch.setattr(compiled_course, "_tool_of", bent)
     answer = ask(GOOD)
     assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")
 
 
 def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault(monkeypatch):
-    from pep.pit import curved, inverse
+    from pep.pit.robot import inverse_kinematics
+    from pep.pit.search import course_engine
 
-    honest = inverse.link_frames
+    honest = inverse_kinematics.link_frames
 
     def bent(robot, q):
         rotation, origin = honest(robot, q)
         return rotation, origin + np.array([0, 0, 1e-6])
 
-    monkeypatch.setattr("pep.pit.drive.chosen", lambda: curved.NUMPY)
-    monkeypatch.setattr("pep.pit.driven.chosen_for", lambda *_: curved.NUMPY)
+    monkeypatch.setattr("pep.pit.search.timed_course.chosen", lambda: course_engine.NUMPY)
+    monkeypatch.setattr("pep.pit.assess.course_assessment.chosen_for", lambda *_: course_engine.NUMPY)
     assert not isinstance(ask(GOOD), ImpactFault)
-    monkeypatch.setattr(inverse, "link_frames", bent)
+    monkeypatch.setattr(inverse_kinematics, "link_frames", bent)
     answer = ask(GOOD)
     assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")
 
 
 def test_an_answer_below_what_is_met_at_a_place_that_nobody_foresees_is_a_fault(monkeypatch):
-    from pep.pit import curved
+    from pep.pit.search import course_engine
 
-    honest = curved.chosen()
+    honest = course_engine.chosen()
 
     def lying(*args, **more):
         return replace(honest.certify(*args, **more), upper=1.0, attained=1.0, witnesses=())
 
     scene = with_person(0.6)
     assert ask(GOOD, scene).index > 1.5
-    monkeypatch.setattr("pep.pit.driven.chosen_for", lambda *_: replace(honest, certify=lying))
+    monkeypatch.setattr("pep.pit.assess.course_assessment.chosen_for", lambda *_: replace(honest, certify=lying))
     answer = ask(GOOD, scene)
     assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")
 
@@ -475,7 +476,7 @@ def test_no_piece_is_shorter_than_the_finest():
 
 def test_only_in_a_small_box_is_a_configuration_the_only_one():
     """Newton's map contracts near a good configuration, not on a wide box, and not at a singular one."""
-    from pep.pit.line import _Lever, _on_path
+    from pep.pit.path.line_trace import _Lever, _on_path
 
     lever = _Lever(ROBOT.reach[ROBOT.body_index("tcp")])
     good, flat = stance(ROBOT, np.array(HOME)), stance(ROBOT, np.array((*HOME[:4], 1e-4, HOME[5])))

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from pep.pit.drive import Drive
-from pep.pit.driving import drive_of
-from pep.pit.effort import Effort
-from pep.pit.path import GRID
-from pep.pit.twist import TURN_LEVER_M
+from pep.pit.assess.dispatch import drive_of
+from pep.pit.path.straight_path import GRID
+from pep.pit.robot.twist import TURN_LEVER_M
+from pep.pit.search.course_limits import Effort
+from pep.pit.search.timed_course import Drive
 from tests.pit.lines import placed, random_hold, random_line, random_servo
 from tests.pit.scenes import CELL, ROBOT
 from tests.pit.test_held_tool_speeds import unhurried

@@ -17,12 +17,12 @@ from pep.pit import (
     assess,
     remaining,
 )
-from pep.pit.motion import profile_of
-from pep.pit.obstacles import Kind
-from pep.pit.pairs import pairs_of
-from pep.pit.path import Path
-from pep.pit.touching import gentle_rows
-from pep.pit.world import World
+from pep.pit.base.motion import profile_of
+from pep.pit.path.straight_path import Path
+from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.meant_contact import gentle_rows
+from pep.pit.second.second_engine import World
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, at_time, empty, random_scene, tcp
 
 ABOVE = (0.0, -1.6595, 1.8752, -1.7865, -1.57, 0.0)  # fingers 88 mm above the table, pointing down

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pep.pit import MoveJ
-from pep.pit.motion import Profile, profile_of
+from pep.pit.base.motion import Profile, profile_of
 
 PROFILES = st.builds(Profile, st.floats(1e-3, 6), st.floats(1e-3, 6), st.floats(1e-2, 40))
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, Sphere, Thing, assess, remaining
-from pep.pit.certify import RESOLUTION
-from pep.pit.drive import line_drive
-from pep.pit.legs import LegsCertificate
-from pep.pit.motion import profile_of
+from pep.pit.assess.path_legs import LegsCertificate
+from pep.pit.base.motion import profile_of
+from pep.pit.search.certify import RESOLUTION
+from pep.pit.search.timed_course import line_drive
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pit.lines import placed, pose_of, random_line

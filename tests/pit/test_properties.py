@@ -28,13 +28,13 @@ from pep.pit import (
     Zone,
     assess,
 )
-from pep.pit.certify import RESOLUTION
-from pep.pit.engine import NUMPY, chosen
-from pep.pit.model import Model
-from pep.pit.moves import MoveQuestion
-from pep.pit.question import as_run, view_around
-from pep.pit.robot import _assemble
-from pep.pit.tier import ratio_index
+from pep.pit.assess.straight_assessment import MoveQuestion
+from pep.pit.base.tier import ratio_index
+from pep.pit.robot.model import Model
+from pep.pit.robot.robot import _assemble
+from pep.pit.search.certify import RESOLUTION
+from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.search.question import as_run, view_around
 from policies.evidence.evidence import ImpactFault
 from tests.pit.scenes import (
     CELL,

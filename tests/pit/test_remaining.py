@@ -24,7 +24,7 @@ from pep.pit import (
     remaining,
     standing_adult,
 )
-from pep.pit.certify import RESOLUTION
+from pep.pit.search.certify import RESOLUTION
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pit.scenes import (
@@ -228,7 +228,7 @@ def test_off_the_path():
 
 def test_off_the_path_is_never_inside_what_the_clearance_already_gives():
     """A deviation that passes moves no part of the arm farther than the tolerance."""
-    from pep.pit.path import Path
+    from pep.pit.path.straight_path import Path
 
     rng = np.random.default_rng(4000)
     passed = 0

@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import ModelError, MoveJ, Robot, Scene
-from pep.pit.kinematics import layout, link_frames, poses
-from pep.pit.pairs import pairs_of
-from pep.pit.path import Path
+from pep.pit.path.straight_path import Path
+from pep.pit.robot.kinematics import layout, link_frames, poses
+from pep.pit.scene.pairs import pairs_of
 from tests.pit.scenes import CELL, ROBOT, random_move
 
 TEXT = (resources.files("pep.pit") / "robots" / "ur3e.toml").read_text()
@@ -264,7 +264,7 @@ def test_pairs_left_out_do_not_come_to_touch(robot):
     def ends(c):
         return [rotation[:, c.link] @ np.array(p) + origin[:, c.link] for p in (c.a_m, c.b_m)]
 
-    from pep.pit.clearance import segment_segment
+    from pep.pit.geometry.clearance import segment_segment
 
     for outer in robot.capsules:
         for inner in robot.capsules:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import Assessment, GripperMove, Robot, Sphere, Thing, assess, gripped
-from pep.pit.kinematics import link_frames
+from pep.pit.robot.kinematics import link_frames
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty
 
 HAND_E = Robot.load("ur3e", tool="robotiq_hande")

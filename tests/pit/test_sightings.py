@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pep.perception.sensor_frames import Frame, Heard, Look
 from pep.pit import Assessment, GripperMove, Sphere, Thing, adult_at_distance, assess, gripped, scene_observed
+from pep.pit.assess.remaining import Remaining, remaining
 from pep.pit.checker import Refused, Verified, verify
-from pep.pit.kinematics import link_frames
-from pep.pit.proof import document
-from pep.pit.remaining import Remaining, remaining
-from pep.pit.scene import CELL_FILE, SIGHTING_AGE_LIMIT_S
-from pep.pit.view import view_of
+from pep.pit.proof.proof_document import document
+from pep.pit.robot.kinematics import link_frames
+from pep.pit.scene.scene import CELL_FILE, SIGHTING_AGE_LIMIT_S
+from pep.pit.scene.view import view_of
 from tests.pit.scenes import (
     CELL,
     FRONT,

@@ -32,16 +32,16 @@ from pep.pit import (
     remaining,
     standing_adult,
 )
-from pep.pit.drive_rest import rests_of
-from pep.pit.engine import NUMPY
-from pep.pit.motion import profile_of
-from pep.pit.pairs import pairs_of
-from pep.pit.path import GRID, Path
-from pep.pit.question import as_run
-from pep.pit.rest import Rest, slowed
-from pep.pit.slowing import paced, steps
-from pep.pit.twist import Twist, turn_of
-from pep.pit.world import World
+from pep.pit.assess.course_remaining import rests_of
+from pep.pit.assess.slider_search import paced, steps
+from pep.pit.assess.straight_remaining import Rest, slowed
+from pep.pit.base.motion import profile_of
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.robot.twist import Twist, turn_of
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.engine import NUMPY
+from pep.pit.search.question import as_run
+from pep.pit.second.second_engine import World
 from policies.evidence.evidence import ImpactFault
 from tests.pit import twin
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, along, at_time, empty, random_move, tcp
@@ -428,7 +428,7 @@ def test_a_line_that_is_stretched_asks_less_of_the_arm():
 def test_both_engines_name_the_same_speed(monkeypatch):
     asked = [(somebody(distance), share) for distance in (1.55, 1.65, 1.75) for share in (0.1, 0.4, 0.7)]
     decided = [left(scene, FAST, share) for scene, share in asked]
-    monkeypatch.setattr("pep.pit.rest.chosen_for", lambda *_: NUMPY)
+    monkeypatch.setattr("pep.pit.assess.straight_remaining.chosen_for", lambda *_: NUMPY)
     plain = [left(scene, FAST, share) for scene, share in asked]
     for one, other in zip(decided, plain, strict=True):
         assert (one.holds, one.pace, one.cause) == (other.holds, other.pace, other.cause)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import Box, Capsule, CellParameters, MoveJ, Person, Scene, Sphere, Workspace, assess
-from pep.pit.certify import RESOLUTION
-from pep.pit.model import Model
-from pep.pit.motion import profile_of
-from pep.pit.pairs import pairs_of
-from pep.pit.parameters import Demands
-from pep.pit.path import GRID, Path
-from pep.pit.world import World
+from pep.pit.base.motion import profile_of
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.robot.model import Model
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.arm_limits import Demands
+from pep.pit.search.certify import RESOLUTION
+from pep.pit.second.second_engine import World
 from tests.pit import twin
 from tests.pit.scenes import (
     CELL,
@@ -132,7 +132,7 @@ def test_p5_more_things_never_lower():
 def test_p1_p7_growing_the_robot_or_a_body_never_lowers():
     rng = np.random.default_rng(400)
     capsules = tuple(replace(c, radius_m=c.radius_m + 0.01) for c in ROBOT.model.capsules)
-    from pep.pit.robot import _assemble
+    from pep.pit.robot.robot import _assemble
 
     model = ROBOT.model
     parts = {f: getattr(model, f) for f in Model.__dataclass_fields__ if f != "__pydantic_config__"}

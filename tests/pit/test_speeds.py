@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 import rfc8785
 from pep.pit import MoveJ, SpeedJ, assess
+from pep.pit.base.motion import profile_of
+from pep.pit.base.tier import HIGHEST, ratio_index
 from pep.pit.checker import Code, Refused, Verified, verify
-from pep.pit.engine import chosen
-from pep.pit.motion import profile_of
-from pep.pit.parameters import Demands, speed_shares
-from pep.pit.path import GRID, Path
-from pep.pit.proof import document
-from pep.pit.question import as_run
-from pep.pit.speeds import CUTS_MOST, INDEX_WITHIN
-from pep.pit.tier import HIGHEST, ratio_index
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.proof.proof_document import document
+from pep.pit.search.arm_limits import Demands, speed_shares
+from pep.pit.search.engine import chosen
+from pep.pit.search.question import as_run
+from pep.pit.search.surface_speeds import CUTS_MOST, INDEX_WITHIN
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")

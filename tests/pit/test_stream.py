@@ -2,7 +2,7 @@
 
 import pytest
 from pep.pit import CellParameters, SpeedJ
-from pep.pit.stream import moves_with, stream_envelope
+from pep.pit.search.speed_envelope import moves_with, stream_envelope
 
 HOME = (0.0, -1.5, 1.5, 0.0, 0.5, 0.0)
 STREAM = SpeedJ(HOME, (0.4, 0.0, 0.0, 0.0, 0.0, -0.2), 2.0, 0.5)

@@ -27,14 +27,14 @@ from pep.pit import (
     Workspace,
     Zone,
     assess,
-    streaming,
 )
-from pep.pit.assessment import Assessment
-from pep.pit.engine import NUMPY
-from pep.pit.separation import stopping
-from pep.pit.stream import stream_envelope
-from pep.pit.streaming import CONFIRMED_OF, Bounded, Stream
-from pep.pit.world import World
+from pep.pit.assess import stream as streaming
+from pep.pit.assess.assessment import Assessment
+from pep.pit.assess.stream import CONFIRMED_OF, Bounded, Stream
+from pep.pit.scene.separation import stopping
+from pep.pit.search.engine import NUMPY
+from pep.pit.search.speed_envelope import stream_envelope
+from pep.pit.second.second_engine import World
 from policies.evidence.evidence import ImpactFault
 from tests.pit.lines import AGE, Sampled
 from tests.pit.scenes import (

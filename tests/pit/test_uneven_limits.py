@@ -7,10 +7,10 @@ from importlib import resources
 import numpy as np
 import pytest
 from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, Robot, ServoJ, SpeedJ, SpeedL, assess
-from pep.pit.assessment import Assessment
-from pep.pit.departure import joint_limits
-from pep.pit.drive import beyond
-from pep.pit.remaining import remaining
+from pep.pit.assess.assessment import Assessment
+from pep.pit.assess.remaining import remaining
+from pep.pit.search.start_violations import joint_limits
+from pep.pit.search.timed_course import beyond
 from tests.pit.lines import pose_of
 from tests.pit.scenes import CELL, HOME, NOTHING, SEED, empty
 

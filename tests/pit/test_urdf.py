@@ -9,16 +9,16 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import Assessment, ModelError, MoveJ, assess
-from pep.pit.apart import proposed
-from pep.pit.chain import model_of, robot_of
 from pep.pit.checker import Verified, verify
-from pep.pit.clearance import segment_segment
-from pep.pit.enclosing import capsule_around
-from pep.pit.frames import angles_of
-from pep.pit.kinematics import link_frames
-from pep.pit.outfit import Apart, Outfit
-from pep.pit.proof import document
-from pep.pit.urdf import Ball, Block, Pose, Rod, described
+from pep.pit.geometry.clearance import segment_segment
+from pep.pit.proof.proof_document import document
+from pep.pit.robot.enclosing_capsule import capsule_around
+from pep.pit.robot.frames import angles_of
+from pep.pit.robot.kinematics import link_frames
+from pep.pit.robot.outfit import Apart, Outfit
+from pep.pit.robot.self_clearance import proposed
+from pep.pit.robot.urdf import Ball, Block, Pose, Rod, described
+from pep.pit.robot.urdf_robot import model_of, robot_of
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, sweep, with_glass, with_person
 from tests.pit.urdfs import LIKE_UR3E, OUTFIT, STICK, capsule, inertial, joint, origin, random_arm, robot, ur3e
 
@@ -27,7 +27,7 @@ UR3E = ur3e()
 
 def arm_of(text, outfit=OUTFIT):
     """The arm without the word on its pairs: random ones overlap."""
-    from pep.pit.robot import Robot
+    from pep.pit.robot.robot import Robot
 
     return Robot.from_model(model_of(described(text), outfit), tool=outfit.tools[0].name)
 

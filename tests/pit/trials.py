@@ -7,12 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from evaluation.pit.ruler import REACH_M, Ruler
 from pep.pit import JointPath, assess
+from pep.pit.base.errors import ProofError
 from pep.pit.checker import Code, Refused, Verified, verify
-from pep.pit.engine import chosen
-from pep.pit.errors import ProofError
-from pep.pit.pairs import pairs_of
-from pep.pit.proof import document
-from pep.pit.question import as_run, view_around
+from pep.pit.proof.proof_document import document
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.engine import chosen
+from pep.pit.search.question import as_run, view_around
 from policies.evidence.evidence import ImpactFault
 from tests.pit.bracket import CLOSE, CLOSE_M, closed
 from tests.pit.corruption import corrupted

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pinocchio
-from pep.pit.model import Tool, ToolCapsule
-from pep.pit.outfit import Outfit
+from pep.pit.robot.model import Tool, ToolCapsule
+from pep.pit.robot.outfit import Outfit
 from tests.pit.scenes import ROBOT
 
 STICK = Tool(

@@ -25,8 +25,8 @@ from pep.base.operations import (
     SPEED_JOINT,
     SPEED_LINEAR,
 )
-from pep.pit.inverse import stance
-from pep.pit.twist import turn_of, turned_by
+from pep.pit.robot.inverse_kinematics import stance
+from pep.pit.robot.twist import turn_of, turned_by
 from pep.rtde.command.command_table import ROWS
 from pep.rtde.command.limits import OFFSET_M
 from pep.rtde.line.command_registers import WATCHDOG_HZ

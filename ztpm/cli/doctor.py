@@ -110,7 +110,7 @@ def _physics() -> tuple[bool, str]:
 def _arm(config: Path) -> tuple[bool, str]:
     """A gateway takes the configuration, and the arm's calibration where it names one."""
     from pep.base.errors import ConfigError
-    from pep.pit.calibration import own_kinematics
+    from pep.pit.robot.calibration import own_kinematics
     from ztpm.point.cell_config import read_cell, read_robot
     from ztpm.point.gateway_config import read_gateway_config
     from ztpm.status.page import kinematics_said

@@ -13,8 +13,8 @@ from rich.text import Text
 from ztpm.cli.output import DEFER, DENY, USAGE, console, fail, plain, say_json
 
 if TYPE_CHECKING:
-    from pep.pit.assessment import Assessment
-    from pep.pit.errors import PitError
+    from pep.pit.assess.assessment import Assessment
+    from pep.pit.base.errors import PitError
     from ztpm.pit import Arm, Asked
 
 app = typer.Typer(help="Physical impact of one motion in one scene, out of files.", invoke_without_command=True)
@@ -61,7 +61,7 @@ def pit(
         fail("USAGE", "--scene FILE and --motion FILE are needed", as_json=as_json, status=USAGE)
     if picture is not None and picture.suffix not in PICTURES:
         fail("USAGE", "--picture ends in .png or .html", as_json=as_json, status=USAGE)
-    from pep.pit.errors import PitError
+    from pep.pit.base.errors import PitError
     from policies.evidence.evidence import ImpactFault
     from ztpm.pit import Arm, to_plain
 
@@ -101,9 +101,9 @@ def verify(
 
     With --scene and --motion the proof must also be of the question that these files ask.
     """
+    from pep.pit.base.errors import PitError
     from pep.pit.checker import Refused
     from pep.pit.checker import verify as checked
-    from pep.pit.errors import PitError
     from ztpm.pit import Arm
 
     if (scene is None) != (motion is None):
@@ -133,7 +133,7 @@ def verify(
 
 
 def _asked(scene: Path, motion: Path, arm: Arm, *, as_json: bool) -> Asked:
-    from pep.pit.errors import PitError
+    from pep.pit.base.errors import PitError
     from ztpm.pit import asked
 
     try:
@@ -161,7 +161,7 @@ def _status(said: Assessment) -> int:
 
 
 def _draw(question: Asked, said: Assessment, file: Path, *, as_json: bool) -> None:
-    from pep.pit.errors import PitError
+    from pep.pit.base.errors import PitError
     from ztpm.pit import advice
     from ztpm.pit_picture import picture
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.values.units import Unit
 from pep.base.errors import ConfigError, PepFault, RobotError
 from pep.pit import NOMINAL_ERROR_M
-from pep.pit.calibration import own_kinematics
+from pep.pit.robot.calibration import own_kinematics
 from pep.rtde.robot.readiness import OWN_POSE_M, RobotReadiness
 from pep.world.world import tool_position
 

@@ -14,7 +14,7 @@ from pep.people.asks import Asks
 from pep.perception.receiver import Receiver
 from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
-from pep.pit.readiness import compile_all
+from pep.pit.assess.readiness import compile_all
 from pep.provider.ask_client import Asking
 from pep.rtde.command.limits import Ur3eLimits
 from pep.rtde.robot.state_receiver import ReceivedState

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from pep.base.errors import RobotError
 from pep.perception.sensor_frames import Distrusted, Seen, Unseen
-from pep.pit.calibration import own_kinematics
+from pep.pit.robot.calibration import own_kinematics
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

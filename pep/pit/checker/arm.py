@@ -6,15 +6,15 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar, Final
 
+from pep.pit.checker.distances import ORIGIN, cross, dot, length, minus, plus, product, transposed, turned
 from pep.pit.checker.robot import JOINTS, bends
-from pep.pit.checker.space import ORIGIN, cross, dot, length, minus, plus, product, transposed, turned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from pep.pit.checker.distances import Mat, Vec
     from pep.pit.checker.motion import Run
     from pep.pit.checker.robot import Body, Robot
-    from pep.pit.checker.space import Mat, Vec
 
 GRID: Final = 2**24  # parts of the path: an interval of the greatest depth has an exact middle
 SLACK: Final = 32  # 1 / (8 * 2^2): a curve leaves its chord by at most A h^2 / 8, and a third node halves h

@@ -6,17 +6,17 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from pep.pit.checker.arm import GRID, Sweep
-from pep.pit.checker.drive import RECORD, Drive, Fixed
-from pep.pit.checker.followed import DOUBTFUL, followed_line
+from pep.pit.checker.curved_motion import RECORD, Drive, Fixed
+from pep.pit.checker.held_motion import held_speed, servo_target
 from pep.pit.checker.laws import HIGHEST, SAME, tier_of
 from pep.pit.checker.leg import Answer, Leg, Question, intervals, proven, rising
-from pep.pit.checker.line import PLACE
 from pep.pit.checker.motion import LEGS_MOST, STILL_RAD, Held, Line, Run, Servo, Timing, motion_of
 from pep.pit.checker.question import VIOLABLE, cell_of, latest_of, scene_of, view_of
 from pep.pit.checker.robot import robot_of
 from pep.pit.checker.rows import PAIRS_MOST
-from pep.pit.checker.stream import held_speed, servo_target
 from pep.pit.checker.text import BYTES_MOST, canonical, exact, listed, parsed, sha256, table, whole, word
+from pep.pit.checker.trace_pieces import PLACE
+from pep.pit.checker.traced_line import DOUBTFUL, followed_line
 from pep.pit.checker.verdict import Code, Refusal, Refused, Verified, need
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def verify(text: bytes) -> Verified | Refused:
     """Whether this proof document proves what it claims. Never raises.
 
     Args:
-        text: a document as `pep.pit.proof.document` writes it.
+        text: a document as `pep.pit.proof.proof_document.document` writes it.
     """
     try:
         return _verified(text)

@@ -12,9 +12,9 @@ from pep.pit.checker.verdict import Code, Refusal
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.line import Bounds
     from pep.pit.checker.robot import Body, Robot
     from pep.pit.checker.stance import Six
+    from pep.pit.checker.trace_pieces import Bounds
 
 UNBOUNDED: Final = 1e30  # rad per s^3: more than any other bound allows, where the second derivative jumps
 QUARTER: Final = 4  # the next of an interval's three nodes is at most a quarter of it away

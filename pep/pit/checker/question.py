@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from pep.pit.checker.space import Block, Core, Face, Polytope, Segment, Vec, cross, dot, minus
+from pep.pit.checker.distances import Block, Core, Face, Polytope, Segment, Vec, cross, dot, minus
 from pep.pit.checker.text import exact, listed, parsed, table, truth, vector, whole, word
 from pep.pit.checker.verdict import Code, need
 

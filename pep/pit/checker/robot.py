@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from pep.pit.checker.space import Mat, Vec, length, product
+from pep.pit.checker.distances import Mat, Vec, length, product
 from pep.pit.checker.text import decimal, exact, listed, parsed, table, truth, vector, whole, word
 from pep.pit.checker.verdict import Code, need
 

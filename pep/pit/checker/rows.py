@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.pit.checker.arm import lowest
-from pep.pit.checker.question import VIOLABLE, Obstacle
-from pep.pit.checker.space import (
+from pep.pit.checker.distances import (
     Block,
     Face,
     Polytope,
@@ -19,15 +18,16 @@ from pep.pit.checker.space import (
     length,
     reach,
 )
+from pep.pit.checker.question import VIOLABLE, Obstacle
 from pep.pit.checker.verdict import Code, need
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pep.pit.checker.arm import Pose, Way
+    from pep.pit.checker.distances import Vec
     from pep.pit.checker.question import Cell
     from pep.pit.checker.robot import Body, Robot
-    from pep.pit.checker.space import Vec
 
 PAIRS_MOST: Final = 200_000  # of one question; bounds the work
 ROUNDING_M: Final = 1e-9  # far above float64 rounding of metre-sized sums, far below anything that matters

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.pit.checker.arm import frames
+from pep.pit.checker.distances import ORIGIN, cross, minus, plus, turned
 from pep.pit.checker.robot import JOINTS
-from pep.pit.checker.space import ORIGIN, cross, minus, plus, turned
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from pep.pit.checker.distances import Vec
     from pep.pit.checker.robot import Robot
-    from pep.pit.checker.space import Vec
     from pep.pit.checker.twist import Pose
 
 INVERSE_OFF: Final = 1e-9  # largest entry of 1 - G J that an inverse may leave: rounding, far from any singularity

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-from pep.pit.checker.space import Mat, Vec, length, minus, plus, product, transposed
+from pep.pit.checker.distances import Mat, Vec, length, minus, plus, product, transposed
 
 TURN_LEVER_M: Final = 0.1  # PHY-18: at which a turn counts as a way
 SMALL: Final = 1e-12  # a sine or angle below which a turn is none, or half of one

@@ -1,0 +1,1 @@
+"""Assessments: one question to the search, its answer, its remedies, streams."""

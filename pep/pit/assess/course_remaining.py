@@ -1,0 +1,190 @@
+"""What is left of a motion that is no single straight run: of a drive, and of a path's legs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final, assert_never
+
+import numpy as np
+
+from pep.pit.assess.assessment import milli
+from pep.pit.assess.course_assessment import DOUBTFUL, JOINT_LIMIT
+from pep.pit.assess.dispatch import drive_of, joint_moves, line_drives
+from pep.pit.assess.straight_remaining import MOVES, OFF_PATH, Remaining, Rest, against, strays_m
+from pep.pit.base.motion import STILL_RAD, JointPath, LinePath, MoveL, Run, ServoJ, SpeedL
+from pep.pit.base.tier import HIGHEST, MOVING
+from pep.pit.path.straight_path import GRID
+from pep.pit.search.course_engine import chosen_for
+from pep.pit.search.course_limits import Effort
+from pep.pit.search.question import as_run
+from pep.pit.search.timed_course import Drive, Nowhere
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from pep.pit.base.motion import Driven, Floats, Joints, Paths, Profile
+    from pep.pit.path.course import Course
+    from pep.pit.robot.robot import Robot
+    from pep.pit.scene.cell import CellParameters
+    from pep.pit.scene.scene import Scene
+
+PLACE_STEPS: Final = 8  # of a projection onto a course: it closes in quadratically
+
+
+class DriveRest(Rest):
+    """What is left of a drive, from where the arm is."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        start: Joints,
+        drive: Drive | Nowhere,
+        cell: CellParameters,
+        *,
+        at_rad: Joints,
+        authorised_milli: int,
+        check_time: Callable[[], None],
+    ) -> None:
+        still = Run(start, start, 0.0, math.inf, math.inf)
+        super().__init__(robot, still, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
+        self.drive = drive
+
+    def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
+        """The steps of a straight run that do not depend on the speed, on the drive's course."""
+        drive, cell, at = self.drive, self.cell, np.array(self.at_rad)
+        if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
+            off = at - np.array(self.run.start)
+            if drive.doubt is None and not strays_m(self.robot, off) <= cell.tracking_tolerance_m:
+                return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
+            worst = {None: 0.0, JOINT_LIMIT: HIGHEST}.get(drive.doubt, DOUBTFUL)
+            return against(self.authorised_milli, milli(worst), drive.doubt or "")
+        # 1. Where on the course the arm is, or beside it by no more than the course says.
+        self.drive = drive = drive.measured_by(chosen_for(scene, cell))
+        self.course = course = drive.course
+        s = _place(course, at)
+        beside = np.maximum(np.abs(at - course.q(s)) - course.cells.stray[course.cells.holding(s * GRID)], 0)
+        if not strays_m(self.robot, beside) <= cell.tracking_tolerance_m:
+            return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
+        self.profile, self.since = drive.profile, int(s * GRID)
+        self.effort = Effort(self.robot, drive, cell)
+        self.doubts = [] if drive.doubt is None else [(DOUBTFUL, str(drive.doubt))]
+        # 2. The view, without what the arm holds.
+        self.look_around(scene, age_s, touch, self.effort.surface_speed_m_s(drive.profile))
+        return None
+
+    def _ask(self, profile: Profile, fraction: float, until: int) -> Remaining:
+        """The steps of a straight run that depend on the speed."""
+        assert isinstance(self.drive, Drive)
+        ratios = ((ratio.index, ratio.name) for ratio in self.effort.ratios(profile, stretched=fraction))
+        return self.judge(
+            self.course,
+            profile,
+            floors=[(MOVING, MOVES), *ratios, *self.doubts],
+            speeds=self.effort.surface_speed_m_s(profile),
+            joint_speed_rad_s=float(self.drive.joint_speeds_rad_s(profile).max()),
+            limits=None,
+            until=until,
+        )
+
+    def strays_m(self, middle: int, until: int) -> Floats:
+        """As on a straight path, with the joints' ways before and behind the middle as the course bounds them."""
+        del middle
+        cells = self.course.cells
+        met = np.clip(np.minimum(cells.high, until) - np.maximum(cells.low, self.since), 0, None) / GRID
+        way = (cells.first * met[:, None]).sum(axis=0) + cells.stray.max(axis=0)
+        return np.asarray(self.robot.reach @ way)
+
+
+def _place(course: Course, at: Floats) -> float:
+    """Where on the course the arm at `at` (6,) is: the nearest of the cells' middles, and from there along."""
+    cells = course.cells
+    nearest = int(np.square(cells.q - at).sum(axis=1).argmin())
+    s = float(cells.mid[nearest]) / GRID
+    for _ in range(PLACE_STEPS):
+        q, dq = course.at(s)
+        length2 = float(dq @ dq)
+        if not length2 > STILL_RAD**2:
+            break
+        s = min(max(s + float((at - q) @ dq) / length2, 0.0), 1.0)
+    return s
+
+
+class LegsRest:
+    """What is left of a path: of the first leg that the arm can be on, and all of every later one."""
+
+    def __init__(self, legs: Iterable[Rest], check_time: Callable[[], None]) -> None:
+        """The legs in order; each is looked at only when it has to be."""
+        self._legs = iter(legs)
+        self.check_time = check_time  # of every leg that is asked
+        self._known: list[tuple[Rest, Remaining | None]] = []
+
+    def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
+        """The leg that the arm is on is prepared; those behind it will be when they are asked about."""
+        self._view = scene, age_s, touch
+        for leg in self._legs:
+            early = leg.prepare(*self._view)
+            if early is None or early.cause != OFF_PATH:
+                self._known.append((leg, early))
+                return None
+        return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
+
+    def at(self, fraction: float) -> Remaining:
+        """The first answer that does not hold, or the highest of those that do."""
+        return self._worst(lambda leg: (leg.at(fraction), True))
+
+    def near(self, fraction: float, seconds: float) -> Remaining:
+        """Likewise, of the legs that can be reached; each could be all that the time goes to."""
+        return self._worst(lambda leg: (leg.near(fraction, seconds), leg.until(fraction, seconds) >= GRID))
+
+    def _worst(self, ask: Callable[[Rest], tuple[Remaining, bool]]) -> Remaining:
+        """Of what `ask` says of each leg, as long as it also says that the next one counts."""
+        found: list[Remaining] = []
+        for leg, early in self._reached():
+            leg.check_time = self.check_time
+            answer, on = (early, True) if early is not None else ask(leg)
+            found.append(answer)
+            if not answer.holds:
+                return answer
+            if not on:
+                break
+        return max(found, key=lambda answer: answer.index_milli)
+
+    def _reached(self) -> Iterator[tuple[Rest, Remaining | None]]:
+        """The leg that the arm is on and those behind it, prepared."""
+        yield from self._known
+        for leg in self._legs:
+            leg.at_rad = leg.run.start  # the arm is not on it yet
+            self._known.append((leg, leg.prepare(*self._view)))
+            yield self._known[-1]
+
+
+def rests_of(
+    robot: Robot,
+    motion: Driven | Paths,
+    cell: CellParameters,
+    *,
+    at_rad: Joints,
+    authorised_milli: int,
+    age_s: float,
+    check_time: Callable[[], None],
+) -> DriveRest | LegsRest:
+    """What is left of a motion that is no single straight run; see `remaining`."""
+
+    def of_drive(start: Joints, drive: Drive | Nowhere) -> DriveRest:
+        return DriveRest(
+            robot, start, drive, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time
+        )
+
+    def of_run(run: Run) -> Rest:
+        return Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
+
+    match motion:
+        case MoveL() | SpeedL() | ServoJ():
+            return of_drive(motion.start, drive_of(robot, motion, cell, perception_age_s=age_s, check_time=check_time))
+        case JointPath():
+            return LegsRest((of_run(as_run(move, cell)) for move in joint_moves(motion)), check_time)
+        case LinePath():
+            drives = line_drives(robot, motion, check_time=check_time)
+            return LegsRest((of_drive(start, drive) for start, drive in drives), check_time)
+        case _:
+            assert_never(motion)

@@ -1,0 +1,77 @@
+"""A path of several legs, each from rest to rest, as one answer: the worst of them, told by the time of the whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from capabilities.values.units import Unit
+from pep.pit.assess.assessment import LISTED, Assessment, Certificate
+from policies.evidence.evidence import Contribution, ImpactFault
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from pep.pit.base.motion import Joints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leg:
+    """One leg's answer and how long it takes."""
+
+    answer: Assessment
+    duration_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class LegsCertificate(Certificate):
+    """The answers of all legs, in order, each with its proof; it has no rows of its own."""
+
+    answers: tuple[Assessment, ...]
+
+    @property
+    def legs(self) -> tuple[Certificate, ...]:
+        """The proofs alone."""
+        return tuple(answer.certificate for answer in self.answers)
+
+
+def as_one(start: Joints, legs: Iterable[Leg | ImpactFault]) -> Assessment | ImpactFault:
+    """The answer for all legs, at least one: an appended leg never lowers it. A leg that is a fault makes it one.
+
+    Legs are asked for one by one, and none after a fault.
+    """
+    answers: list[Assessment] = []
+    told: list[Contribution] = []
+    after_s = 0.0
+    for leg in legs:
+        if isinstance(leg, ImpactFault):
+            return leg
+        answers.append(leg.answer)
+        after_ms = round(after_s * Unit.MILLISECOND.per_si)
+        told += [replace(cause, at_ms=cause.at_ms + after_ms) for cause in leg.answer.contributions]
+        after_s += leg.duration_s
+    worst = max(answers, key=lambda answer: answer.index)
+    nothing = np.zeros(0, dtype=np.int64)
+    return replace(
+        worst,
+        speed_m_s=max(answer.speed_m_s for answer in answers),
+        tcp_speed_m_s=max(answer.tcp_speed_m_s for answer in answers),
+        contact_ratio=max(answer.contact_ratio for answer in answers),
+        contributions=tuple(sorted(_once(told), key=lambda cause: -cause.index_milli)[:LISTED]),
+        violations=tuple(sorted({word for answer in answers for word in answer.violations})),
+        lower_tier_speed=None,  # each leg has a speed of its own
+        start=start,
+        certificate=LegsCertificate(nothing.astype(np.intp), nothing, nothing, np.zeros(0), tuple(answers)),
+    )
+
+
+def _once(told: list[Contribution]) -> list[Contribution]:
+    """Of the contributions about the same thing, the highest, and of those the first."""
+    highest: dict[tuple[str, str], Contribution] = {}
+    for cause in told:
+        known = highest.get((cause.kind, cause.object))
+        if known is None or cause.index_milli > known.index_milli:
+            highest[cause.kind, cause.object] = cause
+    return list(highest.values())

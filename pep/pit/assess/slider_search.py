@@ -1,0 +1,101 @@
+"""The highest speed, in steps of the speed slider, at which what is left of a motion stays inside what was authorised.
+
+Slowing down takes time. So a lower speed does only when the way that the arm can make meanwhile at the present speed is
+inside, too, as far as to where it could still be stopped if it did not slow down. What is proven of a speed is proven
+with the same search as the answer itself, never interpolated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from pep.pit.assess.straight_remaining import FULL, JOINT_LIMIT, OFF_PATH, PERCEPTION, Pace, Remaining
+from pep.pit.base.errors import WorkLimitError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pep.pit.assess.straight_remaining import Left
+    from pep.pit.scene.cell import CellParameters
+
+TINY: Final = 1e-9  # of a step: rounding of a quotient
+PLACES: Final = 9  # of a decimal fraction: far finer than any slider, and a whole number of steps again
+WHATEVER_THE_SPEED: Final = frozenset({JOINT_LIMIT, OFF_PATH, PERCEPTION})
+"""What speaks against a motion at any speed."""
+
+
+def paced(left: Left, cell: CellParameters, running: float, *, spare: Callable[[], None]) -> Remaining:
+    """Whether it holds at the speed that the arm has, and the highest one at which it would.
+
+    Args:
+        left: prepared.
+        cell: the slider's numbers.
+        running: highest fraction of the commanded speed that the arm can have before it is told another one.
+        spare: raises `WorkLimitError` once there is no time left to look for more: the best proven so far is told.
+    """
+    now = left.at(running)
+    # Whoever waits for a no is about to stop the arm: what is looked for from here on may not cost much.
+    left.check_time = spare
+    if now.holds:
+        return replace(now, pace=_higher(left, cell, Pace(running, now.index_milli)))
+    if now.cause in WHATEVER_THE_SPEED:
+        return now
+    return replace(now, pace=_lower(left, cell, running))
+
+
+def steps(cell: CellParameters, *, above: float, below: float) -> list[float]:
+    """The slider's settings between the two, which are none of them, and none slower than what is of use."""
+    whole = round(FULL / cell.slider_step)
+    settings = (round(k * cell.slider_step, PLACES) for k in range(1, whole + 1))
+    return [each for each in settings if max(above, cell.slowest_fraction - TINY) < each < below - TINY]
+
+
+def _higher(left: Left, cell: CellParameters, found: Pace) -> Pace:
+    """The highest speed from the one that is proven to hold on."""
+    if not found.fraction < FULL - TINY:
+        return found
+    faster = [*steps(cell, above=found.fraction + TINY, below=FULL), FULL]
+    return _highest(left, faster, found)
+
+
+def _lower(left: Left, cell: CellParameters, running: float) -> Pace | None:
+    """The highest speed below `running` to which the arm may slow down, or None when it has to stop."""
+    slower = steps(cell, above=0.0, below=running)
+    try:
+        near = left.near(running, cell.slowing_s(running) + cell.reaction_s)
+    except WorkLimitError:
+        return None
+    if not near.holds or not slower:
+        return None
+    found = _proven(left, slower[0])
+    if found is None:
+        return None
+    found = _highest(left, slower[1:], found)
+    return replace(found, index_milli=max(found.index_milli, near.index_milli))
+
+
+def _highest(left: Left, fractions: list[float], found: Pace) -> Pace:
+    """The highest of these that holds, by bisection from the top: what does not, does not at any higher one (PHY-13).
+
+    Where that is not so, a lower one is told; what is told is always proven.
+    """
+    low, high = 0, len(fractions)
+    while low < high:
+        # The top first: most often nobody is near any more.
+        middle = high - 1 if high == len(fractions) else (low + high) // 2
+        better = _proven(left, fractions[middle])
+        if better is None:
+            high = middle
+        else:
+            found, low = better, middle + 1
+    return found
+
+
+def _proven(left: Left, fraction: float) -> Pace | None:
+    """This speed, when all that is left is proven to hold at it in time."""
+    try:
+        answer = left.at(fraction)
+    except WorkLimitError:
+        return None
+    return Pace(fraction, answer.index_milli) if answer.holds else None

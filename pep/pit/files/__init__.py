@@ -1,0 +1,1 @@
+"""Scene and motion files, read strictly, and their published schemas."""

@@ -1,0 +1,1 @@
+"""Geometry: shapes, distances between them, convex hulls, coal's form of both."""

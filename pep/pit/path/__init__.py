@@ -1,0 +1,1 @@
+"""Paths through joint space: straight ones, courses, lines of the tool."""

@@ -1,0 +1,49 @@
+"""Where exactly a course is: on a line of the tool, and from where that ends along the joints' tangent."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pep.pit.base.errors import MotionError
+from pep.pit.robot.inverse_kinematics import solved
+
+if TYPE_CHECKING:
+    from pep.pit.base.motion import Floats
+    from pep.pit.robot.robot import Robot
+    from pep.pit.robot.twist import Twist
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """The joint angles of a course at each place.
+
+    Attributes:
+        twist: the line of the tool by the course's own parameter, or None when there is none.
+        until: where the line ends, s; 0 when there is none.
+        q, dq: joint angles there, (6,), rad, and their derivative by s, which is the tangent's.
+        fade: way by s on which the joints then come evenly to rest; infinite when they do not.
+    """
+
+    twist: Twist | None
+    until: float
+    q: Floats
+    dq: Floats
+    fade: float = math.inf
+
+    def at(self, robot: Robot, s: float, near: Floats) -> tuple[Floats, Floats]:
+        """Joint angles (6,) at `s` and their derivative by s; `near` is a configuration close to them.
+
+        Raises:
+            MotionError: `PHYSICS_FAULT`, a proven line is not found again.
+        """
+        if self.twist is not None and s <= self.until:
+            here = solved(robot, self.twist.at(s), near)
+            if here is None:
+                raise MotionError("PHYSICS_FAULT", "a proven line was not found again")
+            return here.q, np.asarray(np.linalg.solve(here.jacobian, self.twist.rate))
+        on = min(s - self.until, self.fade)
+        return self.q + (on - 0.5 * on * on / self.fade) * self.dq, (1 - on / self.fade) * self.dq

@@ -1,0 +1,1 @@
+"""Proof documents: the rows of an answer for the independent checker."""

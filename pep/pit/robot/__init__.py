@@ -1,0 +1,1 @@
+"""The robot model: kinematics, frames, calibration, what it holds, URDF import."""

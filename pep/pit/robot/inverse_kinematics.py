@@ -1,0 +1,130 @@
+"""Joint angles for a tool pose: Newton's method from a configuration nearby, and whether any can be found at all.
+
+The method itself proves nothing; `pep.pit.path.line_trace` proves that what it finds lies on the one continuous path of
+the arm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.robot.kinematics import link_frames
+from pep.pit.robot.twist import turn_of
+
+if TYPE_CHECKING:
+    from pep.pit.base.motion import Floats
+    from pep.pit.robot.robot import Robot
+
+STEPS: Final = 12  # Newton doubles the digits each step: four suffice from a good guess
+EXACT: Final = 1e-11  # m and rad: far below `clearance.ROUNDING_M`, a hundred times above float64 rounding
+FAR_RAD: Final = 0.5  # a step so long left the neighbourhood of the guess
+
+SEARCH_STARTS: Final = 16  # an arm of six joints has at most 16 configurations for one pose
+SEARCH_STEPS: Final = 60  # damped steps; solutions that exist were found within 30 in all trials
+SEARCH_DAMPING: Final = 1e-4  # m^2: keeps a step finite near a singularity
+SEARCH_NEAR: Final = 1e-4  # m and rad: so near, Newton would end there
+SEARCH_SEED: Final = 7  # any: the same starts each time
+SEARCH_STEP_RAD: Final = 0.6  # longest change of one joint in a step
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stance:
+    """The arm at one configuration, as far as its tool is concerned.
+
+    Attributes:
+        q: joint angles (6,), rad.
+        position, rotation: of the tool, (3,) and (3, 3).
+        axes, origins: of the joints, (6, 3).
+        jacobian: tool velocity (linear, angular) by joint speeds, (6, 6).
+    """
+
+    q: Floats
+    position: Floats
+    rotation: Floats
+    axes: Floats
+    origins: Floats
+    jacobian: Floats
+
+    def bend(self, dq: Floats) -> Floats:
+        """Derivative by s of the Jacobian (6, 6) while the joints turn at `dq`."""
+        turning = self.axes * dq[:, None]
+        spin = np.cumsum(turning, axis=0) - turning  # of the link that carries each axis
+        velocity = np.cross(turning, self.position - self.origins).sum(axis=0)
+        onto = np.cross(turning[None], self.origins[:, None] - self.origins[None])  # [k, j]: what j gives origin k
+        before = np.tril(np.ones((len(dq), len(dq))), -1)
+        origin_velocity = (before[:, :, None] * onto).sum(axis=1)
+        bent = np.cross(spin, self.axes)
+        linear = np.cross(bent, self.position - self.origins) + np.cross(self.axes, velocity - origin_velocity)
+        return np.concatenate([linear, bent], axis=1).T
+
+
+def stance(robot: Robot, q: Floats) -> Stance:
+    """The arm at `q` (6,)."""
+    frames, origin = link_frames(robot, q[None])
+    axes, origins = frames[0, 1:, :, 2], origin[0, 1:]
+    position = origin[0, -1] + frames[0, -1] @ np.array(robot.tool.tcp_m)
+    jacobian = np.concatenate([np.cross(axes, position - origins), axes], axis=1).T
+    return Stance(q, position, frames[0, -1], axes, origins, jacobian)
+
+
+def solved(robot: Robot, pose: tuple[Floats, Floats], near: Floats) -> Stance | None:
+    """The arm with its tool at `pose` (position, rotation), reached from `near` (6,), or None when it is not."""
+    q = near
+    for _ in range(STEPS):
+        here = stance(robot, q)
+        error = np.concatenate([pose[0] - here.position, turn_of(pose[1] @ here.rotation.T)])
+        if float(np.abs(error).max()) <= EXACT:
+            return here
+        try:
+            step = np.linalg.solve(here.jacobian, error)
+        except np.linalg.LinAlgError:
+            return None
+        if not float(np.abs(step).max()) <= FAR_RAD:
+            return None
+        q = q + step
+    return None
+
+
+def search_starts() -> Floats:
+    """Joint angles from which a search for any others begins, (SEARCH_STARTS, 6), the same each time."""
+    return np.random.default_rng(SEARCH_SEED).uniform(-np.pi, np.pi, (SEARCH_STARTS, 6))  # 6 joints
+
+
+def reachable(robot: Robot, positions: Floats, rotations: Floats) -> bool:
+    """Whether for each of these poses, (n, 3) and (n, 3, 3), some joint angles were found, in any configuration.
+
+    No is no proof: nothing was found from `SEARCH_STARTS` starts each.
+    """
+    return not bool(np.isnan(reaching(robot, positions, rotations)).any())
+
+
+def reaching(robot: Robot, positions: Floats, rotations: Floats) -> Floats:
+    """For each of these poses, (n, 3) and (n, 3, 3), joint angles that reach it to `SEARCH_NEAR`, (n, 6), rad.
+
+    A row of what is no number where none were found, from `SEARCH_STARTS` starts each.
+    """
+    count = len(positions)
+    q = np.tile(search_starts(), (count, 1))
+    goal_p, goal_r = np.repeat(positions, SEARCH_STARTS, axis=0), np.repeat(rotations, SEARCH_STARTS, axis=0)
+    tcp = np.array(robot.tool.tcp_m)
+    found = np.full((count, q.shape[1]), np.nan)
+    for _ in range(SEARCH_STEPS):
+        frames, origin = link_frames(robot, q)
+        axes, origins = frames[:, 1:, :, 2], origin[:, 1:]
+        position = origin[:, -1] + frames[:, -1] @ tcp
+        jacobian = np.concatenate([np.cross(axes, position[:, None] - origins), axes], axis=2).transpose(0, 2, 1)
+        turn = turn_of(goal_r @ frames[:, -1].transpose(0, 2, 1))
+        error = np.concatenate([goal_p - position, turn], axis=1)
+        near = (np.abs(error).max(axis=1) <= SEARCH_NEAR).reshape(count, SEARCH_STARTS)
+        new = near.any(axis=1) & np.isnan(found).any(axis=1)
+        found[new] = q.reshape(count, SEARCH_STARTS, -1)[new, near.argmax(axis=1)[new]]
+        if not np.isnan(found).any():
+            return found
+        back = jacobian.transpose(0, 2, 1)
+        damped = jacobian @ back + SEARCH_DAMPING * np.eye(6)  # 6 rows of a Jacobian
+        step = (back @ np.linalg.solve(damped, error[:, :, None]))[:, :, 0]
+        q = q + np.clip(step, -SEARCH_STEP_RAD, SEARCH_STEP_RAD)
+    return found

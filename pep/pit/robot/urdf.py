@@ -1,0 +1,256 @@
+"""A URDF, read strictly: links, joints and the shapes that enclose the links. Nothing else, and nothing from elsewhere.
+
+A file that we misread would move another robot than the one that is there, so whatever could change its geometry and is
+not read here is refused by name: meshes, unexpanded macros, quaternions, mimicked joints. No other file is opened,
+ever; meshes that are only pictures are skipped unread. The usual reader takes a file more lightly: it drops a
+`<capsule>` with a line on the standard error unless the file says that it is of version 1.1, and a robot without shapes
+is "all clear" everywhere.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+from pep.pit.base.errors import ModelError
+from pep.pit.geometry.xml_elements import (
+    SHOWN,
+    Element,
+    members,
+    name_of,
+    needed,
+    number,
+    only,
+    positive,
+    refuse,
+    tree,
+    vector,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from pep.pit.robot.model import Vector
+
+VERSIONS: Final = ("1.0", "1.1", "1.2")  # A9: what urdfdom 6 reads; no version is 1.0
+CAPSULES_FROM: Final = "1.1"  # A9: before, its reader drops them
+AXIS_LENGTHS: Final = (1e-3, 1e3)  # ours: the format asks for 1; the direction of a much shorter one is noise
+UNREAD: Final = ("material", "transmission", "gazebo", "ros2_control")  # say nothing of kinematics or collisions
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A frame in another one: metre, and radian about the fixed axes x, y, z in this order."""
+
+    xyz_m: Vector = (0.0, 0.0, 0.0)
+    rpy_rad: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Ball:
+    """A sphere about the origin of its pose."""
+
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rod:
+    """A cylinder along z about the origin of its pose; rounded: a capsule, whose caps come on top of the length."""
+
+    radius_m: float
+    length_m: float
+    rounded: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A box about the origin of its pose, by its full edges."""
+
+    size_m: Vector
+
+
+Shape: TypeAlias = Ball | Rod | Block
+
+
+@dataclass(frozen=True, slots=True)
+class Inertial:
+    """Mass and inertia of one link.
+
+    Attributes:
+        tensor_kg_m2: xx, xy, xz, yy, yz, zz about the centre of mass, in the axes of `pose`.
+    """
+
+    pose: Pose
+    mass_kg: float
+    tensor_kg_m2: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One link: its shapes in its own frame, and its mass where the file states one."""
+
+    name: str
+    shapes: tuple[tuple[Pose, Shape], ...]
+    inertial: Inertial | None
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a revolute joint can do: rad, rad/s, Nm."""
+
+    low_rad: float
+    high_rad: float
+    speed_rad_s: float
+    torque_nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hinge:
+    """A joint. Without limits it is fixed; otherwise it turns about `axis`, of length 1, in its own frame."""
+
+    name: str
+    parent: str
+    child: str
+    pose: Pose
+    axis: Vector
+    limits: Limits | None
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A URDF file.
+
+    Attributes:
+        links, joints: by name.
+        sha256: of the file's text.
+    """
+
+    name: str
+    links: Mapping[str, Link]
+    joints: Mapping[str, Hinge]
+    sha256: str
+
+
+def described(text: str) -> Description:
+    """The robot that a URDF spells.
+
+    Raises:
+        ModelError: not XML, too large, a document type, or anything that this module does not read and that could
+            matter; the detail names the place.
+    """
+    try:
+        content = text.encode()
+    except UnicodeEncodeError as error:
+        raise ModelError("PHYSICS_FAULT", "a URDF that is no text") from error
+    root = tree(content)
+    if root.tag != "robot":
+        refuse("a URDF that describes no robot")
+    # Names of vocabularies may stay behind from macros that were expanded; they point nowhere.
+    stated = {name: value for name, value in root.attributes.items() if not name.startswith("xmlns:")}
+    root = Element("robot", stated, root.children)
+    members(root, attributes={"name"}, optional={"version"}, children=("link", "joint", *UNREAD))
+    version = root.attributes.get("version", VERSIONS[0])
+    if version not in VERSIONS:
+        refuse("a URDF of another version")
+    links = [_link(e, capsules=version >= CAPSULES_FROM) for e in root.children if e.tag == "link"]
+    joints = [_joint(e) for e in root.children if e.tag == "joint"]
+    by_name = {link.name: link for link in links}, {joint.name: joint for joint in joints}
+    if (len(by_name[0]), len(by_name[1])) != (len(links), len(joints)):
+        refuse("a URDF with a name twice")
+    return Description(name_of(root), *by_name, hashlib.sha256(content).hexdigest())
+
+
+def _pose(element: Element) -> Pose:
+    origin = only(element, "origin")
+    if origin is None:
+        return Pose()
+    members(origin, optional={"xyz", "rpy"})
+    xyz, rpy = (vector(origin, n) if n in origin.attributes else (0.0, 0.0, 0.0) for n in ("xyz", "rpy"))
+    return Pose(xyz, rpy)
+
+
+def _link(element: Element, *, capsules: bool) -> Link:
+    members(element, attributes={"name"}, children=("inertial", "visual", "collision"))
+    name = name_of(element)
+    shapes = []
+    for collision in (child for child in element.children if child.tag == "collision"):
+        members(collision, optional={"name"}, children=("origin", "geometry"))
+        shapes.append((_pose(collision), _shape(needed(collision, "geometry"), name, capsules=capsules)))
+    inertial = only(element, "inertial")
+    return Link(name, tuple(shapes), None if inertial is None else _inertial(inertial))
+
+
+def _shape(geometry: Element, link: str, *, capsules: bool) -> Shape:
+    members(geometry, children=("box", "sphere", "cylinder", "capsule", "mesh"))
+    if len(geometry.children) != 1:
+        refuse(f"{link}: exactly one shape in each <geometry>")
+    (shape,) = geometry.children
+    match shape.tag:
+        case "box":
+            members(shape, attributes={"size"})
+            size = vector(shape, "size")
+            if not min(size) > 0:
+                refuse(f"{link}: a box without inside")
+            return Block(size)
+        case "sphere":
+            members(shape, attributes={"radius"})
+            return Ball(positive(shape, "radius"))
+        case "cylinder" | "capsule":
+            rounded = shape.tag == "capsule"
+            if rounded and not capsules:
+                refuse(f'{link}: a capsule counts from version="{CAPSULES_FROM}" on; other readers drop it here')
+            members(shape, attributes={"radius", "length"})
+            return Rod(positive(shape, "radius"), positive(shape, "length"), rounded)
+        case _:
+            what = f"{link}: a mesh; enclose it in capsules, cylinders, spheres or boxes"
+            raise ModelError("PHYSICS_FAULT", what)
+
+
+def _inertial(element: Element) -> Inertial:
+    members(element, children=("origin", "mass", "inertia"))
+    mass, inertia = needed(element, "mass"), needed(element, "inertia")
+    members(mass, attributes={"value"})
+    members(inertia, attributes={"ixx", "ixy", "ixz", "iyy", "iyz", "izz"})
+    mass_kg = number(mass, "value")
+    if not mass_kg >= 0:
+        refuse("<mass>: value")
+    xx, xy, xz, yy, yz, zz = (number(inertia, n) for n in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    return Inertial(_pose(element), mass_kg, (xx, xy, xz, yy, yz, zz))
+
+
+def _joint(element: Element) -> Hinge:
+    read, unread = ("origin", "parent", "child", "axis", "limit"), ("dynamics", "calibration", "safety_controller")
+    members(element, attributes={"name", "type"}, children=(*read, *unread))
+    name, kind = name_of(element), element.attributes["type"]
+    if kind not in ("revolute", "fixed"):
+        refuse(f"{name}: a joint that is neither revolute, with limits, nor fixed")
+    ends = []
+    for tag in ("parent", "child"):
+        end = needed(element, tag)
+        members(end, attributes={"link"})
+        ends.append(name_of(end, "link"))
+    parent, child = ends
+    pose, axis = _pose(element), _axis(element)
+    if kind == "fixed":
+        return Hinge(name, parent, child, pose, axis, None)
+    limit = needed(element, "limit")
+    members(limit, attributes={"lower", "upper", "velocity", "effort"})
+    low, high = number(limit, "lower"), number(limit, "upper")
+    return Hinge(
+        name, parent, child, pose, axis, Limits(low, high, positive(limit, "velocity"), positive(limit, "effort"))
+    )
+
+
+def _axis(element: Element) -> Vector:
+    """The axis, of length 1; x where the file states none, as the format has it."""
+    axis = only(element, "axis")
+    if axis is None:
+        return (1.0, 0.0, 0.0)
+    members(axis, attributes={"xyz"})
+    x, y, z = vector(axis, "xyz")
+    length = math.hypot(x, y, z)
+    if not AXIS_LENGTHS[0] <= length <= AXIS_LENGTHS[1]:
+        refuse(f"{element.attributes['name'][:SHOWN]}: an axis without direction")
+    return x / length, y / length, z / length

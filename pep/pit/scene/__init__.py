@@ -1,0 +1,1 @@
+"""The scene: cell, objects, people, obstacles, and how far they are from the arm."""

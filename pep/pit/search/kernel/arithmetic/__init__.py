@@ -1,0 +1,1 @@
+"""Compiled arithmetic: poses, distances, torques, laws of the index."""

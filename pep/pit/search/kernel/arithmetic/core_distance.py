@@ -1,0 +1,179 @@
+"""Distance of a body's axis to one obstacle's core, and its direction (formulae: `pep.pit.geometry.clearance`)."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, TypeAlias
+
+from pep.pit.base.pair_columns import AXES, BOX, HALF, OFFSET, PLANE, RADII, SEGMENT, A, B
+from pep.pit.geometry.clearance import APART_M, PARALLEL, ROUNDING_M, TINY
+from pep.pit.search.kernel.arithmetic.compilation import lent, merged
+
+if TYPE_CHECKING:
+    from pep.pit.base.motion import Floats
+
+Gap: TypeAlias = tuple[float, float, float, float]
+"""Distance of two cores, metre, and the unit direction from obstacle to body; 0 where they meet."""
+
+
+@lent
+def _clip(x: float, low: float, high: float) -> float:
+    return low if x < low else (min(x, high))
+
+
+@lent
+def _directed(x: float, y: float, z: float) -> Gap:
+    """The gap between two points that are this vector apart."""
+    distance = math.sqrt(x * x + y * y + z * z)
+    if not distance > APART_M:
+        return distance, 0.0, 0.0, 0.0
+    return distance, x / distance, y / distance, z / distance
+
+
+@lent
+def _segment(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
+    """Gap between the axis and an obstacle's segment."""
+    px, py, pz = ends[at, body, 0, 0], ends[at, body, 0, 1], ends[at, body, 0, 2]
+    ux, uy, uz = ends[at, body, 1, 0] - px, ends[at, body, 1, 1] - py, ends[at, body, 1, 2] - pz
+    cx, cy, cz = numbers[pair, A], numbers[pair, A + 1], numbers[pair, A + 2]
+    vx, vy, vz = numbers[pair, B] - cx, numbers[pair, B + 1] - cy, numbers[pair, B + 2] - cz
+    wx, wy, wz = px - cx, py - cy, pz - cz
+    a, e = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
+    g, f = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
+    b = ux * vx + uy * vy + uz * vz
+    s = t = 0.0
+    if e > TINY:
+        det = a * e - b * b
+        if det > PARALLEL * a * e:
+            s = _clip((b * f - g * e) / det, 0.0, 1.0)
+        t = (b * s + f) / e
+        if t < 0.0 or t > 1.0:
+            t = _clip(t, 0.0, 1.0)
+            if a > TINY:
+                s = _clip((b * t - g) / a, 0.0, 1.0)
+    elif a > TINY:
+        s = _clip(-g / a, 0.0, 1.0)
+    return _directed(wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz)
+
+
+@lent
+def _out(x: float, half: float) -> float:
+    """How far outside of [-half, half]."""
+    return x - half if x > half else (x + half if x < -half else 0.0)
+
+
+@lent
+def _box(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
+    """Gap between the axis and an obstacle's box: the exact root of a piecewise linear derivative."""
+    m = AXES
+    px = ends[at, body, 0, 0] - numbers[pair, A]
+    py = ends[at, body, 0, 1] - numbers[pair, A + 1]
+    pz = ends[at, body, 0, 2] - numbers[pair, A + 2]
+    ux = ends[at, body, 1, 0] - ends[at, body, 0, 0]
+    uy = ends[at, body, 1, 1] - ends[at, body, 0, 1]
+    uz = ends[at, body, 1, 2] - ends[at, body, 0, 2]
+    # In the box's own axes: start and way of the axis.
+    sx = numbers[pair, m] * px + numbers[pair, m + 3] * py + numbers[pair, m + 6] * pz
+    sy = numbers[pair, m + 1] * px + numbers[pair, m + 4] * py + numbers[pair, m + 7] * pz
+    sz = numbers[pair, m + 2] * px + numbers[pair, m + 5] * py + numbers[pair, m + 8] * pz
+    wx = numbers[pair, m] * ux + numbers[pair, m + 3] * uy + numbers[pair, m + 6] * uz
+    wy = numbers[pair, m + 1] * ux + numbers[pair, m + 4] * uy + numbers[pair, m + 7] * uz
+    wz = numbers[pair, m + 2] * ux + numbers[pair, m + 5] * uy + numbers[pair, m + 8] * uz
+    hx, hy, hz = numbers[pair, HALF], numbers[pair, HALF + 1], numbers[pair, HALF + 2]
+    t = 0.0
+    slope_low = _out(sx, hx) * wx + _out(sy, hy) * wy + _out(sz, hz) * wz
+    if slope_low < 0.0:
+        t = 1.0
+        slope_high = _out(sx + wx, hx) * wx + _out(sy + wy, hy) * wy + _out(sz + wz, hz) * wz
+        if slope_high > 0.0:
+            low, high = 0.0, 1.0
+            for face in range(6):  # where the derivative bends: what is left has its root on one straight piece
+                start, way, half = (sx, wx, hx) if face < 2 else ((sy, wy, hy) if face < 4 else (sz, wz, hz))
+                if abs(way) > TINY:
+                    x = ((half if face & 1 == 0 else -half) - start) / way
+                    if low < x < high:
+                        slope = _out(sx + x * wx, hx) * wx + _out(sy + x * wy, hy) * wy + _out(sz + x * wz, hz) * wz
+                        if slope < 0.0:
+                            low, slope_low = x, slope
+                        else:
+                            high, slope_high = x, slope
+            rise = slope_high - slope_low
+            t = _clip(low - slope_low * (high - low) / rise, low, high) if rise > 0.0 else low
+    dx, dy, dz = _out(sx + t * wx, hx), _out(sy + t * wy, hy), _out(sz + t * wz, hz)
+    return _directed(
+        numbers[pair, m] * dx + numbers[pair, m + 1] * dy + numbers[pair, m + 2] * dz,
+        numbers[pair, m + 3] * dx + numbers[pair, m + 4] * dy + numbers[pair, m + 5] * dz,
+        numbers[pair, m + 6] * dx + numbers[pair, m + 7] * dy + numbers[pair, m + 8] * dz,
+    )
+
+
+@lent
+def plane_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
+    """Gap between the axis and a plane's forbidden side; negative beyond it."""
+    nx, ny, nz = numbers[pair, A], numbers[pair, A + 1], numbers[pair, A + 2]
+    first = ends[at, body, 0, 0] * nx + ends[at, body, 0, 1] * ny + ends[at, body, 0, 2] * nz
+    second = ends[at, body, 1, 0] * nx + ends[at, body, 1, 1] * ny + ends[at, body, 1, 2] * nz
+    return numbers[pair, OFFSET] - max(first, second), -nx, -ny, -nz
+
+
+@merged
+def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape: int) -> Gap:
+    """Gap between a body's axis, as placed in row `at`, and a pair's core."""
+    if shape == SEGMENT:
+        return _segment(ends, at, body, numbers, pair)
+    if shape == BOX:
+        return _box(ends, at, body, numbers, pair)
+    return plane_gap(ends, at, body, numbers, pair)
+
+
+@lent
+def support(numbers: Floats, pair: int, shape: int, x: float, y: float, z: float) -> float:
+    """Largest extent of the core along a direction; for a plane, of the forbidden side."""
+    if shape == SEGMENT:
+        first = numbers[pair, A] * x + numbers[pair, A + 1] * y + numbers[pair, A + 2] * z
+        return max(first, numbers[pair, B] * x + numbers[pair, B + 1] * y + numbers[pair, B + 2] * z)
+    if shape == BOX:
+        extent = numbers[pair, A] * x + numbers[pair, A + 1] * y + numbers[pair, A + 2] * z
+        for axis in range(3):
+            m = AXES + axis
+            along = numbers[pair, m] * x + numbers[pair, m + 3] * y + numbers[pair, m + 6] * z
+            extent += abs(along) * numbers[pair, HALF + axis]
+        return extent
+    return -numbers[pair, OFFSET]
+
+
+@lent
+def ahead(ends: Floats, at: int, body: int, x: float, y: float, z: float) -> float:
+    """Least extent of the axis along a direction."""
+    first = ends[at, body, 0, 0] * x + ends[at, body, 0, 1] * y + ends[at, body, 0, 2] * z
+    return min(first, ends[at, body, 1, 0] * x + ends[at, body, 1, 1] * y + ends[at, body, 1, 2] * z)
+
+
+@lent
+def interval_gap(
+    ends: Floats,
+    low: int,
+    mid: int,
+    high: int,
+    body: int,
+    numbers: Floats,
+    pair: int,
+    shape: int,
+    gap: Gap,
+    sag: float,
+) -> float:
+    """A clearance that holds on the whole interval (proof: `pep.pit.geometry.clearance.interval_clearance`).
+
+    Args:
+        ends: bodies as placed; low, mid, high: the rows of the interval's three nodes.
+        body, numbers, pair, shape: the pair.
+        gap: in the middle.
+        sag: how far the axis can leave the chord between neighbouring nodes.
+    """
+    _, x, y, z = gap
+    radii = numbers[pair, RADII]
+    if shape != PLANE and not x * x + y * y + z * z > 0.5:  # a unit vector, or zero
+        return -radii
+    least = min(ahead(ends, low, body, x, y, z), ahead(ends, mid, body, x, y, z), ahead(ends, high, body, x, y, z))
+    bound = least - support(numbers, pair, shape, x, y, z) - radii - sag - ROUNDING_M
+    return bound if shape == PLANE else max(bound, -radii)

@@ -1,0 +1,277 @@
+"""The compiled engine for curved motions as the rest of the room calls it: a trace, a course, the searches on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.base import pair_columns
+from pep.pit.base.errors import MotionError, WorkLimitError
+from pep.pit.base.motion import Profile
+from pep.pit.base.tier import MOVING
+from pep.pit.path.course import Cells, Course
+from pep.pit.path.course_angles import Track
+from pep.pit.path.line_trace import ASKED_POSES, FIRST_PIECES, Stuck, Trace
+from pep.pit.path.path import Leaves
+from pep.pit.path.straight_path import GRID
+from pep.pit.robot.inverse_kinematics import search_starts
+from pep.pit.robot.kinematics import layout
+from pep.pit.robot.robot import Robot
+from pep.pit.robot.twist import Twist, tool_pose
+from pep.pit.scene.cell import CellParameters
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
+from pep.pit.search.blow import DEPTH, RESOLUTION
+from pep.pit.search.certify import Certified, Fit, Witness, cut
+from pep.pit.search.kernel import course_rows, course_search
+from pep.pit.search.kernel.arithmetic import bending, course_poses, line_pieces
+from pep.pit.search.kernel.arithmetic.joint_torques import masses_of, torques
+from pep.pit.search.kernel.arithmetic.reachable_pose import reachable
+from pep.pit.search.kernel.arithmetic.tool_pose import Line, Wrist
+from pep.pit.search.kernel.compiled_path import arm_of, law_of, packed, timing_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from pep.pit.base.motion import Floats
+    from pep.pit.base.travel import Stopping
+    from pep.pit.path.path import Keys
+    from pep.pit.robot.kinematics import Poses
+    from pep.pit.scene.pairs import Pairs
+    from pep.pit.search.kernel.arithmetic.pair_rows import Field
+
+    Check = Callable[[], None]
+
+_STUCK: Final[dict[int, Stuck]] = {line_pieces.SINGULAR: "singular", line_pieces.JOINT_LIMIT: "joint_limit"}
+_NOWHERE: Final = -1.0  # where a line ends that is none: no place is before it
+_POINTS: Final = Line(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+
+
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+def _tool_of(robot: Robot) -> line_pieces.Tool:
+    wrist = Wrist(np.array(robot.rotations), np.array(robot.offsets), np.array(robot.tool.tcp_m, dtype=float))
+    lowest, highest = robot.position_ranges_rad
+    return line_pieces.Tool(wrist, robot.reach[robot.body_index("tcp")].copy(), lowest.copy(), highest.copy())
+
+
+def _line_of(twist: Twist) -> Line:
+    return Line(*(np.ascontiguousarray(part, dtype=float) for part in _parts(twist)))
+
+
+def _parts(twist: Twist) -> tuple[Floats, Floats, Floats, Floats]:
+    return twist.position, twist.rotation, twist.line, twist.turn
+
+
+def trace(
+    robot: Robot,
+    twist: Twist,
+    start: Floats,
+    *,
+    since: int = 0,
+    until: int = GRID,
+    pieces: int = FIRST_PIECES,
+    fastest: Floats,
+    check_time: Check,
+) -> Trace:
+    """As `pep.pit.path.line_trace.trace`."""
+    check_time()
+    begin = np.array(start, dtype=float)
+    found = line_pieces.traced(_tool_of(robot), _line_of(twist), begin, since, until, pieces, np.array(fastest, float))
+    check_time()
+    q, dq, ddq, first, second, third, stray = found.rows.transpose(1, 0, 2)
+    cells = Cells(found.low, found.high, q, dq, ddq, first, second, third, stray, np.zeros_like(stray))
+    return Trace(cells, found.reached, found.q, found.dq, _STUCK.get(found.stuck))
+
+
+def pose_exists(robot: Robot, twist: Twist, since: int) -> bool:
+    """As `pep.pit.path.line_trace.pose_exists`."""
+    poses = [twist.at(float(s)) for s in np.linspace(since / GRID, 1, ASKED_POSES)]
+    positions, rotations = np.array([p for p, _ in poses]), np.array([r for _, r in poses])
+    return bool(reachable(_tool_of(robot).wrist, positions, rotations, search_starts()))
+
+
+class CompiledCourse(Course):
+    """A course whose questions the kernel answers. Same promises as `Course`; not shared between threads."""
+
+    def __init__(self, robot: Robot, cells: Cells, track: Track) -> None:
+        """A course that holds no configuration yet."""
+        self.robot, self.cells, self.track = robot, cells, track
+        self.delta = cells.way
+        self.layout = layout(robot)
+        arm, wrist = arm_of(robot), _tool_of(robot).wrist
+        held = np.stack(
+            [cells.q, cells.dq, cells.ddq, cells.first, cells.second, cells.third, cells.stray, cells.hurry], axis=1
+        )
+        twist, until = track.twist, track.until
+        line, until = (_POINTS, _NOWHERE) if twist is None else (_line_of(twist), until)
+        along = course_poses.Track(line, until, np.array(track.q), np.array(track.dq), track.fade)
+        low, high = np.ascontiguousarray(cells.low), np.ascontiguousarray(cells.high)
+        self._curve = course_poses.Curve(arm, wrist, low, high, held, bending.bends_of(arm, held), along)
+        self._held = course_poses.nothing_known(len(robot.bodies))
+        self._packed: tuple[Pairs, Field] | None = None
+
+    def packed(self, pairs: Pairs) -> Field:
+        """The pairs as the kernel's arrays."""
+        if self._packed is None or self._packed[0] is not pairs:
+            self._packed = pairs, packed(pairs)
+        return self._packed[1]
+
+    def _keep(self, held: course_poses.Known) -> None:
+        """The configurations known by now.
+
+        Raises:
+            MotionError: `PHYSICS_FAULT`, a proven line was not found again.
+        """
+        self._held = held
+        if held.counts[course_poses.LOST]:
+            raise MotionError("PHYSICS_FAULT", "a proven line was not found again")
+
+    def at(self, s: float) -> tuple[Floats, Floats]:
+        """As `Course.at`."""
+        q, dq = np.empty(len(self.delta)), np.empty(len(self.delta))
+        course_poses.placed(self._held, self._curve, s, q, dq)
+        self._keep(self._held)
+        return q, dq
+
+    @property
+    def known(self) -> tuple[Keys, Floats]:
+        """As `Course.known`."""
+        count = int(self._held.counts[course_poses.USED])
+        return self._held.keys[:count].copy(), self._held.q[:count].copy()
+
+    def nodes(self, keys: Keys) -> tuple[NDArray[np.intp], Poses]:
+        """As `Course.nodes`, computed anew by the numpy engine: nothing that decides asks for them."""
+        return Course(self.robot, self.cells, self.track).nodes(keys)
+
+    def rush(self, low: Keys, high: Keys) -> Floats:
+        """As `Course.rush`."""
+        held, found = course_rows.rushes(self._held, self._curve, low, high)
+        self._keep(held)
+        return np.asarray(found)
+
+    def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
+        """As `Course.examine`."""
+        asked = np.stack([low, high, pair], axis=1)
+        held, rows = course_rows.examined(self._held, self._curve, self.packed(pairs), asked)
+        self._keep(held)
+        return _leaves(rows)
+
+    def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
+        """As `Course.rush_at`."""
+        return self._at(pairs, key, pair)[1]
+
+    def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
+        """As `Course.clearance_at`."""
+        return self._at(pairs, key, pair)[0]
+
+    def _at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        held, clearance, rush = course_rows.met_at(self._held, self._curve, self.packed(pairs), int(key), pair)
+        self._keep(held)
+        return clearance, rush
+
+    def certify(
+        self,
+        pairs: Pairs,
+        profile: Profile,
+        stop: Stopping,
+        *,
+        rows: NDArray[np.intp],
+        floor: float,
+        check_time: Check,
+    ) -> Certified:
+        """As `pep.pit.search.certify.certify`."""
+        check_time()
+        groups, first = int(pairs.group.max(initial=-1)) + 1, len(cut(self)[0])
+        field, law = self.packed(pairs), np.array(law_of(pairs, stop))
+        held, found = course_search.certify(
+            self._held, self._curve, field, rows, groups, np.array(timing_of(profile)), law, floor, first
+        )
+        self._keep(held)
+        check_time()
+        if found.status == course_search.TOO_MANY:
+            raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
+        return Certified(
+            upper=found.upper,
+            attained=found.attained,
+            witnesses=tuple(sorted(_witnesses(found.witnesses), key=lambda w: (-w.index, w.clearance_m, w.key))),
+            violated={pairs.kind_of(w.pair): w for w in _witnesses(found.violated)},
+            leaves=_leaves(found.leaves),
+            leaf_index=found.leaves.numbers[:, course_rows.BOUND].copy(),
+        )
+
+    def fits(
+        self, pairs: Pairs, profile: Profile, stop: Stopping, leaves: Leaves, *, index: float, check_time: Check
+    ) -> Fit:
+        """As `pep.pit.search.certify.fits`."""
+        check_time()
+        rows, law = _rows(leaves), np.array(law_of(pairs, stop))
+        held, proven, kept = course_rows.fits(
+            self._held, self._curve, self.packed(pairs), rows, np.array(timing_of(profile)), law, index
+        )
+        self._keep(held)
+        return Fit(_leaves(kept), proven)
+
+    def blow_ratio(self, pairs: Pairs, profile: Profile, stop: Stopping, *, check_time: Check) -> float:
+        """As `pep.pit.search.blow.blow_ratio`."""
+        check_time()
+        people = np.flatnonzero(pairs.kind == pair_columns.PERSON)
+        if not people.size:
+            return 0.0
+        field, law, first = self.packed(pairs), np.array(law_of(pairs, stop)), len(cut(self)[0])
+        held, proven = course_rows.blow(
+            self._held, self._curve, field, people, np.array(timing_of(profile)), law, first, DEPTH, RESOLUTION
+        )
+        self._keep(held)
+        return float(proven)
+
+
+def _leaves(rows: course_rows.Rows) -> Leaves:
+    low, high, pair = np.ascontiguousarray(rows.whole.T)
+    clear, rush, clear_mid, rush_mid, _ = np.ascontiguousarray(rows.numbers.T)
+    return Leaves(low, high, pair, clear, rush, clear_mid, rush_mid)
+
+
+def _rows(leaves: Leaves) -> course_rows.Rows:
+    whole = np.stack([leaves.low, leaves.high, leaves.pair], axis=1)
+    bound = np.zeros(len(leaves))
+    return course_rows.Rows(
+        whole, np.stack([leaves.clear_m, leaves.rush, leaves.clear_mid_m, leaves.rush_mid, bound], axis=1)
+    )
+
+
+def _witnesses(found: course_search.Found) -> list[Witness]:
+    met = zip(*(column.tolist() for column in found), strict=True)
+    return [Witness(key, pair, index, gap, speed) for index, gap, speed, key, pair in met if pair >= 0]
+
+
+def compile_all() -> None:
+    """Every entry for curved motions is compiled, or read from where it was kept."""
+    robot, cell = Robot.load("ur3e"), CellParameters()
+    start = np.array((0.0, -1.5, 1.5, -1.5, -1.5, 0.0))
+    position, rotation = tool_pose(robot, start)
+    twist = Twist(position, rotation, np.array([0.0, 0.0, -0.02]), np.zeros(3))
+    found = trace(robot, twist, start, fastest=np.full(len(start), math.inf), check_time=_no_limit)
+    pose_exists(robot, twist, GRID)
+    course = CompiledCourse(robot, found.cells, Track(twist, 1.0, found.q, found.dq))
+    profile = Profile(twist.way_m, 0.1, 1.0)
+    stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=1.0)
+    pairs = pairs_of(robot, cell.surveyed, cell, grown_m=0.0)
+    rows = np.arange(len(pairs))
+    certified = course.certify(pairs, profile, stop, rows=rows, floor=MOVING, check_time=_no_limit)
+    course.fits(pairs, profile, stop, certified.leaves, index=MOVING, check_time=_no_limit)
+    course.blow_ratio(replace(pairs, kind=np.zeros_like(pairs.kind)), profile, stop, check_time=_no_limit)
+    course.examine(pairs, np.zeros(1, np.int64), np.full(1, GRID), rows[:1])
+    course.rush(np.zeros(1, np.int64), np.full(1, GRID))
+    course.clearance_at(pairs, 0, rows[:1])
+    course.at(0.5)
+    torques(masses_of(robot.pinocchio), *map(np.ascontiguousarray, (found.cells.q, found.cells.dq, found.cells.ddq)))
+
+
+def _no_limit() -> None:
+    """The time is not counted."""

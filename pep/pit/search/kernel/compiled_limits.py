@@ -1,0 +1,106 @@
+"""The compiled engine's answer to what a straight joint move asks of the arm."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pep.pit.base.errors import WorkLimitError
+from pep.pit.base.motion import Run, profile_of
+from pep.pit.base.tier import HIGHEST, MOVING
+from pep.pit.path.straight_path import GRID
+from pep.pit.robot.robot import Robot
+from pep.pit.scene.cell import CellParameters
+from pep.pit.search.arm_limits import Demands, Ratio, carried_ratio, speed_shares
+from pep.pit.search.certify import cuts
+from pep.pit.search.kernel.compiled_path import CompiledPath, blocks
+from pep.pit.search.kernel.loads import QUANTITIES, laid_out, under
+from pep.pit.search.kernel.search_columns import NOBODY
+from pep.pit.search.surface_speeds import FINER
+from pep.pit.search.torques import carried_kg, masses_with
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from pep.pit.base.motion import Floats, Profile
+    from pep.pit.path.straight_path import Path
+
+
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+def _limits_of(robot: Robot, cell: CellParameters) -> Floats:
+    arm = [robot.model.acceleration_limit_rad_s2, cell.tcp_speed_limit_m_s, carried_ratio(robot, cell)]
+    return np.concatenate([robot.speed_limits_rad_s, robot.torque_limits_nm, arm])
+
+
+@lru_cache(maxsize=64)  # likewise
+def _shares_of(robot: Robot, cell: CellParameters) -> Floats:
+    return speed_shares(robot, cell).copy()  # numba compiles anew for an array that nobody may change
+
+
+@lru_cache(maxsize=16)  # as many as there are powers of two
+def _edges(count: int) -> NDArray[np.int64]:
+    """Ends of so many equal intervals."""
+    return np.arange(count + 1, dtype=np.int64) * (GRID // count)
+
+
+class CompiledDemands(Demands):
+    """As `Demands`, answered by the kernel."""
+
+    def __init__(self, path: Path, cell: CellParameters) -> None:
+        """Torque and speed terms at the path's nodes."""
+        robot, asked = path.robot, np.concatenate([path.start, path.delta])
+        arm, edges = blocks(robot), _edges(FINER * cuts(path))
+        found = laid_out(*arm, masses_with(robot, carried_kg(robot, cell)), asked, edges)
+        self._known = *arm, asked, _shares_of(robot, cell), _limits_of(robot, cell), *found
+        self._last: tuple[Profile, Floats, Floats] | None = None
+
+    def surface_speed_m_s(self, profile: Profile) -> Floats:
+        """As `Demands.surface_speed_m_s`."""
+        return self._found(profile)[2]
+
+    def _each(self, profile: Profile) -> Iterator[Ratio]:
+        return map(Ratio, QUANTITIES, self._found(profile)[1].tolist())
+
+    def fastest(self, move: Run, index: float, *, slowest: float, check_time: Callable[[], None]) -> float | None:
+        """As `Demands.fastest`; the time is looked at once, since all of it takes less than a look at one profile."""
+        try:
+            check_time()
+        except WorkLimitError:
+            return None
+        profile = profile_of(move)
+        if profile is None or not profile.speed_rad_s > slowest:
+            return None
+        found = under(*self._known, _timing(profile), slowest, index)[-1]
+        return None if found == NOBODY else float(found)
+
+    def _found(self, profile: Profile) -> tuple[Profile, Floats, Floats]:
+        if self._last is None or self._last[0] != profile:
+            # At no slower speed than its own: there is none to look for.
+            ratios, most, _ = under(*self._known, _timing(profile), profile.speed_rad_s, HIGHEST)
+            self._last = profile, ratios, most
+        return self._last
+
+
+def _timing(profile: Profile) -> Floats:
+    return np.array([profile.way_rad, profile.speed_rad_s, profile.acceleration_rad_s2, profile.braking_rad_s2])
+
+
+def compile_all() -> None:
+    """Every entry is compiled, or read from where it was kept."""
+    robot, cell = Robot.load("ur3e"), CellParameters()
+    start = (0.0, -1.5, 1.5, -1.5, -1.5, 0.0)
+    run = Run(start, (0.4, *start[1:]), 0.5, 1.4, 1.4)
+    profile = profile_of(run)
+    if profile is None:
+        raise AssertionError("the move goes somewhere")
+    demands = CompiledDemands(CompiledPath(robot, run), cell)
+    demands.ratios(profile)
+    demands.fastest(run, MOVING, slowest=profile.speed_rad_s / 2, check_time=_no_limit)
+
+
+def _no_limit() -> None:
+    """The time is not counted."""

@@ -1,0 +1,335 @@
+"""The compiled engine as the rest of the room calls it: a path, and the searches on it."""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections import deque
+from dataclasses import replace
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.base import pair_columns
+from pep.pit.base.errors import PitError, WorkLimitError
+from pep.pit.base.motion import MoveJ, profile_of
+from pep.pit.base.tier import MOVING
+from pep.pit.geometry.solids import FORM
+from pep.pit.path.path import Leaves
+from pep.pit.path.straight_path import GRID, Path
+from pep.pit.robot.kinematics import layout
+from pep.pit.robot.robot import Robot
+from pep.pit.scene.cell import CellParameters
+from pep.pit.scene.obstacles import KINDS_IN_ORDER, Kind
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.scene.separation import stopping
+from pep.pit.search.blow import DEPTH, RESOLUTION
+from pep.pit.search.certify import FIRST_CUT_LEAST, ROWS_MOST, Fit, Slower
+from pep.pit.search.kernel.arithmetic.body_poses import Arm, bends_of, blocks_of
+from pep.pit.search.kernel.arithmetic.pair_rows import Field, Rows, Way, balls_of
+from pep.pit.search.kernel.arithmetic.place_clearance import clearances
+from pep.pit.search.kernel.scratch import ASKED, room_for
+from pep.pit.search.kernel.search_columns import KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
+from pep.pit.search.kernel.straight_answer import Answer, Found
+from pep.pit.search.kernel.straight_calls import certify
+from pep.pit.search.kernel.straight_halving import blow, examined, fits, met_at, nothing_known, rushes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from pep.pit.base.motion import Floats, Profile, Straight
+    from pep.pit.base.travel import Stopping
+    from pep.pit.path.path import Keys
+    from pep.pit.scene.pairs import Pairs
+    from pep.pit.search.kernel.scratch import Room
+    from pep.pit.search.kernel.straight_halving import Known
+
+_ASKED: Final = struct.Struct(f"{ASKED}d")
+_AS_FAST: Final = Slower(0.0, 0.0, 0.0, 0.0)  # where no slower speed is looked for
+PACKS_KEPT: Final = 16  # some scenes' pairs, and those of slower speeds: 80 kB each
+
+_CODED: Final = {pair_columns.PERSON: Kind.PERSON, pair_columns.ZONE: Kind.ZONE, pair_columns.MEANT: Kind.MEANT}
+if any(KINDS_IN_ORDER[code] is not kind for code, kind in _CODED.items()) or len(KINDS_IN_ORDER) != KINDS:
+    raise ImportError("the kernel's codes of kinds are not those of the pairs")
+
+
+@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+def arm_of(robot: Robot) -> Arm:
+    """The robot's bodies and joints as the kernel's arrays."""
+    plan = layout(robot)
+    ends = np.ascontiguousarray(plan.ends)
+    half = 0.5 * np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    return Arm(
+        plan.link.astype(np.int64),
+        plan.reference.astype(np.int64),
+        ends,
+        plan.radius,
+        half,
+        np.array(robot.reach),
+        np.array(robot.rotations),
+        np.array(robot.offsets),
+    )
+
+
+@lru_cache(maxsize=64)
+def blocks(robot: Robot) -> tuple[Floats, NDArray[np.int64]]:
+    """The robot's numbers and whole numbers, as `arm.blocks_of` has them."""
+    return blocks_of(arm_of(robot))
+
+
+class _Rooms(threading.local):
+    """What searches of one thread work in."""
+
+    def __init__(self) -> None:
+        self._by_bodies: dict[int, tuple[int, Room]] = {}
+
+    def of(self, arm: Arm, pairs: int) -> Room:
+        """Room for the first cut of so many pairs, and some more."""
+        bodies, needed = len(arm.link), pairs * FIRST_CUT_LEAST + SPARE
+        known = self._by_bodies.get(bodies)
+        if known is None or known[0] < needed:
+            known = 2 * needed, room_for(bodies, len(arm.offsets), 2 * needed)
+            self._by_bodies = {bodies: known}
+        return known[1]
+
+
+_ROOMS: Final = _Rooms()
+
+
+class _Packs(threading.local):
+    """The pairs of one thread's last few questions, as the kernel's arrays."""
+
+    def __init__(self) -> None:
+        self._last: deque[tuple[Pairs, Field, int]] = deque(maxlen=PACKS_KEPT)
+
+    def of(self, pairs: Pairs) -> tuple[Field, int]:
+        """The pairs as the kernel's arrays, and how many groups of them there are."""
+        for known, field, groups in self._last:
+            if known is pairs:
+                return field, groups
+        field, groups = packed(pairs), pairs.groups
+        self._last.appendleft((pairs, field, groups))
+        return field, groups
+
+
+_PACKS: Final = _Packs()
+
+
+class CompiledPath(Path):
+    """A path whose questions the kernel answers. Same promises as `Path`; not shared between threads."""
+
+    def __init__(self, robot: Robot, move: Straight) -> None:
+        """A path that holds no configuration yet."""
+        super().__init__(robot, move)
+        self._arm = arm_of(robot)
+
+    @cached_property
+    def _way(self) -> Way:
+        return Way(self._arm, self.start, self.delta, bends_of(self._arm, self.delta))
+
+    @cached_property
+    def asked(self) -> Floats:
+        """Start and way of the joints, side by side, rad."""
+        return np.concatenate([self.start, self.delta])
+
+    @cached_property
+    def _held(self) -> Known:
+        return nothing_known(len(self.robot.bodies))
+
+    def packed(self, pairs: Pairs) -> Field:
+        """The pairs as the kernel's arrays."""
+        return _PACKS.of(pairs)[0]
+
+    def rush(self, low: Keys, high: Keys) -> Floats:
+        """As `Path.rush`."""
+        self._held, found = rushes(self._held, self._way, low, high)
+        return np.asarray(found)
+
+    def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
+        """As `Path.examine`."""
+        self._held, rows = examined(self._held, self._way, self.packed(pairs), low, high, pair)
+        return _leaves(rows)
+
+    def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
+        """As `Path.rush_at`."""
+        self._held, _, rush = met_at(self._held, self._way, self.packed(pairs), key, pair)
+        return np.asarray(rush)
+
+    def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
+        """As `Path.clearance_at`."""
+        _, numbers, whole = self.packed(pairs)
+        return np.asarray(clearances(*blocks(self.robot), numbers, whole, self.asked, key, pair))
+
+    def certify(
+        self,
+        pairs: Pairs,
+        profile: Profile,
+        stop: Stopping,
+        *,
+        rows: NDArray[np.intp],
+        floor: float,
+        check_time: Callable[[], None],
+        told: bool = True,
+        slower: Slower | None = None,
+    ) -> Answer:
+        """As `pep.pit.search.certify.certify`; `told`: with a witness for each obstacle that may raise the index."""
+        if len(rows) * FIRST_CUT_LEAST > ROWS_MOST:
+            raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
+        room, (numbers, whole) = _ROOMS.of(self._arm, len(rows)), blocks(self.robot)
+        (field, groups), move, speeds = _PACKS.of(pairs), self._move, slower or _AS_FAST
+        _ASKED.pack_into(
+            room.numbers.data, 0, *move.start, *move.target, *timing_of(profile), *law_of(pairs, stop), *speeds
+        )
+        status, upper, attained, falls, many, broken, found = certify(
+            *room, numbers, whole, *field, rows, groups, floor, LOOKS if told else 0, slower is not None
+        )
+        check_time()
+        if status == TOO_MANY:
+            raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
+        return Answer(
+            Found(pairs, rows, many, broken, found),
+            upper=upper,
+            attained=attained,
+            slower=None if falls == NOBODY else falls,
+        )
+
+    def fits(
+        self,
+        pairs: Pairs,
+        profile: Profile,
+        stop: Stopping,
+        leaves: Leaves,
+        *,
+        index: float,
+        check_time: Callable[[], None],
+    ) -> Fit:
+        """As `pep.pit.search.certify.fits`."""
+        check_time()
+        self._held, proven, rows = fits(
+            self._held,
+            self._way,
+            self.packed(pairs),
+            _rows(leaves),
+            np.array(timing_of(profile)),
+            np.array(law_of(pairs, stop)),
+            index,
+        )
+        return Fit(_leaves(rows), proven)
+
+    def blow_ratio(
+        self,
+        pairs: Pairs,
+        profile: Profile,
+        stop: Stopping,
+        *,
+        check_time: Callable[[], None],
+    ) -> float:
+        """As `pep.pit.search.blow.blow_ratio`."""
+        check_time()
+        people = np.flatnonzero(pairs.kind == pair_columns.PERSON)
+        if not people.size:
+            return 0.0
+        self._held, proven = blow(
+            self._held,
+            self._way,
+            self.packed(pairs),
+            people,
+            np.array(timing_of(profile)),
+            np.array(law_of(pairs, stop)),
+            FIRST_CUT_LEAST,
+            DEPTH,
+            RESOLUTION,
+        )
+        return float(proven)
+
+
+def compile_all() -> None:
+    """Every entry into the kernel is compiled, or read from where it was kept: 100 s of one core the first time."""
+    robot, cell = Robot.load("ur3e"), CellParameters()
+    move = MoveJ((0.0, -1.5, 1.5, -1.5, -1.5, 0.0), (0.4, -1.5, 1.5, -1.5, -1.5, 0.0), 0.5, 1.4)
+    profile = profile_of(move)
+    if profile is None:
+        raise AssertionError("the move goes somewhere")
+    stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=profile.peak_rad_s)
+    pairs = pairs_of(robot, cell.surveyed, cell, grown_m=0.0)
+    path, rows = CompiledPath(robot, move), np.arange(len(pairs))
+    found = path.certify(
+        pairs, profile, stop, rows=rows, floor=MOVING, check_time=_no_limit, slower=Slower(0.05, 8.0, 0.01, 0.5)
+    )
+    path.fits(pairs, profile, stop, found.leaves, index=MOVING, check_time=_no_limit)
+    path.blow_ratio(replace(pairs, kind=np.zeros_like(pairs.kind)), profile, stop, check_time=_no_limit)
+    path.examine(pairs, np.zeros(1, np.int64), np.full(1, GRID), rows[:1])
+    path.rush(np.zeros(1, np.int64), np.full(1, GRID))
+    path.clearance_at(pairs, 0, rows[:1])
+    path.rush_at(pairs, 0, rows[:1])
+
+
+def _no_limit() -> None:
+    """The time is not counted."""
+
+
+def field_of(pairs: Pairs) -> Field:
+    """As `packed`; of pairs that this thread asked about lately the same arrays."""
+    return _PACKS.of(pairs)[0]
+
+
+def packed(pairs: Pairs) -> Field:
+    """The pairs as the kernel's arrays."""
+    solids = pairs.solids
+    if solids.hulls:
+        raise PitError("PHYSICS_FAULT", "the kernel knows no polytopes")
+    if pairs.whole is not None:
+        return Field(balls_of(solids.numbers, pairs.whole, pairs.warn_band), solids.numbers, pairs.whole)
+    numbers = solids.numbers.copy()
+    numbers[:, pair_columns.RADII] = pairs.radii
+    numbers[:, pair_columns.UNCERTAINTY] = pairs.uncertainty
+    numbers[:, pair_columns.HARM_SPEED] = pairs.harm_speed
+    numbers[:, pair_columns.LIMIT_SPEED] = pairs.limit_speed
+    numbers[:, pair_columns.INTRUSION] = pairs.intrusion
+    numbers[:, pair_columns.BAND] = pairs.band
+    numbers[:, pair_columns.DECLARED] = pairs.declared
+    numbers[:, pair_columns.VIOLATED_BELOW] = pairs.violated_below
+    whole = np.empty((len(pairs), pair_columns.WHOLE), dtype=np.int64)
+    whole[:, pair_columns.BODY] = pairs.body
+    whole[:, pair_columns.SHAPE] = numbers[:, FORM]
+    whole[:, pair_columns.KIND] = pairs.kind
+    whole[:, pair_columns.GROUP] = pairs.group
+    return Field(balls_of(numbers, whole, pairs.warn_band), numbers, whole)
+
+
+def timing_of(profile: Profile) -> tuple[float, ...]:
+    """The profile in the columns of the kernel."""
+    return profile.way_rad, profile.peak_rad_s, profile.acceleration_rad_s2, profile.braking_rad_s2, profile.top
+
+
+def law_of(pairs: Pairs, stop: Stopping) -> tuple[float, ...]:
+    """How the motion ends and the bands of all pairs in the columns of the kernel."""
+    return (
+        stop.reaction_s,
+        stop.brake_s,
+        stop.travel_s,
+        stop.person_speed_m_s,
+        pairs.warn_band,
+        pairs.penetration_band,
+        pairs.contact_speed,
+    )
+
+
+def _leaves(rows: Rows) -> Leaves:
+    return Leaves(rows.low, rows.high, rows.pair, rows.clear, rows.rush, rows.clear_mid, rows.rush_mid)
+
+
+def _rows(leaves: Leaves) -> Rows:
+    return Rows(
+        leaves.low,
+        leaves.high,
+        leaves.pair,
+        leaves.clear_m,
+        leaves.rush,
+        leaves.clear_mid_m,
+        leaves.rush_mid,
+        np.zeros(len(leaves)),
+    )

@@ -1,0 +1,311 @@
+"""Rows of (interval, pair) on a course: what is proven there, what is met, and the halving of what is not settled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from pep.pit.base.pair_columns import BODY, KIND, LIMIT_SPEED, PLANE, RADII, SHAPE
+from pep.pit.base.tier import TIE
+from pep.pit.path.straight_path import GRID
+from pep.pit.search.certify import LOWER_DEPTH
+from pep.pit.search.kernel.arithmetic.bending import (
+    BENDS,
+    HURRY,
+    SPIN_HURRY,
+    STRAY,
+    rough_rush,
+    rough_stray,
+    rush_on,
+    sag_on,
+    worst_on,
+)
+from pep.pit.search.kernel.arithmetic.body_poses import place, place_all
+from pep.pit.search.kernel.arithmetic.compilation import compiled, entry
+from pep.pit.search.kernel.arithmetic.core_distance import core_gap, interval_gap
+from pep.pit.search.kernel.arithmetic.course_poses import row_of, rows_of, with_room
+from pep.pit.search.kernel.arithmetic.index_law import blow_of, highest_rate, pair_index, rate_at
+from pep.pit.search.kernel.arithmetic.pair_rows import ball_gap
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pep.pit.base.motion import Floats
+    from pep.pit.search.kernel.arithmetic.course_poses import Curve, Known
+    from pep.pit.search.kernel.arithmetic.pair_rows import Field
+
+    Whole = NDArray[np.int64]
+
+# Columns of a row's whole numbers, and of its others.
+LOW: Final = 0
+HIGH: Final = 1
+PAIR: Final = 2
+WHOLES: Final = 3
+CLEAR: Final = 0
+RUSH: Final = 1
+CLEAR_MID: Final = 2
+RUSH_MID: Final = 3
+BOUND: Final = 4
+NUMBERS: Final = 5
+
+
+class Rows(NamedTuple):
+    """Rows as in `pep.pit.path.straight_path.Leaves`, and the index proven on each: (n, WHOLES) and (n, NUMBERS)."""
+
+    whole: Whole
+    numbers: Floats
+
+
+@compiled
+def room_for(count: int) -> Rows:
+    """Room for so many rows."""
+    return Rows(np.empty((count, WHOLES), np.int64), np.empty((count, NUMBERS)))
+
+
+@compiled
+def with_space(rows: Rows, used: int, count: int) -> Rows:
+    """The first `used` rows, with room for so many more."""
+    if used + count <= rows.whole.shape[0]:
+        return rows
+    wide = room_for(used + max(used, count))
+    wide.whole[:used], wide.numbers[:used] = rows.whole[:used], rows.numbers[:used]
+    return wide
+
+
+@compiled
+def copied(rows: Rows, used: int) -> Rows:
+    """The first `used` rows alone."""
+    return Rows(rows.whole[:used].copy(), rows.numbers[:used].copy())
+
+
+@compiled
+def met_near(gap: float, shape: int, stray: float) -> float:
+    """What the arm may meet beside the course counts as met: the gap would not close however short the interval."""
+    near = gap - stray
+    return near if shape == PLANE else max(near, 0.0)
+
+
+@compiled
+def rush_met(speeds: Floats, spins: Floats, at: int, body: int, radius: float, worst: Floats) -> float:
+    """Surface speed per unit of ds/dt that the body may have at this configuration."""
+    return speeds[at, body] + worst[HURRY, body] + radius * (spins[at, body] + worst[SPIN_HURRY, body])
+
+
+@compiled
+def proven_rush(
+    speeds: Floats, spins: Floats, low: int, mid: int, high: int, body: int, radius: float, worst: Floats, width: float
+) -> float:
+    """Bound on the body's surface speed per unit of ds/dt on an interval; it is placed at all three nodes."""
+    speed = max(speeds[low, body], speeds[mid, body], speeds[high, body])
+    spin = max(spins[low, body], spins[mid, body], spins[high, body])
+    return rush_on(worst, body, width, speed, spin, radius)
+
+
+@compiled
+def _intervals(asked: Whole) -> int:
+    """How many intervals these rows have at most."""
+    count = 0
+    for row in range(asked.shape[0]):
+        if row == 0 or asked[row, LOW] != asked[row - 1, LOW] or asked[row, HIGH] != asked[row - 1, HIGH]:
+            count += 1
+    return count
+
+
+@entry
+def examined(known: Known, curve: Curve, field: Field, asked: Whole) -> tuple[Known, Rows]:
+    """The rows (LOW, HIGH, PAIR) of `asked` examined, and the configurations known by then."""
+    count = asked.shape[0]
+    rows, room = room_for(count), np.empty((BENDS, curve.arm.link.shape[0]))
+    numbers, whole, radius = field.numbers, field.whole, curve.arm.radius
+    found = rows.numbers
+    rows.whole[:] = asked
+    worst, at_low, at_mid, at_high = room, 0, 0, 0
+    known = with_room(known, 3 * _intervals(asked))
+    nodes, arm = known.nodes, curve.arm
+    ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
+    for row in range(count):
+        low, high, pair = asked[row, LOW], asked[row, HIGH], asked[row, PAIR]
+        if row == 0 or low != asked[row - 1, LOW] or high != asked[row - 1, HIGH]:
+            at_low, at_mid, at_high = rows_of(known, low, high, curve)
+            worst = worst_on(curve.bends, curve.low, curve.high, low, high, room)
+        body, shape = whole[pair, BODY], whole[pair, SHAPE]
+        for at in (at_low, at_mid, at_high):
+            if not placed[at, body]:
+                place(nodes, at, arm, body)
+        width = (high - low) / GRID
+        gap = core_gap(ends, at_mid, body, numbers, pair, shape)
+        sag = sag_on(worst, body, width)
+        found[row, CLEAR] = interval_gap(ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
+        found[row, RUSH] = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius[body], worst, width)
+        found[row, CLEAR_MID] = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
+        found[row, RUSH_MID] = rush_met(speeds, spins, at_mid, body, radius[body], worst)
+        found[row, BOUND] = 0.0
+    return known, rows
+
+
+@compiled
+def _halves(rows: Whole, which: Whole, count: int) -> Whole:
+    """Both halves of those rows' intervals, with their pairs; rows of one interval stay together."""
+    halves = np.empty((2 * count, WHOLES), np.int64)
+    for to in range(count):
+        low, high, pair = rows[which[to], LOW], rows[which[to], HIGH], rows[which[to], PAIR]
+        mid = (low + high) // 2
+        halves[to, LOW], halves[to, HIGH], halves[to, PAIR] = low, mid, pair
+        halves[count + to, LOW], halves[count + to, HIGH], halves[count + to, PAIR] = mid, high, pair
+    return halves
+
+
+@entry
+def fits(
+    known: Known, curve: Curve, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
+) -> tuple[Known, bool, Rows]:
+    """Proof that no row exceeds `index` (see `pep.pit.search.certify.fits`), and the rows as far as halved."""
+    kept, used, laws, kinds = room_for(2 * leaves.whole.shape[0]), 0, field.numbers, field.whole
+    for depth in range(LOWER_DEPTH + 1):
+        count = leaves.whole.shape[0]
+        kept = with_space(kept, used, count)
+        whole, numbers, kept_whole, kept_numbers = leaves.whole, leaves.numbers, kept.whole, kept.numbers
+        over, over_used, begun, hopeless = np.empty(count, np.int64), 0, used, False
+        for row in range(count):
+            low, high, pair = whole[row, LOW], whole[row, HIGH], whole[row, PAIR]
+            kind, rate = kinds[pair, KIND], highest_rate(low / GRID, high / GRID, profile)
+            speed = numbers[row, RUSH] * rate
+            if pair_index(kind, laws, pair, numbers[row, CLEAR], speed, law) <= index + TIE:
+                kept_whole[used], kept_numbers[used] = whole[row], numbers[row]
+                used += 1
+                continue
+            over[over_used] = row
+            over_used += 1
+            speed = numbers[row, RUSH_MID] * rate_at((low + high) // 2 / GRID, profile)
+            if pair_index(kind, laws, pair, numbers[row, CLEAR_MID], speed, law) > index + TIE:
+                hopeless = True
+                break
+        if over_used == 0 or hopeless or depth == LOWER_DEPTH:
+            for row in range(count):  # all of this level, whatever was told of it
+                kept_whole[begun + row], kept_numbers[begun + row] = whole[row], numbers[row]
+            return known, over_used == 0, copied(kept, begun + count)
+        known, leaves = examined(known, curve, field, _halves(leaves.whole, over, over_used))
+    return known, False, kept
+
+
+@entry
+def blow(
+    known: Known,
+    curve: Curve,
+    field: Field,
+    people: Whole,
+    profile: Floats,
+    law: Floats,
+    first: int,
+    depths: int,
+    resolution: float,
+) -> tuple[Known, float]:
+    """Proven highest share of a body region's limit speed on this course (see `pep.pit.search.blow`).
+
+    A row whose speed alone proves no more than is met anyway, or that its balls prove to be out of reach, is settled
+    without a distance.
+    """
+    arm, numbers, whole, radius, half = curve.arm, field.numbers, field.whole, curve.arm.radius, curve.arm.half
+    asked, step = np.empty((people.shape[0] * first, WHOLES), np.int64), GRID // first
+    for k in range(first):
+        for each in range(people.shape[0]):
+            row = k * people.shape[0] + each
+            asked[row, LOW], asked[row, HIGH], asked[row, PAIR] = k * step, (k + 1) * step, people[each]
+    room = np.empty((BENDS, arm.link.shape[0]))
+    worst, at_low, at_mid, at_high, rate, rate_mid = room, 0, 0, 0, 0.0, 0.0
+    proven = best = 0.0
+    for depth in range(depths + 1):
+        count = asked.shape[0]
+        wide, wide_used, bounds = np.empty(count, np.int64), 0, np.empty(count)
+        before = proven  # what this level settles must not settle more of it
+        known = with_room(known, 3 * _intervals(asked))
+        nodes = known.nodes
+        ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
+        for row in range(count):
+            low, high, pair = asked[row, LOW], asked[row, HIGH], asked[row, PAIR]
+            body, shape, width = whole[pair, BODY], whole[pair, SHAPE], (high - low) / GRID
+            if row == 0 or low != asked[row - 1, LOW] or high != asked[row - 1, HIGH]:
+                at_low, at_mid, at_high = rows_of(known, low, high, curve)
+                worst = worst_on(curve.bends, curve.low, curve.high, low, high, room)
+                rate, rate_mid = (
+                    highest_rate(low / GRID, high / GRID, profile),
+                    rate_at((low + high) // 2 / GRID, profile),
+                )
+            for at in (at_low, at_mid, at_high):
+                if not placed[at, body]:
+                    place(nodes, at, arm, body)
+            speed = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius[body], worst, width) * rate
+            bounds[row] = speed / numbers[pair, LIMIT_SPEED]
+            if depth < depths and bounds[row] <= max(before, best) + resolution:
+                proven = max(proven, bounds[row])
+                continue
+            apart = ball_gap(ends, at_mid, body, half, numbers, pair) - rough_stray(worst, body, width)
+            if blow_of(numbers, pair, apart, speed, law) <= 0.0:
+                continue
+            gap = core_gap(ends, at_mid, body, numbers, pair, shape)
+            sag = sag_on(worst, body, width)
+            clear = interval_gap(ends, at_low, at_mid, at_high, body, numbers, pair, shape, gap, sag)
+            bounds[row] = blow_of(numbers, pair, clear, speed, law)
+            near = met_near(gap[0], shape, worst[STRAY, body]) - numbers[pair, RADII]
+            speed = rush_met(speeds, spins, at_mid, body, radius[body], worst) * rate_mid
+            best = max(best, blow_of(numbers, pair, near, speed, law))
+            wide[wide_used] = row
+            wide_used += 1
+        open_used = 0
+        for each in range(wide_used):
+            row = wide[each]
+            if depth < depths and bounds[row] > max(before, best) + resolution:
+                wide[open_used] = row
+                open_used += 1
+            else:
+                proven = max(proven, bounds[row])
+        if open_used == 0:
+            break
+        asked = _halves(asked, wide, open_used)
+    return known, proven
+
+
+@entry
+def rushes(known: Known, curve: Curve, low: Whole, high: Whole) -> tuple[Known, Floats]:
+    """Bound on the surface speed per unit of ds/dt of every body on each interval, shape (intervals, bodies).
+
+    Of bodies that are seen from the arm itself it is the rough one: nobody asks how fast the arm passes itself.
+    """
+    arm = curve.arm
+    bodies = arm.link.shape[0]
+    found, room = np.empty((low.shape[0], bodies)), np.empty((BENDS, bodies))
+    known = with_room(known, 3 * low.shape[0])
+    nodes, radius, reference = known.nodes, arm.radius, arm.reference
+    speeds, spins, outer = nodes.speed, nodes.spin, np.flatnonzero(arm.reference == 0)
+    for k in range(low.shape[0]):
+        at_low, at_mid, at_high = rows_of(known, low[k], high[k], curve)
+        worst = worst_on(curve.bends, curve.low, curve.high, low[k], high[k], room)
+        width = (high[k] - low[k]) / GRID
+        for at in (at_low, at_mid, at_high):
+            place_all(nodes, at, arm, outer)
+        for body in range(bodies):
+            if reference[body] > 0:
+                found[k, body] = rough_rush(worst, body, width, radius[body])
+            else:
+                found[k, body] = proven_rush(speeds, spins, at_low, at_mid, at_high, body, radius[body], worst, width)
+    return known, found
+
+
+@entry
+def met_at(known: Known, curve: Curve, field: Field, key: int, pair: Whole) -> tuple[Known, Floats, Floats]:
+    """Signed clearance and surface speed per unit of ds/dt of these pairs at one configuration of the course itself."""
+    known = with_room(known, 1)
+    at, nodes, arm = row_of(known, key, curve), known.nodes, curve.arm
+    clearance, rush = np.empty(pair.shape[0]), np.empty(pair.shape[0])
+    ends, placed, speeds, spins, radius = nodes.ends, nodes.known, nodes.speed, nodes.spin, arm.radius
+    whole, numbers = field.whole, field.numbers
+    for row in range(pair.shape[0]):
+        k = pair[row]
+        body = whole[k, BODY]
+        if not placed[at, body]:
+            place(nodes, at, arm, body)
+        gap = core_gap(ends, at, body, numbers, k, whole[k, SHAPE])
+        clearance[row] = gap[0] - numbers[k, RADII]
+        rush[row] = speeds[at, body] + radius[body] * spins[at, body]
+    return known, clearance, rush

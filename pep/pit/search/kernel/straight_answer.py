@@ -1,0 +1,98 @@
+"""What the kernel proved, in its own arrays; what only some ask for is made of them when somebody does."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pep.pit.base.tier import MOVING
+from pep.pit.path.path import Leaves
+from pep.pit.path.straight_path import GRID
+from pep.pit.search.certify import Certified, Proof, Witness
+from pep.pit.search.kernel.interval_tree import FIRST
+from pep.pit.search.kernel.search_columns import LEAF_NUMBERS, MET
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pep.pit.base.motion import Floats
+    from pep.pit.scene.obstacles import Kind
+    from pep.pit.scene.pairs import Pairs
+
+
+class Found(NamedTuple):
+    """What `kernel.straight.certify` found, and what it was asked about.
+
+    Attributes:
+        pairs, rows: all pairs, and those in question.
+        told, broken: how many witnesses and violations there are.
+        found: those, in `MET` columns, then leaves, in `LEAF` columns.
+    """
+
+    pairs: Pairs
+    rows: NDArray[np.intp]
+    told: int
+    broken: int
+    found: Floats
+
+
+class Answer(Certified):
+    """As `Certified`; only what was looked at row by row is a leaf, the rest of the proof is known to be far apart."""
+
+    def __init__(self, found: Found, *, upper: float, attained: float, slower: float | None) -> None:
+        """Nothing is made of the arrays yet."""
+        vars(self).update(_found=found, upper=upper, attained=attained, slower=slower)
+
+    _found: Found
+    upper: float
+    attained: float
+    slower: float | None
+
+    @cached_property
+    def witnesses(self) -> tuple[Witness, ...]:
+        """As `Certified.witnesses`."""
+        return _witnesses(self._found.found[: self._found.told])
+
+    @cached_property
+    def violated(self) -> dict[Kind, Witness]:
+        """As `Certified.violated`."""
+        pairs, _, told, broken, found = self._found
+        return {pairs.kind_of(w.pair): w for w in _witnesses(found[told : told + broken])}
+
+    @cached_property
+    def leaves(self) -> Leaves:
+        """As `Certified.leaves`."""
+        found = np.ascontiguousarray(self._leaves)
+        return Leaves(*found[:LEAF_NUMBERS].astype(np.int64), *found[LEAF_NUMBERS:-1])
+
+    @cached_property
+    def leaf_index(self) -> Floats:
+        """As `Certified.leaf_index`."""
+        return self._leaves[-1].copy()
+
+    @property
+    def _leaves(self) -> Floats:
+        return self._found.found[self._found.told + self._found.broken :].T
+
+    @property
+    def proof(self) -> Proof:
+        """As `Certified.proof`."""
+        leaves, found = self.leaves, self._found
+        step = GRID // FIRST
+        far = np.ones((FIRST, len(found.pairs)), dtype=np.bool_)
+        far[leaves.low // step, leaves.pair] = False
+        span, row = np.nonzero(far[:, found.rows])
+        return Proof(
+            np.concatenate([leaves.pair, found.rows[row]]),
+            np.concatenate([leaves.low, span * step]),
+            np.concatenate([leaves.high, span * step + step]),
+            np.concatenate([self.leaf_index, np.full(len(row), MOVING)]),
+        )
+
+
+def _witnesses(met: Floats) -> tuple[Witness, ...]:
+    return tuple(
+        [Witness(int(key), int(pair), index, gap, speed) for index, gap, speed, key, pair in met[:, :MET].tolist()]
+    )

@@ -1,0 +1,285 @@
+"""Rows that are halved until something is proven of them: lower speeds, blows, and the path's own questions.
+
+Here intervals come in any order, so configurations are found by their key, in a small table with open addresses.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from pep.pit.base.pair_columns import BODY, KIND, PEAK, WAY
+from pep.pit.base.tier import TIE
+from pep.pit.path.straight_path import CHORD, GRID
+from pep.pit.search.certify import LOWER_DEPTH
+from pep.pit.search.kernel.arithmetic.body_poses import no_nodes, place, place_all
+from pep.pit.search.kernel.arithmetic.compilation import compiled, entry, lent
+from pep.pit.search.kernel.arithmetic.index_law import blow_of, highest_rate, pair_index, rate_at
+from pep.pit.search.kernel.arithmetic.pair_rows import (
+    ball_gap,
+    configuration,
+    examine,
+    meets,
+    no_rows,
+    rush_at_most,
+    strays_at_most,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pep.pit.base.motion import Floats
+    from pep.pit.search.kernel.arithmetic.body_poses import Nodes
+    from pep.pit.search.kernel.arithmetic.pair_rows import Field, Rows, Way
+
+    Whole = NDArray[np.int64]
+
+FIRST: Final = 128  # places in the table at first, a power of two
+SPREAD: Final = 0x9E3779B1  # 2^32 by the golden ratio: neighbouring keys land far apart (Knuth, TAOCP 3, 6.4)
+FREE: Final = -1
+
+
+class Known(NamedTuple):
+    """The configurations that were computed: their nodes, and by key which row. At most half of the places are used."""
+
+    nodes: Nodes
+    key: Whole
+    row: Whole
+    used: Whole
+
+
+@entry
+def nothing_known(bodies: int) -> Known:
+    """No configuration."""
+    return Known(no_nodes(FIRST // 2, bodies), np.full(FIRST, FREE), np.full(FIRST, FREE), np.zeros(1, np.int64))
+
+
+@lent
+def _place_of(table: Whole, key: int) -> int:
+    """Where the key stands or would stand."""
+    at = ((key >> 2) * SPREAD >> 8) & (table.shape[0] - 1)
+    while table[at] != FREE and table[at] != key:
+        at = (at + 1) & (table.shape[0] - 1)
+    return at
+
+
+@compiled
+def with_key(known: Known, key: int, way: Way) -> Known:
+    """The same with the configuration at `key`."""
+    at = _place_of(known.key, key)
+    if known.key[at] == key:
+        return known
+    row = known.used[0]
+    if 2 * row >= known.key.shape[0]:
+        keys, rows = np.full(2 * known.key.shape[0], FREE), np.full(2 * known.key.shape[0], FREE)
+        for old in range(known.key.shape[0]):
+            if known.key[old] != FREE:
+                to = _place_of(keys, known.key[old])
+                keys[to], rows[to] = known.key[old], known.row[old]
+        known = Known(known.nodes, keys, rows, known.used)
+        at = _place_of(known.key, key)
+    known.key[at], known.row[at] = key, row
+    known.used[0] = row + 1
+    return Known(configuration(known.nodes, row, way, key), known.key, known.row, known.used)
+
+
+@entry
+def examined(known: Known, way: Way, field: Field, low: Whole, high: Whole, pair: Whole) -> tuple[Known, Rows]:
+    """The rows examined, and the configurations known by then."""
+    count = low.shape[0]
+    at_low, at_mid, at_high = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    for row in range(count):
+        if row > 0 and low[row] == low[row - 1] and high[row] == high[row - 1]:
+            at_low[row], at_mid[row], at_high[row] = at_low[row - 1], at_mid[row - 1], at_high[row - 1]
+            continue
+        mid = (low[row] + high[row]) // 2
+        known = with_key(with_key(with_key(known, low[row], way), mid, way), high[row], way)
+        at_low[row] = known.row[_place_of(known.key, low[row])]
+        at_mid[row] = known.row[_place_of(known.key, mid)]
+        at_high[row] = known.row[_place_of(known.key, high[row])]
+    return known, examine(known.nodes, way, field, low, high, at_low, at_mid, at_high, pair)
+
+
+@compiled
+def _chosen(rows: Rows, which: Whole, count: int) -> Rows:
+    """Those rows, in that order."""
+    taken = no_rows(count)
+    for to in range(count):
+        row = which[to]
+        taken.low[to], taken.high[to], taken.pair[to] = rows.low[row], rows.high[row], rows.pair[row]
+        taken.clear[to], taken.rush[to] = rows.clear[row], rows.rush[row]
+        taken.clear_mid[to], taken.rush_mid[to], taken.bound[to] = rows.clear_mid[row], rows.rush_mid[row], 0.0
+    return taken
+
+
+@compiled
+def _halves(rows: Rows, which: Whole, count: int) -> tuple[Whole, Whole, Whole]:
+    """Both halves of those rows' intervals, and their pairs."""
+    low, high, pair = np.empty(2 * count, np.int64), np.empty(2 * count, np.int64), np.empty(2 * count, np.int64)
+    for to in range(count):  # rows of one interval stay together: its configurations are looked up once
+        row, other = which[to], count + to
+        mid = (rows.low[row] + rows.high[row]) // 2
+        low[to], high[to], pair[to] = rows.low[row], mid, rows.pair[row]
+        low[other], high[other], pair[other] = mid, rows.high[row], rows.pair[row]
+    return low, high, pair
+
+
+@compiled
+def joined(first: Rows, second: Rows) -> Rows:
+    """All rows of both."""
+    count = first.low.shape[0]
+    both = no_rows(count + second.low.shape[0])
+    both.low[:count], both.low[count:] = first.low, second.low
+    both.high[:count], both.high[count:] = first.high, second.high
+    both.pair[:count], both.pair[count:] = first.pair, second.pair
+    both.clear[:count], both.clear[count:] = first.clear, second.clear
+    both.rush[:count], both.rush[count:] = first.rush, second.rush
+    both.clear_mid[:count], both.clear_mid[count:] = first.clear_mid, second.clear_mid
+    both.rush_mid[:count], both.rush_mid[count:] = first.rush_mid, second.rush_mid
+    both.bound[:count], both.bound[count:] = first.bound, second.bound
+    return both
+
+
+@entry
+def fits(
+    known: Known,
+    way: Way,
+    field: Field,
+    leaves: Rows,
+    profile: Floats,
+    law: Floats,
+    index: float,
+) -> tuple[Known, bool, Rows]:
+    """Proof that no row exceeds `index` (see `pep.pit.search.certify.fits`), and the rows as far as halved."""
+    kept = no_rows(0)
+    for depth in range(LOWER_DEPTH + 1):
+        count = leaves.low.shape[0]
+        over, calm = np.empty(count, np.int64), np.empty(count, np.int64)
+        over_used = calm_used = 0
+        hopeless = False
+        for row in range(count):
+            pair = leaves.pair[row]
+            kind = field.whole[pair, KIND]
+            rate = highest_rate(leaves.low[row] / GRID, leaves.high[row] / GRID, profile)
+            if pair_index(kind, field.numbers, pair, leaves.clear[row], leaves.rush[row] * rate, law) <= index + TIE:
+                calm[calm_used] = row
+                calm_used += 1
+                continue
+            over[over_used] = row
+            over_used += 1
+            speed = leaves.rush_mid[row] * rate_at((leaves.low[row] + leaves.high[row]) // 2 / GRID, profile)
+            if pair_index(kind, field.numbers, pair, leaves.clear_mid[row], speed, law) > index + TIE:
+                hopeless = True
+                break
+        if over_used == 0 or hopeless or depth == LOWER_DEPTH:
+            return known, over_used == 0, joined(kept, leaves)
+        kept = joined(kept, _chosen(leaves, calm, calm_used))
+        low, high, pairs = _halves(leaves, over, over_used)
+        known, leaves = examined(known, way, field, low, high, pairs)
+    return known, False, joined(kept, leaves)
+
+
+@entry
+def blow(
+    known: Known,
+    way: Way,
+    field: Field,
+    people: Whole,
+    profile: Floats,
+    law: Floats,
+    first: int,
+    depths: int,
+    resolution: float,
+) -> tuple[Known, float]:
+    """Proven highest share of a body region's limit speed on this path (see `pep.pit.search.blow`)."""
+    count = people.shape[0] * first
+    low, high, pair = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    used = 0
+    width = 1.0 / first
+    top_rate = profile[PEAK] / profile[WAY]
+    for k in range(first):
+        begin, end = k * (GRID // first), (k + 1) * (GRID // first)
+        known = with_key(known, (begin + end) // 2, way)
+        middle = known.row[_place_of(known.key, (begin + end) // 2)]
+        for each in range(people.shape[0]):
+            row = people[each]
+            body = field.whole[row, BODY]
+            if not known.nodes.known[middle, body]:
+                place(known.nodes, middle, way.arm, body)
+            gap = ball_gap(known.nodes.ends, middle, body, way.arm.half, field.numbers, row)
+            gap -= strays_at_most(way, body, width)
+            if blow_of(field.numbers, row, gap, rush_at_most(way, body, width) * top_rate, law) > 0.0:
+                low[used], high[used], pair[used] = begin, end, row
+                used += 1
+    low, high, pair = low[:used].copy(), high[:used].copy(), pair[:used].copy()
+    proven = best = 0.0
+    for depth in range(depths + 1):
+        known, rows = examined(known, way, field, low, high, pair)
+        count = rows.low.shape[0]
+        bounds, wide = np.empty(count), np.empty(count, np.int64)
+        wide_used = 0
+        for row in range(count):
+            met = rows.pair[row]
+            rate = highest_rate(rows.low[row] / GRID, rows.high[row] / GRID, profile)
+            bounds[row] = blow_of(field.numbers, met, rows.clear[row], rows.rush[row] * rate, law)
+            speed = rows.rush_mid[row] * rate_at((rows.low[row] + rows.high[row]) // 2 / GRID, profile)
+            best = max(best, blow_of(field.numbers, met, rows.clear_mid[row], speed, law))
+        enough = max(proven, best) + resolution
+        for row in range(count):
+            if depth < depths and bounds[row] > enough:
+                wide[wide_used] = row
+                wide_used += 1
+            else:
+                proven = max(proven, bounds[row])
+        if wide_used == 0:
+            break
+        low, high, pair = _halves(rows, wide, wide_used)
+    return known, proven
+
+
+@entry
+def rushes(known: Known, way: Way, low: Whole, high: Whole) -> tuple[Known, Floats]:
+    """Bound on the surface speed per unit of ds/dt of every body on each interval, shape (intervals, bodies).
+
+    Of bodies that are seen from the arm itself it is the rough one: nobody asks how fast the arm passes itself.
+    """
+    arm, bends, intervals = way.arm, way.bends, low.shape[0]
+    references, radius, first, third = arm.reference, arm.radius, bends.first, bends.third
+    spin_most, spin_second = bends.spin, bends.spin_second
+    count, bodies = references.shape[0], np.flatnonzero(references == 0)
+    found, stand = np.empty((intervals, count)), np.empty((intervals, 3), np.int64)
+    for k in range(intervals):
+        mid = (low[k] + high[k]) // 2
+        if k > 0 and low[k] == high[k - 1]:  # most follow each other
+            stand[k, 0] = stand[k - 1, 2]
+        else:
+            known = with_key(known, low[k], way)
+            stand[k, 0] = known.row[_place_of(known.key, low[k])]
+        known = with_key(with_key(known, mid, way), high[k], way)
+        stand[k, 1] = known.row[_place_of(known.key, mid)]
+        stand[k, 2] = known.row[_place_of(known.key, high[k])]
+    nodes, speeds, spins = known.nodes, known.nodes.speed, known.nodes.spin
+    for k in range(intervals):
+        at_low, at_mid, at_high = stand[k, 0], stand[k, 1], stand[k, 2]
+        for at in (at_low, at_mid, at_high):
+            place_all(nodes, at, arm, bodies)
+        bend = ((high[k] - low[k]) / GRID) ** 2 / CHORD
+        for body in range(count):
+            if references[body] > 0:
+                speed, spin = first[body], spin_most[body]
+            else:
+                speed = max(speeds[at_low, body], speeds[at_mid, body], speeds[at_high, body])
+                spin = max(spins[at_low, body], spins[at_mid, body], spins[at_high, body])
+            speed += third[body] * bend
+            found[k, body] = speed + radius[body] * (spin + spin_second[body] * bend)
+    return known, found
+
+
+@entry
+def met_at(known: Known, way: Way, field: Field, key: int, pair: Whole) -> tuple[Known, Floats, Floats]:
+    """Signed clearance and surface speed per unit of ds/dt of these pairs at one configuration."""
+    known = with_key(known, key, way)
+    at = known.row[_place_of(known.key, key)]
+    clearance, rush = meets(known.nodes, at, way, field, pair)
+    return known, clearance, rush

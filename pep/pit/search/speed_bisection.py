@@ -1,0 +1,38 @@
+"""The highest speed of a motion that would do, where the commanded one does not."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pep.pit.base.errors import WorkLimitError
+from pep.pit.search.certify import SPEED_STEPS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def highest_speed(falls: Callable[[float], bool], *, slowest: float, fastest: float) -> float | None:
+    """The highest speed, to a step of the bisection, that `falls` proves to do, or None when not even the slowest does.
+
+    This is advice: when time runs out, the best speed proven so far is named, and the answer itself stands.
+
+    Args:
+        falls: whether it is proven of this speed; what does not do, does not at any higher one.
+        slowest: a slower one is of no use.
+        fastest: the commanded speed, which does not do.
+    """
+    if not fastest > slowest:
+        return None
+    proven: float | None = None
+    try:
+        if falls(slowest):
+            proven = slowest
+            for _ in range(SPEED_STEPS):
+                middle = 0.5 * (proven + fastest)
+                if falls(middle):
+                    proven = middle
+                else:
+                    fastest = middle
+    except WorkLimitError:
+        return proven
+    return proven

@@ -1,0 +1,1 @@
+"""The second engine: pinocchio and coal check the certified answer."""

@@ -1,0 +1,1 @@
+"""Pictures of an assessment, as PNG and as a page."""
