@@ -5,12 +5,14 @@ It vouches for exactly that value, and allows nothing. Clause [STM-10] in docs/s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from msgspec import Meta
+
+from capabilities.form import Form, plain, upto, whole, words
 from capabilities.statements import statement_form
-from capabilities.statements.ask import ID
-from capabilities.statements.claims import Claims, malformed, ordered
+from capabilities.statements.claims import TEXT_BYTES, HexDigest, Id, Name, Url, Whole, lasting, ordered, read
+from capabilities.values import text
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -28,13 +30,12 @@ OTHERS: Final = "*"
 """Stands for signers that are not named, because there are too many."""
 LIFETIME_S: Final = 3_600
 """Longest life of a receipt: that of the hop of evidence kind `key` that it is given under."""
-_NAMES: Final = (
-    "audience", "agent", "hop_id", "value", "sources", "signers", "integrity", "age_ms", "tainted", "at", "not_after",
-)  # fmt: skip
+Sources = Annotated[tuple[Annotated[str, words(*SOURCES)], ...], Meta(min_length=1, max_length=len(SOURCES))]
+Signers = Annotated[tuple[Annotated[str, whole(rf"\*|{text.NAME.pattern}"), upto(TEXT_BYTES)], ...], upto(SIGNERS)]
+Integrity = Annotated[str, words(*INTEGRITIES)]
 
 
-@dataclass(frozen=True, slots=True)
-class Receipt:
+class Receipt(Form, frozen=True):
     """What one PEP admitted.
 
     Attributes:
@@ -50,24 +51,22 @@ class Receipt:
             `LIFETIME_S` apart.
     """
 
-    audience: str
-    agent: str
-    hop_id: str
-    value: str
-    sources: tuple[str, ...]
-    signers: tuple[str, ...]
-    integrity: str
-    age_ms: int
+    audience: Url
+    agent: Name
+    hop_id: Id
+    value: HexDigest
+    sources: Sources
+    signers: Signers
+    integrity: Integrity
+    age_ms: Whole
     tainted: bool
-    at: int
-    not_after: int
+    at: Whole
+    not_after: Whole
 
 
 def sign(receipt: Receipt, key: PrivateKey) -> str:
     """The receipt, signed by the PEP that admitted."""
-    claims: dict[str, object] = {name: getattr(receipt, name) for name in _NAMES}
-    claims |= {"sources": list(receipt.sources), "signers": list(receipt.signers)}
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, plain(receipt), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Receipt:  # noqa: A001 - read as admission.open
@@ -77,49 +76,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Receipt:  # noqa: A0
         StatementError: as `sealed.open`; also for one without a source, with names out of order, and one that lives
             longer than `LIFETIME_S` or not at all.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
-    receipt = Receipt(
-        audience=claims.url("audience"),
-        agent=claims.name("agent"),
-        hop_id=claims.token("hop_id", ID),
-        value=claims.hex_digest("value"),
-        sources=sources(claims),
-        signers=signers(claims),
-        integrity=integrity(claims),
-        age_ms=claims.integer("age_ms"),
-        tainted=claims.boolean("tainted"),
-        at=claims.integer("at"),
-        not_after=claims.integer("not_after"),
-    )
-    if not 0 < receipt.not_after - receipt.at <= LIFETIME_S:
-        raise malformed(f"it counts for 1 to {LIFETIME_S} s")
+    receipt = read(Receipt, statement_form.open(KIND, text, keys, caps))
+    ordered(receipt.sources, "a source")
+    ordered(receipt.signers, "a signer")
+    lasting(receipt.at, receipt.not_after, LIFETIME_S)
     return receipt
-
-
-# The words of a label, wherever a statement has one.
-
-
-def sources(claims: Claims) -> tuple[str, ...]:
-    """The member of that name: at least one of `SOURCES`, each once, sorted."""
-    found = ordered(claims.each("sources", _source, most=len(SOURCES)), "a source")
-    if not found:
-        raise malformed("no source")
-    return found
-
-
-def signers(claims: Claims) -> tuple[str, ...]:
-    """The member of that name: at most `SIGNERS` ids or `OTHERS`, each once, sorted."""
-    return ordered(claims.each("signers", _signer, most=SIGNERS), "a signer")
-
-
-def integrity(claims: Claims) -> str:
-    """The member of that name: one of `INTEGRITIES`."""
-    return claims.one_of("integrity", frozenset(INTEGRITIES))
-
-
-def _source(value: object) -> str:
-    return Claims({"source": value}, "source").one_of("source", frozenset(SOURCES))
-
-
-def _signer(value: object) -> str:
-    return OTHERS if value == OTHERS else Claims({"signer": value}, "signer").name("signer")

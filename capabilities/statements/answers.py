@@ -5,13 +5,11 @@ The provider carries votes and cannot make one: the PEP verifies each with its a
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from capabilities.form import Form, plain, upto, words
 from capabilities.statements import statement_form
-from capabilities.statements.ask import ID
-from capabilities.statements.claims import Claims, malformed, unique
+from capabilities.statements.claims import Id, Nonce, Url, Whole, read, unique
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -20,7 +18,6 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
 
 KIND: Final = "answers"
-NONCE: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
 STATES: Final = frozenset({"open", "granted", "denied", "withdrawn", "expired"})
 ASKS: Final = 256
 VOTES: Final = 16
@@ -28,17 +25,15 @@ OPENINGS: Final = 64
 """Most asks of one statement, votes on one ask, and openings."""
 
 
-@dataclass(frozen=True, slots=True)
-class AnsweredAsk:
+class AnsweredAsk(Form, frozen=True):
     """How one ask stands: its state as the identity provider sees it, and the votes as they were signed."""
 
-    ask_id: str
-    state: str
-    votes: tuple[str, ...]
+    ask_id: Id
+    state: Annotated[str, words(*STATES)]
+    votes: Annotated[tuple[str, ...], upto(VOTES)]
 
 
-@dataclass(frozen=True, slots=True)
-class Answers:
+class Answers(Form, frozen=True):
     """How all asks and openings of one audience stand.
 
     Attributes:
@@ -49,25 +44,17 @@ class Answers:
         openings: those that are not withdrawn, as they were signed.
     """
 
-    issuer: str
-    audience: str
-    nonce: str
-    as_of_ms: int
-    asks: tuple[AnsweredAsk, ...]
-    openings: tuple[str, ...]
+    issuer: Url
+    audience: Url
+    nonce: Nonce
+    as_of_ms: Whole
+    asks: Annotated[tuple[AnsweredAsk, ...], upto(ASKS)]
+    openings: Annotated[tuple[str, ...], upto(OPENINGS)]
 
 
 def sign(answers: Answers, key: PrivateKey) -> str:
     """How things stand, signed by the identity provider's registry key."""
-    claims: dict[str, object] = {
-        "issuer": answers.issuer,
-        "audience": answers.audience,
-        "nonce": answers.nonce,
-        "as_of_ms": answers.as_of_ms,
-        "asks": [{"ask_id": a.ask_id, "state": a.state, "votes": list(a.votes)} for a in answers.asks],
-        "openings": list(answers.openings),
-    }
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, plain(answers), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Answers:  # noqa: A001 - read as answers.open
@@ -76,29 +63,6 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Answers:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`.
     """
-    claims = Claims(
-        statement_form.open(KIND, text, keys, caps), "issuer", "audience", "nonce", "as_of_ms", "asks", "openings"
-    )
-    return Answers(
-        issuer=claims.url("issuer"),
-        audience=claims.url("audience"),
-        nonce=claims.token("nonce", NONCE),
-        as_of_ms=claims.integer("as_of_ms"),
-        asks=unique(claims.each("asks", _answered, most=ASKS), lambda ask: ask.ask_id, "an ask"),
-        openings=claims.each("openings", _text, most=OPENINGS),
-    )
-
-
-def _answered(value: object) -> AnsweredAsk:
-    claims = Claims(value, "ask_id", "state", "votes")
-    return AnsweredAsk(
-        ask_id=claims.token("ask_id", ID),
-        state=claims.one_of("state", STATES),
-        votes=claims.each("votes", _text, most=VOTES),
-    )
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise malformed("no text")
-    return value
+    answers = read(Answers, statement_form.open(KIND, text, keys, caps))
+    unique(answers.asks, lambda ask: ask.ask_id, "an ask")
+    return answers

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from msgspec import Meta
+from msgspec.structs import astuple
+
+from capabilities import form
+from capabilities.form import Form, converted, plain, upto, whole, within, words
 from capabilities.statements import statement_form
-from capabilities.statements.claims import Claims, malformed, unique
+from capabilities.statements.claims import (
+    HexDigest,
+    Id,
+    IdOrEmpty,
+    Name,
+    NameOrEmpty,
+    Signed,
+    Thumbprint,
+    TokenId,
+    Url,
+    Whole,
+    malformed,
+    read,
+    unique,
+)
 from capabilities.values.scope import Tier
-from capabilities.values.units import INT_LIMIT, Quantity, Unit
+from capabilities.values.units import Quantity, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -18,11 +35,6 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
 
 KIND: Final = "ask"
-ID: Final = re.compile(r"[0-9a-f]{32}", re.ASCII)
-"""An id or nonce: 16 random bytes in hex."""
-TOKEN_ID: Final = re.compile(r"[A-Za-z0-9_-]{1,64}", re.ASCII)
-THUMBPRINT: Final = re.compile(r"[A-Za-z0-9_-]{43}", re.ASCII)
-REASON: Final = re.compile(r"[A-Z][A-Z0-9_]{0,63}", re.ASCII)
 PERCEPTIONS: Final = frozenset({"fresh", "stale", "missing"})
 VALUES: Final = 32
 CONTRIBUTORS: Final = 64
@@ -33,24 +45,36 @@ APPROVERS_OF_TIER: Final = {Tier.SAFETY_CRITICAL: 2}
 """How many different people a tier wants; every other one, where somebody is asked at all, wants one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Contributor:
+class _Value(Form, frozen=True):
+    name: Name
+    unit: Unit
+    value: Signed
+
+
+if TYPE_CHECKING:
+    Value = Quantity
+else:
+    Value = converted(Quantity, lambda value: Quantity(*astuple(form.read(_Value, value))))
+_Reason = Annotated[str, whole("[A-Z][A-Z0-9_]{0,63}")]
+_IndexMilli = Annotated[int, within(0, 4_000)]
+
+
+class Contributor(Form, frozen=True):
     """One thing that raised the index: kind, link and object, index in thousandths, clearance and speed there.
 
     `source` is who says that the object is there: a sensor, or "" for the signed cell file and the robot itself.
     """
 
-    kind: str
-    link: str
-    object: str
-    index_milli: int
-    clearance_um: int
-    speed_um_s: int
-    source: str = ""
+    kind: Name
+    link: NameOrEmpty
+    object: NameOrEmpty
+    index_milli: _IndexMilli
+    clearance_um: Signed
+    speed_um_s: Whole
+    source: Name = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Ask:
+class Ask(Form, frozen=True):
     """What a PEP asks people, and all that they are shown.
 
     Attributes:
@@ -73,81 +97,41 @@ class Ask:
         asked_at, expires_at: seconds since the epoch.
     """
 
-    ask_id: str
-    nonce: str
-    pep: str
-    audience: str
-    issuer: str
-    sponsor: str
-    token_id: str
-    agent: str
-    agent_key: str
-    object: str
-    operation: str
-    values: tuple[Quantity, ...]
-    request_digest: str
-    start_urad: tuple[int, ...]
-    model_digest: str
-    policy_digest: str
-    scene_digest: str
+    ask_id: Id
+    nonce: Id
+    pep: Name
+    audience: Url
+    issuer: Url
+    sponsor: Name
+    token_id: TokenId
+    agent: Name
+    agent_key: Thumbprint
+    object: Name
+    operation: Name
+    values: Annotated[tuple[Value, ...], upto(VALUES)]
+    request_digest: HexDigest
+    start_urad: Annotated[tuple[Signed, ...], upto(JOINTS)]
+    model_digest: HexDigest
+    policy_digest: HexDigest
+    scene_digest: HexDigest
     tier: Tier
-    index_milli: int
-    reasons: tuple[str, ...]
-    contributors: tuple[Contributor, ...]
-    perception: str
-    perception_age_ms: int | None
-    approvers: int
-    opening_id: str
-    asked_at: int
-    expires_at: int
+    index_milli: _IndexMilli
+    reasons: Annotated[tuple[_Reason, ...], Meta(min_length=1, max_length=REASONS)]
+    contributors: Annotated[tuple[Contributor, ...], upto(CONTRIBUTORS)]
+    perception: Annotated[str, words(*PERCEPTIONS)]
+    perception_age_ms: Whole | None
+    approvers: Annotated[int, within(1, 2)]
+    opening_id: IdOrEmpty
+    asked_at: Whole
+    expires_at: Whole
 
 
-NAMES: Final = tuple(field.name for field in fields(Ask))
+NAMES: Final = Ask.__struct_fields__
 
 
 def sign(ask: Ask, key: PrivateKey) -> str:
     """The ask, signed by the PEP."""
-    claims: dict[str, object] = {
-        "ask_id": ask.ask_id,
-        "nonce": ask.nonce,
-        "pep": ask.pep,
-        "audience": ask.audience,
-        "issuer": ask.issuer,
-        "sponsor": ask.sponsor,
-        "token_id": ask.token_id,
-        "agent": ask.agent,
-        "agent_key": ask.agent_key,
-        "object": ask.object,
-        "operation": ask.operation,
-        "values": [{"name": v.name, "unit": str(v.unit), "value": v.value} for v in ask.values],
-        "request_digest": ask.request_digest,
-        "start_urad": list(ask.start_urad),
-        "model_digest": ask.model_digest,
-        "policy_digest": ask.policy_digest,
-        "scene_digest": ask.scene_digest,
-        "tier": int(ask.tier),
-        "index_milli": ask.index_milli,
-        "reasons": list(ask.reasons),
-        "contributors": [
-            {
-                "kind": c.kind,
-                "link": c.link,
-                "object": c.object,
-                "index_milli": c.index_milli,
-                "clearance_um": c.clearance_um,
-                "speed_um_s": c.speed_um_s,
-                **({"source": c.source} if c.source else {}),
-            }
-            for c in ask.contributors
-        ],
-        "perception": ask.perception,
-        "perception_age_ms": ask.perception_age_ms,
-        "approvers": ask.approvers,
-        "opening_id": ask.opening_id,
-        "asked_at": ask.asked_at,
-        "expires_at": ask.expires_at,
-    }
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, plain(ask), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Ask:  # noqa: A001 - read as ask.open
@@ -157,39 +141,9 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Ask:  # noqa: A001 -
         StatementError: as `sealed.open`; also for an ask that ends before it begins, gives no reason, or asks fewer
             people than its tier wants.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *NAMES)
-    age = claims.raw("perception_age_ms")
-    ask = Ask(
-        ask_id=claims.token("ask_id", ID),
-        nonce=claims.token("nonce", ID),
-        pep=claims.name("pep"),
-        audience=claims.url("audience"),
-        issuer=claims.url("issuer"),
-        sponsor=claims.name("sponsor"),
-        token_id=claims.token("token_id", TOKEN_ID),
-        agent=claims.name("agent"),
-        agent_key=claims.token("agent_key", THUMBPRINT),
-        object=claims.name("object"),
-        operation=claims.name("operation"),
-        values=unique(claims.each("values", _quantity, most=VALUES), lambda value: value.name, "a parameter"),
-        request_digest=claims.hex_digest("request_digest"),
-        start_urad=claims.each("start_urad", _angle, most=JOINTS),
-        model_digest=claims.hex_digest("model_digest"),
-        policy_digest=claims.hex_digest("policy_digest"),
-        scene_digest=claims.hex_digest("scene_digest"),
-        tier=Tier(claims.integer("tier", high=int(max(Tier)))),
-        index_milli=claims.integer("index_milli", high=4_000),
-        reasons=unique(claims.each("reasons", _reason, most=REASONS), lambda reason: reason, "a reason"),
-        contributors=claims.each("contributors", _contributor, most=CONTRIBUTORS),
-        perception=claims.one_of("perception", PERCEPTIONS),
-        perception_age_ms=None if age is None else claims.integer("perception_age_ms"),
-        approvers=claims.integer("approvers", low=1, high=2),
-        opening_id="" if claims.raw("opening_id") == "" else claims.token("opening_id", ID),
-        asked_at=claims.integer("asked_at"),
-        expires_at=claims.integer("expires_at"),
-    )
-    if not ask.reasons:
-        raise malformed("no reason")
+    ask = read(Ask, statement_form.open(KIND, text, keys, caps))
+    unique(ask.values, lambda value: value.name, "a parameter")
+    unique(ask.reasons, lambda reason: reason, "a reason")
     if len(ask.start_urad) not in (0, JOINTS):
         raise malformed("start_urad has not six angles")
     if not ask.asked_at < ask.expires_at:
@@ -199,33 +153,3 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Ask:  # noqa: A001 -
     if (ask.tier is Tier.SAFETY_CRITICAL) != (ask.opening_id != ""):
         raise malformed("tier 4, and nothing else, rests on an opening")
     return ask
-
-
-def _quantity(value: object) -> Quantity:
-    claims = Claims(value, "name", "unit", "value")
-    unit = Unit(claims.one_of("unit", frozenset(str(unit) for unit in Unit)))
-    return Quantity(claims.name("name"), unit, claims.integer("value", low=-INT_LIMIT))
-
-
-def _angle(value: object) -> int:
-    return Claims({"angle": value}, "angle").integer("angle", low=-INT_LIMIT)
-
-
-def _reason(value: object) -> str:
-    return Claims({"reason": value}, "reason").token("reason", REASON)
-
-
-def _contributor(value: object) -> Contributor:
-    """One contributor. Where no sensor speaks the member is left out, so that it has one spelling."""
-    said = isinstance(value, dict) and "source" in value
-    names = ("source",) if said else ()
-    claims = Claims(value, "kind", "link", "object", "index_milli", "clearance_um", "speed_um_s", *names)
-    return Contributor(
-        kind=claims.name("kind"),
-        link=claims.name_or_empty("link"),
-        object=claims.name_or_empty("object"),
-        index_milli=claims.integer("index_milli", high=4_000),
-        clearance_um=claims.integer("clearance_um", low=-INT_LIMIT),
-        speed_um_s=claims.integer("speed_um_s"),
-        source=claims.name("source") if said else "",
-    )

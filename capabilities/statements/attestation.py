@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from msgspec import field
+
+from capabilities.form import Form, plain, whole
 from capabilities.statements import statement_form
-from capabilities.statements.claims import Claims
+from capabilities.statements.claims import Name, NameOrEmpty, Nonce, Sha256, Thumbprint, Whole, malformed, read
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -16,15 +17,11 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
 
 KIND: Final = "attestation"
-NONCE: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
-"""Form of every nonce: 16 to 64 base64url characters."""
-
-WORKLOAD: Final = re.compile(r"|[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+", re.ASCII)
+WORKLOAD: Final = r"|[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+"
 """Nothing, or three parts; what they say is judged by `capabilities.statements.workload`, which also bounds them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
+class Evidence(Form, frozen=True):
     """The agent's key signs its own measurement; with a platform's token inside, the evidence is of kind `jwt`.
 
     Attributes:
@@ -39,29 +36,20 @@ class Evidence:
         workload: the platform's token (capabilities.statements.workload) as it came, or "" for evidence of kind `key`.
     """
 
-    agent: str
-    key_thumbprint: str
-    nonce: str
-    delegator: str
-    request_digest: bytes
-    measurement: bytes
-    at: int
-    workload: str = ""
+    agent: Name
+    key_thumbprint: Thumbprint = field(name="key")
+    nonce: Nonce
+    delegator: NameOrEmpty
+    request_digest: Sha256 = field(name="request")
+    measurement: Sha256
+    at: Whole
+    workload: Annotated[str, whole(WORKLOAD)]
 
 
 def sign(evidence: Evidence, key: PrivateKey) -> str:
     """The signed evidence."""
-    claims: dict[str, object] = {
-        "agent": evidence.agent,
-        "key": evidence.key_thumbprint,
-        "nonce": evidence.nonce,
-        "delegator": evidence.delegator,
-        "request": evidence.request_digest.hex(),
-        "measurement": evidence.measurement.hex(),
-        "at": evidence.at,
-        "workload": evidence.workload,
-    }
-    return statement_form.sign(KIND, claims, key)
+    digests = {"request": evidence.request_digest.hex(), "measurement": evidence.measurement.hex()}
+    return statement_form.sign(KIND, plain(evidence) | digests, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Evidence:  # noqa: A001 - read as attestation.open
@@ -70,15 +58,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Evidence:  # noqa: A
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = statement_form.open(KIND, text, keys, caps)
-    claims = Claims(members, "agent", "key", "nonce", "delegator", "request", "measurement", "at", "workload")
-    return Evidence(
-        agent=claims.name("agent"),
-        key_thumbprint=claims.one_of("key", frozenset({statement_form.signer_thumbprint(text)})),
-        nonce=claims.token("nonce", NONCE),
-        delegator=claims.name_or_empty("delegator"),
-        request_digest=claims.digest("request"),
-        measurement=claims.digest("measurement"),
-        at=claims.integer("at"),
-        workload=claims.token("workload", WORKLOAD),
-    )
+    evidence = read(Evidence, statement_form.open(KIND, text, keys, caps))
+    if evidence.key_thumbprint != statement_form.signer_thumbprint(text):
+        raise malformed("key: not the one that signed")
+    return evidence

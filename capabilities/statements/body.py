@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
+from capabilities import form
 from capabilities.statements.claims import malformed
 from capabilities.values import strict_json
-
-if TYPE_CHECKING:
-    from capabilities.statements.claims import Claims
 
 BODY_BYTES: Final = 65_536
 """Longest body in canonical JSON: in base64 and with the rest it stays below the size of a statement (256 KiB)."""
@@ -26,12 +24,15 @@ def stated(body: bytes) -> dict[str, object]:
     return found
 
 
-def body_of(claims: Claims) -> bytes:
-    """The member `body`, an object, in canonical JSON of at most `BODY_BYTES`."""
-    stated_body = claims.raw("body")
-    if not isinstance(stated_body, dict):
-        raise malformed("body is no object")
-    body = strict_json.canonical(stated_body)
+def _canonical(value: object) -> bytes:
+    """The object in canonical JSON of at most `BODY_BYTES`."""
+    body = strict_json.canonical(form.read(dict[str, Any], value))
     if len(body) > BODY_BYTES:
         raise malformed(f"a body over {BODY_BYTES} bytes")
     return body
+
+
+if TYPE_CHECKING:
+    Body = bytes
+else:
+    Body = form.converted(bytes, _canonical)

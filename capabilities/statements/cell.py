@@ -7,18 +7,20 @@ are parameters, not statements.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from msgspec import Meta
+
+from capabilities.form import Form, plain, upto, within, words
 from capabilities.statements import observation, statement_form
-from capabilities.statements.claims import Claims, malformed, unique
+from capabilities.statements.claims import Name, Url, Whole, malformed, read, unique
+from capabilities.statements.observation import Point, Shape
 from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from capabilities.keys.keys import PrivateKey
-    from capabilities.statements.observation import Point, Shape
     from capabilities.values.caps import Caps
 
 KIND: Final = "cell"
@@ -36,34 +38,30 @@ LIFETIME_S: Final = 366 * 86_400
 TOUCHING: Final = frozenset({"tool", "payload"})
 
 
-@dataclass(frozen=True, slots=True)
-class Surveyed:
+class Surveyed(Form, frozen=True):
     """An object that stands there whatever a sensor says: "fragile" or "rigid"."""
 
-    name: str
-    kind: str
+    name: Name
+    kind: Annotated[str, words(*observation.OBJECT_KINDS)]
     shape: Shape
 
 
-@dataclass(frozen=True, slots=True)
-class Zone:
+class Zone(Form, frozen=True):
     """A part of space: entering it has `tier`, or is a violation (None: hard)."""
 
-    name: str
+    name: Name
     tier: Tier | None
     shape: Shape
 
 
-@dataclass(frozen=True, slots=True)
-class Workspace:
+class Workspace(Form, frozen=True):
     """The box that no part of the moving arm may leave, corner to corner."""
 
     low_um: Point
     high_um: Point
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(Form, frozen=True):
     """An object that `by` ("tool" or "payload") may touch on purpose.
 
     Attributes:
@@ -72,22 +70,20 @@ class Contact:
         observed: whether it is such an id. No person is an object.
     """
 
-    object: str
-    by: str
+    object: Name
+    by: Annotated[str, words(*TOUCHING)]
     observed: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
+class Output(Form, frozen=True):
     """A digital output that may be switched at all: its number, and the tier that switching it has."""
 
-    number: int
-    name: str
+    number: Annotated[int, within(0, OUTPUTS - 1)]
+    name: Name
     tier: Tier
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
+class Cell(Form, frozen=True):
     """One cell, as a person surveyed it.
 
     Attributes:
@@ -104,22 +100,19 @@ class Cell:
         not_before, not_after: seconds since the epoch.
     """
 
-    name: str
-    author: str
-    audience: str
-    tool: str
-    payload_g: int | None
+    name: Name
+    author: Name
+    audience: Url
+    tool: Name
+    payload_g: Annotated[int, within(0, PAYLOAD_G)] | None
     workspace: Workspace | None
-    objects: tuple[Surveyed, ...]
-    zones: tuple[Zone, ...]
-    contacts: tuple[Contact, ...]
-    outputs: tuple[Output, ...]
-    sensors: tuple[str, ...]
-    not_before: int
-    not_after: int
-
-
-_NAMES: Final = tuple(Cell.__dataclass_fields__)
+    objects: Annotated[tuple[Surveyed, ...], upto(OBJECTS)]
+    zones: Annotated[tuple[Zone, ...], upto(ZONES)]
+    contacts: Annotated[tuple[Contact, ...], upto(CONTACTS)]
+    outputs: Annotated[tuple[Output, ...], upto(OUTPUTS)]
+    sensors: Annotated[tuple[Name, ...], Meta(min_length=1, max_length=SENSORS)]
+    not_before: Whole
+    not_after: Whole
 
 
 def sign(cell: Cell, key: PrivateKey) -> str:
@@ -138,29 +131,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Cell:  # noqa: A001 
 
 def to_claims(cell: Cell) -> dict[str, object]:
     """The cell as plain JSON, every member present."""
-    area = cell.workspace
-    return {
-        "name": cell.name,
-        "author": cell.author,
-        "audience": cell.audience,
-        "tool": cell.tool,
-        "payload_g": cell.payload_g,
-        "workspace": None if area is None else {"low_um": list(area.low_um), "high_um": list(area.high_um)},
-        "objects": [{"name": o.name, "kind": o.kind, "shape": observation.shape_claims(o.shape)} for o in cell.objects],
-        "zones": [
-            {
-                "name": z.name,
-                "tier": None if z.tier is None else int(z.tier),
-                "shape": observation.shape_claims(z.shape),
-            }
-            for z in cell.zones
-        ],
-        "contacts": [{"object": c.object, "by": c.by, "observed": c.observed} for c in cell.contacts],
-        "outputs": [{"number": o.number, "name": o.name, "tier": int(o.tier)} for o in cell.outputs],
-        "sensors": list(cell.sensors),
-        "not_before": cell.not_before,
-        "not_after": cell.not_after,
-    }
+    found: dict[str, object] = plain(cell)
+    return found
 
 
 def from_claims(members: Mapping[str, object]) -> Cell:
@@ -169,66 +141,19 @@ def from_claims(members: Mapping[str, object]) -> Cell:
     Raises:
         StatementError: `STATEMENT_MALFORMED`.
     """
-    claims = Claims(members, *_NAMES)
-    objects = claims.each("objects", _surveyed, most=OBJECTS)
-    zones = claims.each("zones", _zone, most=ZONES)
-    unique((*(thing.name for thing in objects), *(zone.name for zone in zones)), lambda name: name, "a name")
-    outputs = unique(claims.each("outputs", _output, most=OUTPUTS), lambda output: output.number, "an output")
-    contacts = claims.each("contacts", _contact, most=CONTACTS)
-    sensors = claims.each("sensors", lambda value: Claims({"sensor": value}, "sensor").name("sensor"), most=SENSORS)
-    if not sensors:
-        raise malformed("a cell that no sensor sees")
-    cell = Cell(
-        name=claims.name("name"),
-        author=claims.name("author"),
-        audience=claims.url("audience"),
-        tool=claims.name("tool"),
-        payload_g=_or_none(claims, "payload_g", lambda: claims.integer("payload_g", high=PAYLOAD_G)),
-        workspace=_or_none(claims, "workspace", lambda: _workspace(claims.raw("workspace"))),
-        objects=objects,
-        zones=zones,
-        contacts=unique(contacts, lambda contact: (contact.object, contact.by), "a contact"),
-        outputs=unique(outputs, lambda output: output.name, "an output"),
-        sensors=unique(sensors, lambda sensor: sensor, "a sensor"),
-        not_before=claims.integer("not_before"),
-        not_after=claims.integer("not_after"),
-    )
+    cell = read(Cell, members)
+    unique((*(thing.name for thing in cell.objects), *(zone.name for zone in cell.zones)), lambda name: name, "a name")
+    unique(cell.outputs, lambda output: output.number, "an output")
+    unique(cell.outputs, lambda output: output.name, "an output")
+    unique(cell.contacts, lambda contact: (contact.object, contact.by), "a contact")
+    unique(cell.sensors, lambda sensor: sensor, "a sensor")
+    for shape in (*(thing.shape for thing in cell.objects), *(zone.shape for zone in cell.zones)):
+        observation.check(shape)
+    if any(zone.tier is Tier.NO_EFFECT for zone in cell.zones):
+        raise malformed("a zone of tier 0")
+    area = cell.workspace
+    if area is not None and not all(low < high for low, high in zip(area.low_um, area.high_um, strict=True)):
+        raise malformed("a workspace without extent")
     if not 0 < cell.not_after - cell.not_before <= LIFETIME_S:
         raise malformed("it ends before it begins, or lives for more than a year")
     return cell
-
-
-def _or_none(claims: Claims, name: str, read: Any) -> Any:
-    return None if claims.raw(name) is None else read()
-
-
-def _workspace(value: object) -> Workspace:
-    claims = Claims(value, "low_um", "high_um")
-    low, high = observation.point(claims, "low_um"), observation.point(claims, "high_um")
-    if not all(least < most for least, most in zip(low, high, strict=True)):
-        raise malformed("a workspace without extent")
-    return Workspace(low, high)
-
-
-def _surveyed(value: object) -> Surveyed:
-    claims = Claims(value, "name", "kind", "shape")
-    kind = claims.one_of("kind", observation.OBJECT_KINDS)
-    return Surveyed(claims.name("name"), kind, observation.shape(claims.raw("shape")))
-
-
-def _zone(value: object) -> Zone:
-    claims = Claims(value, "name", "tier", "shape")
-    highest = int(max(Tier))
-    tier = _or_none(claims, "tier", lambda: Tier(claims.integer("tier", low=1, high=highest)))
-    return Zone(claims.name("name"), tier, observation.shape(claims.raw("shape")))
-
-
-def _contact(value: object) -> Contact:
-    claims = Claims(value, "object", "by", "observed")
-    return Contact(claims.name("object"), claims.one_of("by", TOUCHING), claims.boolean("observed"))
-
-
-def _output(value: object) -> Output:
-    claims = Claims(value, "number", "name", "tier")
-    tier = Tier(claims.integer("tier", high=int(max(Tier))))
-    return Output(claims.integer("number", high=OUTPUTS - 1), claims.name("name"), tier)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from capabilities.form import Form, plain
 from capabilities.statements import statement_form
-from capabilities.statements.claims import Claims
+from capabilities.statements.claims import HexDigest, Url, Whole, read
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 KIND: Final = "checkpoint"
 
 
-@dataclass(frozen=True, slots=True)
-class Checkpoint:
+class Checkpoint(Form, frozen=True):
     """The state of a ledger.
 
     Attributes:
@@ -28,21 +27,15 @@ class Checkpoint:
         as_of_ms: wall clock, milliseconds since the epoch.
     """
 
-    issuer: str
-    size: int
-    head: str
-    as_of_ms: int
+    issuer: Url
+    size: Whole
+    head: HexDigest
+    as_of_ms: Whole
 
 
 def sign(checkpoint: Checkpoint, key: PrivateKey) -> str:
     """The signed checkpoint."""
-    claims: dict[str, object] = {
-        "issuer": checkpoint.issuer,
-        "size": checkpoint.size,
-        "head": checkpoint.head,
-        "as_of_ms": checkpoint.as_of_ms,
-    }
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, plain(checkpoint), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Checkpoint:  # noqa: A001 - read as checkpoint.open
@@ -51,10 +44,4 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Checkpoint:  # noqa:
     Raises:
         StatementError: as `sealed.open`.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), "issuer", "size", "head", "as_of_ms")
-    return Checkpoint(
-        issuer=claims.url("issuer"),
-        size=claims.integer("size"),
-        head=claims.hex_digest("head"),
-        as_of_ms=claims.integer("as_of_ms"),
-    )
+    return read(Checkpoint, statement_form.open(KIND, text, keys, caps))

@@ -5,13 +5,11 @@ An edge or agent of which nothing was ever said has the policy's prior and no de
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from capabilities.form import Form, plain, upto, whole, within
 from capabilities.statements import statement_form
-from capabilities.statements.attestation import NONCE
-from capabilities.statements.claims import Claims, malformed, unique
+from capabilities.statements.claims import Name, Nonce, Url, Whole, malformed, read, unique
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -25,11 +23,9 @@ ENTRIES: Final = 1_024
 DEVIATIONS: Final = 16
 """Most deviations of one agent."""
 PERMILLE: Final = 1_000
-_FEATURE: Final = re.compile(r"[a-z][a-z ]{0,31}", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True)
-class EdgeEntry:
+class EdgeEntry(Form, frozen=True):
     """How far one party is trusted that another lent authority to.
 
     Attributes:
@@ -38,23 +34,21 @@ class EdgeEntry:
         score_permille: 0 to 1000.
     """
 
-    version: int
-    delegator: str
-    delegate: str
-    score_permille: int
+    version: Whole
+    delegator: Name
+    delegate: Name
+    score_permille: Annotated[int, within(0, PERMILLE)]
 
 
-@dataclass(frozen=True, slots=True)
-class DeviationEntry:
+class DeviationEntry(Form, frozen=True):
     """One feature of an agent's conduct that left its baseline: which, since when (seconds), how far (thousandths)."""
 
-    feature: str
-    since: int
-    score_milli: int
+    feature: Annotated[str, whole("[a-z][a-z ]{0,31}")]
+    since: Whole
+    score_milli: Whole
 
 
-@dataclass(frozen=True, slots=True)
-class AgentEntry:
+class AgentEntry(Form, frozen=True):
     """How an agent behaves.
 
     Attributes:
@@ -68,17 +62,16 @@ class AgentEntry:
             itself up to then counts no longer.
     """
 
-    version: int
-    agent: str
-    deviations: tuple[DeviationEntry, ...]
-    deviated_at: int | None
+    version: Whole
+    agent: Name
+    deviations: Annotated[tuple[DeviationEntry, ...], upto(DEVIATIONS)]
+    deviated_at: Whole | None
     contracted: bool
-    samples: int
-    restored_at: int | None
+    samples: Whole
+    restored_at: Whole | None
 
 
-@dataclass(frozen=True, slots=True)
-class Conduct:
+class Conduct(Form, frozen=True):
     """What a feed answers.
 
     Attributes:
@@ -92,45 +85,19 @@ class Conduct:
         edges, agents: each with its newest standing, each once.
     """
 
-    issuer: str
-    version: int
-    since: int
-    through: int
-    as_of_ms: int
-    nonce: str
-    edges: tuple[EdgeEntry, ...]
-    agents: tuple[AgentEntry, ...]
+    issuer: Url
+    version: Whole
+    since: Whole
+    through: Whole
+    as_of_ms: Whole
+    nonce: Nonce
+    edges: Annotated[tuple[EdgeEntry, ...], upto(ENTRIES)]
+    agents: Annotated[tuple[AgentEntry, ...], upto(ENTRIES)]
 
 
 def sign(word: Conduct, key: PrivateKey) -> str:
     """The signed word."""
-    claims: dict[str, object] = {
-        "issuer": word.issuer,
-        "version": word.version,
-        "since": word.since,
-        "through": word.through,
-        "as_of_ms": word.as_of_ms,
-        "nonce": word.nonce,
-        "edges": [
-            {"version": e.version, "delegator": e.delegator, "delegate": e.delegate, "score_permille": e.score_permille}
-            for e in word.edges
-        ],
-        "agents": [
-            {
-                "version": a.version,
-                "agent": a.agent,
-                "deviations": [
-                    {"feature": d.feature, "since": d.since, "score_milli": d.score_milli} for d in a.deviations
-                ],
-                "deviated_at": a.deviated_at,
-                "contracted": a.contracted,
-                "samples": a.samples,
-                "restored_at": a.restored_at,
-            }
-            for a in word.agents
-        ],
-    }
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, plain(word), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Conduct:  # noqa: A001 - read as conduct.open
@@ -139,57 +106,13 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Conduct:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = statement_form.open(KIND, text, keys, caps)
-    claims = Claims(members, "issuer", "version", "since", "through", "as_of_ms", "nonce", "edges", "agents")
-    word = Conduct(
-        issuer=claims.url("issuer"),
-        version=claims.integer("version"),
-        since=claims.integer("since"),
-        through=claims.integer("through"),
-        as_of_ms=claims.integer("as_of_ms"),
-        nonce=claims.token("nonce", NONCE),
-        edges=unique(claims.each("edges", _edge, most=ENTRIES), lambda e: (e.delegator, e.delegate), "an edge"),
-        agents=unique(claims.each("agents", _agent, most=ENTRIES), lambda a: a.agent, "an agent"),
-    )
+    word = read(Conduct, statement_form.open(KIND, text, keys, caps))
+    unique(word.edges, lambda e: (e.delegator, e.delegate), "an edge")
+    unique(word.agents, lambda a: a.agent, "an agent")
+    for agent in word.agents:
+        unique(agent.deviations, lambda d: d.feature, "a feature")
     versions = [*(entry.version for entry in word.edges), *(entry.version for entry in word.agents)]
     inside = all(word.since < version <= word.through for version in versions)
     if not inside or not word.since <= word.through <= word.version:
         raise malformed("entries outside of what was asked, or of what is told")
     return word
-
-
-def _edge(value: object) -> EdgeEntry:
-    claims = Claims(value, "version", "delegator", "delegate", "score_permille")
-    return EdgeEntry(
-        version=claims.integer("version"),
-        delegator=claims.name("delegator"),
-        delegate=claims.name("delegate"),
-        score_permille=claims.integer("score_permille", high=PERMILLE),
-    )
-
-
-def _agent(value: object) -> AgentEntry:
-    names = ("version", "agent", "deviations", "deviated_at", "contracted", "samples", "restored_at")
-    claims = Claims(value, *names)
-    return AgentEntry(
-        version=claims.integer("version"),
-        agent=claims.name("agent"),
-        deviations=unique(claims.each("deviations", _deviation, most=DEVIATIONS), lambda d: d.feature, "a feature"),
-        deviated_at=_time_or_none(claims, "deviated_at"),
-        contracted=claims.boolean("contracted"),
-        samples=claims.integer("samples"),
-        restored_at=_time_or_none(claims, "restored_at"),
-    )
-
-
-def _deviation(value: object) -> DeviationEntry:
-    claims = Claims(value, "feature", "since", "score_milli")
-    return DeviationEntry(
-        feature=claims.token("feature", _FEATURE),
-        since=claims.integer("since"),
-        score_milli=claims.integer("score_milli"),
-    )
-
-
-def _time_or_none(claims: Claims, name: str) -> int | None:
-    return None if claims.raw(name) is None else claims.integer(name)

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from capabilities.form import Form, plain
 from capabilities.statements import statement_form
-from capabilities.statements.attestation import NONCE
-from capabilities.statements.body import body_of, stated
-from capabilities.statements.claims import Claims, malformed
+from capabilities.statements.body import Body, stated
+from capabilities.statements.claims import Name, Nonce, Whole, lasting, read
 from capabilities.values.errors import Fault, FaultCode
 
 if TYPE_CHECKING:
@@ -28,11 +27,9 @@ KIND: Final = "intent"
 LIFETIME_S: Final = 86_400
 """Longest life of an intent: that of the token that is issued for it (`Caps.lifetime_s`)."""
 _PURPOSE: Final = re.compile(r"intent:([0-9a-f]{64})(?: .*)?", re.DOTALL)
-_NAMES: Final = ("subject", "schema", "body", "nonce", "at", "not_after")
 
 
-@dataclass(frozen=True, slots=True)
-class Intent:
+class Intent(Form, frozen=True):
     """What a person wants done.
 
     Attributes:
@@ -44,12 +41,12 @@ class Intent:
             apart.
     """
 
-    subject: str
-    schema: str
-    body: bytes
-    nonce: str
-    at: int
-    not_after: int
+    subject: Name
+    schema: Name
+    body: Body
+    nonce: Nonce
+    at: Whole
+    not_after: Whole
 
 
 def sign(intent: Intent, key: PrivateKey) -> str:
@@ -58,8 +55,7 @@ def sign(intent: Intent, key: PrivateKey) -> str:
     Raises:
         StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
     """
-    claims: dict[str, object] = {name: getattr(intent, name) for name in _NAMES}
-    return statement_form.sign(KIND, {**claims, "body": stated(intent.body)}, key)
+    return statement_form.sign(KIND, plain(intent) | {"body": stated(intent.body)}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Intent:  # noqa: A001 - read as intent.open
@@ -69,17 +65,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Intent:  # noqa: A00
         StatementError: as `sealed.open`; also for a body that is too long, and one that lives longer than
             `LIFETIME_S` or not at all.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
-    intent = Intent(
-        subject=claims.name("subject"),
-        schema=claims.name("schema"),
-        body=body_of(claims),
-        nonce=claims.token("nonce", NONCE),
-        at=claims.integer("at"),
-        not_after=claims.integer("not_after"),
-    )
-    if not 0 < intent.not_after - intent.at <= LIFETIME_S:
-        raise malformed(f"it counts for 1 to {LIFETIME_S} s")
+    intent = read(Intent, statement_form.open(KIND, text, keys, caps))
+    lasting(intent.at, intent.not_after, LIFETIME_S)
     return intent
 
 

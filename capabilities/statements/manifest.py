@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from capabilities.form import Form, plain, upto, words
 from capabilities.statements import statement_form
-from capabilities.statements.claims import Claims, malformed, unique
+from capabilities.statements.claims import HexDigest, Name, Positive, Whole, lasting, ordered, read
 from capabilities.values.errors import Fault, FaultCode
 
 if TYPE_CHECKING:
@@ -28,8 +29,7 @@ LIFETIME_S: Final = 366 * 86_400
 """Longest life of a manifest: a year, as of a cell file. A policy bounds the age of those in use (`manifest_age_s`)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(Form, frozen=True):
     """One listed content.
 
     Attributes:
@@ -38,13 +38,12 @@ class Entry:
         source: where the curator has it from.
     """
 
-    id: str
-    digest: str
-    source: str
+    id: Name
+    digest: HexDigest
+    source: Name
 
 
-@dataclass(frozen=True, slots=True)
-class Manifest:
+class Manifest(Form, frozen=True):
     """All that a curator vouches for in one collection.
 
     Attributes:
@@ -56,13 +55,13 @@ class Manifest:
         at, not_after: when it was signed, and until when it counts; seconds since the epoch.
     """
 
-    collection: str
-    content: str
-    curator: str
-    version: int
-    entries: tuple[Entry, ...]
-    at: int
-    not_after: int
+    collection: Name
+    content: Annotated[str, words(*CONTENTS)]
+    curator: Name
+    version: Positive
+    entries: Annotated[tuple[Entry, ...], upto(ENTRIES)]
+    at: Whole
+    not_after: Whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,16 +88,7 @@ def entry_of(id_: str, content: bytes, source: str) -> Entry:
 
 def sign(manifest: Manifest, key: PrivateKey) -> str:
     """The manifest, signed by its curator."""
-    claims: dict[str, object] = {
-        "collection": manifest.collection,
-        "content": manifest.content,
-        "curator": manifest.curator,
-        "version": manifest.version,
-        "entries": [{"id": entry.id, "digest": entry.digest, "source": entry.source} for entry in manifest.entries],
-        "at": manifest.at,
-        "not_after": manifest.not_after,
-    }
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, plain(manifest), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Manifest:  # noqa: A001 - read as manifest.open
@@ -107,22 +97,9 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Manifest:  # noqa: A
     Raises:
         StatementError: as `sealed.open`; also for one that ends before it begins or lives longer than `LIFETIME_S`.
     """
-    members = statement_form.open(KIND, text, keys, caps)
-    claims = Claims(members, "collection", "content", "curator", "version", "entries", "at", "not_after")
-    manifest = Manifest(
-        collection=claims.name("collection"),
-        content=claims.one_of("content", CONTENTS),
-        curator=claims.name("curator"),
-        version=claims.integer("version", low=1),
-        entries=unique(claims.each("entries", _entry, most=ENTRIES), lambda entry: entry.id, "an id"),
-        at=claims.integer("at"),
-        not_after=claims.integer("not_after"),
-    )
-    ids = [entry.id for entry in manifest.entries]
-    if ids != sorted(ids):
-        raise malformed("entries out of order")
-    if not 0 < manifest.not_after - manifest.at <= LIFETIME_S:
-        raise malformed("it ends before it begins, or lives for more than a year")
+    manifest = read(Manifest, statement_form.open(KIND, text, keys, caps))
+    ordered(tuple(entry.id for entry in manifest.entries), "an id")
+    lasting(manifest.at, manifest.not_after, LIFETIME_S)
     return manifest
 
 
@@ -155,8 +132,3 @@ def refusal(manifest: Manifest, digest: str, place: Place, *, at: float, caps: C
 def digest_of(text: str) -> str:
     """SHA-256 (hex) of a manifest's text: what a verifier remembers beside its version."""
     return hashlib.sha256(text.encode("ascii")).hexdigest()
-
-
-def _entry(value: object) -> Entry:
-    claims = Claims(value, "id", "digest", "source")
-    return Entry(id=claims.name("id"), digest=claims.hex_digest("digest"), source=claims.name("source"))

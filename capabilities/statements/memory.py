@@ -6,13 +6,15 @@ row that was changed, taken out or put back shows. Clause [STM-12] in docs/spec.
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.statements import admission, statement_form
-from capabilities.statements.ask import ID, TOKEN_ID
-from capabilities.statements.claims import Claims, malformed, ordered
+from msgspec.structs import astuple
+
+from capabilities import form
+from capabilities.form import Form, converted, plain, upto, whole, words
+from capabilities.statements import statement_form
+from capabilities.statements.admission import Integrity, Signers, Sources
+from capabilities.statements.claims import HexDigest, Id, Name, Positive, TokenId, Url, Whole, malformed, ordered, read
 from capabilities.statements.revocation import Revoked
 
 if TYPE_CHECKING:
@@ -25,16 +27,21 @@ KIND: Final = "memory"
 FIRST_PREVIOUS: Final = "0" * 64
 BEHIND: Final = 32
 """Most names behind a row: sponsor, token, and three for each of at most nine hops."""
-_REVOCABLE_ID: Final = re.compile(r"[A-Za-z0-9._:@/|+=~%-]{1,256}", re.ASCII)
 _REVOCABLE: Final = frozenset(map(str, Revoked)) - {str(Revoked.AUDIENCE)}
-_NAMES: Final = (
-    "audience", "sequence", "previous", "name", "value", "writer", "hop_id", "token_id", "behind", "sources", "signers",
-    "integrity", "age_ms", "tainted", "at",
-)  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Remembered:
+class _Behind(Form, frozen=True):
+    kind: Annotated[str, words(*_REVOCABLE)]
+    id: Annotated[str, whole(r"[A-Za-z0-9._:@/|+=~%-]{1,256}")]
+
+
+if TYPE_CHECKING:
+    Pair = tuple[str, str]
+else:
+    Pair = converted(tuple, lambda value: astuple(form.read(_Behind, value)))
+
+
+class Remembered(Form, frozen=True):
     """One row of a memory.
 
     Attributes:
@@ -49,32 +56,27 @@ class Remembered:
         at: when it was written, seconds since the epoch.
     """
 
-    audience: str
-    sequence: int
-    previous: str
-    name: str
-    value: str
-    writer: str
-    hop_id: str
-    token_id: str
-    behind: tuple[tuple[str, str], ...]
-    sources: tuple[str, ...]
-    signers: tuple[str, ...]
-    integrity: str
-    age_ms: int
+    audience: Url
+    sequence: Positive
+    previous: HexDigest
+    name: Name
+    value: HexDigest
+    writer: Name
+    hop_id: Id
+    token_id: TokenId
+    behind: Annotated[tuple[Pair, ...], upto(BEHIND)]
+    sources: Sources
+    signers: Signers
+    integrity: Integrity
+    age_ms: Whole
     tainted: bool
-    at: int
+    at: Whole
 
 
 def sign(row: Remembered, key: PrivateKey) -> str:
     """The row, signed by the enforcement point."""
-    claims: dict[str, object] = {name: getattr(row, name) for name in _NAMES}
-    claims |= {
-        "behind": [{"kind": kind, "id": id_} for kind, id_ in row.behind],
-        "sources": list(row.sources),
-        "signers": list(row.signers),
-    }
-    return statement_form.sign(KIND, claims, key)
+    behind = [{"kind": kind, "id": id_} for kind, id_ in row.behind]
+    return statement_form.sign(KIND, plain(row) | {"behind": behind}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Remembered:  # noqa: A001 - read as memory.open
@@ -83,29 +85,10 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Remembered:  # noqa:
     Raises:
         StatementError: as `sealed.open`; also for one without a source, or with names out of order.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
-    row = Remembered(
-        audience=claims.url("audience"),
-        sequence=claims.integer("sequence", low=1),
-        previous=claims.hex_digest("previous"),
-        name=claims.name("name"),
-        value=claims.hex_digest("value"),
-        writer=claims.name("writer"),
-        hop_id=claims.token("hop_id", ID),
-        token_id=claims.token("token_id", TOKEN_ID),
-        behind=ordered(claims.each("behind", _behind, most=BEHIND), "a name"),
-        sources=admission.sources(claims),
-        signers=admission.signers(claims),
-        integrity=admission.integrity(claims),
-        age_ms=claims.integer("age_ms"),
-        tainted=claims.boolean("tainted"),
-        at=claims.integer("at"),
-    )
+    row = read(Remembered, statement_form.open(KIND, text, keys, caps))
+    ordered(row.behind, "a name")
+    ordered(row.sources, "a source")
+    ordered(row.signers, "a signer")
     if (row.sequence == 1) is not (row.previous == FIRST_PREVIOUS):
         raise malformed("the first row follows none, and every other one some")
     return row
-
-
-def _behind(value: object) -> tuple[str, str]:
-    claims = Claims(value, "kind", "id")
-    return claims.one_of("kind", _REVOCABLE), claims.token("id", _REVOCABLE_ID)

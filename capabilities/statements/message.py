@@ -6,16 +6,13 @@ It names the hop that it is said under and its place in one conversation. Clause
 from __future__ import annotations
 
 import hashlib
-import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from capabilities.form import Form, plain, whole
 from capabilities.statements import statement_form
-from capabilities.statements.ask import ID, TOKEN_ID
-from capabilities.statements.attestation import NONCE
-from capabilities.statements.body import body_of, stated
-from capabilities.statements.claims import Claims, malformed
-from capabilities.values import text as grammar
+from capabilities.statements.body import Body, stated
+from capabilities.statements.claims import AgentId, Id, Name, Nonce, Positive, TokenId, Whole, lasting, malformed, read
 from capabilities.values.errors import Fault, FaultCode
 
 if TYPE_CHECKING:
@@ -27,15 +24,9 @@ if TYPE_CHECKING:
 KIND: Final = "message"
 LIFETIME_S: Final = 3_600
 """Longest life of a message: that of the hop of evidence kind `key` that it is said under."""
-_REPLY: Final = re.compile(r"|[0-9a-f]{64}", re.ASCII)
-_NAMES: Final = (
-    "sender", "addressee", "token_id", "hop_id", "conversation", "sequence", "in_reply_to", "schema", "body", "at",
-    "not_after",
-)  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
+class Message(Form, frozen=True):
     """What one agent says to another.
 
     Attributes:
@@ -49,17 +40,17 @@ class Message:
         at, not_after: when it was said, and until when it counts; seconds since the epoch, at most `LIFETIME_S` apart.
     """
 
-    sender: str
-    addressee: str
-    token_id: str
-    hop_id: str
-    conversation: str
-    sequence: int
-    in_reply_to: str
-    schema: str
-    body: bytes
-    at: int
-    not_after: int
+    sender: AgentId
+    addressee: AgentId
+    token_id: TokenId
+    hop_id: Id
+    conversation: Nonce
+    sequence: Positive
+    in_reply_to: Annotated[str, whole("|[0-9a-f]{64}")]
+    schema: Name
+    body: Body
+    at: Whole
+    not_after: Whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +77,7 @@ def sign(message: Message, key: PrivateKey) -> str:
     Raises:
         StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
     """
-    claims: dict[str, object] = {name: getattr(message, name) for name in _NAMES}
-    return statement_form.sign(KIND, {**claims, "body": stated(message.body)}, key)
+    return statement_form.sign(KIND, plain(message) | {"body": stated(message.body)}, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A001 - read as message.open
@@ -97,24 +87,10 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A0
         StatementError: as `sealed.open`; also for a message to oneself, a body that is too long,
             and one that lives longer than `LIFETIME_S` or not at all.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
-    message = Message(
-        sender=_agent(claims, "sender"),
-        addressee=_agent(claims, "addressee"),
-        token_id=claims.token("token_id", TOKEN_ID),
-        hop_id=claims.token("hop_id", ID),
-        conversation=claims.token("conversation", NONCE),
-        sequence=claims.integer("sequence", low=1),
-        in_reply_to=claims.token("in_reply_to", _REPLY),
-        schema=claims.name("schema"),
-        body=body_of(claims),
-        at=claims.integer("at"),
-        not_after=claims.integer("not_after"),
-    )
+    message = read(Message, statement_form.open(KIND, text, keys, caps))
     if message.sender == message.addressee:
         raise malformed("a message to oneself")
-    if not 0 < message.not_after - message.at <= LIFETIME_S:
-        raise malformed(f"it counts for 1 to {LIFETIME_S} s")
+    lasting(message.at, message.not_after, LIFETIME_S)
     return message
 
 
@@ -145,10 +121,3 @@ def refusal(message: Message, place: Place, *, at: float, caps: Caps) -> Fault |
 def digest_of(text: str) -> str:
     """SHA-256 (hex) of a message's text: what an answer to it names."""
     return hashlib.sha256(text.encode("ascii")).hexdigest()
-
-
-def _agent(claims: Claims, name: str) -> str:
-    found = claims.name(name)
-    if found.startswith(grammar.ROLE_PREFIX):
-        raise malformed(f"{name} is a role, not an agent")
-    return found

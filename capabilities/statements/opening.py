@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from capabilities.form import Form, plain, within
 from capabilities.statements import statement_form
-from capabilities.statements.ask import ID
-from capabilities.statements.claims import Claims, malformed
+from capabilities.statements.claims import Id, Name, NameOrEmpty, Url, Whole, malformed, read
 from capabilities.statements.vote import USES
 
 if TYPE_CHECKING:
@@ -19,8 +18,7 @@ if TYPE_CHECKING:
 KIND: Final = "opening"
 
 
-@dataclass(frozen=True, slots=True)
-class Opening:
+class Opening(Form, frozen=True):
     """A person's prior leave that a safety-critical act may be asked for at all. It approves nothing.
 
     Attributes:
@@ -32,24 +30,21 @@ class Opening:
         not_before, not_after: seconds since the epoch.
     """
 
-    opening_id: str
-    opener: str
-    audience: str
-    agent: str
-    object: str
-    operation: str
-    reason: str
-    uses: int
-    not_before: int
-    not_after: int
-
-
-NAMES: Final = tuple(field.name for field in fields(Opening))
+    opening_id: Id
+    opener: Name
+    audience: Url
+    agent: Name
+    object: Name
+    operation: Name
+    reason: NameOrEmpty
+    uses: Annotated[int, within(1, USES)]
+    not_before: Whole
+    not_after: Whole
 
 
 def sign(opening: Opening, key: PrivateKey) -> str:
     """The opening, signed by the person."""
-    return statement_form.sign(KIND, {name: getattr(opening, name) for name in NAMES}, key)
+    return statement_form.sign(KIND, plain(opening), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Opening:  # noqa: A001 - read as opening.open
@@ -58,19 +53,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Opening:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`; also for one that ends before it begins.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *NAMES)
-    opening = Opening(
-        opening_id=claims.token("opening_id", ID),
-        opener=claims.name("opener"),
-        audience=claims.url("audience"),
-        agent=claims.name("agent"),
-        object=claims.name("object"),
-        operation=claims.name("operation"),
-        reason=claims.name_or_empty("reason"),
-        uses=claims.integer("uses", low=1, high=USES),
-        not_before=claims.integer("not_before"),
-        not_after=claims.integer("not_after"),
-    )
+    opening = read(Opening, statement_form.open(KIND, text, keys, caps))
     if not opening.not_before < opening.not_after:
         raise malformed("it ends before it begins")
     return opening

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from capabilities.form import Form, plain, upto, within
 from capabilities.keys import keys as key_forms
 from capabilities.statements import statement_form
-from capabilities.statements.claims import Claims, unique
+from capabilities.statements.claims import HexDigest, Name, PublicKey, Url, Whole, read, unique
 from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:
@@ -28,44 +28,39 @@ TRANSIT_MS: Final = 10_000
 """Longest declared transit of a frame."""
 
 
-@dataclass(frozen=True, slots=True)
-class ToolEntry:
+class ToolEntry(Form, frozen=True):
     """A registered tool: its name, the SHA-256 (hex) of its approved definition, its operation and base tier."""
 
-    name: str
-    definition_digest: str
-    operation: str
+    name: Name
+    definition_digest: HexDigest
+    operation: Name
     base_tier: Tier
 
 
-@dataclass(frozen=True, slots=True)
-class SensorEntry:
+class SensorEntry(Form, frozen=True):
     """A registered sensor: its id, raw public key, SHA-256 (hex) of its calibration and longest transit in ms."""
 
-    id: str
-    key: bytes
-    calibration: str
-    transit_ms: int
+    id: Name
+    key: PublicKey
+    calibration: HexDigest
+    transit_ms: Annotated[int, within(0, TRANSIT_MS)]
 
 
-@dataclass(frozen=True, slots=True)
-class TrustEntry:
+class TrustEntry(Form, frozen=True):
     """The static trust of an agent, in permille."""
 
-    agent: str
-    permille: int
+    agent: Name
+    permille: Annotated[int, within(0, 1_000)]
 
 
-@dataclass(frozen=True, slots=True)
-class PartyEntry:
+class PartyEntry(Form, frozen=True):
     """Somebody who signs: a person who may answer asks, an enforcement point. The id and raw public key."""
 
-    id: str
-    key: bytes
+    id: Name
+    key: PublicKey
 
 
-@dataclass(frozen=True, slots=True)
-class RegistrySnapshot:
+class RegistrySnapshot(Form, frozen=True):
     """What the enforcement points of an audience are to know, and their callers of them.
 
     Attributes:
@@ -77,15 +72,15 @@ class RegistrySnapshot:
         peps: enforcement points that serve the audience; a caller knows by the key that it talks to one.
     """
 
-    issuer: str
-    version: int
-    audience: str
-    as_of_ms: int
-    tools: tuple[ToolEntry, ...]
-    sensors: tuple[SensorEntry, ...]
-    trust: tuple[TrustEntry, ...]
-    approvers: tuple[PartyEntry, ...]
-    peps: tuple[PartyEntry, ...]
+    issuer: Url
+    version: Whole
+    audience: Url
+    as_of_ms: Whole
+    tools: Annotated[tuple[ToolEntry, ...], upto(TOOLS)]
+    sensors: Annotated[tuple[SensorEntry, ...], upto(SENSORS)]
+    trust: Annotated[tuple[TrustEntry, ...], upto(AGENTS)]
+    approvers: Annotated[tuple[PartyEntry, ...], upto(APPROVERS)]
+    peps: Annotated[tuple[PartyEntry, ...], upto(PEPS)]
 
     def tool(self, name: str) -> ToolEntry | None:
         """The tool of this name, or None."""
@@ -106,34 +101,12 @@ class RegistrySnapshot:
 
 def sign(snapshot: RegistrySnapshot, key: PrivateKey) -> str:
     """The signed snapshot."""
-    claims: dict[str, object] = {
-        "issuer": snapshot.issuer,
-        "version": snapshot.version,
-        "audience": snapshot.audience,
-        "as_of_ms": snapshot.as_of_ms,
-        "tools": [
-            {
-                "name": tool.name,
-                "definition_digest": tool.definition_digest,
-                "operation": tool.operation,
-                "base_tier": int(tool.base_tier),
-            }
-            for tool in snapshot.tools
-        ],
-        "sensors": [
-            {
-                "id": sensor.id,
-                "key": key_forms.b64u(sensor.key),
-                "calibration": sensor.calibration,
-                "transit_ms": sensor.transit_ms,
-            }
-            for sensor in snapshot.sensors
-        ],
-        "trust": [{"agent": entry.agent, "permille": entry.permille} for entry in snapshot.trust],
-        "approvers": [_stated(entry) for entry in snapshot.approvers],
-        "peps": [_stated(entry) for entry in snapshot.peps],
+    members = plain(snapshot)
+    with_keys = {
+        name: [{**entry, "key": key_forms.b64u(entry["key"])} for entry in members[name]]
+        for name in ("sensors", "approvers", "peps")
     }
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, members | with_keys, key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  # noqa: A001 - read as registry.open
@@ -142,52 +115,10 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  #
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = statement_form.open(KIND, text, keys, caps)
-    claims = Claims(
-        members, "issuer", "version", "audience", "as_of_ms", "tools", "sensors", "trust", "approvers", "peps"
-    )
-    return RegistrySnapshot(
-        issuer=claims.url("issuer"),
-        version=claims.integer("version"),
-        audience=claims.url("audience"),
-        as_of_ms=claims.integer("as_of_ms"),
-        tools=unique(claims.each("tools", _tool, most=TOOLS), lambda tool: tool.name, "a tool"),
-        sensors=unique(claims.each("sensors", _sensor, most=SENSORS), lambda sensor: sensor.id, "a sensor"),
-        trust=unique(claims.each("trust", _trust, most=AGENTS), lambda entry: entry.agent, "an agent"),
-        approvers=unique(claims.each("approvers", _party, most=APPROVERS), lambda entry: entry.id, "an approver"),
-        peps=unique(claims.each("peps", _party, most=PEPS), lambda entry: entry.id, "an enforcement point"),
-    )
-
-
-def _tool(value: object) -> ToolEntry:
-    claims = Claims(value, "name", "definition_digest", "operation", "base_tier")
-    return ToolEntry(
-        name=claims.name("name"),
-        definition_digest=claims.hex_digest("definition_digest"),
-        operation=claims.name("operation"),
-        base_tier=Tier(claims.integer("base_tier", high=int(max(Tier)))),
-    )
-
-
-def _sensor(value: object) -> SensorEntry:
-    claims = Claims(value, "id", "key", "calibration", "transit_ms")
-    return SensorEntry(
-        id=claims.name("id"),
-        key=claims.public_key("key"),
-        calibration=claims.hex_digest("calibration"),
-        transit_ms=claims.integer("transit_ms", high=TRANSIT_MS),
-    )
-
-
-def _trust(value: object) -> TrustEntry:
-    claims = Claims(value, "agent", "permille")
-    return TrustEntry(agent=claims.name("agent"), permille=claims.integer("permille", high=1_000))
-
-
-def _stated(entry: PartyEntry) -> dict[str, object]:
-    return {"id": entry.id, "key": key_forms.b64u(entry.key)}
-
-
-def _party(value: object) -> PartyEntry:
-    claims = Claims(value, "id", "key")
-    return PartyEntry(id=claims.name("id"), key=claims.public_key("key"))
+    snapshot = read(RegistrySnapshot, statement_form.open(KIND, text, keys, caps))
+    unique(snapshot.tools, lambda tool: tool.name, "a tool")
+    unique(snapshot.sensors, lambda sensor: sensor.id, "a sensor")
+    unique(snapshot.trust, lambda entry: entry.agent, "an agent")
+    unique(snapshot.approvers, lambda entry: entry.id, "an approver")
+    unique(snapshot.peps, lambda entry: entry.id, "an enforcement point")
+    return snapshot

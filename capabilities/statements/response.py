@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from capabilities.form import Form, plain
 from capabilities.statements import statement_form
-from capabilities.statements.ask import ID
-from capabilities.statements.claims import Claims, malformed
+from capabilities.statements.claims import HexDigest, Id, Name, Url, Whole, lasting, read
 from capabilities.values.errors import Fault, FaultCode
 
 if TYPE_CHECKING:
@@ -22,13 +22,9 @@ if TYPE_CHECKING:
 KIND: Final = "response"
 LIFETIME_S: Final = 3_600
 """Longest life of a response: that of the hop of evidence kind `key` that the call was made under."""
-_NAMES: Final = (
-    "audience", "agent", "hop_id", "proof", "request", "tool", "definition", "result", "tainted", "at", "not_after",
-)  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
+class Response(Form, frozen=True):
     """One answer of one tool.
 
     Attributes:
@@ -45,17 +41,17 @@ class Response:
             `LIFETIME_S` apart.
     """
 
-    audience: str
-    agent: str
-    hop_id: str
-    proof: str
-    request: str
-    tool: str
-    definition: str
-    result: str
+    audience: Url
+    agent: Name
+    hop_id: Id
+    proof: HexDigest
+    request: HexDigest
+    tool: Name
+    definition: HexDigest
+    result: HexDigest
     tainted: bool
-    at: int
-    not_after: int
+    at: Whole
+    not_after: Whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +68,7 @@ class Call:
 
 def sign(response: Response, key: PrivateKey) -> str:
     """The response, signed by the enforcement point."""
-    claims: dict[str, object] = {name: getattr(response, name) for name in _NAMES}
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, plain(response), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Response:  # noqa: A001 - read as response.open
@@ -82,22 +77,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Response:  # noqa: A
     Raises:
         StatementError: as `sealed.open`; also for one that lives longer than `LIFETIME_S` or not at all.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
-    response = Response(
-        audience=claims.url("audience"),
-        agent=claims.name("agent"),
-        hop_id=claims.token("hop_id", ID),
-        proof=claims.hex_digest("proof"),
-        request=claims.hex_digest("request"),
-        tool=claims.name("tool"),
-        definition=claims.hex_digest("definition"),
-        result=claims.hex_digest("result"),
-        tainted=claims.boolean("tainted"),
-        at=claims.integer("at"),
-        not_after=claims.integer("not_after"),
-    )
-    if not 0 < response.not_after - response.at <= LIFETIME_S:
-        raise malformed(f"it counts for 1 to {LIFETIME_S} s")
+    response = read(Response, statement_form.open(KIND, text, keys, caps))
+    lasting(response.at, response.not_after, LIFETIME_S)
     return response
 
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from capabilities.form import Form, plain, upto, whole, words
 from capabilities.keys import keys
 from capabilities.statements import statement_form
-from capabilities.statements.attestation import NONCE
-from capabilities.statements.claims import Claims, malformed
+from capabilities.statements.claims import Nonce, Url, Whole, malformed, read
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 KIND: Final = "revocation"
 ENTRIES: Final = 4_096
 """Most entries of one index; one that is cut, here or earlier, is asked for again from its last epoch."""
-_ID: Final = re.compile(r"[A-Za-z0-9._:@/|+=~%\[\]-]{1,256}", re.ASCII)
 NEVER_MS: Final = 2**53 - 1
 """Age of a view that was never made."""
 
@@ -38,20 +36,15 @@ class Revoked(StrEnum):
     AUDIENCE = "audience"
 
 
-_KINDS: Final = frozenset(map(str, Revoked))
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(Form, frozen=True):
     """One revocation: since `epoch`, the thing of `kind` with this id (a key's id is its thumbprint) is dead."""
 
-    epoch: int
-    kind: str
-    id: str
+    epoch: Whole
+    kind: Annotated[str, words(*Revoked)]
+    id: Annotated[str, whole(r"[A-Za-z0-9._:@/|+=~%\[\]-]{1,256}")]
 
 
-@dataclass(frozen=True, slots=True)
-class RevocationIndex:
+class RevocationIndex(Form, frozen=True):
     """What a feed answers.
 
     Attributes:
@@ -65,13 +58,13 @@ class RevocationIndex:
             rest is to be asked for before it is acted on.
     """
 
-    issuer: str
-    epoch: int
-    since: int
-    as_of_ms: int
-    nonce: str
-    registry_version: int
-    entries: tuple[Entry, ...]
+    issuer: Url
+    epoch: Whole
+    since: Whole
+    as_of_ms: Whole
+    nonce: Nonce
+    registry_version: Whole
+    entries: Annotated[tuple[Entry, ...], upto(ENTRIES)]
 
     @property
     def last(self) -> int:
@@ -139,16 +132,7 @@ def _names(chain: Chain) -> list[tuple[str, str]]:
 
 def sign(index: RevocationIndex, key: PrivateKey) -> str:
     """The signed index."""
-    claims: dict[str, object] = {
-        "issuer": index.issuer,
-        "epoch": index.epoch,
-        "since": index.since,
-        "as_of_ms": index.as_of_ms,
-        "nonce": index.nonce,
-        "registry_version": index.registry_version,
-        "entries": [{"epoch": entry.epoch, "kind": str(entry.kind), "id": entry.id} for entry in index.entries],
-    }
-    return statement_form.sign(KIND, claims, key)
+    return statement_form.sign(KIND, plain(index), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> RevocationIndex:  # noqa: A001 - read as revocation.open
@@ -157,23 +141,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RevocationIndex:  # 
     Raises:
         StatementError: as `sealed.open`.
     """
-    members = statement_form.open(KIND, text, keys, caps)
-    claims = Claims(members, "issuer", "epoch", "since", "as_of_ms", "nonce", "registry_version", "entries")
-    index = RevocationIndex(
-        issuer=claims.url("issuer"),
-        epoch=claims.integer("epoch"),
-        since=claims.integer("since"),
-        as_of_ms=claims.integer("as_of_ms"),
-        nonce=claims.token("nonce", NONCE),
-        registry_version=claims.integer("registry_version"),
-        entries=claims.each("entries", _entry, most=ENTRIES),
-    )
+    index = read(RevocationIndex, statement_form.open(KIND, text, keys, caps))
     epochs = [index.since, *(entry.epoch for entry in index.entries)]
     if epochs != sorted(epochs) or any(epoch <= index.since for epoch in epochs[1:]) or epochs[-1] > index.epoch:
         raise malformed("entries out of order, or outside what was asked")
     return index
-
-
-def _entry(value: object) -> Entry:
-    claims = Claims(value, "epoch", "kind", "id")
-    return Entry(epoch=claims.integer("epoch"), kind=claims.one_of("kind", _KINDS), id=claims.token("id", _ID))

@@ -10,10 +10,10 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from capabilities.form import Form, plain
 from capabilities.keys import keys
 from capabilities.statements import statement_form
-from capabilities.statements.ask import ID
-from capabilities.statements.claims import Claims
+from capabilities.statements.claims import HexDigest, Id, Name, Url, Whole, read
 from capabilities.statements.revocation import Revoked
 from capabilities.values.errors import CapabilityError, Fault, FaultCode, StatementError
 
@@ -33,7 +33,6 @@ on the cell's own network, and the reading of at most 32 KiB."""
 AHEAD_MS: Final = 100
 """How far a ticket may come from the future, and no more: the skew that other statements have (5 s) would let one live
 ten times as long as it may. Machines of one cell keep time to milliseconds; where they do not, calls are refused."""
-_NAMES: Final = ("id", "pep", "audience", "url", "token", "proof", "body", "at_ms")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +78,17 @@ class Ticket:
     at_ms: int
 
 
+class _Claims(Form, frozen=True):
+    id: Id
+    pep: Name
+    audience: Url
+    url: Url
+    token: HexDigest
+    proof: HexDigest
+    body: HexDigest
+    at_ms: Whole
+
+
 def issue(carried: Carried, *, id: str, pep: str, audience: str, url: str, key: PrivateKey, at: float) -> str:  # noqa: A002 - the member's name
     """The signed ticket for this request.
 
@@ -96,17 +106,9 @@ def issue(carried: Carried, *, id: str, pep: str, audience: str, url: str, key: 
 
 def sign(ticket: Ticket, key: PrivateKey) -> str:
     """The ticket, signed."""
-    claims: dict[str, object] = {
-        "id": ticket.id,
-        "pep": ticket.pep,
-        "audience": ticket.audience,
-        "url": ticket.url,
-        "token": ticket.carried.token,
-        "proof": ticket.carried.proof,
-        "body": ticket.carried.body,
-        "at_ms": ticket.at_ms,
-    }
-    return statement_form.sign(KIND, claims, key)
+    said, carried = ticket, ticket.carried
+    claims = _Claims(said.id, said.pep, said.audience, said.url, carried.token, carried.proof, carried.body, said.at_ms)
+    return statement_form.sign(KIND, plain(claims), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Ticket:  # noqa: A001 - read as ticket.open
@@ -117,15 +119,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Ticket:  # noqa: A00
     """
     if len(text) > BYTES:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, f"over {BYTES} bytes")
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *_NAMES)
-    return Ticket(
-        id=claims.token("id", ID),
-        pep=claims.name("pep"),
-        audience=claims.url("audience"),
-        url=claims.url("url"),
-        carried=Carried(claims.hex_digest("token"), claims.hex_digest("proof"), claims.hex_digest("body")),
-        at_ms=claims.integer("at_ms"),
-    )
+    said = read(_Claims, statement_form.open(KIND, text, keys, caps))
+    return Ticket(said.id, said.pep, said.audience, said.url, Carried(said.token, said.proof, said.body), said.at_ms)
 
 
 def verify(

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
+from capabilities.form import Form, plain, within, words
 from capabilities.statements import statement_form
-from capabilities.statements.ask import ID
-from capabilities.statements.claims import Claims
+from capabilities.statements.claims import HexDigest, Id, Name, Whole, read
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -22,8 +21,7 @@ USES: Final = 100
 """Most uses of one approval."""
 
 
-@dataclass(frozen=True, slots=True)
-class Vote:
+class Vote(Form, frozen=True):
     """A person's answer.
 
     Attributes:
@@ -37,23 +35,23 @@ class Vote:
         at: when it was signed, seconds since the epoch.
     """
 
-    ask_id: str
-    nonce: str
-    ask_digest: str
-    answer: str
-    approver: str
+    ask_id: Id
+    nonce: Id
+    ask_digest: HexDigest
+    answer: Annotated[str, words(*ANSWERS)]
+    approver: Name
     sees_clear: bool
-    uses: int
-    not_after: int
-    at: int
+    uses: Annotated[int, within(1, USES)]
+    not_after: Whole
+    at: Whole
 
 
-NAMES: Final = tuple(field.name for field in fields(Vote))
+NAMES: Final = Vote.__struct_fields__
 
 
 def sign(vote: Vote, key: PrivateKey) -> str:
     """The vote, signed by the person."""
-    return statement_form.sign(KIND, {name: getattr(vote, name) for name in NAMES}, key)
+    return statement_form.sign(KIND, plain(vote), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Vote:  # noqa: A001 - read as vote.open
@@ -62,23 +60,9 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Vote:  # noqa: A001 
     Raises:
         StatementError: as `sealed.open`.
     """
-    claims = Claims(statement_form.open(KIND, text, keys, caps), *NAMES)
-    return Vote(
-        ask_id=claims.token("ask_id", ID),
-        nonce=claims.token("nonce", ID),
-        ask_digest=claims.hex_digest("ask_digest"),
-        answer=claims.one_of("answer", ANSWERS),
-        approver=claims.name("approver"),
-        sees_clear=claims.boolean("sees_clear"),
-        uses=claims.integer("uses", low=1, high=USES),
-        not_after=claims.integer("not_after"),
-        at=claims.integer("at"),
-    )
+    return read(Vote, statement_form.open(KIND, text, keys, caps))
 
 
 def digest_of(text: str) -> str:
     """SHA-256 (hex) of a statement's text: what a vote names."""
     return hashlib.sha256(text.encode("ascii")).hexdigest()
-
-
-# --- ask -------------------------------------------------------------------------------------------------------------

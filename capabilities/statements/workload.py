@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Final
 
 import jwt
 
+from capabilities.form import Form
 from capabilities.keys import jws, keys
-from capabilities.statements.claims import Claims
+from capabilities.statements.claims import Sha256, Thumbprint, Whole, malformed, read
 from capabilities.values import strict_json, text
 from capabilities.values.errors import BadKeyError, CapabilityError, FaultCode, StatementError
 
@@ -252,33 +253,49 @@ def _signed(token: str, platform: Platform, caps: Caps) -> bytes:
     return payload
 
 
+class _Beginning(Form, frozen=True):
+    iat: Whole
+    nbf: Whole = 0
+
+
+class _Confirmation(Form, frozen=True):
+    jkt: Thumbprint
+
+
+class _Binding(Form, frozen=True):
+    cnf: _Confirmation
+    measurement: Sha256
+    exp: Whole
+
+
 def _claims(payload: bytes, platform: Platform) -> Workload:
     # [WLD-3] exactly the known claims, each of its form; a workload of this trust domain
     members = strict_json.parse_object(payload)
-    claims = Claims(members, *_REQUIRED, *(members.keys() & _OPTIONAL))
+    if not _REQUIRED <= members.keys() <= _REQUIRED | _OPTIONAL:
+        raise malformed("not the claims of a workload's token")
     try:
-        workload = text.workload_id(claims.raw("sub"))
+        workload = text.workload_id(members["sub"])
     except CapabilityError:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, "sub is no workload id") from None
     if not platform.holds(workload):
         raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "a workload of another trust domain")
     if members.get("iss", f"spiffe://{platform.trust_domain}") != f"spiffe://{platform.trust_domain}":
         raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "of another issuer")
-    issued_at = claims.integer("iat")
+    begins = read(_Beginning, {name: members[name] for name in ("iat", "nbf") if name in members})
     # `nbf` may only repeat or come before `iat`: a token that waits for later has no use here.
-    if "nbf" in members and claims.integer("nbf") > issued_at:
+    if begins.nbf > begins.iat:
         raise StatementError(FaultCode.NOT_YET_VALID, "nbf is after iat")
     audience = members["aud"]
     if isinstance(audience, list) and len(audience) == 1:
         audience = audience[0]
     if not isinstance(audience, str):
         raise StatementError(FaultCode.WRONG_AUDIENCE, "not exactly one audience")
-    bound = Claims(claims.raw("cnf"), "jkt")
+    bound = read(_Binding, {name: members[name] for name in ("cnf", "measurement", "exp")})
     return Workload(
         id=workload,
         audience=audience,
-        key_thumbprint=bound.token("jkt", text.THUMBPRINT),
-        measurement=claims.digest("measurement"),
-        issued_at=issued_at,
-        expires_at=claims.integer("exp"),
+        key_thumbprint=bound.cnf.jkt,
+        measurement=bound.measurement,
+        issued_at=begins.iat,
+        expires_at=bound.exp,
     )

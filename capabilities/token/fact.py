@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, Generic, TypeVar
 import msgspec
 
 from capabilities.token import symbols
-from capabilities.values.chain import EvidenceKind  # noqa: TC001 - a decoder resolves it
+from capabilities.values.chain import EvidenceKind
 from capabilities.values.errors import FaultCode, TokenError
 
 if TYPE_CHECKING:

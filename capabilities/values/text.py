@@ -18,7 +18,7 @@ from capabilities.values.errors import FaultCode, ScopeError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:@/|+=~%-]*", re.ASCII)
+NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:@/|+=~%-]*", re.ASCII)
 _HOST: Final = re.compile(r"[a-z0-9][a-z0-9.-]*|\[[0-9a-f:.]+\]", re.ASCII)
 _PATH: Final = re.compile(r"(/[A-Za-z0-9._~:@+=,%-]+)*", re.ASCII)
 _SCHEME: Final = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)
@@ -55,7 +55,7 @@ def names(values: Iterable[object], *, most_bytes: int) -> None:
         ScopeError: `STATEMENT_MALFORMED` otherwise.
     """
     for value in values:
-        if not isinstance(value, str) or len(value) > most_bytes or _NAME.fullmatch(value) is None:
+        if not isinstance(value, str) or len(value) > most_bytes or NAME.fullmatch(value) is None:
             raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a name")
 
 

@@ -36,6 +36,7 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, StatementError
 from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT, Quantity, Unit
+from msgspec import structs
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.world import CELL, ISSUER, NOW, TRUST, chain_of, chain_of_four, key_of, raw_of
 
@@ -44,7 +45,7 @@ SIGNER = key_of("signer")
 TRUSTED = frozenset({raw_of("signer"), raw_of("other")})
 
 EVIDENCE = attestation.Evidence(
-    "robotic", keys.thumbprint(raw_of("signer")), "n" * 22, "orchestrator", b"\1" * 32, b"\2" * 32, NOW
+    "robotic", keys.thumbprint(raw_of("signer")), "n" * 22, "orchestrator", b"\1" * 32, b"\2" * 32, NOW, ""
 )
 INDEX = revocation.RevocationIndex(
     ISSUER,
@@ -298,9 +299,7 @@ def test_a_statement_by_a_p256_key_comes_back(module):
     """The algorithm follows the key: the same texts, the same answers, one spelling."""
     key = curve_of("signer")
     raw = keys.public_raw(key)
-    said = (
-        dataclasses.replace(EVIDENCE, key_thumbprint=keys.thumbprint(raw)) if module is attestation else KINDS[module]
-    )
+    said = structs.replace(EVIDENCE, key_thumbprint=keys.thumbprint(raw)) if module is attestation else KINDS[module]
     text = module.sign(said, key)
     assert jws.split(text, most_bytes=10**6).header["alg"] == "ES256"
     assert module.open(text, TRUSTED | {raw}, DEFAULT) == said
@@ -513,7 +512,7 @@ def test_the_largest_words_on_conduct_fit_a_statement():
     """As many as one word may hold are cut earlier where names are long; the provider counts bytes."""
     name = lambda kind, n: f"{kind}{n:04}".ljust(40, "x")
     edges = tuple(conduct.EdgeEntry(n + 1, name("d", n), name("a", n), 1_000) for n in range(conduct.ENTRIES))
-    word = dataclasses.replace(SEEN, since=0, version=1_024, through=1_024, edges=edges, agents=())
+    word = structs.replace(SEEN, since=0, version=1_024, through=1_024, edges=edges, agents=())
     assert conduct.open(conduct.sign(word, SIGNER), TRUSTED, DEFAULT) == word
 
 
@@ -610,14 +609,14 @@ def test_a_message_is_well_formed(name):
 )
 def test_a_body_that_is_not_canonical_is_not_signed(body):
     with pytest.raises(StatementError) as caught:
-        message.sign(dataclasses.replace(SAID, body=body), SIGNER)
+        message.sign(structs.replace(SAID, body=body), SIGNER)
     assert caught.value.code is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-1", "STM-5")
 def test_the_largest_message_fits():
     frame = len(b'{"x":""}')
-    full = dataclasses.replace(
+    full = structs.replace(
         SAID,
         sender="s" * 256,
         addressee="a" * 256,
@@ -648,7 +647,7 @@ MISPLACED = {
 @pytest.mark.parametrize("name", MISPLACED)
 def test_a_message_has_one_place(name):
     change, code = MISPLACED[name]
-    said = message.open(message.sign(dataclasses.replace(SAID, **change), SIGNER), TRUSTED, DEFAULT)
+    said = message.open(message.sign(structs.replace(SAID, **change), SIGNER), TRUSTED, DEFAULT)
     fault = message.refusal(said, PLACE, at=NOW + 1, caps=DEFAULT)
     assert (fault.code, fault.clause) == (code, "STM-6")
     assert message.refusal(SAID, PLACE, at=NOW + 1, caps=DEFAULT) is None
@@ -657,8 +656,8 @@ def test_a_message_has_one_place(name):
 @pytest.mark.clause("STM-5", "STM-6")
 def test_an_answer_names_the_very_text():
     text = message.sign(SAID, SIGNER)
-    assert message.digest_of(text) != message.digest_of(message.sign(dataclasses.replace(SAID, sequence=4), SIGNER))
-    answer = dataclasses.replace(SAID, in_reply_to=message.digest_of(text))
+    assert message.digest_of(text) != message.digest_of(message.sign(structs.replace(SAID, sequence=4), SIGNER))
+    answer = structs.replace(SAID, in_reply_to=message.digest_of(text))
     assert message.open(message.sign(answer, SIGNER), TRUSTED, DEFAULT).in_reply_to == vote.digest_of(text)
 
 
@@ -679,7 +678,7 @@ NO_ANSWERS = {
 @pytest.mark.parametrize("name", NO_ANSWERS)
 def test_a_response_is_to_one_call(name):
     change, code = NO_ANSWERS[name]
-    said = response.open(response.sign(dataclasses.replace(ANSWERED, **change), SIGNER), TRUSTED, DEFAULT)
+    said = response.open(response.sign(structs.replace(ANSWERED, **change), SIGNER), TRUSTED, DEFAULT)
     fault = response.refusal(said, CALLED, at=NOW + 1, caps=DEFAULT)
     assert (fault.code, fault.clause) == (code, "STM-11")
     assert response.refusal(ANSWERED, CALLED, at=NOW + 1, caps=DEFAULT) is None
@@ -737,7 +736,7 @@ def test_a_manifest_is_well_formed(name):
 @pytest.mark.clause("STM-1", "STM-5")
 def test_the_largest_manifest_fits():
     long = "x" * 59
-    full = dataclasses.replace(
+    full = structs.replace(
         LISTED,
         collection="c" * 256,
         curator="d" * 256,
@@ -763,7 +762,7 @@ OFF_THE_SHELF = {
 @pytest.mark.parametrize("name", OFF_THE_SHELF)
 def test_a_manifest_has_one_place(name):
     change, place, code = OFF_THE_SHELF[name]
-    text = manifest.sign(dataclasses.replace(LISTED, **change), SIGNER)
+    text = manifest.sign(structs.replace(LISTED, **change), SIGNER)
     said = manifest.open(text, TRUSTED, DEFAULT)
     fault = manifest.refusal(said, manifest.digest_of(text), place, at=NOW + 1, caps=DEFAULT)
     assert (fault.code, fault.clause) == (code, "STM-7")
@@ -799,7 +798,7 @@ def test_an_intent_is_well_formed(name):
 @pytest.mark.parametrize("body", [b'{"b":1,"a":2}', b'{"a": 1}', b"[]", b'{"a":1,"a":1}', b'{"a":NaN}', b'{"a":0.5}'])
 def test_an_intent_is_signed_in_one_spelling(body):
     with pytest.raises(StatementError) as caught:
-        intent.sign(dataclasses.replace(WANTED, body=body), SIGNER)
+        intent.sign(structs.replace(WANTED, body=body), SIGNER)
     assert caught.value.code is FaultCode.STATEMENT_MALFORMED
 
 
@@ -814,10 +813,10 @@ INTENTS_OUT_OF_PLACE = {
 @pytest.mark.parametrize("name", INTENTS_OUT_OF_PLACE)
 def test_an_intent_has_its_person_and_its_time(name):
     change, subject, at, code = INTENTS_OUT_OF_PLACE[name]
-    fault = intent.refusal(dataclasses.replace(WANTED, **change), subject=subject, at=at, caps=DEFAULT)
+    fault = intent.refusal(structs.replace(WANTED, **change), subject=subject, at=at, caps=DEFAULT)
     assert (fault.code, fault.clause) == (code, "STM-9")
     assert intent.refusal(WANTED, subject="alice", at=NOW + 3_599, caps=DEFAULT) is None
-    assert intent.refusal(dataclasses.replace(WANTED, at=NOW + 5), subject="alice", at=NOW, caps=DEFAULT) is None
+    assert intent.refusal(structs.replace(WANTED, at=NOW + 5), subject="alice", at=NOW, caps=DEFAULT) is None
 
 
 def purposed(*purposes):
@@ -1050,7 +1049,7 @@ def test_a_cell_does_not_contradict_itself(name):
 def test_the_largest_cell_fits():
     long = "x" * 200
     box = observation.Box((-(10**7),) * 3, (10**7,) * 3, (1_000_000, 0, 0, 0))
-    full = dataclasses.replace(
+    full = structs.replace(
         SURVEY,
         objects=tuple(cell.Surveyed(f"o{i}{long}", "fragile", box) for i in range(cell.OBJECTS)),
         zones=tuple(cell.Zone(f"z{i}{long}", Tier(4), box) for i in range(cell.ZONES)),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import importlib
 import pkgutil
 import re
@@ -14,6 +13,7 @@ from capabilities.statements import attestation, message, vote
 from capabilities.statements.roles import SIGNER_OF, Signer
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode
+from msgspec import structs
 from tests.capabilities.test_keys import curve_of
 from tests.capabilities.test_statements import EVIDENCE, KINDS, SAID, VOTED, code_of
 from tests.capabilities.world import key_of
@@ -32,7 +32,7 @@ RAW = {role: keys.public_raw(key) for role, key in PRIVATE.items()}
 def said_by(kind: str, role: Signer):
     """What a statement of the kind says; evidence names the key that signs it, so that nothing but the role is wrong."""
     if kind == "attestation":
-        return dataclasses.replace(EVIDENCE, key_thumbprint=keys.thumbprint(RAW[role]))
+        return structs.replace(EVIDENCE, key_thumbprint=keys.thumbprint(RAW[role]))
     return KINDS[MODULES[kind]]
 
 
@@ -83,7 +83,7 @@ def test_no_text_is_read_as_another_kind(kind, role):
 def test_an_agent_cannot_attest_for_another():
     """A message's key signs messages and its own attestation: not one that names another key, nor under another's."""
     mallory, other = curve_of("mallory"), keys.public_raw(key_of("other"))
-    evidence = dataclasses.replace(EVIDENCE, agent="robotic", key_thumbprint=keys.thumbprint(other))
+    evidence = structs.replace(EVIDENCE, agent="robotic", key_thumbprint=keys.thumbprint(other))
     text = attestation.sign(evidence, mallory)
     assert code_of(attestation, text, {keys.public_raw(mallory), other}) is FaultCode.STATEMENT_MALFORMED
     assert code_of(attestation, text, {other}) is FaultCode.STATEMENT_UNTRUSTED

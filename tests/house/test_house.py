@@ -56,6 +56,23 @@ def test_banned_words_stay_out_of_identifiers() -> None:
     assert found == []
 
 
+DECODES = re.compile(
+    r"msgspec\.(?:json|msgpack|yaml|toml)\.(?:decode|Decoder)\(|from msgspec(?:\.\w+)? import .*\b(?:decode|Decoder|json)\b"
+)
+OF_A_TOKEN = {"capabilities/token/fact.py"}
+"""Whatever it decodes it encodes again, and takes only the same bytes: no key twice, no other spelling."""
+
+
+def test_no_bytes_reach_msgspec_past_our_strict_reader() -> None:
+    """It keeps the last of two equal keys; `capabilities.form` takes what `strict_json` or `tomllib` has read."""
+    found = {
+        str(path.relative_to(TOP))
+        for path in tracked()
+        if path.suffix == ".py" and "tests" not in path.parts and DECODES.search(path.read_text())
+    }
+    assert found == OF_A_TOKEN
+
+
 def test_each_clause_of_physics_has_a_number_of_its_own() -> None:
     """And whoever cites one, in whatever file, cites one that there is."""
     clauses = re.findall(r"\*\*(PHY-\d+)", (TOP / "docs" / "physics.md").read_text())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import secrets
-from dataclasses import replace
 
 import httpx2
 from capabilities.keys import keys
@@ -12,6 +11,7 @@ from capabilities.statements import answers, ask, opening, vote
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit
+from msgspec import structs
 from tests.idp.world import AUDIENCE, ISSUER, World
 from ztpm_idp.client import ProofAuth
 
@@ -108,7 +108,7 @@ class Cell:
             not_after=self.now + 120,
             at=self.now,
         )
-        return vote.sign(replace(stated, **changes), self.world.private[key or approver])
+        return vote.sign(structs.replace(stated, **changes), self.world.private[key or approver])
 
     def opening(self, opener: str = "carol", *, key: str | None = None, **changes) -> str:
         stated = opening.Opening(
@@ -123,7 +123,7 @@ class Cell:
             not_before=self.now,
             not_after=self.now + 600,
         )
-        return opening.sign(replace(stated, **changes), self.world.private[key or opener])
+        return opening.sign(structs.replace(stated, **changes), self.world.private[key or opener])
 
     def answers(self, audience: str = AUDIENCE, nonce: str = "n" * 32) -> answers.Answers:
         response = self.get(PEP, f"/approvals/answers?audience={audience}&nonce={nonce}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from dataclasses import replace
 from decimal import Decimal
 from html.parser import HTMLParser
 
@@ -15,6 +14,7 @@ from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT, Quantity, Unit
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from policies.words.reason_table import REASONS, Reason
 from tests.idp.asks import AGENT, PEP, SENSOR, Cell
 from tests.idp.world import AUDIENCE, ISSUER

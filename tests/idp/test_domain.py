@@ -115,7 +115,7 @@ def test_nonces_go_to_agents_that_live():
 def evidence(**changes):
     stated = dict(
         agent="mover", key_thumbprint=keys.thumbprint(keys.public_raw(AGENT_KEY)), nonce="n" * 32, delegator="", request_digest=bytes(32),
-        measurement=DIGEST, at=AT_MS // 1000,
+        measurement=DIGEST, at=AT_MS // 1000, workload="",
     )  # fmt: skip
     return attestation.sign(attestation.Evidence(**(stated | changes)), AGENT_KEY)
 

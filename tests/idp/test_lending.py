@@ -174,6 +174,7 @@ def forged(world, agent: Agent, **changes) -> str:
         request_digest=bytes(32),
         measurement=MEASUREMENT,
         at=int(world.clock()),
+        workload="",
     )
     signer = changes.pop("signer", world.private[agent.id])
     stated |= changes

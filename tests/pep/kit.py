@@ -5,7 +5,7 @@ import json
 import os
 import secrets
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
@@ -27,6 +27,7 @@ from capabilities.token.verify import Verifier
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Attestation, EvidenceKind, HopGrant, Sponsor
 from capabilities.values.scope import Grant, Limit, Range, Scope, Tier
+from msgspec import structs
 from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL_OUTPUT, SPEED_JOINT
 from pep.base.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together
 from pep.gate.gate import Gate, Result
@@ -171,7 +172,7 @@ def agent(made, at, *, name="robotic", scope=None, sponsor="alice", caps=CAPS):
 def survey(at, **changes):
     """The embedded cell's file, unsigned."""
     stated = embedded(audience=AUDIENCE, author="carol", sensor="camera-1", at=int(at))
-    return replace(stated, **changes)
+    return structs.replace(stated, **changes)
 
 
 class Feed:

@@ -7,12 +7,12 @@ import asyncio
 import base64
 import contextlib
 import json
-from dataclasses import replace
 
 import pytest
 from capabilities.keys import jws, keys
 from capabilities.statements import checkpoint, observation, statement_form
 from capabilities.values.caps import DEFAULT as CAPS
+from msgspec.structs import replace
 from pep.perception.receiver import CONNECTIONS, Receiver
 from pep.perception.sensor_frames import FRAME_BYTES, Frame, Frames, Seen
 from pep.pit import CellParameters, Robot, observed, standing_adult, surveyed

@@ -13,6 +13,7 @@ from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Grant
+from msgspec import structs
 from pep.base.errors import PepError, PepFault
 from pep.context import memory as module
 from pep.context.collection import Incident
@@ -357,7 +358,10 @@ def test_a_row_that_follows_another_history(desk):
     mine = {keys.public_raw(desk.key)}
     row = statement.open(desk.rows.row(2).text, mine, CAPS)
     desk.sql(
-        ("UPDATE memory SET text = ? WHERE sequence = 2", (statement.sign(replace(row, at=row.at + 1), desk.key),))
+        (
+            "UPDATE memory SET text = ? WHERE sequence = 2",
+            (statement.sign(structs.replace(row, at=row.at + 1), desk.key),),
+        )
     )
     assert faults(desk) == {"a": "", "b": "ROW_FORGED", "c": ""}
     desk.reopen()

@@ -1,7 +1,8 @@
 """Frames: only what a registered sensor signed, in order and in time, may say what the world is; and a bad frame is never nothing."""
 
 import asyncio
-from dataclasses import dataclass, replace
+import dataclasses
+from dataclasses import dataclass
 
 import pep.world.world
 import pytest
@@ -9,6 +10,7 @@ from capabilities.keys import keys
 from capabilities.statements import observation
 from capabilities.statements import observation as wire
 from capabilities.values.caps import DEFAULT as CAPS
+from msgspec.structs import replace
 from pep.base.errors import PepFault, RobotError
 from pep.mcp.mapping import ARM_TOOLS, to_request
 from pep.perception.consistency import contradicted
@@ -145,14 +147,14 @@ def test_what_the_record_says_of_the_sensors(world):
     "changed", [{"calibration": "cd" * 32}, {"key": keys.public_raw(keys.generate())}, {"transit_ms": 21}]
 )
 def test_a_changed_registration_takes_back_what_was_believed_under_the_old_one(world, changed):
-    world.registry.known = {"camera-1": replace(world.registry.known["camera-1"], **changed)}
+    world.registry.known = {"camera-1": dataclasses.replace(world.registry.known["camera-1"], **changed)}
     assert isinstance(world.frames.view(), Unseen)
     assert states(world) == [("camera-1", "missing", "")]
 
 
 def test_a_frame_under_the_new_registration_is_believed_again(world):
     old = world.registry.known["camera-1"]
-    world.registry.known = {"camera-1": replace(old, calibration="cd" * 32)}
+    world.registry.known = {"camera-1": dataclasses.replace(old, calibration="cd" * 32)}
     assert world.admit().fault is FrameFault.WRONG_CALIBRATION
     assert isinstance(world.admit(calibration="cd" * 32), Frame)
     assert isinstance(world.frames.view(), Seen)

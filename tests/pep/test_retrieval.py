@@ -5,13 +5,14 @@ import importlib
 import secrets
 import socket
 import unicodedata
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import pytest
 from capabilities.keys import keys
 from capabilities.statements import manifest, observation
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.errors import Fault, FaultCode
+from msgspec import structs
 from pep.base.errors import PepError, PepFault
 from pep.context.collection import Held, Incident, RetrievalFault, shown
 from pep.context.high_water_marks import Mark
@@ -73,7 +74,7 @@ class Library:
         listed = tuple(manifest.entry_of(id_, text.encode(), "handbook-7") for id_, text in sorted(texts.items()))
         at = int(self.clock.wall_s())
         said = manifest.Manifest(self.name, self.content, "dora", 1, listed, at, at + 86_400)
-        return manifest.sign(replace(said, **changes), key or self.key)
+        return manifest.sign(structs.replace(said, **changes), key or self.key)
 
     def publish(self, texts=TEXTS, **changes):
         self.store.keep(list(texts.items()))

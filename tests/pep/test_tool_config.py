@@ -1,18 +1,19 @@
 """The cell's configuration is read strictly, and refused by the name of what is wrong with it."""
 
 import asyncio
-import dataclasses
 import itertools
 import json
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import httpx2
 import pytest
 from capabilities.keys import keys
 from capabilities.statements import cell, checkpoint, observation
 from capabilities.values.scope import Tier
+from msgspec import structs
 from pep.base.errors import ConfigError, PepFault
 from pep.pit import (
     CALIBRATED_UNCERTAINTY_M,
@@ -282,7 +283,7 @@ def signed(tmp_path, text=None, *, key=SURVEYOR, at=NOW, **changes):
     """The cell that the server starts with when this file lies there."""
     path = tmp_path / "cell.jws"
     stated = survey(NOW, audience="http://127.0.0.1:8800/mcp")
-    written = cell.sign(dataclasses.replace(stated, **changes), key) if text is None else text
+    written = cell.sign(structs.replace(stated, **changes), key) if text is None else text
     path.write_bytes(written if isinstance(written, bytes) else written.encode())
     return read_cell(GatewayConfig.from_toml(toml(cell_file=f'"{path}"')), at=at)
 
@@ -300,7 +301,7 @@ def test_a_signed_cell_file_is_taken(tmp_path):
         ("part-1", "tool"),
     }
     assert parameters.workspace.high_m == (1.0, 1.0, 1.2)
-    assert surveyed(dataclasses.replace(stated, payload_g=None), CellParameters()).payload_kg is None
+    assert surveyed(structs.replace(stated, payload_g=None), CellParameters()).payload_kg is None
 
 
 # -- the arm's own kinematics
@@ -372,7 +373,7 @@ def test_a_broken_calibration_keeps_the_server_from_starting(tmp_path):
 
 def test_doctor_tells_how_well_the_arm_is_known(tmp_path):
     path, configured = tmp_path / "cell.jws", tmp_path / "gateway.toml"
-    stated = dataclasses.replace(
+    stated = structs.replace(
         survey(NOW, audience="http://127.0.0.1:8800/mcp"),
         not_before=int(time.time()) - 9,
         not_after=int(time.time()) + 999,
@@ -483,9 +484,9 @@ def test_what_lies_whole_in_a_hard_zone_cannot_be_touched(name):
         assert raised.value.code is SurveyFault.CONTACT_IN_HARD_ZONE
     else:
         surveyed(stated, CellParameters())
-    declared = dataclasses.replace(stated, zones=(cell.Zone("zone", Tier(4), zone),))
+    declared = structs.replace(stated, zones=(cell.Zone("zone", Tier(4), zone),))
     assert surveyed(declared, CellParameters()).contacts
-    untouched = dataclasses.replace(stated, contacts=())
+    untouched = structs.replace(stated, contacts=())
     assert surveyed(untouched, CellParameters()).zones
 
 
@@ -509,7 +510,7 @@ def test_the_process_does_not_start_on_another_persons_cell_file(tmp_path, files
 def test_the_embedded_zones_keep_away_from_the_sweep_and_can_be_reached():
     """0.15 m around each zone the ordinary sweep is free; turning on leads into the fixture, the other way round into the charger."""
     arm, cell_ = Robot.load("ur3e"), surveyed(survey(NOW), CellParameters())
-    wider = dataclasses.replace(
+    wider = replace(
         cell_,
         zones=tuple(
             StaticZone(z.name, None, sphere=Sphere(z.sphere.center_m, z.sphere.radius_m + 0.15)) for z in cell_.zones

@@ -8,6 +8,7 @@ import pytest
 from capabilities.statements import observation as wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 from pep.perception.sensor_frames import Frame, Heard, Look
 from pep.pit import Assessment, GripperMove, Sphere, Thing, adult_at_distance, assess, gripped, scene_observed
 from pep.pit.assess.remaining import Remaining, remaining
@@ -178,7 +179,7 @@ def test_several_sensors_each_keep_their_word():
     body = wire.ObservedPerson("p", (("head", wire.Sphere((1_500_000, 0, 1_000_000), 100_000)),), 120)
     thing = wire.ObservedObject("table", "rigid", wire.Sphere((0, 900_000, 0), 50_000))
     scene = scene_observed(
-        (frame("left", people=(body,)), frame("right", people=(replace(body, age_ms=0),), objects=(thing,))),
+        (frame("left", people=(body,)), frame("right", people=(structs.replace(body, age_ms=0),), objects=(thing,))),
         CELL, complete=True,
     )  # fmt: skip
     assert [(each.id, each.source, each.age_s) for each in scene.people] == [("p", "left", 0.12), ("p", "right", 0.0)]

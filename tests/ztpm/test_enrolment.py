@@ -1,11 +1,10 @@
 """What is registered once is never registered again behind a person's back."""
 
-from dataclasses import replace
-
 import pytest
 from capabilities.keys import keys
 from capabilities.statements.registry import PartyEntry, RegistrySnapshot, SensorEntry, ToolEntry
 from capabilities.values.scope import Tier
+from msgspec.structs import replace
 from pep.mcp.arm_server import tool_definitions
 from ztpm.base.layout import Layout, read_key
 from ztpm.cell import enrolment

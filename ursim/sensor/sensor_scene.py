@@ -11,6 +11,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
+from msgspec import structs
+
+from capabilities.form import plain
 from capabilities.statements import observation as wire
 from capabilities.values.errors import CapabilityError
 from pep.pit import observed, standing_adult
@@ -221,7 +224,7 @@ def _convex(entry: Any) -> tuple[wire.Shape, tuple[float, ...]]:
     radius = entry.get("radius_m", 0)
     shape = wire.Convex(tuple(about), _length(radius) if radius else 0)
     try:
-        return wire.shape(wire.shape_claims(shape)), middle
+        return wire.shape(plain(shape)), middle
     except CapabilityError as error:
         raise SceneCommandError("a convex shape that no frame can show") from error
 
@@ -289,10 +292,10 @@ def _shifted(shape: wire.Shape, place_m: tuple[float, ...]) -> wire.Shape:
         return (x, y, z)
 
     if isinstance(shape, wire.Capsule):
-        return replace(shape, a_um=there(shape.a_um), b_um=there(shape.b_um))
+        return structs.replace(shape, a_um=there(shape.a_um), b_um=there(shape.b_um))
     if isinstance(shape, wire.Convex):
-        return replace(shape, vertices_um=tuple(map(there, shape.vertices_um)))
-    return replace(shape, center_um=there(shape.center_um))
+        return structs.replace(shape, vertices_um=tuple(map(there, shape.vertices_um)))
+    return structs.replace(shape, center_um=there(shape.center_um))
 
 
 def parse(line: str) -> object:

@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from capabilities.statements.ask import ID
+from capabilities.statements.claims import ID
 from ztpm.cli.output import DEFER, USAGE, console, fail, plain, say_json
 from ztpm.cli.person import As, Data, Issuer, Json, KeyFile, Reason, answering, refusals
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
+
+from msgspec import structs
 
 from capabilities.keys.keys import check_raw, unb64u
 from capabilities.statements import ask, vote
@@ -108,7 +110,7 @@ def _plain(value: object) -> Any:
         case tuple():
             return [_plain(member) for member in value]
         case ask.Contributor():
-            return asdict(value)
+            return structs.asdict(value)
         case Quantity(name=name, unit=unit, value=number):
             return {"name": name, "unit": str(unit), "value": number}
         case Tier():

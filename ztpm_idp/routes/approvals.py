@@ -9,6 +9,7 @@ from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 
 from capabilities.keys.keys import b64u
 from capabilities.statements import answers, ask
+from capabilities.statements.claims import ID
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, Asked, AskState, stated
 from ztpm_idp.domain.codes import IdpCode
@@ -87,7 +88,7 @@ async def read_ask(request: Request, ask_id: str, call: Caller) -> JSONResponse:
 async def cast_vote(request: Request, ask_id: str, call: Caller) -> JSONResponse:
     """A person's answer is taken; how the ask stands after it."""
     text, provider = call.body(wire.VoteBody).vote, provider_of(request)
-    if not ask.ID.fullmatch(ask_id):
+    if not ID.fullmatch(ask_id):
         raise Problem(IdpCode.ASK_UNKNOWN)
     done = await provider.run(commands.CastVote(call.party.id, ask_id, text, call.signed), actor=call.party.id)
     (state,) = (event.state for event in done.events if isinstance(event, VoteCast))
@@ -150,7 +151,7 @@ async def list_openings(request: Request, call: Caller) -> JSONResponse:
 async def close_opening(request: Request, opening_id: str, call: Caller) -> dict[str, str]:
     """The opening is over."""
     reason = call.body(wire.ReasonBody).reason
-    if not ask.ID.fullmatch(opening_id):
+    if not ID.fullmatch(opening_id):
         raise Problem(IdpCode.OPENING_UNKNOWN)
     await provider_of(request).run(commands.CloseOpening(call.party.id, opening_id, reason), actor=call.party.id)
     return {"opening_id": opening_id}
@@ -164,7 +165,7 @@ def _only_people(call: Call) -> None:
 async def _found(request: Request, ask_id: str) -> tuple[Asked, str, bytes]:
     """The ask with its votes, its text, and the key of the enforcement point that signed it."""
     async with provider_of(request).store.read() as view:
-        asked = await view.approvals.asked(ask_id) if ask.ID.fullmatch(ask_id) else None
+        asked = await view.approvals.asked(ask_id) if ID.fullmatch(ask_id) else None
         if asked is None:
             raise Problem(IdpCode.ASK_UNKNOWN)
         text, key = (await view.approvals.signed(frozenset({ask_id})))[ask_id]

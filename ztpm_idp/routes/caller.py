@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from fastapi import Request  # noqa: TC002  the framework reads the annotations
 
 from capabilities.proof.proof import check_proof
-from capabilities.statements.attestation import NONCE
+from capabilities.statements.claims import NONCE
 from capabilities.token.token_text import token_from_text
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode
