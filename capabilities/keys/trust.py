@@ -7,21 +7,13 @@ authenticated channel, never from a token.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import chain
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, assert_never
+from typing import TYPE_CHECKING, Annotated, Final, assert_never
 
+from capabilities.form import Form, FormError, read, upto, whole
 from capabilities.keys.keys import KEY_BYTES, b64u, check_raw
-from capabilities.keys.windows import (
-    FOREVER,
-    KEYS_OF_A_ROLE,
-    Role,
-    Standing,
-    Window,
-    entries_of,
-    entry,
-    entry_of,
-    whole,
-)
+from capabilities.keys.windows import FOREVER, KEYS_OF_A_ROLE, Entry, Role, Standing, Window, entry
 from capabilities.values import strict_json, text
 from capabilities.values.errors import BadKeyError, CapabilityError, Fault, FaultCode
 
@@ -234,33 +226,40 @@ class TrustBundle:
         Raises:
             BadKeyError: `KEY_MALFORMED` for other members or forms; as the constructor.
         """
-        if members.keys() != {"issuer", "version", "issued_at", "valid_until", *Role}:
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "not the members of a trust bundle")
-        issuer, roots = members["issuer"], members["roots"]
-        if not isinstance(issuer, str) or not isinstance(roots, dict):
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "issuer or roots of a wrong type")
-        found = {role: entries_of(members[role]) for role in Role if role is not Role.ROOT}
-        by_id = {_number(number): entry_of(stated) for number, stated in roots.items()}
+        try:
+            stated = read(_Members, members)
+        except FormError as error:
+            raise BadKeyError(FaultCode.KEY_MALFORMED, str(error)) from None
+        lists = (stated.attesters, stated.feed, stated.registry, stated.ledger)
+        if any(len({entry.key for entry in entries}) != len(entries) for entries in lists):
+            raise BadKeyError(FaultCode.KEY_MALFORMED, "a key twice")
+        attesters, feed, registry, ledger = (frozenset(entry.key for entry in entries) for entries in lists)
         return cls(
-            issuer=issuer,
-            version=whole(members["version"]),
-            roots={number: raw for number, (raw, _) in by_id.items()},
-            attesters=frozenset(found[Role.ATTESTER]),
-            feed=frozenset(found[Role.FEED]),
-            registry=frozenset(found[Role.REGISTRY]),
-            ledger=frozenset(found[Role.LEDGER]),
-            windows={**dict(by_id.values()), **{r: w for entries in found.values() for r, w in entries.items()}},
-            issued_at=whole(members["issued_at"]),
-            valid_until=whole(members["valid_until"]),
+            issuer=stated.issuer,
+            version=stated.version,
+            roots={int(number): entry.key for number, entry in stated.roots.items()},
+            attesters=attesters,
+            feed=feed,
+            registry=registry,
+            ledger=ledger,
+            windows={entry.key: entry.window for entry in chain(stated.roots.values(), *lists)},
+            issued_at=stated.issued_at,
+            valid_until=stated.valid_until,
         )
+
+
+class _Members(Form, frozen=True):
+    issuer: str
+    version: int
+    issued_at: int
+    valid_until: int
+    roots: dict[Annotated[str, whole("0|[1-9][0-9]{0,9}")], Entry]
+    attesters: Annotated[tuple[Entry, ...], upto(KEYS_OF_A_ROLE)]
+    feed: Annotated[tuple[Entry, ...], upto(KEYS_OF_A_ROLE)]
+    registry: Annotated[tuple[Entry, ...], upto(KEYS_OF_A_ROLE)]
+    ledger: Annotated[tuple[Entry, ...], upto(KEYS_OF_A_ROLE)]
 
 
 def _clause(standing: Standing) -> str:
     """What says that a key which stands so is not trusted."""
     return "TRB-3" if standing is Standing.TAINTED else "TRB-2"
-
-
-def _number(digits: str) -> int:
-    if not digits.isascii() or not digits.isdigit() or len(digits) > 10 or str(int(digits)) != digits:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a root key id")
-    return int(digits)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum, StrEnum
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+from capabilities.form import Form, converted, plain, read
 from capabilities.keys.keys import b64u, unb64u
 from capabilities.values.errors import BadKeyError, FaultCode
 
@@ -59,54 +60,30 @@ class Standing(Enum):
 # --- as JSON [TRB-1] -------------------------------------------------------------------------------------------------
 
 
+if TYPE_CHECKING:
+    _Raw = bytes
+else:
+    _Raw = converted(bytes, lambda value: unb64u(read(str, value)))
+
+
+class Entry(Form, frozen=True):
+    """A key and its window, as a bundle states them."""
+
+    key: _Raw
+    not_before: int
+    not_after: int
+    tainted_at: int | None
+
+    @property
+    def window(self) -> Window:
+        """The window.
+
+        Raises:
+            BadKeyError: as `Window`.
+        """
+        return Window(self.not_before, self.not_after, self.tainted_at)
+
+
 def entry(raw: bytes, window: Window) -> dict[str, object]:
     """The JSON object of a key and its window."""
-    return {
-        "key": b64u(raw),
-        "not_before": window.not_before,
-        "not_after": window.not_after,
-        "tainted_at": window.tainted_at,
-    }
-
-
-def entry_of(value: object) -> tuple[bytes, Window]:
-    """The key and window of their JSON object.
-
-    Raises:
-        BadKeyError: `KEY_MALFORMED` for other members or forms.
-    """
-    if not isinstance(value, dict) or value.keys() != {"key", "not_before", "not_after", "tainted_at"}:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a key with its window")
-    spelled, tainted_at = value["key"], value["tainted_at"]
-    if not isinstance(spelled, str):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a base64url text")
-    return unb64u(spelled), Window(
-        whole(value["not_before"]),
-        whole(value["not_after"]),
-        None if tainted_at is None else whole(tainted_at),
-    )
-
-
-def entries_of(value: object) -> dict[bytes, Window]:
-    """The keys and windows of a JSON list of at most `KEYS_OF_A_ROLE`, each key once.
-
-    Raises:
-        BadKeyError: `KEY_MALFORMED` for anything else.
-    """
-    if not isinstance(value, list) or len(value) > KEYS_OF_A_ROLE:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, f"not a list of at most {KEYS_OF_A_ROLE} keys")
-    found = dict(map(entry_of, value))
-    if len(found) != len(value):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "a key twice")
-    return found
-
-
-def whole(value: object) -> int:
-    """The value, an integer.
-
-    Raises:
-        BadKeyError: `KEY_MALFORMED` for anything else.
-    """
-    if not isinstance(value, int) or isinstance(value, bool):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not an integer")
-    return value
+    return {"key": b64u(raw), **plain(window)}
