@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from msgspec import UNSET, UnsetType
+
+from capabilities.form import Form, FormError, read
 from capabilities.values.bounds import limits_to_json
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, ScopeError
-from capabilities.values.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import Parameter, Unit
 from capabilities.values.well_formed import well_formed, well_formed_restriction
 
@@ -78,8 +81,29 @@ _WRITE: Final[dict[str, Any]] = {
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def _read(members: dict[str, object]) -> dict[str, Any]:
-    return {dimension: _READ[dimension](value) for dimension, value in members.items()}
+class _Limit(Form, frozen=True):
+    parameter: str
+    unit: Unit
+    one_of: tuple[int, ...] | UnsetType = UNSET
+    low: int | UnsetType = UNSET
+    high: int | UnsetType = UNSET
+
+
+class _Grant(Form, frozen=True):
+    object: str
+    operation: str
+    limits: tuple[_Limit, ...]
+
+
+_FORMS: Final[dict[str, Any]] = {
+    "grants": tuple[_Grant, ...],
+    "ceiling": int,
+    "audiences": tuple[str, ...],
+    "delegates": tuple[str, ...],
+    "depth": int,
+    "not_before": int,
+    "not_after": int,
+}
 
 
 def _members(value: object) -> dict[str, object]:
@@ -88,76 +112,41 @@ def _members(value: object) -> dict[str, object]:
     return value
 
 
-def _exactly(value: object, *names: str) -> tuple[object, ...]:
-    members = _members(value)
-    if members.keys() != set(names):
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, f"not exactly {', '.join(names)}")
-    return tuple(members[name] for name in names)
+def _read(members: dict[str, object]) -> dict[str, Any]:
+    return {dimension: _dimension(dimension, value) for dimension, value in members.items()}
 
 
-def _integer(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not an integer")
-    return value
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a text")
-    return value
-
-
-def _list(value: object) -> list[object]:
-    if not isinstance(value, list):
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a list")
-    return value
-
-
-def _names(value: object) -> frozenset[str]:
-    names = [_text(member) for member in _list(value)]
-    if names != sorted(set(names)):
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "names not sorted, or one twice")
-    return frozenset(names)
-
-
-def _tier(value: object) -> Tier:
-    if not 0 <= _integer(value) <= max(Tier):
-        raise ScopeError(FaultCode.OUT_OF_RANGE, "no such tier")
-    return Tier(_integer(value))
-
-
-def _grants(value: object) -> tuple[Grant, ...]:
-    return tuple(map(_grant, _list(value)))
-
-
-def _grant(value: object) -> Grant:
-    thing, operation, limits = _exactly(value, "object", "operation", "limits")
-    return Grant(_text(thing), _text(operation), tuple(map(_limit, _list(limits))))
-
-
-def _limit(value: object) -> Limit:
-    bound: Bound
-    if "one_of" in _members(value):
-        name, unit, one_of = _exactly(value, "parameter", "unit", "one_of")
-        values = [_integer(member) for member in _list(one_of)]
-        if values != sorted(set(values)):
-            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "values not ascending, or one twice")
-        bound = OneOf(frozenset(values))
-    else:
-        name, unit, low, high = _exactly(value, "parameter", "unit", "low", "high")
-        bound = Range(_integer(low), _integer(high))
+def _dimension(dimension: str, value: object) -> Any:
     try:
-        return Limit(Parameter(_text(name), Unit(_text(unit))), bound)
-    except ValueError:
-        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "no such unit") from None
+        stated = read(_FORMS[dimension], value)
+    except FormError as error:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, f"{dimension}: {error}") from None
+    match dimension:
+        case "grants":
+            return tuple(Grant(each.object, each.operation, tuple(map(_limit, each.limits))) for each in stated)
+        case "ceiling" if not 0 <= stated <= max(Tier):
+            raise ScopeError(FaultCode.OUT_OF_RANGE, "no such tier")
+        case "ceiling":
+            return Tier(stated)
+        case "audiences" | "delegates":
+            return _set(stated, "names not sorted, or one twice")
+        case _:
+            return stated
 
 
-_READ: Final[dict[str, Any]] = {
-    "grants": _grants,
-    "ceiling": _tier,
-    "audiences": _names,
-    "delegates": _names,
-    "depth": _integer,
-    "not_before": _integer,
-    "not_after": _integer,
-}
+def _limit(stated: _Limit) -> Limit:
+    parameter = Parameter(stated.parameter, stated.unit)
+    match stated.one_of, stated.low, stated.high:
+        case tuple(values), UnsetType(), UnsetType():
+            return Limit(parameter, OneOf(_set(values, "values not ascending, or one twice")))
+        case UnsetType(), int(low), int(high):
+            return Limit(parameter, Range(low, high))
+        case _:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not exactly one_of, or low and high")
+
+
+def _set(stated: tuple[Any, ...], wrong: str) -> frozenset[Any]:
+    """The members, when each is there once and in order."""
+    if list(stated) != sorted(set(stated)):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, wrong)
+    return frozenset(stated)
