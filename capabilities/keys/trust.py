@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Final, assert_never
 
 from capabilities.form import Form, FormError, read, upto, whole
 from capabilities.keys.keys import KEY_BYTES, b64u, check_raw
-from capabilities.keys.windows import FOREVER, KEYS_OF_A_ROLE, Entry, Role, Standing, Window, entry
+from capabilities.keys.windows import FOREVER, KEYS_OF_A_ROLE, Role, Standing, TrustedKey, Window, entry
 from capabilities.values import strict_json, text
 from capabilities.values.errors import BadKeyError, CapabilityError, Fault, FaultCode
 
@@ -253,11 +253,11 @@ class _Members(Form, frozen=True):
     version: int
     issued_at: int
     valid_until: int
-    roots: dict[Annotated[str, whole("0|[1-9][0-9]{0,9}")], Entry]
-    attesters: Annotated[tuple[Entry, ...], upto(KEYS_OF_A_ROLE)]
-    feed: Annotated[tuple[Entry, ...], upto(KEYS_OF_A_ROLE)]
-    registry: Annotated[tuple[Entry, ...], upto(KEYS_OF_A_ROLE)]
-    ledger: Annotated[tuple[Entry, ...], upto(KEYS_OF_A_ROLE)]
+    roots: dict[Annotated[str, whole("0|[1-9][0-9]{0,9}")], TrustedKey]
+    attesters: Annotated[tuple[TrustedKey, ...], upto(KEYS_OF_A_ROLE)]
+    feed: Annotated[tuple[TrustedKey, ...], upto(KEYS_OF_A_ROLE)]
+    registry: Annotated[tuple[TrustedKey, ...], upto(KEYS_OF_A_ROLE)]
+    ledger: Annotated[tuple[TrustedKey, ...], upto(KEYS_OF_A_ROLE)]
 
 
 def _clause(standing: Standing) -> str:

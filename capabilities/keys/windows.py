@@ -66,7 +66,7 @@ else:
     _Raw = converted(bytes, lambda value: unb64u(read(str, value)))
 
 
-class Entry(Form, frozen=True):
+class TrustedKey(Form, frozen=True):
     """A key and its window, as a bundle states them."""
 
     key: _Raw
