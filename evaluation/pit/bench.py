@@ -19,12 +19,10 @@ from evaluation.pit.cells import (
     ASSESS,
     CHECKER,
     KERNEL,
-    NUMPY_ASSESS,
     RULER,
     STREAM,
     Of,
     assessing,
-    assessing_by_numpy,
     beside_sampling,
     checking,
     streaming,
@@ -32,6 +30,7 @@ from evaluation.pit.cells import (
 from evaluation.pit.sampled import NAME as SAMPLED
 from evaluation.pit.truth import legs_truth, ready
 from pep.pit.search.engine import chosen
+from ztpm.preparing import prepare_physics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -68,8 +67,6 @@ TARGETS: Final[Mapping[Of, tuple[float, float]]] = MappingProxyType(
         Of(ASSESS, peopled("moveL", 20)): (1_000.0, 4_000.0),
         Of(ASSESS, peopled("moveL", 100)): (4_000.0, 15_000.0),
         Of(ASSESS, peopled("20 moves", 20)): (5_000.0, 20_000.0),
-        Of(NUMPY_ASSESS, peopled("moveJ", 20)): (5_000.0, 10_000.0),
-        Of(NUMPY_ASSESS, peopled("moveJ", 100)): (20_000.0, 80_000.0),
         Of(STREAM, SPEED_STEP): (20.0, 100.0),
         Of(STREAM, SERVO_STEP): (20.0, 100.0),
         Of(CHECKER, peopled("moveJ", 20)): (20_000.0, 100_000.0),
@@ -104,6 +101,7 @@ def line_up(
     mujoco = {"mujoco": found[0]} if found else {}
     told("drawing questions, and sampling what is true of them")
     groups, streamed = _groups(np.random.default_rng(seed), sizes, questions, mujoco=bool(mujoco))
+    prepare_physics()
     versions = {"engine": chosen().name, "pin": metadata.version("pin"), "coal": metadata.version("coal")}
     bars = {name: bar for name, (_, bar) in SPEEDUPS.items()}
     return LineUp(groups, unmeasured, versions | mujoco, more={"bars": bars}, frequent=streamed, often=STREAMED)
@@ -117,7 +115,7 @@ def _groups(
     groups = [beside_sampling(among, AMONG_20, mujoco=mujoco)]
     for things in sizes:
         asked, name = [ready(each) for each in workload.peopled(rng, things, count)], peopled("moveJ", things)
-        groups.append([assessing(asked, name), assessing_by_numpy(asked, name), checking(asked, name)])
+        groups.append([assessing(asked, name), checking(asked, name)])
     for things in sizes:
         asked = [ready(each) for each in workload.lines(rng, things, count)]
         groups.append([assessing(asked, peopled("moveL", things))])

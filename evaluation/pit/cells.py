@@ -15,15 +15,13 @@ from evaluation.pit.truth import stop_of
 from evaluation.pit.workload import AGE_S
 from pep.pit import Assessment, MoveJ, assess
 from pep.pit.assess.assessment import MILLI
-from pep.pit.assess.straight_assessment import MoveQuestion
 from pep.pit.assess.stream import Bounded, Stream
 from pep.pit.base.motion import profile_of
 from pep.pit.base.tier import HIGHEST
 from pep.pit.checker import Verified, verify
 from pep.pit.proof.proof_document import document
 from pep.pit.scene.pairs import pairs_of
-from pep.pit.search.engine import NUMPY, chosen
-from pep.pit.search.question import as_run, view_around
+from pep.pit.search.engine import chosen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -37,8 +35,6 @@ KERNEL: Final = "kernel, index"
 RULER: Final = "kernel, clearance"
 ASSESS: Final = "assess"
 STREAM: Final = "prepared stream"
-NUMPY_INDEX: Final = "numpy, index"
-NUMPY_ASSESS: Final = "numpy, assess"
 CHECKER: Final = "checker"
 ROUNDING: Final = 1e-4
 """Of an index: coal stops at 1e-6 m, and the narrowest band is 20 mm."""
@@ -175,17 +171,6 @@ def _by_stream(asked: Asked) -> Any:
     return stream.step(asked.question.step, authorised_milli=asked.extra["authorised"], seed=SEED)
 
 
-def _by_numpy(asked: Asked) -> Any:
-    each = asked.question
-    assert isinstance(each.motion, MoveJ)
-    view = view_around(each.robot, each.scene, AGE_S, each.motion.start, each.cell)
-    run = as_run(each.motion, each.cell)
-    question = MoveQuestion(
-        each.robot, view, run, each.cell, touch=NOTHING, seed=SEED, check_time=_no_limit, engine=NUMPY
-    )
-    return question.answer()
-
-
 def _by_checker(asked: Asked) -> Any:
     return verify(asked.extra["document"])
 
@@ -217,7 +202,6 @@ def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[
             spoiled=_nearer,
         ),
         assessing(asked, load),
-        cell(Of(NUMPY_INDEX, load), proven, asked, _by_search(NUMPY), right=_index_right, spoiled=_higher),
     ]
     if mujoco:
         cells.append(
@@ -230,12 +214,6 @@ def assessing(asked: Sequence[Asked], load: str) -> Cell[Of]:
     """`assess` as it is called for a command."""
     checks = "the whole answer: index, tier, violations, causes, a slower speed; confirmed by the second engine"
     return cell(Of(ASSESS, load), checks, asked, _by_assess, right=_assessed_right, spoiled=_highest)
-
-
-def assessing_by_numpy(asked: Sequence[Asked], load: str) -> Cell[Of]:
-    """The same where numba is not installed."""
-    checks = "the same without numba"
-    return cell(Of(NUMPY_ASSESS, load), checks, asked, _by_numpy, right=_assessed_right, spoiled=_highest)
 
 
 def streaming(asked: Sequence[Asked], load: str) -> Cell[Of]:

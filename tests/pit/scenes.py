@@ -22,7 +22,7 @@ from pep.pit import (
     Zone,
     adult_at_distance,
 )
-from pep.pit.path.straight_path import Path
+from tests.model.pit.path import NumpyPath
 
 ROBOT = Robot.load("ur3e")
 CELL = CellParameters()
@@ -37,7 +37,7 @@ def sweep(speed=1.05, acceleration=1.4, half=0.6):
 
 
 def tcp(q=HOME):
-    path = Path(ROBOT, MoveJ(q, q, 1.0, 1.0))
+    path = NumpyPath(ROBOT, MoveJ(q, q, 1.0, 1.0))
     _, poses = path.nodes(np.array([0]))
     return poses.ends[0, ROBOT.body_index("tcp"), 0]
 

@@ -26,13 +26,14 @@ from pep.pit import (
     standing_adult,
 )
 from pep.pit.assess.assessment import Assessment
-from pep.pit.path.straight_path import GRID, Path
+from pep.pit.path.straight_path import GRID
 from pep.pit.scene.obstacles import Kind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.view import view_of
 from pep.pit.search.certify import VIOLATION_RESOLUTION_M
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
+from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
 NAN, INF = math.nan, math.inf
@@ -266,7 +267,7 @@ def test_a_zone_that_only_the_end_of_the_path_enters():
     move = sweep(0.5, 1.0)
     at, before = np.array(tcp(move.target)), np.array(tcp((0.55, *HOME[1:])))
     ahead = at + (at - before) / np.linalg.norm(at - before) * 0.2
-    path = Path(ROBOT, move)
+    path = NumpyPath(ROBOT, move)
 
     def scene(radius):
         return replace(empty(), zones=(Zone("press", Sphere(tuple(ahead.tolist()), radius), None),))
@@ -416,7 +417,7 @@ def break_radii(monkeypatch):
 
 
 def break_speed(monkeypatch):
-    from pep.pit.path import straight_path as path
+    from tests.model.pit import path
 
     true = path.poses
     monkeypatch.setattr(path, "poses", lambda *a: replace(true(*a), speed=true(*a).speed * 0.5))
@@ -507,10 +508,10 @@ def late_glass():
     ],
 )
 def test_a_broken_engine_is_found_out(monkeypatch, engine, sabotage, scene):
-    from pep.pit.search.engine import NUMPY
+    from tests.model.pit.engine import NUMPY
 
     if engine == NUMPY.name:
-        monkeypatch.setattr("pep.pit.assess.straight_assessment.chosen_for", lambda *_: NUMPY)
+        monkeypatch.setattr("pep.pit.assess.straight_assessment.chosen", lambda: NUMPY)
     move = sweep(2.0, 3.0)
     assert ask(scene, move).engine == engine
     assert isinstance(ask(scene, move), Assessment)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pep.pit import GripperMove, Person, Region, Sphere, assess
 from pep.pit.base.motion import profile_of
-from pep.pit.path.straight_path import Path
 from pep.pit.scene.contact_limits import contact_speed_m_s, effective_mass_kg
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.second.second_engine import World
+from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import (
     CELL,
     HOME,
@@ -35,7 +35,7 @@ def ask(scene, move, cell=CELL):
 
 def sampled(scene, move, samples=300):
     """Highest ratio of surface speed to limit speed over samples of the other engine, and the highest speed of the tip."""
-    path, profile = Path(ROBOT, move), profile_of(move)
+    path, profile = NumpyPath(ROBOT, move), profile_of(move)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
     stop = stopping(CELL, perception_age_s=AGE, joint_speed_rad_s=profile.peak_rad_s)
     world = World(ROBOT, scene, pairs)

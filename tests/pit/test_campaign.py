@@ -13,14 +13,14 @@ from evaluation.pit.ruler import REACH_M, Least, Ruler
 from pep.pit import Contact, Person, Region, Scene, Sphere, Thing, Workspace, assess
 from pep.pit.base.motion import Profile, profile_of
 from pep.pit.checker import Verified
-from pep.pit.geometry.clearance import interval_clearance
-from pep.pit.path.straight_path import GRID, Path
-from pep.pit.robot.kinematics import bending
+from pep.pit.path.straight_path import GRID
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
-from pep.pit.search.engine import NUMPY
 from pep.pit.second.straight_check import Agreement
 from policies.evidence.evidence import ImpactFault
+from tests.model.pit.clearance import interval_clearance
+from tests.model.pit.engine import NUMPY
+from tests.model.pit.path import NumpyPath, bending
 from tests.pit import bracket, campaign, dense, facts, laws, stage, trials, twin
 from tests.pit.corruption import Corrupted
 from tests.pit.laws import FAR_M
@@ -202,7 +202,7 @@ def bent(share):
             true = bending(*asked)
             return replace(true, second=share * true.second, third=share * true.third)
 
-        patched.setattr("pep.pit.path.straight_path.bending", less)
+        patched.setattr("tests.model.pit.path.bending", less)
 
     return change
 
@@ -211,8 +211,7 @@ def one_node(patched):
     """Of an interval's three nodes only the middle counts, and nothing bends."""
     bent(0.0)(patched)
     patched.setattr(
-        "pep.pit.path.straight_path.interval_clearance",
-        lambda ends, *a, **k: interval_clearance(ends[[1, 1, 1]], *a, **k),
+        "tests.model.pit.path.interval_clearance", lambda ends, *a, **k: interval_clearance(ends[[1, 1, 1]], *a, **k)
     )
 
 
@@ -262,7 +261,7 @@ WITHIN = 45
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_kernel_is_found_by_the_samples_alone(monkeypatch, name):
-    monkeypatch.setattr("pep.pit.assess.straight_assessment.chosen_for", lambda *_: NUMPY)
+    monkeypatch.setattr("pep.pit.assess.straight_assessment.chosen", lambda: NUMPY)
     monkeypatch.setattr("pep.pit.assess.straight_assessment.cross_check", lambda *a, **k: Agreement(1))
     monkeypatch.setattr(trials, "certified", lambda *a: None)
     BROKEN[name](monkeypatch)
@@ -447,7 +446,7 @@ def test_places_clearances_and_speeds_are_those_of_the_numpy_engine(seed):
     world.look(times, at_least_m=0.5)
     pairs, profile = pairs_of(ROBOT, scene, CELL, grown_m=0.0), profile_of(move)
     assert world.run.timing.duration_s == pytest.approx(profile.duration_s, rel=1e-12)
-    clearance, speed = by_numpy(Path(ROBOT, move), profile, pairs, times)
+    clearance, speed = by_numpy(NumpyPath(ROBOT, move), profile, pairs, times)
     moving, things = len(world.stage.moving), len(world.shapes)
     # Theirs go thing by thing, mine body by body; and their faces are in another order.
     order = np.concatenate(
@@ -518,12 +517,12 @@ def test_every_module_that_a_trial_is_made_of_makes_the_ledger_stale():
 
 @pytest.mark.parametrize("scene", [with_glass(), with_person(0.9)])
 def test_ratios_are_below_the_proven_ones_and_near(scene):
-    from pep.pit.search.arm_limits import Demands
+    from tests.model.pit.demands import Demands
 
     move = sweep(2.0, 3.0)
     world = dense.World(ROBOT, scene, move, CELL, 0.1, NOTHING)
     world.look(np.linspace(0, world.run.timing.duration_s, 401))
-    proven = {r.name: r.ratio for r in Demands(Path(ROBOT, move), CELL).ratios(profile_of(move))}
+    proven = {r.name: r.ratio for r in Demands(NumpyPath(ROBOT, move), CELL).ratios(profile_of(move))}
     for name, ratio in world.ratios().items():
         assert proven[name] * 0.95 - 0.01 <= ratio <= proven[name] + 1e-9, name
 
@@ -533,7 +532,7 @@ def test_the_ruler_measures_what_is_sampled_and_nothing_beyond_its_reach():
     reached = []
     for x in np.linspace(0.3, 1.8, 16).tolist():
         scene = Scene(objects=(Thing("ball", "rigid", Sphere((x, 0.1, 0.3), 0.05), 0.0),))
-        pairs, path = pairs_of(ROBOT, scene, CELL, grown_m=0.0), Path(ROBOT, sweep())
+        pairs, path = pairs_of(ROBOT, scene, CELL, grown_m=0.0), NumpyPath(ROBOT, sweep())
         least = Ruler(trials.chosen(), ROBOT, CELL, pairs, rows).least(sweep())
         keys = np.linspace(0, GRID, 801).astype(int).tolist()
         sampled = min(float(path.clearance_at(pairs, key, rows).min()) for key in keys)

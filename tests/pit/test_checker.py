@@ -36,6 +36,7 @@ from pep.pit import (
     assess,
 )
 from pep.pit.base.motion import profile_of
+from pep.pit.base.tier import TIE
 from pep.pit.checker import (
     Code,
     Refused,
@@ -55,18 +56,17 @@ from pep.pit.checker import (
 from pep.pit.geometry.clearance import core_distance
 from pep.pit.geometry.solids import cores_of
 from pep.pit.path.straight_path import GRID
-from pep.pit.path.straight_path import Path as JointPath
 from pep.pit.proof.proof_document import document, question_digest
 from pep.pit.proof.row_proofs import order_of
-from pep.pit.robot.kinematics import bending
 from pep.pit.scene.contact_limits import harm_speed_m_s
 from pep.pit.scene.obstacles import Kind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.scene.view import view_of
-from pep.pit.search.arm_limits import Demands
-from pep.pit.search.certify import TIE
 from pep.pit.search.question import as_run, view_around
+from tests.model.pit.demands import Demands
+from tests.model.pit.path import NumpyPath as JointPath
+from tests.model.pit.path import bending
 from tests.pit import twin
 from tests.pit.corruption import KINDS, all_refused, corrupted, seal
 from tests.pit.corruption_courses import EXPECTED as OF_COURSES

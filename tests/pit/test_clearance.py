@@ -9,8 +9,9 @@ import pytest
 from pep.pit import Box, Capsule, Scene, Sphere, Thing
 from pep.pit.geometry.clearance import core_distance, segment_box, segment_segment
 from pep.pit.geometry.solids import rotation_of
-from pep.pit.path.straight_path import GRID, Path
+from pep.pit.path.straight_path import GRID
 from pep.pit.scene.pairs import pairs_of
+from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import CELL, ROBOT, random_move, random_scene, random_shape
 
 
@@ -132,7 +133,7 @@ def test_one_pass_over_all_pairs_is_right_where_the_manager_is_not():
         scene = random_scene(rng)
         pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
         move = random_move(rng)
-        path = Path(ROBOT, move)
+        path = NumpyPath(ROBOT, move)
         clearance, _ = World(ROBOT, scene, pairs).ask(path.q(0.5), np.zeros(6))
         kernel = path.clearance_at(pairs, GRID // 2, np.arange(len(pairs)))
         assert np.abs(clearance - kernel).max() <= 2e-6
@@ -184,7 +185,7 @@ def test_interval_bound_holds_on_dense_samples():
     for _ in range(15):
         scene = random_scene(rng, things=6, regions=3)
         pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-        path = Path(ROBOT, random_move(rng))
+        path = NumpyPath(ROBOT, random_move(rng))
         every = np.arange(len(pairs))
         for level in (4, 16):
             k = int(rng.integers(level))
@@ -202,7 +203,7 @@ def test_interval_bound_holds_on_dense_samples():
 def test_where_cores_meet_nothing_is_proven_but_that_they_may_meet():
     """A body whose axis runs through a box has no separating direction: the bound is the deepest that can be."""
     at = random_move(np.random.default_rng(16))
-    path = Path(ROBOT, at)
+    path = NumpyPath(ROBOT, at)
     pairs = pairs_of(ROBOT, Scene(objects=(Thing("all", "rigid", Box((0, 0, 0), (2, 2, 2)), 0.0),)), CELL, grown_m=0.0)
     inside = np.flatnonzero(pairs.cores.is_box)
     leaves = path.examine(pairs, np.full(len(inside), 0), np.full(len(inside), GRID), inside)
@@ -215,7 +216,7 @@ def test_bound_closes_with_the_square_of_the_interval():
     rng = np.random.default_rng(15)
     scene = random_scene(rng, things=6)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-    path = Path(ROBOT, random_move(rng))
+    path = NumpyPath(ROBOT, random_move(rng))
     every = np.arange(len(pairs))
     slack = []
     for width in (2**18, 2**16):

@@ -34,20 +34,25 @@ from pep.pit import (
     gripped,
     remaining,
 )
-from pep.pit.base.errors import PitError
+from pep.pit.base.motion import profile_of
 from pep.pit.checker import Verified, distances, verify
-from pep.pit.geometry.clearance import core_distance, interval_clearance, segment_hull
+from pep.pit.geometry.clearance import core_distance, segment_hull
 from pep.pit.geometry.hull import CORNERS_MOST, hull_of, widths_of
 from pep.pit.geometry.shape import shape_of
 from pep.pit.geometry.solids import cores_of
-from pep.pit.path.straight_path import GRID, Path
+from pep.pit.path.straight_path import GRID
 from pep.pit.proof.proof_document import document
 from pep.pit.robot.enclosing_capsule import capsule_around_points
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.scene.cell import StaticObject
 from pep.pit.scene.grip_sightings import _outermost
 from pep.pit.scene.pairs import pairs_of
-from pep.pit.search.engine import NUMPY, chosen, chosen_for
+from pep.pit.scene.separation import stopping
+from pep.pit.search.engine import chosen
+from pep.pit.search.question import as_run
+from tests.model.pit.clearance import interval_clearance
+from tests.model.pit.engine import NUMPY
+from tests.model.pit.path import NumpyPath
 from tests.pit.lines import pose_of
 from tests.pit.scenes import (
     CELL,
@@ -389,7 +394,7 @@ def test_interval_bound_holds_on_dense_samples_of_polytopes():
     for _ in range(8):
         scene = with_convex(rng, random_scene(rng, things=1, regions=1))
         pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-        path = Path(ROBOT, random_move(rng))
+        path = NumpyPath(ROBOT, random_move(rng))
         rows = np.flatnonzero(pairs.cores.hull >= 0)
         for level in (4, 16):
             k = int(rng.integers(level))
@@ -419,20 +424,51 @@ def test_both_engines_agree_on_polytopes_and_every_certificate_is_verified():
     assert decided > 8
 
 
-def test_the_kernel_says_that_it_knows_no_polytopes():
-    """It would take one for a plane; so a scene with one has the numpy engine, and what is handed to it is a fault."""
-    pytest.importorskip("numba")
-    from pep.pit.search.kernel.compiled_path import packed
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6))
+def test_the_kernel_measures_a_polytope_as_its_twin_does(seed):
+    """Distance, and what is proven of whole intervals, past polytopes that the path may pierce."""
+    rng = np.random.default_rng([2214, seed])
+    scene, move = with_convex(rng, random_scene(rng, things=1, regions=1, zones=0)), random_move(rng, amplitude=0.6)
+    pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
+    rows = np.flatnonzero(pairs.solids.hull >= 0)
+    kernel, twin = chosen().path(ROBOT, move), NumpyPath(ROBOT, move)
+    for key in (0, GRID // 3, GRID):
+        ours, theirs = (path.clearance_at(pairs, key, rows) for path in (kernel, twin))
+        assert ours == pytest.approx(theirs, abs=1e-9)
+    for low, high in ((0, GRID), (0, GRID // 8), (GRID // 2, GRID // 2 + GRID // 64)):
+        every = np.ones(len(rows), dtype=np.int64)
+        ours, theirs = (path.examine(pairs, low * every, high * every, rows) for path in (kernel, twin))
+        assert ours.clear_m == pytest.approx(theirs.clear_m, abs=1e-8)
+        assert ours.clear_mid_m == pytest.approx(theirs.clear_mid_m, abs=1e-9)
 
-    scene = replace(empty(), objects=(Thing("it", "rigid", Convex(CUBE), 0.0),))
-    with pytest.raises(PitError):
-        packed(pairs_of(ROBOT, scene, CELL, grown_m=0.0))
-    assert chosen_for(scene, CELL) is NUMPY
-    assert chosen_for(empty(), CELL) is chosen()
+
+def test_the_kernel_finds_the_index_of_polytopes_that_its_twin_finds():
+    met = 0
+    for k in range(12):
+        rng = np.random.default_rng([2215, k])
+        scene = with_convex(rng, random_scene(rng, things=1, regions=1, zones=0))
+        move = random_move(rng, amplitude=float(rng.choice([0.05, 0.3, 1.0])))
+        pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
+        profile = profile_of(as_run(move, CELL))
+        stop = stopping(CELL, perception_age_s=0.1, joint_speed_rad_s=profile.peak_rad_s)
+        rows = np.arange(len(pairs))
+        ours, theirs = (
+            engine.certify(
+                engine.path(ROBOT, move), pairs, profile, stop, rows=rows, floor=1.0, check_time=lambda: None
+            )
+            for engine in (chosen(), NUMPY)
+        )
+        met += any(pairs.name_of(each.pair).startswith("hull") and each.index > 1.01 for each in ours.witnesses)
+        assert ours.upper == pytest.approx(theirs.upper, abs=0.011)
+        assert set(ours.violated) == set(theirs.violated)
+    assert met > 2
+
+
+def test_a_surveyed_polytope_is_decided_on_by_the_kernel():
     wedge = replace(CELL, objects=(StaticObject("wedge", convex=Convex(CUBE)),))
-    assert chosen_for(None, wedge) is NUMPY
     answer = assess(ROBOT, None, sweep(), wedge, perception_age_s=None, touch=NOTHING, seed=SEED)
-    assert (answer.engine, answer.tier) == ("numpy-1", 3)
+    assert (answer.engine, answer.tier) == ("numba-1", 3)
 
 
 def test_a_polytope_counts_as_much_as_the_box_that_it_is():
@@ -471,7 +507,6 @@ def test_a_curved_motion_past_a_polytope_counts_it_as_the_box_that_it_is():
                     perception_age_s=0.1, touch=NOTHING,
                 )
             )  # fmt: skip
-        assert [each.engine for each in found] == [chosen().name, NUMPY.name]
         assert found[0].index > 1.1
         assert found[1].index == pytest.approx(found[0].index, abs=0.011)
         assert all(each.holds for each in left)
@@ -510,7 +545,7 @@ def test_mujoco_measures_the_same():
         given_ = {"robot": ROBOT, "scene": scene, "motion": move, "cell": CELL}
         measured = Measured(Question(**{name: given_.get(name) for name in names}))
         pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-        path = Path(ROBOT, move)
+        path = NumpyPath(ROBOT, move)
         ours = min(path.clearance_at(pairs, GRID // 2, np.arange(len(pairs))))
         assert measured.least([path.q(0.5)]) == pytest.approx(ours, abs=1e-4)
     assert mujoco.__version__

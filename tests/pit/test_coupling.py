@@ -48,7 +48,7 @@ def plain(monkeypatch):
     inner = {
         body_poses: ("squares",),
         coupling: ("ahead", "support", "pair_index", "tangent"),
-        core_distance: ("_box", "_clip", "_directed", "_out", "_segment", "plane_gap"),
+        core_distance: ("_box", "_clip", "_directed", "_nearest", "_out", "_segment", "plane_gap"),
         index_law: ("_share",),
     }
     for module, names in inner.items():

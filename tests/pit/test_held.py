@@ -24,16 +24,17 @@ from pep.pit import (
 )
 from pep.pit.base.motion import profile_of
 from pep.pit.geometry.solids import rotation_of
-from pep.pit.path.straight_path import GRID, Path
+from pep.pit.path.straight_path import GRID
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.scene.contact_limits import effective_mass_kg, harm_speed_m_s
 from pep.pit.scene.grip_sightings import _capsule_around, without_held
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.scene import Region
-from pep.pit.search.arm_limits import Demands
 from pep.pit.search.certify import RESOLUTION
 from pep.pit.second.second_engine import World
 from policies.evidence.evidence import ImpactFault
+from tests.model.pit.demands import Demands
+from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import (
     CELL,
     HOME,
@@ -132,7 +133,7 @@ def test_bounds_hold_for_the_payload_in_every_sample():
     scene = with_person(0.6)
     for _ in range(4):
         move = random_move(rng, 1.0)
-        path, profile = Path(WITH_STICK, move), profile_of(move)
+        path, profile = NumpyPath(WITH_STICK, move), profile_of(move)
         pairs = pairs_of(WITH_STICK, scene, CELL, grown_m=0.0)
         rows = np.flatnonzero([WITH_STICK.bodies[b].name == "payload" for b in pairs.body])
         assert {pairs.kind_of(int(row)).value for row in rows} == {"person", "rigid", "self"}
@@ -163,7 +164,7 @@ def test_mass_enters_dynamics_momentum_contact_and_payload():
     move = sweep()
     heavy = ROBOT.holding(replace(STICK, mass_kg=1.2))
     light, more = (
-        {r.name: r.ratio for r in Demands(Path(robot, move), CELL).ratios(profile_of(move))}
+        {r.name: r.ratio for r in Demands(NumpyPath(robot, move), CELL).ratios(profile_of(move))}
         for robot in (WITH_STICK, heavy)
     )
     for name in ("torque", "momentum", "payload"):
@@ -171,7 +172,9 @@ def test_mass_enters_dynamics_momentum_contact_and_payload():
     assert more["payload"] == pytest.approx((1.0 + 1.2) / 3.0)
     assert more["momentum"] - light["momentum"] == pytest.approx(
         0.9
-        * float(Demands(Path(heavy, move), CELL).surface_speed_m_s(profile_of(move))[heavy.body_index("com_payload")])
+        * float(
+            Demands(NumpyPath(heavy, move), CELL).surface_speed_m_s(profile_of(move))[heavy.body_index("com_payload")]
+        )
         / 25
     )
     total = sum(i.mass for i in heavy.pinocchio.inertias)

@@ -12,7 +12,7 @@ from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.scene import Box, Capsule, Scene, Sphere, Thing, Workspace, Zone
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import RESOLUTION
-from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.search.engine import chosen
 from pep.pit.search.kernel import broad_phase
 from pep.pit.search.kernel.arithmetic import body_poses as arm_module
 from pep.pit.search.kernel.arithmetic.body_poses import no_nodes, pose, put
@@ -20,6 +20,7 @@ from pep.pit.search.kernel.arithmetic.joint_torques import torques
 from pep.pit.search.kernel.compiled_path import arm_of, blocks
 from pep.pit.search.kernel.loads import laid_out
 from pep.pit.search.torques import masses_with
+from tests.model.pit.engine import NUMPY
 
 ROBOT, CELL = Robot.load("ur3e"), CellParameters()
 KERNEL = chosen()
@@ -272,15 +273,6 @@ def test_meant_contact_and_clear_room_follow_the_same_law():
         rigid = np.flatnonzero(each.pairs.kind == each.pairs.code_of(Kind.RIGID))
         each.pairs = each.pairs.meant(rigid)
         assert tier(each.certified(KERNEL).upper) == tier(each.certified(NUMPY).upper)
-
-
-def test_without_numba_the_numpy_engine_decides(monkeypatch):
-    monkeypatch.setattr("pep.pit.search.engine.find_spec", lambda name: None)
-    chosen.cache_clear()
-    try:
-        assert chosen() is NUMPY
-    finally:
-        chosen.cache_clear()
 
 
 def test_too_many_rows_are_a_fault_in_both(monkeypatch):

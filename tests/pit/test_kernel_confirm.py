@@ -9,13 +9,10 @@ from pep.pit.base.tier import MOVING
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import VIOLATION_RESOLUTION_M
-from pep.pit.search.engine import NUMPY, chosen
 from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, World
 from pep.pit.second.straight_check import look
+from tests.model.pit.sight import look as twin_look
 from tests.pit.scenes import CELL, ROBOT, random_scene
-
-if chosen() is NUMPY:
-    pytest.skip("numba is not installed", allow_module_level=True)
 
 NEAR = 1e-9
 MEASURED = 2
@@ -34,7 +31,7 @@ def sights(rng, room, *, robot=ROBOT, wrong=0.0, since=0, upper=MOVING):
     kernel[1, rng.integers(len(pairs))] += wrong
     q, qd = np.array(places).swapaxes(0, 1)
     ours = look(world, q, qd, kernel, stop=STOP, since=since, upper=upper)
-    theirs = world.look(q, qd, kernel, stop=STOP, since=since, upper=upper)
+    theirs = twin_look(world, q, qd, kernel, stop=STOP, since=since, upper=upper)
     return ours, theirs, exact, pairs, world
 
 

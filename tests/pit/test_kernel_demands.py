@@ -8,15 +8,12 @@ from pep.pit import CellParameters, MoveJ, Robot
 from pep.pit.base.errors import WorkLimitError
 from pep.pit.base.motion import profile_of
 from pep.pit.base.tier import tier_of
-from pep.pit.path.straight_path import Path
-from pep.pit.search.arm_limits import Demands
-from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run
+from tests.model.pit.demands import Demands
+from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import CELL, HOME, ROBOT
 from tests.pit.test_speeds import fast, limited
-
-if chosen() is NUMPY:
-    pytest.skip("numba is not installed", allow_module_level=True)
 
 NEAR = 1e-9
 SLOWEST = 0.01
@@ -26,7 +23,7 @@ def both(move, cell, robot=ROBOT):
     """The twin, the kernel's, the run and its profile."""
     run = as_run(move, cell)
     engine = chosen()
-    return Demands(Path(robot, run), cell), engine.demands(engine.path(robot, run), cell), run, profile_of(run)
+    return Demands(NumpyPath(robot, run), cell), engine.demands(engine.path(robot, run), cell), run, profile_of(run)
 
 
 def in_time():

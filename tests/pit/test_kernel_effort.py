@@ -6,7 +6,7 @@ import pytest
 from pep.pit import Robot
 from pep.pit.search.kernel.arithmetic.joint_torques import masses_of, torques
 from pep.pit.search.torques import Torques, carried_kg
-from tests.model.torques import by_pinocchio
+from tests.model.pit.torques import by_pinocchio
 from tests.pit.scenes import CELL, ROBOT
 
 NEAR = 1e-9

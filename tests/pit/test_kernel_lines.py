@@ -3,18 +3,19 @@
 import numpy as np
 import pinocchio
 import pytest
-from pep.pit import MoveL, ServoJ
+from pep.pit import MoveL
 from pep.pit.assess.dispatch import drive_of
 from pep.pit.base.tier import TIE
-from pep.pit.path.course import Course
-from pep.pit.path.line_trace import trace
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import RESOLUTION
-from pep.pit.search.course_engine import NUMPY, chosen
+from pep.pit.search.course_engine import chosen
 from pep.pit.search.timed_course import Drive, Nowhere
+from tests.model.pit.course import NumpyCourse
+from tests.model.pit.engine import CURVED as NUMPY
+from tests.model.pit.line import trace
 from tests.pit.lines import placed, random_hold, random_line, random_servo, random_start, random_way
 from tests.pit.scenes import CELL, HOME, ROBOT, random_scene
 
@@ -111,10 +112,10 @@ def test_p12_what_is_reachable_is_the_same():
 
 def test_p12_only_in_a_small_box_is_a_configuration_the_only_one():
     """Both engines say so of the same boxes, whatever decides: the way, the turn or how near it is."""
-    from pep.pit.path.line_trace import _Lever, _on_path
     from pep.pit.robot.inverse_kinematics import stance
     from pep.pit.search.kernel.arithmetic.compilation import entry
     from pep.pit.search.kernel.arithmetic.line_piece import on_path
+    from tests.model.pit.line import _Lever, _on_path
 
     @entry
     def compiled(reach, q, inverse, near, within):
@@ -167,7 +168,7 @@ class Asked:
         self.drive = drive_of(ROBOT, motion, CELL, perception_age_s=0.1, check_time=unhurried)
         assert isinstance(self.drive, Drive)
         self.kernel = self.drive.course
-        self.numpy = Course(ROBOT, self.kernel.cells, self.kernel.track)
+        self.numpy = NumpyCourse(ROBOT, self.kernel.cells, self.kernel.track)
         self.profile = self.drive.profile
         self.pairs = pairs_of(ROBOT, self.scene, CELL, grown_m=0.0)
         self.rows = np.arange(len(self.pairs))
@@ -194,7 +195,7 @@ def tier(index):
 
 def test_the_kernel_is_what_decides_here():
     assert (KERNEL.name, NUMPY.name) == ("numba-1", "numpy-1")
-    assert type(next(asked(80, 1)).kernel) is not Course
+    assert type(next(asked(80, 1)).kernel) is not NumpyCourse
 
 
 def test_p12_places_of_a_course_are_the_same():
@@ -322,16 +323,3 @@ def test_a_line_that_is_not_found_again_is_a_fault():
         with pytest.raises(MotionError) as told:
             ask()
         assert told.value.reason == "PHYSICS_FAULT"
-
-
-def test_without_numba_the_numpy_engine_decides(monkeypatch):
-    from pep.pit.search import engine
-
-    monkeypatch.setattr("pep.pit.search.engine.find_spec", lambda name: None)
-    engine.chosen.cache_clear()
-    try:
-        assert chosen() is NUMPY
-        servo = ServoJ(HOME, (0.1,) * 6, HOME, 0.002, 0.1)
-        assert type(drive_of(ROBOT, servo, CELL, perception_age_s=0.1, check_time=unhurried).course) is Course
-    finally:
-        engine.chosen.cache_clear()

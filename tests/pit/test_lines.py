@@ -10,7 +10,7 @@ import pytest
 from pep.pit import MoveL, Sphere, Thing, Workspace, assess
 from pep.pit.assess.course_assessment import CourseCertificate
 from pep.pit.base.motion import Profile
-from pep.pit.path.line_trace import FINEST, trace
+from pep.pit.path.line_trace import FINEST
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.inverse_kinematics import stance
 from pep.pit.robot.twist import Twist, turn_of, turned_by
@@ -20,6 +20,8 @@ from pep.pit.search.course_limits import Effort
 from pep.pit.search.timed_course import line_drive
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
+from tests.model.pit.course import NumpyCourse
+from tests.model.pit.line import trace
 from tests.pit.lines import MODEL, Sampled, marched, placed, pose_of, random_line
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, with_glass, with_person
 
@@ -121,7 +123,8 @@ def test_the_second_derivative_of_a_body_is_inside_its_bound():
     rng = np.random.default_rng(4)
     for _ in range(4):
         move = random_line(rng)
-        course = drive_for(move).course
+        kernel = drive_for(move).course
+        course = NumpyCourse(ROBOT, kernel.cells, kernel.track)
         keys = np.arange(0, GRID + 1, GRID // 512)
         at, known = course.nodes(keys)
         ends = known.ends[at]
@@ -130,7 +133,7 @@ def test_the_second_derivative_of_a_body_is_inside_its_bound():
         low, high = keys[:-2], keys[2:]
         worst = course._worst(low, high)
         assert (bend <= worst.second * (1 + 1e-3) + 1e-6).all()
-        rush = course.rush(low, high)
+        rush = kernel.rush(low, high)
         middle = known.speed[at][1:-1] + course.layout.radius * known.spin[at][1:-1]
         assert (middle <= rush * (1 + 1e-12)).all()
 
@@ -434,7 +437,7 @@ def test_a_second_engine_that_sees_another_line_is_a_fault(monkeypatch):
 
 def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault(monkeypatch):
     from pep.pit.robot import inverse_kinematics
-    from pep.pit.search import course_engine
+    from tests.model.pit.engine import CURVED
 
     honest = inverse_kinematics.link_frames
 
@@ -442,8 +445,8 @@ def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault
         rotation, origin = honest(robot, q)
         return rotation, origin + np.array([0, 0, 1e-6])
 
-    monkeypatch.setattr("pep.pit.search.timed_course.chosen", lambda: course_engine.NUMPY)
-    monkeypatch.setattr("pep.pit.assess.course_assessment.chosen_for", lambda *_: course_engine.NUMPY)
+    monkeypatch.setattr("pep.pit.search.timed_course.chosen", lambda: CURVED)
+    monkeypatch.setattr("pep.pit.assess.course_assessment.chosen", lambda: CURVED)
     assert not isinstance(ask(GOOD), ImpactFault)
     monkeypatch.setattr(inverse_kinematics, "link_frames", bent)
     answer = ask(GOOD)
@@ -460,7 +463,7 @@ def test_an_answer_below_what_is_met_at_a_place_that_nobody_foresees_is_a_fault(
 
     scene = with_person(0.6)
     assert ask(GOOD, scene).index > 1.5
-    monkeypatch.setattr("pep.pit.assess.course_assessment.chosen_for", lambda *_: replace(honest, certify=lying))
+    monkeypatch.setattr("pep.pit.assess.course_assessment.chosen", lambda: replace(honest, certify=lying))
     answer = ask(GOOD, scene)
     assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")
 
@@ -476,7 +479,7 @@ def test_no_piece_is_shorter_than_the_finest():
 
 def test_only_in_a_small_box_is_a_configuration_the_only_one():
     """Newton's map contracts near a good configuration, not on a wide box, and not at a singular one."""
-    from pep.pit.path.line_trace import _Lever, _on_path
+    from tests.model.pit.line import _Lever, _on_path
 
     lever = _Lever(ROBOT.reach[ROBOT.body_index("tcp")])
     good, flat = stance(ROBOT, np.array(HOME)), stance(ROBOT, np.array((*HOME[:4], 1e-4, HOME[5])))

@@ -18,11 +18,11 @@ from pep.pit import (
     remaining,
 )
 from pep.pit.base.motion import profile_of
-from pep.pit.path.straight_path import Path
 from pep.pit.scene.obstacles import Kind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.meant_contact import gentle_rows
 from pep.pit.second.second_engine import World
+from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, at_time, empty, random_scene, tcp
 
 ABOVE = (0.0, -1.6595, 1.8752, -1.7865, -1.57, 0.0)  # fingers 88 mm above the table, pointing down
@@ -57,7 +57,7 @@ def test_placing_and_lifting_are_tier_two_with_the_grant_and_three_without(pan):
 
 
 def test_the_end_of_the_place_move_touches_within_what_the_arm_errs_by():
-    path = Path(ROBOT, MoveJ(DOWN, DOWN, 1.0, 1.0))
+    path = NumpyPath(ROBOT, MoveJ(DOWN, DOWN, 1.0, 1.0))
     pairs = pairs_of(ROBOT, empty(), CELL, grown_m=0.0)
     nearest = float(path.clearance_at(pairs, 0, np.flatnonzero(pairs.kind == pairs.code_of(Kind.RIGID))).min())
     assert 0 <= nearest <= CELL.robot_uncertainty_m
@@ -98,7 +98,7 @@ def test_pressing_is_no_touching():
 
 def test_the_rest_of_the_arm_keeps_the_ordinary_law():
     """A post beside the arm: the tool may touch it, the forearm that meets it must not."""
-    path = Path(ROBOT, MoveJ(HOME, HOME, 1.0, 1.0))
+    path = NumpyPath(ROBOT, MoveJ(HOME, HOME, 1.0, 1.0))
     _, poses = path.nodes(np.array([0]))
     elbow = poses.ends[0, ROBOT.body_index("forearm_tube"), 0]
     x, y, z = (float(v) for v in elbow)
@@ -174,7 +174,7 @@ def test_gentle_is_what_samples_say():
         share = rng.uniform(-0.2, 0.4)
         target = tuple(d + share * (u - d) for d, u in zip(DOWN, ABOVE, strict=True))
         move = place(float(rng.uniform(0.05, 0.6)), float(rng.uniform(0.2, 2)), start=HOME, target=target)
-        path, profile = Path(ROBOT, move), profile_of(move)
+        path, profile = NumpyPath(ROBOT, move), profile_of(move)
         pairs = pairs_of(ROBOT, empty(), DECLARED, grown_m=0.0, touch=GRANTED)
         gentle = gentle_rows(path, pairs, profile, DECLARED, check_time=lambda: None)
         world = World(ROBOT, empty(), pairs)

@@ -33,9 +33,10 @@ from pep.pit.base.tier import ratio_index
 from pep.pit.robot.model import Model
 from pep.pit.robot.robot import _assemble
 from pep.pit.search.certify import RESOLUTION
-from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run, view_around
 from policies.evidence.evidence import ImpactFault
+from tests.model.pit.engine import NUMPY
 from tests.pit.scenes import (
     CELL,
     FRONT,

@@ -228,7 +228,7 @@ def test_off_the_path():
 
 def test_off_the_path_is_never_inside_what_the_clearance_already_gives():
     """A deviation that passes moves no part of the arm farther than the tolerance."""
-    from pep.pit.path.straight_path import Path
+    from tests.model.pit.path import NumpyPath
 
     rng = np.random.default_rng(4000)
     passed = 0
@@ -239,9 +239,9 @@ def test_off_the_path_is_never_inside_what_the_clearance_already_gives():
         if rest(Scene(), move, at=tuple(at.tolist())).cause == "off_path":
             continue
         passed += 1
-        path = Path(ROBOT, move)
+        path = NumpyPath(ROBOT, move)
         s = np.clip((at - path.start) @ path.delta / (path.delta @ path.delta), 0, 1)
-        here, there = (Path(ROBOT, MoveJ(tuple(q), tuple(q), 1.0, 1.0)) for q in (at, path.q(s)))
+        here, there = (NumpyPath(ROBOT, MoveJ(tuple(q), tuple(q), 1.0, 1.0)) for q in (at, path.q(s)))
         (_, a), (_, b) = here.nodes(np.array([0])), there.nodes(np.array([0]))
         assert np.linalg.norm(a.ends - b.ends, axis=3).max() <= CELL.tracking_tolerance_m
     assert 5 < passed < 60

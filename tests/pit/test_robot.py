@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import ModelError, MoveJ, Robot, Scene
-from pep.pit.path.straight_path import Path
 from pep.pit.robot.kinematics import layout, link_frames, poses
 from pep.pit.scene.pairs import pairs_of
+from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import CELL, ROBOT, random_move
 
 TEXT = (resources.files("pep.pit") / "robots" / "ur3e.toml").read_text()
@@ -102,7 +102,7 @@ def test_bending_bounds_derivatives_along_random_paths():
     """Second and third differences of body ends, and second ones of the spin, stay under their bounds."""
     rng = np.random.default_rng(4)
     for _ in range(20):
-        path = Path(ROBOT, random_move(rng))
+        path = NumpyPath(ROBOT, random_move(rng))
         h = 1e-3
         s = np.linspace(0, 1, 400)[:, None]
         around = [
@@ -118,7 +118,7 @@ def test_bending_bounds_derivatives_along_random_paths():
 
 
 def test_speed_and_spin_are_those_of_finite_differences():
-    path = Path(ROBOT, random_move(np.random.default_rng(5)))
+    path = NumpyPath(ROBOT, random_move(np.random.default_rng(5)))
     h = 1e-6
     for s in (0.1, 0.5, 0.9):
         before, here, after = (poses(ROBOT, path.layout, path.q(s + k * h)[None], path.delta) for k in (-1, 0, 1))
@@ -345,7 +345,7 @@ def test_six_joints_are_needed():
 
 def test_a_path_knows_no_configuration_before_it_is_asked():
     with pytest.raises(ValueError):
-        Path(ROBOT, MoveJ((0,) * 6, (0,) * 6, 1.0, 1.0)).nodes(np.array([], dtype=np.int64))
+        NumpyPath(ROBOT, MoveJ((0,) * 6, (0,) * 6, 1.0, 1.0)).nodes(np.array([], dtype=np.int64))
 
 
 @pytest.mark.parametrize("own", [0, 3])

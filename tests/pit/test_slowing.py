@@ -36,13 +36,14 @@ from pep.pit.assess.course_remaining import rests_of
 from pep.pit.assess.slider_search import paced, steps
 from pep.pit.assess.straight_remaining import Rest, slowed
 from pep.pit.base.motion import profile_of
-from pep.pit.path.straight_path import GRID, Path
+from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist, turn_of
 from pep.pit.scene.pairs import pairs_of
-from pep.pit.search.engine import NUMPY
 from pep.pit.search.question import as_run
 from pep.pit.second.second_engine import World
 from policies.evidence.evidence import ImpactFault
+from tests.model.pit.engine import NUMPY
+from tests.model.pit.path import NumpyPath
 from tests.pit import twin
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, along, at_time, empty, random_move, tcp
 from tests.pit.test_soundness import dense_index
@@ -167,7 +168,7 @@ def person_index(scene, path, profile, times):
 def test_no_sample_on_the_way_down_to_it_is_above_what_was_authorised(seed):
     """The arm goes on at full speed until it has to be slow, at the last moment; samples by the other engine and the slow twin."""
     for scene, move, share, authorised, pace in cases(200 + seed, 2):
-        path, fast = Path(ROBOT, move), profile_of(move)
+        path, fast = NumpyPath(ROBOT, move), profile_of(move)
         slow = slowed(fast, pace.fraction)
         began_s = fast.time_of(share)
         late_s = min(began_s + CELL.slowing_s(1.0) + CELL.reaction_s, fast.duration_s)
@@ -428,7 +429,7 @@ def test_a_line_that_is_stretched_asks_less_of_the_arm():
 def test_both_engines_name_the_same_speed(monkeypatch):
     asked = [(somebody(distance), share) for distance in (1.55, 1.65, 1.75) for share in (0.1, 0.4, 0.7)]
     decided = [left(scene, FAST, share) for scene, share in asked]
-    monkeypatch.setattr("pep.pit.assess.straight_remaining.chosen_for", lambda *_: NUMPY)
+    monkeypatch.setattr("pep.pit.assess.straight_remaining.chosen", lambda: NUMPY)
     plain = [left(scene, FAST, share) for scene, share in asked]
     for one, other in zip(decided, plain, strict=True):
         assert (one.holds, one.pace, one.cause) == (other.holds, other.pace, other.cause)

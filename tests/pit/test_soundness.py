@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from pep.pit import Box, Capsule, CellParameters, MoveJ, Person, Scene, Sphere, Workspace, assess
 from pep.pit.base.motion import profile_of
-from pep.pit.path.straight_path import GRID, Path
+from pep.pit.path.straight_path import GRID
 from pep.pit.robot.model import Model
 from pep.pit.scene.pairs import pairs_of
-from pep.pit.search.arm_limits import Demands
 from pep.pit.search.certify import RESOLUTION
 from pep.pit.second.second_engine import World
+from tests.model.pit.demands import Demands
+from tests.model.pit.path import NumpyPath
 from tests.pit import twin
 from tests.pit.scenes import (
     CELL,
@@ -35,7 +36,7 @@ def ask(scene, move, cell=CELL, robot=ROBOT, age=AGE):
 
 def dense_index(scene, move, samples=500, since=0.0):
     """Highest index over times from path parameter `since` on, from the other engine and the slow twin; violations met."""
-    path, profile = Path(ROBOT, move), profile_of(move)
+    path, profile = NumpyPath(ROBOT, move), profile_of(move)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
     world = World(ROBOT, scene, pairs)
     omega = profile.peak_rad_s
@@ -216,7 +217,7 @@ def test_surface_speed_is_above_every_sample():
     rng = np.random.default_rng(700)
     for _ in range(5):
         move = random_move(rng)
-        path, profile = Path(ROBOT, move), profile_of(move)
+        path, profile = NumpyPath(ROBOT, move), profile_of(move)
         bound = Demands(path, CELL).surface_speed_m_s(profile)[: ROBOT.world_bodies]
         scene = Scene(objects=with_glass().objects)
         world = World(ROBOT, scene, pairs_of(ROBOT, scene, CELL, grown_m=0.0))
@@ -237,7 +238,7 @@ def test_torque_is_what_rigid_bodies_need():
 
     stretched = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     move = MoveJ(stretched, (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0), 1e-3, 1e-3)
-    path = Path(ROBOT, move)
+    path = NumpyPath(ROBOT, move)
     ratio = {r.name: r.ratio for r in Demands(path, CELL).ratios(profile_of(move))}["torque"]
     model, data = ROBOT.pinocchio, ROBOT.pinocchio.createData()
     pinocchio.centerOfMass(model, data, np.zeros(6))

@@ -11,12 +11,14 @@ from pep.pit import MoveJ, SpeedJ, assess
 from pep.pit.base.motion import profile_of
 from pep.pit.base.tier import HIGHEST, ratio_index
 from pep.pit.checker import Code, Refused, Verified, verify
-from pep.pit.path.straight_path import GRID, Path
+from pep.pit.path.straight_path import GRID
 from pep.pit.proof.proof_document import document
-from pep.pit.search.arm_limits import Demands, speed_shares
+from pep.pit.search.arm_limits import speed_shares
 from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run
 from pep.pit.search.surface_speeds import CUTS_MOST, INDEX_WITHIN
+from tests.model.pit.demands import Demands
+from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
@@ -43,7 +45,7 @@ def limited(rng, move):
     """A cell whose limits are near what the move does: every band of the index, and either side of each tier."""
     robot, run = ROBOT, as_run(move, CELL)
     profile = profile_of(run)
-    most = Demands(Path(robot, run), CELL).surface_speed_m_s(profile)
+    most = Demands(NumpyPath(robot, run), CELL).surface_speed_m_s(profile)
     share = speed_shares(robot, CELL)
     tcp, elbow, momentum = (share @ most).tolist()
     aim = rng.uniform(0.74, 1.02, 3)
@@ -77,11 +79,11 @@ def test_a_ratio_of_speeds_is_within_the_resolution_of_what_is_sampled(seed):
         cell = limited(rng, move)
         run = as_run(move, cell)
         seen = sampled(move, cell)
-        for path in (chosen().path(ROBOT, run), Path(ROBOT, run)):
-            demands = Demands(path, cell)
-            speeds = demands.speeds(profile_of(run))
-            proven = {each.name: each for each in demands.ratios(profile_of(run))}
-            assert len(speeds.low) <= CUTS_MOST
+        kernel, twin = chosen().demands(chosen().path(ROBOT, run), cell), Demands(NumpyPath(ROBOT, run), cell)
+        profile = profile_of(run)
+        for demands, intervals in ((kernel, kernel.intervals(profile)[0]), (twin, twin.speeds(profile).low)):
+            proven = {each.name: each for each in demands.ratios(profile)}
+            assert len(intervals) <= CUTS_MOST
             for name in BY_SPEED:
                 assert proven[name].ratio >= seen[name] - 1e-9, name
                 above = proven[name].index - dense.ratio_law(seen[name])
@@ -97,7 +99,7 @@ def test_the_intervals_tile_the_path_and_their_speeds_are_bounds():
         move = fast(rng)
         cell = limited(rng, move)
         run = as_run(move, cell)
-        profile, path = profile_of(run), Path(ROBOT, run)
+        profile, path = profile_of(run), NumpyPath(ROBOT, run)
         speeds = Demands(path, cell).speeds(profile)
         assert speeds.low[0] == 0
         assert speeds.high[-1] == GRID
@@ -112,7 +114,7 @@ def test_the_intervals_tile_the_path_and_their_speeds_are_bounds():
 
 def test_a_calm_motion_needs_no_more_than_the_first_intervals():
     run = as_run(MoveJ(HOME, (HOME[0] + 1.0, *HOME[1:]), 0.3, 1.0), CELL)
-    speeds = Demands(Path(ROBOT, run), CELL).speeds(profile_of(run))
+    speeds = Demands(NumpyPath(ROBOT, run), CELL).speeds(profile_of(run))
     assert len(set((speeds.high - speeds.low).tolist())) == 1
 
 
@@ -132,7 +134,7 @@ def test_a_tightened_ratio_is_proven_by_its_certificate(seed):
         answer.index
         >= max(
             ratio_index(r.ratio)
-            for r in Demands(Path(ROBOT, as_run(move, cell)), cell).ratios(profile_of(as_run(move, cell)))
+            for r in Demands(NumpyPath(ROBOT, as_run(move, cell)), cell).ratios(profile_of(as_run(move, cell)))
         )
         - 1e-9
     )

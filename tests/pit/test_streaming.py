@@ -28,11 +28,9 @@ from pep.pit import (
     Zone,
     assess,
 )
-from pep.pit.assess import stream as streaming
 from pep.pit.assess.assessment import Assessment
 from pep.pit.assess.stream import CONFIRMED_OF, Bounded, Stream
 from pep.pit.scene.separation import stopping
-from pep.pit.search.engine import NUMPY
 from pep.pit.search.speed_envelope import stream_envelope
 from pep.pit.second.second_engine import World
 from policies.evidence.evidence import ImpactFault
@@ -519,10 +517,3 @@ def test_every_so_many_steps_the_second_engine_is_asked_where_the_step_begins(mo
     assert asked(made, servo()).reason == "ENGINES_DISAGREE"
     made.see(with_person(0.9), age_s=AGE, at_rad=HOME)
     assert isinstance(asked(made, servo()), Bounded)
-
-
-def test_without_numba_each_step_is_the_whole_question(monkeypatch):
-    monkeypatch.setattr(streaming, "chosen", lambda: NUMPY)
-    for motion in (servo(), speeds()):
-        found = asked(stream(with_person(0.9)), motion)
-        assert (type(found), found.index) == (Assessment, whole(motion, with_person(0.9)).index)

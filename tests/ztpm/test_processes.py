@@ -1,5 +1,6 @@
 """Children: they end with their parent, answer questions, and are not buried in them."""
 
+import io
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from ztpm.base.processes import Child, ChildError
+from ztpm.preparing import WIPED, Preparing
 
 TOP = Path(__file__).parents[2]
 
@@ -131,3 +133,27 @@ def test_a_child_that_falls_silent_before_it_ends_is_not_waited_for(module):
     with pytest.raises(ChildError):
         Child.start("a child", module(text), environment={})
     assert time.monotonic() - began < 20
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_child_that_prepares_is_waited_for_as_long_as_it_says_so(module, monkeypatch):
+    """Its words are shown, and are no output of a child that fails."""
+    monkeypatch.setattr("ztpm.base.processes.READY_S", 5.0)
+    text = (
+        "import json, sys, time\n"
+        "for number in range(4):\n"
+        "    time.sleep(2)\n"
+        "    print(json.dumps({'preparing': number}), flush=True)\n"
+    )
+    stream = Terminal()
+    ready = text + "print(json.dumps({'ready': True}), flush=True)\nsys.stdin.read()\n"
+    child = Child.start("a child", module(ready), environment={}, preparing=Preparing(stream))
+    child.stop()
+    assert [each for each in stream.getvalue().split(WIPED) if each] == ["0", "1", "2", "3"]
+    with pytest.raises(ChildError) as failed:
+        Child.start("a child", module(text), environment={}, preparing=Preparing(Terminal()))
+    assert "preparing" not in str(failed.value)

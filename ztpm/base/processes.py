@@ -19,11 +19,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, Final
 
+from ztpm.preparing import Preparing
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 READY_S: Final = 180.0
-"""Longest wait for a ready line: the very first start compiles the kernel, which takes minutes on a loaded machine."""
+"""Longest wait for a ready line, or for word of what is being prepared."""
 STOP_S: Final = 10.0
 """Longest wait for a clean end before the process is killed."""
 KEPT_LINES: Final = 200
@@ -31,10 +33,22 @@ POLL_S: Final = 0.2
 """Longest time for which an end of the wait goes unnoticed."""
 ANSWER: Final = '{"answer":'
 """How a line begins that answers a question; it is no output."""
+PREPARING: Final = '{"preparing":'
+"""How a line begins that says what is being prepared; likewise."""
 
 
 class ChildError(RuntimeError):
     """A child that did not become ready, or died."""
+
+
+def _said(line: str) -> dict[str, object]:
+    """The JSON object of a line; empty for any other line."""
+    if line.startswith("{"):
+        with suppress(ValueError, RecursionError):
+            said = json.loads(line)
+            if isinstance(said, dict):
+                return said
+    return {}
 
 
 @dataclass
@@ -66,6 +80,7 @@ class Child:
         *arguments: str,
         environment: Mapping[str, str],
         ended: Callable[[], bool] = lambda: False,
+        preparing: Preparing | None = None,
     ) -> Child:
         """A child running `python -m module arguments`, ready. It ends when the calling thread does.
 
@@ -75,10 +90,11 @@ class Child:
             arguments: of the command line.
             environment: variables added to this process's own.
             ended: when it says so, the wait is over.
+            preparing: shows what the child says it prepares; on standard error by default.
 
         Raises:
-            ChildError: when it ends or stays silent for `READY_S` seconds, or the wait is over; its last lines are in
-                the message.
+            ChildError: when it ends or says nothing of that kind for `READY_S` seconds, or the wait is over; its last
+                lines are in the message.
         """
         command: Sequence[str] = (sys.executable, "-m", "ztpm.base.parent_watch", str(os.getpid()), module, *arguments)
         popen = subprocess.Popen(  # noqa: S603 - our own interpreter and our own modules
@@ -95,7 +111,7 @@ class Child:
             assert stream is not None
             threading.Thread(target=child._follow, args=(stream, lines), daemon=True).start()
         try:
-            child._wait_ready(lines, ended)
+            child._wait_ready(lines, ended, preparing or Preparing())
         except BaseException:
             child.stop()
             raise
@@ -110,29 +126,33 @@ class Child:
                     if isinstance(answer, dict):
                         self._answers.put(answer)
                 continue
-            self.output.append(line)
+            if not line.startswith(PREPARING):
+                self.output.append(line)
             if not self.ready:  # nobody waits for lines afterwards
                 lines.put(line)
         lines.put(None)
 
-    def _wait_ready(self, lines: queue.SimpleQueue[str | None], ended: Callable[[], bool]) -> None:
+    def _wait_ready(
+        self, lines: queue.SimpleQueue[str | None], ended: Callable[[], bool], preparing: Preparing
+    ) -> None:
         deadline = time.monotonic() + READY_S
         while (left := deadline - time.monotonic()) > 0 and not ended():
             try:
                 line = lines.get(timeout=min(left, POLL_S))
             except queue.Empty:
                 line = ""
-            if line and line.startswith("{"):
-                try:
-                    said = json.loads(line)
-                except ValueError:
-                    continue
-                if isinstance(said, dict) and said.get("ready") is True:
-                    self.ready = said
-                    return
+            said = _said(line or "")
+            if said.get("ready") is True:
+                self.ready = said
+                preparing.over()
+                return
+            if "preparing" in said:
+                preparing.tell(said["preparing"])
+                deadline = time.monotonic() + READY_S
             # Both pipes may have ended a moment before the process has: then no line says so, and silence must do.
             if not line and self.popen.poll() is not None:
                 break
+        preparing.over()
         raise ChildError(f"{self.name} did not become ready:\n" + "\n".join(self.output))
 
     @property

@@ -92,8 +92,10 @@ def _loopback() -> tuple[bool, str]:
 
 def _physics() -> tuple[bool, str]:
     from pep.pit import Assessment, CellParameters, MoveJ, Robot, assess
+    from ztpm.preparing import prepare_physics
     from ztpm.stage.stage import ACCELERATION_RAD_S2, LEFT, RIGHT, SPEED_RAD_S
 
+    prepare_physics()
     robot, cell = Robot.load("ur3e"), CellParameters()
     started = time.perf_counter()
     motion = MoveJ(LEFT, RIGHT, SPEED_RAD_S, ACCELERATION_RAD_S2)

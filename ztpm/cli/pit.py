@@ -64,8 +64,10 @@ def pit(
     from pep.pit.base.errors import PitError
     from policies.evidence.evidence import ImpactFault
     from ztpm.pit import Arm, to_plain
+    from ztpm.preparing import prepare_physics
 
     question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)
+    prepare_physics()
     said = question.answer()
     if isinstance(said, ImpactFault):
         _fault(said.reason, said.detail, as_json=as_json)

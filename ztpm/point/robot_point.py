@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from typing import TYPE_CHECKING, Any
 
 from capabilities.values.caps import DEFAULT as CAPS
@@ -14,7 +16,7 @@ from pep.people.asks import Asks
 from pep.perception.receiver import Receiver
 from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
-from pep.pit.assess.readiness import compile_all
+from pep.pit.assess.readiness import compile_telling
 from pep.provider.ask_client import Asking
 from pep.rtde.command.limits import Ur3eLimits
 from pep.rtde.robot.state_receiver import ReceivedState
@@ -38,6 +40,12 @@ if TYPE_CHECKING:
     from pep.request.edge import Edge
     from policies.decide.policy import PolicySet
     from ztpm.point.cell_config import CellConfig
+
+
+def _preparing(progress: object) -> None:
+    """Whoever started this process may show how far it is."""
+    sys.stdout.write(json.dumps({"preparing": str(progress)}) + "\n")
+    sys.stdout.flush()
 
 
 class OpenedCell(Opened):
@@ -91,7 +99,7 @@ class RobotPoint(EnforcementPoint):
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
-        compile_all()  # compiled before anybody may ask: a minute or more the very first time, a second from then on
+        compile_telling(_preparing)  # before anybody may ask: minutes the very first time, a second from then on
         self.robot = read_robot(config, tool=survey.tool)
         self.holding = Holding(self.robot, self.cell)
         self.physics = CellPhysics(

@@ -12,7 +12,7 @@ from pep.pit.base.motion import Run
 from pep.pit.base.tier import HIGHEST, MOVING, tier_of
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
-from pep.pit.search.course_engine import chosen_for
+from pep.pit.search.course_engine import chosen
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.speed_bisection import highest_speed
 from pep.pit.search.start_violations import RETREAT, departure, slow_enough
@@ -86,8 +86,7 @@ class DriveQuestion(MoveQuestion):
         if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
             return self._doubted(drive.doubt or JOINT_LIMIT)
         # 2. What the motion asks of the arm.
-        curved = chosen_for(self.view.scene, self.cell)
-        self.drive = drive = drive.measured_by(curved)
+        curved = chosen()
         course, profile = drive.course, drive.profile
         effort = Effort(self.robot, drive, self.cell)
         ratios, speeds = effort.ratios(profile), effort.surface_speed_m_s(profile)
@@ -157,7 +156,7 @@ class DriveQuestion(MoveQuestion):
         assert not isinstance(drive, Nowhere)
         if target < MOVING or self.view.floor > target:
             return None
-        course, curved = drive.course, chosen_for(self.view.scene, self.cell)
+        course, curved = drive.course, chosen()
         # What counts no more at this speed counts no more at a lower one (faster never lowers).
         asks = max(ratio.index for ratio in ratios) > target
         leaves = certified.leaves.take(certified.leaf_index > target)

@@ -14,7 +14,6 @@ from pep.pit.assess.straight_remaining import MOVES, OFF_PATH, Remaining, Rest, 
 from pep.pit.base.motion import STILL_RAD, JointPath, LinePath, MoveL, Run, ServoJ, SpeedL
 from pep.pit.base.tier import HIGHEST, MOVING
 from pep.pit.path.straight_path import GRID
-from pep.pit.search.course_engine import chosen_for
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.question import as_run
 from pep.pit.search.timed_course import Drive, Nowhere
@@ -59,7 +58,6 @@ class DriveRest(Rest):
             worst = {None: 0.0, JOINT_LIMIT: HIGHEST}.get(drive.doubt, DOUBTFUL)
             return against(self.authorised_milli, milli(worst), drive.doubt or "")
         # 1. Where on the course the arm is, or beside it by no more than the course says.
-        self.drive = drive = drive.measured_by(chosen_for(scene, cell))
         self.course = course = drive.course
         s = _place(course, at)
         beside = np.maximum(np.abs(at - course.q(s)) - course.cells.stray[course.cells.holding(s * GRID)], 0)

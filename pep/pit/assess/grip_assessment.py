@@ -9,11 +9,11 @@ import numpy as np
 
 from pep.pit.base.motion import MoveJ
 from pep.pit.base.tier import HIGHEST, MOVING, ratio_index
-from pep.pit.path.straight_path import Path
 from pep.pit.scene.contact_limits import payload_kg
 from pep.pit.scene.obstacles import Kind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
+from pep.pit.search.engine import chosen
 from pep.pit.second.straight_check import Disagreement, cross_check_rest
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters
     causes = [GripCause(name, max(MOVING, ratio_index(ratio)), tool.name, np.inf) for name, ratio in asked.items()]
     if payload_kg(robot, cell) > 0:
         causes.append(GripCause("held_part", HELD, tool.name, np.inf))
-    path = Path(robot, MoveJ(motion.q, motion.q, 1.0, 1.0))
+    path = chosen().path(robot, MoveJ(motion.q, motion.q, 1.0, 1.0))
     pairs = pairs_of(robot, view.scene, cell, grown_m=view.grown_m)
     everything = np.arange(len(pairs))
     clearance = path.clearance_at(pairs, 0, everything)

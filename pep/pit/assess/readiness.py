@@ -1,17 +1,74 @@
-"""Compilation of everything that a question about physics needs, before any time is counted."""
+"""Compilation of everything that a question about physics needs, before any question and before any time is counted.
+
+The first time on a machine it takes minutes, from then on a second. Until it is done nobody answers.
+"""
 
 from __future__ import annotations
 
+import threading
+import time
+from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING, Final
 
-from pep.pit.search.engine import NUMPY, chosen
+import numpy as np
+
+from pep.pit.robot.robot import Robot
+from pep.pit.scene.cell import CellParameters
+from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.engine import chosen
+from pep.pit.search.kernel.arithmetic.compilation import ENTRIES
+from pep.pit.search.kernel.step_arrays import ready_of
+from pep.pit.search.kernel.step_bound import settle
+from pep.pit.search.kernel.step_envelope import JOINTS, SERVO, STEP
+from pep.pit.second import compiled_sight
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+TOLD_EACH_S: Final = 1.0  # ours: how often progress is told
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far the compilation is: so many functions of all, after so many seconds."""
+
+    done: int
+    functions: int
+    seconds: float
+
+    def __str__(self) -> str:
+        """One line for people."""
+        return f"compiling the physics kernel: {self.done} of {self.functions} functions, {self.seconds:.0f} s"
 
 
 @cache
 def compile_all() -> None:
     """Compile every function of the kernel, or read what was compiled before."""
-    if chosen() is NUMPY:
-        return
-    from pep.pit.second import compiled_sight
-
+    chosen()
     compiled_sight.compile_all()
+    robot, cell = Robot.load("ur3e"), CellParameters()
+    pairs = pairs_of(robot, cell.surveyed, cell, grown_m=0.0)
+    settle(ready_of(robot, pairs, cell, sighted_s=0.0), SERVO, np.zeros((STEP, JOINTS)), 0.0, 0.0)
+
+
+def compile_telling(tell: Callable[[Progress], None], *, clock: Callable[[], float] = time.monotonic) -> None:
+    """Compile as `compile_all` does, and tell how far it is every `TOLD_EACH_S` seconds.
+
+    Args:
+        tell: called from another thread; never once everything is compiled.
+        clock: monotonic seconds.
+    """
+    began, over = clock(), threading.Event()
+
+    def watch() -> None:
+        while not over.wait(TOLD_EACH_S):
+            tell(Progress(sum(bool(each.signatures) for each in ENTRIES), len(ENTRIES), clock() - began))
+
+    watching = threading.Thread(target=watch, daemon=True)
+    watching.start()
+    try:
+        compile_all()
+    finally:
+        over.set()
+        watching.join()

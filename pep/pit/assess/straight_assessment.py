@@ -13,7 +13,7 @@ from pep.pit.base.tier import HIGHEST, MOVING, TIE, tier_of
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import Slower
-from pep.pit.search.engine import chosen_for
+from pep.pit.search.engine import chosen
 from pep.pit.search.meant_contact import gentle_rows
 from pep.pit.search.speed_bisection import highest_speed
 from pep.pit.search.start_violations import RETREAT, departure, joint_limits, slow_enough
@@ -36,9 +36,10 @@ if TYPE_CHECKING:
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.pairs import Pairs
     from pep.pit.scene.view import View
-    from pep.pit.search.arm_limits import Demands, Ratio
+    from pep.pit.search.arm_limits import Ratio
     from pep.pit.search.certify import Certified, Witness
     from pep.pit.search.engine import Engine
+    from pep.pit.search.kernel.compiled_limits import Demands
 
 SLOWEST_RAD_S: Final = 0.01  # slower than this is of no use, so no lower tier is named
 
@@ -59,7 +60,7 @@ class MoveQuestion:
         engine: Engine | None = None,
     ) -> None:
         """Nothing is computed yet. Without an `engine` the one of this installation answers."""
-        self.engine = chosen_for(view.scene, cell) if engine is None else engine
+        self.engine = chosen() if engine is None else engine
         self.robot, self.view, self.move, self.cell, self.seed = robot, view, move, cell, seed
         self.touch, self.check_time = touch, check_time
 

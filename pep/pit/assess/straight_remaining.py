@@ -22,7 +22,7 @@ from pep.pit.scene.obstacles import VIOLABLE
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import DEPTH, ROWS_MOST, VIOLATION_RESOLUTION_M, first_cut
-from pep.pit.search.engine import chosen_for
+from pep.pit.search.engine import chosen
 from pep.pit.search.meant_contact import gentle_rows
 from pep.pit.search.question import view_around
 from pep.pit.search.start_violations import RETREAT, departure, joint_limits, slow_enough
@@ -155,7 +155,7 @@ class Rest:
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
         """The steps that do not depend on the speed, in order."""
         run, cell = self.run, self.cell
-        engine = chosen_for(scene, cell)
+        engine = chosen()
         self.path = path = engine.path(self.robot, run)
         # 1. Where on the path the arm is. What lies behind it is done.
         at = np.array(self.at_rad)

@@ -21,14 +21,15 @@ from pep.pit.base.errors import PitError
 from pep.pit.base.motion import MoveJ, ServoJ, SpeedJ
 from pep.pit.base.tier import tier_of
 from pep.pit.path.path import Leaves
-from pep.pit.scene.capsule_scene import enclosed
 from pep.pit.scene.grip_sightings import without_held
 from pep.pit.scene.pairs import pairs_of
-from pep.pit.scene.scene import Convex
 from pep.pit.scene.separation import stopping
 from pep.pit.scene.view import view_of
 from pep.pit.search.certify import Certified
-from pep.pit.search.engine import NUMPY, chosen, chosen_for
+from pep.pit.search.engine import chosen
+from pep.pit.search.kernel.step_arrays import ready_of
+from pep.pit.search.kernel.step_bound import Settled, settle
+from pep.pit.search.kernel.step_envelope import JOINTS, SERVO, SPEED, STEP
 from pep.pit.search.question import refuse_nonsense, refuse_unreal
 from pep.pit.search.speed_envelope import stream_envelope
 from pep.pit.second.second_engine import SPEED_TOLERANCE_M_S, World
@@ -45,12 +46,9 @@ if TYPE_CHECKING:
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.pairs import Pairs
     from pep.pit.scene.scene import Scene
-    from pep.pit.search.kernel.step_bound import Settled
     from pep.pit.second.straight_check import Agreement
 
 CONFIRMED_OF: Final = 128  # ours: of so many settled steps one is asked of the second engine, four a second
-SERVO, SPEED = 0, 1  # as in `kernel.steps`, which is not there without numba
-_FORM: Final = (4, 6)  # likewise
 _REST: Final = (0.0,) * 4  # of the row that holds two times
 _NO_KEYS: Final = np.zeros(0, np.int64)
 _NO_LEAVES: Final = Leaves(_NO_KEYS, _NO_KEYS, _NO_KEYS, *([np.zeros(0)] * 4))
@@ -77,11 +75,11 @@ class Bounded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _World:
-    """A scene ready to be asked about; `settle` bounds a step in it, and is None where numba is missing."""
+    """A scene ready to be asked about; `settle` bounds a step in it."""
 
     scene: Scene
     pairs: Pairs
-    settle: Callable[[int, Floats, float, float], Settled] | None = None
+    settle: Callable[[int, Floats, float, float], Settled]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +175,7 @@ class Stream:
         late = whole.oldest()
         sighted_s = math.inf if missing or not whole.complete else 0.0 if late is None else late.age_s
         seen = self._world(whole, sighted_s)
-        path = chosen_for(whole, cell).path(robot, rest)
+        path = chosen().path(robot, rest)
         clearance = path.clearance_at(seen.pairs, 0, np.arange(len(seen.pairs)))
         fault = _disagreed(cross_check_rest(path, seen.pairs, whole, clearance))
         held = None if missing or robot.held is None else robot.held.object  # as `view_around`: seen, not surveyed
@@ -188,15 +186,10 @@ class Stream:
     def _world(self, scene: Scene, sighted_s: float) -> _World:
         robot, cell = self._robot, self._cell
         pairs = pairs_of(robot, scene, cell, grown_m=0.0, touch=self._touch)
-        if chosen() is NUMPY:
-            return _World(scene, pairs)
-        from pep.pit.search.kernel.step_arrays import ready_of  # here, since numba may be missing
-        from pep.pit.search.kernel.step_bound import settle  # likewise
-
-        angular = any(isinstance(shape, Convex) for shape in scene.solid_shapes)
-        known = pairs_of(robot, enclosed(scene), cell, grown_m=0.0, touch=self._touch) if angular else pairs
-        bound = partial(settle, ready_of(robot, known, cell, sighted_s=sighted_s))
-        bound(SERVO, np.zeros(_FORM), 0.0, 0.0)  # compiled, or read from where it was kept, before a step waits for it
+        bound = partial(settle, ready_of(robot, pairs, cell, sighted_s=sighted_s))
+        bound(
+            SERVO, np.zeros((STEP, JOINTS)), 0.0, 0.0
+        )  # compiled, or read from where it was kept, before a step waits for it
         return _World(scene, pairs, bound)
 
     def _step(self, motion: Motion, authorised_milli: int, seed: bytes) -> Bounded | Assessment | ImpactFault:
@@ -214,10 +207,9 @@ class Stream:
                 return ImpactFault("PARAMETERS_WRONG", "neither a servo target nor joint speeds")
         if step is not None:
             world = view.seen if view.unheld is None else self._around(view.seen, view.unheld, start)
-            if world.settle is not None:
-                found = world.settle(form, step, age_s or 0.0, float(authorised_milli * PER_MILLI))
-                if found.proven:
-                    return self._bounded(view, world, step, age_s, found)
+            found = world.settle(form, step, age_s or 0.0, float(authorised_milli * PER_MILLI))
+            if found.proven:
+                return self._bounded(view, world, step, age_s, found)
         return self._whole(view, motion, age_s, seed)
 
     def _around(self, seen: _World, unheld: _World, at: Joints) -> _World:
@@ -290,4 +282,4 @@ def _numbers(start: Joints, now: Joints, target: Joints, first: float, second: f
         step = np.array((start, now, target, (first, second, *_REST)))
     except (TypeError, ValueError, OverflowError):
         return None
-    return step if step.dtype == np.float64 and step.shape == _FORM else None
+    return step if step.dtype == np.float64 and step.shape == (STEP, JOINTS) else None

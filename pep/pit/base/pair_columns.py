@@ -40,6 +40,21 @@ WHOLE: Final = 4
 SEGMENT: Final = 0
 BOX: Final = 1
 PLANE: Final = 2
+POLYTOPE: Final = 3
+
+# Columns of a polytope's pair: where its rows begin, behind those of all pairs, and how many of what there are.
+FIRST_ROW: Final = A
+VERTICES: Final = A + 1
+FACES: Final = A + 2
+EDGES: Final = B
+
+# Columns of a polytope's rows, each of which has a corner, a face and an edge as long as there are any.
+VERTEX: Final = 0  # three columns
+NORMAL: Final = 3  # outward: three columns
+BEHIND: Final = 6  # offset of the face along it
+SIDES: Final = 7  # normals of the face's edges in its plane, outward: nine columns
+BESIDE: Final = 16  # their offsets: three columns
+EDGE: Final = 19  # both ends: six columns
 
 # Codes of `Kind`, in its order; `pep.pit.search.kernel.compiled_path` refuses to load when they are not.
 PERSON: Final = 0

@@ -10,8 +10,21 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 import numpy as np
 
-from pep.pit.base.pair_columns import AXES, BOX, CENTER, HALF, NUMBERS, OFFSET, PLANE, RADII, SEGMENT, A, B
-from pep.pit.geometry.clearance import NONE, Cores
+from pep.pit.base.pair_columns import (
+    AXES,
+    BOX,
+    CENTER,
+    HALF,
+    NUMBERS,
+    OFFSET,
+    PLANE,
+    POLYTOPE,
+    RADII,
+    SEGMENT,
+    A,
+    B,
+)
+from pep.pit.geometry.clearance import NONE, ROUNDING_M, Cores
 from pep.pit.geometry.hull import hull_of
 from pep.pit.geometry.shape import Box, Capsule, Convex, Sphere
 
@@ -30,7 +43,6 @@ Plane = tuple["Vector", float]
 # Columns of a solid: where the kernel has the same number it stands in the same column, and those of laws are free.
 FORCE_LIMIT, RADIUS, FORM = range(NUMBERS, NUMBERS + 3)  # one of a law, two of a core
 SOLID: Final = NUMBERS + 3
-POLYTOPE: Final = -1  # a form that the kernel does not know, beside its own
 
 _FREE: Final = (0.0,) * (A - RADII)
 _NO_POINT: Final = (0.0, 0.0, 0.0)
@@ -109,9 +121,12 @@ def _numbers_of(shape: Shape) -> tuple[float, ...]:
         case Box(center, half, quaternion):
             core = (*center, *center, 0.0, *rotation_of(quaternion).ravel().tolist(), *half)
             return (*center, _length(*half), *_FREE, *core, 0.0, 0.0, BOX)
-        case Convex(_, radius):
+        case Convex(vertices, radius):
+            corners = hull_of(vertices).vertices
+            middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+            around = float(np.linalg.norm(corners - middle, axis=1).max()) + ROUNDING_M
             core = (*_NO_POINT, *_NO_POINT, 0.0, *_NO_TURN, *_NO_POINT)
-            return (*_NO_POINT, 0.0, *_FREE, *core, 0.0, radius, POLYTOPE)
+            return (*middle.tolist(), around, *_FREE, *core, 0.0, radius, POLYTOPE)
         case _:
             assert_never(shape)
 

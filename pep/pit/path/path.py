@@ -8,13 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pep.pit.geometry.clearance import core_distance
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats
-    from pep.pit.robot.kinematics import Layout, Poses
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.pairs import Pairs
 
@@ -68,17 +65,11 @@ class Route(ABC):
 
     Attributes:
         robot: whose joints they are.
-        layout: its bodies.
         delta: how far each joint goes: the difference of a straight path's ends, a bound on a course, (6,), rad.
     """
 
     robot: Robot
-    layout: Layout
     delta: Floats
-
-    @abstractmethod
-    def nodes(self, keys: Keys) -> tuple[NDArray[np.intp], Poses]:
-        """Index of each key's configuration in the poses, and the poses; what is missing is computed."""
 
     @abstractmethod
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
@@ -91,14 +82,14 @@ class Route(ABC):
         ahead = high > since
         return self.examine(pairs, low[ahead], high[ahead], np.concatenate([leaves.pair, leaves.pair])[ahead])
 
+    @abstractmethod
+    def rush(self, low: Keys, high: Keys) -> Floats:
+        """Bound on the surface speed per unit of ds/dt of every body on each interval, (intervals, bodies), metre."""
+
+    @abstractmethod
     def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """Surface speed per unit of ds/dt of the body of each of these pairs at one configuration, metre."""
-        at, known = self.nodes(np.array([key]))
-        body = pairs.body[pair]
-        return np.asarray(known.speed[at[0], body] + self.layout.radius[body] * known.spin[at[0], body])
 
+    @abstractmethod
     def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """Signed clearance of these pairs at one configuration, metre."""
-        at, known = self.nodes(np.array([key]))
-        distance, _ = core_distance(known.ends[at[0], pairs.body[pair]], pairs.cores.take(pair))
-        return np.asarray(distance - pairs.radii[pair])

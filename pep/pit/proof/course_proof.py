@@ -13,12 +13,13 @@ import numpy as np
 
 from pep.pit.base.errors import ProofError
 from pep.pit.base.motion import LineLeg, MoveL, Profile, ServoJ, SpeedL
-from pep.pit.path.course import Course
-from pep.pit.path.line_trace import ASKED_POSES, FINEST, FIRST_PIECES, trace
+from pep.pit.path.line_trace import ASKED_POSES, FINEST, FIRST_PIECES
 from pep.pit.path.straight_path import GRID
 from pep.pit.proof.motion_proof import hex_of, hexed
 from pep.pit.robot.inverse_kinematics import reaching, stance
 from pep.pit.robot.twist import Twist, tool_pose, turn_of
+from pep.pit.search.course_engine import chosen
+from pep.pit.search.kernel.compiled_course import CompiledCourse
 from pep.pit.search.stream_course import AT_ONCE
 from pep.pit.search.timed_course import beyond, fastest_of
 
@@ -44,7 +45,7 @@ HALVINGS: Final = (GRID // FIRST_PIECES // FINEST).bit_length() - 1  # from the 
 STRAYS: Final = 2.0**-20  # share by which what depends on spelt bounds is taken to be larger
 
 
-class Recorded(Course):
+class Recorded(CompiledCourse):
     """A drive's course with the bounds as a proof spells them, and the record of it.
 
     Attributes:
@@ -183,19 +184,18 @@ def _broken_off(
         width = (GRID // FIRST_PIECES) >> halvings
         if until + width > GRID:
             break
-        try:
-            found = trace(
-                robot,
-                twist,
-                q,
-                since=until,
-                until=until + width,
-                pieces=1,
-                fastest=np.full(len(q), np.inf),
-                check_time=_Few(),
-            )
-        except _TooManyError:
-            continue
+        found = chosen().trace(
+            robot,
+            twist,
+            q,
+            since=until,
+            until=until + width,
+            pieces=1,
+            fastest=np.full(len(q), np.inf),
+            check_time=lambda: None,
+        )
+        if width > FINEST and (found.stuck is not None or len(found.cells) > 1):
+            continue  # not proven whole
         if found.stuck is not None and width == FINEST:
             return record | {"ahead": {"until": until + width, "fast": False}}
         if found.stuck is None and (np.abs(found.cells.dq[0]) > fastest_of(robot, rate)).any():
@@ -216,24 +216,6 @@ def _with_fast(record: dict[str, Any], until: int, found: Trace, start: Floats) 
         "nodes": [[key, q] for key, q in sorted(nodes.items())],
         "ahead": {"until": found.reached, "fast": True},
     }
-
-
-class _TooManyError(Exception):
-    """A piece that is not proven whole."""
-
-
-class _Few:
-    """Lets a trace try two pieces: what is asked of it is one."""
-
-    def __init__(self) -> None:
-        """None was tried."""
-        self._tried = 0
-
-    def __call__(self) -> None:
-        """One more."""
-        self._tried += 1
-        if self._tried > 1:
-            raise _TooManyError
 
 
 def angles_for(robot: Robot, twist: Twist, since: int) -> list[list[str]]:

@@ -28,14 +28,14 @@ from pep.pit.base.motion import (
     SpeedL,
     profile_of,
 )
-from pep.pit.path.straight_path import GRID, Path
+from pep.pit.path.straight_path import GRID
 from pep.pit.proof.course_proof import SLACK, Recorded, followed, untraced
 from pep.pit.proof.motion_proof import hex_of, motion_text
 from pep.pit.proof.row_proofs import DIGITS, Claimed, Rows
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
-from pep.pit.search.arm_limits import Demands
 from pep.pit.search.course_limits import Effort
+from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run, view_around
 from pep.pit.search.start_violations import joint_limits
 from pep.pit.search.timed_course import Drive
@@ -47,13 +47,13 @@ if TYPE_CHECKING:
 
     from pep.pit.assess.assessment import Assessment
     from pep.pit.base.motion import Driven, Joints, LineLeg, Motion
+    from pep.pit.path.path import Keys
     from pep.pit.proof.motion_proof import Moving
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.pairs import Pairs
     from pep.pit.scene.scene import Scene
     from pep.pit.scene.view import View
-    from pep.pit.search.surface_speeds import Speeds
     from pep.pit.search.timed_course import Nowhere
 
 VERSION: Final = "ztpm-pit-proof/1"
@@ -218,14 +218,15 @@ class _Prover:
         profile = profile_of(run)
         if profile is None or joint_limits(self.robot, run.start, run.target).broken:
             return _NOTHING, 0.0
-        path = Path(self.robot, run)
-        demands = Demands(path, self.cell)
+        engine = chosen()
+        path = engine.path(self.robot, run)
+        demands = engine.demands(path, self.cell)
         torque = next(each.ratio for each in demands.ratios(profile) if each.name == "torque")
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
         rows = Rows(path, profile, stop, self._pairs(), cell=self.cell, slack=0.0)
         members = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs))).members
         met = [[pair, (low + high) // 2] for pair, low, high in members["met"]]
-        return members | {"met": met, "cut": _cut(demands.speeds(profile))}, torque
+        return members | {"met": met, "cut": _cut(*demands.intervals(profile))}, torque
 
     def driven(
         self, start: Joints, drive: Drive | Nowhere, motion: Driven | LineLeg, answer: Assessment
@@ -275,6 +276,6 @@ def _question(robot: Robot, view: View, motion: Moving, cell: CellParameters, to
     }
 
 
-def _cut(speeds: Speeds) -> str:
+def _cut(low: Keys, high: Keys) -> str:
     """The depths of the intervals on which speeds of the whole path are bounded, one digit each."""
-    return "".join(DIGITS[(GRID // width).bit_length() - 1] for width in (speeds.high - speeds.low).tolist())
+    return "".join(DIGITS[(GRID // width).bit_length() - 1] for width in (high - low).tolist())

@@ -93,14 +93,6 @@ def search_starts() -> Floats:
     return np.random.default_rng(SEARCH_SEED).uniform(-np.pi, np.pi, (SEARCH_STARTS, 6))  # 6 joints
 
 
-def reachable(robot: Robot, positions: Floats, rotations: Floats) -> bool:
-    """Whether for each of these poses, (n, 3) and (n, 3, 3), some joint angles were found, in any configuration.
-
-    No is no proof: nothing was found from `SEARCH_STARTS` starts each.
-    """
-    return not bool(np.isnan(reaching(robot, positions, rotations)).any())
-
-
 def reaching(robot: Robot, positions: Floats, rotations: Floats) -> Floats:
     """For each of these poses, (n, 3) and (n, 3, 3), joint angles that reach it to `SEARCH_NEAR`, (n, 6), rad.
 

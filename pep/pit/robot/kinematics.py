@@ -108,22 +108,3 @@ def poses(robot: Robot, plan: Layout, q: Floats, dq: Floats) -> Poses:
         back = plan.reference[seen]
         ends[:, seen] = np.einsum("nbji,nbej->nbei", rotation[:, back], ends[:, seen] - origin[:, back, None])
     return Poses(ends, speed, np.sqrt(np.einsum("nbi,nbi->nb", spin, spin)))
-
-
-@dataclass(frozen=True, slots=True)
-class Bending:
-    """Bounds over the whole path, per body: second and third derivative of its ends, second of its spin."""
-
-    second: Floats
-    third: Floats
-    spin_second: Floats
-
-
-def bending(robot: Robot, plan: Layout, dq: Floats) -> Bending:
-    """How strongly each body can leave a chord of the path."""
-    share = np.abs(dq) * plan.moved_by
-    outer = np.cumsum(share, axis=1)
-    inner = outer - share
-    second = (robot.reach * (outer**2 - inner**2)).sum(axis=1)
-    third = (robot.reach * (outer**3 - inner**3)).sum(axis=1)  # third power: third derivative
-    return Bending(second, third, (share * inner**2).sum(axis=1))

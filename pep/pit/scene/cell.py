@@ -190,7 +190,7 @@ class CellParameters:
     retreat_speed_m_s: float = 0.25  # U5: recovery mode, 250 mm/s
     retreat_tolerance_m: float = 0.001  # numerical room of the proof that no violated clearance shrinks
 
-    time_limit_s: float = 2.0  # numpy engine on a loaded machine (50 ms on an idle one); later is a fault
+    time_limit_s: float = 2.0  # ours: far more than an answer takes on a loaded machine; later is a fault
 
     def __hash__(self) -> int:
         """As a frozen dataclass has it; much is remembered by cell, and its numbers are many."""

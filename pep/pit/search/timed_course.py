@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from pep.pit.path.course import Course
     from pep.pit.path.line_trace import Trace
     from pep.pit.robot.robot import Robot
-    from pep.pit.search.course_engine import Curved
 
     Check = Callable[[], None]
 
@@ -74,13 +73,6 @@ class Drive:
     def at_speed(self, speed: float) -> Profile:
         """The timing at another commanded speed."""
         return replace(self.profile, speed_rad_s=speed)
-
-    def measured_by(self, engine: Curved) -> Drive:
-        """The same drive, on a course whose distances this engine measures."""
-        course = self.course
-        if type(course) is engine.course:
-            return self
-        return replace(self, course=engine.course(course.robot, course.cells, course.track))
 
     def joint_speeds_rad_s(self, profile: Profile) -> Floats:
         """Proven bound on the speed of each joint on each cell, (cells, 6)."""

@@ -1,8 +1,7 @@
 """The second engine's arithmetic: what follows from where pinocchio puts the links and how coal measures the cores.
 
 It takes pinocchio's frames and Jacobians, and of the searches the law of an index, by which it settles what nobody has
-measured; whatever else is wrong with these is not wrong here as well. The twin in numpy is
-`pep.pit.second.second_engine.World`.
+measured; whatever else is wrong with these is not wrong here as well.
 """
 
 from __future__ import annotations
@@ -216,7 +215,7 @@ def confirmed(
 def sight(
     world: World, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float
 ) -> tuple[Floats, Floats, bool, Whole]:
-    """As `pep.pit.second.second_engine.World.look`: the last four of its `Sight`."""
+    """As `pep.pit.second.straight_check.look`: the last four of its `Sight`."""
     model, stage, pairs = world.robot.pinocchio, world.stage, world.pairs
     count, links = len(q), len(stage.turns)
     turns, origins = np.empty((count, links, AXES, AXES)), np.empty((count, links, AXES))

@@ -15,7 +15,6 @@ import coal
 import numpy as np
 import pinocchio
 
-from pep.pit.base.tier import MOVING
 from pep.pit.search.certify import VIOLATION_RESOLUTION_M
 from pep.pit.second.collision_model import STAGES
 
@@ -124,29 +123,6 @@ class World:
             self._measure(row, q)
         return near, speed[:, self.pairs.body]
 
-    def look(self, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float) -> Sight:
-        """What is seen at these places; coal measures at the first ones.
-
-        Args:
-            q: joint angles, (places, 6), rad.
-            qd: their speeds, (places, 6), rad/s.
-            kernel: the first engine's clearances at the first places, (measured, pairs).
-            stop: how the motion ends when it must.
-            since: the first place of which what is open counts.
-            upper: the index that the first engine proved of the motion.
-        """
-        ends, turns, origins, speed = self._motion(q, qd)
-        near, later, pairs = self._unmeasured(ends), slice(len(kernel), None), self.pairs
-        near[later, : len(self.radius)] = self._balls(ends[later], turns[later], origins[later])
-        for row, angles in zip(near, q[: len(kernel)], strict=False):
-            self._measure(row, angles)
-        agrees = bool((np.abs(near[: len(kernel)] - kernel) <= DISTANCE_TOLERANCE_M).all())
-        allowed = np.where(np.arange(len(q)) < len(kernel), MOVING, upper)[since:]
-        every, speeds = np.tile(np.arange(len(pairs)), len(allowed)), speed[since:, pairs.body].ravel()
-        found = doubted(pairs, stop, every, near[since:].ravel(), speeds, upper=allowed.repeat(len(pairs)), violated=())
-        place, pair = np.nonzero((found.above | found.below).reshape(-1, len(pairs)))
-        return Sight(q, len(kernel), near, speed, agrees, np.stack([place + since, pair], axis=1))
-
     def distances(self, q: Floats) -> Floats:
         """Coal's distances of the cores of all pairs of bodies."""
         stage = self.stage
@@ -177,17 +153,6 @@ class World:
         """Coal's clearances of all pairs of cores stand in `near`, (pairs,)."""
         found = self.distances(q)
         near[: len(found)] = np.maximum(found, 0.0) - self.radius
-
-    def _balls(self, ends: Floats, turns: Floats, origins: Floats) -> Floats:
-        """Clearance of the balls around all bodies' and things' cores, (places, pairs of bodies): at most their own."""
-        stage, count = self.stage, self.robot.world_bodies
-        centers = 0.5 * (ends[:, :, 0] + ends[:, :, 1])
-        away = centers[:, None, :count] - self.centers[:, None]
-        apart = np.sqrt(np.einsum("ptbi,ptbi->ptb", away, away)) - self.around[:, None] - stage.half[:count]
-        own = np.einsum("pkij,kj->pki", turns[:, stage.own_link], stage.own_center)
-        inner = own + origins[:, stage.own_link] - centers[:, stage.own_body]
-        apart_own = np.sqrt(np.einsum("pki,pki->pk", inner, inner)) - stage.own_half - stage.half[stage.own_body]
-        return np.asarray(np.concatenate([apart.reshape(len(ends), apart[0].size), apart_own], axis=1) - self.radius)
 
     def _faces(self, ends: Floats) -> Floats:
         """Clearance from each face of the room, (places, faces times moving bodies)."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit.search.engine import NUMPY, chosen
+from pep.pit.second.compiled_sight import sight
 from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, SPEED_TOLERANCE_M_S, Doubted, Sight, World, doubted
 
 if TYPE_CHECKING:
@@ -87,11 +87,17 @@ def cross_check(
 
 
 def look(world: World, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float) -> Sight:
-    """As `World.look`, by the compiled arithmetic where numba is installed and there is no polytope."""
-    if chosen() is NUMPY or world.pairs.solids.hulls:
-        return world.look(q, qd, kernel, stop=stop, since=since, upper=upper)
-    from pep.pit.second.compiled_sight import sight  # here, since numba may be missing
+    """What is seen at these places; coal measures at the first ones.
 
+    Args:
+        world: the second engine.
+        q: joint angles, (places, 6), rad.
+        qd: their speeds, (places, 6), rad/s.
+        kernel: the first engine's clearances at the first places, (measured, pairs).
+        stop: how the motion ends when it must.
+        since: the first place of which what is open counts.
+        upper: the index that the first engine proved of the motion.
+    """
     return Sight(q, len(kernel), *sight(world, q, qd, kernel, stop=stop, since=since, upper=upper))
 
 

@@ -1,7 +1,5 @@
-"""The compiled engine: the numpy engine's search over again, as loops that numba turns into machine code.
+"""The compiled engine: kinematics, distances, bounds and searches as loops that numba turns into machine code.
 
-It answers the same questions with the same bounds (docs/physics.md, PHY-9, PHY-17) as `pep.pit.path.straight_path`,
-`pep.pit.path.line_trace`, `pep.pit.path.course` and `pep.pit.search.certify`, some hundred times faster and without
-holding the interpreter's lock. Those remain the reference to read and what runs where numba is not installed; tests
-hold both to each other.
+It runs without the interpreter's lock. The bounds are those of docs/physics.md (PHY-9, PHY-17); tests hold it to a slow
+twin in numpy (`tests/model/pit`).
 """

@@ -19,14 +19,12 @@ from pep.pit.path.line_trace import ASKED_POSES, FIRST_PIECES, Stuck, Trace
 from pep.pit.path.path import Leaves
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.inverse_kinematics import search_starts
-from pep.pit.robot.kinematics import layout
 from pep.pit.robot.robot import Robot
 from pep.pit.robot.twist import Twist, tool_pose
 from pep.pit.scene.cell import CellParameters
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
-from pep.pit.search.blow import DEPTH, RESOLUTION
-from pep.pit.search.certify import Certified, Fit, Witness, cut
+from pep.pit.search.certify import BLOW_DEPTH, BLOW_RESOLUTION, Certified, Fit, Witness, cut
 from pep.pit.search.kernel import course_rows, course_search
 from pep.pit.search.kernel.arithmetic import bending, course_poses, line_pieces
 from pep.pit.search.kernel.arithmetic.joint_torques import masses_of, torques
@@ -42,7 +40,6 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
     from pep.pit.base.travel import Stopping
     from pep.pit.path.path import Keys
-    from pep.pit.robot.kinematics import Poses
     from pep.pit.scene.pairs import Pairs
     from pep.pit.search.kernel.arithmetic.pair_rows import Field
 
@@ -79,7 +76,18 @@ def trace(
     fastest: Floats,
     check_time: Check,
 ) -> Trace:
-    """As `pep.pit.path.line_trace.trace`."""
+    """The joints' path under `twist` between `since` and `until`, in 1 / GRID, as far as it can be proven.
+
+    Args:
+        robot: the arm.
+        twist: the line of its tool.
+        start: joint angles at `since`, (6,).
+        since: where the part that is asked for begins.
+        until: where it ends; `pieces` times a power of two divides it.
+        pieces: of the first cut; more of them are each bounded more tightly.
+        fastest: a rate of the joints, (6,), rad per unit of s, beyond which nothing more is to be proven.
+        check_time: raises when the answer would come too late.
+    """
     check_time()
     begin = np.array(start, dtype=float)
     found = line_pieces.traced(_tool_of(robot), _line_of(twist), begin, since, until, pieces, np.array(fastest, float))
@@ -90,7 +98,7 @@ def trace(
 
 
 def pose_exists(robot: Robot, twist: Twist, since: int) -> bool:
-    """As `pep.pit.path.line_trace.pose_exists`."""
+    """Whether some joint angles were found for each of `ASKED_POSES` poses of the line from `since` on."""
     poses = [twist.at(float(s)) for s in np.linspace(since / GRID, 1, ASKED_POSES)]
     positions, rotations = np.array([p for p, _ in poses]), np.array([r for _, r in poses])
     return bool(reachable(_tool_of(robot).wrist, positions, rotations, search_starts()))
@@ -101,9 +109,7 @@ class CompiledCourse(Course):
 
     def __init__(self, robot: Robot, cells: Cells, track: Track) -> None:
         """A course that holds no configuration yet."""
-        self.robot, self.cells, self.track = robot, cells, track
-        self.delta = cells.way
-        self.layout = layout(robot)
+        super().__init__(robot, cells, track)
         arm, wrist = arm_of(robot), _tool_of(robot).wrist
         held = np.stack(
             [cells.q, cells.dq, cells.ddq, cells.first, cells.second, cells.third, cells.stray, cells.hurry], axis=1
@@ -145,29 +151,25 @@ class CompiledCourse(Course):
         count = int(self._held.counts[course_poses.USED])
         return self._held.keys[:count].copy(), self._held.q[:count].copy()
 
-    def nodes(self, keys: Keys) -> tuple[NDArray[np.intp], Poses]:
-        """As `Course.nodes`, computed anew by the numpy engine: nothing that decides asks for them."""
-        return Course(self.robot, self.cells, self.track).nodes(keys)
-
     def rush(self, low: Keys, high: Keys) -> Floats:
-        """As `Course.rush`."""
+        """As `Route.rush`."""
         held, found = course_rows.rushes(self._held, self._curve, low, high)
         self._keep(held)
         return np.asarray(found)
 
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
-        """As `Course.examine`."""
+        """As `Route.examine`."""
         asked = np.stack([low, high, pair], axis=1)
         held, rows = course_rows.examined(self._held, self._curve, self.packed(pairs), asked)
         self._keep(held)
         return _leaves(rows)
 
     def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
-        """As `Course.rush_at`."""
+        """As `Route.rush_at`."""
         return self._at(pairs, key, pair)[1]
 
     def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
-        """As `Course.clearance_at`."""
+        """As `Route.clearance_at`."""
         return self._at(pairs, key, pair)[0]
 
     def _at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> tuple[Floats, Floats]:
@@ -185,7 +187,7 @@ class CompiledCourse(Course):
         floor: float,
         check_time: Check,
     ) -> Certified:
-        """As `pep.pit.search.certify.certify`."""
+        """The proven index of these pairs on this course, as `CompiledPath.certify` has it of a path."""
         check_time()
         groups, first = int(pairs.group.max(initial=-1)) + 1, len(cut(self)[0])
         field, law = self.packed(pairs), np.array(law_of(pairs, stop))
@@ -208,7 +210,7 @@ class CompiledCourse(Course):
     def fits(
         self, pairs: Pairs, profile: Profile, stop: Stopping, leaves: Leaves, *, index: float, check_time: Check
     ) -> Fit:
-        """As `pep.pit.search.certify.fits`."""
+        """As `CompiledPath.fits`."""
         check_time()
         rows, law = _rows(leaves), np.array(law_of(pairs, stop))
         held, proven, kept = course_rows.fits(
@@ -218,14 +220,22 @@ class CompiledCourse(Course):
         return Fit(_leaves(kept), proven)
 
     def blow_ratio(self, pairs: Pairs, profile: Profile, stop: Stopping, *, check_time: Check) -> float:
-        """As `pep.pit.search.blow.blow_ratio`."""
+        """As `CompiledPath.blow_ratio`."""
         check_time()
         people = np.flatnonzero(pairs.kind == pair_columns.PERSON)
         if not people.size:
             return 0.0
         field, law, first = self.packed(pairs), np.array(law_of(pairs, stop)), len(cut(self)[0])
         held, proven = course_rows.blow(
-            self._held, self._curve, field, people, np.array(timing_of(profile)), law, first, DEPTH, RESOLUTION
+            self._held,
+            self._curve,
+            field,
+            people,
+            np.array(timing_of(profile)),
+            law,
+            first,
+            BLOW_DEPTH,
+            BLOW_RESOLUTION,
         )
         self._keep(held)
         return float(proven)

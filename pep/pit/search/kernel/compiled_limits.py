@@ -13,20 +13,21 @@ from pep.pit.base.tier import HIGHEST, MOVING
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.robot import Robot
 from pep.pit.scene.cell import CellParameters
-from pep.pit.search.arm_limits import Demands, Ratio, carried_ratio, speed_shares
+from pep.pit.search.arm_limits import Ratio, carried_ratio, speed_shares
 from pep.pit.search.certify import cuts
 from pep.pit.search.kernel.compiled_path import CompiledPath, blocks
-from pep.pit.search.kernel.loads import QUANTITIES, laid_out, under
+from pep.pit.search.kernel.loads import QUANTITIES, intervals, laid_out, under
 from pep.pit.search.kernel.search_columns import NOBODY
 from pep.pit.search.surface_speeds import FINER
 from pep.pit.search.torques import carried_kg, masses_with
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats, Profile
+    from pep.pit.path.path import Keys
     from pep.pit.path.straight_path import Path
 
 
@@ -47,8 +48,8 @@ def _edges(count: int) -> NDArray[np.int64]:
     return np.arange(count + 1, dtype=np.int64) * (GRID // count)
 
 
-class CompiledDemands(Demands):
-    """As `Demands`, answered by the kernel."""
+class Demands:
+    """What a move demands: the parts that do not depend on its timing, computed once, then ratios for any profile."""
 
     def __init__(self, path: Path, cell: CellParameters) -> None:
         """Torque and speed terms at the path's nodes."""
@@ -59,14 +60,33 @@ class CompiledDemands(Demands):
         self._last: tuple[Profile, Floats, Floats] | None = None
 
     def surface_speed_m_s(self, profile: Profile) -> Floats:
-        """As `Demands.surface_speed_m_s`."""
+        """Proven bound on the surface speed of every body of the robot over the whole path, shape (bodies,)."""
         return self._found(profile)[2]
 
-    def _each(self, profile: Profile) -> Iterator[Ratio]:
-        return map(Ratio, QUANTITIES, self._found(profile)[1].tolist())
+    def intervals(self, profile: Profile) -> tuple[Keys, Keys]:
+        """Ends of the intervals on which these speeds are proven, in order, in 1 / GRID, (n,) each."""
+        arm_numbers, arm_whole, asked, shares, _, equal, _ = self._known
+        low, high = intervals(arm_numbers, arm_whole, asked, shares, equal, _timing(profile))
+        order = np.argsort(low)
+        return low[order], high[order]
+
+    def ratios(self, profile: Profile) -> tuple[Ratio, ...]:
+        """Every quantity of this move under this profile against its limit."""
+        return tuple(map(Ratio, QUANTITIES, self._found(profile)[1].tolist()))
+
+    def at_most(self, profile: Profile, index: float) -> bool:
+        """Whether no ratio has a higher index."""
+        return all(ratio.index <= index for ratio in self.ratios(profile))
 
     def fastest(self, move: Run, index: float, *, slowest: float, check_time: Callable[[], None]) -> float | None:
-        """As `Demands.fastest`; the time is looked at once, since all of it takes less than a look at one profile."""
+        """The highest commanded speed, to a step of the bisection, at which no ratio's index is above `index`.
+
+        Args:
+            move: at the commanded speed, at which some ratio's is.
+            index: what none may exceed.
+            slowest: a slower one is of no use, rad/s.
+            check_time: raises when the answer would come too late; asked once, all takes less than one look elsewhere.
+        """
         try:
             check_time()
         except WorkLimitError:
@@ -97,8 +117,9 @@ def compile_all() -> None:
     profile = profile_of(run)
     if profile is None:
         raise AssertionError("the move goes somewhere")
-    demands = CompiledDemands(CompiledPath(robot, run), cell)
+    demands = Demands(CompiledPath(robot, run), cell)
     demands.ratios(profile)
+    demands.intervals(profile)
     demands.fastest(run, MOVING, slowest=profile.speed_rad_s / 2, check_time=_no_limit)
 
 

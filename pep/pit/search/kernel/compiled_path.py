@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from pep.pit.base import pair_columns
-from pep.pit.base.errors import PitError, WorkLimitError
+from pep.pit.base.errors import WorkLimitError
 from pep.pit.base.motion import MoveJ, profile_of
 from pep.pit.base.tier import MOVING
 from pep.pit.geometry.solids import FORM
@@ -24,8 +24,7 @@ from pep.pit.scene.cell import CellParameters
 from pep.pit.scene.obstacles import KINDS_IN_ORDER, Kind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
-from pep.pit.search.blow import DEPTH, RESOLUTION
-from pep.pit.search.certify import FIRST_CUT_LEAST, ROWS_MOST, Fit, Slower
+from pep.pit.search.certify import BLOW_DEPTH, BLOW_RESOLUTION, FIRST_CUT_LEAST, ROWS_MOST, Fit, Slower
 from pep.pit.search.kernel.arithmetic.body_poses import Arm, bends_of, blocks_of
 from pep.pit.search.kernel.arithmetic.pair_rows import Field, Rows, Way, balls_of
 from pep.pit.search.kernel.arithmetic.place_clearance import clearances
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats, Profile, Straight
     from pep.pit.base.travel import Stopping
+    from pep.pit.geometry.solids import Solids
     from pep.pit.path.path import Keys
     from pep.pit.scene.pairs import Pairs
     from pep.pit.search.kernel.scratch import Room
@@ -119,7 +119,7 @@ _PACKS: Final = _Packs()
 
 
 class CompiledPath(Path):
-    """A path whose questions the kernel answers. Same promises as `Path`; not shared between threads."""
+    """A path whose questions the kernel answers."""
 
     def __init__(self, robot: Robot, move: Straight) -> None:
         """A path that holds no configuration yet."""
@@ -144,22 +144,22 @@ class CompiledPath(Path):
         return _PACKS.of(pairs)[0]
 
     def rush(self, low: Keys, high: Keys) -> Floats:
-        """As `Path.rush`."""
+        """As `Route.rush`."""
         self._held, found = rushes(self._held, self._way, low, high)
         return np.asarray(found)
 
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
-        """As `Path.examine`."""
+        """As `Route.examine`."""
         self._held, rows = examined(self._held, self._way, self.packed(pairs), low, high, pair)
         return _leaves(rows)
 
     def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
-        """As `Path.rush_at`."""
+        """As `Route.rush_at`."""
         self._held, _, rush = met_at(self._held, self._way, self.packed(pairs), key, pair)
         return np.asarray(rush)
 
     def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
-        """As `Path.clearance_at`."""
+        """As `Route.clearance_at`."""
         _, numbers, whole = self.packed(pairs)
         return np.asarray(clearances(*blocks(self.robot), numbers, whole, self.asked, key, pair))
 
@@ -175,7 +175,21 @@ class CompiledPath(Path):
         told: bool = True,
         slower: Slower | None = None,
     ) -> Answer:
-        """As `pep.pit.search.certify.certify`; `told`: with a witness for each obstacle that may raise the index."""
+        """The proven index of these pairs on this path, by branch and bound.
+
+        Args:
+            pairs: what could meet what.
+            profile: the path's timing.
+            stop: how the motion ends when it must.
+            rows: the pairs to ask about.
+            floor: an index that holds anyway; pairs that cannot exceed it are not looked at more closely.
+            check_time: raises when the answer would come too late.
+            told: with a witness for each obstacle that may raise the index.
+            slower: what a slower speed is found by, where one is asked for.
+
+        Raises:
+            WorkLimitError: more rows than `ROWS_MOST` were needed.
+        """
         if len(rows) * FIRST_CUT_LEAST > ROWS_MOST:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
         room, (numbers, whole) = _ROOMS.of(self._arm, len(rows)), blocks(self.robot)
@@ -206,7 +220,11 @@ class CompiledPath(Path):
         index: float,
         check_time: Callable[[], None],
     ) -> Fit:
-        """As `pep.pit.search.certify.fits`."""
+        """Whether it is proven that no row exceeds `index` at this profile.
+
+        "Not proven" may also mean that `LOWER_DEPTH` halvings did not suffice to prove it: the caller then names a
+        slower speed, never a faster.
+        """
         check_time()
         self._held, proven, rows = fits(
             self._held,
@@ -227,7 +245,7 @@ class CompiledPath(Path):
         *,
         check_time: Callable[[], None],
     ) -> float:
-        """As `pep.pit.search.blow.blow_ratio`."""
+        """Proven: no body region that the arm could meet is met at more than this share of its limit speed (PHY-4)."""
         check_time()
         people = np.flatnonzero(pairs.kind == pair_columns.PERSON)
         if not people.size:
@@ -240,8 +258,8 @@ class CompiledPath(Path):
             np.array(timing_of(profile)),
             np.array(law_of(pairs, stop)),
             FIRST_CUT_LEAST,
-            DEPTH,
-            RESOLUTION,
+            BLOW_DEPTH,
+            BLOW_RESOLUTION,
         )
         return float(proven)
 
@@ -278,26 +296,45 @@ def field_of(pairs: Pairs) -> Field:
 
 def packed(pairs: Pairs) -> Field:
     """The pairs as the kernel's arrays."""
-    solids = pairs.solids
-    if solids.hulls:
-        raise PitError("PHYSICS_FAULT", "the kernel knows no polytopes")
-    if pairs.whole is not None:
-        return Field(balls_of(solids.numbers, pairs.whole, pairs.warn_band), solids.numbers, pairs.whole)
-    numbers = solids.numbers.copy()
-    numbers[:, pair_columns.RADII] = pairs.radii
-    numbers[:, pair_columns.UNCERTAINTY] = pairs.uncertainty
-    numbers[:, pair_columns.HARM_SPEED] = pairs.harm_speed
-    numbers[:, pair_columns.LIMIT_SPEED] = pairs.limit_speed
-    numbers[:, pair_columns.INTRUSION] = pairs.intrusion
-    numbers[:, pair_columns.BAND] = pairs.band
-    numbers[:, pair_columns.DECLARED] = pairs.declared
-    numbers[:, pair_columns.VIOLATED_BELOW] = pairs.violated_below
-    whole = np.empty((len(pairs), pair_columns.WHOLE), dtype=np.int64)
-    whole[:, pair_columns.BODY] = pairs.body
-    whole[:, pair_columns.SHAPE] = numbers[:, FORM]
-    whole[:, pair_columns.KIND] = pairs.kind
-    whole[:, pair_columns.GROUP] = pairs.group
+    numbers, whole = pairs.solids.numbers, pairs.whole
+    if whole is None:
+        numbers = numbers.copy()
+        numbers[:, pair_columns.RADII] = pairs.radii
+        numbers[:, pair_columns.UNCERTAINTY] = pairs.uncertainty
+        numbers[:, pair_columns.HARM_SPEED] = pairs.harm_speed
+        numbers[:, pair_columns.LIMIT_SPEED] = pairs.limit_speed
+        numbers[:, pair_columns.INTRUSION] = pairs.intrusion
+        numbers[:, pair_columns.BAND] = pairs.band
+        numbers[:, pair_columns.DECLARED] = pairs.declared
+        numbers[:, pair_columns.VIOLATED_BELOW] = pairs.violated_below
+        whole = np.empty((len(pairs), pair_columns.WHOLE), dtype=np.int64)
+        whole[:, pair_columns.BODY] = pairs.body
+        whole[:, pair_columns.SHAPE] = numbers[:, FORM]
+        whole[:, pair_columns.KIND] = pairs.kind
+        whole[:, pair_columns.GROUP] = pairs.group
+    numbers = _with_polytopes(numbers, pairs.solids)
     return Field(balls_of(numbers, whole, pairs.warn_band), numbers, whole)
+
+
+def _with_polytopes(numbers: Floats, solids: Solids) -> Floats:
+    """The numbers of all pairs, and behind them the rows of each polytope, of which its pairs know where they are."""
+    if not solids.hulls:
+        return numbers
+    parts, first = [numbers.copy()], len(numbers)
+    for which, hull in enumerate(solids.hulls):
+        counts = len(hull.vertices), len(hull.faces), len(hull.edges)
+        parts[0][solids.hull == which, pair_columns.FIRST_ROW : pair_columns.EDGES + 1] = first, *counts
+        rows = np.zeros((max(counts), numbers.shape[1]))
+        corners, faces, edges = (rows[:count] for count in counts)
+        corners[:, pair_columns.VERTEX : pair_columns.VERTEX + 3] = hull.vertices
+        faces[:, pair_columns.NORMAL : pair_columns.NORMAL + 3] = hull.normals
+        faces[:, pair_columns.BEHIND] = hull.offsets
+        faces[:, pair_columns.SIDES : pair_columns.SIDES + 9] = hull.sides.reshape(-1, 9)  # three vectors
+        faces[:, pair_columns.BESIDE : pair_columns.BESIDE + 3] = hull.side_offsets
+        edges[:, pair_columns.EDGE : pair_columns.EDGE + 6] = hull.vertices[hull.edges].reshape(-1, 6)  # two points
+        parts.append(rows)
+        first += len(rows)
+    return np.concatenate(parts)
 
 
 def timing_of(profile: Profile) -> tuple[float, ...]:

@@ -51,7 +51,7 @@ NUMBERS: Final = 5
 
 
 class Rows(NamedTuple):
-    """Rows as in `pep.pit.path.straight_path.Leaves`, and the index proven on each: (n, WHOLES) and (n, NUMBERS)."""
+    """Rows as `pep.pit.path.path.Leaves` has them, and the index proven on each: (n, WHOLES) and (n, NUMBERS)."""
 
     whole: Whole
     numbers: Floats
@@ -201,7 +201,7 @@ def blow(
     depths: int,
     resolution: float,
 ) -> tuple[Known, float]:
-    """Proven highest share of a body region's limit speed on this course (see `pep.pit.search.blow`).
+    """Proven highest share of a body region's limit speed on this course (PHY-4).
 
     A row whose speed alone proves no more than is met anyway, or that its balls prove to be out of reach, is settled
     without a distance.

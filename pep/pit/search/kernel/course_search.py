@@ -1,4 +1,4 @@
-"""Branch and bound on the index of a whole course: the same search as `pep.pit.search.certify`, compiled.
+"""Branch and bound on the index of a whole course, level by level.
 
 Level by level, as there. Rows of which the balls around both cores already prove that they cannot raise the answer
 never see a distance.
@@ -399,7 +399,7 @@ def certify(
     floor: float,
     first: int,
 ) -> tuple[Known, Answer]:
-    """The proven index of these pairs on this course (see `pep.pit.search.certify.certify`).
+    """The proven index of these pairs on this course.
 
     Args:
         known: the course's configurations.

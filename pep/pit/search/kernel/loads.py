@@ -60,7 +60,7 @@ def _sum(share: Floats, speeds: Floats) -> float:
 
 @lent
 def _slack(shares: Floats, most: Floats, met: Floats, slack: Floats) -> None:
-    """By how much each body's bound may exceed what is met (`pep.pit.search.surface_speeds.Intervals._slack`)."""
+    """By how much each body's bound may exceed what is met (PHY-7)."""
     slack[:] = math.inf
     for quantity in range(SHARES):
         share = shares[quantity]
@@ -92,15 +92,19 @@ def _calm(shares: Floats, most: Floats) -> bool:
 
 
 @compiled
-def _most(arm: Arm, asked: Floats, shares: Floats, equal: Floats, profile: Floats) -> Floats:
-    """Proven surface speed of every body on the whole path (`pep.pit.search.surface_speeds.Intervals`), (bodies,)."""
+def _most(arm: Arm, asked: Floats, shares: Floats, equal: Floats, profile: Floats) -> tuple[Floats, Whole, Whole]:
+    """Proven surface speed of every body on the whole path, (bodies,), and the intervals on which it is proven.
+
+    Where a speed, or a sum of masses times speeds, comes near its limit, a bound on equal intervals alone would decide.
+    There the intervals that hold the bound up are halved until it is within `INDEX_WITHIN` of what the nodes attain.
+    """
     count, bodies = equal.shape
     step = GRID // count
     most = np.zeros(bodies)
     for n in range(count):
         _raise(most, equal[n], highest_rate(n * step / GRID, (n + 1) * step / GRID, profile))
     if _calm(shares, most):
-        return most
+        return most, np.empty(0, np.int64), np.empty(0, np.int64)  # the equal ones
     low, high, rush = np.empty(CUTS_MOST, np.int64), np.empty(CUTS_MOST, np.int64), np.empty((CUTS_MOST, bodies))
     for n in range(count):
         low[n], high[n] = n * step, (n + 1) * step
@@ -126,7 +130,7 @@ def _most(arm: Arm, asked: Floats, shares: Floats, equal: Floats, profile: Float
                 wide[split] = n
                 split += 1
         if split == 0 or count + split > CUTS_MOST:
-            return most
+            return most, low[:count], high[:count]
         for k in range(split):
             n = wide[k]
             middle = (low[n] + high[n]) // 2
@@ -143,7 +147,7 @@ def _most(arm: Arm, asked: Floats, shares: Floats, equal: Floats, profile: Float
         for n in range(count):
             _raise(most, rush[n], highest_rate(low[n] / GRID, high[n] / GRID, profile))
         if _calm(shares, most):
-            return most
+            return most, low[:count], high[:count]
 
 
 @lent
@@ -176,7 +180,7 @@ def _ratios(
     speed: float,
 ) -> tuple[Floats, Floats]:
     """Every quantity by its limit, in the order of `QUANTITIES`, and the proven speeds of all bodies."""
-    ratios, most = np.empty(len(QUANTITIES)), _most(arm, asked, shares, equal, profile)
+    ratios, most = np.empty(len(QUANTITIES)), _most(arm, asked, shares, equal, profile)[0]
     wanted = reached = 0.0
     for joint in range(JOINTS):
         share = abs(asked[JOINTS + joint]) / profile[WAY]
@@ -227,6 +231,20 @@ def laid_out(
     rates[:] = asked[JOINTS:]
     found[0], found[1], found[2] = bears(masses, cosines, sines, 2, rates, still)  # between two ends is one middle
     return equal, found
+
+
+@entry
+def intervals(
+    arm_numbers: Floats, arm_whole: Whole, asked: Floats, shares: Floats, equal: Floats, timing: Floats
+) -> tuple[Whole, Whole]:
+    """Ends of the intervals on which this timing's speeds are proven, in 1 / GRID; arguments as of `under`."""
+    profile, count = np.empty(PROFILE), equal.shape[0]
+    _timed(timing, timing[1], profile)
+    _, low, high = _most(arm_in(arm_numbers, arm_whole), asked, shares, equal, profile)
+    if low.shape[0] > 0:
+        return low.copy(), high.copy()
+    low = np.arange(0, GRID, GRID // count)
+    return low, low + GRID // count
 
 
 @entry

@@ -63,9 +63,6 @@ def ready_of(robot: Robot, pairs: Pairs, cell: CellParameters, *, sighted_s: flo
         pairs: of the view, people where they were seen.
         cell: its numbers.
         sighted_s: how old the oldest sighting was when it was told of; infinite where not all was seen.
-
-    Raises:
-        PitError: there are polytopes among the pairs.
     """
     shares = speed_shares(robot, cell)
     rules = np.empty(RULES)

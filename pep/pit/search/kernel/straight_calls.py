@@ -158,7 +158,7 @@ def certify(
     looks: int,
     slows: bool,
 ) -> tuple[int, float, float, float, int, int, Floats]:
-    """The proven index of these pairs on this path (see `pep.pit.search.certify.certify`).
+    """The proven index of these pairs on this path.
 
     Few arrays and no tuples of them: numba looks at each that Python hands over, which takes as long as the search when
     none of it is in the processor's cache.

@@ -192,7 +192,7 @@ def blow(
     depths: int,
     resolution: float,
 ) -> tuple[Known, float]:
-    """Proven highest share of a body region's limit speed on this path (see `pep.pit.search.blow`)."""
+    """Proven highest share of a body region's limit speed on this path (PHY-4)."""
     count = people.shape[0] * first
     low, high, pair = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
     used = 0

@@ -1,4 +1,4 @@
-"""Branch and bound on the index of a whole path, compiled (`pep.pit.search.certify`), most doubtful row first.
+"""Branch and bound on the index of a whole path, the most doubtful row first: what `pep.pit.search.certify` tells of.
 
 A row is a pair on a span of the path. At first all that is known of it is how far apart the balls around both cores
 are; most rows are settled by that. What may still raise the answer is looked at closer, the highest bound first: the

@@ -1,4 +1,4 @@
-"""Bends of each body off a chord of a course, whole and per interval: `pep.pit.path.course.course_bends`.
+"""Bends of each body off a chord of a course, or the course, per cell (laws: `pep.pit.path.course`), per interval.
 
 One row per cell and quantity; the columns of quantities are named here once.
 """

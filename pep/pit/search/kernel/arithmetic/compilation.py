@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
+import sys
 from collections.abc import Callable
-from functools import cache, partial
-from importlib.resources import files
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
@@ -14,9 +14,13 @@ from typing import Any, Final, TypeVar, cast
 os.environ.setdefault("NUMBA_OPT", "1")
 
 from numba import njit
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+
+from pep.pit.search.kernel.arithmetic.code_digest import digest_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+NAMED: Final = 16  # characters of a digest in the name of a file
 LANES: Final = 8
 """Places that a loop goes through side by side, which a processor then takes several of at once.
 
@@ -24,15 +28,29 @@ Such a loop ends at a number that is known only when it runs, or it would be wri
 arrays in rows of `LANES`: who compiles has to know how far apart they are to know that none is written over another.
 """
 
+ENTRIES: Final[list[Any]] = []
+"""All that Python calls, as numba's dispatchers."""
+
 _made: Final = partial(njit, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
 
-@cache
-def _sources() -> str:
-    """SHA-256 (hex) of all that machine code of the kernel is made from."""
-    room = Path(str(files("pep.pit")))
-    texts = [part.read_bytes() for part in sorted(room.rglob("*.py"))]
-    return hashlib.sha256(b"".join(hashlib.sha256(text).digest() for text in texts)).hexdigest()
+class _Kept(FunctionCache):
+    """Machine code on disk, found by what it was made from.
+
+    Numba itself would look at the file of the one function, and run machine code of laws that have changed since.
+    """
+
+    @property
+    def _cache_file(self) -> Any:
+        function, place = self._py_func, Path(self._cache_path)
+        whose, digest = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}", digest_of(function)
+        name = f"{whose}-{digest[:NAMED]}.py{sys.version_info[0]}{sys.version_info[1]}"
+        made: Any = IndexDataCacheFile  # numba is not typed
+        return made(cache_path=str(place), filename_base=name, source_stamp=digest)
+
+    @_cache_file.setter
+    def _cache_file(self, by_line: Any) -> None:
+        """Numba's own is not used."""
 
 
 def compiled(function: F) -> F:
@@ -64,12 +82,11 @@ def merged(function: F) -> F:
 def entry(function: F) -> F:
     """The same for what Python calls, kept on disk where there is a place for it.
 
-    It runs without the interpreter's lock. What is kept is of these sources of the whole room: numba itself would look
-    at the file of this one function, and run machine code of laws that have changed since.
+    It runs without the interpreter's lock.
     """
-    try:
-        kept: Any = _made(cache=True)(function)
-    except RuntimeError:  # nowhere to keep it: compiled anew at each start
-        return cast("F", _made()(function))
-    kept._cache._cache_file._source_stamp = _sources()  # noqa: SLF001 - numba has no other way to say it
-    return cast("F", kept)
+    made: Any = _made()(function)
+    with suppress(RuntimeError):  # nowhere to keep it: compiled anew at each start
+        kept: Any = _Kept  # likewise
+        made._cache = kept(function)  # noqa: SLF001 - numba has no other way to say it
+    ENTRIES.append(made)
+    return cast("F", made)

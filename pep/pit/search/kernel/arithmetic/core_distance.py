@@ -5,8 +5,29 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, TypeAlias
 
-from pep.pit.base.pair_columns import AXES, BOX, HALF, OFFSET, PLANE, RADII, SEGMENT, A, B
-from pep.pit.geometry.clearance import APART_M, PARALLEL, ROUNDING_M, TINY
+from pep.pit.base.pair_columns import (
+    AXES,
+    BEHIND,
+    BESIDE,
+    BOX,
+    EDGE,
+    EDGES,
+    FACES,
+    FIRST_ROW,
+    HALF,
+    NORMAL,
+    OFFSET,
+    PLANE,
+    POLYTOPE,
+    RADII,
+    SEGMENT,
+    SIDES,
+    VERTEX,
+    VERTICES,
+    A,
+    B,
+)
+from pep.pit.geometry.clearance import APART_M, BESIDE_M, PARALLEL, ROUNDING_M, TINY
 from pep.pit.search.kernel.arithmetic.compilation import lent, merged
 
 if TYPE_CHECKING:
@@ -30,13 +51,12 @@ def _directed(x: float, y: float, z: float) -> Gap:
     return distance, x / distance, y / distance, z / distance
 
 
-@lent
-def _segment(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
-    """Gap between the axis and an obstacle's segment."""
-    px, py, pz = ends[at, body, 0, 0], ends[at, body, 0, 1], ends[at, body, 0, 2]
-    ux, uy, uz = ends[at, body, 1, 0] - px, ends[at, body, 1, 1] - py, ends[at, body, 1, 2] - pz
-    cx, cy, cz = numbers[pair, A], numbers[pair, A + 1], numbers[pair, A + 2]
-    vx, vy, vz = numbers[pair, B] - cx, numbers[pair, B + 1] - cy, numbers[pair, B + 2] - cz
+@merged
+def _nearest(
+    px: float, py: float, pz: float, ux: float, uy: float, uz: float,
+    cx: float, cy: float, cz: float, vx: float, vy: float, vz: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """The shortest way from the segment that begins at c and goes v to the one that begins at p and goes u."""
     wx, wy, wz = px - cx, py - cy, pz - cz
     a, e = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
     g, f = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
@@ -53,7 +73,18 @@ def _segment(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Ga
                 s = _clip((b * t - g) / a, 0.0, 1.0)
     elif a > TINY:
         s = _clip(-g / a, 0.0, 1.0)
-    return _directed(wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz)
+    return wx + s * ux - t * vx, wy + s * uy - t * vy, wz + s * uz - t * vz
+
+
+@lent
+def _segment(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
+    """Gap between the axis and an obstacle's segment."""
+    px, py, pz = ends[at, body, 0, 0], ends[at, body, 0, 1], ends[at, body, 0, 2]
+    ux, uy, uz = ends[at, body, 1, 0] - px, ends[at, body, 1, 1] - py, ends[at, body, 1, 2] - pz
+    cx, cy, cz = numbers[pair, A], numbers[pair, A + 1], numbers[pair, A + 2]
+    vx, vy, vz = numbers[pair, B] - cx, numbers[pair, B + 1] - cy, numbers[pair, B + 2] - cz
+    x, y, z = _nearest(px, py, pz, ux, uy, uz, cx, cy, cz, vx, vy, vz)
+    return _directed(x, y, z)
 
 
 @lent
@@ -116,6 +147,87 @@ def plane_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> G
     return numbers[pair, OFFSET] - max(first, second), -nx, -ny, -nz
 
 
+@lent
+def ahead(ends: Floats, at: int, body: int, x: float, y: float, z: float) -> float:
+    """Least extent of the axis along a direction."""
+    first = ends[at, body, 0, 0] * x + ends[at, body, 0, 1] * y + ends[at, body, 0, 2] * z
+    return min(first, ends[at, body, 1, 0] * x + ends[at, body, 1, 1] * y + ends[at, body, 1, 2] * z)
+
+
+@lent
+def _along(numbers: Floats, row: int, column: int, x: float, y: float, z: float) -> float:
+    """Extent of a point along the vector in three columns of a row."""
+    return numbers[row, column] * x + numbers[row, column + 1] * y + numbers[row, column + 2] * z
+
+
+@lent
+def _reach(numbers: Floats, pair: int, x: float, y: float, z: float) -> float:
+    """Largest extent of a polytope along a direction."""
+    first = int(numbers[pair, FIRST_ROW])
+    most = _along(numbers, first, VERTEX, x, y, z)
+    for row in range(first + 1, first + int(numbers[pair, VERTICES])):
+        most = max(most, _along(numbers, row, VERTEX, x, y, z))
+    return most
+
+
+@lent
+def _pierces(numbers: Floats, pair: int, px: float, py: float, pz: float, qx: float, qy: float, qz: float) -> bool:
+    """Whether a part of the segment is behind all faces of the polytope."""
+    first, low, high = int(numbers[pair, FIRST_ROW]), 0.0, 1.0
+    for row in range(first, first + int(numbers[pair, FACES])):
+        start = _along(numbers, row, NORMAL, px, py, pz) - numbers[row, BEHIND]
+        end = _along(numbers, row, NORMAL, qx, qy, qz) - numbers[row, BEHIND]
+        if start > end:
+            low = max(low, start / (start - end))
+        elif start < end:
+            high = min(high, start / (start - end))
+        elif start > 0.0:
+            return False
+    return low <= high
+
+
+@lent
+def _above(numbers: Floats, row: int, x: float, y: float, z: float) -> float:
+    """Height of a point above a face; infinite where its foot is not on it, or it is behind."""
+    height = _along(numbers, row, NORMAL, x, y, z) - numbers[row, BEHIND]
+    if not height > 0.0:
+        return math.inf
+    for side in range(3):
+        if not _along(numbers, row, SIDES + 3 * side, x, y, z) - numbers[row, BESIDE + side] <= BESIDE_M:
+            return math.inf
+    return height
+
+
+@lent
+def _polytope(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
+    """Gap between the axis and an obstacle's polytope (`pep.pit.geometry.clearance.segment_hull` says why)."""
+    px, py, pz = ends[at, body, 0, 0], ends[at, body, 0, 1], ends[at, body, 0, 2]
+    qx, qy, qz = ends[at, body, 1, 0], ends[at, body, 1, 1], ends[at, body, 1, 2]
+    if _pierces(numbers, pair, px, py, pz, qx, qy, qz):
+        return 0.0, 0.0, 0.0, 0.0
+    first, best, dx, dy, dz = int(numbers[pair, FIRST_ROW]), math.inf, 0.0, 0.0, 0.0
+    for row in range(first, first + int(numbers[pair, EDGES])):
+        cx, cy, cz = numbers[row, EDGE], numbers[row, EDGE + 1], numbers[row, EDGE + 2]
+        vx, vy, vz = numbers[row, EDGE + 3] - cx, numbers[row, EDGE + 4] - cy, numbers[row, EDGE + 5] - cz
+        x, y, z = _nearest(px, py, pz, qx - px, qy - py, qz - pz, cx, cy, cz, vx, vy, vz)
+        if x * x + y * y + z * z < best:
+            best, dx, dy, dz = x * x + y * y + z * z, x, y, z
+    best = math.sqrt(best)
+    for row in range(first, first + int(numbers[pair, FACES])):
+        height = min(_above(numbers, row, px, py, pz), _above(numbers, row, qx, qy, qz))
+        if height < best:
+            best = height
+            dx, dy, dz = (
+                height * numbers[row, NORMAL],
+                height * numbers[row, NORMAL + 1],
+                height * numbers[row, NORMAL + 2],
+            )
+    distance, x, y, z = _directed(dx, dy, dz)
+    # What the direction proves is the distance: an error in a face can only bring it nearer.
+    apart = min(ahead(ends, at, body, x, y, z) - _reach(numbers, pair, x, y, z), distance)
+    return (apart, x, y, z) if apart > APART_M else (0.0, 0.0, 0.0, 0.0)
+
+
 @merged
 def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape: int) -> Gap:
     """Gap between a body's axis, as placed in row `at`, and a pair's core."""
@@ -123,6 +235,8 @@ def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape
         return _segment(ends, at, body, numbers, pair)
     if shape == BOX:
         return _box(ends, at, body, numbers, pair)
+    if shape == POLYTOPE:
+        return _polytope(ends, at, body, numbers, pair)
     return plane_gap(ends, at, body, numbers, pair)
 
 
@@ -139,14 +253,9 @@ def support(numbers: Floats, pair: int, shape: int, x: float, y: float, z: float
             along = numbers[pair, m] * x + numbers[pair, m + 3] * y + numbers[pair, m + 6] * z
             extent += abs(along) * numbers[pair, HALF + axis]
         return extent
+    if shape == POLYTOPE:
+        return _reach(numbers, pair, x, y, z)
     return -numbers[pair, OFFSET]
-
-
-@lent
-def ahead(ends: Floats, at: int, body: int, x: float, y: float, z: float) -> float:
-    """Least extent of the axis along a direction."""
-    first = ends[at, body, 0, 0] * x + ends[at, body, 0, 1] * y + ends[at, body, 0, 2] * z
-    return min(first, ends[at, body, 1, 0] * x + ends[at, body, 1, 1] * y + ends[at, body, 1, 2] * z)
 
 
 @lent

@@ -1,4 +1,4 @@
-"""The joints' path under a line of the tool, compiled: the same pieces as `pep.pit.path.line_trace.trace`."""
+"""The joints' path under a line of the tool, piece by piece (proof: `pep.pit.path.line_trace`)."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def _rate_of(line: Line) -> Floats:
 
 @entry
 def traced(tool: Tool, line: Line, start: Floats, since: int, until: int, pieces: int, fastest: Floats) -> Traced:
-    """The joints' path under the line from `since` to `until`, as far as proven (`pep.pit.path.line_trace.trace`)."""
+    """The joints' path under the line from `since` to `until` as far as it can be proven."""
     rate = _rate_of(line)
     desk = _Desk(
         no_stand(), np.empty((6, 6)), np.empty((6, 6)), no_bounds(), np.empty((8, 6)), np.empty(6), np.empty(6),

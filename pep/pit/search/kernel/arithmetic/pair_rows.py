@@ -56,7 +56,7 @@ class Field(NamedTuple):
 
     Attributes:
         balls: what is asked of every pair on every span of the first cut.
-        numbers, whole: what is asked of those that are near.
+        numbers, whole: what is asked of those that are near; behind the pairs' numbers stand the rows of polytopes.
     """
 
     balls: Floats
@@ -65,7 +65,7 @@ class Field(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Rows as `pep.pit.path.straight_path.Leaves` has them, and the index proven on each."""
+    """Rows as `pep.pit.path.path.Leaves` has them, and the index proven on each."""
 
     low: Whole
     high: Whole
@@ -107,8 +107,8 @@ def configuration(nodes: Nodes, used: int, way: Way, key: int) -> Nodes:
 @entry
 def balls_of(numbers: Floats, whole: Whole, warn_band: float) -> Floats:
     """`Field.balls` of these rows, (pairs, `BALL_NUMBERS`); the column `CALM` of `numbers` is written, too."""
-    balls = np.empty((numbers.shape[0], BALL_NUMBERS))
-    for pair in range(numbers.shape[0]):
+    balls = np.empty((whole.shape[0], BALL_NUMBERS))
+    for pair in range(whole.shape[0]):
         person = whole[pair, KIND] == PERSON
         calm = numbers[pair, INTRUSION] + warn_band if person else numbers[pair, BAND]
         calm += numbers[pair, UNCERTAINTY]

@@ -1,4 +1,4 @@
-"""Reach of tool poses from fixed starts: `pep.pit.robot.inverse_kinematics.reachable`, compiled."""
+"""Joint angles for tool poses, from fixed starts: as `pep.pit.robot.inverse_kinematics.reaching` finds them."""
 
 from __future__ import annotations
 

@@ -1,0 +1,61 @@
+"""What takes long says how far it is: on a terminal in one line, elsewhere now and then."""
+
+import io
+
+import pytest
+from pep.pit.assess import readiness
+from pep.pit.assess.readiness import Progress, compile_telling
+from ztpm.preparing import EACH_S, WIPED, Preparing
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_elsewhere_than_on_a_terminal_a_line_comes_every_few_seconds():
+    stream, times = io.StringIO(), iter([0.0, 1.0, EACH_S - 0.1, EACH_S, EACH_S + 1])
+    shown = Preparing(stream, clock=lambda: next(times))
+    for number in range(5):
+        shown.tell(number)
+    shown.over()
+    assert stream.getvalue() == "0\n3\n"
+
+
+def test_on_a_terminal_one_line_changes_and_is_free_afterwards():
+    stream = Terminal()
+    shown = Preparing(stream, clock=lambda: 0.0)
+    shown.tell("one")
+    shown.tell("two")
+    shown.over()
+    shown.over()
+    assert stream.getvalue() == f"{WIPED}one{WIPED}two{WIPED}"
+
+
+def test_progress_is_one_line_for_people():
+    assert str(Progress(7, 15, 40.4)) == "compiling the physics kernel: 7 of 15 functions, 40 s"
+
+
+def test_a_compilation_tells_how_far_it_is_until_it_is_over(monkeypatch):
+    told, seconds = [], iter(range(100))
+    monkeypatch.setattr(readiness, "TOLD_EACH_S", 0.001)
+
+    def compiled():
+        while len(told) < 3:
+            pass
+
+    monkeypatch.setattr(readiness, "compile_all", compiled)
+    compile_telling(told.append, clock=lambda: float(next(seconds)))
+    count = len(told)
+    assert [each.seconds for each in told] == [float(each + 1) for each in range(count)]
+    assert {each.functions for each in told} == {len(readiness.ENTRIES)}
+    assert len(readiness.ENTRIES) > 20
+
+
+def test_a_compilation_that_fails_says_so_and_tells_nothing_more(monkeypatch):
+    def broken():
+        raise RuntimeError
+
+    monkeypatch.setattr(readiness, "compile_all", broken)
+    with pytest.raises(RuntimeError):
+        compile_telling(lambda progress: None)

@@ -1,0 +1,61 @@
+"""Progress of what takes long, on standard error: one line that changes on a terminal, elsewhere a line every 5 s."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import suppress
+from typing import IO, TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+EACH_S: Final = 5.0  # ours: no command is silent for longer
+WIPED: Final = "\r\x1b[K"  # ECMA-48: to the start of the line, which is then empty
+
+
+class Preparing:
+    """Tells how far something is, and leaves a terminal as it was.
+
+    Args:
+        stream: standard error by default.
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, stream: IO[str] | None = None, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream = sys.stderr if stream is None else stream
+        self._clock = clock
+        self._last_s: float | None = None
+
+    def tell(self, progress: object) -> None:
+        """The progress is shown; not on a terminal, only once in `EACH_S` seconds."""
+        now = self._clock()
+        if self._stream.isatty():
+            self._write(f"{WIPED}{progress}")
+        elif self._last_s is not None and now - self._last_s < EACH_S:
+            return
+        else:
+            self._write(f"{progress}\n")
+        self._last_s = now
+
+    def over(self) -> None:
+        """Nothing more is told, and a terminal's line is free again."""
+        if self._last_s is not None and self._stream.isatty():
+            self._write(WIPED)
+        self._last_s = None
+
+    def _write(self, text: str) -> None:
+        with suppress(OSError):  # nobody reads it any more
+            self._stream.write(text)
+            self._stream.flush()
+
+
+def prepare_physics() -> None:
+    """The kernel of the physics is compiled, as minutes pass the very first time, and else a second."""
+    from pep.pit.assess.readiness import compile_telling
+
+    shown = Preparing()
+    try:
+        compile_telling(shown.tell)
+    finally:
+        shown.over()
