@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import time
 from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from evaluation.harness import timing
 from evaluation.harness.absent import AbsentError
@@ -19,21 +19,11 @@ if TYPE_CHECKING:
 
     from evaluation.harness.timing import Cell, Plan, Series
 
-K = TypeVar("K", bound="Key")
+K = TypeVar("K")
 T = TypeVar("T")
 GAVE_UP: Final = "it gave up in every call for its own limit of time"
 DIGITS: Final = 2
 """Of a microsecond."""
-
-
-class Key(Protocol):
-    """The key of a row, a dataclass: its first field is the peer; the others are None for a peer that is absent."""
-
-    @property
-    def peer(self) -> str:
-        """Who answers."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +31,7 @@ class Row(Generic[K]):
     """One measured cell, or why there are no figures.
 
     Attributes:
-        of: its key.
+        of: its key, a dataclass that names who answers and what is asked.
         p50_us: median over all calls.
         first_us: median over the calls that began a turn: another cell was asked just before.
         min_us: smallest median of a pass.

@@ -22,7 +22,7 @@ def table(title: str, left: Sequence[str], right: Sequence[str] = (), rows: Iter
     return made
 
 
-def pivot(title: str, left: Sequence[str], cells: Mapping[tuple[Any, str], str]) -> Table:
+def pivot(title: str, left: Sequence[str], cells: Mapping[Any, str]) -> Table:
     """A row for each first key and a column for each second one, both in the order in which they come.
 
     Args:

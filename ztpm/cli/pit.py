@@ -164,21 +164,21 @@ def _status(said: Assessment) -> int:
 
 def _draw(question: Asked, said: Assessment, file: Path, *, as_json: bool) -> None:
     from pep.pit.base.errors import PitError
+    from ztpm.picture.picture import picture
     from ztpm.pit import advice
-    from ztpm.pit_picture import picture
 
     try:
         shown = picture(question.robot, question.situation, question.motion, said)
     except PitError as error:
         fail(error.reason, f"nothing to draw: {error.detail}", as_json=as_json)
     if file.suffix == ".html":
-        from ztpm.pit_picture_html import page
+        from ztpm.picture.page import page
 
         _write(
             file, page(shown, subtitle=question.said, advice=advice(said, question.motion)).encode(), as_json=as_json
         )
         return
-    from ztpm.pit_picture_png import NoMatplotlibError, draw
+    from ztpm.picture.png import NoMatplotlibError, draw
 
     try:
         draw(shown, file, subtitle=f"{question.said}. {advice(said, question.motion)}")

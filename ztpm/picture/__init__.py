@@ -1,1 +1,1 @@
-"""Pictures of an assessment, as PNG and as a page."""
+"""Pictures of an assessment: a PNG by matplotlib, and one HTML file by a vendored three.js."""

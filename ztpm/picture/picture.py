@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
+import numpy as np
+
 from pep.pit.scene.scene import CELL_FILE, Box, Capsule, Convex, Scene, Sphere
 from pep.pit.scene.view import view_of
 from ztpm.picture.postures import nearest, route_of
-from ztpm.pit_picture_faces import pieces_of, rounded_edges_of
+from ztpm.picture.surface import surface_of
 
 if TYPE_CHECKING:
     from pep.pit.assess.assessment import Assessment
@@ -21,10 +23,8 @@ if TYPE_CHECKING:
 
 STEPS: Final = 48
 """Instants that are drawn, start and end included; those of the witnesses are added."""
-FACES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
-"""Corners of each face of a box, in order around it."""
 CELL_M: Final = 0.12
-"""Faces of boxes are cut into pieces of about this size, so that what stands on a table is drawn after it."""
+"""Surfaces are cut into pieces of at most this size, so that what stands on a table is drawn after it."""
 COLOURS: Final = {
     "base": "#5b6770",
     "arm": "#2f7fc1",
@@ -199,40 +199,21 @@ def _to_face(part: Part, low: Vector, high: Vector) -> Nearest:
     return min(ways, key=lambda way: way[0])[1]
 
 
-def corners(shape: Box) -> tuple[Vector, ...]:
-    """The eight corners of a box; corner k has bit 0 for +x, bit 1 for +y, bit 2 for +z of its own axes."""
-    from pep.pit.geometry.solids import rotation_of
-
-    axes = rotation_of(shape.quaternion)
-    found: list[Vector] = []
-    for k in range(8):
-        local = [shape.half_m[d] * (1 if k >> d & 1 else -1) for d in range(3)]
-        x, y, z = (shape.center_m[d] + sum(float(axes[d, e]) * local[e] for e in range(3)) for d in range(3))
-        found.append((x, y, z))
-    return tuple(found)
-
-
 def plain(shape: Shape) -> dict[str, Any]:
-    """A shape as JSON: a capsule's or ball's ends and radius, a box's corners, or a polytope's surface in pieces."""
+    """A shape as JSON: ends and radius of a capsule or ball; triangles, rods and corners of a box or polytope."""
     match shape:
         case Capsule(a, b, radius):
             return {"a": _rounded(a), "b": _rounded(b), "r": round(radius, 5)}
         case Sphere(center, radius):
             return {"a": _rounded(center), "b": _rounded(center), "r": round(radius, 5)}
-        case Box():
-            return {"corners": [_rounded(corner) for corner in corners(shape)]}
-        case Convex(vertices, radius):
-            pieces = [
-                {
-                    "ring": [_rounded(point) for point in piece.ring],
-                    "normal": _rounded(piece.normal),
-                    "edges": [[_rounded(p) for p in line] for line in piece.edges],
-                }
-                for piece in pieces_of(shape, CELL_M)
-            ]
-            ends = [[_rounded(p) for p in line] for line in rounded_edges_of(shape)]
-            around = [_rounded(vertex) for vertex in vertices]
-            return {"corners": around, "pieces": pieces, "round": ends, "r": round(radius, 5)}
+        case Box() | Convex():
+            surface = surface_of(shape)
+            return {
+                "triangles": np.round(surface.triangles, 5).tolist(),
+                "rods": np.round(surface.rods, 5).tolist(),
+                "corners": np.round(surface.corners, 5).tolist(),
+                "r": round(surface.radius_m, 5),
+            }
         case _:
             assert_never(shape)
 

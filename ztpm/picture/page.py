@@ -1,6 +1,6 @@
 """A picture of an assessment as one HTML file that fetches nothing.
 
-Its policy names the one script by hash; a table says the same as the picture.
+Its policy names its two scripts by hash; a table says the same as the picture.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from html import escape
 from importlib import resources
 from typing import TYPE_CHECKING, Final
 
-from ztpm.pit_picture import CELL_M, COLOURS, FACES, MICRO_PER_MILLI, MILLI, to_plain
+from ztpm.picture.picture import CELL_M, COLOURS, MICRO_PER_MILLI, MILLI, to_plain
 
 if TYPE_CHECKING:
     from policies.evidence.evidence import Contribution
-    from ztpm.pit_picture import Picture
+    from ztpm.picture.picture import Picture
 
 STYLE: Final = """
 :root { color-scheme: light; font: 15px/1.45 system-ui, sans-serif; color: #1c2733; }
@@ -26,8 +26,13 @@ h1 { font-size: 1.45rem; margin: 0; }
 p { margin: .25rem 0 1rem; color: #4a5763; }
 main { display: grid; grid-template-columns: minmax(0, 1.5fr) minmax(22rem, 1fr); gap: 1.2rem; align-items: start; }
 section { background: #fff; border: 1px solid #d8dfe5; border-radius: .6rem; padding: .9rem; }
-canvas { display: block; width: 100%; height: min(70vh, 46rem); cursor: grab; touch-action: none; }
-canvas:focus-visible, button:focus-visible, input:focus-visible { outline: 3px solid #2f7fc1; outline-offset: 2px; }
+#view { position: relative; height: min(70vh, 46rem); overflow: hidden; cursor: grab; touch-action: none; }
+#view canvas { display: block; }
+#view span { position: absolute; transform: translate(-50%, -50%); padding: .05rem .4rem; border: 1px solid;
+  background: #ffffffe6; font-size: .8rem; white-space: nowrap; pointer-events: none; }
+#view span b { color: #1c2733; font-weight: 400; }
+#view span.gap { font-size: 1rem; font-weight: 700; }
+#view:focus-visible, button:focus-visible, input:focus-visible { outline: 3px solid #2f7fc1; outline-offset: 2px; }
 .controls { display: flex; flex-wrap: wrap; gap: .5rem .8rem; align-items: center; margin-top: .7rem; }
 .controls input[type=range] { flex: 1 1 14rem; }
 output { flex: 1 1 100%; font-variant-numeric: tabular-nums; color: #4a5763; }
@@ -42,6 +47,8 @@ ul.key svg { width: .9rem; height: .9rem; vertical-align: -.1rem; margin-right: 
 @media (max-width: 60rem) { main { grid-template-columns: 1fr; } }
 """
 WORDS: Final = {"payload": "held object", "witness": "nearest points where it decides"}
+THREE: Final = "three-0.187.0.js"
+"""The library that draws; `vendored/README.md` says how it is made."""
 BEHIND_RAD: Final = math.pi / 3
 """How far to the side of the line to what decides the first view stands."""
 
@@ -54,11 +61,13 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
         subtitle: what was asked, one line.
         advice: what would lower the tier, one sentence.
     """
-    script = (resources.files("ztpm") / "pit_picture.js").read_text("utf-8")
+    room = resources.files("ztpm.picture")
+    library = (room / "vendored" / THREE).read_text("utf-8")
+    script = (room / "page.js").read_text("utf-8")
     content = "; ".join(
         (
             "default-src 'none'",
-            f"script-src '{_hash(script)}'",
+            f"script-src '{_hash(library)}' '{_hash(script)}'",
             f"style-src '{_hash(STYLE)}'",
             "base-uri 'none'",
             "form-action 'none'",
@@ -79,7 +88,7 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
 <p>{escape(subtitle)}<br>{escape(advice)}</p>
 <main>
 <section aria-label="Picture">
-<canvas id="canvas" tabindex="0" role="img" aria-label="{escape(_spoken(shown), quote=True)}"></canvas>
+<div id="view" tabindex="0" role="img" aria-label="{escape(_spoken(shown), quote=True)}"></div>
 <div class="controls">
 <button type="button" id="play">Play</button>
 <label for="time">Time</label><input type="range" id="time" min="0" max="0" step="1" value="0">
@@ -90,7 +99,7 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
 <output id="told" for="time"></output>
 </div>
 <ul class="key">{_key(shown)}</ul>
-<noscript>The picture needs a script; the table says the same.</noscript>
+<noscript>The picture needs a script and WebGL; the table says the same.</noscript>
 </section>
 <section aria-label="Contributions">
 <table>
@@ -105,6 +114,7 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
 </section>
 </main>
 <script type="application/json" id="picture">{_json(shown)}</script>
+<script>{library}</script>
 <script>{script}</script>
 </body>
 </html>
@@ -120,8 +130,6 @@ def _json(shown: Picture) -> str:
     value = {
         **to_plain(shown),
         "colours": COLOURS,
-        "faces": FACES,
-        "cell_m": CELL_M,
         "azimuth": _azimuth(shown),
     }
     text = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))

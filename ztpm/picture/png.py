@@ -1,0 +1,327 @@
+"""A picture of an assessment as PNG: from above, from the side and from a corner, drawn by matplotlib."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from pep.pit.scene.scene import Box, Capsule, Convex
+from ztpm.picture.picture import CELL_M, COLOURS, MICRO_PER_MILLI
+from ztpm.picture.surface import COARSE, FINE, capsule, cut, normals_of, surface_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from pep.pit.base.motion import Floats
+    from pep.pit.scene.scene import Shape
+    from ztpm.picture.picture import Picture
+
+PAPER, INK, FAINT, SOFT = "#ffffff", "#1c2733", "#8b98a5", "#4a5763"
+SIZE_INCH: Final = (16.0, 9.4)
+GHOSTS: Final = 14
+"""Postures of the swept path that are shown faintly."""
+OPAQUE: Final = {"solid": 1.0, "end": 0.2, "ghost": 0.04, "zone": 0.14, "fragile": 0.75}
+"""How opaque a posture is, and a body of a kind; every other body is opaque."""
+LIGHT: Final = np.array([0.35, -0.45, 0.82])
+MARGIN_M: Final = 0.05
+AROUND_M: Final = 0.30
+"""How much of what stands around the arm is shown: what is farther out is cut off."""
+ARROW: Final = 0.004
+"""Length of the arrow at the end of the tool point's way, a share of the view."""
+AWAY: Final = 78.0
+"""Points between a gap's middle and the label that says how wide it is."""
+
+
+class NoMatplotlibError(RuntimeError):
+    """The drawing library is not installed."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A direction of view, degrees as matplotlib counts them: the eye's height and its way round from +x."""
+
+    name: str
+    elevation: float
+    azimuth: float
+
+    @property
+    def eye(self) -> Floats:
+        """Unit vector towards the eye."""
+        e, a = math.radians(self.elevation), math.radians(self.azimuth)
+        return np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+
+
+def draw(shown: Picture, file: Path, *, subtitle: str) -> None:
+    """The picture, written to `file`.
+
+    Raises:
+        NoMatplotlibError: without matplotlib.
+        OSError: the file cannot be written.
+    """
+    try:
+        matplotlib: Any = importlib.import_module("matplotlib")
+        matplotlib.use("Agg")
+        plots: Any = importlib.import_module("matplotlib.pyplot")
+        importlib.import_module("mpl_toolkits.mplot3d")
+    except ImportError as error:
+        raise NoMatplotlibError("a PNG needs matplotlib: pip install 'ztpm[viz]'") from error
+    figure = plots.figure(figsize=SIZE_INCH, facecolor=PAPER)
+    bodies = list(_bodies(shown))
+    level = level_azimuth(shown)
+    for view, place in (
+        (View("from above", 90.0, -90.0), (0.0, 0.51, 0.40, 0.37)),
+        (View("from the side, level", 0.0, level), (0.0, 0.095, 0.40, 0.37)),
+        (View("from a corner", 26.0, level + 34.0), (0.38, 0.09, 0.61, 0.79)),
+    ):
+        axes = figure.add_axes(place, projection="3d", computed_zorder=False, proj_type="ortho", facecolor=PAPER)
+        top = place[1] + place[3] + (0.012 if view.elevation == 0 else -0.012)
+        figure.text(
+            place[0] + 0.045,
+            top,
+            view.name,
+            fontsize=11,
+            color=SOFT,
+        )
+        _draw_view(axes, shown, view, bodies)
+    figure.text(0.045, 0.945, _short(shown.title, 110), fontsize=19, fontweight="bold", color=INK, parse_math=False)
+    figure.text(0.045, 0.912, _short(subtitle, 190), fontsize=11.5, color=SOFT, parse_math=False)
+    _legend(figure, plots, shown)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # a name in another script
+        figure.savefig(file, dpi=160, format="png", metadata={"Software": None})
+    plots.close(figure)
+
+
+def level_azimuth(shown: Picture) -> float:
+    """From where the first witness's gap is seen in full, level, +x to the right; else from -y. Degrees."""
+    for witness in shown.witnesses:
+        (x0, y0, _), (x1, y1, _) = witness.near.on_part_m, witness.near.on_thing_m
+        if math.hypot(x1 - x0, y1 - y0) > 0.02:
+            azimuth = math.degrees(math.atan2(y1 - y0, x1 - x0)) - 90.0
+            return azimuth + 180.0 if math.sin(math.radians(azimuth)) > 0 else azimuth
+    return -90.0
+
+
+# --- bodies ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """Triangles (n, 3, 3), the ways out of them (n, 3), and red, green, blue and opacity of each, (n, 4)."""
+
+    triangles: Floats
+    normals: Floats
+    colours: Floats
+
+
+def _filled(triangles: Floats, colour: str, opaque: float) -> Filled:
+    """Triangles shaded by how they lie to the light."""
+    normals = normals_of(triangles)
+    bright = 0.5 + 0.5 * normals @ (LIGHT / np.linalg.norm(LIGHT))
+    rgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+    light = np.clip(2.0 * bright[:, None] - 1.1, 0, 1) * 0.3
+    shade = rgb * (0.62 + 0.38 * bright[:, None])
+    colours = shade + light * (1.0 - shade)
+    return Filled(triangles, normals, np.column_stack([colours, np.full(len(triangles), opaque)]))
+
+
+def _bodies(shown: Picture) -> Iterator[Filled]:
+    """Everything that has a body: what stands around, the arm where it decides, and its swept path."""
+    for body in shown.bodies:
+        size = math.inf if body.kind == "zone" else CELL_M / 2
+        for triangles in _triangles(body.shape, size):
+            yield _filled(triangles, COLOURS[body.kind], OPAQUE.get(body.kind, 1.0))
+    last = len(shown.postures) - 1
+    decides = shown.witnesses[0].posture if shown.witnesses else last
+    looks = {round(k * last / GHOSTS): "ghost" for k in range(1, GHOSTS)} | {0: "end", last: "end", decides: "solid"}
+    for row, posture in enumerate(shown.postures):
+        for part, kind in zip(posture.parts, shown.parts, strict=True):
+            if row in looks and (kind != "base" or row == decides):
+                around = COARSE if looks[row] == "ghost" else FINE
+                triangles = capsule(part.a_m, part.b_m, part.radius_m, CELL_M / 2, around=around)
+                yield _filled(triangles, COLOURS[kind], OPAQUE[looks[row]])
+
+
+def _triangles(shape: Shape, size_m: float) -> Iterator[Floats]:
+    if isinstance(shape, Box | Convex):
+        surface = surface_of(shape)
+        yield cut(surface.triangles, size_m)
+        for a, b in surface.rods.tolist():
+            yield capsule(tuple(a), tuple(b), surface.radius_m, size_m)
+    elif isinstance(shape, Capsule):
+        yield capsule(shape.a_m, shape.b_m, shape.radius_m, size_m)
+    else:
+        yield capsule(shape.center_m, shape.center_m, shape.radius_m, size_m)
+
+
+def extent(shown: Picture, *, whole: bool) -> tuple[Floats, Floats]:
+    """Low and high corner of what is shown: the arm wherever it goes, and some of what stands around.
+
+    Args:
+        shown: everything.
+        whole: people are shown from head to foot.
+    """
+    balls = [(end, part.radius_m) for p in shown.postures for part in p.parts for end in (part.a_m, part.b_m)]
+    balls += [(end, 0.0) for w in shown.witnesses for end in (w.near.on_part_m, w.near.on_thing_m)]
+    arm = [np.array(end) + sign * radius for end, radius in balls for sign in (-1, 1)]
+    around = [
+        (body.kind, points.reshape(-1, 3)) for body in shown.bodies for points in _triangles(body.shape, math.inf)
+    ]
+    arm = arm or [point for _, points in around for point in points] or [np.full(3, -AROUND_M), np.full(3, AROUND_M)]
+    low, high = np.min(arm, axis=0) - AROUND_M, np.max(arm, axis=0) + AROUND_M
+    some = [points if whole and kind == "person" else np.clip(points, low, high) for kind, points in around]
+    every = np.concatenate([np.array(arm), *some])
+    return every.min(axis=0) - MARGIN_M, every.max(axis=0) + MARGIN_M
+
+
+# --- one view --------------------------------------------------------------------------------------------------------
+
+
+def _draw_view(axes: Any, shown: Picture, view: View, bodies: list[Filled]) -> None:
+    collection = importlib.import_module("mpl_toolkits.mplot3d.art3d").Poly3DCollection
+    corner = 0.0 < view.elevation < 90.0
+    low, high = extent(shown, whole=corner)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.view_init(elev=view.elevation, azim=view.azimuth)
+    axes.set_box_aspect(high - low, zoom=1.2 if corner else 1.42)
+    _scale(axes, corner=corner)
+    turned = [body.normals @ view.eye > 0 for body in bodies]
+    if bodies:
+        faces = np.concatenate([body.triangles[seen] for body, seen in zip(bodies, turned, strict=True)])
+        colours = np.concatenate([body.colours[seen] for body, seen in zip(bodies, turned, strict=True)])
+        inside = ((faces >= low) & (faces <= high)).all(axis=(1, 2))
+        fill = colours[inside]
+        # Seams between opaque pieces are drawn over in their own colour; others are too faint to see.
+        line = np.column_stack([fill[:, :3], fill[:, 3] >= 1])
+        axes.add_collection3d(collection(faces[inside], facecolors=fill, edgecolors=line, linewidths=0.4, zorder=2))
+    _lines(axes, shown)
+    named = _names(axes, shown, low, high)
+    _gap(axes, shown, named)
+
+
+def _scale(axes: Any, *, corner: bool) -> None:
+    """Metres along the edges of a level view; the base's axes in the other one."""
+    if corner:
+        axes.set_axis_off()
+        for way, colour, name in zip(0.25 * np.eye(3), ("#b03030", "#2e8b57", "#3455b0"), "xyz", strict=True):
+            axes.quiver(0, 0, 0, *way, color=colour, linewidth=1.3, arrow_length_ratio=0.15, zorder=9)
+            axes.text(*(1.1 * way), name, color=colour, fontsize=9, zorder=9)
+        return
+    for axis, name in ((axes.xaxis, "x, m"), (axes.yaxis, "y, m"), (axes.zaxis, "z, m")):
+        axis.pane.set(facecolor=PAPER, edgecolor="#cfd6dc")
+        axis.set_major_locator(importlib.import_module("matplotlib.ticker").MultipleLocator(0.25))
+        axis.set_tick_params(labelsize=7, colors=SOFT, pad=-1)
+        axis.set_label_text(name, fontsize=9)
+        axis.labelpad = -5
+        axis._axinfo["grid"].update(color="#e6eaee", linewidth=0.8)  # noqa: SLF001 - matplotlib has no other way
+    for axis in (axes.zaxis,) if axes.elev else (axes.xaxis, axes.yaxis):
+        axis.set_ticks([])
+        axis.set_label_text("")
+
+
+def _lines(axes: Any, shown: Picture) -> None:
+    """The workspace, where the tool point goes, and the nearest points of what decides and of what else is met then."""
+    if shown.workspace is not None:
+        ends = np.array(shown.workspace)
+        at = [ends[[k & 1, k >> 1 & 1, k >> 2], [0, 1, 2]] for k in range(8)]
+        for k, bit in ((k, bit) for k in range(8) for bit in (1, 2, 4) if not k & bit):
+            axes.plot(*zip(at[k], at[k | bit], strict=True), color=COLOURS["workspace"], lw=1, ls=(0, (5, 4)), zorder=1)
+    tips = [posture.tcp_m for posture in shown.postures]
+    if len(tips) > 1:
+        axes.plot(*zip(*tips, strict=True), color=INK, linewidth=1.6, zorder=6)
+        axes.plot(*([x] for x in tips[0]), "o", color=PAPER, markeredgecolor=INK, markersize=6, zorder=7)
+        end, *earlier = (_flat(axes, tip) for tip in reversed(tips))
+        arrow = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.6, "mutation_scale": 15}
+        for before in [place for place in earlier if math.dist(place, end) > ARROW][:1]:
+            axes.annotate("", end, before, arrowprops=arrow, zorder=7)
+    for witness in (w for w in shown.witnesses if w.posture == shown.witnesses[0].posture):
+        ends, first = np.array([witness.near.on_part_m, witness.near.on_thing_m]).T, witness is shown.witnesses[0]
+        look = {"alpha": 1.0 if first else 0.4, "linewidth": 2.4 if first else 1, "markersize": 5 if first else 3}
+        axes.plot(*ends, "-o", color=COLOURS["witness"], zorder=8, **look)
+
+
+def _flat(axes: Any, point: object) -> tuple[float, float]:
+    """Where a point is in the view's own plane."""
+    project = importlib.import_module("mpl_toolkits.mplot3d.proj3d").proj_transform
+    x, y, _ = project(*np.asarray(point, dtype=float), axes.get_proj())
+    return float(x), float(y)
+
+
+def _names(axes: Any, shown: Picture, low: Floats, high: Floats) -> list[tuple[float, float]]:
+    """Each body's name at its highest or lowest visible place; returns the places."""
+    points: dict[tuple[str, str, str], list[Floats]] = {}
+    for body in shown.bodies:
+        name = body.name.split("/")[0] if body.kind == "person" else body.name
+        visible = points.setdefault((name, body.kind, body.told), [])
+        visible += [each.reshape(-1, 3) for each in _triangles(body.shape, CELL_M)]
+    places = []
+    for (name, kind, told), each in points.items():
+        every = np.concatenate(each)
+        inside = every[((every >= low) & (every <= high)).all(axis=1)]
+        if len(inside):
+            above = kind in ("person", "zone")
+            flat = np.array([_flat(axes, point) for point in inside[:: max(1, len(inside) // 400)]])
+            x, y = flat[flat[:, 1].argmax() if above else flat[:, 1].argmin()]
+            said = f"{_short(name)} ({_short(told)})" if told else _short(name)
+            box = {"boxstyle": "round,pad=0.15", "facecolor": PAPER, "edgecolor": COLOURS[kind], "alpha": 0.85}
+            axes.annotate(
+                said, (x, y), (0, 9 if above else -9), textcoords="offset points", ha="center", va="center",
+                fontsize=9, color=INK, bbox=box, zorder=11, parse_math=False,
+            )  # fmt: skip
+            places.append((x, y))
+    return places
+
+
+def _gap(axes: Any, shown: Picture, taken: list[tuple[float, float]]) -> None:
+    """How wide the gap is that decides, on the side of it that is farthest from what is drawn and named."""
+    for witness in shown.witnesses[:1]:
+        postures = (shown.postures[0], shown.postures[witness.posture], shown.postures[-1])
+        drawn = [_flat(axes, end) for p in postures for part in p.parts for end in (part.a_m, part.b_m)]
+        x, y = _flat(axes, np.mean([witness.near.on_part_m, witness.near.on_thing_m], axis=0))
+        ways = [(math.cos(k * math.pi / 8), math.sin(k * math.pi / 8)) for k in range(16)]
+        far = AWAY * np.array(ways)
+        places = axes.transData.inverted().transform(axes.transData.transform((x, y)) + far * axes.figure.dpi / 72)
+        room = [min(math.dist(place, each) for each in (*drawn, *taken)) for place in places]
+        colour = COLOURS["witness"]
+        axes.annotate(
+            f"{witness.contribution.clearance_um / MICRO_PER_MILLI:.0f} mm", (x, y), far[int(np.argmax(room))],
+            textcoords="offset points", ha="center", va="center", fontsize=12, fontweight="bold", color=colour,
+            bbox={"boxstyle": "round,pad=0.25", "facecolor": PAPER, "edgecolor": colour, "linewidth": 1.1},
+            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 1.0}, zorder=12,
+        )  # fmt: skip
+
+
+def _short(text: str, limit: int = 24) -> str:
+    kept = "".join(c if c.isprintable() else "?" for c in text)
+    return kept if len(kept) <= limit else f"{kept[: limit - 1]}…"
+
+
+def _legend(figure: Any, plots: Any, shown: Picture) -> None:
+    patch = importlib.import_module("matplotlib.patches").Patch
+    kinds = [*dict.fromkeys(shown.parts), *dict.fromkeys(body.kind for body in shown.bodies)]
+    handles = [
+        patch(
+            facecolor=COLOURS[kind],
+            edgecolor=INK,
+            alpha=0.35 if kind == "zone" else 1,
+            label={"payload": "held object"}.get(kind, kind),
+        )
+        for kind in kinds
+    ]
+    if len(shown.postures) > 1:
+        arm = COLOURS["arm"]
+        handles += [patch(facecolor=f"{arm}66", edgecolor=FAINT, label="at start and end")]
+        handles += [patch(facecolor=f"{arm}1f", edgecolor=FAINT, label="swept path")]
+        handles += [plots.Line2D([], [], color=INK, marker="o", mfc=PAPER, label="tool point, from start to end")]
+    if shown.witnesses:
+        nearest = "nearest points where it decides"
+        handles += [plots.Line2D([], [], color=COLOURS["witness"], marker="o", label=nearest)]
+    if shown.workspace is not None:
+        handles += [plots.Line2D([], [], color=COLOURS["workspace"], linestyle="--", label="workspace")]
+    figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 6), frameon=False, fontsize=10.5)

@@ -1,0 +1,98 @@
+"""Surfaces of bodies as small triangles, which a drawing library fills in order of depth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from pep.pit.geometry.hull import hull_of
+from pep.pit.geometry.solids import rotation_of
+from pep.pit.scene.scene import Box
+
+if TYPE_CHECKING:
+    from pep.pit.base.motion import Floats
+    from pep.pit.scene.scene import Convex, Vector
+
+FINE, COARSE = 32, 12
+"""Corners of a ring about a capsule's axis, where it is to look round and where it is hardly seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """A polytope: its flat parts, moved outward by its rounding, and the edges about which that lies.
+
+    Attributes:
+        triangles: (n, 3, 3), metre; seen from outside they go round to the left.
+        rods: ends of the rounded edges, (m, 2, 3), metre; none without a rounding.
+        corners: (k, 3), metre.
+        radius_m: of the rounding.
+    """
+
+    triangles: Floats
+    rods: Floats
+    corners: Floats
+    radius_m: float
+
+
+def surface_of(shape: Box | Convex) -> Surface:
+    """The surface of a box or polytope."""
+    if isinstance(shape, Box):
+        signs = np.array([[1 if k >> d & 1 else -1 for d in range(3)] for k in range(8)])
+        points = np.array(shape.center_m) + (signs * np.array(shape.half_m)) @ rotation_of(shape.quaternion).T
+        vertices, radius = tuple(cast("Vector", tuple(point)) for point in points.tolist()), 0.0
+    else:
+        vertices, radius = shape.vertices_m, shape.radius_m
+    hull = hull_of(vertices)
+    triangles = hull.vertices[hull.faces] + radius * hull.normals[:, None, :]
+    inward = (normals_of(triangles) * hull.normals).sum(axis=1) < 0
+    triangles[inward] = triangles[inward][:, ::-1]
+    rods = hull.vertices[hull.edges] if radius > 0 else np.zeros((0, 2, 3))
+    return Surface(triangles, rods, hull.vertices, radius)
+
+
+def normals_of(triangles: Floats) -> Floats:
+    """Unit vectors across triangles (n, 3, 3), of shape (n, 3); zero for one without an area."""
+    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    return across / np.where(length > 0, length, 1.0)
+
+
+def cut(triangles: Floats, size_m: float) -> Floats:
+    """The same surface in triangles whose sides are at most `size_m` long, (n, 3, 3)."""
+    pieces = []
+    for triangle in triangles:
+        a, u, v = triangle[0], triangle[1] - triangle[0], triangle[2] - triangle[0]
+        longest = max(np.linalg.norm(u), np.linalg.norm(v), np.linalg.norm(v - u))
+        n = max(1, math.ceil(longest / size_m))
+        for i in range(n):
+            for j in range(n - i):
+                pieces.append([a + (i * u + j * v) / n, a + ((i + 1) * u + j * v) / n, a + (i * u + (j + 1) * v) / n])
+                if i + j < n - 1:
+                    far = a + ((i + 1) * u + (j + 1) * v) / n
+                    pieces.append([pieces[-1][1], far, pieces[-1][2]])
+    return np.array(pieces)
+
+
+def capsule(a: Vector, b: Vector, radius_m: float, size_m: float, *, around: int = FINE) -> Floats:
+    """The surface of a capsule, or of a ball, in triangles about `size_m` long, (n, 3, 3)."""
+    start, way = np.array(a), np.array(b) - np.array(a)
+    length = float(np.linalg.norm(way))
+    along = way / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    aside = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+    aside /= np.linalg.norm(aside)
+    angles = np.linspace(-math.pi / 2, 0, around // 4 + 1)
+    ends = np.stack([np.sin(angles), np.cos(angles)], axis=1) * radius_m
+    middle = np.linspace(0, length, max(2, math.ceil(length / size_m) + 1))[1:-1]
+    heights = np.concatenate([ends[:, 0], middle, length - ends[::-1, 0]])
+    widths = np.concatenate([ends[:, 1], np.full(len(middle), radius_m), ends[::-1, 1]])
+    turn = np.linspace(0, 2 * math.pi, around, endpoint=False)
+    ring = np.cos(turn)[:, None] * aside + np.sin(turn)[:, None] * np.cross(along, aside)
+    points = start + heights[:, None, None] * along + widths[:, None, None] * ring
+    here, there = points[:-1], points[1:]
+    beside, over = np.roll(here, -1, axis=1), np.roll(there, -1, axis=1)
+    halves = (np.stack([here, beside, over], axis=2), np.stack([here, over, there], axis=2))
+    triangles = np.concatenate([half.reshape(-1, 3, 3) for half in halves])
+    return cast("Floats", triangles[np.linalg.norm(normals_of(triangles), axis=1) > 0])

@@ -1,0 +1,1 @@
+export { AmbientLight, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, DirectionalLight, DoubleSide, EdgesGeometry, Group, Line, LineBasicMaterial, LineDashedMaterial, LineSegments, Mesh, MeshBasicMaterial, MeshLambertMaterial, OrthographicCamera, Quaternion, Scene, SphereGeometry, Vector3, WebGLRenderer } from "three";
