@@ -30,6 +30,8 @@ BREAKS = [
     ("layers", "pep/base/ports.py", "import ztpm.cell.cell"),
     ("layers", "ztpm/cell/cell.py", "import evaluation.stops"),
     ("physics-fence", "evaluation/cli.py", "import coal"),
+    ("evaluation-rooms", "evaluation/harness/timing.py", "import evaluation.tokens.cell"),
+    ("evaluation-rooms", "evaluation/conduct/agents.py", "import evaluation.tokens.cell"),
     ("core-is-light", "policies/evidence/model.py", "import fastapi"),
     ("core-is-light", "capabilities/values/units.py", "import numpy"),
     ("core-is-light", "capabilities/values/units.py", "import socket"),

@@ -19,16 +19,14 @@ from capabilities.values.chain import Chain
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from capabilities.values.text import ROLE_PREFIX
 from evaluation.harness.campaign import missed
+from evaluation.harness.work import keep, seeds_of, shares, together, total
 from evaluation.tokens.campaigns import requests, twin
-from evaluation.tokens.campaigns.crew import seeds_of, shares, together
 from evaluation.tokens.campaigns.families import FORGED, HOPS, family, lay_over, too_much, whole
 from evaluation.tokens.campaigns.issuer import CELLS, LEASE_MS, VIEW, Issuer, verified
 from evaluation.tokens.campaigns.requests import ACTING, DIMENSIONS
 from evaluation.tokens.campaigns.twin import Lend
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from capabilities.token.verify import Verifier
     from evaluation.tokens.campaigns.families import Family
     from evaluation.tokens.campaigns.twin import Act
@@ -43,7 +41,6 @@ _BY_ISSUING: Final = 40
 """One in so many requests goes through Biscuit's authorizer, or through a real delegation."""
 _LEAST_SPLIT: Final = 0.1
 """Part of the pairs of a dimension that some holders of the chain must be allowed and others not."""
-_KEPT: Final = 20
 
 
 @dataclass(slots=True)
@@ -194,7 +191,7 @@ def _pair_of_act(asked: _Asked, dimension: str, turn: int) -> None:
         found.by_biscuit += len(says)
         # Biscuit is not told the audience: that line is drawn by a statement. Every chain has the first one.
         if says != twin.acts(of.blocks, replace(act, audience=CELLS[0])):
-            _keep(found.parted, f"Biscuit {act}")
+            keep(found.parted, f"Biscuit {act}")
 
 
 def _plain(of: Family, act: Act) -> bool:
@@ -216,16 +213,16 @@ def _pair_of_lend(asked: _Asked, dimension: str, turn: int) -> None:
         does = [does_lend(asked.issuer, token, chain, lend) for token, chain in pairs]
         found.by_issuing += sum(each is not None for each in does)
         if any(each is not None and each is not may for each, may in zip(does, expected, strict=True)):
-            _keep(found.parted, f"issuing {lend}")
+            keep(found.parted, f"issuing {lend}")
 
 
 def _compare(dimension: str, asked: object, answers: list[bool], expected: list[bool], found: Tally) -> None:
     found.pairs[dimension] += 1
     found.split[dimension] += len(set(answers)) > 1
     if answers != sorted(answers, reverse=True):  # once refused, refused to everybody below
-        _keep(found.widened, f"{dimension} {answers} {asked}")
+        keep(found.widened, f"{dimension} {answers} {asked}")
     if answers != expected:
-        _keep(found.parted, f"{dimension} {answers} {expected} {asked}")
+        keep(found.parted, f"{dimension} {answers} {expected} {asked}")
 
 
 def _forge(asked: _Asked, what: str) -> None:
@@ -245,11 +242,7 @@ def _forge(asked: _Asked, what: str) -> None:
         does = isinstance(verified(asked.issuer.verifier(), token, at=lend.scope.not_before), Chain)
         asked.found.forged[name] += 1
         if does != may or (may and name != "fair"):
-            _keep(asked.found.wrong, f"{name} {does} {may} {lend}")
-
-
-def _keep(into: list[str], what: str) -> None:
-    into.append(what if len(into) < _KEPT else "")
+            keep(asked.found.wrong, f"{name} {does} {may} {lend}")
 
 
 # --- all of it -------------------------------------------------------------------------------------------------------
@@ -271,19 +264,4 @@ def run(count: int = COUNT, seed: int = 1, *, processes: int = 2, each: int = EA
     seeds = seeds_of(seed, processes)
     parts = zip(shares(count, processes), seeds, strict=True)
     work = [(f"attenuation {own}", share, own, each) for share, own in parts]
-    return Figures(count, _sum(together(_share, work)))
-
-
-def _sum(tallies: Sequence[Tally]) -> Tally:
-    total = Tally()
-    for each in tallies:
-        total.chains += each.chains
-        total.pairs += each.pairs
-        total.split += each.split
-        total.widened += each.widened
-        total.parted += each.parted
-        total.by_biscuit += each.by_biscuit
-        total.by_issuing += each.by_issuing
-        total.forged += each.forged
-        total.wrong += each.wrong
-    return total
+    return Figures(count, total(together(_share, work)))

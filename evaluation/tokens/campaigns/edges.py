@@ -45,11 +45,8 @@ ELSEWHERE: Final = {
     "workload_token_lifetime_s": "a platform's token, not ours",
     "workload_token_bytes": "a platform's token, not ours",
     "jwt_evidence_ceiling": "the highest tier that there is: nothing is above it",
-    "datalog_ms": "a limit of the engine, not of an input",
-    "datalog_facts": "a limit of the engine, not of an input",
-    "datalog_iterations": "a limit of the engine, not of an input",
-    "session_lifetime_s": "a bound of sessions",
-    "frame_bytes": "a bound of sessions",
+    **dict.fromkeys(("datalog_ms", "datalog_facts", "datalog_iterations"), "a limit of the engine, not of an input"),
+    **dict.fromkeys(("session_lifetime_s", "frame_bytes"), "a bound of sessions"),
 }
 """Caps that are no size or depth of a token, a scope, a proof or a statement, and why."""
 

@@ -11,17 +11,14 @@ from collections import Counter
 from collections.abc import Callable  # noqa: TC003 - a dataclass field: its annotation must resolve
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault
 from evaluation.harness.campaign import missed
-from evaluation.tokens.campaigns.crew import seeds_of, shares, together
+from evaluation.harness.work import keep, seeds_of, shares, together, total
 from evaluation.tokens.campaigns.issuer import Issuer, verified
 from evaluation.tokens.campaigns.mutation import KINDS, Pool, mutant, pool
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 COUNT: Final = 1_000_000
 SLOWEST_MS: Final = 50.0
@@ -30,8 +27,6 @@ _AGAIN: Final = 50
 """Most further tries of a mutant that took too long: one that is slow by itself is slow every time."""
 _CONTROL: Final = 10_000
 """After so many mutants the issued tokens are verified again."""
-_KEPT: Final = 20
-"""Failures of each kind that are kept whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,14 +149,10 @@ def _timed(made: bytes, found: Tally, ask: Callable[[bytes], Chain | Fault], clo
     if isinstance(answer, Fault):
         found.codes[str(answer.code)] += 1
     elif isinstance(answer, BaseException):
-        _keep(found.stray, f"{type(answer).__name__} {made.hex()}")
+        keep(found.stray, f"{type(answer).__name__} {made.hex()}")
     else:
-        _keep(found.accepted, made.hex())
+        keep(found.accepted, made.hex())
     return took / 1e6, cpu / 1e6
-
-
-def _keep(into: list[str], what: str) -> None:
-    into.append(what if len(into) < _KEPT else "")
 
 
 def _control(of: Pool, ask: Callable[[bytes], Chain | Fault]) -> int:
@@ -195,21 +186,4 @@ def run(count: int = COUNT, seed: int = 1, *, processes: int = 2) -> Figures:
         processes: that share the work; with 1 it is done here.
     """
     drawn = zip(shares(count, processes), seeds_of(seed, processes), strict=True)
-    return Figures(count, _sum(together(_share, [(f"mutants {each}", share, each) for share, each in drawn])))
-
-
-def _sum(tallies: Sequence[Tally]) -> Tally:
-    total = Tally()
-    for each in tallies:
-        total.tried += each.tried
-        total.codes += each.codes
-        total.accepted += each.accepted
-        total.stray += each.stray
-        total.issued += each.issued
-        total.slow += each.slow
-        total.paused += each.paused
-        total.lost += each.lost
-        total.worst_ms = max(total.worst_ms, each.worst_ms)
-        total.worst_cpu_ms = max(total.worst_cpu_ms, each.worst_cpu_ms)
-        total.growth_mib = max(total.growth_mib, each.growth_mib)
-    return total
+    return Figures(count, total(together(_share, [(f"mutants {each}", share, each) for share, each in drawn])))

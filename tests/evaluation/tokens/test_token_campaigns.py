@@ -14,7 +14,7 @@ from capabilities.values import algebra
 from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault, FaultCode
 from evaluation.harness.campaign import Settings
-from evaluation.tokens.campaigns.crew import seeds_of, shares, together
+from evaluation.harness.work import seeds_of, shares, together
 from evaluation.tokens.campaigns.families import FORGED, family
 from evaluation.tokens.campaigns.issuer import Issuer, verified
 from evaluation.tokens.campaigns.shapes import issue

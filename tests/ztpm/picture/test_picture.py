@@ -33,9 +33,10 @@ from pep.pit import (
 )
 from pep.pit.geometry.hull import hull_of
 from tests.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
+from ztpm.picture.bodies import extent
 from ztpm.picture.page import page
 from ztpm.picture.picture import picture, to_plain
-from ztpm.picture.png import extent, level_azimuth
+from ztpm.picture.png import level_azimuth
 from ztpm.picture.postures import Part, nearest, route_of
 from ztpm.picture.surface import capsule, cut, normals_of, surface_of
 from ztpm.pit import Arm, asked

@@ -1,0 +1,99 @@
+"""Bodies of a picture as shaded triangles: what stands around, the arm where it decides, and its swept path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pep.pit.scene.scene import Box, Capsule, Convex
+from ztpm.picture.picture import CELL_M, COLOURS
+from ztpm.picture.surface import COARSE, FINE, capsule, cut, normals_of, surface_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from pep.pit.base.motion import Floats
+    from pep.pit.scene.scene import Shape
+    from ztpm.picture.picture import Picture
+
+GHOSTS: Final = 14
+"""Postures of the swept path that are shown faintly."""
+OPAQUE: Final = {"solid": 1.0, "end": 0.2, "ghost": 0.04, "zone": 0.14, "fragile": 0.75}
+"""How opaque a posture is, and a body of a kind; every other body is opaque."""
+LIGHT: Final = np.array([0.35, -0.45, 0.82])
+MARGIN_M: Final = 0.05
+AROUND_M: Final = 0.30
+"""How much of what stands around the arm is shown: what is farther out is cut off."""
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """Triangles (n, 3, 3), the ways out of them (n, 3), and red, green, blue and opacity of each, (n, 4)."""
+
+    triangles: Floats
+    normals: Floats
+    colours: Floats
+
+
+def _filled(triangles: Floats, colour: str, opaque: float) -> Filled:
+    """Triangles shaded by how they lie to the light."""
+    normals = normals_of(triangles)
+    bright = 0.5 + 0.5 * normals @ (LIGHT / np.linalg.norm(LIGHT))
+    rgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
+    light = np.clip(2.0 * bright[:, None] - 1.1, 0, 1) * 0.3
+    shade = rgb * (0.62 + 0.38 * bright[:, None])
+    colours = shade + light * (1.0 - shade)
+    return Filled(triangles, normals, np.column_stack([colours, np.full(len(triangles), opaque)]))
+
+
+def bodies_of(shown: Picture) -> Iterator[Filled]:
+    """Everything that has a body: what stands around, the arm where it decides, and its swept path."""
+    for body in shown.bodies:
+        size = math.inf if body.kind == "zone" else CELL_M / 2
+        for triangles in triangles_of(body.shape, size):
+            yield _filled(triangles, COLOURS[body.kind], OPAQUE.get(body.kind, 1.0))
+    last = len(shown.postures) - 1
+    decides = shown.witnesses[0].posture if shown.witnesses else last
+    looks = {round(k * last / GHOSTS): "ghost" for k in range(1, GHOSTS)} | {0: "end", last: "end", decides: "solid"}
+    for row, posture in enumerate(shown.postures):
+        for part, kind in zip(posture.parts, shown.parts, strict=True):
+            if row in looks and (kind != "base" or row == decides):
+                around = COARSE if looks[row] == "ghost" else FINE
+                triangles = capsule(part.a_m, part.b_m, part.radius_m, CELL_M / 2, around=around)
+                yield _filled(triangles, COLOURS[kind], OPAQUE[looks[row]])
+
+
+def triangles_of(shape: Shape, size_m: float) -> Iterator[Floats]:
+    """Surfaces of a shape, each (n, 3, 3), in triangles about `size_m` long."""
+    if isinstance(shape, Box | Convex):
+        surface = surface_of(shape)
+        yield cut(surface.triangles, size_m)
+        for a, b in surface.rods.tolist():
+            yield capsule(tuple(a), tuple(b), surface.radius_m, size_m)
+    elif isinstance(shape, Capsule):
+        yield capsule(shape.a_m, shape.b_m, shape.radius_m, size_m)
+    else:
+        yield capsule(shape.center_m, shape.center_m, shape.radius_m, size_m)
+
+
+def extent(shown: Picture, *, whole: bool) -> tuple[Floats, Floats]:
+    """Low and high corner of what is shown: the arm wherever it goes, and some of what stands around.
+
+    Args:
+        shown: everything.
+        whole: people are shown from head to foot.
+    """
+    balls = [(end, part.radius_m) for p in shown.postures for part in p.parts for end in (part.a_m, part.b_m)]
+    balls += [(end, 0.0) for w in shown.witnesses for end in (w.near.on_part_m, w.near.on_thing_m)]
+    arm = [np.array(end) + sign * radius for end, radius in balls for sign in (-1, 1)]
+    around = [
+        (body.kind, points.reshape(-1, 3)) for body in shown.bodies for points in triangles_of(body.shape, math.inf)
+    ]
+    arm = arm or [point for _, points in around for point in points] or [np.full(3, -AROUND_M), np.full(3, AROUND_M)]
+    low, high = np.min(arm, axis=0) - AROUND_M, np.max(arm, axis=0) + AROUND_M
+    some = [points if whole and kind == "person" else np.clip(points, low, high) for kind, points in around]
+    every = np.concatenate([np.array(arm), *some])
+    return every.min(axis=0) - MARGIN_M, every.max(axis=0) + MARGIN_M
