@@ -52,8 +52,7 @@ def _filled(triangles: Floats, colour: str, opaque: float) -> Filled:
 def bodies_of(shown: Picture) -> Iterator[Filled]:
     """Everything that has a body: what stands around, the arm where it decides, and its swept path."""
     for body in shown.bodies:
-        size = math.inf if body.kind == "zone" else CELL_M / 2
-        for triangles in triangles_of(body.shape, size):
+        for triangles in triangles_of(body.shape, CELL_M / 2):
             yield _filled(triangles, COLOURS[body.kind], OPAQUE.get(body.kind, 1.0))
     last = len(shown.postures) - 1
     decides = shown.witnesses[0].posture if shown.witnesses else last

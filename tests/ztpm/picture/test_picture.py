@@ -33,7 +33,7 @@ from pep.pit import (
 )
 from pep.pit.geometry.hull import hull_of
 from tests.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
-from ztpm.picture.bodies import extent
+from ztpm.picture.bodies import extent, triangles_of
 from ztpm.picture.page import page
 from ztpm.picture.picture import picture, to_plain
 from ztpm.picture.png import level_azimuth
@@ -190,6 +190,19 @@ def test_nothing_of_the_arm_and_of_what_is_nearest_is_outside_of_a_view(whole):
     limbs = [b.shape for b in seen.bodies if b.kind == "person" and isinstance(b.shape, Capsule)]
     lowest = min(end[2] for limb in limbs for end in (limb.a_m, limb.b_m))
     assert (lowest > low[2]) == whole
+
+
+def test_of_what_is_larger_than_the_view_a_part_is_drawn(tmp_path):
+    def edit(value):
+        box = {"center_m": [0.0, 0.0, 0.2], "half_m": [3.0, 3.0, 0.1]}
+        value["cell"]["zones"] = [{"name": "everywhere", "tier": 3, "box": box}]
+
+    seen = shown("c2-person", "sweep", edit, tmp_path)
+    low, high = extent(seen, whole=False)
+    (zone,) = [body for body in seen.bodies if body.kind == "zone"]
+    pieces = np.concatenate(list(triangles_of(zone.shape, 0.06)))
+    inside = pieces[((pieces >= low) & (pieces <= high)).all(axis=(1, 2))]
+    assert area(inside) > 1.4 * (high - low)[0] * (high - low)[1]
 
 
 def area(triangles):
