@@ -1,5 +1,6 @@
-"""One profile for all property tests, since machines are shared and noisy; and who computes makes room for who must not wait."""
+"""Profiles of property tests, the ways to run the suite, and room for tests in which real time passes."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -18,11 +19,16 @@ MEMORY, ROOM = Path("/dev/shm"), 4 << 30  # noqa: S108 - pytest makes a director
 if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free >= ROOM and not os.statvfs(MEMORY).f_flag & os.ST_NOEXEC:
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(MEMORY))
 
-settings.register_profile(
-    "shared-machine", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
+# The suite draws the same cases each time, so that it fails by a change alone; campaigns draw others, and more of them.
+SUITE = settings(
+    deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True, derandomize=True, max_examples=50
 )
-settings.load_profile("shared-machine")
+settings.register_profile("suite", SUITE)
+settings.register_profile("campaign", SUITE, derandomize=False, max_examples=1000)
+settings.load_profile("suite")
 NAMED = 60  # characters
+COMPILE_S = 600
+"""Longest compilation of the kernel, on a loaded machine."""
 
 
 def pytest_addoption(parser):
@@ -31,9 +37,22 @@ def pytest_addoption(parser):
 
 def pytest_configure(config):
     """The kernel is compiled once, before several workers would each compile it beside tests in which time passes."""
+    if config.getoption("campaign"):
+        settings.load_profile("campaign")
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         compile_it = "from pep.pit.assess.readiness import compile_all; compile_all()"
-        subprocess.run([sys.executable, "-c", compile_it], cwd=config.rootpath, check=True, timeout=600)
+        subprocess.run([sys.executable, "-c", compile_it], cwd=config.rootpath, check=True, timeout=COMPILE_S)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Nothing that is collected is garbage: looking for some took half the time, and later tenths of a second each."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_make_parametrize_id(config, val, argname):  # noqa: ARG001 - pytest's signature
@@ -48,20 +67,49 @@ def in_real_time(item):
     return any(item.get_closest_marker(name) is not None for name in ("e2e", "real_time"))
 
 
+SEEDS = 2
+"""How many seeds of a long test that is parametrised by `seed` are for the suite; the others draw more of the same, for campaigns."""
+
+
+def draws_more(item):
+    """Whether it is a long test once more with another seed."""
+    seed = item.callspec.params.get("seed", 0) if hasattr(item, "callspec") else 0
+    return item.get_closest_marker("long") is not None and seed >= SEEDS
+
+
+GROUPS = {"rtde": "wires", "sim_controller": "wires", "ursim": "wires", "pep": "arms"}
+"""The groups by folder; `cells` is that of any other. A file that would make one group the longest names another itself."""
+
+
+def group_of(item):
+    """The group of a test in which real time passes: its own mark, or that of its folder."""
+    mark = item.get_closest_marker("xdist_group")
+    if mark is not None:
+        return mark.args[0]
+    folders = item.path.relative_to(item.config.rootpath).parts
+    return next((group for folder, group in GROUPS.items() if folder in folders), "cells")
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Tests in which real time passes run one after the other, on one worker, with `--dist loadgroup`.
+    """Tests in which real time passes run in few groups, with `--dist loadgroup`: those of a group one after the other.
+
+    They wait for most of their time. A few at once need one processor together, and more would be late for one another.
 
     One that fails is begun once more, and the summary counts it: a shared machine may stand still for longer than an
     arm's watch allows. What fails by itself fails twice; how often deadlines are missed is for campaigns to say.
     """
+    for item in items:
+        if draws_more(item):
+            item.add_marker(pytest.mark.campaign)
     if not config.getoption("campaign"):
         later = [item for item in items if item.get_closest_marker("campaign") is not None]
         items[:] = [item for item in items if item.get_closest_marker("campaign") is None]
         config.hook.pytest_deselected(items=later)
     for item in items:
         if in_real_time(item):
-            item.add_marker(pytest.mark.xdist_group("e2e"))
+            if item.get_closest_marker("xdist_group") is None:
+                item.add_marker(pytest.mark.xdist_group(group_of(item)))
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 

@@ -27,6 +27,8 @@ from tests.capabilities.world import (
     mint_root,
 )
 
+pytestmark = pytest.mark.version
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 

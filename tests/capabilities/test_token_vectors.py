@@ -17,7 +17,7 @@ from tests.vectors.tokens import codec, generate
 from tests.vectors.tokens.ordinary import LESS, SMALL, STOP, authority, hop, message, replaced
 from tests.vectors.tokens.sealing import put, raw_of, seal
 
-pytestmark = pytest.mark.clause(reason="the vectors name the clause of each refusal themselves")
+pytestmark = [pytest.mark.clause(reason="the vectors name the clause of each refusal themselves"), pytest.mark.version]
 
 TOP = Path(__file__).parents[2]
 TYPESCRIPT = TOP / "verifiers" / "typescript"

@@ -13,6 +13,8 @@ from pep.pit.checker import Verified, verify
 from tests.pit import urdfs
 from ztpm.pit import PATIENCE_S, Arm, asked
 
+pytestmark = pytest.mark.version
+
 EXAMPLES = Path(generate.__file__).parent / "examples"
 FIRST = ["tier", "index", "clearance_mm", "contributions", "certificate", "model"]
 OF_A_CONTRIBUTION = ["kind", "link", "object", "t_s", "index"]

@@ -14,6 +14,9 @@ from ztpm.cli.policy.commands import operations
 
 from policies import Point, load, load_shipped
 
+pytestmark = pytest.mark.version
+
+
 MINE = """
 name = "mine"
 version = 1

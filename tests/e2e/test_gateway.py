@@ -29,7 +29,8 @@ from ztpm.stage.samples import Eyes
 from ztpm.stage.stage import LEFT, Stage, until
 from ztpm.stage.stopping import read_stop
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
+# As long as all other tests with whole cells together.
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180), pytest.mark.xdist_group("arms")]
 
 NO_WAY = dict.fromkeys(("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"), "http://127.0.0.1:9")
 """Proxies that no part of a cell may use."""

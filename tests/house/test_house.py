@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 TOP = Path(__file__).parents[2]
 
 
@@ -95,10 +97,16 @@ def test_top_level_names_belong_to_us() -> None:
 
 @pytest.mark.e2e
 def test_tests_in_which_real_time_passes_follow_each_other(request: pytest.FixtureRequest) -> None:
-    """`--dist loadgroup` does keep them to one worker: beside each other they fail at random."""
-    if not request.config.getoption("loadgroup", default=False):
-        pytest.skip("there is one worker")
-    assert request.node.nodeid.endswith("@e2e")
+    """`--dist loadgroup` does keep those of a group to one worker, and there are no more groups than the machine bears."""
+    timed = [
+        item
+        for item in request.session.items
+        if any(item.get_closest_marker(name) is not None for name in ("e2e", "real_time"))
+    ]
+    groups = {item.get_closest_marker("xdist_group").args[0] for item in timed}
+    assert groups <= {"cells", "wires", "arms"}
+    if request.config.getoption("loadgroup", default=False):
+        assert all(item.nodeid.rpartition("@")[2] in groups for item in timed)
 
 
 @pytest.mark.e2e

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long
+
 TESTS = Path(__file__).parents[1]
 SPEC = (TESTS.parent / "docs" / "spec.md").read_text()
 ID = re.compile(r"\*\*\[([A-Z]{3,4}-\d+)\]")

@@ -21,6 +21,8 @@ from tests.idp.journals import Journal
 from tests.idp.world import ISSUER, SLOWER
 from ztpm_idp.client import ClientError
 
+pytestmark = pytest.mark.long
+
 PARAMETERS = load_shipped("paper-default").parameters
 WRONG, SLIP = (CHARGES[reason].milli for reason in (Reason.NOT_GRANTED, Reason.LIMIT_EXCEEDED_BY_REQUEST))
 ONE_WRONG = round(800 * 20_000 / (20_000 + WRONG))

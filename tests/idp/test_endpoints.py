@@ -15,6 +15,8 @@ from tests.idp.asks import Cell
 from tests.idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti
 from ztpm_idp.client import ClientError, ProofAuth, delegate_request, issue_request
 
+pytestmark = pytest.mark.version
+
 
 def good_bodies(world):
     """One good request for each endpoint that takes a body: path, body, who may, who may not."""

@@ -20,6 +20,8 @@ from ztpm.point.gateway_config import read_gateway_config
 from ztpm.point.tool_proxy_config import read_door_config
 from ztpm_idp.settings import load_keys, load_platform, load_settings
 
+pytestmark = pytest.mark.version
+
 PASSPHRASE = "correct horse battery staple"
 
 

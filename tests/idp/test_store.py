@@ -22,6 +22,8 @@ from ztpm_idp.store import Store, StoreUnavailableError
 from ztpm_idp.store.schema import metadata
 from ztpm_idp.store.transaction import Transaction
 
+pytestmark = pytest.mark.long
+
 
 def on_connection(world, ask):
     async def go():

@@ -27,6 +27,8 @@ from policies.evidence.evidence import ImpactFault
 from tests.hostile_bodies import HOSTILE_BODIES
 from tests.pep.kit import AUDIENCE, HOST, ISSUER, MOVE, PORT, Rig, agent, full_scope, reading
 
+pytestmark = pytest.mark.version
+
 ZERO = (0.0,) * 6
 PROTOCOL = "2026-07-28"
 

@@ -29,6 +29,8 @@ from tests.pit.scenes import CELL, NOTHING, ROBOT, random_move, random_scene, sw
 from tests.pit.test_checker import asked
 from tests.pit.timing import spaced
 
+pytestmark = pytest.mark.long
+
 SLICE, CURVED = 40, 24
 
 

@@ -93,6 +93,8 @@ from tests.pit.test_calibration import robot_of as robot_of_rows
 from tests.pit.test_urdf import arm_of
 from tests.pit.urdfs import random_arm
 
+pytestmark = pytest.mark.long
+
 AGE = 0.1
 STICK = Held("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True)
 SPEEDS = {0.25: 0.8, 0.5: 1.0, 1.05: 1.4, 2.0: 3.0, 3.0: 5.0}

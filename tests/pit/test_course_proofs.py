@@ -59,6 +59,8 @@ from tests.pit.test_checker import STRANGE, places, replaced
 from tests.pit.test_uneven_limits import HIGH, at
 from tests.pit.test_uneven_limits import ROBOT as UNEVEN
 
+pytestmark = pytest.mark.long
+
 EACH = 2  # documents of each form
 
 

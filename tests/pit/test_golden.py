@@ -8,6 +8,8 @@ from pep.pit import Capsule, Person, Region, adult_at_distance, assess, standing
 from pep.pit.scene.separation import stopping
 from tests.pit.scenes import CELL, FRONT, NOTHING, ROBOT, SEED, empty, sweep, tcp, with_glass, with_person
 
+pytestmark = pytest.mark.version
+
 FRESH = 0.10  # age of the view, s
 # An arm with nominal kinematics: 7.5 mm of uncertainty. With 5 mm every index was at most 0.03 lower, every tier the same.
 SCENES = {"C0": empty(), "C1": with_glass(), "C2": with_person(), "C2 behind": with_person(bearing=FRONT + np.pi)}

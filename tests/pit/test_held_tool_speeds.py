@@ -19,6 +19,8 @@ from policies.words.reason_table import Reason
 from tests.pit.lines import MODEL, Sampled, followed, placed, random_hold, random_line, random_servo, tool_jacobian
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, with_person
 
+pytestmark = pytest.mark.long
+
 NAN, INF = math.nan, math.inf
 PATIENT = replace(CELL, time_limit_s=60.0, watch_time_limit_s=60.0)  # a loaded machine that runs other tests meanwhile
 DRAWS = int(os.environ.get("ZTPM_HOLDS", "30"))  # a campaign asks for more

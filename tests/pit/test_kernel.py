@@ -22,6 +22,8 @@ from pep.pit.search.kernel.loads import laid_out
 from pep.pit.search.torques import masses_with
 from tests.model.pit.engine import NUMPY
 
+pytestmark = pytest.mark.version
+
 ROBOT, CELL = Robot.load("ur3e"), CellParameters()
 KERNEL = chosen()
 FINER = 8  # times that a row is halved

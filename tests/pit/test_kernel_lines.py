@@ -19,6 +19,8 @@ from tests.model.pit.line import trace
 from tests.pit.lines import placed, random_hold, random_line, random_servo, random_start, random_way
 from tests.pit.scenes import CELL, HOME, ROBOT, random_scene
 
+pytestmark = pytest.mark.long
+
 KERNEL = chosen()
 ANY = np.full(6, np.inf)
 

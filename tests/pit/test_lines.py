@@ -25,6 +25,8 @@ from tests.model.pit.line import trace
 from tests.pit.lines import MODEL, Sampled, marched, placed, pose_of, random_line
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, with_glass, with_person
 
+pytestmark = pytest.mark.long
+
 NAN, INF = math.nan, math.inf
 LINES = int(os.environ.get("ZTPM_LINES", "40"))  # a campaign asks for 200 and more
 BATCH = 20

@@ -4,6 +4,10 @@ import json
 import subprocess
 import sys
 
+import pytest
+
+pytestmark = pytest.mark.long
+
 
 def test_nothing_is_compiled_after_the_engine_is_ready(request):
     """A function with arguments of another type is compiled when it is asked, for half a second and more."""

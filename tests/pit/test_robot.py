@@ -16,6 +16,8 @@ from pep.pit.scene.pairs import pairs_of
 from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import CELL, ROBOT, random_move
 
+pytestmark = pytest.mark.version
+
 TEXT = (resources.files("pep.pit") / "robots" / "ur3e.toml").read_text()
 VENDOR = File(__file__).parents[3] / "shared" / "data" / "ur3e"
 needs_vendor = pytest.mark.skipif(

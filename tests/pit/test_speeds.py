@@ -25,6 +25,8 @@ mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
 
 from tests.pit import dense  # noqa: E402 - it needs MuJoCo
 
+pytestmark = pytest.mark.long
+
 BY_SPEED = ("tcp_speed", "elbow_speed", "momentum")
 COARSE, FINE, ROUNDS = 801, 41, 4
 

@@ -46,6 +46,8 @@ from policies import (
     proof,
 )
 
+pytestmark = pytest.mark.long
+
 ROUNDS = int(os.environ.get("ZTPM_TWIN_ROUNDS", "1000"))
 """Triples for each of ten seeds; a campaign sets more."""
 BROKEN = Path(__file__).parents[1] / "vectors" / "policies" / "broken"

@@ -9,6 +9,8 @@ import json
 import pytest
 from tests.vectors.decisions import corpus
 
+pytestmark = [pytest.mark.version, pytest.mark.long]
+
 
 @pytest.fixture(scope="module")
 def replayed():

@@ -3,10 +3,13 @@
 import random
 from dataclasses import replace
 
+import pytest
 from tests.model import triples
 from tests.policies import world
 
 from policies import NOT_COLLECTED, PARAMETERS, Effect, Point, Reason, decide, load_shipped
+
+pytestmark = pytest.mark.version
 
 DEFAULT, STRICT = load_shipped("paper-default"), load_shipped("strict")
 SEVERITY = {Effect.PERMIT: 0, Effect.DEFER: 1, Effect.DENY: 2}

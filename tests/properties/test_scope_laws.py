@@ -16,7 +16,7 @@ from capabilities.values.scope import OneOf, Range, Scope
 from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
 from capabilities.values.well_formed import well_formed, well_formed_restriction
 from evaluation.tokens.campaigns import hop_laws, laws
-from hypothesis import given, settings
+from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 from tests.capabilities.drawn import (
     UNIVERSE,
@@ -31,6 +31,8 @@ from tests.capabilities.drawn import (
     scopes,
 )
 from tests.capabilities.drawn import bounds as any_bounds
+
+pytestmark = pytest.mark.long
 
 
 @st.composite
@@ -259,7 +261,7 @@ def test_the_strategies_reach_every_case():
     """Laws that only ever see one outcome show nothing."""
     seen = Counter()
 
-    @settings(max_examples=1_500, database=None, derandomize=True, deadline=None)
+    @settings(max_examples=100, database=None, derandomize=False, deadline=None)
     @given(hops(), families(2))
     def look(drawn, two):
         parent, restriction = drawn
@@ -276,8 +278,11 @@ def test_the_strategies_reach_every_case():
             seen["equal"] += two[0] == two[1]
         seen["meet" if meet(*two) else "no meet"] += 1
 
-    look()
     wider = {f"wider {dimension}" for dimension in (*COUNTED, "depth", "window")}
     wanted = wider | {f"strict {dimension}" for dimension in COUNTED}
     wanted |= {"made", "nothing taken", "repaired", "beyond repair", "equal", "meet", "no meet"}
+    for number in range(15):
+        seed(number)(look)()
+        if all(seen[case] for case in wanted):
+            return
     assert {case for case in wanted if not seen[case]} == set()

@@ -46,7 +46,12 @@ rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not instal
 rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120), pytest.mark.clause("RTDE-12", "RTDE-13", "LSD-1")]
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.timeout(120),
+    pytest.mark.clause("RTDE-12", "RTDE-13", "LSD-1"),
+    pytest.mark.xdist_group("arms"),
+]
 
 THERE, AWAY, FAR = (0.1, *HOME[1:]), (0.3, *HOME[1:]), (0.5, *HOME[1:])
 JOINTS, TWIST = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.05, 0.0, 0.0, 0.0)

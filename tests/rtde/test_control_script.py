@@ -21,7 +21,7 @@ from tests.sim_controller.cell import HOME, upload
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 
-pytestmark = pytest.mark.clause("RTDE-7")
+pytestmark = [pytest.mark.clause("RTDE-7"), pytest.mark.version]
 
 MINORS = (0, 1, 2, 3, 4, 8, 9, 10, 11, 15, 22, 23, 25, 26, 30)
 PATH = (

@@ -14,7 +14,7 @@ from tests.sim_controller.cell import HOME, until
 from tests.sim_controller.plain import Plain
 from ursim.ports.launch import Controller
 
-pytestmark = pytest.mark.e2e
+pytestmark = [pytest.mark.e2e, pytest.mark.xdist_group("cells")]
 
 PRIMARY, SECONDARY, REALTIME, RTDE, DASHBOARD = 30001, 30002, 30003, 30004, 29999
 READ_ONLY = 10

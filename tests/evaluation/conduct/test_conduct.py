@@ -17,6 +17,8 @@ from typer.testing import CliRunner
 
 from evaluation.conduct import agents, alarms, delays, trusting
 
+pytestmark = pytest.mark.long
+
 QUICK = Settings(quick=True, seed=11, vectors=None, clock_ns=time.perf_counter_ns, told=lambda _: None)
 BY_ID = {campaign.id: campaign for campaign in CAMPAIGNS}
 LONG = {"D-very slow drift", "F-phases", "F-long phases", "F-rounds", "D-sleeper"}

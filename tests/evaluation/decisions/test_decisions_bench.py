@@ -18,6 +18,8 @@ from evaluation import cli
 from evaluation.decisions import bench, cases, facts, rules
 from policies import NOT_COLLECTED, SHIPPED, Effect, Point, load, load_shipped
 
+pytestmark = pytest.mark.long
+
 SETS = {name: load_shipped(name) for name in SHIPPED}
 PACKAGES = {name: name.partition(",")[0] for name in bench.OTHERS}
 

@@ -17,6 +17,8 @@ from typer.testing import CliRunner
 from capabilities import Chain, Fault, FaultCode
 from evaluation import cli
 
+pytestmark = pytest.mark.long
+
 VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
 needs_vectors = pytest.mark.skipif(not VECTORS.is_dir(), reason="the reference vectors are not beside this checkout")
 

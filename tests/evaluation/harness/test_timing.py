@@ -9,6 +9,8 @@ from evaluation.harness.timing import Cell, Plan, Series, Verdict, WrongAnswerEr
 
 from evaluation.harness import timing
 
+pytestmark = pytest.mark.long
+
 PLAN = Plan(repeats=3, rounds=5, warm_up=2)
 
 

@@ -24,6 +24,8 @@ from evaluation import cli
 from evaluation.harness import timing
 from evaluation.pit import bench, cells, mujoco_sampled, sampled, workload
 
+pytestmark = pytest.mark.long
+
 MUJOCO = importlib.util.find_spec("mujoco") is not None
 
 
@@ -113,14 +115,10 @@ def test_of_eight_lines_seven_are_proven_to_their_end_and_meet_nothing():
 
 
 @pytest.mark.parametrize(
-    "question",
-    [
-        *drawn(workload.peopled),
-        *drawn(workload.steps, servo=False),
-        *drawn(workload.steps, servo=True),
-    ],
+    ("kind", "more"), [(workload.peopled, {}), (workload.steps, {"servo": False}), (workload.steps, {"servo": True})]
 )
-def test_assess_answers_at_least_what_was_sampled(question):
+def test_assess_answers_at_least_what_was_sampled(kind, more):
+    (question,) = drawn(kind, **more)
     timing.prove(cells.assessing([ready(question)], "any"))
 
 

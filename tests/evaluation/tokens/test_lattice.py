@@ -12,6 +12,8 @@ from evaluation.tokens.campaigns import hop_laws, lattice, laws
 from evaluation.tokens.campaigns.lattice import PROVEN, REFUTED, prove, symbolic_bound
 from evaluation.tokens.campaigns.symbolic import Symbol, ways
 
+pytestmark = pytest.mark.long
+
 DOMAIN = range(-2, 3)
 RANGES = [Range(low, high) for low in DOMAIN for high in DOMAIN if low <= high]
 SETS = [OneOf(frozenset(values)) for values in product(DOMAIN, repeat=2) if values[0] + 1 < values[1]]

@@ -18,6 +18,8 @@ from evaluation.tokens.workload import REALISTIC, SMALL, WORKLOADS
 from capabilities import Chain, Verifier, inspect_token
 from evaluation.harness import absent, timing
 
+pytestmark = pytest.mark.long
+
 PACKAGES = {"tenuo": "tenuo", "aip": "aip_token", "biscuit": "biscuit_auth", "macaroons": "pymacaroons"}
 CALLS = 3
 

@@ -8,6 +8,8 @@ import pytest
 from evaluation.harness.campaign import Outcome, Settings
 from evaluation.tokens.campaigns import attenuation, mutants, registry, searches
 
+pytestmark = pytest.mark.long
+
 SETTINGS = Settings(quick=True, seed=3, vectors=None, clock_ns=time.monotonic_ns, told=lambda _: None)
 
 

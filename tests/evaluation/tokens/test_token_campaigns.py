@@ -32,6 +32,8 @@ from evaluation.tokens import (
     twin,
 )
 
+pytestmark = pytest.mark.long
+
 verify = importlib.import_module("capabilities.token.verify")  # the package exports a function of this name
 REFUSED = Fault(FaultCode.SIGNATURE_INVALID, "TOK-3")
 

@@ -17,6 +17,8 @@ from typer.testing import CliRunner
 from evaluation import cli
 from evaluation.tokens import bench as tokens
 
+pytestmark = pytest.mark.long
+
 RATIOS = {
     "warm_proof_d3",
     "warm_proof_d8",
