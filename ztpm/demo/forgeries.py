@@ -1,4 +1,4 @@
-"""What the story's offenders bring: a hop, a ballot and a frame, each made for real and wrong in one thing."""
+"""Forgeries in the story: a hop, a ballot and a frame, each made for real and wrong in one thing."""
 
 from __future__ import annotations
 

@@ -13,6 +13,8 @@ from pep.pit.geometry.solids import rotation_of
 from pep.pit.scene.scene import Box
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from pep.pit.base.motion import Floats
     from pep.pit.scene.scene import Convex, Vector
 
@@ -74,8 +76,8 @@ def _pieces(triangle: Floats, size_m: float) -> Floats:
     parts = int(min(max(1, math.ceil(longest / size_m)), MOST_PARTS))
     i, j = (index.ravel() for index in np.indices((parts, parts)))
 
-    def at(i: Floats, j: Floats) -> Floats:
-        return start + (i[:, None] * u + j[:, None] * v) / parts
+    def at(i: NDArray[np.intp], j: NDArray[np.intp]) -> Floats:
+        return np.asarray(start + (i[:, None] * u + j[:, None] * v) / parts, dtype=float)
 
     upright, turned = i + j < parts, i + j < parts - 1
     a, b = i[upright], j[upright]

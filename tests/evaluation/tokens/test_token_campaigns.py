@@ -15,11 +15,7 @@ from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault, FaultCode
 from evaluation.harness.campaign import Settings
 from evaluation.harness.work import seeds_of, shares, together
-from evaluation.tokens.campaigns.families import FORGED, family
-from evaluation.tokens.campaigns.issuer import Issuer, verified
-from evaluation.tokens.campaigns.shapes import issue
-
-from evaluation.tokens import (
+from evaluation.tokens.campaigns import (
     attenuation,
     encodings,
     fields,
@@ -31,6 +27,9 @@ from evaluation.tokens import (
     searches,
     twin,
 )
+from evaluation.tokens.campaigns.families import FORGED, family
+from evaluation.tokens.campaigns.issuer import Issuer, verified
+from evaluation.tokens.campaigns.shapes import issue
 
 pytestmark = pytest.mark.long
 
