@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from capabilities.keys import keys
 from capabilities.token import biscuit, block, hop_rules
-from capabilities.values.chain import Chain, HopGrant
+from capabilities.values.chain import Chain, Hop, HopGrant
 from capabilities.values.errors import FaultCode, TokenError
 
 if TYPE_CHECKING:
@@ -17,7 +17,41 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
     from capabilities.values.scope import Restriction
 
-__all__ = ["HopGrant", "delegate"]
+__all__ = ["HopGrant", "delegate", "next_leaf"]
+
+
+def next_leaf(
+    chain: Chain,
+    hop: HopGrant,
+    restriction: Restriction,
+    *,
+    trust: TrustBundle,
+    caps: Caps,
+    reserved: frozenset[bytes] = frozenset(),
+) -> Hop:
+    """The leaf that one more hop would make, after every check of a verifier but time, audience and revocation.
+
+    Args:
+        chain: verified.
+        hop: the delegate, already attested; its delegator is the leaf's agent.
+        restriction: what is taken away.
+        trust: the bundle that the chain was verified with; no agent may hold one of its keys.
+        caps: the bounds.
+        reserved: further keys that no agent may hold.
+
+    Raises:
+        CapabilityError: `NOT_NARROWER` (with the widenings), `DELEGATE_NOT_ALLOWED`, `TOO_MANY_HOPS`, `CHAIN_BROKEN`,
+            `HOP_NOT_ATTESTED`, `LIFETIME_TOO_LONG`, `KEY_WRONG_ROLE` for a delegate whose key has another role, or the
+            code of the value that is malformed.
+    """
+    added = block.HopBlock(len(chain.hops), hop, restriction)
+    try:
+        block.well_formed(added, caps)
+    except ValueError as error:
+        raise TokenError(FaultCode.TOKEN_MALFORMED, str(error)) from None
+    leaf = hop_rules.next_hop(chain.hops, added, reserved=trust.all_keys | reserved, caps=caps)
+    hop_rules.check_lifetimes((*chain.hops, leaf), caps)
+    return leaf
 
 
 def delegate(
@@ -29,6 +63,7 @@ def delegate(
     hop: HopGrant,
     restriction: Restriction,
     caps: Caps,
+    reserved: frozenset[bytes] = frozenset(),
 ) -> bytes:
     """The token with one more hop, strictly narrower than its leaf.
 
@@ -40,12 +75,11 @@ def delegate(
         hop: the delegate, already attested; its delegator is the leaf's agent.
         restriction: what is taken away.
         caps: the bounds.
+        reserved: further keys that no agent may hold.
 
     Raises:
-        CapabilityError: for anything that `verify` would refuse for a reason other than time, audience and revocation,
-            with its code: `NOT_NARROWER` (with the widenings), `DELEGATE_NOT_ALLOWED`, `TOO_MANY_HOPS`, `CHAIN_BROKEN`,
-            `HOP_NOT_ATTESTED`, `LIFETIME_TOO_LONG`, `TOKEN_TOO_LARGE`, `KEY_WRONG_ROLE` when the attester or the
-            delegate has another role.
+        CapabilityError: as `next_leaf`; `TOKEN_TOO_LARGE`, `UNKNOWN_ROOT_KEY`, and `KEY_WRONG_ROLE` also for an
+            attester that is none of the bundle's.
     """
     if hashlib.sha256(token).digest() != chain.digest:
         raise TokenError(FaultCode.CHAIN_BROKEN, "the chain is of another token")
@@ -56,13 +90,8 @@ def delegate(
         raise TokenError(FaultCode.UNKNOWN_ROOT_KEY, "the root key is no longer trusted")
     if len(chain.hops) > caps.hops:
         raise TokenError(FaultCode.TOO_MANY_HOPS, f"more than {caps.hops} hops")
+    next_leaf(chain, hop, restriction, trust=trust, caps=caps, reserved=reserved)
     added = block.HopBlock(len(chain.hops), hop, restriction)
-    try:
-        block.well_formed(added, caps)
-    except ValueError as error:
-        raise TokenError(FaultCode.TOKEN_MALFORMED, str(error)) from None
-    leaf = hop_rules.next_hop(chain.hops, added, reserved=trust.all_keys, caps=caps)
-    hop_rules.check_lifetimes((*chain.hops, leaf), caps)
     extended = biscuit.append_hop(
         biscuit.open_token(token, root), block.fact(added), block.checks(added, chain.scope), attester=attester
     )

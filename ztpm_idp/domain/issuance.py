@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from capabilities.statements.revocation import RevocationView
 from capabilities.token import block, hop_rules
+from capabilities.token.delegate import next_leaf
 from capabilities.token.verify import Verifier
 from capabilities.values.chain import Attestation, Chain, HopGrant, Sponsor
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
@@ -96,11 +97,8 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
     # 5. The token names this delegate and has depth left, and what is lent is strictly less than what is held: the very
     # checks that verifiers make.
     hop = _hop(command, agent, shown.kind, delegator=chain.leaf.agent, sponsor=chain.sponsor.subject, at_ms=at_ms)
-    added = block.HopBlock(len(chain.hops), hop, command.restriction)
     try:
-        block.well_formed(added, rules.caps)
-        leaf = hop_rules.next_hop(chain.hops, added, reserved=rules.own_keys, caps=rules.caps)
-        hop_rules.check_lifetimes((*chain.hops, leaf), rules.caps)
+        leaf = next_leaf(chain, hop, command.restriction, trust=rules.trust, caps=rules.caps, reserved=rules.own_keys)
     except CapabilityError as error:
         return refused(_told(error, chain, command))
     if (over := _over(rules, leaf.scope, at_ms)) is not None:

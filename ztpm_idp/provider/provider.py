@@ -187,6 +187,7 @@ class Provider:
                         hop=event.hop,
                         restriction=event.restriction,
                         caps=self.rules.caps,
+                        reserved=self.rules.own_keys,
                     )
                     return token_to_text(made)
                 case _:
