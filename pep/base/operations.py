@@ -1,34 +1,112 @@
-"""The operations of a UR3e cell as the gate knows them: object, name, parameters in order, and the kind of effect."""
+"""Operations of a UR3e cell, one declared row each: mapping, limits, requests, physics and watch read these rows."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from capabilities.values.errors import QuantityError
+from capabilities.values.scope import Range, Tier
 from capabilities.values.units import Parameter, Quantity, Unit, parse
+from pep.base.stop_model import STREAM_SPEED_RAD_S
 from policies.evidence.model import Request
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from capabilities.values.chain import Chain
 
 ROBOT: Final = "ur3e"
+T = TypeVar("T")
 
 
 class Kind(Enum):
-    """What an operation does to the world."""
+    """Effect of an operation on the world."""
 
     READ = "read"
-    """Nothing."""
+    """None."""
     MOTION = "motion"
-    """It moves something: physics is computed, one at a time."""
+    """Something moves: physics is computed, one at a time."""
     SWITCH = "switch"
-    """It switches something that the cell has wired to the robot: whatever that moves, one at a time."""
+    """Something wired to the robot is switched: whatever that moves, one at a time."""
     STOP = "stop"
-    """It ends motion. Never subject to a permit."""
+    """Motion ends. Never subject to a permit."""
+
+
+class Moves(Enum):
+    """Course of the thing that an operation moves."""
+
+    NOTHING = "nothing"
+    TO_JOINTS = "to_joints"
+    """The arm, straight in joint space to six angles."""
+    THROUGH_JOINTS = "through_joints"
+    """The arm, straight in joint space from waypoint to waypoint, at rest at each."""
+    TO_POSE = "to_pose"
+    """The tool, straight to a pose."""
+    AT_JOINT_SPEEDS = "at_joint_speeds"
+    """The arm, for a time."""
+    AT_TOOL_SPEED = "at_tool_speed"
+    """The tool, for a time."""
+    AFTER_JOINTS = "after_joints"
+    """The arm, after a stream of joint angles."""
+    FINGERS = "fingers"
+    """The fingers, to an opening."""
+    FINGERS_WHOLE = "fingers_whole"
+    """The fingers, over their whole stroke."""
+    OUTPUT = "output"
+    """Whatever is wired to a digital output."""
+    STANDS = "stands"
+    """Nothing, and the arm has to stand: later operations mean something else afterwards."""
+
+
+class Sent(Enum):
+    """Way of an operation to the robot."""
+
+    NEVER = "never"
+    ONCE = "once"
+    """One command of the control script; a leased program may give it."""
+    STREAM = "stream"
+    """Likewise, and other values may follow it without a request of their own."""
+    OUTPUT = "output"
+    """Output registers beside the control script; likewise a leased program's."""
+    GRIPPER = "gripper"
+    """The gripper's own port: of the cell's tools alone."""
+
+
+class Form(Enum):
+    """Form of a tool's argument."""
+
+    NUMBER = "number"
+    VECTOR = "vector"
+    """A list of numbers, one for each parameter."""
+    WAYPOINTS = "waypoints"
+    """A list of 1 to `WAYPOINTS` lists of six numbers."""
+    FLAG = "flag"
+    """True or false, 1 or 0 in the request. A number is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """An argument of a tool.
+
+    Attributes:
+        name: of it.
+        form: of its value.
+        parameters: so many of the operation's parameters, in their order, come from it.
+    """
+
+    name: str
+    form: Form
+    parameters: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Bounded:
+    """A parameter with the robot's own bound, which holds whatever a token says."""
+
+    parameter: Parameter
+    bound: Range
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,117 +116,298 @@ class Operation:
     Attributes:
         object: the thing acted on.
         name: of the operation.
-        parameters: in order; a request gives exactly these.
-        kind: see there.
+        limits: each parameter in order, with the robot's own bound; a request gives exactly these.
+        kind: of its effect.
+        base_tier: least tier; the registry may ask for a higher one.
+        moves: course of what it moves.
+        sent: way to the robot.
+        arguments: of the tool of its name, in the parameters' order; None without a tool.
+        parameters: the parameters of `limits`.
     """
 
     object: str
     name: str
-    parameters: tuple[Parameter, ...]
+    limits: tuple[Bounded, ...]
     kind: Kind
+    base_tier: Tier
+    moves: Moves
+    sent: Sent
+    arguments: tuple[Argument, ...] | None = None
+    parameters: tuple[Parameter, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", tuple(each.parameter for each in self.limits))
 
 
+ARM: Final = frozenset(
+    {
+        Moves.TO_JOINTS,
+        Moves.THROUGH_JOINTS,
+        Moves.TO_POSE,
+        Moves.AT_JOINT_SPEEDS,
+        Moves.AT_TOOL_SPEED,
+        Moves.AFTER_JOINTS,
+    }
+)
+"""Courses after which the arm stands elsewhere."""
 JOINTS: Final = 6
 WAYPOINTS: Final = 4
 """Waypoints of a path: with them a token that limits each still fits its carriage. A shorter path repeats its last."""
-_LEADING_AXIS: Final = (
-    Parameter("speed", Unit.MICRORADIAN_PER_SECOND),
-    Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
+
+# Sources: U2 is UR's UR3e technical specification (joint ranges and speeds), U12 the ur_rtde C++ client's own caps,
+# G1 Robotiq's 2F-85 manual.
+FULL_TURN_URAD: Final = (
+    6_283_185  # U2: 360 deg, rounded inwards; the last joint turns without end, a command is kept to one turn
 )
+JOINT_SPEED_URAD_S: Final = (
+    3_140_000  # U12: 3.14 rad/s, the leading axis may be any; U2 has 180 deg/s = 3.1416 for joints 1 to 3
+)
+JOINT_ACCELERATION_URAD_S2: Final = 40_000_000  # U12: 40 rad/s2
+LEAST_SPEED_URAD_S: Final = (
+    2_000  # ours: twice what counts as standstill; a slower arm could not be told from a still one
+)
+LEAST_ACCELERATION_URAD_S2: Final = 10_000  # ours: past standstill within 0.1 s
+STROKE_UM: Final = 85_000  # G1: 0 to 85 mm
+FINGER_SPEED_UM_S: Final = (20_000, 150_000)  # G1: 20 to 150 mm/s
+GRIP_MN: Final = (20_000, 235_000)  # G1: 20 to 235 N
+REACH_UM: Final = 1_000_000  # ours: beyond a stretched UR3e with any tool that it can carry (U2: 500 mm reach)
+TOOL_SPEED_UM_S: Final = 3_000_000  # U12: 3 m/s
+TOOL_ACCELERATION_UM_S2: Final = 150_000_000  # U12: 150 m/s2
+LEAST_TOOL_SPEED_UM_S: Final = 1_000  # ours: as `LEAST_SPEED_URAD_S`, at a lever of half a metre
+LEAST_TOOL_ACCELERATION_UM_S2: Final = 5_000  # ours: likewise
+SERVO_PERIOD_MS: Final = (1, 100)  # ours: from the controller's 2 ms, rounded down, to ten targets a second
+LOOKAHEAD_MS: Final = (30, 200)  # U12: 0.03 to 0.2 s
+GAIN: Final = (100, 2_000)  # U12
+PAYLOAD_G: Final = 3_000  # U2: 3 kg
+STREAM_SPEED_URAD_S: Final = round(STREAM_SPEED_RAD_S * Unit.MICRORADIAN_PER_SECOND.per_si)
+STREAM_MS: Final = (50, 2_000)  # ours: longer than a call takes on its way; short enough to wait for
+OUTPUTS: Final = 8  # U12: standard digital outputs
+
+
+def _limit(name: str, unit: Unit, low: int, high: int) -> Bounded:
+    return Bounded(Parameter(name, unit), Range(low, high))
+
+
+def _angles(*names: str) -> tuple[Bounded, ...]:
+    return tuple(_limit(name, Unit.MICRORADIAN, -FULL_TURN_URAD, FULL_TURN_URAD) for name in names)
+
+
+def _lengths(*names: str) -> tuple[Bounded, ...]:
+    return tuple(_limit(name, Unit.MICROMETRE, -REACH_UM, REACH_UM) for name in names)
+
+
+_JOINT_ANGLES: Final = _angles(*(f"q{i}" for i in range(JOINTS)))
+_JOINT_ACCELERATION: Final = _limit(
+    "acceleration", Unit.MICRORADIAN_PER_SECOND2, LEAST_ACCELERATION_URAD_S2, JOINT_ACCELERATION_URAD_S2
+)
+_LEADING_AXIS: Final = (
+    _limit("speed", Unit.MICRORADIAN_PER_SECOND, LEAST_SPEED_URAD_S, JOINT_SPEED_URAD_S),
+    _JOINT_ACCELERATION,
+)
+_TOOL_ACCELERATION: Final = _limit(
+    "acceleration", Unit.MICROMETRE_PER_SECOND2, LEAST_TOOL_ACCELERATION_UM_S2, TOOL_ACCELERATION_UM_S2
+)
+_DURATION: Final = _limit("duration", Unit.MILLISECOND, *STREAM_MS)
+_POSE: Final = (*_lengths(*"xyz"), *_angles("rx", "ry", "rz"))
+"""Of the tool in the base frame, or of the tool centre point on the flange: position and rotation vector."""
+_LEADING_ARGUMENTS: Final = (Argument("speed_rad_s", Form.NUMBER), Argument("acceleration_rad_s2", Form.NUMBER))
+
 MOVE_JOINT: Final = Operation(
-    ROBOT, "move_joint", (*(Parameter(f"q{i}", Unit.MICRORADIAN) for i in range(JOINTS)), *_LEADING_AXIS), Kind.MOTION
+    ROBOT,
+    "move_joint",
+    (*_JOINT_ANGLES, *_LEADING_AXIS),
+    Kind.MOTION,
+    Tier.REVERSIBLE,
+    Moves.TO_JOINTS,
+    Sent.ONCE,
+    (Argument("q_rad", Form.VECTOR, JOINTS), *_LEADING_ARGUMENTS),
 )
 MOVE_PATH: Final = Operation(
     ROBOT,
     "move_path",
-    (
-        *(Parameter(f"p{leg}_q{i}", Unit.MICRORADIAN) for leg in range(WAYPOINTS) for i in range(JOINTS)),
-        *_LEADING_AXIS,
-    ),
+    (*_angles(*(f"p{leg}_q{i}" for leg in range(WAYPOINTS) for i in range(JOINTS))), *_LEADING_AXIS),
     Kind.MOTION,
+    Tier.REVERSIBLE,
+    Moves.THROUGH_JOINTS,
+    Sent.ONCE,
+    (Argument("waypoints_rad", Form.WAYPOINTS, WAYPOINTS * JOINTS), *_LEADING_ARGUMENTS),
 )
+STOP: Final = Operation(ROBOT, "stop", (), Kind.STOP, Tier.NO_EFFECT, Moves.NOTHING, Sent.NEVER, ())
 GRIPPER_MOVE: Final = Operation(
     ROBOT,
     "gripper_move",
     (
-        Parameter("width", Unit.MICROMETRE),
-        Parameter("speed", Unit.MICROMETRE_PER_SECOND),
-        Parameter("force", Unit.MILLINEWTON),
+        _limit("width", Unit.MICROMETRE, 0, STROKE_UM),
+        _limit("speed", Unit.MICROMETRE_PER_SECOND, *FINGER_SPEED_UM_S),
+        _limit("force", Unit.MILLINEWTON, *GRIP_MN),
     ),
     Kind.MOTION,
+    Tier.REVERSIBLE,
+    Moves.FINGERS,
+    Sent.GRIPPER,
+    (Argument("width_m", Form.NUMBER), Argument("speed_m_s", Form.NUMBER), Argument("force_n", Form.NUMBER)),
 )
-GRIPPER_ACTIVATE: Final = Operation(ROBOT, "gripper_activate", (), Kind.MOTION)
+GRIPPER_ACTIVATE: Final = Operation(
+    ROBOT,
+    "gripper_activate",
+    (),
+    Kind.MOTION,
+    Tier.CONSEQUENTIAL,  # the fingers make a full stroke, whatever lies between them
+    Moves.FINGERS_WHOLE,
+    Sent.GRIPPER,
+    (),
+)
 SPEED_JOINT: Final = Operation(
     ROBOT,
     "speed_joint",
     (
-        *(Parameter(f"qd{i}", Unit.MICRORADIAN_PER_SECOND) for i in range(JOINTS)),
-        Parameter("acceleration", Unit.MICRORADIAN_PER_SECOND2),
-        Parameter("duration", Unit.MILLISECOND),
+        *(
+            _limit(f"qd{i}", Unit.MICRORADIAN_PER_SECOND, -STREAM_SPEED_URAD_S, STREAM_SPEED_URAD_S)
+            for i in range(JOINTS)
+        ),
+        _JOINT_ACCELERATION,
+        _DURATION,
     ),
     Kind.MOTION,
+    Tier.REVERSIBLE,
+    Moves.AT_JOINT_SPEEDS,
+    Sent.STREAM,
+    (
+        Argument("qd_rad_s", Form.VECTOR, JOINTS),
+        Argument("acceleration_rad_s2", Form.NUMBER),
+        Argument("duration_s", Form.NUMBER),
+    ),
 )
-_POSE: Final = (
-    *(Parameter(axis, Unit.MICROMETRE) for axis in "xyz"),
-    *(Parameter(f"r{axis}", Unit.MICRORADIAN) for axis in "xyz"),
+SET_DIGITAL_OUTPUT: Final = Operation(
+    ROBOT,
+    "set_digital_output",
+    (_limit("pin", Unit.COUNT, 0, OUTPUTS - 1), _limit("value", Unit.COUNT, 0, 1)),
+    Kind.SWITCH,
+    Tier.REVERSIBLE,
+    Moves.OUTPUT,
+    Sent.OUTPUT,
+    (Argument("pin", Form.NUMBER), Argument("value", Form.FLAG)),
 )
-"""Of the tool in the base frame, or of the tool centre point on the flange: position and rotation vector."""
+READ_STATE: Final = Operation(ROBOT, "read_state", (), Kind.READ, Tier.NO_EFFECT, Moves.NOTHING, Sent.NEVER, ())
 MOVE_LINEAR: Final = Operation(
     ROBOT,
     "move_linear",
     (
         *_POSE,
-        Parameter("speed", Unit.MICROMETRE_PER_SECOND),
-        Parameter("acceleration", Unit.MICROMETRE_PER_SECOND2),
+        _limit("speed", Unit.MICROMETRE_PER_SECOND, LEAST_TOOL_SPEED_UM_S, TOOL_SPEED_UM_S),
+        _TOOL_ACCELERATION,
     ),
     Kind.MOTION,
+    Tier.REVERSIBLE,
+    Moves.TO_POSE,
+    Sent.ONCE,
 )
 SPEED_LINEAR: Final = Operation(
     ROBOT,
     "speed_linear",
     (
-        *(Parameter(f"v{axis}", Unit.MICROMETRE_PER_SECOND) for axis in "xyz"),
-        *(Parameter(f"w{axis}", Unit.MICRORADIAN_PER_SECOND) for axis in "xyz"),
-        Parameter("acceleration", Unit.MICROMETRE_PER_SECOND2),
-        Parameter("duration", Unit.MILLISECOND),
+        *(_limit(f"v{axis}", Unit.MICROMETRE_PER_SECOND, -TOOL_SPEED_UM_S, TOOL_SPEED_UM_S) for axis in "xyz"),
+        *(_limit(f"w{axis}", Unit.MICRORADIAN_PER_SECOND, -JOINT_SPEED_URAD_S, JOINT_SPEED_URAD_S) for axis in "xyz"),
+        _TOOL_ACCELERATION,
+        _DURATION,
     ),
     Kind.MOTION,
+    Tier.REVERSIBLE,
+    Moves.AT_TOOL_SPEED,
+    Sent.ONCE,  # nobody bounds the joints of a tool speed that changes: one at a time
 )
 SERVO_JOINT: Final = Operation(
     ROBOT,
     "servo_joint",
     (
-        *(Parameter(f"q{i}", Unit.MICRORADIAN) for i in range(JOINTS)),
-        Parameter("period", Unit.MILLISECOND),
-        Parameter("lookahead", Unit.MILLISECOND),
-        Parameter("gain", Unit.COUNT),
+        *_JOINT_ANGLES,
+        _limit("period", Unit.MILLISECOND, *SERVO_PERIOD_MS),
+        _limit("lookahead", Unit.MILLISECOND, *LOOKAHEAD_MS),
+        _limit("gain", Unit.COUNT, *GAIN),
     ),
     Kind.MOTION,
+    Tier.REVERSIBLE,
+    Moves.AFTER_JOINTS,
+    Sent.STREAM,  # the limits of a token hold for each of the angles, not for the first alone
 )
-"""A stream of joint angles. The limits of a token hold for each of them, not for the first alone."""
-SET_SPEED_SLIDER: Final = Operation(ROBOT, "set_speed_slider", (Parameter("fraction", Unit.PERMILLE),), Kind.SWITCH)
+SET_SPEED_SLIDER: Final = Operation(
+    ROBOT,
+    "set_speed_slider",
+    (_limit("fraction", Unit.PERMILLE, 0, 1_000),),
+    Kind.SWITCH,
+    Tier.REVERSIBLE,
+    Moves.STANDS,
+    Sent.OUTPUT,
+)
 SET_PAYLOAD: Final = Operation(
     ROBOT,
     "set_payload",
-    (Parameter("mass", Unit.GRAM), *(Parameter(f"c{axis}", Unit.MICROMETRE) for axis in "xyz")),
+    (_limit("mass", Unit.GRAM, 0, PAYLOAD_G), *_lengths("cx", "cy", "cz")),
     Kind.SWITCH,
+    Tier.CONSEQUENTIAL,  # it changes what later commands mean
+    Moves.STANDS,
+    Sent.ONCE,
 )
-SET_TCP: Final = Operation(ROBOT, "set_tcp", _POSE, Kind.SWITCH)
-SET_DIGITAL_OUTPUT: Final = Operation(
-    ROBOT, "set_digital_output", (Parameter("pin", Unit.COUNT), Parameter("value", Unit.COUNT)), Kind.SWITCH
+SET_TCP: Final = Operation(
+    ROBOT,
+    "set_tcp",
+    _POSE,
+    Kind.SWITCH,
+    Tier.CONSEQUENTIAL,  # likewise
+    Moves.STANDS,
+    Sent.ONCE,
 )
-STOP: Final = Operation(ROBOT, "stop", (), Kind.STOP)
-READ_STATE: Final = Operation(ROBOT, "read_state", (), Kind.READ)
+OPERATIONS: Final = (
+    MOVE_JOINT,
+    MOVE_PATH,
+    STOP,
+    GRIPPER_MOVE,
+    GRIPPER_ACTIVATE,
+    SPEED_JOINT,
+    SET_DIGITAL_OUTPUT,
+    READ_STATE,
+    MOVE_LINEAR,
+    SPEED_LINEAR,
+    SERVO_JOINT,
+    SET_SPEED_SLIDER,
+    SET_PAYLOAD,
+    SET_TCP,
+)
+"""Every operation of the robot."""
+_BY_NAME: Final[Mapping[tuple[str, str], Operation]] = {(each.object, each.name): each for each in OPERATIONS}
 TOUCH: Final = "touch"
 """Granted on an object of the cell: contact with it may be meant. No tool and no request has this name."""
+
+
+def operation_of(object: str, name: str) -> Operation | None:  # noqa: A002 - the word of a request
+    """The row of that object and operation; None where the robot has none."""
+    return _BY_NAME.get((object, name))
+
+
+def targets_of(operation: Operation | None, numbers: Sequence[T]) -> tuple[tuple[T, ...], ...]:
+    """Joint angles to which a request sends the arm, waypoint by waypoint.
+
+    Args:
+        operation: of the request; None where the robot has none.
+        numbers: values of its parameters in order.
+
+    Returns:
+        () where the operation names no such place.
+    """
+    match operation.moves if operation is not None else Moves.NOTHING:
+        case Moves.TO_JOINTS:
+            return (tuple(numbers[:JOINTS]),)
+        case Moves.THROUGH_JOINTS:
+            every = [tuple(numbers[first : first + JOINTS]) for first in range(0, WAYPOINTS * JOINTS, JOINTS)]
+            # A waypoint that repeats the one before only fills the request.
+            return tuple(point for at, point in enumerate(every) if at == 0 or point != every[at - 1])
+        case _:
+            return ()
 
 
 def touchable(chain: Chain) -> frozenset[str]:
     """The objects that every hop of the chain lets the arm touch on purpose."""
     return frozenset(grant.object for grant in chain.scope.grants if grant.operation == TOUCH)
-
-
-T = TypeVar("T")
 
 
 def padded(waypoints: Sequence[T]) -> tuple[T, ...]:
@@ -160,12 +419,6 @@ def padded(waypoints: Sequence[T]) -> tuple[T, ...]:
     if not 1 <= len(waypoints) <= WAYPOINTS:
         raise ValueError(f"a path has 1 to {WAYPOINTS} waypoints")
     return (*waypoints, *(waypoints[-1] for _ in range(WAYPOINTS - len(waypoints))))
-
-
-def waypoints_of(values: Sequence[T]) -> tuple[tuple[T, ...], ...]:
-    """The waypoints in a `move_path` request's values, without those that only repeat the one before."""
-    every = [tuple(values[first : first + JOINTS]) for first in range(0, WAYPOINTS * JOINTS, JOINTS)]
-    return tuple(point for at, point in enumerate(every) if at == 0 or point != every[at - 1])
 
 
 def digest_of(operation: Operation, numbers: Sequence[float], *, audience: str) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import Future, ThreadPoolExecutor
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -39,7 +38,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
 
-    from pep.base.ports import Clock, Journal, MotionSlot, Physics, Readiness, Registry, RobotLimits
+    from pep.base.ports import Clock, Journal, MotionSlot, Physics, Registry, RobotLimits
     from pep.gate.observe_only import Simulated
     from pep.people.asks import Asks
     from pep.people.deferral import Announcer, Ask
@@ -91,7 +90,6 @@ class Gate(Edge):
         registry: trust in agents, and what is known of their conduct.
         limits: the robot's own limits.
         slot: one motion at a time.
-        readiness: of the robot.
         sequence: what was done with the robot just now.
         physics: runtime impact.
         policies: what is decided by.
@@ -113,7 +111,6 @@ class Gate(Edge):
         registry: Registry,
         limits: RobotLimits,
         slot: MotionSlot,
-        readiness: Readiness,
         sequence: Sequence,
         physics: Physics,
         policies: PolicySet,
@@ -131,22 +128,12 @@ class Gate(Edge):
         self._authority = authority
         self._limits = limits
         self._slot = slot
-        self._readiness = readiness
         self._sequence = sequence
         self._physics = physics
         self._asks = asks
         self._announcer = announcer
         # A worker of its own, so that a long assessment never delays a record, nor a stop.
         self._assessor = ThreadPoolExecutor(1, "physics")
-
-    def with_readiness(self, readiness: Readiness) -> Gate:
-        """This gate for others who command the same robot: what they must have of it is asked there.
-
-        Everything else is one: slot, sequence, journal, questions, conduct.
-        """
-        other = copy(self)
-        other._readiness = readiness  # noqa: SLF001 - its own
-        return other
 
     def looked(self) -> None:
         """Somebody is told where the arm stands, and by no tool that reads: `pep.world.sequence.Sequence.looked`."""
@@ -159,32 +146,19 @@ class Gate(Edge):
             call: of an operation that is not a stop.
             effect: sends, once, what the permit allows; raises `ActuationRefusedError` when it did not send.
         """
-        held, permitted = False, None
+        permitted: Future[str] | None = None
         permit: Permit | None = None
         try:
             physical, attempt = requirement(call.request, self._policies).physical, 0
             while True:
                 attempt += 1
-                evidence = self._cheap(call)
-                dear = physical and not _fault(evidence)
-                if dear and (denied := self._without_arm(call, evidence)) is not None:
-                    evidence = denied
-                elif dear:
-                    held = held or self._slot.reserve(call.request.request_id) or self._joins(call, evidence)
-                    if not held:
-                        return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
-                    evidence = await self._dear(call, evidence)
-                if not _fault(evidence):
-                    evidence = self._asks.witness(call.request, evidence)
-                decided_ms = self._clock.monotonic_ms()
-                decision = decide(call.request, evidence, self._policies)
+                evidence, decision, decided_ms = await self._decided(call, physical=physical)
                 if decision.effect is not Effect.PERMIT:
                     if self._unsafe_observe is None:
                         return await self._conclude(call, evidence, decision)
-                    held = held or not physical or self._slot.reserve(call.request.request_id)
-                    if held:
+                    if not physical or self._slot.reserve(call.request.request_id):
                         return await self._observed(call, evidence, decision, effect)
-                    return await self._conclude(call, evidence, self._denied(call, evidence, Reason.BUSY, SEQUENCE))
+                    return await self._conclude(call, evidence, _denied(decision, Reason.BUSY))
                 undone = unfulfilled(decision, call.request)
                 if undone is not None:
                     void = denial(decision, Reason.OBLIGATION_UNMET, obligation=str(undone.kind))
@@ -193,8 +167,7 @@ class Gate(Edge):
                     # the use went to another request, or out of time, since the evidence was collected
                     if attempt < ATTEMPTS:
                         continue
-                    used = self._denied(call, evidence, Reason.APPROVAL_USED, SEQUENCE)
-                    return await self._conclude(call, evidence, used)
+                    return await self._conclude(call, evidence, _denied(decision, Reason.APPROVAL_USED))
                 permit = self._permit(call, evidence, decision, decided_ms)
                 permitted = self._recorder.submit(
                     self._journal.append, "decision", records.decision(call, evidence, decision)
@@ -205,8 +178,7 @@ class Gate(Edge):
                 await self._refused(call, decision, permit, record, ActuationRefusedError(Reason.VERDICT_EXPIRED))
                 permitted = None
                 if attempt == ATTEMPTS:
-                    expired = self._denied(call, evidence, Reason.VERDICT_EXPIRED, SEQUENCE)
-                    return await self._conclude(call, evidence, expired)
+                    return await self._conclude(call, evidence, _denied(decision, Reason.VERDICT_EXPIRED))
         except asyncio.CancelledError:
             # The caller has gone, and the shell has stopped what was moving. Whoever goes waits for no record.
             if permitted is not None and not (permit is not None and permit.concluded):
@@ -216,22 +188,37 @@ class Gate(Edge):
             return await self._broken(call, error)
         finally:
             self._asks.release(call.request.request_id)
-            if held:
-                self._slot.release(call.request.request_id)
+            self._slot.release(call.request.request_id)
 
-    def _joins(self, call: Call, evidence: Evidence) -> bool:
-        """Whether the request only goes on with what is under way, by the same agent."""
+    async def _decided(self, call: Call, *, physical: bool) -> tuple[Evidence, Decision, int]:
+        """Evidence as far as it is worth having, what the policies say of it, and when they were asked.
+
+        They are asked once of what is cheap and of the robot's own state, and once more when physics has answered.
+        """
+        evidence = self._cheap(call)
+        if physical and not _fault(evidence):
+            robot = call.readiness.reading()
+            evidence = replace(evidence, robot=robot)
+            decided_ms = self._clock.monotonic_ms()
+            decision = decide(call.request, evidence, self._policies)
+            ready = all(finding.primitive != STATE for finding in decision.findings)
+            # Whoever has not the arm takes no slot from who has.
+            if (robot.exclusive or ready) and not self._takes_slot(call, evidence):
+                return evidence, _denied(decision, Reason.BUSY), decided_ms
+            if not ready:
+                return evidence, decision, decided_ms
+            evidence = await self._dear(call, evidence)
+        if not _fault(evidence):
+            evidence = self._asks.witness(call.request, evidence)
+        decided_ms = self._clock.monotonic_ms()
+        return evidence, decide(call.request, evidence, self._policies), decided_ms
+
+    def _takes_slot(self, call: Call, evidence: Evidence) -> bool:
+        """Whether the slot is this request's, or the request only goes on with what is under way, by the same agent."""
         chain = evidence.chain
-        return isinstance(chain, Chain) and self._slot.joins(call.request, agent=chain.leaf.agent)
-
-    def _without_arm(self, call: Call, seen: Evidence) -> Evidence | None:
-        """The evidence that denies whoever has not the arm, who takes no slot from who has; None for all others."""
-        robot = self._readiness.reading()
-        seen = replace(seen, robot=robot)
-        return None if robot.exclusive or not self._unready(call, seen) else seen
-
-    def _unready(self, call: Call, seen: Evidence) -> bool:
-        return any(finding.primitive == STATE for finding in decide(call.request, seen, self._policies).findings)
+        return self._slot.reserve(call.request.request_id) or (
+            isinstance(chain, Chain) and self._slot.joins(call.request, agent=chain.leaf.agent)
+        )
 
     def _cheap(self, call: Call) -> Evidence:
         """Everything but physics, in order, up to the first fault."""
@@ -262,10 +249,7 @@ class Gate(Edge):
         return replace(seen, trust=trust, behaviour=behaviour)
 
     async def _dear(self, call: Call, seen: Evidence) -> Evidence:
-        """The robot's state, physics, and then authority once more: a revocation may arrive during an assessment."""
-        seen = replace(seen, robot=self._readiness.reading())
-        if self._unready(call, seen):
-            return seen
+        """Physics, and then authority once more: a revocation may arrive during an assessment."""
         touch = touchable(seen.chain) if isinstance(seen.chain, Chain) else frozenset()
         answer = await self._in_time(partial(self._physics.assess, call.request, touch=touch))
         found = Assessed(answer, NOT_COLLECTED) if isinstance(answer, ImpactFault) else answer
@@ -415,11 +399,6 @@ class Gate(Edge):
         await self.record("decision", records.decision(call, evidence, decision, ask=ask))
         return Answer(decision, ask=ask)
 
-    def _denied(self, call: Call, evidence: Evidence, reason: Reason, primitive: str) -> Decision:
-        """A denial that is the gate's own, over the digests of what is known."""
-        decided = decide(call.request, evidence, self._policies)
-        return replace(denial(decided, reason, primitive), findings=(Finding(primitive, reason),))
-
     async def _broken(self, call: Call, error: Exception) -> Answer:
         """An exception on the way: DENY, recorded if that is still possible."""
         reason = Reason.RECORD_FAILED if isinstance(error, JournalError) else Reason.EVIDENCE_MISSING
@@ -454,6 +433,11 @@ class Gate(Edge):
         """The workers have ended."""
         self._assessor.shutdown(wait=False, cancel_futures=True)
         super().close()
+
+
+def _denied(decided: Decision, reason: Reason) -> Decision:
+    """A denial that is the gate's own, over the digests of what was decided."""
+    return replace(denial(decided, reason, SEQUENCE), findings=(Finding(SEQUENCE, reason),))
 
 
 def _agent(call: Call) -> str:

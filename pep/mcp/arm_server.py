@@ -14,6 +14,7 @@ from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import Field
 from typing_extensions import TypedDict
 
+from pep.base import operations as ops
 from pep.base.errors import ActuationRefusedError, RobotError
 from pep.base.operations import JOINTS, WAYPOINTS
 from pep.mcp.mapping import ARM_TOOLS
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from capabilities.values.scope import Tier
+    from pep.base.operations import Operation
     from pep.request.permit import Permit
     from pep.rtde.motion.drive import MotionEnd
     from pep.rtde.robot.gripper import Grip
@@ -114,36 +116,23 @@ class State(TypedDict):
 
 
 class ArmDriver(Protocol):
-    """What the tools need of the robot."""
+    """Robot, as the tools need it."""
 
-    async def move_joint(
-        self, q_rad: Sequence[float], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
-    ) -> MotionEnd:
-        """The arm has moved."""
-        ...
+    async def act(self, operation: Operation, numbers: Sequence[float], permit: Permit) -> MotionEnd | Grip | None:
+        """Carries the operation out to its end.
 
-    async def move_path(
-        self, waypoints_rad: Sequence[Sequence[float]], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
-    ) -> MotionEnd:
-        """The arm has moved through the waypoints."""
-        ...
+        Args:
+            operation: of the robot.
+            numbers: its parameters in order, in SI units.
+            permit: of exactly these numbers.
 
-    async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
-        """The fingers have moved."""
-        ...
+        Returns:
+            End of the arm's motion, or of the fingers'; None for what only switches.
 
-    async def gripper_activate(self, permit: Permit) -> Grip:
-        """The gripper is ready."""
-        ...
-
-    async def speed_joint(
-        self, qd_rad_s: Sequence[float], acceleration_rad_s2: float, duration_s: float, permit: Permit
-    ) -> MotionEnd:
-        """The arm has moved at these speeds, and stands again."""
-        ...
-
-    async def set_digital_output(self, pin: int, value: bool, permit: Permit) -> None:  # noqa: FBT001
-        """The output has this value."""
+        Raises:
+            ActuationRefusedError: nothing was sent.
+            RobotError: the robot cannot be read, or does not answer.
+        """
         ...
 
     async def stop(self) -> MotionEnd:
@@ -190,7 +179,7 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
     @server.tool()
     async def move_joint(q_rad: Joints, speed_rad_s: JointSpeed, acceleration_rad_s2: JointAcceleration) -> Moved:
         """Move the arm in a straight line of joint space to six joint angles, and tell where it has stopped."""
-        end = await _permitted(lambda permit: driver.move_joint(q_rad, speed_rad_s, acceleration_rad_s2, permit))
+        end = await _permitted(driver, ops.MOVE_JOINT, (*q_rad, speed_rad_s, acceleration_rad_s2))
         return _moved(end)
 
     @server.tool()
@@ -198,8 +187,8 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
         waypoints_rad: Waypoints, speed_rad_s: JointSpeed, acceleration_rad_s2: JointAcceleration
     ) -> Moved:
         """Move the arm through 1 to 4 waypoints, straight in joint space, resting at each; tell where it stopped."""
-        numbers = (waypoints_rad, speed_rad_s, acceleration_rad_s2)
-        end = await _permitted(lambda permit: driver.move_path(*numbers, permit))
+        angles = (angle for point in ops.padded(waypoints_rad) for angle in point)
+        end = await _permitted(driver, ops.MOVE_PATH, (*angles, speed_rad_s, acceleration_rad_s2))
         return _moved(end)
 
     @server.tool()
@@ -211,7 +200,7 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
     @server.tool()
     async def gripper_move(width_m: Width, speed_m_s: FingerSpeed, force_n: Force) -> Gripped:
         """Move the gripper's fingers to an opening, and tell where they have stopped."""
-        grip = await _permitted(lambda permit: driver.gripper_move(width_m, speed_m_s, force_n, permit))
+        grip = await _permitted(driver, ops.GRIPPER_MOVE, (width_m, speed_m_s, force_n))
         width_m = grip.width_um / 1e6
         return Gripped(
             outcome=grip.end.value, reason=grip.reason, width_m=width_m, object=grip.object, arrived=grip.arrived
@@ -220,19 +209,19 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
     @server.tool()
     async def gripper_activate() -> Activated:
         """Make the gripper ready after power-on: its fingers close and open once, over their whole stroke."""
-        grip = await _permitted(driver.gripper_activate)
+        grip = await _permitted(driver, ops.GRIPPER_ACTIVATE, ())
         return Activated(ready=grip.arrived, width_m=grip.width_um / 1e6)
 
     @server.tool()
     async def speed_joint(qd_rad_s: Speeds, acceleration_rad_s2: JointAcceleration, duration_s: Duration) -> Moved:
         """Move the arm at six joint speeds for a time, then stop it. The same call again before the end prolongs it."""
-        end = await _permitted(lambda permit: driver.speed_joint(qd_rad_s, acceleration_rad_s2, duration_s, permit))
+        end = await _permitted(driver, ops.SPEED_JOINT, (*qd_rad_s, acceleration_rad_s2, duration_s))
         return _moved(end)
 
     @server.tool()
     async def set_digital_output(pin: Pin, value: Level) -> Switched:
         """Switch a standard digital output of the controller, and tell its value once the robot has it."""
-        await _permitted(lambda permit: driver.set_digital_output(pin, value, permit))
+        await _permitted(driver, ops.SET_DIGITAL_OUTPUT, (pin, int(value)))
         return Switched(pin=pin, value=value)
 
     @server.tool()
@@ -254,13 +243,13 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
     return server
 
 
-async def _permitted(effect: Callable[[Permit], Any]) -> Any:
-    """The effect under the permit of this gate run; without one nothing moves."""
+async def _permitted(driver: ArmDriver, operation: Operation, numbers: Sequence[float]) -> Any:
+    """The operation under the permit of this gate run; without one nothing moves."""
     permit = current_permit()
     if permit is None:
         raise ToolError(str(Reason.NOT_WHAT_WAS_DECIDED))
     try:
-        return await effect(permit)
+        return await driver.act(operation, numbers, permit)
     except ActuationRefusedError as refused:
         permit.refusal = refused.reason
         raise ToolError(str(refused.reason)) from refused
@@ -271,22 +260,7 @@ async def _permitted(effect: Callable[[Permit], Any]) -> Any:
 class _NoDriver:
     """A robot that is not there: enough to ask the tools who they are."""
 
-    async def move_joint(self, *_: Any) -> MotionEnd:
-        raise ActuationRefusedError(Reason.EFFECT_FAILED)
-
-    async def move_path(self, *_: Any) -> MotionEnd:
-        raise ActuationRefusedError(Reason.EFFECT_FAILED)
-
-    async def gripper_move(self, *_: Any) -> Grip:
-        raise ActuationRefusedError(Reason.EFFECT_FAILED)
-
-    async def gripper_activate(self, *_: Any) -> Grip:
-        raise ActuationRefusedError(Reason.EFFECT_FAILED)
-
-    async def speed_joint(self, *_: Any) -> MotionEnd:
-        raise ActuationRefusedError(Reason.EFFECT_FAILED)
-
-    async def set_digital_output(self, *_: Any) -> None:
+    async def act(self, *_: Any) -> None:
         raise ActuationRefusedError(Reason.EFFECT_FAILED)
 
     async def stop(self) -> MotionEnd:
@@ -300,6 +274,6 @@ def tool_definitions() -> tuple[ToolPin, ...]:
     """The tools of a cell as they are to be registered. Not to be called inside a running event loop."""
     served = asyncio.run(arm_server(_NoDriver(), dict).list_tools())
     return tuple(
-        ToolPin(tool.name, definition_digest(tool), ARM_TOOLS[tool.name].operation.name, ARM_TOOLS[tool.name].base_tier)
+        ToolPin(tool.name, definition_digest(tool), ARM_TOOLS[tool.name].name, ARM_TOOLS[tool.name].base_tier)
         for tool in served
     )

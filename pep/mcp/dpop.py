@@ -14,7 +14,6 @@ from urllib.parse import urlsplit
 from capabilities.keys import jws
 from capabilities.proof import mcp_meta
 from capabilities.values.errors import Fault, FaultCode
-from pep.base.operations import Kind
 from pep.mcp.body_screen import Unfit
 from pep.mcp.http_request import (
     CREDENTIALS,
@@ -30,7 +29,7 @@ from pep.mcp.http_request import (
     short,
     token_in,
 )
-from pep.mcp.mapping import bare_request
+from pep.mcp.mapping import bare_request, stops
 from pep.request.authority import Credentials, Presented
 from policies.words.reason_table import Reason
 
@@ -39,8 +38,8 @@ if TYPE_CHECKING:
 
     from starlette.types import ASGIApp, Receive, Scope, Send
 
+    from pep.base.operations import Operation
     from pep.base.ports import Clock
-    from pep.mcp.mapping import ToolBinding
     from pep.request.authority import Authority
     from pep.request.edge import Edge
 
@@ -56,7 +55,7 @@ class DPoPLayer:
         app: the MCP server's, or what passes on to it.
         authority: steps 1 to 10.
         edge: takes records, knows leases; the gate, where there is one.
-        bindings: the tools, by name; they choose the lease, and stops need no credentials.
+        tools: their operations, by name; they choose the lease, and stops need no credentials.
         audience: canonical URL of the server, also the `htu` of every proof.
         issuer: of the tokens, for the metadata.
         clock: both clocks.
@@ -68,7 +67,7 @@ class DPoPLayer:
         *,
         authority: Authority,
         edge: Edge,
-        bindings: Mapping[str, ToolBinding],
+        tools: Mapping[str, Operation],
         audience: str,
         issuer: str,
         clock: Clock,
@@ -78,7 +77,7 @@ class DPoPLayer:
         self._authority = authority
         self._edge = edge
         self._refusals = Refusals(edge, clock)
-        self._bindings = bindings
+        self._tools = tools
         self._audience = audience
         self._path = parts.path
         self._metadata_path = f"{WELL_KNOWN}{parts.path}"
@@ -122,8 +121,7 @@ class DPoPLayer:
         knock = Knock(method, headers_of(scope), body, rpc)
         credentials = self._credentials(knock)
         fault = credentials.fault
-        binding = self._bindings.get(knock.tool or "")
-        if fault is not None and not (binding is not None and binding.operation.kind is Kind.STOP):
+        if fault is not None and not stops(self._tools, knock.tool):
             where = {
                 "method": method,
                 "rpc": short(rpc.get("method")),
@@ -137,8 +135,8 @@ class DPoPLayer:
 
     def _credentials(self, knock: Knock) -> Credentials:
         """Steps 1 to 10, with the lease of what the body asks for. Whatever breaks on the way is a fault."""
-        binding = self._bindings.get(knock.tool or "")
-        lease_ms = self._edge.lease_ms(None if binding is None else bare_request(binding, audience=self._audience))
+        operation = self._tools.get(knock.tool or "")
+        lease_ms = self._edge.lease_ms(None if operation is None else bare_request(operation, audience=self._audience))
         presented = mcp_meta.stray(knock.rpc.get("params")) or self._presented(knock)
         if isinstance(presented, Fault):
             return Credentials(None, presented)

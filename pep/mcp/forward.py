@@ -19,8 +19,8 @@ from capabilities.statements import ticket
 from capabilities.statements.ticket import Carried
 from capabilities.values.chain import Chain
 from pep.base.errors import JournalError
-from pep.base.operations import Kind
 from pep.mcp.http_request import CREDENTIALS, KNOCK, Knock, Refusals, digest, short, token_in
+from pep.mcp.mapping import stops
 from pep.mcp.ticket_layer import TICKET
 from policies.words.reason_table import Reason
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from starlette.types import Receive, Scope, Send
 
     from capabilities.keys.keys import PrivateKey
+    from pep.base.operations import Operation
     from pep.base.ports import Clock
-    from pep.mcp.mapping import ToolBinding
     from pep.request.authority import Credentials
     from pep.request.edge import Edge
 
@@ -83,7 +83,7 @@ class Forward:
     Args:
         http: client of the gateway, as `client` makes it.
         edge: takes records.
-        bindings: the tools, by name: a stop waits for no record.
+        tools: their operations, by name: a stop waits for no record.
         audience: canonical URL of the cell.
         url: canonical URL of the gateway's endpoint.
         pep_id: registered id of this enforcement point.
@@ -97,7 +97,7 @@ class Forward:
         http: httpx2.AsyncClient,
         *,
         edge: Edge,
-        bindings: Mapping[str, ToolBinding],
+        tools: Mapping[str, Operation],
         audience: str,
         url: str,
         pep_id: str,
@@ -108,7 +108,7 @@ class Forward:
         self._http = http
         self._edge = edge
         self._refusals = Refusals(edge, clock)
-        self._bindings = bindings
+        self._tools = tools
         self._audience = audience
         self._url = url
         self._pep_id = pep_id
@@ -122,7 +122,7 @@ class Forward:
             await _lives(receive, send)
             return
         knock, credentials = cast("Knock", scope[KNOCK]), cast("Credentials", scope[CREDENTIALS])
-        if self._stops(knock):  # whether or not somebody waits for the answer
+        if stops(self._tools, knock.tool):  # whether or not somebody waits for the answer
             await self._pass_on(knock, credentials, send)
             return
         passing = asyncio.create_task(self._pass_on(knock, credentials, send))
@@ -140,37 +140,32 @@ class Forward:
 
     async def _pass_on(self, knock: Knock, credentials: Credentials, send: Send) -> None:
         """The request has gone to the gateway, and its answer has come back; or it was refused."""
-        stops = self._stops(knock)
+        stopping = stops(self._tools, knock.tool)  # it waits for no record, and for nobody who may have gone
         headers = {n: v for n, v in knock.headers.items() if n in PASSED_ON or n.startswith(MCP_HEADERS)}
         where: dict[str, object] = {"method": knock.method, "tool": short(knock.tool), "body": digest(knock.body)}
-        if None in headers.values() and not stops:
+        if None in headers.values() and not stopping:
             await self._refusals.refuse(send, 400, Reason.BODY_MALFORMED, credentials=credentials, where=where)
             return
         # Of a stop's headers, what came twice is not passed on.
         once = {name: value for name, value in headers.items() if value is not None}
         name = self._random(16)
         record = self._record(name, knock, credentials)
-        if knock.calls and not stops:
+        if knock.calls and not stopping:
             try:
                 await self._edge.record("ticket", record)
             except JournalError:
                 await self._refusals.refuse(send, 503, Reason.RECORD_FAILED, credentials=credentials, where=where)
                 return
         try:
-            response = await self._asked(name, knock, once, again=stops)
+            response = await self._asked(name, knock, once, again=stopping)
         except (httpx2.HTTPError, TimeoutError) as error:
             where |= {"ticket": name, "error": type(error).__name__}
             await self._refusals.refuse(send, 503, Reason.GATEWAY_UNREACHABLE, credentials=credentials, where=where)
         else:
             await self._come_back(response, send, name)
-        if stops:  # recorded when it has been passed on, and passed on also without
+        if stopping:  # recorded when it has been passed on, and passed on also without
             with contextlib.suppress(JournalError):
                 await self._edge.record("ticket", record)
-
-    def _stops(self, knock: Knock) -> bool:
-        """Whether it only stops: then it waits for no record, and for nobody who may have gone."""
-        binding = self._bindings.get(knock.tool or "")
-        return binding is not None and binding.operation.kind is Kind.STOP
 
     def _record(self, name: str, knock: Knock, credentials: Credentials) -> dict[str, object]:
         chain = credentials.chain

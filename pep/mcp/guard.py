@@ -25,14 +25,13 @@ from mcp_types import CallToolResult, TextContent
 
 from capabilities.values.chain import Chain
 from pep.base.errors import ActuationRefusedError, JournalError
-from pep.base.operations import Kind
 from pep.gate import records
 from pep.gate.gate import Answer, Gate, Result
 from pep.gate.observe_only import OBSERVED
 from pep.mcp import deferred_result
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.http_request import CREDENTIALS
-from pep.mcp.mapping import Misfit, ToolBinding, to_request
+from pep.mcp.mapping import Misfit, stops, to_request
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
 from pep.mcp.tool_digest import definition_digest
 from pep.request.authority import NOBODY, Credentials
@@ -50,7 +49,8 @@ if TYPE_CHECKING:
     from mcp_types import CallToolRequestParams
     from starlette.types import ASGIApp
 
-    from pep.base.ports import Clock, Registry
+    from pep.base.operations import Operation
+    from pep.base.ports import Clock, Readiness, Registry
     from pep.mcp.provenance import Vouching
     from pep.people.asks import Asks
     from pep.request.authority import Authority
@@ -68,8 +68,9 @@ class Guard(Extension):
         server: whose live definitions are pinned.
         gate: decides and enforces.
         registry: approved definitions and base tiers.
-        bindings: the tools that may be called, by name.
+        tools: operations of the tools that may be called, by name.
         asks: what has become of deferrals, for a retry that waits.
+        readiness: of the robot, for these tools.
         audience: canonical URL of the server.
         clock: both clocks.
         vouching: where values come from; None where nothing is known of it: no receipt is believed, and none given.
@@ -83,8 +84,9 @@ class Guard(Extension):
         *,
         gate: Gate,
         registry: Registry,
-        bindings: Mapping[str, ToolBinding],
+        tools: Mapping[str, Operation],
         asks: Asks,
+        readiness: Readiness,
         audience: str,
         clock: Clock,
         vouching: Vouching | None = None,
@@ -93,8 +95,9 @@ class Guard(Extension):
         self._patience = deferred_result.Patience(asks)
         self._server = server
         self._gate = gate
+        self._readiness = readiness
         self._registry = registry
-        self._bindings = bindings
+        self._tools = tools
         self._audience = audience
         self._clock = clock
 
@@ -109,15 +112,15 @@ class Guard(Extension):
         arrived_ms, at = self._clock.monotonic_ms(), self._clock.wall_s()
         # The scope is this very request's; a context variable could be an older request's of the same session.
         credentials: Credentials = NOBODY if ctx.request is None else ctx.request.scope.get(CREDENTIALS, NOBODY)
-        binding = self._bindings.get(params.name)
-        if binding is None:
+        operation = self._tools.get(params.name)
+        if operation is None:
             return await self._refuse(Reason.TOOL_UNKNOWN, "TEA-3", credentials, {"tool": params.name[:64]})
-        if binding.operation.kind is Kind.STOP:
-            return await self._stop(binding, credentials, ctx, call_next)
+        if stops(self._tools, params.name):
+            return await self._stop(operation, credentials, ctx, call_next)
         if credentials.fault is not None:
             return await self._refuse(Reason(credentials.fault.code), "AID-1", credentials, {"tool": params.name})
         request = to_request(
-            binding, params.arguments or {}, request_id=secrets.token_hex(16), audience=self._audience, at=at
+            operation, params.arguments or {}, request_id=secrets.token_hex(16), audience=self._audience, at=at
         )
         if isinstance(request, Misfit):
             where: dict[str, object] = {"tool": params.name, "argument": request.argument, "detail": request.detail}
@@ -126,7 +129,7 @@ class Guard(Extension):
         if isinstance(presented, Unreadable):
             unread: dict[str, object] = {"tool": params.name, "argument": "_meta", "detail": presented.detail}
             return await self._refuse(Reason.BODY_MALFORMED, "CII-5", credentials, unread)
-        tool = await self._tool(binding)
+        tool = await self._tool(operation)
         context: ContextReading | NotCollected = NOT_COLLECTED
         if isinstance(credentials.chain, Chain):
             weigh = unvouched if self._vouching is None else self._vouching.context
@@ -143,27 +146,28 @@ class Guard(Extension):
 
         call = Call(
             request=request,
-            operation=binding.operation,
+            operation=operation,
             tool=tool,
             credentials=credentials,
             arrived_ms=arrived_ms,
+            readiness=self._readiness,
             context=context,
         )
         if deferred_result.is_retry(params):
             await self._patience.wait(params)
         answer = await self._gate.run(call, effect)
         if wanted(params.meta):
-            answer = await self._vouched(answer, call, binding)
+            answer = await self._vouched(answer, call)
         return deferred_result.elicitation(answer, params, ctx) or _told(answer)
 
-    async def _vouched(self, answer: Answer, call: Call, binding: ToolBinding) -> Answer:
+    async def _vouched(self, answer: Answer, call: Call) -> Answer:
         """The answer, its result with a receipt where there is one and the tool is still what it was."""
         chain, result = call.credentials.chain, answer.result
         if self._vouching is None or result is None or result.failed or not isinstance(chain, Chain):
             return answer
         if isinstance(call.context, NotCollected) or not isinstance(result.carried, CallToolResult):
             return answer
-        if await self._tool(binding) != call.tool:
+        if await self._tool(call.operation) != call.tool:
             return answer
         said = self._vouching.meta(
             result.carried.structured_content,
@@ -176,27 +180,27 @@ class Guard(Extension):
         )
         return replace(answer, result=replace(result, carried=_with_meta(result.carried, said)))
 
-    async def _tool(self, binding: ToolBinding) -> ToolReading:
+    async def _tool(self, operation: Operation) -> ToolReading:
         """The tool as it is registered, and as this server serves it at this moment."""
-        registered = self._registry.tool(binding.tool)
-        served = next((tool for tool in await self._server.list_tools() if tool.name == binding.tool), None)
-        known = registered is not None and registered.operation == binding.operation.name
+        registered = self._registry.tool(operation.name)
+        served = next((tool for tool in await self._server.list_tools() if tool.name == operation.name), None)
+        known = registered is not None and registered.operation == operation.name
         return ToolReading(
-            name=binding.tool,
+            name=operation.name,
             approved_digest=registered.definition_digest if registered is not None and known else None,
             actual_digest="" if served is None else definition_digest(served),
             base_tier=registered.base_tier if registered is not None and known else None,
         )
 
     async def _stop(
-        self, binding: ToolBinding, credentials: Credentials, ctx: ServerRequestContext[Any, Any], call_next: CallNext
+        self, operation: Operation, credentials: Credentials, ctx: ServerRequestContext[Any, Any], call_next: CallNext
     ) -> HandlerResult:
         """Stopped first, recorded afterwards: a stop is never subject to a permit, and waits for nothing."""
         outcome = await call_next(ctx)
         fault = credentials.fault
         body: dict[str, object] = {
             "effect": "PERMIT",
-            "operation": binding.operation.name,
+            "operation": operation.name,
             "caller": credentials.chain.leaf.agent if isinstance(credentials.chain, Chain) and fault is None else None,
             "fault": None if fault is None else str(fault.code),
             "result": records.jsonable(dict(_result(outcome).value)),
@@ -234,8 +238,9 @@ def guard(
     gate: Gate,
     authority: Authority,
     registry: Registry,
-    bindings: Mapping[str, ToolBinding],
+    tools: Mapping[str, Operation],
     asks: Asks,
+    readiness: Readiness,
     audience: str,
     issuer: str,
     clock: Clock,
@@ -248,8 +253,9 @@ def guard(
         gate: decides and enforces.
         authority: steps 1 to 10.
         registry: approved definitions and base tiers.
-        bindings: the tools that may be called, by name.
+        tools: operations of the tools that may be called, by name.
         asks: what has become of deferrals.
+        readiness: of the robot, for these tools.
         audience: canonical URL of the server; its path is where the app answers.
         issuer: of the tokens.
         clock: both clocks.
@@ -262,8 +268,9 @@ def guard(
         server,
         gate=gate,
         registry=registry,
-        bindings=bindings,
+        tools=tools,
         asks=asks,
+        readiness=readiness,
         audience=audience,
         clock=clock,
         vouching=vouching,
@@ -289,9 +296,7 @@ def guard(
             allowed_origins=[f"{parts.scheme}://{parts.netloc}"],
         ),
     )
-    return DPoPLayer(
-        app, authority=authority, edge=gate, bindings=bindings, audience=audience, issuer=issuer, clock=clock
-    )
+    return DPoPLayer(app, authority=authority, edge=gate, tools=tools, audience=audience, issuer=issuer, clock=clock)
 
 
 def _untold(outcome: HandlerResult) -> HandlerResult:

@@ -13,7 +13,6 @@ from capabilities.statements import ticket
 from capabilities.statements.ticket import Carried, Ticket
 from capabilities.values.errors import Fault, FaultCode
 from pep.base.errors import ReplayStoreError
-from pep.base.operations import Kind
 from pep.mcp.body_screen import BODY_BYTES, Unfit
 from pep.mcp.http_request import (
     Knock,
@@ -27,6 +26,7 @@ from pep.mcp.http_request import (
     short,
     token_in,
 )
+from pep.mcp.mapping import stops
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Receive, Scope, Send
 
     from capabilities.values.caps import Caps
+    from pep.base.operations import Operation
     from pep.base.ports import Clock, ReplayStore, RevocationFeed
-    from pep.mcp.mapping import ToolBinding
     from pep.request.edge import Edge
 
 TICKET: Final = "ztpm-ticket"
@@ -56,7 +56,7 @@ class TicketLayer:
     Args:
         app: the guarded app.
         edge: takes records; the gate.
-        bindings: the tools, by name: stops need no ticket.
+        tools: their operations, by name: stops need no ticket.
         peps: raw public key of each enrolled tool server, by its id, as of now.
         feed: what is revoked.
         replay: ids of tickets; may be the store of proofs.
@@ -71,7 +71,7 @@ class TicketLayer:
         app: ASGIApp,
         *,
         edge: Edge,
-        bindings: Mapping[str, ToolBinding],
+        tools: Mapping[str, Operation],
         peps: Callable[[], Mapping[str, bytes]],
         feed: RevocationFeed,
         replay: ReplayStore,
@@ -82,7 +82,7 @@ class TicketLayer:
     ) -> None:
         self._app = app
         self._refusals = Refusals(edge, clock)
-        self._bindings = bindings
+        self._tools = tools
         self._peps = peps
         self._feed = feed
         self._replay = replay
@@ -160,10 +160,7 @@ class TicketLayer:
     def _stops(self, method: str, headers: Mapping[str, str | None], body: bytes) -> bool:
         """Whether it only stops, which anybody may."""
         rpc = rpc_of(method, body)
-        if isinstance(rpc, Unfit):
-            return False
-        binding = self._bindings.get(Knock(method, headers, body, rpc).tool or "")
-        return binding is not None and binding.operation.kind is Kind.STOP
+        return not isinstance(rpc, Unfit) and stops(self._tools, Knock(method, headers, body, rpc).tool)
 
     def _inside(self, scope: Scope) -> Scope:
         """The same request at the address of the audience, the ticket spent."""

@@ -9,6 +9,7 @@ from policies.evidence.evidence import NOT_COLLECTED, NotCollected
 
 if TYPE_CHECKING:
     from pep.base.operations import Operation
+    from pep.base.ports import Readiness
     from pep.request.authority import Credentials
     from policies.evidence.content_readings import ContextReading
     from policies.evidence.evidence import ToolReading
@@ -25,6 +26,7 @@ class Call:
         tool: as it is registered and as it is served now.
         credentials: what the caller presented, after steps 1 to 10.
         arrived_ms: monotonic time of arrival.
+        readiness: of the robot, for those who command it the way of this call.
         context: what its parameters derive from.
     """
 
@@ -33,4 +35,5 @@ class Call:
     tool: ToolReading
     credentials: Credentials
     arrived_ms: int
+    readiness: Readiness
     context: ContextReading | NotCollected = NOT_COLLECTED

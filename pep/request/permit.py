@@ -11,7 +11,7 @@ from policies.evidence.model import ObligationKind
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from capabilities.values.errors import Fault
     from capabilities.values.units import Quantity
@@ -42,6 +42,10 @@ def _within(at_most: Quantity | None, request: Request) -> bool:
         (value.name, value.unit) == (at_most.name, at_most.unit) and value.value <= at_most.value
         for value in request.values
     )
+
+
+START_TOLERANCE_RAD: Final = 2e-3
+"""The arm may differ this much from where the assessment began; as an approval binds it."""
 
 
 class Permit:
@@ -125,6 +129,23 @@ class Permit:
         if not self._clock.monotonic_ms() <= self.deadline_ms:
             return Reason.VERDICT_EXPIRED, "the decision is too old"
         return None, ""
+
+    def begins(self, *, assessed_rad: Sequence[float] | None, at_rad: Sequence[float]) -> None:
+        """The motion may begin here: each joint is within 2 mrad of where its assessment began.
+
+        Args:
+            assessed_rad: joint angles from which the request was assessed; None when it was not.
+            at_rad: measured joint angles now.
+
+        Raises:
+            ActuationRefusedError: `NOT_WHAT_WAS_DECIDED`. The permit is then spoilt for good.
+        """
+        near = assessed_rad is not None and len(assessed_rad) == len(at_rad)
+        if near and all(abs(a - b) <= START_TOLERANCE_RAD for a, b in zip(assessed_rad or (), at_rad, strict=True)):
+            return
+        with self._lock:
+            self.refusal = Reason.NOT_WHAT_WAS_DECIDED
+        raise ActuationRefusedError(self.refusal, "the arm is not where the assessment began")
 
     def void(self) -> bool:
         """True when nothing was sent on it, and nothing can be any more."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.units import Quantity, Unit
-from pep.base.operations import JOINTS, MOVE_JOINT, MOVE_PATH, SPEED_JOINT, waypoints_of
+from pep.base.operations import JOINTS, MOVE_JOINT, Moves, operation_of, targets_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,22 +58,16 @@ def act_of(request: Request, *, agent: str, at_ms: int, start_urad: Angles) -> A
     numbers = tuple(value.value for value in request.values)
     if len(start_urad) != JOINTS:
         return act
-    if request.operation == SPEED_JOINT.name:
+    operation = operation_of(request.object, request.operation)
+    if operation is not None and operation.moves is Moves.AT_JOINT_SPEEDS:
         *speeds, acceleration, duration_ms = numbers
         end = tuple(q + qd * duration_ms // Unit.MILLISECOND.per_si for q, qd in zip(start_urad, speeds, strict=True))
         fastest = max((abs(qd) for qd in speeds), default=0)
         return replace(act, start_urad=start_urad, points=(end,), speed=fastest, acceleration=acceleration)
-    points = targets_of(request.operation, numbers)
+    points = targets_of(operation, numbers)
     if not points:
         return act
     return replace(act, start_urad=start_urad, points=points, speed=numbers[-2], acceleration=numbers[-1])
-
-
-def targets_of(operation: str, numbers: Angles) -> tuple[Angles, ...]:
-    """Where the operation with these numbers sends the arm, waypoint by waypoint; () when they name no place of it."""
-    if operation == MOVE_JOINT.name:
-        return (numbers[:JOINTS],)
-    return waypoints_of(numbers) if operation == MOVE_PATH.name else ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,9 @@ from collections import deque
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.scope import Tier
-from pep.base.operations import MOVE_JOINT, MOVE_LINEAR, MOVE_PATH, SERVO_JOINT, SPEED_JOINT, SPEED_LINEAR
+from pep.base.operations import ARM, operation_of, targets_of
 from pep.base.ports import Together
-from pep.world.motion_history import act_of, joined, targets_of
+from pep.world.motion_history import act_of, joined
 from policies.evidence.conduct_readings import SequenceReading
 from policies.evidence.evidence import ImpactReading, RobotReading
 
@@ -32,11 +32,6 @@ ACTS_KEPT: Final = 256
 """Acts that are remembered at most; more than a robot does within the window."""
 SAME_PERMILLE: Final = 50
 """Two targets are the same when they differ by less than this part of the way between the act and the one before."""
-
-ARM: Final = frozenset(
-    each.name for each in (MOVE_JOINT, MOVE_PATH, SPEED_JOINT, MOVE_LINEAR, SPEED_LINEAR, SERVO_JOINT)
-)
-"""Operations after which the arm stands elsewhere."""
 
 
 class Sequence:
@@ -114,14 +109,16 @@ class Sequence:
             agent: whose it is.
             impact: of the request: where the arm is.
         """
+        operation = operation_of(request.object, request.operation)
         with self._lock:
             self._acts.append(self._act(request, agent, _start(impact)))
-            if request.operation in ARM:
+            if operation is not None and operation.moves in ARM:
                 self._stands_urad = None
 
     def ended(self, request: Request, *, arrived: bool) -> None:
         """The request's effect is over; an arm that arrived stands at its target, any other anywhere."""
-        targets = targets_of(request.operation, tuple(value.value for value in request.values))
+        numbers = tuple(value.value for value in request.values)
+        targets = targets_of(operation_of(request.object, request.operation), numbers)
         if arrived and targets:
             with self._lock:
                 self._stands_urad = targets[-1]
@@ -156,7 +153,7 @@ def _alternations(acts: tuple[Act, ...]) -> int:
     places: dict[tuple[str, ...], list[Angles]] = {}
     for act in acts:
         numbers = tuple(value for _, _, value in act.values)
-        targets = targets_of(act.operation[1], numbers)
+        targets = targets_of(operation_of(*act.operation), numbers)
         places.setdefault(("arm",) if targets else act.operation, []).extend(targets or (numbers,))
     return sum(
         _undoes(before, there, back)

@@ -14,21 +14,7 @@ import numpy as np
 from capabilities.values.scope import Tier
 from capabilities.values.units import Unit, si
 from pep.base.errors import RobotError
-from pep.base.operations import (
-    GRIPPER_ACTIVATE,
-    GRIPPER_MOVE,
-    MOVE_JOINT,
-    MOVE_LINEAR,
-    MOVE_PATH,
-    SERVO_JOINT,
-    SET_DIGITAL_OUTPUT,
-    SET_PAYLOAD,
-    SET_SPEED_SLIDER,
-    SET_TCP,
-    SPEED_JOINT,
-    SPEED_LINEAR,
-    waypoints_of,
-)
+from pep.base.operations import Moves, operation_of, targets_of
 from pep.base.ports import Assessed, Rest, Together
 from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Distrusted, Seen, Unseen
@@ -72,9 +58,6 @@ MOTIONS_KEPT: Final = 64
 MILLI: Final = 1_000
 ALLOWANCE: Final = 1.5
 """A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
-
-STANDING: Final = frozenset({SET_SPEED_SLIDER.name, SET_PAYLOAD.name, SET_TCP.name})
-"""Operations during which the arm stands: they change what later ones mean, and the arm has to be at rest for that."""
 
 T = TypeVar("T")
 
@@ -399,33 +382,41 @@ def scene_of(seen: Seen, cell: CellParameters) -> Scene:
 
 
 def _motion(request: Request, state: JointState, robot: Robot, cell: CellParameters) -> Motion | None:
+    """The motion that a request is from that state; None where physics knows none."""
     values = tuple(si(v.value, v.unit) for v in request.values)
-    if request.operation == MOVE_JOINT.name:
-        return MoveJ(state.q_rad, values[:6], values[6], values[7])  # type: ignore[arg-type]  # six joints, counted where they were read
-    if request.operation == MOVE_PATH.name:
-        *points, speed, acceleration = values
-        legs = tuple(JointLeg(point, speed, acceleration) for point in waypoints_of(points))  # type: ignore[arg-type]
-        return JointPath(state.q_rad, legs)  # type: ignore[arg-type]
-    if request.operation == GRIPPER_MOVE.name:
-        return GripperMove(state.q_rad, values[0], values[1], values[2])  # type: ignore[arg-type]
-    if request.operation == GRIPPER_ACTIVATE.name:
-        # Closed over the whole stroke at the fingers' highest speed. G1: FOR is 0 then, the least force.
-        return GripperMove(state.q_rad, 0.0, robot.tool.finger_speed_limit_m_s, robot.tool.force_min_n)  # type: ignore[arg-type]
-    if request.operation == SET_DIGITAL_OUTPUT.name:
-        return OutputSet(request.values[0].value, bool(request.values[1].value))
-    if request.operation == SPEED_JOINT.name:
-        return stream_envelope(_stream(values, state), cell, under_way=not state.still)
-    if request.operation == MOVE_LINEAR.name:
-        return MoveL(state.q_rad, values[:6], values[6], values[7])  # type: ignore[arg-type]
-    if request.operation == SPEED_LINEAR.name:
-        # A held tool speed ends when somebody ends it; who is late has the patience of a stream of joint speeds.
-        duration_s = values[7] + patience_s(cell.stop_deceleration_rad_s2)
-        return SpeedL(state.q_rad, values[:6], values[6], duration_s)  # type: ignore[arg-type]
-    if request.operation == SERVO_JOINT.name:
-        return ServoJ(state.q_rad, state.qd_rad_s, values[:6], values[6], values[7])  # type: ignore[arg-type]
-    if request.operation in STANDING:
-        return MoveJ(state.q_rad, state.q_rad, 1.0, 1.0)  # type: ignore[arg-type]  # a move to where it is: it stands
-    return None
+    operation, here = operation_of(request.object, request.operation), state.q_rad
+    moves = Moves.NOTHING if operation is None else operation.moves
+    # Six joints, counted where they were read or bounded: hence the ignored argument types.
+    match moves:
+        case Moves.NOTHING:
+            return None
+        case Moves.TO_JOINTS:
+            return MoveJ(here, values[:6], values[6], values[7])  # type: ignore[arg-type]
+        case Moves.THROUGH_JOINTS:
+            *points, speed, acceleration = values
+            legs = tuple(JointLeg(point, speed, acceleration) for point in targets_of(operation, points))  # type: ignore[arg-type]
+            return JointPath(here, legs)  # type: ignore[arg-type]
+        case Moves.TO_POSE:
+            return MoveL(here, values[:6], values[6], values[7])  # type: ignore[arg-type]
+        case Moves.AT_JOINT_SPEEDS:
+            return stream_envelope(_stream(values, state), cell, under_way=not state.still)
+        case Moves.AT_TOOL_SPEED:
+            # A held tool speed ends when somebody ends it; who is late has the patience of a stream of joint speeds.
+            duration_s = values[7] + patience_s(cell.stop_deceleration_rad_s2)
+            return SpeedL(here, values[:6], values[6], duration_s)  # type: ignore[arg-type]
+        case Moves.AFTER_JOINTS:
+            return ServoJ(here, state.qd_rad_s, values[:6], values[6], values[7])  # type: ignore[arg-type]
+        case Moves.FINGERS:
+            return GripperMove(here, values[0], values[1], values[2])  # type: ignore[arg-type]
+        case Moves.FINGERS_WHOLE:
+            # Closed over the whole stroke at the fingers' highest speed. G1: FOR is 0 then, the least force.
+            return GripperMove(here, 0.0, robot.tool.finger_speed_limit_m_s, robot.tool.force_min_n)  # type: ignore[arg-type]
+        case Moves.OUTPUT:
+            return OutputSet(request.values[0].value, bool(request.values[1].value))
+        case Moves.STANDS:
+            return MoveJ(here, here, 1.0, 1.0)  # type: ignore[arg-type]  # a move to where it is
+        case _:
+            assert_never(moves)
 
 
 def _stream(values: Sequence[float], state: JointState) -> SpeedJ:
@@ -434,6 +425,7 @@ def _stream(values: Sequence[float], state: JointState) -> SpeedJ:
 
 def _goes_on(request: Request, state: JointState) -> bool:
     """Whether the request is for a stream, and the arm moves as such a stream does."""
-    if request.operation != SPEED_JOINT.name:
+    operation = operation_of(request.object, request.operation)
+    if operation is None or operation.moves is not Moves.AT_JOINT_SPEEDS:
         return False
     return moves_with(_stream([si(v.value, v.unit) for v in request.values], state), state.qd_rad_s)

@@ -75,7 +75,7 @@ class Journal:
             primitive="", findings=() if effect == "PERMIT" else (Finding("", Reason(reason)),), tier=Tier(tier),
             index=None, obligations=(), policy_digest="", evidence=evidence, lifetime_ms=50,
         )  # fmt: skip
-        call = Call(request, MOVE_JOINT, tool, Credentials(b"", evidence.chain, proof), 0)
+        call = Call(request, MOVE_JOINT, tool, Credentials(b"", evidence.chain, proof), 0, None)
         return request, records.decision(call, evidence, decided)
 
     def acted(self, token: str, outcome: str | None = "done", *, why=None, at_s=None, **changes) -> Request:

@@ -108,7 +108,7 @@ class House(Cell):
         self.layer = TicketLayer(
             self.app,
             edge=self.gate,
-            bindings=ARM_TOOLS,
+            tools=ARM_TOOLS,
             peps=lambda: self.peps,
             feed=self.feed,
             replay=self.tickets,
@@ -136,7 +136,7 @@ class House(Cell):
         return Forward(
             http,
             edge=self.edge,
-            bindings=ARM_TOOLS,
+            tools=ARM_TOOLS,
             audience=AUDIENCE,
             url=URL,
             pep_id=DOOR,
@@ -156,7 +156,7 @@ class House(Cell):
                 self.forward(http),
                 authority=self.door_authority,
                 edge=self.edge,
-                bindings=ARM_TOOLS,
+                tools=ARM_TOOLS,
                 audience=AUDIENCE,
                 issuer=ISSUER,
                 clock=self.clock,

@@ -193,7 +193,7 @@ class Registry:
     """Registered tools, trust and sensors."""
 
     def __init__(self):
-        self.tools = {n: RegisteredTool(n, "d" * 64, b.operation.name, b.base_tier) for n, b in ARM_TOOLS.items()}
+        self.tools = {n: RegisteredTool(n, "d" * 64, b.name, b.base_tier) for n, b in ARM_TOOLS.items()}
         self.trust, self.known, self.people = {}, {}, {}
         self.word = ConductWord(0, {}, {})
 
@@ -427,7 +427,6 @@ class Rig:
             registry=self.registry,
             limits=Ur3eLimits(),
             slot=self.slot,
-            readiness=self.readiness,
             sequence=Still(self.clock),
             physics=self.physics,
             policies=self.policies,
@@ -462,16 +461,16 @@ class Rig:
         return self.authority.check(presented, lease_ms=lease_ms)
 
     def call(self, holder, tool="move_joint", arguments=None, *, credentials=None, digest="d" * 64):
-        binding = ARM_TOOLS[tool]
+        operation = ARM_TOOLS[tool]
         if arguments is None:
             arguments = MOVE if tool == "move_joint" else {}
         request = to_request(
-            binding, arguments, request_id=secrets.token_hex(16), audience=AUDIENCE, at=self.clock.wall_s()
+            operation, arguments, request_id=secrets.token_hex(16), audience=AUDIENCE, at=self.clock.wall_s()
         )
         registered = self.registry.tool(tool)
         return Call(
             request=request,
-            operation=binding.operation,
+            operation=operation,
             tool=ToolReading(
                 tool,
                 registered.definition_digest if registered else None,
@@ -480,6 +479,7 @@ class Rig:
             ),
             credentials=credentials or self.credentials(holder),
             arrived_ms=self.clock.monotonic_ms(),
+            readiness=self.readiness,
             context=own_choice(request),
         )
 

@@ -72,8 +72,8 @@ class Site:
         """The agent asks for the state of the arm, which it may read, or may not."""
         presented = self.presented(agent, token)
         request = to_request(READ, {}, request_id=self.fresh(), audience=AUDIENCE, at=self.clock.wall_s())
-        tool = ToolReading(READ.tool, "d" * 64, "d" * 64, READ.base_tier)
-        call = Call(request, READ.operation, tool, presented, self.clock.monotonic_ms())
+        tool = ToolReading(READ.name, "d" * 64, "d" * 64, READ.base_tier)
+        call = Call(request, READ, tool, presented, self.clock.monotonic_ms(), self.rig.readiness)
         return asyncio.run(self.rig.gate.run(call, self.rig.effect))
 
     def presented(self, agent, token):

@@ -580,11 +580,9 @@ def test_who_has_not_the_arm_takes_no_slot_from_who_has(rig):
     assert rig.slot.holder == "another"
 
 
-def test_a_gate_for_others_of_the_same_robot_has_another_readiness_and_one_of_everything_else(rig):
+def test_others_who_command_the_same_robot_have_another_readiness_and_one_of_everything_else(rig):
     others = SimpleNamespace(reading=lambda: replace(rig.readiness.answer, exclusive=False))
-    gate = rig.gate.with_readiness(others)
-    assert gate.conduct is rig.gate.conduct
-    denied = asyncio.run(gate.run(rig.call(rig.agent()), rig.effect)).decision
+    denied = run(rig, replace(rig.call(rig.agent()), readiness=others)).decision
     assert denied.reason is Reason.ROBOT_NOT_EXCLUSIVE
     assert run(rig, rig.call(rig.agent())).decision.effect is Effect.PERMIT
     assert [row["body"]["decision"]["reason"] for row in rig.records("decision")] == [denied.reason, Reason.PERMITTED]
@@ -603,6 +601,38 @@ def test_a_policy_that_does_not_ask_for_readiness_gets_its_physics(rig):
     rig.build()
     assert run(rig, rig.call(rig.agent())).decision.effect is Effect.PERMIT
     assert rig.physics.asked == 1
+
+
+def asked_of_the_policies(rig, monkeypatch):
+    """Evidence that the policies were asked about, in order."""
+    asked, honest = [], gate_module.decide
+    monkeypatch.setattr(gate_module, "decide", lambda *a: (asked.append(a[1]), honest(*a))[1])
+    return asked
+
+
+def test_the_policies_are_asked_once_for_each_piece_of_new_evidence(rig, monkeypatch):
+    asked = asked_of_the_policies(rig, monkeypatch)
+    assert run(rig, rig.call(rig.agent())).decision.effect is Effect.PERMIT
+    ready, whole = asked
+    assert (ready.robot, ready.impact) == (rig.readiness.answer, NOT_COLLECTED)
+    assert whole.impact == rig.physics.answer
+
+
+@pytest.mark.parametrize("case", ["busy", "not ready", "not ours", "a reading", "no grant"])
+def test_nothing_is_asked_twice_on_the_way_to_an_early_answer(rig, monkeypatch, case):
+    call = rig.call(rig.agent(scope=full_scope(rig.clock.wall_s(), speed_high=1) if case == "no grant" else None))
+    if case == "busy":
+        assert rig.slot.reserve("another")
+    elif case == "not ready":
+        rig.readiness.answer = replace(rig.readiness.answer, safety_mode=3)
+    elif case == "not ours":
+        rig.readiness.answer = replace(rig.readiness.answer, exclusive=False)
+    elif case == "a reading":
+        call = rig.call(rig.agent(), "read_state")
+    asked = asked_of_the_policies(rig, monkeypatch)
+    asyncio.run(rig.gate.run(call, rig.effect))
+    assert len(asked) == 1
+    assert rig.physics.asked == 0
 
 
 def test_a_readiness_that_breaks_denies(rig):

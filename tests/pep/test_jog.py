@@ -11,7 +11,7 @@ import pytest
 from capabilities.values.errors import Fault, FaultCode
 from pep.base.clock import SystemClock
 from pep.base.errors import ActuationRefusedError
-from pep.base.operations import SPEED_JOINT, Operation, digest_of
+from pep.base.operations import MOVE_JOINT, SPEED_JOINT, digest_of
 from pep.base.ports import Rest
 from pep.base.stop_model import STOP_DELAY_S, patience_s
 from pep.perception.sensor_frames import Seen
@@ -278,7 +278,7 @@ def test_it_is_prolonged_by_the_same_agent_and_nobody_else(controller):
         assert rig.jog.joins(request(QD), agent="robotic")
         assert not rig.jog.joins(request(QD), agent="vision")
         assert not rig.jog.joins(request((0.4, 0.0, 0.0, 0.0, 0.0, -0.1)), agent="robotic")
-        assert not rig.jog.joins(request(QD, operation=Operation("ur3e", "move_joint", (), None)), agent="robotic")
+        assert not rig.jog.joins(request(QD, operation=MOVE_JOINT), agent="robotic")
         for name, qd, agent in (("b", QD, "vision"), ("c", (0.1,) * 6, "robotic")):
             with pytest.raises(ActuationRefusedError) as raised:
                 await rig.go(rig.permit(name, qd=qd, agent=agent, here=False), qd=qd)

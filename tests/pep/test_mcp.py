@@ -41,26 +41,16 @@ class FakeArm:
         self.hold = None
         self.alter = lambda q: q
 
-    async def move_joint(self, q_rad, speed_rad_s, acceleration_rad_s2, permit):
-        sent = (*self.alter(tuple(q_rad)), speed_rad_s, acceleration_rad_s2)
+    async def act(self, operation, numbers, permit):
+        if operation is not MOVE_JOINT:
+            raise ActuationRefusedError("EFFECT_FAILED")
+        sent = (*self.alter(tuple(numbers[:6])), *numbers[6:])
         permit.spend(digest=digest_of(MOVE_JOINT, sent, audience=AUDIENCE), stopped_ms=None)
         self.moves.append(sent)
         if self.hold is not None:
             self.hold.set()
             await asyncio.Event().wait()
-        return MotionEnd(End.REACHED, tuple(q_rad))
-
-    async def gripper_move(self, *_):
-        raise ActuationRefusedError("EFFECT_FAILED")
-
-    async def gripper_activate(self, *_):
-        raise ActuationRefusedError("EFFECT_FAILED")
-
-    async def speed_joint(self, *_):
-        raise ActuationRefusedError("EFFECT_FAILED")
-
-    async def set_digital_output(self, *_):
-        raise ActuationRefusedError("EFFECT_FAILED")
+        return MotionEnd(End.REACHED, tuple(numbers[:6]))
 
     async def stop(self):
         self.stops += 1
@@ -101,8 +91,9 @@ class Cell(Rig):
             gate=self.gate,
             authority=self.authority,
             registry=self.registry,
-            bindings=ARM_TOOLS,
+            tools=ARM_TOOLS,
             asks=self.asks,
+            readiness=self.readiness,
             audience=AUDIENCE,
             issuer=ISSUER,
             clock=self.clock,

@@ -8,7 +8,7 @@ from capabilities.values.chain import Refusal
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Grant, Limit, Range
 from pep.base.errors import ActuationRefusedError
-from pep.base.operations import MOVE_PATH, WAYPOINTS, padded, waypoints_of
+from pep.base.operations import MOVE_PATH, WAYPOINTS, padded, targets_of
 from pep.mcp.mapping import ARM_TOOLS, Misfit, to_request
 from pep.pit import JointPath
 from pep.rtde.command.limits import Ur3eLimits
@@ -48,7 +48,7 @@ def test_every_waypoint_is_in_the_request_and_its_digest():
     digests = {asked(points).digest for points in (PATH, (B, A, C), (A, C), (A, B), (C,))}
     assert len(digests) == 5
     assert asked((A, A)).digest == asked((A,)).digest  # no way is no other path
-    assert waypoints_of([value.value for value in request.values]) == tuple(
+    assert targets_of(MOVE_PATH, [value.value for value in request.values]) == tuple(
         (x, 0, 0, 0, 0, 0) for x in (300_000, 100_000, 500_000)
     )
 

@@ -8,12 +8,19 @@ from dataclasses import dataclass, field, replace
 
 from capabilities.values.scope import Grant, Limit, Tier
 from pep.base.clock import SystemClock
-from pep.base.operations import MOVE_LINEAR, SERVO_JOINT, SET_PAYLOAD, SET_SPEED_SLIDER, SET_TCP, SPEED_LINEAR
+from pep.base.operations import (
+    MOVE_LINEAR,
+    OPERATIONS,
+    SERVO_JOINT,
+    SET_PAYLOAD,
+    SET_SPEED_SLIDER,
+    SET_TCP,
+    SPEED_LINEAR,
+)
 from pep.base.ports import Rest
 from pep.gate.motion_slot import Slot
 from pep.perception.sensor_frames import Seen
 from pep.rtde.command import command_values as v
-from pep.rtde.command.limits import LIMITS
 from pep.rtde.judge.command_judge import LeasedJudge
 from pep.rtde.judge.command_requests import Fitted
 from pep.rtde.judge.execution import LeasedEffects
@@ -28,6 +35,7 @@ from tests.pep.kit import AUDIENCE, Rig, full_scope, reading
 HERE = (0.0,) * 6
 THERE = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 FITTED = Fitted((0.0, 0.0, 0.163, 0.0, 0.0, 0.0), 0.925, (0.0, 0.0, 0.058))
+LIMITS = {each.name: {one.parameter.name: one.bound for one in each.limits} for each in OPERATIONS}
 LEASED = (MOVE_LINEAR, SPEED_LINEAR, SERVO_JOINT, SET_SPEED_SLIDER, SET_PAYLOAD, SET_TCP)
 
 
@@ -223,6 +231,7 @@ class House(Rig):
             gate=self.gate,
             effects=effects,
             asks=self.asks,
+            readiness=self.readiness,
             registry=self.registry,
             stopper=self.arm,
             fitted=lambda: FITTED,

@@ -69,7 +69,7 @@ class RobotCell(World):
                 hurry=lambda *, moving: None, state=self.state, stopper=stopper, record=self.gate.record,
                 parameters=Parameters(), audience=AUDIENCE, clock=self.clock,
             ),
-            asks=self.asks, registry=self.registry, stopper=stopper, fitted=lambda: FITTED, audience=AUDIENCE,
+            asks=self.asks, registry=self.registry, readiness=self.readiness, stopper=stopper, fitted=lambda: FITTED, audience=AUDIENCE,
             clock=self.clock,
         )  # fmt: skip
         return self.judge_

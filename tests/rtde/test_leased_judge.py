@@ -11,13 +11,12 @@ from pep.people.deferral import AskState
 from pep.perception.sensor_frames import Distrusted, FrameFault, Rejected, Unseen
 from pep.rtde.command import command_values as v
 from pep.rtde.command import io_commands as io
-from pep.rtde.command.limits import LIMITS
 from pep.rtde.judge import command_judge, execution, stream_values
 from pep.world.cell_stream import Angles, Judged, Shown, Speeds
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pep.kit import FailingJournal, reading
-from tests.rtde.leased import FITTED, HERE, THERE, leased_scope, played, until
+from tests.rtde.leased import FITTED, HERE, LIMITS, THERE, leased_scope, played, until
 from ztpm_idp.domain.ledger import RECORD_KINDS
 
 MOVE = v.MoveJ(THERE, 1.0, 1.4, True)

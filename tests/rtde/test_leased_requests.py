@@ -13,17 +13,18 @@ from pep.base.operations import (
     MOVE_PATH,
     SERVO_JOINT,
     SPEED_JOINT,
+    Sent,
     digest_of,
     padded,
 )
 from pep.rtde.command import command_values as v
 from pep.rtde.command import io_commands as io
 from pep.rtde.command.command_table import ROWS, CommandClass, decode
-from pep.rtde.command.limits import LIMITS, Ur3eLimits
+from pep.rtde.command.limits import Ur3eLimits
 from pep.rtde.command.register_image import Image
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stream_bounds import StreamBounds
-from pep.rtde.judge.command_requests import BASE_TIERS, Asked, Fitted, Free, asked_of, request_of, stands_s
+from pep.rtde.judge.command_requests import Asked, Fitted, Free, asked_of, request_of, stands_s
 from pep.rtde.script.move_path import PathMove, Waypoint
 from pep.rtde.wire.recipes import DOUBLE, INT, Profile
 from pep.rtde.wire.refusal import Refused
@@ -128,9 +129,9 @@ def test_what_an_operation_stands_for_is_asked_in_its_very_numbers(number):
     assert found.stream is (number in {9, 11})
     made = request(command)
     assert made.digest == digest_of(found.operation, numbers, audience=AUDIENCE)
-    assert tuple(value.name for value in made.values) == tuple(LIMITS[operation])
+    assert tuple(value.name for value in made.values) == tuple(each.name for each in found.operation.parameters)
     assert Ur3eLimits().refuse(made) is None
-    assert found.operation in BASE_TIERS
+    assert found.operation.sent in (Sent.ONCE, Sent.STREAM, Sent.OUTPUT)
 
 
 @pytest.mark.parametrize("command", NOT_GRANTED, ids=lambda c: type(c).__name__)
@@ -308,7 +309,7 @@ def test_what_is_less_than_any_unit_is_written_as_the_zero_that_was_judged(numbe
     ],
 )
 def test_each_later_value_of_a_stream_has_that_answer_too(number, angle, period):
-    bounds = StreamBounds(SERVO_JOINT, grant(SERVO_JOINT), LIMITS["servo_joint"])
+    bounds = StreamBounds(SERVO_JOINT, grant(SERVO_JOINT))
     assert bounds.outside(asked(v.ServoJ((number, *Q[1:]), 0.002, 0.1, 300.0)).numbers) is angle
     assert bounds.outside(asked(v.ServoJ(Q, number, 0.1, 300.0)).numbers) is period
 
@@ -368,7 +369,7 @@ def grant(operation, **bounds):
     ],
 )
 def test_each_value_of_a_stream_is_inside_what_was_granted(command, granted, reason):
-    bounds = StreamBounds(SERVO_JOINT, grant(SERVO_JOINT, **granted), LIMITS["servo_joint"])
+    bounds = StreamBounds(SERVO_JOINT, grant(SERVO_JOINT, **granted))
     assert bounds.outside(asked(command).numbers) is reason
 
 
@@ -376,5 +377,5 @@ def test_each_value_of_a_stream_is_inside_what_was_granted(command, granted, rea
 def test_each_speed_of_a_stream_is_too():
     fast = v.SpeedJ((1.01, *X[1:]), 0.5, 0.1)
     for granted, reason in ({}, Reason.ROBOT_LIMIT), ({"qd0": Range(0, 1)}, Reason.LIMIT_EXCEEDED_BY_REQUEST):
-        bounds = StreamBounds(SPEED_JOINT, grant(SPEED_JOINT, **granted), LIMITS["speed_joint"])
+        bounds = StreamBounds(SPEED_JOINT, grant(SPEED_JOINT, **granted))
         assert bounds.outside(asked(fast).numbers) is reason

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp
 
     from capabilities.keys.keys import PrivateKey
+    from pep.base.ports import Readiness
     from pep.gate.gate import Gate
     from pep.rtde.motion.permitted_control import PermittedControl
     from pep.rtde.robot.gripper import RobotiqGripper
@@ -102,13 +103,14 @@ class ArmTools:
         )
         return cls(devices, slider)
 
-    def app(self, point: RobotPoint, gate: Gate, key: PrivateKey) -> ASGIApp:
+    def app(self, point: RobotPoint, gate: Gate, key: PrivateKey, *, readiness: Readiness) -> ASGIApp:
         """The guarded MCP server.
 
         Args:
             point: as before.
             gate: decides.
             key: of the enforcement point.
+            readiness: of the robot, for these tools.
         """
         audience = point.config.audience
         return guard(
@@ -116,8 +118,9 @@ class ArmTools:
             gate=gate,
             authority=point.authority,
             registry=point.follower,
-            bindings=ARM_TOOLS,
+            tools=ARM_TOOLS,
             asks=point.asks,
+            readiness=readiness,
             audience=audience,
             issuer=point.config.issuer,
             clock=point.clock,

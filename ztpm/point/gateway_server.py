@@ -162,8 +162,8 @@ class GatewayServer(RobotPoint):
             judging=self.judging,
             watch=watch,
         )
-        self.gate = self.gated(policies, slot=self.tools.devices, readiness=self.readiness)
-        tools_app = self.tools.app(self, self.gate.with_readiness(ready(self.own)), key)
+        self.gate = self.gated(policies, slot=self.tools.devices)
+        tools_app = self.tools.app(self, self.gate, key, readiness=ready(self.own))
         stopper = _Stopper(self.ports, self._loop)
         self.judging_commands = LeasedJudge(
             gate=self.gate,
@@ -184,6 +184,7 @@ class GatewayServer(RobotPoint):
             ),
             asks=self.asks,
             registry=self.follower,
+            readiness=self.readiness,
             stopper=stopper,
             fitted=self._fitted,
             audience=config.audience,
@@ -208,7 +209,7 @@ class GatewayServer(RobotPoint):
         calls = TicketLayer(
             tools_app,
             edge=self.gate,
-            bindings=ARM_TOOLS,
+            tools=ARM_TOOLS,
             peps=self.follower.peps,
             feed=self.follower,
             replay=self.replay,

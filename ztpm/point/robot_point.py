@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.cell import Cell
-    from pep.base.ports import Journal, MotionSlot, Readiness
+    from pep.base.ports import Journal, MotionSlot
     from pep.gate.observe_only import Simulated
     from pep.request.edge import Edge
     from policies.decide.policy import PolicySet
@@ -139,13 +139,12 @@ class RobotPoint(EnforcementPoint):
         """The journal; where nothing is enforced, every record says so."""
         return self.journal if self._unsafe_observe is None else Marked(self.journal)
 
-    def gated(self, policies: PolicySet, *, slot: MotionSlot, readiness: Readiness) -> Gate:
+    def gated(self, policies: PolicySet, *, slot: MotionSlot) -> Gate:
         """The gate over these parts.
 
         Args:
             policies: what is decided by.
             slot: one motion at a time.
-            readiness: of the robot.
         """
         return Gate(
             clock=self.clock,
@@ -153,7 +152,6 @@ class RobotPoint(EnforcementPoint):
             registry=self.follower,
             limits=Ur3eLimits(),
             slot=slot,
-            readiness=readiness,
             sequence=Sequence(self.clock),
             physics=self.physics,
             policies=policies,

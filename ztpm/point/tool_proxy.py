@@ -54,7 +54,7 @@ class ToolDoor(EnforcementPoint):
         forward = Forward(
             self._gateway,
             edge=self._edge,
-            bindings=ARM_TOOLS,
+            tools=ARM_TOOLS,
             audience=config.audience,
             url=config.gateway_url,
             pep_id=config.pep_id,
@@ -65,7 +65,7 @@ class ToolDoor(EnforcementPoint):
             forward,
             authority=self.authority,
             edge=self._edge,
-            bindings=ARM_TOOLS,
+            tools=ARM_TOOLS,
             audience=config.audience,
             issuer=config.issuer,
             clock=self.clock,

@@ -9,7 +9,7 @@ from capabilities.values.scope import OneOf, Range
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from capabilities.values.scope import Bound, Grant
     from pep.base.operations import Operation
@@ -21,17 +21,16 @@ class StreamBounds:
     Args:
         operation: that the stream is of.
         grant: of the chain, for that operation.
-        own: limits of the robot, by parameter.
 
     Attributes:
         operation: the same.
     """
 
-    def __init__(self, operation: Operation, grant: Grant, own: Mapping[str, Range]) -> None:
+    def __init__(self, operation: Operation, grant: Grant) -> None:
         self.operation = operation
         granted = {limit.parameter.name: limit.bound for limit in grant.limits}
         self._bounds: tuple[tuple[int, Bound, Range], ...] = tuple(
-            (each.unit.per_si, granted[each.name], own[each.name]) for each in operation.parameters
+            (each.parameter.unit.per_si, granted[each.parameter.name], each.bound) for each in operation.limits
         )
         self._inside = tuple((per_si, *_both(bound, robot)) for per_si, bound, robot in self._bounds)
 

@@ -19,7 +19,7 @@ from capabilities.values.chain import Chain
 from pep.base.errors import JournalError
 from pep.people.deferral import AskState
 from pep.request.call import Call
-from pep.rtde.judge.command_requests import BASE_TIERS, Asked, Free, asked_of, request_of
+from pep.rtde.judge.command_requests import Asked, Free, asked_of, request_of
 from pep.rtde.judge.execution import Case
 from pep.rtde.judge.line_refusals import LineRefusals, refusal_of
 from pep.rtde.wire.client_texts import told
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.base.operations import Operation
-    from pep.base.ports import Clock, Registry
+    from pep.base.ports import Clock, Readiness, Registry
     from pep.gate.gate import Answer, Gate
     from pep.people.asks import Asks
     from pep.rtde.judge.command_requests import Fitted
@@ -58,6 +58,7 @@ class LeasedJudge:
         effects: what is done with a permit.
         asks: what has become of deferrals.
         registry: may ask for a higher base tier of an operation, by a tool of its name.
+        readiness: of the robot, for whoever has the lease.
         stopper: of the arm.
         fitted: what holds of tool and payload now.
         audience: canonical URL of the robot.
@@ -71,6 +72,7 @@ class LeasedJudge:
         effects: LeasedEffects,
         asks: Asks,
         registry: Registry,
+        readiness: Readiness,
         stopper: Stopper,
         fitted: Callable[[], Fitted],
         audience: str,
@@ -80,6 +82,7 @@ class LeasedJudge:
         self._effects = effects
         self._asks = asks
         self._registry = registry
+        self._readiness = readiness
         self._stopper = stopper
         self._fitted = fitted
         self._audience = audience
@@ -90,7 +93,7 @@ class LeasedJudge:
     def judge(self, held: Held) -> None:
         """See `Judge.judge`."""
         before = [case.task for case in self._cases if case.task is not None]
-        case = Case(held)
+        case = Case(held, held.command)
         self._cases.append(case)
         case.task = asyncio.get_running_loop().create_task(self._judged(case, before))
 
@@ -129,17 +132,16 @@ class LeasedJudge:
 
     async def _decide(self, case: Case) -> None:
         held = case.held
-        asked = asked_of(held.command, path=held.path, fitted=self._fitted())
-        if isinstance(asked, Free):
-            case.forwarded = True
-            held.forward()
-            return
-        if isinstance(asked, Refused):
-            await self._refuse(held, asked)
-            return
         deadline_ms, waited_for = self._clock.monotonic_ms() + HOLD_MS, set[str]()
         while True:
-            answer = await self._run(case, asked)
+            # Anew for each run of the gate: what the arm holds may have changed while people were asked.
+            fitted = self._fitted()
+            asked = asked_of(case.command, path=held.path, fitted=fitted)
+            if isinstance(asked, Free):
+                case.forwarded = True
+                held.forward()
+                return
+            answer = asked if isinstance(asked, Refused) else await self._run(case, asked, fitted)
             if isinstance(answer, Refused):
                 await self._refuse(held, answer)
                 return
@@ -155,7 +157,7 @@ class LeasedJudge:
                 held.deny(Reason.APPROVAL_TIMEOUT, told(Reason.APPROVAL_TIMEOUT))
                 return
 
-    async def _run(self, case: Case, asked: Asked) -> Answer | Refused:
+    async def _run(self, case: Case, asked: Asked, fitted: Fitted) -> Answer | Refused:
         """One run of the gate, from now."""
         credentials = case.held.lease.credentials
         request = request_of(asked, request_id=secrets.token_hex(16), audience=self._audience, at=self._clock.wall_s())
@@ -167,6 +169,7 @@ class LeasedJudge:
             tool=self._tool(asked.operation),
             credentials=credentials,
             arrived_ms=self._clock.monotonic_ms(),
+            readiness=self._readiness,
         )
         prepared: Prepared | None = None
         if asked.stream and isinstance(credentials.chain, Chain):
@@ -176,12 +179,12 @@ class LeasedJudge:
                 return found
             prepared = found
 
-        effect = partial(self._effects.carry_out, case, prepared, self._fitted())
+        effect = partial(self._effects.carry_out, case, asked, prepared, fitted)
         return await self._gate.run(call, effect)
 
     def _tool(self, operation: Operation) -> ToolReading:
         """The operation as its own tool: this enforcement point is its definition."""
-        tier, registered = BASE_TIERS[operation], self._registry.tool(operation.name)
+        tier, registered = operation.base_tier, self._registry.tool(operation.name)
         if registered is not None and registered.operation == operation.name:
             tier = max(tier, registered.base_tier)
         spelt = [operation.object, operation.name, *(f"{p.name}:{p.unit}" for p in operation.parameters)]

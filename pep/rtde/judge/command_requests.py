@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.values.errors import QuantityError
-from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit, nearest, parse, si
 from pep.base.operations import (
     MOVE_JOINT,
@@ -26,19 +24,21 @@ from pep.base.operations import (
     SET_TCP,
     SPEED_JOINT,
     SPEED_LINEAR,
+    STREAM_MS,
     WAYPOINTS,
+    Sent,
     padded,
 )
 from pep.rtde.command import command_values as v
 from pep.rtde.command import io_commands as io
-from pep.rtde.command.limits import OFFSET_M, OFFSET_RAD, STREAM_MS
+from pep.rtde.command.limits import OFFSET_M, OFFSET_RAD
 from pep.rtde.script.move_path import PathMove
 from pep.rtde.wire.refusal import Refused
 from policies.evidence.model import Point, Request
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from pep.base.operations import Operation
     from pep.rtde.command.command_values import Command
@@ -47,15 +47,6 @@ if TYPE_CHECKING:
 
 POINTS: Final = frozenset({Point.ACTUATION})
 """Nothing but what is about to be sent is decided here: there is no tool call before it."""
-BASE_TIERS: Final[Mapping[Operation, Tier]] = MappingProxyType(
-    {
-        **dict.fromkeys((MOVE_JOINT, MOVE_PATH, MOVE_LINEAR, SPEED_JOINT, SPEED_LINEAR, SERVO_JOINT), Tier.REVERSIBLE),
-        **dict.fromkeys((SET_DIGITAL_OUTPUT, SET_SPEED_SLIDER), Tier.REVERSIBLE),
-        # They change what later commands mean.
-        **dict.fromkeys((SET_PAYLOAD, SET_TCP), Tier.CONSEQUENTIAL),
-    }
-)
-"""Every operation that a leased program can ask for, with its least tier; a registered tool may have a higher."""
 CENTRE_M: Final = 1e-3
 """Ours: a centre of mass this near is the same; three kilograms there turn a joint by 0.03 Nm more."""
 _KEPT: Final = (0.0, 0.0, 0.0)
@@ -89,12 +80,15 @@ class Asked:
     Attributes:
         operation: of the cell.
         numbers: its parameters in order, in SI units, as the command has them.
-        stream: whether other values may follow without a request of their own.
     """
 
     operation: Operation
     numbers: tuple[float, ...]
-    stream: bool = False
+
+    @property
+    def stream(self) -> bool:
+        """Whether other values may follow without a request of their own."""
+        return self.operation.sent is Sent.STREAM
 
     @property
     def spelt(self) -> tuple[float, ...]:
@@ -185,12 +179,11 @@ def _path(path: Sequence[Waypoint]) -> Asked | Refused:
 def _streamed(command: v.Held) -> Asked | Refused:
     match command:
         case v.SpeedJ(qd, acceleration, time_s):
-            return Asked(SPEED_JOINT, (*qd, acceleration, stands_s(time_s)), stream=True)
+            return Asked(SPEED_JOINT, (*qd, acceleration, stands_s(time_s)))
         case v.SpeedL(xd, acceleration, time_s):
-            # Nobody bounds the joints of a tool speed that changes: one at a time.
             return Asked(SPEED_LINEAR, (*xd, acceleration, stands_s(time_s)))
         case v.ServoJ(q, time_s, lookahead_s, gain):
-            return Asked(SERVO_JOINT, (*q, time_s, lookahead_s, gain), stream=True)
+            return Asked(SERVO_JOINT, (*q, time_s, lookahead_s, gain))
         case v.ServoL():
             return Refused(Reason.NOT_GRANTED, _UNSAID)
         case v.ServoC() | v.DirectTorque() | v.JogStart() | v.ForceMode() | v.TeachMode() | v.FreedriveMode():

@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from pep.base.errors import ActuationRefusedError, JournalError
-from pep.base.operations import SPEED_LINEAR, Kind, digest_of, touchable
+from pep.base.operations import Kind, Moves, digest_of, touchable
 from pep.base.thread_priority import goes_first
 from pep.gate.gate import Result
-from pep.rtde.command.limits import LIMITS
 from pep.rtde.command.stream_bounds import StreamBounds
-from pep.rtde.judge.command_requests import Asked, asked_of
 from pep.rtde.judge.motion_follower import Flow, Follower, Spell, Way
 from pep.rtde.judge.stream_values import LATE_MS, LeasedStream, envelope
-from pep.rtde.motion.drive import START_TOLERANCE_RAD
 from pep.rtde.robot.newest_state import Heard
 from pep.rtde.wire.client_texts import told
 from pep.rtde.wire.refusal import Refused
@@ -31,7 +28,9 @@ if TYPE_CHECKING:
     from capabilities.values.scope import Grant
     from pep.base.ports import Clock, Remaining
     from pep.request.permit import Permit
-    from pep.rtde.judge.command_requests import Fitted
+    from pep.rtde.command.command_values import Command
+    from pep.rtde.command.io_commands import IoCommand
+    from pep.rtde.judge.command_requests import Asked, Fitted
     from pep.rtde.judge.motion_follower import Course
     from pep.rtde.judge.stream_values import Certifying
     from pep.rtde.motion.drive_ports import Hurry
@@ -79,13 +78,15 @@ class Case:
     """A command that is being decided, or carried out.
 
     Attributes:
-        held: the command.
+        held: the command, as its line has it.
+        command: the same, as it was asked about; no other one is sent.
         withdrawn: whether its program waits no longer.
         forwarded: whether it was sent.
         task: that decides it.
     """
 
     held: Held
+    command: Command | IoCommand
     withdrawn: bool = False
     forwarded: bool = False
     task: asyncio.Task[None] | None = None
@@ -169,11 +170,14 @@ class LeasedEffects:
             return Refused(Reason.RECORD_FAILED, "the envelope of the stream")
         return Prepared(grant, certifying)
 
-    async def carry_out(self, case: Case, prepared: Prepared | None, fitted: Fitted, permit: Permit) -> Result:
+    async def carry_out(
+        self, case: Case, asked: Asked, prepared: Prepared | None, fitted: Fitted, permit: Permit
+    ) -> Result:
         """The command was forwarded, and what it began has ended. The effect of a gate's run.
 
         Args:
             case: the command; from when it was sent, it says so.
+            asked: what its command is a request for.
             prepared: its stream, when it is one.
             fitted: as when it was asked for.
             permit: of exactly this.
@@ -183,19 +187,13 @@ class LeasedEffects:
             RobotError: the robot could not be read before; nothing was sent.
         """
         held = case.held
-        # From the very command that will be sent.
-        asked = asked_of(held.command, path=held.path, fitted=fitted)
-        if not isinstance(asked, Asked) or permit.request is None:
+        if permit.request is None:
             raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "no command of this permit")
         if asked.operation.kind is not Kind.MOTION:
             self._send(case, asked, permit, None)
             return Result({"outcome": "sent"})
         arm = await asyncio.get_running_loop().run_in_executor(self._looks, Heard, self._state, self._clock)
-        start = self._acts.start_of(permit.request_id)
-        if start is None or not all(
-            abs(a - b) <= START_TOLERANCE_RAD for a, b in zip(arm.state.q_rad, start, strict=True)
-        ):
-            raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "the arm is not where the assessment began")
+        permit.begins(assessed_rad=self._acts.start_of(permit.request_id), at_rad=arm.state.q_rad)
         stream = self._begun(held, asked, prepared, fitted, permit=permit, arm=arm)
         watch = self._watching(permit, remaining=self._remaining if stream is None else stream)
         self._send(case, asked, permit, stream)
@@ -224,7 +222,7 @@ class LeasedEffects:
         stream = LeasedStream(
             prepared.certifying,
             permit,
-            bounds=StreamBounds(asked.operation, prepared.grant, LIMITS[asked.operation.name]),
+            bounds=StreamBounds(asked.operation, prepared.grant),
             parameters=self._parameters,
             fitted=fitted,
             arm=arm,
@@ -241,6 +239,8 @@ class LeasedEffects:
         if case.withdrawn:
             # A cancelled task may go on: what it waited for was there at the same moment.
             raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "the program waits no longer")
+        if case.held.command != case.command:
+            raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "another command than was asked about")
         digest = digest_of(asked.operation, asked.spelt, audience=self._audience)
         permit.spend(digest=digest, stopped_ms=self._stopper.stopped_ms)
         case.forwarded = case.held.forward(stream)
@@ -250,7 +250,7 @@ class LeasedEffects:
     def _course(self, asked: Asked, request: Request, stream: LeasedStream | None) -> Course:
         if stream is not None:
             return Flow(stream, self._clock)
-        if asked.operation.name == SPEED_LINEAR.name:
+        if asked.operation.moves is Moves.AT_TOOL_SPEED:
             return Spell(request.values[-1].value + LATE_MS, self._clock)
         request_id = request.request_id
         return Way(lambda q_rad: self._acts.arrived(request_id, q_rad))

@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from pep.base.errors import ActuationRefusedError
+from pep.base.operations import JOINTS, Moves, targets_of
+from policies.words.reason_table import Reason
+
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Sequence
 
+    from pep.base.operations import Operation
     from pep.request.permit import Permit
     from pep.rtde.motion.drive import Drive, MotionEnd
     from pep.rtde.motion.jog import Jog
@@ -45,39 +50,31 @@ class Devices:
         """The slot is free again, if it was this request's."""
         self.drive.release(request_id)
 
-    async def move_joint(
-        self, q_rad: Sequence[float], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
-    ) -> MotionEnd:
-        """See `Drive.move_joint`."""
-        return await self.drive.move_joint(q_rad, speed_rad_s, acceleration_rad_s2, permit)
-
-    async def move_path(
-        self, waypoints_rad: Sequence[Sequence[float]], speed_rad_s: float, acceleration_rad_s2: float, permit: Permit
-    ) -> MotionEnd:
-        """See `Drive.move_path`."""
-        return await self.drive.move_path(waypoints_rad, speed_rad_s, acceleration_rad_s2, permit)
-
-    async def speed_joint(
-        self, qd_rad_s: Sequence[float], acceleration_rad_s2: float, duration_s: float, permit: Permit
-    ) -> MotionEnd:
-        """See `Jog.speed_joint`."""
-        return await self.jog.speed_joint(qd_rad_s, acceleration_rad_s2, duration_s, permit)
-
-    async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
-        """See `Drive.gripper_move`; what is held afterwards is committed."""
-        grip = await self.drive.gripper_move(width_m, speed_m_s, force_n, permit)
+    async def act(self, operation: Operation, numbers: Sequence[float], permit: Permit) -> MotionEnd | Grip | None:
+        """See `pep.mcp.arm_server.ArmDriver.act`; what is held after a move of the fingers is committed."""
+        match operation.moves:
+            case Moves.TO_JOINTS:
+                speed, acceleration = numbers[JOINTS:]
+                return await self.drive.move_joint(numbers[:JOINTS], speed, acceleration, permit)
+            case Moves.THROUGH_JOINTS:
+                speed, acceleration = numbers[-2:]
+                return await self.drive.move_path(targets_of(operation, numbers), speed, acceleration, permit)
+            case Moves.AT_JOINT_SPEEDS:
+                acceleration, duration_s = numbers[JOINTS:]
+                return await self.jog.speed_joint(numbers[:JOINTS], acceleration, duration_s, permit)
+            case Moves.FINGERS:
+                width_m, speed_m_s, force_n = numbers
+                grip = await self.drive.gripper_move(width_m, speed_m_s, force_n, permit)
+            case Moves.FINGERS_WHOLE:
+                grip = await self.drive.gripper_activate(permit)
+            case Moves.OUTPUT:
+                pin, value = numbers
+                await self.outputs.set(int(pin), bool(value), permit)
+                return None
+            case _:
+                raise ActuationRefusedError(Reason.NOT_GRANTED, f"no tool sends {operation.name}")
         await self.gripped(grip)
         return grip
-
-    async def gripper_activate(self, permit: Permit) -> Grip:
-        """See `Drive.gripper_activate`; what is held afterwards is committed."""
-        grip = await self.drive.gripper_activate(permit)
-        await self.gripped(grip)
-        return grip
-
-    async def set_digital_output(self, pin: int, value: bool, permit: Permit) -> None:  # noqa: FBT001
-        """See `DigitalOutputs.set`."""
-        await self.outputs.set(pin, value, permit)
 
     async def stop(self) -> MotionEnd:
         """See `Drive.stop`."""

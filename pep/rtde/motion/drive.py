@@ -40,8 +40,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Drive", "End", "MotionEnd"]
 
-START_TOLERANCE_RAD: Final = 2e-3
-"""The arm may differ this much from where the assessment began."""
 STARTS_MS: Final = 1_000
 """A motion that has not begun by then will not begin."""
 SLACK: Final = 1.5
@@ -170,10 +168,7 @@ class Drive:
     ) -> MotionEnd:
         def first() -> tuple[float, ...]:
             start = self._state.read()
-            assessed = self._start_of(permit.request_id)
-            if assessed is None or not _near(start.q_rad, assessed, START_TOLERANCE_RAD):
-                permit.refusal = Reason.NOT_WHAT_WAS_DECIDED
-                raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "the arm is not where the assessment began")
+            permit.begins(assessed_rad=self._start_of(permit.request_id), at_rad=start.q_rad)
             send_first()
             return start.q_rad
 

@@ -17,7 +17,6 @@ from capabilities.values.units import parse
 from pep.base.errors import ActuationRefusedError, PepFault
 from pep.base.operations import SPEED_JOINT
 from pep.base.stop_model import ESCALATE_MS, SAFE_MODES
-from pep.rtde.motion.drive import START_TOLERANCE_RAD
 from pep.rtde.motion.stop_ladder import STOP_LIMIT_MS, MotionEnd
 from pep.rtde.robot.newest_state import SILENCE_MS
 from pep.watch.watch import PAUSE_S, End
@@ -135,11 +134,7 @@ class Jog:
         if not self._drive.reserve(permit.request_id):
             raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "the stream that it would have prolonged has ended")
         start = await self._drive.read_state()
-        assessed = self._start_of(permit.request_id)
-        if assessed is None or not all(
-            abs(a - b) <= START_TOLERANCE_RAD for a, b in zip(start.q_rad, assessed, strict=True)
-        ):
-            raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "the arm is not where the assessment began")
+        permit.begins(assessed_rad=self._start_of(permit.request_id), at_rad=start.q_rad)
         loop = asyncio.get_running_loop()
         stream = _Stream(
             permit.agent, _integers(numbers)[:-1], [permit], loop.create_future(), self._clock.monotonic_ms()

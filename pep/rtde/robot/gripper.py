@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import PepFault, RobotError
-from pep.rtde.command.limits import FINGER_SPEED_UM_S, GRIP_MN, STROKE_UM
+from pep.base.operations import FINGER_SPEED_UM_S, GRIP_MN, STROKE_UM
 from pep.watch.watch import End
 
 if TYPE_CHECKING:

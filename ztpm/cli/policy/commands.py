@@ -110,10 +110,8 @@ def schema(
 
 def operations() -> tuple[Known, ...]:
     """Every operation that this version knows: those of the robot, those of admission, and delegating."""
-    from pep.base.operations import Kind
+    from pep.base.operations import OPERATIONS, Kind
     from pep.context.admission import OBJECT, OPERATION_OF
-    from pep.mcp.mapping import ARM_TOOLS
-    from pep.rtde.judge.command_requests import BASE_TIERS
     from policies import Point
     from policies.evidence.content_readings import ItemKind
     from policies.explain.advice import Known
@@ -121,10 +119,14 @@ def operations() -> tuple[Known, ...]:
     acting, sending = frozenset({Point.TOOL, Point.ACTUATION}), frozenset({Point.ACTUATION})
     where = {ItemKind.INSTRUCTION: Point.OPERATOR, ItemKind.MESSAGE: Point.AGENT}
     return (
-        *(Known(each.object, each.name, sending, moves=True) for each in BASE_TIERS if each.name not in ARM_TOOLS),
         *(
-            Known(b.operation.object, b.operation.name, acting, b.operation.kind in (Kind.MOTION, Kind.SWITCH))
-            for b in ARM_TOOLS.values()
+            Known(
+                each.object,
+                each.name,
+                sending if each.arguments is None else acting,
+                moves=each.kind in (Kind.MOTION, Kind.SWITCH),
+            )
+            for each in OPERATIONS
         ),
         *(Known(OBJECT, name, frozenset({where.get(kind, Point.CONTEXT)})) for kind, name in OPERATION_OF.items()),
         Known("", "delegate", frozenset({Point.AGENT})),
