@@ -27,7 +27,7 @@ _ROOT_IDS: Final = 2**32
 class TrustBundle:
     """The public keys that a verifier trusts, by what each may sign. Raw keys; no key has two roles.
 
-    `roots` to `ledger` hold every key of the bundle, whatever its window; `root`, `attesters_at`, `signers` and
+    `roots` to `ledger` hold every key of the bundle, whatever its window; `root`, `signers` and
     `refusal` ask for the moment.
 
     Attributes:
@@ -131,10 +131,6 @@ class TrustBundle:
         if standing in {Standing.TRUSTED, Standing.TAINTED}:
             return raw
         return Fault(FaultCode.UNKNOWN_ROOT_KEY, "TRB-2", standing.value)
-
-    def attesters_at(self, at: float) -> frozenset[bytes]:
-        """The attesters that are trusted at `at`, tainted ones among them."""
-        return self.signers(Role.ATTESTER, at)
 
     def signers(self, role: Role, at: float) -> frozenset[bytes]:
         """The keys of a role whose signatures of before a taint, if there is one, are accepted at `at`."""

@@ -36,13 +36,6 @@ class Box:
     unit: Unit
     bounds: tuple[Bound, ...]
 
-    def axis_of(self, parameter: str) -> int | None:
-        """The axis that a parameter's name means, or None when it is none of this box."""
-        found = _AXIS.fullmatch(parameter)
-        if found is None or found[1] != self.name or int(found[2]) >= len(self.bounds):
-            return None
-        return int(found[2])
-
 
 def box(name: str, unit: Unit, lows: Sequence[int], highs: Sequence[int]) -> tuple[Limit, ...]:
     """The limits of a vector parameter: axis i is named `name` and i, and reaches from ``lows[i]`` to ``highs[i]``.

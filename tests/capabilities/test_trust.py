@@ -184,9 +184,9 @@ def test_a_root_and_the_attesters_of_a_moment():
     for number, at in ((ROOT_ID + 1, NOW), (ROOT_ID, NOW - 1), (ROOT_ID, NOW + 24 * HOUR)):
         fault = TIMED.root(number, at)
         assert (fault.code, fault.clause) == (FaultCode.UNKNOWN_ROOT_KEY, "TRB-2")
-    assert TIMED.attesters_at(NOW) == TIMED.attesters == {ATTESTER, SECOND}
-    assert TIMED.attesters_at(NOW + 24 * HOUR) == {SECOND}
-    assert TIMED.attesters_at(NOW + 48 * HOUR) == frozenset(), "the bundle itself is over"
+    assert TIMED.signers(Role.ATTESTER, NOW) == TIMED.attesters == {ATTESTER, SECOND}
+    assert TIMED.signers(Role.ATTESTER, NOW + 24 * HOUR) == {SECOND}
+    assert TIMED.signers(Role.ATTESTER, NOW + 48 * HOUR) == frozenset(), "the bundle itself is over"
     assert TIMED.signers(Role.REGISTRY, NOW) == {raw_of("registry")}
     assert TIMED.signers(Role.REGISTRY, NOW + HOUR) == frozenset()
 

@@ -10,6 +10,7 @@ from pep.rtde.wire import primary_frames as f
 from pep.rtde.wire import primary_state as state
 from pep.rtde.wire import realtime_frames as realtime
 from pep.rtde.wire.messages import WireError, WireFault
+from tests.sim_controller.framers import PrimaryFramer, RealtimeFramer
 
 NUMBERS = {
     "Q": st.integers(0, 2**64 - 1),
@@ -74,14 +75,14 @@ def torn(framer, held, cuts):
 @given(st.lists(FRAMES, max_size=4), st.lists(st.integers(0, 2000), max_size=6))
 def test_frames_survive_the_wire_however_it_was_torn(frames, cuts):
     held = b"".join(map(f.encode_primary, frames))
-    assert torn(f.PrimaryFramer(), held, [min(cut, len(held)) for cut in cuts]) == frames
+    assert torn(PrimaryFramer(), held, [min(cut, len(held)) for cut in cuts]) == frames
 
 
 @given(st.lists(record(realtime.RealtimeState), max_size=2), st.lists(st.integers(0, 2440), max_size=6))
 def test_realtime_states_survive_the_wire_however_it_was_torn(states, cuts):
     held = b"".join(map(realtime.encode_realtime, states))
     assert len(held) == realtime.REALTIME_SIZE * len(states)
-    assert torn(realtime.RealtimeFramer(), held, [min(cut, len(held)) for cut in cuts]) == states
+    assert torn(RealtimeFramer(), held, [min(cut, len(held)) for cut in cuts]) == states
 
 
 @given(
@@ -109,15 +110,15 @@ def test_realtime_states_survive_the_wire_however_it_was_torn(states, cuts):
     )
 )
 def test_any_bytes_are_frames_or_a_wire_error(pieces):
-    framer = f.PrimaryFramer()
+    framer = PrimaryFramer()
     try:
         for piece in pieces:
             for frame in framer.feed(piece):
-                assert f.PrimaryFramer().feed(f.encode_primary(frame)) is not None
+                assert PrimaryFramer().feed(f.encode_primary(frame)) is not None
     except WireError:
         pass
     try:
-        realtime.RealtimeFramer().feed(b"".join(pieces))
+        RealtimeFramer().feed(b"".join(pieces))
     except WireError:
         pass
 
@@ -148,13 +149,13 @@ def part(kind, body, size=None):
 )
 def test_what_contradicts_itself_is_refused(held, code):
     with pytest.raises(WireError) as caught:
-        f.PrimaryFramer().feed(held)
+        PrimaryFramer().feed(held)
     assert caught.value.code is code
 
 
 def test_a_realtime_state_of_another_length_is_refused_at_once():
     with pytest.raises(WireError) as caught:
-        realtime.RealtimeFramer().feed(struct.pack(">i", 1219))
+        RealtimeFramer().feed(struct.pack(">i", 1219))
     assert caught.value.code is WireFault.SIZE
 
 

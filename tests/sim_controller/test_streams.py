@@ -7,10 +7,10 @@ import time
 import pytest
 from pep.rtde.wire import messages as m
 from pep.rtde.wire import primary_frames as f
-from pep.rtde.wire import realtime_frames as realtime
 from pep.rtde.wire.codec import Recipe
 from pep.rtde.wire.variables import OUTPUTS, VariableType
 from tests.sim_controller.cell import HOME, until
+from tests.sim_controller.framers import PrimaryFramer, RealtimeFramer
 from tests.sim_controller.plain import Plain
 from ursim.ports.launch import Controller
 
@@ -32,7 +32,7 @@ class Reader:
 
     def __init__(self, cell, port):
         self.socket = socket.create_connection((cell.host, port), timeout=10)
-        self.framer = realtime.RealtimeFramer() if port % READ_ONLY == 3 else f.PrimaryFramer()
+        self.framer = RealtimeFramer() if port % READ_ONLY == 3 else PrimaryFramer()
         self.waiting = []
 
     def __enter__(self):

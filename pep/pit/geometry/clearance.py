@@ -67,20 +67,6 @@ class Cores:
             for which in np.unique(self.hull[self.hull != NONE]).tolist():
                 yield self.hulls[which], np.flatnonzero(self.hull == which)
 
-    def and_then(self, more: Cores) -> Cores:
-        """These rows, then those."""
-        return Cores(
-            np.concatenate([self.is_segment, more.is_segment]),
-            np.concatenate([self.is_box, more.is_box]),
-            np.concatenate([self.a, more.a]),
-            np.concatenate([self.b, more.b]),
-            np.concatenate([self.axes, more.axes]),
-            np.concatenate([self.half, more.half]),
-            np.concatenate([self.offset, more.offset]),
-            np.concatenate([self.hull, np.where(more.hull != NONE, more.hull + len(self.hulls), NONE)]),
-            (*self.hulls, *more.hulls),
-        )
-
     def take(self, rows: NDArray[np.intp]) -> Cores:
         """These rows."""
         return Cores(

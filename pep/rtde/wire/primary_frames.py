@@ -1,9 +1,9 @@
 """The frames of the primary (30001, 30011) and secondary (30002, 30012) interfaces.
 
-Strict and without IO, like `pep.rtde.wire.codec`: bytes to typed frames and back. A frame is `int32 size, uint8 kind,
-body`, big-endian, the size counting its own header; a robot state holds parts of the same shape. What is new in a
-younger controller (an unknown kind of frame, part or message) is representable and survives; what contradicts itself
-raises `WireError`. Layouts: the vendor's client interface guide, PolyScope 5.10 and later.
+Strict and without IO, like `pep.rtde.wire.codec`: typed frames to bytes, and messages back. A frame is `int32 size,
+uint8 kind, body`, big-endian, the size counting its own header; a robot state holds parts of the same shape. A message of a
+kind that only a younger controller knows is representable and survives; one that contradicts itself raises `WireError`.
+Layouts: the vendor's client interface guide, PolyScope 5.10 and later.
 """
 
 from __future__ import annotations
@@ -106,23 +106,8 @@ class OtherFrame:
 PrimaryFrame: TypeAlias = RobotState | Message | OtherFrame
 
 
-class PrimaryFramer:
-    """Cuts the bytes of 30001 or 30002 into frames, however they were torn."""
-
-    def __init__(self) -> None:
-        self._cutter = PrimaryCutter()
-
-    def feed(self, received: bytes) -> list[PrimaryFrame]:
-        """The frames completed by `received`, in order.
-
-        Raises:
-            WireError: as `PrimaryCutter`, or a frame that contradicts itself.
-        """
-        return [_decode(kind, body) for kind, body in self._cutter.feed(received)]
-
-
 class PrimaryCutter:
-    """Cuts the same bytes into kinds and bodies that nobody has read yet."""
+    """Cuts the bytes of 30001 or 30002, however they were torn, into kinds and bodies that nobody has read yet."""
 
     def __init__(self) -> None:
         self._cutter = Cutter(HEADER, MAX_FRAME, itself=True)
@@ -136,7 +121,7 @@ class PrimaryCutter:
         try:
             pieces = self._cutter.feed(received)
         except LengthError as error:
-            _check_size(error.length, MAX_FRAME)
+            check_size(error.length, MAX_FRAME)
             raise
         return [(piece[LENGTH], piece[HEADER:]) for piece in pieces]
 
@@ -157,12 +142,6 @@ def encode_primary(frame: PrimaryFrame) -> bytes:
             return _framed(kind, body)
 
 
-def _decode(kind: int, body: bytes) -> PrimaryFrame:
-    if kind == ROBOT_STATE:
-        return RobotState(tuple(_decode_parts(body)))
-    return decode_message(body) if kind == MESSAGE else OtherFrame(kind, body)
-
-
 def decode_message(body: bytes) -> Message:
     """The message of a frame of kind `MESSAGE`.
 
@@ -173,20 +152,6 @@ def decode_message(body: bytes) -> Message:
         raise WireError(WireFault.PAYLOAD, "a message without its kind")
     timestamp, source, sort = struct.unpack_from(">Qbb", body)
     return Message(timestamp, source, _decode_content(sort, body[10:]))
-
-
-def _decode_parts(body: bytes) -> list[Part]:
-    parts: list[Part] = []
-    at = 0
-    while at < len(body):
-        if len(body) - at < HEADER:
-            raise WireError(WireFault.PAYLOAD, "a part without its header")
-        size, kind = struct.unpack_from(">iB", body, at)
-        _check_size(size, len(body) - at)
-        held = body[at + HEADER : at + size]
-        parts.append(PARTS[kind].unpack(held) if kind < len(PARTS) else OtherPart(kind, held))
-        at += size
-    return parts
 
 
 def _encode_part(part: Part) -> bytes:
@@ -236,7 +201,12 @@ def _encode_content(content: Content) -> tuple[int, bytes]:
 # ------------------------------------------------------------------------------------------------------------ the bytes
 
 
-def _check_size(size: int, limit: int) -> None:
+def check_size(size: int, limit: int) -> None:
+    """The size of a frame, or of a part of a state, is possible.
+
+    Raises:
+        WireError: it is below the header or above `limit`.
+    """
     if size < HEADER:
         raise WireError(WireFault.SIZE, f"a frame that says it has {size} bytes")
     if size > limit:
@@ -244,7 +214,7 @@ def _check_size(size: int, limit: int) -> None:
 
 
 def _framed(kind: int, body: bytes) -> bytes:
-    _check_size(HEADER + len(body), MAX_FRAME)
+    check_size(HEADER + len(body), MAX_FRAME)
     return _pack(">iB", HEADER + len(body), kind) + body
 
 

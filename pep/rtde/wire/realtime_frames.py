@@ -9,9 +9,7 @@ import struct
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from pep.rtde.wire.frame_splitter import LENGTH, Cutter, LengthError
 from pep.rtde.wire.layouts import Record, Vector
-from pep.rtde.wire.messages import WireError, WireFault
 
 REALTIME_SIZE: Final = 1220  # bytes of a frame, its length included
 
@@ -66,24 +64,6 @@ class RealtimeState(Record):
     payload_mass: float
     payload_cog: Vector
     payload_inertia: Vector
-
-
-class RealtimeFramer:
-    """Cuts the bytes of 30003 into states, however they were torn."""
-
-    def __init__(self) -> None:
-        self._cutter = Cutter(REALTIME_SIZE, REALTIME_SIZE, itself=True)
-
-    def feed(self, received: bytes) -> list[RealtimeState]:
-        """The states completed by `received`, in order.
-
-        Raises:
-            WireError: a length that is not `REALTIME_SIZE`.
-        """
-        try:
-            return [RealtimeState.unpack(piece[LENGTH:]) for piece in self._cutter.feed(received)]
-        except LengthError as error:
-            raise WireError(WireFault.SIZE, f"a real-time state of {error.length} bytes") from error
 
 
 def encode_realtime(state: RealtimeState) -> bytes:
