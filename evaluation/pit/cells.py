@@ -149,7 +149,7 @@ def _by_search(engine: Engine) -> Callable[[Asked], Any]:
         if profile is None:
             raise ValueError("a move that goes nowhere")
         path, stop = engine.path(question.robot, question.motion), stop_of(question, profile.peak_rad_s)
-        return engine.certify(path, pairs, profile, stop, rows=asked.extra["rows"], floor=1.0, check_time=_no_limit)
+        return path.certify(pairs, profile, stop, rows=asked.extra["rows"], floor=1.0, check_time=_no_limit)
 
     return answer
 

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Straight
-    from pep.pit.path.straight_path import Path
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.pairs import Pairs
     from pep.pit.search.certify import Certified
     from pep.pit.search.engine import Engine
+    from pep.pit.search.kernel.compiled_path import CompiledPath
 
 COARSE_M: Final = 1.0
 FINE_M: Final = 0.02
@@ -84,7 +84,7 @@ class Ruler:
             if found.upper < AT_ZERO:
                 return Least(zero + FINE_M * (AT_ZERO - found.upper), found.witnesses[0].clearance_m)
 
-    def _laid(self, path: Path, move: Straight, *, zero: float, band: float) -> Certified:
+    def _laid(self, path: CompiledPath, move: Straight, *, zero: float, band: float) -> Certified:
         """The search over these pairs when the index is 2 at a clearance of `zero` and 1 at `band` beyond it."""
         count = len(self._pairs)
         pairs = replace(self._pairs, uncertainty=np.full(count, zero), band=np.full(count, band))
@@ -92,7 +92,7 @@ class Ruler:
         if profile is None:
             raise ValueError("a move that goes nowhere")
         stop = stopping(self._cell, perception_age_s=0.0, joint_speed_rad_s=0.0)
-        return self._engine.certify(path, pairs, profile, stop, rows=self._rows, floor=1.0, check_time=_no_limit)
+        return path.certify(pairs, profile, stop, rows=self._rows, floor=1.0, check_time=_no_limit)
 
 
 def _no_limit() -> None:

@@ -453,9 +453,7 @@ def test_the_kernel_finds_the_index_of_polytopes_that_its_twin_finds():
         stop = stopping(CELL, perception_age_s=0.1, joint_speed_rad_s=profile.peak_rad_s)
         rows = np.arange(len(pairs))
         ours, theirs = (
-            engine.certify(
-                engine.path(ROBOT, move), pairs, profile, stop, rows=rows, floor=1.0, check_time=lambda: None
-            )
+            engine.path(ROBOT, move).certify(pairs, profile, stop, rows=rows, floor=1.0, check_time=lambda: None)
             for engine in (chosen(), NUMPY)
         )
         met += any(pairs.name_of(each.pair).startswith("hull") and each.index > 1.01 for each in ours.witnesses)

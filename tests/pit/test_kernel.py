@@ -89,7 +89,7 @@ class Asked:
 
     def certified(self, engine, floor=1.0):
         path = self.kernel if engine is KERNEL else self.numpy
-        return engine.certify(path, self.pairs, self.profile, self.stop, rows=self.rows, floor=floor, check_time=ready)
+        return path.certify(self.pairs, self.profile, self.stop, rows=self.rows, floor=floor, check_time=ready)
 
     def proven(self, low, high, pair, index):
         """Whether the numpy engine, which takes the worst clearance with the worst speed, proves it on finer rows."""
@@ -213,15 +213,13 @@ def test_p12_answers_are_the_same_inside_the_resolution():
         slower = profile_of(each.move, 0.5 * each.move.speed_rad_s)
         bound = np.floor(theirs.upper)
         leaves = ours.leaves.take(ours.leaf_index > bound)
-        fit = KERNEL.fits(each.kernel, each.pairs, slower, each.stop, leaves, index=bound, check_time=ready)
-        plain = NUMPY.fits(each.numpy, each.pairs, slower, each.stop, theirs.leaves, index=bound, check_time=ready)
+        fit = each.kernel.fits(each.pairs, slower, each.stop, leaves, index=bound, check_time=ready)
+        plain = each.numpy.fits(each.pairs, slower, each.stop, theirs.leaves, index=bound, check_time=ready)
         if fit.proven != plain.proven:  # one of them halved no more: the other's answer must then be true
-            worst = NUMPY.certify(
-                each.numpy, each.pairs, slower, each.stop, rows=each.rows, floor=1.0, check_time=ready
-            )
+            worst = each.numpy.certify(each.pairs, slower, each.stop, rows=each.rows, floor=1.0, check_time=ready)
             assert worst.attained <= bound + RESOLUTION
         ratios = [
-            engine.blow_ratio(path, each.pairs, each.profile, each.stop, check_time=ready)
+            path.blow_ratio(each.pairs, each.profile, each.stop, check_time=ready)
             for engine, path in ((KERNEL, each.kernel), (NUMPY, each.numpy))
         ]
         assert abs(ratios[0] - ratios[1]) <= 0.01 + 1e-9

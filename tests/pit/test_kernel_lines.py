@@ -11,10 +11,10 @@ from pep.pit.robot.twist import Twist
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import RESOLUTION
-from pep.pit.search.course_engine import chosen
+from pep.pit.search.engine import chosen
 from pep.pit.search.timed_course import Drive, Nowhere
 from tests.model.pit.course import NumpyCourse
-from tests.model.pit.engine import CURVED as NUMPY
+from tests.model.pit.engine import NUMPY
 from tests.model.pit.line import trace
 from tests.pit.lines import placed, random_hold, random_line, random_servo, random_start, random_way
 from tests.pit.scenes import CELL, HOME, ROBOT, random_scene
@@ -180,7 +180,7 @@ class Asked:
     def certified(self, engine, floor=1.0, profile=None):
         course = self.kernel if engine is KERNEL else self.numpy
         timing = self.profile if profile is None else profile
-        return engine.certify(course, self.pairs, timing, self.stop, rows=self.rows, floor=floor, check_time=unhurried)
+        return course.certify(self.pairs, timing, self.stop, rows=self.rows, floor=floor, check_time=unhurried)
 
 
 def asked(seed, count):
@@ -244,12 +244,12 @@ def test_p12_answers_of_courses_are_the_same_inside_the_resolution():
         slower = each.drive.at_speed(0.5 * each.profile.speed_rad_s)
         bound = np.floor(theirs.upper)
         leaves = ours.leaves.take(ours.leaf_index > bound)
-        fit = KERNEL.fits(each.kernel, each.pairs, slower, each.stop, leaves, index=bound, check_time=unhurried)
-        plain = NUMPY.fits(each.numpy, each.pairs, slower, each.stop, theirs.leaves, index=bound, check_time=unhurried)
+        fit = each.kernel.fits(each.pairs, slower, each.stop, leaves, index=bound, check_time=unhurried)
+        plain = each.numpy.fits(each.pairs, slower, each.stop, theirs.leaves, index=bound, check_time=unhurried)
         if fit.proven != plain.proven:  # one of them halved no more: the other's answer must then be true
             assert each.certified(NUMPY, profile=slower).attained <= bound + RESOLUTION
         ratios = [
-            engine.blow_ratio(course, each.pairs, each.profile, each.stop, check_time=unhurried)
+            course.blow_ratio(each.pairs, each.profile, each.stop, check_time=unhurried)
             for engine, course in ((KERNEL, each.kernel), (NUMPY, each.numpy))
         ]
         assert abs(ratios[0] - ratios[1]) <= 0.01 + 1e-6
@@ -318,9 +318,7 @@ def test_a_line_that_is_not_found_again_is_a_fault():
     for ask in (
         lambda: course.clearance_at(each.pairs, 1, each.rows),
         lambda: course.rush(np.array([0]), np.array([GRID])),
-        lambda: KERNEL.certify(
-            course, each.pairs, each.profile, each.stop, rows=each.rows, floor=1.0, check_time=unhurried
-        ),
+        lambda: course.certify(each.pairs, each.profile, each.stop, rows=each.rows, floor=1.0, check_time=unhurried),
     ):
         with pytest.raises(MotionError) as told:
             ask()

@@ -17,6 +17,7 @@ from pep.pit.robot.twist import Twist, turn_of, turned_by
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.certify import RESOLUTION
 from pep.pit.search.course_limits import Effort
+from pep.pit.search.kernel.compiled_course import CompiledCourse
 from pep.pit.search.timed_course import line_drive
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
@@ -439,7 +440,7 @@ def test_a_second_engine_that_sees_another_line_is_a_fault(monkeypatch):
 
 def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault(monkeypatch):
     from pep.pit.robot import inverse_kinematics
-    from tests.model.pit.engine import CURVED
+    from tests.model.pit.engine import NUMPY
 
     honest = inverse_kinematics.link_frames
 
@@ -447,8 +448,7 @@ def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault
         rotation, origin = honest(robot, q)
         return rotation, origin + np.array([0, 0, 1e-6])
 
-    monkeypatch.setattr("pep.pit.search.timed_course.chosen", lambda: CURVED)
-    monkeypatch.setattr("pep.pit.assess.course_assessment.chosen", lambda: CURVED)
+    monkeypatch.setattr("pep.pit.search.timed_course.chosen", lambda: NUMPY)
     assert not isinstance(ask(GOOD), ImpactFault)
     monkeypatch.setattr(inverse_kinematics, "link_frames", bent)
     answer = ask(GOOD)
@@ -456,16 +456,14 @@ def test_a_second_engine_that_sees_another_line_than_the_numpy_engine_is_a_fault
 
 
 def test_an_answer_below_what_is_met_at_a_place_that_nobody_foresees_is_a_fault(monkeypatch):
-    from pep.pit.search import course_engine
-
-    honest = course_engine.chosen()
+    honest = CompiledCourse.certify
 
     def lying(*args, **more):
-        return replace(honest.certify(*args, **more), upper=1.0, attained=1.0, witnesses=())
+        return replace(honest(*args, **more), upper=1.0, attained=1.0, witnesses=())
 
     scene = with_person(0.6)
     assert ask(GOOD, scene).index > 1.5
-    monkeypatch.setattr("pep.pit.assess.course_assessment.chosen", lambda: replace(honest, certify=lying))
+    monkeypatch.setattr(CompiledCourse, "certify", lying)
     answer = ask(GOOD, scene)
     assert (type(answer), answer.reason) == (ImpactFault, "ENGINES_DISAGREE")
 

@@ -12,7 +12,6 @@ from pep.pit.base.motion import Run
 from pep.pit.base.tier import HIGHEST, MOVING, tier_of
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
-from pep.pit.search.course_engine import chosen
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.speed_bisection import highest_speed
 from pep.pit.search.start_violations import RETREAT, departure, slow_enough
@@ -86,7 +85,6 @@ class DriveQuestion(MoveQuestion):
         if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
             return self._doubted(drive.doubt or JOINT_LIMIT)
         # 2. What the motion asks of the arm.
-        curved = chosen()
         course, profile = drive.course, drive.profile
         effort = Effort(self.robot, drive, self.cell)
         ratios, speeds = effort.ratios(profile), effort.surface_speed_m_s(profile)
@@ -101,9 +99,7 @@ class DriveQuestion(MoveQuestion):
         # 4. The proven index of all the rest.
         doubt = 0.0 if drive.doubt is None else DOUBTFUL
         floor = max(MOVING, self.view.floor, doubt, RETREAT if retreats else 0.0, *(r.index for r in ratios))
-        certified = curved.certify(
-            course, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time
-        )
+        certified = course.certify(pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time)
         violations = {str(kind) for kind in certified.violated} | ({UNREACHABLE} & {drive.doubt})
         # 5. The second engine has to agree.
         self.check_time()
@@ -127,7 +123,7 @@ class DriveQuestion(MoveQuestion):
             speed_m_s=speed,
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
-            contact_ratio=curved.blow_ratio(course, pairs, profile, stop, check_time=self.check_time),
+            contact_ratio=course.blow_ratio(pairs, profile, stop, check_time=self.check_time),
             certificate=_certificate(drive, certified),
         )
 
@@ -156,7 +152,7 @@ class DriveQuestion(MoveQuestion):
         assert not isinstance(drive, Nowhere)
         if target < MOVING or self.view.floor > target:
             return None
-        course, curved = drive.course, chosen()
+        course = drive.course
         # What counts no more at this speed counts no more at a lower one (faster never lowers).
         asks = max(ratio.index for ratio in ratios) > target
         leaves = certified.leaves.take(certified.leaf_index > target)
@@ -168,7 +164,7 @@ class DriveQuestion(MoveQuestion):
                 return False
             meant = self._with_meant(course, bare, profile)
             stop = self._stop(profile)
-            fit = curved.fits(course, meant, profile, stop, leaves, index=target, check_time=self.check_time)
+            fit = course.fits(meant, profile, stop, leaves, index=target, check_time=self.check_time)
             leaves = fit.leaves
             return fit.proven
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Profile, Run
     from pep.pit.base.travel import Stopping
     from pep.pit.path.path import Route
-    from pep.pit.path.straight_path import Path
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.pairs import Pairs
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from pep.pit.search.certify import Certified, Witness
     from pep.pit.search.engine import Engine
     from pep.pit.search.kernel.compiled_limits import Demands
+    from pep.pit.search.kernel.compiled_path import CompiledPath
 
 SLOWEST_RAD_S: Final = 0.01  # slower than this is of no use, so no lower tier is named
 
@@ -92,10 +92,10 @@ class MoveQuestion:
         # 5. The proven index of all the rest.
         floor = max(MOVING, self.view.floor, RETREAT if retreats else 0.0, *(r.index for r in ratios))
         # A touch that is meant at one speed is another one at another: then each speed is a question of its own.
-        slows = self.engine.slows and not (retreats or bare.touchable.any())
-        more = {"slower": self._slower_asked()} if slows else {}
-        certified = self.engine.certify(
-            path, pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time, **more
+        slows = not (retreats or bare.touchable.any())
+        slower = self._slower_asked() if slows else None
+        certified = path.certify(
+            pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time, slower=slower
         )
         violations |= set(certified.violated)
         # 6. The second engine has to agree.
@@ -120,7 +120,7 @@ class MoveQuestion:
             speed_m_s=speed,
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
-            contact_ratio=self.engine.blow_ratio(path, pairs, profile, stop, check_time=self.check_time),
+            contact_ratio=path.blow_ratio(pairs, profile, stop, check_time=self.check_time),
             certificate=SearchCertificate(certified),
         )
 
@@ -178,7 +178,7 @@ class MoveQuestion:
 
     def _lower_speed(
         self,
-        path: Path,
+        path: CompiledPath,
         pairs: Pairs,
         demands: Demands,
         certified: Certified,
@@ -203,9 +203,7 @@ class MoveQuestion:
             if profile is None or (asks and not demands.at_most(profile, target)):
                 return False
             meant = self._with_meant(path, pairs, profile)
-            fit = self.engine.fits(
-                path, meant, profile, self._stop(profile), leaves, index=target, check_time=self.check_time
-            )
+            fit = path.fits(meant, profile, self._stop(profile), leaves, index=target, check_time=self.check_time)
             leaves = fit.leaves
             return fit.proven
 

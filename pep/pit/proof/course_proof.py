@@ -18,7 +18,7 @@ from pep.pit.path.straight_path import GRID
 from pep.pit.proof.motion_proof import hex_of, hexed
 from pep.pit.robot.inverse_kinematics import reaching, stance
 from pep.pit.robot.twist import Twist, tool_pose, turn_of
-from pep.pit.search.course_engine import chosen
+from pep.pit.search.engine import chosen
 from pep.pit.search.kernel.compiled_course import CompiledCourse
 from pep.pit.search.stream_course import AT_ONCE
 from pep.pit.search.timed_course import beyond, fastest_of

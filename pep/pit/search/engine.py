@@ -1,4 +1,4 @@
-"""The compiled engine: the one that answers the dear questions of a straight joint motion."""
+"""The compiled engine: what answers the dear questions of a motion, straight or curved."""
 
 from __future__ import annotations
 
@@ -6,49 +6,56 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from pep.pit.search.kernel import compiled_course
+from pep.pit.search.kernel import compiled_course, compiled_path
 from pep.pit.search.kernel import compiled_limits as demands
-from pep.pit.search.kernel.compiled_path import CompiledPath, compile_all
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit.base.motion import Straight
-    from pep.pit.path.straight_path import Path
+    from pep.pit.path.course import Cells
+    from pep.pit.path.course_angles import Track
+    from pep.pit.path.line_trace import Trace
     from pep.pit.robot.robot import Robot
+    from pep.pit.robot.twist import Twist
     from pep.pit.scene.cell import CellParameters
-    from pep.pit.search.certify import Certified, Fit
+    from pep.pit.search.kernel.compiled_course import CompiledCourse
     from pep.pit.search.kernel.compiled_limits import Demands
+    from pep.pit.search.kernel.compiled_path import CompiledPath
 
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """The dear questions of a straight joint motion, answered in one way.
+    """The dear questions of motions, answered in one way. Tests put a slow twin in its place.
 
     Attributes:
         name: in every assessment and record.
-        path: a path of one robot.
-        certify: the proven index of pairs on a path, as `CompiledPath.certify`.
-        fits: whether an index is proven of rows, as `CompiledPath.fits`.
-        blow_ratio: the worst blow, as `CompiledPath.blow_ratio`.
+        path: a straight path of one robot.
         demands: what a move on such a path demands of the arm.
-        slows: whether `certify` also answers at what speed the index of the pairs is a tier lower, when asked.
+        trace: the joints' path under a line of the tool.
+        pose_exists: whether joint angles were found for the rest of a line.
+        course: a course of one robot, from its cells and where exactly it is.
     """
 
     name: str
-    path: Callable[[Robot, Straight], Path]
-    certify: Callable[..., Certified]
-    fits: Callable[..., Fit]
-    blow_ratio: Callable[..., float]
-    demands: Callable[[Path, CellParameters], Demands]
-    slows: bool = False
+    path: Callable[[Robot, Straight], CompiledPath]
+    demands: Callable[[CompiledPath, CellParameters], Demands]
+    trace: Callable[..., Trace]
+    pose_exists: Callable[[Robot, Twist, int], bool]
+    course: Callable[[Robot, Cells, Track], CompiledCourse]
 
 
 @cache
 def chosen() -> Engine:
     """The engine. The first call compiles it, or reads what was compiled before."""
-    compile_all()
+    compiled_path.compile_all()
     demands.compile_all()
-    compiled_course.compile_all()  # for `pep.pit.search.course_engine`: ready for one is ready for the other
-    path = CompiledPath
-    return Engine("numba-1", path, path.certify, path.fits, path.blow_ratio, demands.Demands, slows=True)
+    compiled_course.compile_all()
+    return Engine(
+        name="numba-1",
+        path=compiled_path.CompiledPath,
+        demands=demands.Demands,
+        trace=compiled_course.trace,
+        pose_exists=compiled_course.pose_exists,
+        course=compiled_course.CompiledCourse,
+    )

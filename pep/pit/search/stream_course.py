@@ -14,17 +14,17 @@ from pep.pit.path.course import Cells, straight_cells
 from pep.pit.path.course_angles import Track
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist, tool_pose
-from pep.pit.search.course_engine import chosen
+from pep.pit.search.engine import chosen
 from pep.pit.search.timed_course import Drive, Nowhere, begun, beyond, fastest_of, unbounded
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit.base.motion import Floats, ServoJ, SpeedL
-    from pep.pit.path.course import Course
     from pep.pit.path.line_trace import Trace
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
+    from pep.pit.search.kernel.compiled_course import CompiledCourse
     from pep.pit.search.timed_course import Doubt
 
 STEPS: Final = 1024  # the end of a hold lies on one of so many places of a course, so that its pieces halve evenly
@@ -186,7 +186,7 @@ def _line_and_window(robot: Robot, twist: Twist, start: Floats, plan: _Plan, che
     return replace(after, cells=Cells.joined([cells, after.cells]))
 
 
-def _stopped(robot: Robot, twist: Twist, line: Trace, plan: _Plan) -> Course | Nowhere:
+def _stopped(robot: Robot, twist: Twist, line: Trace, plan: _Plan) -> CompiledCourse | Nowhere:
     """The line, and after it the joints' tangent; what an earlier stop leaves them by is their stray and hurry."""
     s_end, cells, dq = plan.end / GRID, line.cells, line.dq
     late = cells.high > _late(plan)

@@ -17,15 +17,15 @@ from pep.pit.path.course_angles import Track
 from pep.pit.path.line_trace import FINEST
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import HALF_TURN_RAD, Twist, turn_of, turned_by
-from pep.pit.search.course_engine import chosen
+from pep.pit.search.engine import chosen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit.base.motion import Floats, Joints, Pose
-    from pep.pit.path.course import Course
     from pep.pit.path.line_trace import Trace
     from pep.pit.robot.robot import Robot
+    from pep.pit.search.kernel.compiled_course import CompiledCourse
 
     Check = Callable[[], None]
 
@@ -53,7 +53,7 @@ class Drive:
         doubt: why it ends before the motion does, or None.
     """
 
-    course: Course
+    course: CompiledCourse
     profile: Profile
     push: tuple[float, float]
     tool_speed_m_s: float = 0.0

@@ -1,8 +1,9 @@
 """The frames of the primary (30001, 30011) and secondary (30002, 30012) interfaces.
 
 Strict and without IO, like `pep.rtde.wire.codec`: typed frames to bytes, and messages back. A frame is `int32 size,
-uint8 kind, body`, big-endian, the size counting its own header; a robot state holds parts of the same shape. A message of a
-kind that only a younger controller knows is representable and survives; one that contradicts itself raises `WireError`.
+uint8 kind, body`, big-endian, the size counting its own header; a robot state holds parts of the same shape. A message
+of a kind that only a younger controller knows is representable and survives; one that contradicts itself raises
+`WireError`.
 Layouts: the vendor's client interface guide, PolyScope 5.10 and later.
 """
 

@@ -12,6 +12,7 @@ from pep.pit.path.path import Leaves
 from pep.pit.path.straight_path import CHORD, GRID, Path
 from pep.pit.robot.kinematics import Poses, layout, poses
 from tests.model.pit.clearance import interval_clearance
+from tests.model.pit.search import blow_ratio, certify, fits
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -42,7 +43,9 @@ def bending(robot: Robot, plan: Layout, dq: Floats) -> Bending:
 
 
 class Nodes:
-    """What the poses at one configuration say of some pairs."""
+    """What the poses at one configuration say of some pairs, and the searches on any path that has poses."""
+
+    certify, fits, blow_ratio = certify, fits, blow_ratio
 
     def rush_at(self, pairs, key, pair):
         """Surface speed per unit of ds/dt of the body of each of these pairs at one configuration, metre."""

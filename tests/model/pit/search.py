@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from pep.pit.base.errors import WorkLimitError
-from pep.pit.base.tier import TIE
+from pep.pit.base.tier import HIGHEST, TIE, tier_of
 from pep.pit.path.path import Leaves
 from pep.pit.path.straight_path import GRID
 from pep.pit.scene.obstacles import VIOLABLE, Kind
@@ -24,6 +25,7 @@ from pep.pit.search.certify import (
     cut,
     first_cut,
 )
+from pep.pit.search.speed_bisection import highest_speed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from pep.pit.base.travel import Stopping
     from pep.pit.path.path import Route
     from pep.pit.scene.pairs import Pairs
+    from pep.pit.search.certify import Slower
 
 
 def _tiers(index: Floats) -> Floats:
@@ -48,6 +51,7 @@ def certify(
     rows: NDArray[np.intp],
     floor: float,
     check_time: Callable[[], None],
+    slower: Slower | None = None,
 ) -> Certified:
     """The proven index of these pairs on this path.
 
@@ -93,7 +97,7 @@ def certify(
         if settled.all():
             break
         leaves = path.halve(pairs, leaves.take(~settled))
-    return Certified(
+    found_all = Certified(
         upper=max(upper, best),
         attained=best,
         witnesses=found.witnesses(),
@@ -101,6 +105,26 @@ def certify(
         leaves=Leaves.joined(done),
         leaf_index=np.concatenate(done_index),
     )
+    if slower is None:
+        return found_all
+    return replace(found_all, slower=_slower(path, pairs, profile, stop, found_all, slower, check_time))
+
+
+def _slower(path, pairs, profile, stop, certified, slower, check_time):
+    """The highest commanded speed, to a step of the bisection, at which the index is proven to be a tier lower."""
+    target = float(tier_of(min(certified.upper, HIGHEST)) - 1)
+    leaves = certified.leaves.take(certified.leaf_index > target)
+
+    def falls(speed):
+        nonlocal leaves
+        timing = replace(profile, speed_rad_s=speed)
+        ramp = timing.peak_rad_s / slower.stop_deceleration_rad_s2
+        stops = replace(stop, brake_s=slower.stop_delay_s + ramp, travel_s=slower.stop_delay_s + 0.5 * ramp)
+        fit = fits(path, pairs, timing, stops, leaves, index=target, check_time=check_time)
+        leaves = fit.leaves
+        return fit.proven
+
+    return highest_speed(falls, slowest=slower.slowest_rad_s, fastest=slower.commanded_rad_s)
 
 
 class _Found:
