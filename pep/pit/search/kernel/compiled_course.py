@@ -16,7 +16,6 @@ from pep.pit.base.tier import MOVING
 from pep.pit.path.course import Cells, Course
 from pep.pit.path.course_angles import Track
 from pep.pit.path.line_trace import ASKED_POSES, FIRST_PIECES, Stuck, Trace
-from pep.pit.path.path import Leaves
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.inverse_kinematics import search_starts
 from pep.pit.robot.robot import Robot
@@ -29,8 +28,9 @@ from pep.pit.search.kernel import course_rows, course_search
 from pep.pit.search.kernel.arithmetic import bending, course_poses, line_pieces
 from pep.pit.search.kernel.arithmetic.joint_torques import masses_of, torques
 from pep.pit.search.kernel.arithmetic.reachable_pose import reachable
+from pep.pit.search.kernel.arithmetic.row_table import BOUND
 from pep.pit.search.kernel.arithmetic.tool_pose import Line, Wrist
-from pep.pit.search.kernel.compiled_path import arm_of, law_of, packed, timing_of
+from pep.pit.search.kernel.compiled_path import arm_of, law_of, leaves_of, packed, table_of, timing_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats
     from pep.pit.base.travel import Stopping
-    from pep.pit.path.path import Keys
+    from pep.pit.path.path import Keys, Leaves
     from pep.pit.scene.pairs import Pairs
     from pep.pit.search.kernel.arithmetic.pair_rows import Field
 
@@ -162,7 +162,7 @@ class CompiledCourse(Course):
         asked = np.stack([low, high, pair], axis=1)
         held, rows = course_rows.examined(self._held, self._curve, self.packed(pairs), asked)
         self._keep(held)
-        return _leaves(rows)
+        return leaves_of(rows)
 
     def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """As `Route.rush_at`."""
@@ -203,8 +203,8 @@ class CompiledCourse(Course):
             attained=found.attained,
             witnesses=tuple(sorted(_witnesses(found.witnesses), key=lambda w: (-w.index, w.clearance_m, w.key))),
             violated={pairs.kind_of(w.pair): w for w in _witnesses(found.violated)},
-            leaves=_leaves(found.leaves),
-            leaf_index=found.leaves.numbers[:, course_rows.BOUND].copy(),
+            leaves=leaves_of(found.leaves),
+            leaf_index=found.leaves.numbers[:, BOUND].copy(),
         )
 
     def fits(
@@ -212,12 +212,12 @@ class CompiledCourse(Course):
     ) -> Fit:
         """As `CompiledPath.fits`."""
         check_time()
-        rows, law = _rows(leaves), np.array(law_of(pairs, stop))
+        rows, law = table_of(leaves), np.array(law_of(pairs, stop))
         held, proven, kept = course_rows.fits(
             self._held, self._curve, self.packed(pairs), rows, np.array(timing_of(profile)), law, index
         )
         self._keep(held)
-        return Fit(_leaves(kept), proven)
+        return Fit(leaves_of(kept), proven)
 
     def blow_ratio(self, pairs: Pairs, profile: Profile, stop: Stopping, *, check_time: Check) -> float:
         """As `CompiledPath.blow_ratio`."""
@@ -239,20 +239,6 @@ class CompiledCourse(Course):
         )
         self._keep(held)
         return float(proven)
-
-
-def _leaves(rows: course_rows.Rows) -> Leaves:
-    low, high, pair = np.ascontiguousarray(rows.whole.T)
-    clear, rush, clear_mid, rush_mid, _ = np.ascontiguousarray(rows.numbers.T)
-    return Leaves(low, high, pair, clear, rush, clear_mid, rush_mid)
-
-
-def _rows(leaves: Leaves) -> course_rows.Rows:
-    whole = np.stack([leaves.low, leaves.high, leaves.pair], axis=1)
-    bound = np.zeros(len(leaves))
-    return course_rows.Rows(
-        whole, np.stack([leaves.clear_m, leaves.rush, leaves.clear_mid_m, leaves.rush_mid, bound], axis=1)
-    )
 
 
 def _witnesses(found: course_search.Found) -> list[Witness]:

@@ -26,8 +26,9 @@ from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import BLOW_DEPTH, BLOW_RESOLUTION, FIRST_CUT_LEAST, ROWS_MOST, Fit, Slower
 from pep.pit.search.kernel.arithmetic.body_poses import Arm, bends_of, blocks_of
-from pep.pit.search.kernel.arithmetic.pair_rows import Field, Rows, Way, balls_of
+from pep.pit.search.kernel.arithmetic.pair_rows import Field, Way, balls_of
 from pep.pit.search.kernel.arithmetic.place_clearance import clearances
+from pep.pit.search.kernel.arithmetic.row_table import Rows
 from pep.pit.search.kernel.scratch import ASKED, room_for
 from pep.pit.search.kernel.search_columns import KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
 from pep.pit.search.kernel.straight_answer import Answer, Found
@@ -150,8 +151,8 @@ class CompiledPath(Path):
 
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
         """As `Route.examine`."""
-        self._held, rows = examined(self._held, self._way, self.packed(pairs), low, high, pair)
-        return _leaves(rows)
+        self._held, rows = examined(self._held, self._way, self.packed(pairs), np.stack([low, high, pair], axis=1))
+        return leaves_of(rows)
 
     def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """As `Route.rush_at`."""
@@ -230,12 +231,12 @@ class CompiledPath(Path):
             self._held,
             self._way,
             self.packed(pairs),
-            _rows(leaves),
+            table_of(leaves),
             np.array(timing_of(profile)),
             np.array(law_of(pairs, stop)),
             index,
         )
-        return Fit(_leaves(rows), proven)
+        return Fit(leaves_of(rows), proven)
 
     def blow_ratio(
         self,
@@ -355,18 +356,15 @@ def law_of(pairs: Pairs, stop: Stopping) -> tuple[float, ...]:
     )
 
 
-def _leaves(rows: Rows) -> Leaves:
-    return Leaves(rows.low, rows.high, rows.pair, rows.clear, rows.rush, rows.clear_mid, rows.rush_mid)
+def leaves_of(rows: Rows) -> Leaves:
+    """The rows as the rest of the room has them."""
+    low, high, pair = np.ascontiguousarray(rows.whole.T)
+    clear, rush, clear_mid, rush_mid, _ = np.ascontiguousarray(rows.numbers.T)
+    return Leaves(low, high, pair, clear, rush, clear_mid, rush_mid)
 
 
-def _rows(leaves: Leaves) -> Rows:
-    return Rows(
-        leaves.low,
-        leaves.high,
-        leaves.pair,
-        leaves.clear_m,
-        leaves.rush,
-        leaves.clear_mid_m,
-        leaves.rush_mid,
-        np.zeros(len(leaves)),
-    )
+def table_of(leaves: Leaves) -> Rows:
+    """The rows as the kernel has them."""
+    whole = np.stack([leaves.low, leaves.high, leaves.pair], axis=1)
+    bound = np.zeros(len(leaves))
+    return Rows(whole, np.stack([leaves.clear_m, leaves.rush, leaves.clear_mid_m, leaves.rush_mid, bound], axis=1))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pep.pit.base.pair_columns import BODY, KIND, LIMIT_SPEED, PLANE, RADII, SHAPE
-from pep.pit.base.tier import TIE
+from pep.pit.base.pair_columns import BODY, LIMIT_SPEED, PLANE, RADII, SHAPE
 from pep.pit.path.straight_path import GRID
 from pep.pit.search.certify import LOWER_DEPTH
 from pep.pit.search.kernel.arithmetic.bending import (
@@ -25,8 +24,25 @@ from pep.pit.search.kernel.arithmetic.body_poses import place, place_all
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry
 from pep.pit.search.kernel.arithmetic.core_distance import core_gap, interval_gap
 from pep.pit.search.kernel.arithmetic.course_poses import row_of, rows_of, with_room
-from pep.pit.search.kernel.arithmetic.index_law import blow_of, highest_rate, pair_index, rate_at
+from pep.pit.search.kernel.arithmetic.index_law import blow_of, highest_rate, rate_at
 from pep.pit.search.kernel.arithmetic.pair_rows import ball_gap
+from pep.pit.search.kernel.arithmetic.row_table import (
+    BOUND,
+    CLEAR,
+    CLEAR_MID,
+    HIGH,
+    LOW,
+    PAIR,
+    RUSH,
+    RUSH_MID,
+    WHOLES,
+    Rows,
+    halves,
+    room_for,
+    sorted_out,
+    with_all,
+    with_space,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,47 +52,6 @@ if TYPE_CHECKING:
     from pep.pit.search.kernel.arithmetic.pair_rows import Field
 
     Whole = NDArray[np.int64]
-
-# Columns of a row's whole numbers, and of its others.
-LOW: Final = 0
-HIGH: Final = 1
-PAIR: Final = 2
-WHOLES: Final = 3
-CLEAR: Final = 0
-RUSH: Final = 1
-CLEAR_MID: Final = 2
-RUSH_MID: Final = 3
-BOUND: Final = 4
-NUMBERS: Final = 5
-
-
-class Rows(NamedTuple):
-    """Rows as `pep.pit.path.path.Leaves` has them, and the index proven on each: (n, WHOLES) and (n, NUMBERS)."""
-
-    whole: Whole
-    numbers: Floats
-
-
-@compiled
-def room_for(count: int) -> Rows:
-    """Room for so many rows."""
-    return Rows(np.empty((count, WHOLES), np.int64), np.empty((count, NUMBERS)))
-
-
-@compiled
-def with_space(rows: Rows, used: int, count: int) -> Rows:
-    """The first `used` rows, with room for so many more."""
-    if used + count <= rows.whole.shape[0]:
-        return rows
-    wide = room_for(used + max(used, count))
-    wide.whole[:used], wide.numbers[:used] = rows.whole[:used], rows.numbers[:used]
-    return wide
-
-
-@compiled
-def copied(rows: Rows, used: int) -> Rows:
-    """The first `used` rows alone."""
-    return Rows(rows.whole[:used].copy(), rows.numbers[:used].copy())
 
 
 @compiled
@@ -144,48 +119,21 @@ def examined(known: Known, curve: Curve, field: Field, asked: Whole) -> tuple[Kn
     return known, rows
 
 
-@compiled
-def _halves(rows: Whole, which: Whole, count: int) -> Whole:
-    """Both halves of those rows' intervals, with their pairs; rows of one interval stay together."""
-    halves = np.empty((2 * count, WHOLES), np.int64)
-    for to in range(count):
-        low, high, pair = rows[which[to], LOW], rows[which[to], HIGH], rows[which[to], PAIR]
-        mid = (low + high) // 2
-        halves[to, LOW], halves[to, HIGH], halves[to, PAIR] = low, mid, pair
-        halves[count + to, LOW], halves[count + to, HIGH], halves[count + to, PAIR] = mid, high, pair
-    return halves
-
-
 @entry
 def fits(
     known: Known, curve: Curve, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
 ) -> tuple[Known, bool, Rows]:
-    """Proof that no row exceeds `index` (see `pep.pit.search.certify.fits`), and the rows as far as halved."""
+    """Whether it is proven that no row exceeds `index` (see `CompiledPath.fits`), and the rows as far as halved."""
     kept, used, laws, kinds = room_for(2 * leaves.whole.shape[0]), 0, field.numbers, field.whole
     for depth in range(LOWER_DEPTH + 1):
         count = leaves.whole.shape[0]
-        kept = with_space(kept, used, count)
-        whole, numbers, kept_whole, kept_numbers = leaves.whole, leaves.numbers, kept.whole, kept.numbers
-        over, over_used, begun, hopeless = np.empty(count, np.int64), 0, used, False
-        for row in range(count):
-            low, high, pair = whole[row, LOW], whole[row, HIGH], whole[row, PAIR]
-            kind, rate = kinds[pair, KIND], highest_rate(low / GRID, high / GRID, profile)
-            speed = numbers[row, RUSH] * rate
-            if pair_index(kind, laws, pair, numbers[row, CLEAR], speed, law) <= index + TIE:
-                kept_whole[used], kept_numbers[used] = whole[row], numbers[row]
-                used += 1
-                continue
-            over[over_used] = row
-            over_used += 1
-            speed = numbers[row, RUSH_MID] * rate_at((low + high) // 2 / GRID, profile)
-            if pair_index(kind, laws, pair, numbers[row, CLEAR_MID], speed, law) > index + TIE:
-                hopeless = True
-                break
+        kept, begun, over = with_space(kept, used, count), used, np.empty(count, np.int64)
+        used, over_used, hopeless = sorted_out(
+            leaves.whole, leaves.numbers, kept.whole, kept.numbers, used, kinds, laws, profile, law, index, over
+        )
         if over_used == 0 or hopeless or depth == LOWER_DEPTH:
-            for row in range(count):  # all of this level, whatever was told of it
-                kept_whole[begun + row], kept_numbers[begun + row] = whole[row], numbers[row]
-            return known, over_used == 0, copied(kept, begun + count)
-        known, leaves = examined(known, curve, field, _halves(leaves.whole, over, over_used))
+            return known, over_used == 0, with_all(kept, begun, leaves)  # all of this level, whatever was told of it
+        known, leaves = examined(known, curve, field, halves(leaves.whole, over, over_used))
     return known, False, kept
 
 
@@ -262,7 +210,7 @@ def blow(
                 proven = max(proven, bounds[row])
         if open_used == 0:
             break
-        asked = _halves(asked, wide, open_used)
+        asked = halves(asked, wide, open_used)
     return known, proven
 
 

@@ -22,7 +22,7 @@ from pep.pit.search.kernel.arithmetic.core_distance import core_gap, interval_ga
 from pep.pit.search.kernel.arithmetic.course_poses import row_of, rows_of, with_room
 from pep.pit.search.kernel.arithmetic.index_law import calm_beyond, highest_rate, pair_index, rate_at
 from pep.pit.search.kernel.arithmetic.pair_rows import ball_gap
-from pep.pit.search.kernel.course_rows import (
+from pep.pit.search.kernel.arithmetic.row_table import (
     BOUND,
     CLEAR,
     CLEAR_MID,
@@ -32,12 +32,10 @@ from pep.pit.search.kernel.course_rows import (
     RUSH,
     RUSH_MID,
     copied,
-    met_near,
-    proven_rush,
     room_for,
-    rush_met,
     with_space,
 )
+from pep.pit.search.kernel.course_rows import met_near, proven_rush, rush_met
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -45,7 +43,7 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.course_poses import Curve, Known
     from pep.pit.search.kernel.arithmetic.pair_rows import Field
-    from pep.pit.search.kernel.course_rows import Rows
+    from pep.pit.search.kernel.arithmetic.row_table import Rows
 
     Whole = NDArray[np.int64]
 

@@ -9,21 +9,34 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from pep.pit.base.pair_columns import BODY, KIND, PEAK, WAY
-from pep.pit.base.tier import TIE
+from pep.pit.base.pair_columns import BODY, PEAK, WAY
 from pep.pit.path.straight_path import CHORD, GRID
 from pep.pit.search.certify import LOWER_DEPTH
 from pep.pit.search.kernel.arithmetic.body_poses import no_nodes, place, place_all
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry, lent
-from pep.pit.search.kernel.arithmetic.index_law import blow_of, highest_rate, pair_index, rate_at
+from pep.pit.search.kernel.arithmetic.index_law import blow_of, highest_rate, rate_at
 from pep.pit.search.kernel.arithmetic.pair_rows import (
     ball_gap,
     configuration,
     examine,
     meets,
-    no_rows,
     rush_at_most,
     strays_at_most,
+)
+from pep.pit.search.kernel.arithmetic.row_table import (
+    CLEAR,
+    CLEAR_MID,
+    HIGH,
+    LOW,
+    PAIR,
+    RUSH,
+    RUSH_MID,
+    WHOLES,
+    halves,
+    room_for,
+    sorted_out,
+    with_all,
+    with_space,
 )
 
 if TYPE_CHECKING:
@@ -31,7 +44,8 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.body_poses import Nodes
-    from pep.pit.search.kernel.arithmetic.pair_rows import Field, Rows, Way
+    from pep.pit.search.kernel.arithmetic.pair_rows import Field, Way
+    from pep.pit.search.kernel.arithmetic.row_table import Rows
 
     Whole = NDArray[np.int64]
 
@@ -85,99 +99,38 @@ def with_key(known: Known, key: int, way: Way) -> Known:
 
 
 @entry
-def examined(known: Known, way: Way, field: Field, low: Whole, high: Whole, pair: Whole) -> tuple[Known, Rows]:
-    """The rows examined, and the configurations known by then."""
-    count = low.shape[0]
-    at_low, at_mid, at_high = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
-    for row in range(count):
-        if row > 0 and low[row] == low[row - 1] and high[row] == high[row - 1]:
-            at_low[row], at_mid[row], at_high[row] = at_low[row - 1], at_mid[row - 1], at_high[row - 1]
+def examined(known: Known, way: Way, field: Field, asked: Whole) -> tuple[Known, Rows]:
+    """The rows (LOW, HIGH, PAIR) of `asked` examined, and the configurations known by then."""
+    stand = np.empty((asked.shape[0], 3), np.int64)
+    for row in range(asked.shape[0]):
+        low, high = asked[row, LOW], asked[row, HIGH]
+        if row > 0 and low == asked[row - 1, LOW] and high == asked[row - 1, HIGH]:
+            stand[row, 0], stand[row, 1], stand[row, 2] = stand[row - 1, 0], stand[row - 1, 1], stand[row - 1, 2]
             continue
-        mid = (low[row] + high[row]) // 2
-        known = with_key(with_key(with_key(known, low[row], way), mid, way), high[row], way)
-        at_low[row] = known.row[_place_of(known.key, low[row])]
-        at_mid[row] = known.row[_place_of(known.key, mid)]
-        at_high[row] = known.row[_place_of(known.key, high[row])]
-    return known, examine(known.nodes, way, field, low, high, at_low, at_mid, at_high, pair)
-
-
-@compiled
-def _chosen(rows: Rows, which: Whole, count: int) -> Rows:
-    """Those rows, in that order."""
-    taken = no_rows(count)
-    for to in range(count):
-        row = which[to]
-        taken.low[to], taken.high[to], taken.pair[to] = rows.low[row], rows.high[row], rows.pair[row]
-        taken.clear[to], taken.rush[to] = rows.clear[row], rows.rush[row]
-        taken.clear_mid[to], taken.rush_mid[to], taken.bound[to] = rows.clear_mid[row], rows.rush_mid[row], 0.0
-    return taken
-
-
-@compiled
-def _halves(rows: Rows, which: Whole, count: int) -> tuple[Whole, Whole, Whole]:
-    """Both halves of those rows' intervals, and their pairs."""
-    low, high, pair = np.empty(2 * count, np.int64), np.empty(2 * count, np.int64), np.empty(2 * count, np.int64)
-    for to in range(count):  # rows of one interval stay together: its configurations are looked up once
-        row, other = which[to], count + to
-        mid = (rows.low[row] + rows.high[row]) // 2
-        low[to], high[to], pair[to] = rows.low[row], mid, rows.pair[row]
-        low[other], high[other], pair[other] = mid, rows.high[row], rows.pair[row]
-    return low, high, pair
-
-
-@compiled
-def joined(first: Rows, second: Rows) -> Rows:
-    """All rows of both."""
-    count = first.low.shape[0]
-    both = no_rows(count + second.low.shape[0])
-    both.low[:count], both.low[count:] = first.low, second.low
-    both.high[:count], both.high[count:] = first.high, second.high
-    both.pair[:count], both.pair[count:] = first.pair, second.pair
-    both.clear[:count], both.clear[count:] = first.clear, second.clear
-    both.rush[:count], both.rush[count:] = first.rush, second.rush
-    both.clear_mid[:count], both.clear_mid[count:] = first.clear_mid, second.clear_mid
-    both.rush_mid[:count], both.rush_mid[count:] = first.rush_mid, second.rush_mid
-    both.bound[:count], both.bound[count:] = first.bound, second.bound
-    return both
+        mid = (low + high) // 2
+        known = with_key(with_key(with_key(known, low, way), mid, way), high, way)
+        stand[row, 0] = known.row[_place_of(known.key, low)]
+        stand[row, 1] = known.row[_place_of(known.key, mid)]
+        stand[row, 2] = known.row[_place_of(known.key, high)]
+    return known, examine(known.nodes, way, field, asked, stand)
 
 
 @entry
 def fits(
-    known: Known,
-    way: Way,
-    field: Field,
-    leaves: Rows,
-    profile: Floats,
-    law: Floats,
-    index: float,
+    known: Known, way: Way, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
 ) -> tuple[Known, bool, Rows]:
-    """Proof that no row exceeds `index` (see `pep.pit.search.certify.fits`), and the rows as far as halved."""
-    kept = no_rows(0)
+    """Whether it is proven that no row exceeds `index` (see `CompiledPath.fits`), and the rows as far as halved."""
+    kept, used, laws, kinds = room_for(2 * leaves.whole.shape[0]), 0, field.numbers, field.whole
     for depth in range(LOWER_DEPTH + 1):
-        count = leaves.low.shape[0]
-        over, calm = np.empty(count, np.int64), np.empty(count, np.int64)
-        over_used = calm_used = 0
-        hopeless = False
-        for row in range(count):
-            pair = leaves.pair[row]
-            kind = field.whole[pair, KIND]
-            rate = highest_rate(leaves.low[row] / GRID, leaves.high[row] / GRID, profile)
-            if pair_index(kind, field.numbers, pair, leaves.clear[row], leaves.rush[row] * rate, law) <= index + TIE:
-                calm[calm_used] = row
-                calm_used += 1
-                continue
-            over[over_used] = row
-            over_used += 1
-            speed = leaves.rush_mid[row] * rate_at((leaves.low[row] + leaves.high[row]) // 2 / GRID, profile)
-            if pair_index(kind, field.numbers, pair, leaves.clear_mid[row], speed, law) > index + TIE:
-                hopeless = True
-                break
+        count = leaves.whole.shape[0]
+        kept, begun, over = with_space(kept, used, count), used, np.empty(count, np.int64)
+        used, over_used, hopeless = sorted_out(
+            leaves.whole, leaves.numbers, kept.whole, kept.numbers, used, kinds, laws, profile, law, index, over
+        )
         if over_used == 0 or hopeless or depth == LOWER_DEPTH:
-            return known, over_used == 0, joined(kept, leaves)
-        kept = joined(kept, _chosen(leaves, calm, calm_used))
-        low, high, pairs = _halves(leaves, over, over_used)
-        known, leaves = examined(known, way, field, low, high, pairs)
-    return known, False, joined(kept, leaves)
+            return known, over_used == 0, with_all(kept, begun, leaves)  # all of this level, whatever was told of it
+        known, leaves = examined(known, way, field, halves(leaves.whole, over, over_used))
+    return known, False, kept
 
 
 @entry
@@ -193,9 +146,7 @@ def blow(
     resolution: float,
 ) -> tuple[Known, float]:
     """Proven highest share of a body region's limit speed on this path (PHY-4)."""
-    count = people.shape[0] * first
-    low, high, pair = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
-    used = 0
+    asked, used = np.empty((people.shape[0] * first, WHOLES), np.int64), 0
     width = 1.0 / first
     top_rate = profile[PEAK] / profile[WAY]
     for k in range(first):
@@ -210,21 +161,21 @@ def blow(
             gap = ball_gap(known.nodes.ends, middle, body, way.arm.half, field.numbers, row)
             gap -= strays_at_most(way, body, width)
             if blow_of(field.numbers, row, gap, rush_at_most(way, body, width) * top_rate, law) > 0.0:
-                low[used], high[used], pair[used] = begin, end, row
+                asked[used, LOW], asked[used, HIGH], asked[used, PAIR] = begin, end, row
                 used += 1
-    low, high, pair = low[:used].copy(), high[:used].copy(), pair[:used].copy()
+    asked = asked[:used].copy()
     proven = best = 0.0
     for depth in range(depths + 1):
-        known, rows = examined(known, way, field, low, high, pair)
-        count = rows.low.shape[0]
+        known, rows = examined(known, way, field, asked)
+        numbers, count = rows.numbers, asked.shape[0]
         bounds, wide = np.empty(count), np.empty(count, np.int64)
         wide_used = 0
         for row in range(count):
-            met = rows.pair[row]
-            rate = highest_rate(rows.low[row] / GRID, rows.high[row] / GRID, profile)
-            bounds[row] = blow_of(field.numbers, met, rows.clear[row], rows.rush[row] * rate, law)
-            speed = rows.rush_mid[row] * rate_at((rows.low[row] + rows.high[row]) // 2 / GRID, profile)
-            best = max(best, blow_of(field.numbers, met, rows.clear_mid[row], speed, law))
+            low, high, met = asked[row, LOW], asked[row, HIGH], asked[row, PAIR]
+            rate = highest_rate(low / GRID, high / GRID, profile)
+            bounds[row] = blow_of(field.numbers, met, numbers[row, CLEAR], numbers[row, RUSH] * rate, law)
+            speed = numbers[row, RUSH_MID] * rate_at((low + high) // 2 / GRID, profile)
+            best = max(best, blow_of(field.numbers, met, numbers[row, CLEAR_MID], speed, law))
         enough = max(proven, best) + resolution
         for row in range(count):
             if depth < depths and bounds[row] > enough:
@@ -234,7 +185,7 @@ def blow(
                 proven = max(proven, bounds[row])
         if wide_used == 0:
             break
-        low, high, pair = _halves(rows, wide, wide_used)
+        asked = halves(asked, wide, wide_used)
     return known, proven
 
 

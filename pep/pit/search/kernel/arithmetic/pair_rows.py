@@ -32,12 +32,24 @@ from pep.pit.path.straight_path import CHORD, GRID
 from pep.pit.search.kernel.arithmetic.body_poses import more_nodes, place, pose
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry, lent
 from pep.pit.search.kernel.arithmetic.core_distance import core_gap, interval_gap
+from pep.pit.search.kernel.arithmetic.row_table import (
+    BOUND,
+    CLEAR,
+    CLEAR_MID,
+    HIGH,
+    LOW,
+    PAIR,
+    RUSH,
+    RUSH_MID,
+    room_for,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.body_poses import Arm, Bends, Nodes
+    from pep.pit.search.kernel.arithmetic.row_table import Rows
 
     Whole = NDArray[np.int64]
 
@@ -62,34 +74,6 @@ class Field(NamedTuple):
     balls: Floats
     numbers: Floats
     whole: Whole
-
-
-class Rows(NamedTuple):
-    """Rows as `pep.pit.path.path.Leaves` has them, and the index proven on each."""
-
-    low: Whole
-    high: Whole
-    pair: Whole
-    clear: Floats
-    rush: Floats
-    clear_mid: Floats
-    rush_mid: Floats
-    bound: Floats
-
-
-@compiled
-def no_rows(count: int) -> Rows:
-    """Room for so many rows."""
-    return Rows(
-        np.empty(count, np.int64),
-        np.empty(count, np.int64),
-        np.empty(count, np.int64),
-        np.empty(count),
-        np.empty(count),
-        np.empty(count),
-        np.empty(count),
-        np.empty(count),
-    )
 
 
 @compiled
@@ -150,48 +134,38 @@ def ball_gap(ends: Floats, at: int, body: int, half: Floats, numbers: Floats, pa
 
 
 @compiled
-def examine(
-    nodes: Nodes,
-    way: Way,
-    field: Field,
-    low: Whole,
-    high: Whole,
-    at_low: Whole,
-    at_mid: Whole,
-    at_high: Whole,
-    pair: Whole,
-) -> Rows:
+def examine(nodes: Nodes, way: Way, field: Field, asked: Whole, stand: Whole) -> Rows:
     """What is proven on each row's interval and attained in its middle.
 
     Args:
         nodes: holds the configurations of every interval.
         way, field: the path and all pairs.
-        low, high: intervals, in 1 / GRID; at_low, at_mid, at_high: where their configurations stand in `nodes`.
-        pair: of each row.
+        asked: the rows (LOW, HIGH, PAIR), intervals in 1 / GRID.
+        stand: where each interval's three configurations stand in `nodes`, (n, 3).
     """
-    count = pair.shape[0]
-    rows = no_rows(count)
+    rows = room_for(asked.shape[0])
     ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin
     numbers, whole, radius = field.numbers, field.whole, way.arm.radius
     second, third, spin_second = way.bends.second, way.bends.third, way.bends.spin_second
-    clear, rush, clear_mid, rush_mid = rows.clear, rows.rush, rows.clear_mid, rows.rush_mid
-    rows.low[:], rows.high[:], rows.pair[:], rows.bound[:] = low, high, pair, 0.0
-    for row in range(count):
-        k = pair[row]
+    found = rows.numbers
+    rows.whole[:] = asked
+    for row in range(asked.shape[0]):
+        k = asked[row, PAIR]
         body, shape = whole[k, BODY], whole[k, SHAPE]
-        first, middle, last = at_low[row], at_mid[row], at_high[row]
+        first, middle, last = stand[row, 0], stand[row, 1], stand[row, 2]
         for at in (first, middle, last):
             if not placed[at, body]:
                 place(nodes, at, way.arm, body)
-        width = (high[row] - low[row]) / GRID
+        width = (asked[row, HIGH] - asked[row, LOW]) / GRID
         bend = width * width / CHORD
         gap = core_gap(ends, middle, body, numbers, k, shape)
-        clear[row] = interval_gap(ends, first, middle, last, body, numbers, k, shape, gap, second[body] * bend)
+        found[row, CLEAR] = interval_gap(ends, first, middle, last, body, numbers, k, shape, gap, second[body] * bend)
         speed = max(speeds[first, body], speeds[middle, body], speeds[last, body]) + third[body] * bend
         spin = max(spins[first, body], spins[middle, body], spins[last, body]) + spin_second[body] * bend
-        rush[row] = speed + radius[body] * spin
-        clear_mid[row] = gap[0] - numbers[k, RADII]
-        rush_mid[row] = speeds[middle, body] + radius[body] * spins[middle, body]
+        found[row, RUSH] = speed + radius[body] * spin
+        found[row, CLEAR_MID] = gap[0] - numbers[k, RADII]
+        found[row, RUSH_MID] = speeds[middle, body] + radius[body] * spins[middle, body]
+        found[row, BOUND] = 0.0
     return rows
 
 
