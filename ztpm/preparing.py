@@ -1,4 +1,4 @@
-"""Progress of what takes long, on standard error: one line that changes on a terminal, elsewhere a line every 5 s."""
+"""Progress of what takes long, on standard error: one line that changes on a terminal, elsewhere a line every few seconds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-EACH_S: Final = 5.0  # ours: no command is silent for longer
+EACH_S: Final = 4.0  # ours: so no command is silent for more than five seconds
 WIPED: Final = "\r\x1b[K"  # ECMA-48: to the start of the line, which is then empty
 
 
