@@ -1,4 +1,4 @@
-"""Progress of what takes long, on standard error: one line that changes on a terminal, elsewhere a line every few seconds."""
+"""Progress of long work on standard error: one line that changes on a terminal, elsewhere a line every few seconds."""
 
 from __future__ import annotations
 
