@@ -48,11 +48,11 @@ def main(arguments: list[str] | None = None) -> int:
         simulator = Simulator(settings, over.set)
     except OSError as error:
         say({"ready": False, "error": "PORT_UNAVAILABLE", "address": error.filename})
-        sys.stderr.write(f"pep.sim: cannot listen on {error.filename}: {error.strerror}\n")
+        sys.stderr.write(f"ursim: cannot listen on {error.filename}: {error.strerror}\n")
         return EXIT_FAILED
     except ValueError as error:
         say({"ready": False, "error": "SETTINGS"})
-        sys.stderr.write(f"pep.sim: {error}\n")
+        sys.stderr.write(f"ursim: {error}\n")
         return EXIT_USAGE
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: over.set())
@@ -145,7 +145,7 @@ def _obey(simulator: Simulator, end: Callable[[], None]) -> None:
         try:
             faults.inject(line)
         except FaultError as error:
-            sys.stderr.write(f"pep.sim: {error}\n")
+            sys.stderr.write(f"ursim: {error}\n")
     end()
 
 

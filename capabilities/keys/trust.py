@@ -11,11 +11,11 @@ from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Final, assert_never
 
-from capabilities.form import Form, FormError, read, upto, whole
 from capabilities.keys.keys import KEY_BYTES, b64u, check_raw
 from capabilities.keys.windows import FOREVER, KEYS_OF_A_ROLE, Role, Standing, TrustedKey, Window, entry
 from capabilities.values import strict_json, text
 from capabilities.values.errors import BadKeyError, CapabilityError, Fault, FaultCode
+from capabilities.values.form import Form, FormError, read, upto, whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Final
 
-from capabilities.form import Form, converted, plain, read
 from capabilities.keys.keys import b64u, unb64u
 from capabilities.values.errors import BadKeyError, FaultCode
+from capabilities.values.form import Form, converted, plain, read
 
 FOREVER: Final = 253_402_300_799
 """The last time that there is, seconds since the epoch (docs/spec.md 1.1)."""

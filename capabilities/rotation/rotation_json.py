@@ -6,13 +6,13 @@ from typing import Annotated, Final
 
 from msgspec.structs import astuple
 
-from capabilities.form import Form, plain, upto, within
 from capabilities.keys.keys import b64u
 from capabilities.keys.windows import FOREVER, Role
 from capabilities.rotation.rotation import KeyRecord, KeyRing
 from capabilities.statements.claims import Positive, PublicKey, Url, read
 from capabilities.values import strict_json
 from capabilities.values.errors import BadKeyError, CapabilityError, FaultCode
+from capabilities.values.form import Form, plain, upto, within
 
 KEYS: Final = 4_096
 """Most keys of a ring: a rotation of every role in each week of fifteen years."""

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from msgspec import Meta
 
-from capabilities.form import Form, plain, upto, whole, words
 from capabilities.statements import statement_form
 from capabilities.statements.claims import TEXT_BYTES, HexDigest, Id, Name, Url, Whole, lasting, ordered, read
 from capabilities.values import text
+from capabilities.values.form import Form, plain, upto, whole, words
 
 if TYPE_CHECKING:
     from collections.abc import Collection

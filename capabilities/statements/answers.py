@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.form import Form, plain, upto, words
 from capabilities.statements import statement_form
 from capabilities.statements.claims import Id, Nonce, Url, Whole, read, unique
+from capabilities.values.form import Form, plain, upto, words
 
 if TYPE_CHECKING:
     from collections.abc import Collection

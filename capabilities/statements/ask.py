@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Final
 from msgspec import Meta
 from msgspec.structs import astuple
 
-from capabilities import form
-from capabilities.form import Form, converted, plain, upto, whole, within, words
 from capabilities.statements import statement_form
 from capabilities.statements.claims import (
     HexDigest,
@@ -25,6 +23,8 @@ from capabilities.statements.claims import (
     read,
     unique,
 )
+from capabilities.values import form
+from capabilities.values.form import Form, converted, plain, upto, whole, within, words
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit
 

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from msgspec import field
 
-from capabilities.form import Form, plain, whole
 from capabilities.statements import statement_form
 from capabilities.statements.claims import Name, NameOrEmpty, Nonce, Sha256, Thumbprint, Whole, malformed, read
+from capabilities.values.form import Form, plain, whole
 
 if TYPE_CHECKING:
     from collections.abc import Collection

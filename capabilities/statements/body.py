@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities import form
 from capabilities.statements.claims import malformed
-from capabilities.values import strict_json
+from capabilities.values import form, strict_json
 
 BODY_BYTES: Final = 65_536
 """Longest body in canonical JSON: in base64 and with the rest it stays below the size of a statement (256 KiB)."""

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from msgspec import Meta
 
-from capabilities.form import Form, plain, upto, within, words
 from capabilities.statements import observation, statement_form
 from capabilities.statements.claims import Name, Url, Whole, malformed, read, unique
 from capabilities.statements.observation import Point, Shape
+from capabilities.values.form import Form, plain, upto, within, words
 from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from capabilities.form import Form, plain
 from capabilities.statements import statement_form
 from capabilities.statements.claims import HexDigest, Url, Whole, read
+from capabilities.values.form import Form, plain
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
-from capabilities import form
-from capabilities.form import converted, upto, whole, within
 from capabilities.keys import keys
-from capabilities.values import text
+from capabilities.values import form, text
 from capabilities.values.errors import FaultCode, StatementError
+from capabilities.values.form import converted, upto, whole, within
 from capabilities.values.units import INT_LIMIT
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.form import Form, plain, upto, whole, within
 from capabilities.statements import statement_form
 from capabilities.statements.claims import Name, Nonce, Url, Whole, malformed, read, unique
+from capabilities.values.form import Form, plain, upto, whole, within
 
 if TYPE_CHECKING:
     from collections.abc import Collection

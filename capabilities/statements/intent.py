@@ -10,11 +10,11 @@ import hashlib
 import re
 from typing import TYPE_CHECKING, Final
 
-from capabilities.form import Form, plain
 from capabilities.statements import statement_form
 from capabilities.statements.body import Body, stated
 from capabilities.statements.claims import Name, Nonce, Whole, lasting, read
 from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.form import Form, plain
 
 if TYPE_CHECKING:
     from collections.abc import Collection

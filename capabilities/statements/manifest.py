@@ -9,10 +9,10 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.form import Form, plain, upto, words
 from capabilities.statements import statement_form
 from capabilities.statements.claims import HexDigest, Name, Positive, Whole, lasting, ordered, read
 from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.form import Form, plain, upto, words
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from msgspec.structs import astuple
 
-from capabilities import form
-from capabilities.form import Form, converted, plain, upto, whole, words
 from capabilities.statements import statement_form
 from capabilities.statements.admission import Integrity, Signers, Sources
 from capabilities.statements.claims import HexDigest, Id, Name, Positive, TokenId, Url, Whole, malformed, ordered, read
 from capabilities.statements.revocation import Revoked
+from capabilities.values import form
+from capabilities.values.form import Form, converted, plain, upto, whole, words
 
 if TYPE_CHECKING:
     from collections.abc import Collection

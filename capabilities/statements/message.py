@@ -9,11 +9,11 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.form import Form, plain, whole
 from capabilities.statements import statement_form
 from capabilities.statements.body import Body, stated
 from capabilities.statements.claims import AgentId, Id, Name, Nonce, Positive, TokenId, Whole, lasting, malformed, read
 from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.form import Form, plain, whole
 
 if TYPE_CHECKING:
     from collections.abc import Collection

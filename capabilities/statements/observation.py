@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, assert_never
 from msgspec import Meta
 from msgspec.structs import astuple
 
-from capabilities import form
-from capabilities.form import Form, converted, plain, upto, within, words
 from capabilities.statements import statement_form
 from capabilities.statements.claims import HexDigest, Id, Name, Whole, malformed, read, unique
+from capabilities.values import form
+from capabilities.values.form import Form, converted, plain, upto, within, words
 
 if TYPE_CHECKING:
     from collections.abc import Collection

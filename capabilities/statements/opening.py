@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.form import Form, plain, within
 from capabilities.statements import statement_form
 from capabilities.statements.claims import Id, Name, NameOrEmpty, Url, Whole, malformed, read
 from capabilities.statements.vote import USES
+from capabilities.values.form import Form, plain, within
 
 if TYPE_CHECKING:
     from collections.abc import Collection

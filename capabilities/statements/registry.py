@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.form import Form, plain, upto, within
 from capabilities.keys import keys as key_forms
 from capabilities.statements import statement_form
 from capabilities.statements.claims import HexDigest, Name, PublicKey, Url, Whole, read, unique
+from capabilities.values.form import Form, plain, upto, within
 from capabilities.values.scope import Tier
 
 if TYPE_CHECKING:

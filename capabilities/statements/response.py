@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.form import Form, plain
 from capabilities.statements import statement_form
 from capabilities.statements.claims import HexDigest, Id, Name, Url, Whole, lasting, read
 from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.form import Form, plain
 
 if TYPE_CHECKING:
     from collections.abc import Collection

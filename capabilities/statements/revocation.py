@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.form import Form, plain, upto, whole, words
 from capabilities.keys import keys
 from capabilities.statements import statement_form
 from capabilities.statements.claims import Nonce, Url, Whole, malformed, read
+from capabilities.values.form import Form, plain, upto, whole, words
 
 if TYPE_CHECKING:
     from collections.abc import Collection

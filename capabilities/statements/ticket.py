@@ -10,12 +10,12 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.form import Form, plain
 from capabilities.keys import keys
 from capabilities.statements import statement_form
 from capabilities.statements.claims import HexDigest, Id, Name, Url, Whole, read
 from capabilities.statements.revocation import Revoked
 from capabilities.values.errors import CapabilityError, Fault, FaultCode, StatementError
+from capabilities.values.form import Form, plain
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.form import Form, plain, within, words
 from capabilities.statements import statement_form
 from capabilities.statements.claims import HexDigest, Id, Name, Whole, read
+from capabilities.values.form import Form, plain, within, words
 
 if TYPE_CHECKING:
     from collections.abc import Collection

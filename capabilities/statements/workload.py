@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Final
 
 import jwt
 
-from capabilities.form import Form
 from capabilities.keys import jws, keys
 from capabilities.statements.claims import Sha256, Thumbprint, Whole, malformed, read
 from capabilities.values import strict_json, text
 from capabilities.values.errors import BadKeyError, CapabilityError, FaultCode, StatementError
+from capabilities.values.form import Form
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

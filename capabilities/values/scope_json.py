@@ -6,10 +6,10 @@ from typing import Any, Final
 
 from msgspec import UNSET, UnsetType
 
-from capabilities.form import Form, FormError, read
 from capabilities.values.bounds import limits_to_json
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.form import Form, FormError, read
 from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import Parameter, Unit
 from capabilities.values.well_formed import well_formed, well_formed_restriction

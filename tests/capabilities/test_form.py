@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import pytest
-from capabilities.form import Form, FormError, converted, plain, read, upto, whole, within, words
+from capabilities.values.form import Form, FormError, converted, plain, read, upto, whole, within, words
 from capabilities.values.errors import CapabilityError, FaultCode
 
 pytestmark = pytest.mark.clause(reason="how forms are read; the statements that have them name the clauses")

@@ -118,7 +118,7 @@ class Theatre:
         assert steps[-1].id == name
         known = {told.id for told in self.delegated}
         with pytest.MonkeyPatch.context() as patched:
-            patched.setattr("ztpm.demo.stage.WAIT_S", wait_s)
+            patched.setattr("ztpm.stage.stage.WAIT_S", wait_s)
             told = [play(self.stage, step) for step in steps if step.id not in known]
         assert [step.id for step in told[:-1] if not step.ok] == []
         return told[-1]

@@ -12,8 +12,8 @@ import pytest
 from pep.rtde.robot.connections import DASHBOARD
 from tests.e2e.test_gateway import NO_WAY, House, stopped, tools_move
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
-from ztpm.demo.eyes import Eyes
-from ztpm.demo.stage import until
+from ztpm.stage.samples import Eyes
+from ztpm.stage.stage import until
 
 import ztpm
 

@@ -66,7 +66,7 @@ OF_A_TOKEN = {"capabilities/token/fact.py"}
 
 
 def test_no_bytes_reach_msgspec_past_our_strict_reader() -> None:
-    """It keeps the last of two equal keys; `capabilities.form` takes what `strict_json` or `tomllib` has read."""
+    """It keeps the last of two equal keys; `capabilities.values.form` takes what `strict_json` or `tomllib` has read."""
     found = {
         str(path.relative_to(TOP))
         for path in tracked()

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import structs
 
-from capabilities.form import plain
 from capabilities.statements import observation as wire
 from capabilities.values.errors import CapabilityError
+from capabilities.values.form import plain
 from pep.pit import observed, standing_adult
 
 if TYPE_CHECKING:
