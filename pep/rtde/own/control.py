@@ -5,16 +5,41 @@ From any thread but the event loop's. Only what guarded tools say is here.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from pep.rtde.command import command_values as v
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Coroutine, Sequence
 
     from pep.rtde.command.command_values import Command, Six
-    from pep.rtde.own.tool_lease import OwnLines
+    from pep.rtde.command.io_commands import IoCommand
+
+T = TypeVar("T")
+
+
+class CommandLines(Protocol):
+    """Lines of the event loop's own to the controller, asked from another thread."""
+
+    @property
+    def up(self) -> bool:
+        """True while commands reach the controller."""
+
+    async def said(self, command: Command) -> bool:
+        """Send a command; True once the control script has taken it."""
+
+    async def switched(self, command: IoCommand) -> bool:
+        """Switch outputs or the speed slider; True once the controller has it."""
+
+    async def stop(self) -> None:
+        """Stop the arm."""
+
+    async def end(self) -> None:
+        """End the control script."""
+
+    def from_thread(self, what: Coroutine[None, None, T]) -> T:
+        """Run a coroutine on the event loop, and wait for its result."""
 
 
 class OwnControl:
@@ -24,7 +49,7 @@ class OwnControl:
         lines: the way to the controller.
     """
 
-    def __init__(self, lines: OwnLines) -> None:
+    def __init__(self, lines: CommandLines) -> None:
         self._lines = lines
 
     def moveJ(self, q: Sequence[float], speed: float, acceleration: float, asynchronous: bool) -> bool:  # noqa: N802, FBT001
@@ -97,7 +122,7 @@ class OwnOutputs:
         lines: the way to the controller.
     """
 
-    def __init__(self, lines: OwnLines) -> None:
+    def __init__(self, lines: CommandLines) -> None:
         self._lines = lines
 
     def setStandardDigitalOut(self, pin: int, value: bool) -> bool:  # noqa: N802, FBT001

@@ -1,0 +1,81 @@
+"""Rooms of the house: no folder holds too much, no import goes round, no name says two things."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).parents[2]
+PACKAGES = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
+FILES = 25
+"""Python files in one folder; a reader takes in no more."""
+
+
+def sources() -> dict[str, Path]:
+    """Every product module by its dotted name."""
+    found = {}
+    for package in PACKAGES:
+        for path in (TOP / package).rglob("*.py"):
+            parts = path.relative_to(TOP).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imported(name: str, path: Path, modules: dict[str, Path]) -> Iterator[str]:
+    """Modules of ours that one module imports anywhere: at the top, in functions, for types."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in modules)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                yield inner if inner in modules else node.module
+
+
+def circles(edges: dict[str, set[str]]) -> list[str]:
+    """Modules that lead back to themselves: what is left when those that import nothing more are taken away."""
+    left = dict(edges)
+    while True:
+        inner = {name: targets & left.keys() for name, targets in left.items()}
+        ends = {name for name, targets in inner.items() if not targets}
+        starts = inner.keys() - set().union(*inner.values())
+        if not ends | starts:
+            return sorted(inner)
+        left = {name: targets for name, targets in inner.items() if name not in ends | starts}
+
+
+def test_no_import_goes_round() -> None:
+    modules = sources()
+    edges = {
+        name: {target for target in imported(name, path, modules) if target in modules and target != name}
+        for name, path in modules.items()
+    }
+    assert circles(edges) == []
+
+
+def test_a_circle_is_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == ["b", "c"]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_folder_holds_what_a_reader_takes_in(package: str) -> None:
+    crowded = {
+        str(folder.relative_to(TOP)): count
+        for folder in [TOP / package, *(p for p in (TOP / package).rglob("*") if p.is_dir())]
+        if (count := len(list(folder.glob("*.py")))) > FILES
+    }
+    assert crowded == {}
+
+
+def test_the_architecture_names_every_room_and_no_other() -> None:
+    page = (TOP / "ARCHITECTURE.md").read_text()
+    rooms = {
+        str(path.parent.relative_to(TOP))
+        for package in PACKAGES
+        for path in (TOP / package).rglob("__init__.py")
+        if path.parent != TOP / package
+    }
+    named = set(re.findall(rf"`((?:{'|'.join(PACKAGES)})(?:/\w+)+)`", page))
+    assert named == rooms
