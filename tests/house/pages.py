@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import typer.main
-from ztpm.cli import app
+from ztpm.cli import command_line
 
 TOP = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -22,6 +22,11 @@ def pages() -> tuple[Path, ...]:
     if listing.returncode:
         pytest.skip("not a git checkout")
     return tuple(TOP / name for name in listing.stdout.split("\0") if name and (TOP / name).is_file())
+
+
+def own() -> list[Path]:
+    """The project's own pages: those at the top and in docs. The others explain data that lies beside them."""
+    return [page for page in pages() if page.parent == TOP or TOP / "docs" in page.parents]
 
 
 def prose(text: str) -> list[str]:
@@ -73,10 +78,10 @@ def assert_command(words: list[str]) -> None:
     """The command line knows these words and takes these options."""
     own = words[1 : words.index("--") if "--" in words else None]
     options = {word.split("=")[0] for word in own if word.startswith("--")}
-    at = typer.main.get_command(app)
+    at = typer.main.get_command(command_line())
     for word in own:
-        if word.startswith("--") or word not in getattr(at, "commands", {}):
-            assert word.startswith("--") or not hasattr(at, "commands"), words
+        if word.startswith("--") or not hasattr(at, "commands"):
             break
+        assert word in at.commands, words
         at = at.commands[word]
     assert options <= {option for parameter in at.params for option in parameter.opts}, words

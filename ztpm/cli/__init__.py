@@ -64,6 +64,7 @@ app.add_typer(serve.rtde, name="rtde")
 
 
 @cache
+@cache
 def command_line() -> typer.Typer:
     """`app`, with the commands that installed packages bring; they may import `ztpm`, so not when this is imported."""
     add_brought(app, entry_points(group=GROUP))
