@@ -18,7 +18,7 @@ OPENING: Final = """# The command line
 
 <!-- Generated from the command line by `python -m docs.generate`. Do not edit. -->
 
-`ztpm COMMAND --help` prints its part of this page. `--json`, where it is listed, prints one JSON object for machines.
+Every command prints its part of this page with `--help`. `--json`, where it is listed, prints one object for machines.
 
 | exit status | meaning |
 | --- | --- |
