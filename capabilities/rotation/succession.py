@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 
 from capabilities.keys.keys import thumbprint
 from capabilities.keys.windows import Role, Standing
-from capabilities.statements import statement_form, trust_bundle
+from capabilities.statements import statement_form
+from capabilities.statements import trust as trust_bundle
 from capabilities.values.errors import Fault, FaultCode, StatementError
 
 if TYPE_CHECKING:

@@ -24,8 +24,10 @@ from capabilities.statements import (
     response,
     revocation,
     ticket,
-    trust_bundle,
     vote,
+)
+from capabilities.statements import (
+    trust as trust_bundle,
 )
 
 if TYPE_CHECKING:

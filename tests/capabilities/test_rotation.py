@@ -13,7 +13,7 @@ from capabilities.rotation import rotation
 from capabilities.rotation.rotation import KeyRecord, KeyRing, Refused, State, Why
 from capabilities.rotation.rotation_json import ring_from_json, ring_to_json
 from capabilities.rotation.succession import check_bundle, succeed
-from capabilities.statements import trust_bundle
+from capabilities.statements import trust as trust_bundle
 from capabilities.token.delegate import delegate
 from capabilities.token.mint import mint
 from capabilities.values.caps import DEFAULT

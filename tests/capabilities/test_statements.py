@@ -27,7 +27,7 @@ from capabilities.statements import (
     revocation,
     statement_form,
     ticket,
-    trust_bundle,
+    trust as trust_bundle,
     vote,
 )
 from capabilities.statements.body import BODY_BYTES

@@ -54,7 +54,7 @@ def test_a_gateway_stands_where_it_is_told_and_before_whom(run, cell, monkeypatc
 def test_what_it_is_told_goes_before_its_configuration(cell, monkeypatch):
     served = []
 
-    async def serve(config, *, reports, unsafe_observe):
+    async def serve(config, *, reports, unsafe_observe, certifier):
         assert not unsafe_observe, "nobody asked for it"
         served.append((config.robot_host, config.listen_host))
 

@@ -12,7 +12,7 @@ import pytest
 from packaging.requirements import Requirement
 
 TOP = Path(__file__).parents[2]
-OWN = ("capabilities", "policies", "pep", "ztpm_idp", "ztpm", "evaluation")
+OWN = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
 EXTRAS = ("all", "bench", "viz", "retrieval")
 
 
