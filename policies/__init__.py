@@ -1,9 +1,9 @@
 """What is decided: 25 primitives, 7-tuple policies, tiers, trust, and the one pure function `decide`."""
 
 from policies.conduct.trust import chain_trust, edge_trust
-from policies.decide.load import SHIPPED, load, load_shipped
-from policies.decide.pdp import decide
-from policies.decide.policy import Object, Policy, PolicySet, Requirement, Subject, requirement
+from policies.decision.load import SHIPPED, load, load_shipped
+from policies.decision.pdp import decide
+from policies.decision.policy import Object, Policy, PolicySet, Requirement, Subject, requirement
 from policies.evidence.evidence import (
     NOT_COLLECTED,
     ApprovalReading,

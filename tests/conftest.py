@@ -40,7 +40,7 @@ def pytest_configure(config):
     if config.getoption("campaign"):
         settings.load_profile("campaign")
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        compile_it = "from pep.pit.assess.readiness import compile_all; compile_all()"
+        compile_it = "from pep.pit.assessment.readiness import compile_all; compile_all()"
         subprocess.run([sys.executable, "-c", compile_it], cwd=config.rootpath, check=True, timeout=COMPILE_S)
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.values.scope import Tier
-from pep.pit.assess.assess import assess
-from pep.pit.assess.path_legs import LegsCertificate
+from pep.pit.assessment.assess import assess
+from pep.pit.assessment.path_legs import LegsCertificate
 from pep.pit.base.errors import PitError
 from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
 from pep.pit.checker import Refused, Verified, verify
@@ -26,7 +26,7 @@ from pep.pit.scene.cell import CALIBRATED_UNCERTAINTY_M
 from policies.evidence.tiers import RULES, TierRule
 
 if TYPE_CHECKING:
-    from pep.pit.assess.assessment import Assessment
+    from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Motion
     from pep.pit.files.scene_file import Situation
     from policies.evidence.evidence import Contribution, ImpactFault

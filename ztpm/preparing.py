@@ -52,7 +52,7 @@ class Preparing:
 
 def prepare_physics() -> None:
     """The kernel of the physics is compiled, as minutes pass the very first time, and else a second."""
-    from pep.pit.assess.readiness import compile_telling
+    from pep.pit.assessment.readiness import compile_telling
 
     shown = Preparing()
     try:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
     from capabilities.statements.workload import Platform
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.settings import Settings
 

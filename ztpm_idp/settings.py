@@ -20,7 +20,7 @@ from capabilities.statements.workload import KEY_SET_BYTES, Platform, key_set
 from capabilities.values import text
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, CapabilityError, ScopeError
-from policies.decide.load import SHIPPED, load, load_shipped
+from policies.decision.load import SHIPPED, load, load_shipped
 from policies.words.errors import PolicyError
 from ztpm_idp.domain.asks import STANDING_ASKS
 from ztpm_idp.keys import key_ring
@@ -29,7 +29,7 @@ from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError,
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
 
 KEY_FILES: Final = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
 S = TypeVar("S", bound=BaseModel)

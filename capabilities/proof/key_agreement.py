@@ -115,8 +115,8 @@ class SessionKeys:
 def derive(secret: bytes, transcript: Transcript) -> SessionKeys:
     """The keys of a session: HKDF-SHA256 with both nonces as salt, the profile and the transcript's digest as info."""
     salt = transcript.holder_nonce + transcript.verifier_nonce
-    info = PROFILE.encode() + b" keys" + transcript.digest()
-    derived = HKDF(algorithm=hashes.SHA256(), length=3 * KEY_BYTES, salt=salt, info=info).derive(secret)
+    label = PROFILE.encode() + b" keys" + transcript.digest()
+    derived = HKDF(algorithm=hashes.SHA256(), length=3 * KEY_BYTES, salt=salt, info=label).derive(secret)
     return SessionKeys(derived[:32], derived[32:64], derived[64:])
 
 

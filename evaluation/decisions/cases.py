@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from evaluation.decisions.facts import OF_READING, Situation, situation
 from policies import ROWS, Effect, Point, PolicySet
-from policies.decide.combine import checks
+from policies.decision.combine import checks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from evaluation.decisions.readings import VERIFIED
 from policies import Effect, Point, PolicySet
-from policies.decide.combine import AllOf, Check, conjuncts
+from policies.decision.combine import AllOf, Check, conjuncts
 from policies.evidence.conduct_readings import DRIFT, Feature
 from policies.primitives import cognition, governance, identity, propagation, sequence, tools
 from policies.words.labels import Integrity
@@ -20,7 +20,7 @@ from policies.words.labels import Integrity
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from policies.decide.policy import Policy
+    from policies.decision.policy import Policy
 
 
 class Op(StrEnum):

@@ -14,8 +14,8 @@ from evaluation.pit.ruler import Ruler
 from evaluation.pit.truth import stop_of
 from evaluation.pit.workload import AGE_S
 from pep.pit import Assessment, MoveJ, assess
-from pep.pit.assess.assessment import MILLI
-from pep.pit.assess.stream import Bounded, Stream
+from pep.pit.assessment.assessment import MILLI
+from pep.pit.assessment.stream import Bounded, Stream
 from pep.pit.base.motion import profile_of
 from pep.pit.base.tier import HIGHEST
 from pep.pit.checker import Verified, verify

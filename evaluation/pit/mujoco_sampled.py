@@ -47,7 +47,7 @@ class Measured:
         for k, shape in enumerate(shapes):
             self._thing(spec.worldbody, f"/{k}", shape)
         self._model = spec.compile()
-        self._data = mj.MjData(self._model)
+        self._state = mj.MjData(self._model)
 
         def geom(name: str) -> int:
             return int(mj.mj_name2id(self._model, mj.mjtObj.mjOBJ_GEOM, name))
@@ -86,11 +86,11 @@ class Measured:
 
     def least(self, angles: list[Floats]) -> float:
         """The least clearance of any pair at any of these configurations, metre: what the benchmark times."""
-        mj, model, data, least = self._mj, self._model, self._data, FARTHEST_M
+        mj, model, state, least = self._mj, self._model, self._state, FARTHEST_M
         for q in angles:
-            data.qpos[:] = q
-            mj.mj_kinematics(model, data)
+            state.qpos[:] = q
+            mj.mj_kinematics(model, state)
             least = min(
-                least, *(mj.mj_geomDistance(model, data, a, b, FARTHEST_M, None) - out for a, b, out in self._pairs)
+                least, *(mj.mj_geomDistance(model, state, a, b, FARTHEST_M, None) - out for a, b, out in self._pairs)
             )
         return least

@@ -129,7 +129,7 @@ class Measured:
         """Built once; asking does not change it."""
         pin, robot, scene = pinocchio(), question.robot, question.scene
         self._pin, self._model = pin, robot.pinocchio
-        self._data = robot.pinocchio.createData()
+        self._kinematics = robot.pinocchio.createData()
         geometry = pin.GeometryModel()
 
         def added(name: str, link: int, shape: Shape) -> int:
@@ -149,10 +149,10 @@ class Measured:
 
     def least(self, angles: list[Floats]) -> float:
         """The least clearance of any pair at any of these configurations, metre: what the benchmark times."""
-        measure, model, data = self._pin.computeDistances, self._model, self._data
+        measure, model, kinematics = self._pin.computeDistances, self._model, self._kinematics
         geometry, found, least = self._geometry, self._found, math.inf
         for q in angles:
-            nearest = measure(model, data, geometry, found, q)
+            nearest = measure(model, kinematics, geometry, found, q)
             least = min(least, found.distanceResults[nearest].min_distance)
         return least
 
@@ -160,7 +160,7 @@ class Measured:
         """The clearance of every pair at every configuration, (n, pairs)."""
         rows = []
         for q in angles:
-            self._pin.computeDistances(self._model, self._data, self._geometry, self._found, q)
+            self._pin.computeDistances(self._model, self._kinematics, self._geometry, self._found, q)
             rows.append([result.min_distance for result in self._found.distanceResults])
         return np.array(rows)
 

@@ -10,7 +10,7 @@ import numpy as np
 from evaluation.pit import sampled
 from evaluation.pit.workload import AGE_S
 from pep.pit import JointPath, MoveJ
-from pep.pit.assess.dispatch import joint_moves
+from pep.pit.assessment.dispatch import joint_moves
 from pep.pit.base.motion import profile_of
 from pep.pit.base.travel import Stopping
 from pep.pit.robot.kinematics import layout, poses

@@ -28,7 +28,7 @@ from pep.pit import (
     Thing,
     adult_at_distance,
 )
-from pep.pit.assess.dispatch import drive_of
+from pep.pit.assessment.dispatch import drive_of
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.engine import chosen
 from pep.pit.search.speed_envelope import stream_envelope

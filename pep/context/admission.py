@@ -21,7 +21,7 @@ from pep.context.flow import Full
 from pep.context.json_value import Plain, ValueFault
 from pep.gate import records
 from pep.request.denial import denial
-from policies.decide.pdp import decide
+from policies.decision.pdp import decide
 from policies.evidence import case_json as recorded
 from policies.evidence.content_readings import ItemKind, ItemReading
 from policies.evidence.evidence import Evidence
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from pep.context.instructions import People
     from pep.context.messages import Conversations
     from pep.request.authority import Credentials
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.words.labels import Label
 
 OBJECT: Final = "context"

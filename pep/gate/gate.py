@@ -28,8 +28,8 @@ from pep.request.denial import denial
 from pep.request.edge import Edge
 from pep.request.permit import Permit, unfulfilled
 from pep.world.sequence import ARRIVED
-from policies.decide.pdp import decide
-from policies.decide.policy import requirement
+from policies.decision.pdp import decide
+from policies.decision.policy import requirement
 from policies.evidence.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading
 from policies.evidence.model import Decision, Effect, Finding, Request
 from policies.evidence.tiers import FRESH, authorised_milli
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from pep.request.authority import Authority
     from pep.request.call import Call
     from pep.world.sequence import Sequence
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
 
 PHYSICS_TIMEOUT_S: Final = 3.0
 """An assessment that takes longer is a fault, and a fault is no tier."""

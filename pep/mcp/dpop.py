@@ -17,8 +17,8 @@ from capabilities.values.errors import Fault, FaultCode
 from pep.mcp.body_screen import Unfit
 from pep.mcp.http_request import (
     CREDENTIALS,
-    KNOCK,
-    Knock,
+    HTTP_REQUEST,
+    HttpRequest,
     Refusals,
     answer,
     digest,
@@ -118,26 +118,26 @@ class DPoPLayer:
                 send, 400, rpc.reason, None, {"method": method, "body": digest(body), "detail": rpc.detail}
             )
             return
-        knock = Knock(method, headers_of(scope), body, rpc)
-        credentials = self._credentials(knock)
+        http_request = HttpRequest(method, headers_of(scope), body, rpc)
+        credentials = self._credentials(http_request)
         fault = credentials.fault
-        if fault is not None and not stops(self._tools, knock.tool):
+        if fault is not None and not stops(self._tools, http_request.tool):
             where = {
                 "method": method,
                 "rpc": short(rpc.get("method")),
-                "tool": short(knock.tool),
+                "tool": short(http_request.tool),
                 "body": digest(body),
             }
             await self._refuse(send, 401, Reason(fault.code), credentials, where)
             return
-        scope[CREDENTIALS], scope[KNOCK] = credentials, knock
+        scope[CREDENTIALS], scope[HTTP_REQUEST] = credentials, http_request
         await self._app(scope, replayed(body, receive), send)
 
-    def _credentials(self, knock: Knock) -> Credentials:
+    def _credentials(self, http_request: HttpRequest) -> Credentials:
         """Steps 1 to 10, with the lease of what the body asks for. Whatever breaks on the way is a fault."""
-        operation = self._tools.get(knock.tool or "")
+        operation = self._tools.get(http_request.tool or "")
         lease_ms = self._edge.lease_ms(None if operation is None else bare_request(operation, audience=self._audience))
-        presented = mcp_meta.stray(knock.rpc.get("params")) or self._presented(knock)
+        presented = mcp_meta.stray(http_request.rpc.get("params")) or self._presented(http_request)
         if isinstance(presented, Fault):
             return Credentials(None, presented)
         try:
@@ -145,16 +145,16 @@ class DPoPLayer:
         except Exception as error:  # noqa: BLE001 - a verification that breaks has not verified
             return Credentials(None, Fault(FaultCode.TOKEN_MALFORMED, "TOK-1", type(error).__name__))
 
-    def _presented(self, knock: Knock) -> Presented | Fault:
+    def _presented(self, http_request: HttpRequest) -> Presented | Fault:
         for name, code in (("authorization", FaultCode.TOKEN_MALFORMED), ("dpop", FaultCode.PROOF_MALFORMED)):
-            if name in knock.headers and knock.headers[name] is None:
+            if name in http_request.headers and http_request.headers[name] is None:
                 return Fault(code, "TOK-1", f"the header {name} came more than once")
         return Presented(
-            token=token_in(knock.headers),
-            proof=knock.headers.get("dpop"),
-            method=knock.method,
+            token=token_in(http_request.headers),
+            proof=http_request.headers.get("dpop"),
+            method=http_request.method,
             url=self._audience,
-            body=knock.body,
+            body=http_request.body,
         )
 
     async def _refuse(

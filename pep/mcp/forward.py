@@ -19,7 +19,7 @@ from capabilities.statements import ticket
 from capabilities.statements.ticket import Carried
 from capabilities.values.chain import Chain
 from pep.base.errors import JournalError
-from pep.mcp.http_request import CREDENTIALS, KNOCK, Knock, Refusals, digest, short, token_in
+from pep.mcp.http_request import CREDENTIALS, HTTP_REQUEST, HttpRequest, Refusals, digest, short, token_in
 from pep.mcp.mapping import stops
 from pep.mcp.ticket_layer import TICKET
 from policies.words.reason_table import Reason
@@ -121,11 +121,11 @@ class Forward:
         if scope["type"] == "lifespan":
             await _lives(receive, send)
             return
-        knock, credentials = cast("Knock", scope[KNOCK]), cast("Credentials", scope[CREDENTIALS])
-        if stops(self._tools, knock.tool):  # whether or not somebody waits for the answer
-            await self._pass_on(knock, credentials, send)
+        http_request, credentials = cast("HttpRequest", scope[HTTP_REQUEST]), cast("Credentials", scope[CREDENTIALS])
+        if stops(self._tools, http_request.tool):  # whether or not somebody waits for the answer
+            await self._pass_on(http_request, credentials, send)
             return
-        passing = asyncio.create_task(self._pass_on(knock, credentials, send))
+        passing = asyncio.create_task(self._pass_on(http_request, credentials, send))
         gone = asyncio.create_task(_gone(receive))
         try:
             await asyncio.wait({passing, gone}, return_when=asyncio.FIRST_COMPLETED)
@@ -138,26 +138,30 @@ class Forward:
             if isinstance(end, Exception):
                 raise end
 
-    async def _pass_on(self, knock: Knock, credentials: Credentials, send: Send) -> None:
+    async def _pass_on(self, http_request: HttpRequest, credentials: Credentials, send: Send) -> None:
         """The request has gone to the gateway, and its answer has come back; or it was refused."""
-        stopping = stops(self._tools, knock.tool)  # it waits for no record, and for nobody who may have gone
-        headers = {n: v for n, v in knock.headers.items() if n in PASSED_ON or n.startswith(MCP_HEADERS)}
-        where: dict[str, object] = {"method": knock.method, "tool": short(knock.tool), "body": digest(knock.body)}
+        stopping = stops(self._tools, http_request.tool)  # it waits for no record, and for nobody who may have gone
+        headers = {n: v for n, v in http_request.headers.items() if n in PASSED_ON or n.startswith(MCP_HEADERS)}
+        where: dict[str, object] = {
+            "method": http_request.method,
+            "tool": short(http_request.tool),
+            "body": digest(http_request.body),
+        }
         if None in headers.values() and not stopping:
             await self._refusals.refuse(send, 400, Reason.BODY_MALFORMED, credentials=credentials, where=where)
             return
         # Of a stop's headers, what came twice is not passed on.
         once = {name: value for name, value in headers.items() if value is not None}
         name = self._random(16)
-        record = self._record(name, knock, credentials)
-        if knock.calls and not stopping:
+        record = self._record(name, http_request, credentials)
+        if http_request.calls and not stopping:
             try:
                 await self._edge.record("ticket", record)
             except JournalError:
                 await self._refusals.refuse(send, 503, Reason.RECORD_FAILED, credentials=credentials, where=where)
                 return
         try:
-            response = await self._asked(name, knock, once, again=stopping)
+            response = await self._asked(name, http_request, once, again=stopping)
         except (httpx2.HTTPError, TimeoutError) as error:
             where |= {"ticket": name, "error": type(error).__name__}
             await self._refusals.refuse(send, 503, Reason.GATEWAY_UNREACHABLE, credentials=credentials, where=where)
@@ -167,24 +171,26 @@ class Forward:
             with contextlib.suppress(JournalError):
                 await self._edge.record("ticket", record)
 
-    def _record(self, name: str, knock: Knock, credentials: Credentials) -> dict[str, object]:
+    def _record(self, name: str, http_request: HttpRequest, credentials: Credentials) -> dict[str, object]:
         chain = credentials.chain
         leaf = chain.leaf if isinstance(chain, Chain) and credentials.fault is None else None
         return {
             "ticket": name,
             "proof": credentials.proof_name,
-            "tool": short(knock.tool),
+            "tool": short(http_request.tool),
             "agent": None if leaf is None else leaf.agent,
             "hop": None if leaf is None else leaf.hop_id,
             "gateway": self._url,
         }
 
-    async def _asked(self, name: str, knock: Knock, headers: Mapping[str, str], *, again: bool) -> httpx2.Response:
+    async def _asked(
+        self, name: str, http_request: HttpRequest, headers: Mapping[str, str], *, again: bool
+    ) -> httpx2.Response:
         """The beginning of the gateway's answer.
 
         Args:
             name: of the ticket.
-            knock: the request.
+            http_request: the request.
             headers: that go with it.
             again: it may be sent twice: stopping twice is stopping.
 
@@ -192,14 +198,16 @@ class Forward:
             httpx2.HTTPError, TimeoutError: there is none.
         """
         try:
-            return await self._sent(name, knock, headers)
+            return await self._sent(name, http_request, headers)
         except httpx2.TransportError:
             if not again:
                 raise
-        return await self._sent(name, knock, headers)
+        return await self._sent(name, http_request, headers)
 
-    async def _sent(self, name: str, knock: Knock, headers: Mapping[str, str]) -> httpx2.Response:
-        carried = Carried.of(token=token_in(knock.headers), proof=knock.headers.get("dpop"), body=knock.body)
+    async def _sent(self, name: str, http_request: HttpRequest, headers: Mapping[str, str]) -> httpx2.Response:
+        carried = Carried.of(
+            token=token_in(http_request.headers), proof=http_request.headers.get("dpop"), body=http_request.body
+        )
         issued = ticket.issue(
             carried,
             id=name,
@@ -210,7 +218,9 @@ class Forward:
             at=self._clock.wall_s(),
         )
         # Made by hand, so that no header and no cookie is added to what the caller said.
-        request = httpx2.Request(knock.method, self._url, headers={**headers, TICKET: issued}, content=knock.body)
+        request = httpx2.Request(
+            http_request.method, self._url, headers={**headers, TICKET: issued}, content=http_request.body
+        )
         async with asyncio.timeout(ANSWER_S):
             return await self._http.send(request, stream=True)
 

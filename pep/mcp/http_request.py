@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 CREDENTIALS: Final = "ztpm.credentials"
 """Key in the ASGI scope under which the verified credentials travel."""
-KNOCK: Final = "ztpm.knock"
+HTTP_REQUEST: Final = "ztpm.knock"
 """Key in the ASGI scope under which the request that was read travels."""
 SCHEME: Final = "dpop"
 REFUSALS_AT_ONCE: Final = 4
@@ -34,7 +34,7 @@ BODILESS: Final = frozenset({"GET", "DELETE", "HEAD", "OPTIONS"})
 
 
 @dataclass(frozen=True, slots=True)
-class Knock:
+class HttpRequest:
     """One HTTP request, read.
 
     Attributes:

@@ -15,7 +15,7 @@ from capabilities.values.errors import Fault, FaultCode
 from pep.base.errors import ReplayStoreError
 from pep.mcp.body_screen import BODY_BYTES, Unfit
 from pep.mcp.http_request import (
-    Knock,
+    HttpRequest,
     Refusals,
     answer,
     digest,
@@ -160,7 +160,7 @@ class TicketLayer:
     def _stops(self, method: str, headers: Mapping[str, str | None], body: bytes) -> bool:
         """Whether it only stops, which anybody may."""
         rpc = rpc_of(method, body)
-        return not isinstance(rpc, Unfit) and stops(self._tools, Knock(method, headers, body, rpc).tool)
+        return not isinstance(rpc, Unfit) and stops(self._tools, HttpRequest(method, headers, body, rpc).tool)
 
     def _inside(self, scope: Scope) -> Scope:
         """The same request at the address of the audience, the ticket spent."""

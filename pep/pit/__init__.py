@@ -5,10 +5,10 @@ a motion under way whether what is left of it stays inside what was authorised. 
 robot's own safety configuration stays in force, and the tier decides authorisation, not protection.
 """
 
-from pep.pit.assess.assess import assess
-from pep.pit.assess.assessment import Assessment, Certificate
-from pep.pit.assess.remaining import Pace, Remaining, remaining
-from pep.pit.assess.stream import Bounded, Stream
+from pep.pit.assessment.assess import assess
+from pep.pit.assessment.assessment import Assessment, Certificate
+from pep.pit.assessment.remaining import Pace, Remaining, remaining
+from pep.pit.assessment.stream import Bounded, Stream
 from pep.pit.base.errors import CellError, ModelError, PitError, SceneError
 from pep.pit.base.motion import (
     GripperMove,

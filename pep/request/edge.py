@@ -6,11 +6,11 @@ import asyncio
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
-from policies.decide.policy import requirement
+from policies.decision.policy import requirement
 
 if TYPE_CHECKING:
     from pep.base.ports import Journal
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.evidence.model import Request
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Seen
 from pep.pit import Bounded, SceneError, ServoJ, SpeedJ, Stream
-from pep.pit.assess.assessment import milli
+from pep.pit.assessment.assessment import milli
 from pep.pit.search.speed_envelope import moves_with
 from pep.world.world import sight_of
 from policies.evidence.evidence import ImpactFault

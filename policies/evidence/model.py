@@ -1,7 +1,7 @@
 """What is decided, about what, and the answer: frozen values that every enforcement point shares.
 
-The flow is one way: a Request and its Evidence go in, a Decision comes out (policies.decide.pdp). Nothing here reads a
-clock, a file or a socket.
+The flow is one way: a Request and its Evidence go in, a Decision comes out (policies.decision.pdp). Nothing here reads
+a clock, a file or a socket.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from policies.decide.combine import Always, checks
+from policies.decision.combine import Always, checks
 from policies.evidence.model import Effect
 from policies.primitives.catalog import CATALOG, ROWS
 from policies.primitives.propagation import DynamicTrust
@@ -19,7 +19,7 @@ from policies.words.parameters import GATE_PARAMETERS
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from policies.decide.policy import Object, Policy, PolicySet, Subject
+    from policies.decision.policy import Object, Policy, PolicySet, Subject
     from policies.evidence.model import Point
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.token.scope_check import refusal
 from capabilities.values.chain import Chain, Refusal
-from policies.decide.pdp import decide
+from policies.decision.pdp import decide
 from policies.evidence.evidence import (
     ApprovalReading,
     ImpactReading,
@@ -26,7 +26,7 @@ from policies.primitives.tools import RUNNING
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Request
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final, assert_never
 
-from policies.decide.combine import AllOf, Always, AnyOf, Check, Not, Predicate
-from policies.decide.pdp import decide
+from policies.decision.combine import AllOf, Always, AnyOf, Check, Not, Predicate
+from policies.decision.pdp import decide
 from policies.evidence.evidence import ApprovalReading
 from policies.evidence.model import SEVERITY, Effect
 from policies.primitives.catalog import CATALOG
@@ -21,7 +21,7 @@ from policies.words.parameters import GATE_PARAMETERS, PARAMETERS
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from policies.decide.policy import Policy, PolicySet
+    from policies.decision.policy import Policy, PolicySet
     from policies.evidence.case_json import Recorded
     from policies.evidence.model import Decision
 

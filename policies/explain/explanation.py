@@ -1,7 +1,7 @@
 """Why a decision is what it is: every policy, every primitive, and how their answers combine. Pure.
 
-It asks the same functions as `policies.decide.pdp.decide` and decides nothing itself: the decision of an explanation is
-that of `decide`.
+It asks the same functions as `policies.decision.pdp.decide` and decides nothing itself: the decision of an explanation
+is that of `decide`.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, assert_never
 
 from capabilities.values.chain import Chain
-from policies.decide import pdp
-from policies.decide.combine import AllOf, Always, AnyOf, Check, Not, Predicate, evaluate
-from policies.decide.policy import Concern, requirement
+from policies.decision import pdp
+from policies.decision.combine import AllOf, Always, AnyOf, Check, Not, Predicate, evaluate
+from policies.decision.policy import Concern, requirement
 from policies.evidence.model import Effect
 from policies.evidence.tiers import runtime_tier
 from policies.primitives.base import Case, Defers, Fails, Holds, Verdict
 from policies.words.reason_table import REASONS, Reason
 
 if TYPE_CHECKING:
-    from policies.decide.policy import Policy, PolicySet
+    from policies.decision.policy import Policy, PolicySet
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Decision, Finding, Request
     from policies.primitives.base import Primitive

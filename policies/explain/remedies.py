@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Final
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import FaultCode
 from capabilities.values.scope import Tier
-from policies.decide.approval import APPROVERS_OF_TIER
-from policies.decide.obligations import SPEED
-from policies.decide.pdp import decide
+from policies.decision.approval import APPROVERS_OF_TIER
+from policies.decision.obligations import SPEED
+from policies.decision.pdp import decide
 from policies.evidence.evidence import NOT_COLLECTED, ImpactReading
 from policies.evidence.model import Effect
 from policies.evidence.tiers import runtime_tier
@@ -27,7 +27,7 @@ from policies.words.reason_table import REASONS, Reason
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Decision, Finding, Request
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import FaultCode
-from policies.decide.pdp import decide
-from policies.decide.policy import requirement
+from policies.decision.pdp import decide
+from policies.decision.policy import requirement
 from policies.evidence import shape
 from policies.evidence.evidence import (
     ApprovalReading,
@@ -30,7 +30,7 @@ from policies.proof.facts import ANOTHER_STATE, FACTS, NO_APPROVAL, STATES, Fact
 from policies.proof.verdicts import unknowns
 
 if TYPE_CHECKING:
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Request
     from policies.primitives.base import Primitive

@@ -20,7 +20,7 @@ from policies.proof.verdicts import human_root, world_tier
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.proof.confirmation import Told
     from policies.proof.facts import Facts
     from policies.proof.outcome import Added, Outcome

@@ -35,7 +35,7 @@ from policies.proof.facts import NO_APPROVAL, STATES, Facts, Names
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.words.parameters import Parameters
 
 AT: Final = 1_000_000_000

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.values.chain import Chain
 from capabilities.values.scope import Tier
-from policies.decide.policy import requirement
+from policies.decision.policy import requirement
 from policies.evidence.evidence import ApprovalReading, ImpactReading, PerceptionReading, RobotReading, prior_leave
 from policies.evidence.model import SEVERITY, Effect, Obligation, ObligationKind, Point
 from policies.evidence.tiers import base_tier, runtime_tier
@@ -21,7 +21,7 @@ from policies.primitives.identity import HumanRoot
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Decision, Request
     from policies.words.parameters import Parameters

@@ -20,7 +20,7 @@ from capabilities.values.scope import Tier
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.evidence.model import Point
     from policies.primitives.base import Primitive
     from policies.proof.logic import Number, Truth

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from capabilities.values.scope import Tier
-from policies.decide.approval import APPROVERS_OF_TIER
+from policies.decision.approval import APPROVERS_OF_TIER
 from policies.evidence.model import Effect
 from policies.proof.facts import DENIED, GRANTED, Facts, Names
 from policies.proof.logic import Logic, Number, Truth, implies
 from policies.proof.verdicts import Situation, situation, verdict_of
 
 if TYPE_CHECKING:
-    from policies.decide.policy import Policy, PolicySet
+    from policies.decision.policy import Policy, PolicySet
     from policies.proof.facts import Verdict
 
 
@@ -52,7 +52,7 @@ class Said:
 class Added:
     """One more DENY policy, of which nothing is known: what it is about, and what it says there.
 
-    A DENY policy denies, defers or is silent, and grants nothing (policies.decide.pdp, `_speak`); one that errors
+    A DENY policy denies, defers or is silent, and grants nothing (policies.decision.pdp, `_speak`); one that errors
     denies.
     """
 
@@ -137,7 +137,7 @@ def _said(policy: Policy, at: Situation, names: Names) -> Said:
 
 
 def _required(policy: Policy, verdict: Verdict, at: Situation) -> Said:
-    """A requirement: the twin of `policies.decide.pdp._permit`."""
+    """A requirement: the twin of `policies.decision.pdp._permit`."""
     facts, logic = at.facts, at.logic
     undecided = logic.every(logic.no(verdict.holds), logic.no(verdict.fails))
     if policy.pit_bound is None:
@@ -154,7 +154,7 @@ def _critical(at: Situation) -> Truth:
 
 
 def approval_fits(at: Situation) -> Truth:
-    """The case is what was approved, as it is now: the twin of `policies.decide.approval._differences`."""
+    """The case is what was approved, as it is now: the twin of `policies.decision.approval._differences`."""
     facts, logic = at.facts, at.logic
     critical = facts.approval_tier == int(Tier.SAFETY_CRITICAL)
     seen = logic.some(facts.seen_fresh, facts.approval_sees_clear)
@@ -176,7 +176,7 @@ def approval_fits(at: Situation) -> Truth:
 
 
 def _too_fast(at: Situation) -> Truth:
-    """Faster than people may approve: the twin of `policies.decide.approval._too_fast`."""
+    """Faster than people may approve: the twin of `policies.decision.approval._too_fast`."""
     facts, logic = at.facts, at.logic
     watched = logic.some(at.tier == int(Tier.HIGH_CONSEQUENCE), logic.no(facts.seen_fresh))
     allowed = logic.every(facts.slow, logic.some(facts.soft, _critical(at)))

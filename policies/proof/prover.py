@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
-from policies.decide.combine import Always, Check, Not
-from policies.decide.pdp import decide
-from policies.decide.policy import Object, Policy, PolicySet, Subject, requirement
+from policies.decision.combine import Always, Check, Not
+from policies.decision.pdp import decide
+from policies.decision.policy import Object, Policy, PolicySet, Subject, requirement
 from policies.evidence.model import Effect, Obligation, ObligationKind, Point
 from policies.evidence.tiers import runtime_tier
 from policies.primitives.base import Case

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import z3
 
-from policies.decide.combine import checks
+from policies.decision.combine import checks
 from policies.evidence.model import Point
 from policies.proof.claims import Cases, Question
 from policies.proof.facts import FACTS, NAMES_OF, Facts, Verdict
@@ -24,7 +24,7 @@ from policies.proof.verdicts import unknowns
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.primitives.base import Primitive
     from policies.proof.claims import Claim
 

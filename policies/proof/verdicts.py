@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.values.scope import Tier
-from policies.decide.combine import AllOf, Always, AnyOf, Check, Not, Predicate, checks
+from policies.decision.combine import AllOf, Always, AnyOf, Check, Not, Predicate, checks
 from policies.evidence.tiers import UNSEEN_FLOOR
 from policies.primitives import cognition, identity, propagation, tools
 from policies.proof.facts import Facts, Verdict
@@ -19,7 +19,7 @@ from policies.proof.logic import Logic, Number, Truth, highest, implies
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.primitives.base import Primitive
 
 
@@ -198,7 +198,7 @@ def _verdict_of(primitive: Primitive, at: Situation) -> Verdict:
 
 
 def verdict_of(predicate: Predicate, at: Situation) -> Verdict:
-    """The twin of `policies.decide.combine.evaluate`: every part is asked, so a part that raises is heard of."""
+    """The twin of `policies.decision.combine.evaluate`: every part is asked, so a part that raises is heard of."""
     logic = at.logic
     match predicate:
         case Check(primitive):

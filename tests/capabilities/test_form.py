@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Annotated
 
 import pytest
-from capabilities.values.form import Form, FormError, converted, plain, read, upto, whole, within, words
 from capabilities.values.errors import CapabilityError, FaultCode
+from capabilities.values.form import Form, FormError, converted, plain, read, upto, whole, within, words
 
 pytestmark = pytest.mark.clause(reason="how forms are read; the statements that have them name the clauses")
 

@@ -27,8 +27,10 @@ from capabilities.statements import (
     revocation,
     statement_form,
     ticket,
-    trust as trust_bundle,
     vote,
+)
+from capabilities.statements import (
+    trust as trust_bundle,
 )
 from capabilities.statements.body import BODY_BYTES
 from capabilities.values import strict_json

@@ -10,7 +10,8 @@ from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
 from capabilities.keys.windows import FOREVER, KEYS_OF_A_ROLE, Role, Standing, Window
 from capabilities.rotation.succession import Seen, check_bundle, succeed
-from capabilities.statements import statement_form, trust as trust_bundle
+from capabilities.statements import statement_form
+from capabilities.statements import trust as trust_bundle
 from capabilities.values import strict_json
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, CapabilityError, Fault, FaultCode

@@ -6,7 +6,7 @@ import json
 import pytest
 import rfc8785
 from pep.base.operations import OPERATIONS, Kind
-from policies.decide.load import TEXT_LIMIT
+from policies.decision.load import TEXT_LIMIT
 from tests.pep.kit import MOVE, Rig, full_scope, reading
 from tests.policies.test_advice import GATED
 from tests.policies.test_load import BAD, GOOD

@@ -241,7 +241,7 @@ def pep_never_uses_an_approval_up():
 @defect
 def pep_ignores_what_was_shown():
     """An approval counts for whatever world it is used in."""
-    from policies.decide import approval
+    from policies.decision import approval
 
     approval._differences = lambda case, reading, reasons, policies: iter(())
 
@@ -275,7 +275,7 @@ def pep_takes_one_for_two():
     import dataclasses
 
     from pep.people import deferral
-    from policies.decide import approval
+    from policies.decision import approval
 
     honest = deferral.tally
     approval.APPROVERS_OF_TIER = {}

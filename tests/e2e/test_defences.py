@@ -15,9 +15,9 @@ from tests.e2e import sabotage
 from ztpm.base.processes import Child
 from ztpm.cell.cell import Cell
 from ztpm.demo.run import Told, play
-from ztpm.stage.stage import LEFT, WAIT_S, Stage, until
 from ztpm.demo.story import STORY
 from ztpm.stage.live import stage
+from ztpm.stage.stage import LEFT, WAIT_S, Stage, until
 
 IDP, GATEWAY, TOOLS = ("identity provider",), ("gateway",), ("tool server",)
 BOTH = (*TOOLS, *GATEWAY)

@@ -20,7 +20,7 @@ BREAKS = [
     ("layers", "pep/base/ports.py", "import ztpm_idp"),
     ("enforcement-and-provider", "ztpm_idp/__init__.py", "import pep.base.ports"),
     ("capabilities-rooms", "capabilities/values/units.py", "import capabilities.keys.keys"),
-    ("policies-rooms", "policies/evidence/model.py", "import policies.decide.pdp"),
+    ("policies-rooms", "policies/evidence/model.py", "import policies.decision.pdp"),
     ("pep-rooms", "pep/base/ports.py", "import pep.gate.gate"),
     ("rtde-rooms", "pep/rtde/wire/codec.py", "import pep.rtde.line.relay"),
     ("pit-rooms", "pep/pit/geometry/shape.py", "import pep.pit.search.certify"),

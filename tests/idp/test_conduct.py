@@ -15,7 +15,7 @@ from policies.conduct.behaviour import BehaviourState
 from policies.conduct.report import Edge
 from policies.conduct.trust import TrustState
 from policies.conduct.trust_changes import CHARGES
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from policies.words.reason_table import Reason
 from tests.idp.journals import Journal
 from tests.idp.world import ISSUER, SLOWER

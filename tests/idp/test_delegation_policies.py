@@ -7,7 +7,7 @@ import json
 import pytest
 from capabilities.values.scope import Restriction, Tier
 from policies.conduct.trust_changes import CHARGES
-from policies.decide.load import load
+from policies.decision.load import load
 from policies.words.reason_table import Reason
 from tests.idp.journals import Journal
 from tests.idp.test_conduct import held, probed, scores

@@ -13,7 +13,7 @@ from capabilities.statements import attestation
 from capabilities.values.caps import DEFAULT
 from hypothesis import given
 from hypothesis import strategies as st
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from ztpm_idp.domain import commands as c
 from ztpm_idp.domain.codes import Refusal
 from ztpm_idp.domain.core import decide

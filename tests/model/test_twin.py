@@ -4,7 +4,7 @@ import os
 import random
 
 import pytest
-from policies.decide.obligations import CONSUME
+from policies.decision.obligations import CONSUME
 from policies.words.reason_table import PRECEDENCE
 from tests.model import triples, twin
 

@@ -6,7 +6,7 @@ from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, Ref
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Range, Scope, Tier
 from capabilities.values.units import Quantity, Unit
-from policies.decide.combine import AllOf, Always, AnyOf, Check, Not
+from policies.decision.combine import AllOf, Always, AnyOf, Check, Not
 from policies.evidence.conduct_readings import BehaviourReading, Deviation, Feature, SequenceReading
 from policies.evidence.content_readings import (
     ArgumentReading,

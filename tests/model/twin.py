@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import Fault
-from policies.decide.combine import AllOf, Always, AnyOf, Check, Not
+from policies.decision.combine import AllOf, Always, AnyOf, Check, Not
 from policies.evidence.evidence import (
     NOT_COLLECTED,
     ApprovalReading,

@@ -20,7 +20,7 @@ from pep.context.forms import Asked, Body, Form, Forms
 from pep.context.messages import ConversationBook
 from pep.journal.replay_cache import ReplayCache
 from pep.request.authority import Credentials
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from policies.evidence.content_readings import ItemKind, ItemReading
 from policies.words.labels import Integrity, Label, Source
 from tests.capabilities.world import (

@@ -41,7 +41,7 @@ from pep.request.authority import Authority, Presented
 from pep.request.call import Call
 from pep.rtde.command.limits import Ur3eLimits
 from pep.world.sequence import Sequence
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from policies.evidence.content_readings import ArgumentReading, ContextReading
 from policies.evidence.evidence import ImpactReading, PerceptionReading, RobotReading, SensorReading, ToolReading
 from policies.words.labels import Integrity, Label, Source

@@ -13,7 +13,7 @@ from pep.base.errors import ActuationRefusedError, JournalError, PepError
 from pep.people.asks import CAPACITY
 from pep.people.deferral import AskState
 from pep.world.sequence import Sequence
-from policies.decide.policy import PolicySet
+from policies.decision.policy import PolicySet
 from policies.evidence.evidence import Contribution
 from policies.evidence.model import Effect
 from policies.words.parameters import Parameters
@@ -316,7 +316,7 @@ def test_two_simultaneous_requests_cannot_both_use_the_last_use(rig):
     rig.cast(rig.vote())
     start, won = threading.Barrier(16), []
     calls = [rig.call(rig.holder) for _ in range(16)]
-    from policies.decide.pdp import decide
+    from policies.decision.pdp import decide
 
     def grab(call):
         start.wait()
@@ -335,7 +335,7 @@ def test_two_simultaneous_requests_cannot_both_use_the_last_use(rig):
 
 
 def test_a_reserved_use_lapses_and_cannot_be_consumed_late(rig):
-    from policies.decide.pdp import decide
+    from policies.decision.pdp import decide
 
     rig.ask()
     rig.cast(rig.vote())

@@ -23,7 +23,7 @@ from pep.pit import CellParameters, Output
 from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.state_receiver import ReceivedState
 from pep.rtde.robot.telemetry import Telemetry
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from policies.evidence.tiers import FRESH
 from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
 from tests.pep.test_mcp import Signed

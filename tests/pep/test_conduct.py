@@ -14,7 +14,7 @@ from pep.base.ports import ConductWord
 from pep.journal.conduct import near_permille
 from policies.conduct.report import Edge
 from policies.conduct.trust_changes import CHARGES
-from policies.decide.load import load
+from policies.decision.load import load
 from policies.evidence.conduct_readings import Feature
 from policies.evidence.evidence import NOT_COLLECTED, Evidence
 from policies.evidence.model import Effect

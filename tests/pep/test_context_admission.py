@@ -21,8 +21,8 @@ from pep.context.messages import ConversationBook, Line
 from pep.gate.records import unfinished
 from pep.journal.file_journal import FileJournal
 from pep.request.authority import NOBODY, Credentials
-from policies.decide.load import load, load_shipped
-from policies.decide.pdp import decide
+from policies.decision.load import load, load_shipped
+from policies.decision.pdp import decide
 from policies.evidence import case_json as recorded
 from policies.evidence.content_readings import ItemKind, ItemReading
 from policies.evidence.model import Effect, Request

@@ -13,7 +13,7 @@ from pep.context.messages import ConversationBook
 from pep.context.screening import SIGNS, screen
 from pep.journal.replay_cache import ReplayCache
 from pep.request.authority import Credentials
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from policies.evidence.model import Point, Request
 from policies.words.labels import Integrity
 from tests.capabilities.world import CELL, NOW, chain_of

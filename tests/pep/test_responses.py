@@ -23,7 +23,7 @@ from pep.mcp import provenance
 from pep.mcp.guard import DECISION_META, guard
 from pep.mcp.mapping import ARM_TOOLS, bare_request
 from pep.mcp.provenance import RECEIPT, RECEIPTS, RESPONSE, Unreadable, Vouching, shown, wanted
-from policies.decide.load import load
+from policies.decision.load import load
 from policies.evidence.content_readings import ArgumentReading, ContextReading, ItemKind
 from policies.evidence.evidence import ToolReading
 from policies.words.labels import NOBODY, Integrity, Label, Source

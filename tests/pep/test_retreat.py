@@ -8,7 +8,7 @@ from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Tier
 from pep.perception.sensor_frames import Frame, Frames
 from pep.pit import CellParameters, Person, Region, Robot, Sphere, observed
-from pep.pit.assess.readiness import compile_all
+from pep.pit.assessment.readiness import compile_all
 from pep.rtde.robot.state_receiver import JointState
 from pep.world.held_object import Holding
 from pep.world.world import CellPhysics

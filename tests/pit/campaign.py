@@ -17,7 +17,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 from pathlib import Path
 
-from pep.pit.assess.readiness import compile_all
+from pep.pit.assessment.readiness import compile_all
 from tests.pit.trials import CORRUPT_EACH, Figures, trial
 
 COUNT = 100_000

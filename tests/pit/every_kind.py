@@ -9,7 +9,7 @@ import sys
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from pep.pit import SpeedJ, Stream, assess, remaining
-from pep.pit.assess.readiness import compile_all
+from pep.pit.assessment.readiness import compile_all
 from tests.pit import curves, lines
 from tests.pit.lines import AGE
 from tests.pit.questions import KINDS

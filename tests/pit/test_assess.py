@@ -25,7 +25,7 @@ from pep.pit import (
     assess,
     standing_adult,
 )
-from pep.pit.assess.assessment import Assessment
+from pep.pit.assessment.assessment import Assessment
 from pep.pit.path.straight_path import GRID
 from pep.pit.scene.obstacles import Kind
 from pep.pit.scene.pairs import pairs_of
@@ -406,7 +406,7 @@ def break_radii(monkeypatch):
 
     from pep.pit import assess as _  # noqa: F401
 
-    module = sys.modules["pep.pit.assess.straight_assessment"]
+    module = sys.modules["pep.pit.assessment.straight_assessment"]
     true = module.pairs_of
 
     def thinner(*args, **more):
@@ -511,7 +511,7 @@ def test_a_broken_engine_is_found_out(monkeypatch, engine, sabotage, scene):
     from tests.model.pit.engine import NUMPY
 
     if engine == NUMPY.name:
-        monkeypatch.setattr("pep.pit.assess.straight_assessment.chosen", lambda: NUMPY)
+        monkeypatch.setattr("pep.pit.assessment.straight_assessment.chosen", lambda: NUMPY)
     move = sweep(2.0, 3.0)
     assert ask(scene, move).engine == engine
     assert isinstance(ask(scene, move), Assessment)
@@ -525,7 +525,7 @@ def test_a_broken_engine_is_found_out(monkeypatch, engine, sabotage, scene):
 
 
 def test_whatever_breaks_inside_is_a_fault(monkeypatch):
-    monkeypatch.setattr("pep.pit.assess.straight_assessment.pairs_of", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr("pep.pit.assessment.straight_assessment.pairs_of", lambda *a, **k: 1 / 0)
     answer = ask()
     assert isinstance(answer, ImpactFault)
     assert answer.reason == "PHYSICS_FAULT"

@@ -225,7 +225,7 @@ def other_pairs(change):
             true = pairs_of(*asked, **more)
             return replace(true, radii=change(true))
 
-        patched.setattr("pep.pit.assess.straight_assessment.pairs_of", pairs)
+        patched.setattr("pep.pit.assessment.straight_assessment.pairs_of", pairs)
 
     return changed
 
@@ -243,7 +243,7 @@ def without_a_top(patched):
 
 def shorter_stop(patched):
     patched.setattr(
-        "pep.pit.assess.straight_assessment.stopping",
+        "pep.pit.assessment.straight_assessment.stopping",
         lambda cell, **k: stopping(cell, **{n: 0.9 * v for n, v in k.items()}),
     )
 
@@ -263,8 +263,8 @@ WITHIN = 45
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_kernel_is_found_by_the_samples_alone(monkeypatch, name):
-    monkeypatch.setattr("pep.pit.assess.straight_assessment.chosen", lambda: NUMPY)
-    monkeypatch.setattr("pep.pit.assess.straight_assessment.cross_check", lambda *a, **k: Agreement(1))
+    monkeypatch.setattr("pep.pit.assessment.straight_assessment.chosen", lambda: NUMPY)
+    monkeypatch.setattr("pep.pit.assessment.straight_assessment.cross_check", lambda *a, **k: Agreement(1))
     monkeypatch.setattr(trials, "certified", lambda *a: None)
     BROKEN[name](monkeypatch)
     found = (trials.trial(11, number).failed for number in range(WITHIN))

@@ -155,7 +155,7 @@ def test_the_second_engine_measures_things_where_they_are_now():
             # What is read again and again is where coal writes.
             told = [result.min_distance for result in world.stage.found.distanceResults]
             assert [result.min_distance for result in world.stage.distances] == told
-            frames = list(world.stage.data.oMi)
+            frames = list(world.stage.kinematics.oMi)
             assert (world.stage.turns == np.array([frame.rotation for frame in frames])).all()
             assert (world.stage.origins == np.array([frame.translation for frame in frames])).all()
         assert np.abs(seen[0] - seen[2]).max() <= 2e-6

@@ -22,7 +22,7 @@ from pep.pit import (
     SpeedL,
     Sphere,
 )  # fmt: skip
-from pep.pit.assess.dispatch import drive_of
+from pep.pit.assessment.dispatch import drive_of
 from pep.pit.checker import (
     Code,
     Refused,

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import ServoJ, SpeedL, Sphere, Thing, assess, remaining
-from pep.pit.assess.dispatch import drive_of
+from pep.pit.assessment.dispatch import drive_of
 from pep.pit.path.straight_path import GRID
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import MoveL
-from pep.pit.assess.dispatch import drive_of
+from pep.pit.assessment.dispatch import drive_of
 from pep.pit.base.tier import TIE
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist

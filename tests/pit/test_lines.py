@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit import MoveL, Sphere, Thing, Workspace, assess
-from pep.pit.assess.course_assessment import CourseCertificate
+from pep.pit.assessment.course_assessment import CourseCertificate
 from pep.pit.base.motion import Profile
 from pep.pit.path.line_trace import FINEST
 from pep.pit.path.straight_path import GRID

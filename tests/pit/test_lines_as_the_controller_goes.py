@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pep.pit.assess.dispatch import drive_of
+from pep.pit.assessment.dispatch import drive_of
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import TURN_LEVER_M
 from pep.pit.search.course_limits import Effort

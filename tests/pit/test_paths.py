@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, Sphere, Thing, assess, remaining
-from pep.pit.assess.path_legs import LegsCertificate
+from pep.pit.assessment.path_legs import LegsCertificate
 from pep.pit.base.motion import profile_of
 from pep.pit.search.certify import RESOLUTION
 from pep.pit.search.timed_course import line_drive

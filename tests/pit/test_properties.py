@@ -28,7 +28,7 @@ from pep.pit import (
     Zone,
     assess,
 )
-from pep.pit.assess.straight_assessment import MoveQuestion
+from pep.pit.assessment.straight_assessment import MoveQuestion
 from pep.pit.base.tier import ratio_index
 from pep.pit.robot.model import Model
 from pep.pit.robot.robot import _assemble

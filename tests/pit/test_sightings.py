@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from msgspec import structs
 from pep.perception.sensor_frames import Frame, Heard, Look
 from pep.pit import Assessment, GripperMove, Sphere, Thing, adult_at_distance, assess, gripped, scene_observed
-from pep.pit.assess.remaining import Remaining, remaining
+from pep.pit.assessment.remaining import Remaining, remaining
 from pep.pit.checker import Refused, Verified, verify
 from pep.pit.proof.proof_document import document
 from pep.pit.robot.kinematics import link_frames

@@ -32,9 +32,9 @@ from pep.pit import (
     remaining,
     standing_adult,
 )
-from pep.pit.assess.course_remaining import rests_of
-from pep.pit.assess.slider_search import paced, steps
-from pep.pit.assess.straight_remaining import Rest, slowed
+from pep.pit.assessment.course_remaining import rests_of
+from pep.pit.assessment.slider_search import paced, steps
+from pep.pit.assessment.straight_remaining import Rest, slowed
 from pep.pit.base.motion import profile_of
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist, turn_of
@@ -429,7 +429,7 @@ def test_a_line_that_is_stretched_asks_less_of_the_arm():
 def test_both_engines_name_the_same_speed(monkeypatch):
     asked = [(somebody(distance), share) for distance in (1.55, 1.65, 1.75) for share in (0.1, 0.4, 0.7)]
     decided = [left(scene, FAST, share) for scene, share in asked]
-    monkeypatch.setattr("pep.pit.assess.straight_remaining.chosen", lambda: NUMPY)
+    monkeypatch.setattr("pep.pit.assessment.straight_remaining.chosen", lambda: NUMPY)
     plain = [left(scene, FAST, share) for scene, share in asked]
     for one, other in zip(decided, plain, strict=True):
         assert (one.holds, one.pace, one.cause) == (other.holds, other.pace, other.cause)

@@ -28,8 +28,8 @@ from pep.pit import (
     Zone,
     assess,
 )
-from pep.pit.assess.assessment import Assessment
-from pep.pit.assess.stream import CONFIRMED_OF, Bounded, Stream
+from pep.pit.assessment.assessment import Assessment
+from pep.pit.assessment.stream import CONFIRMED_OF, Bounded, Stream
 from pep.pit.scene.separation import stopping
 from pep.pit.search.speed_envelope import stream_envelope
 from pep.pit.second.second_engine import World

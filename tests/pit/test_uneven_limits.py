@@ -7,8 +7,8 @@ from importlib import resources
 import numpy as np
 import pytest
 from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, Robot, ServoJ, SpeedJ, SpeedL, assess
-from pep.pit.assess.assessment import Assessment
-from pep.pit.assess.remaining import remaining
+from pep.pit.assessment.assessment import Assessment
+from pep.pit.assessment.remaining import remaining
 from pep.pit.search.start_violations import joint_limits
 from pep.pit.search.timed_course import beyond
 from tests.pit.lines import pose_of

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 from capabilities.values.scope import Tier
-from policies.decide.combine import Always, Check
-from policies.decide.obligations import CONSUME
+from policies.decision.combine import Always, Check
+from policies.decision.obligations import CONSUME
 from policies.evidence.evidence import Contribution, ImpactFault, OpeningReading
 from policies.evidence.model import ApprovalUse
 from tests.policies import world

@@ -5,7 +5,7 @@ from itertools import permutations, product
 
 import pytest
 from capabilities.values.errors import Fault, FaultCode
-from policies.decide.combine import (
+from policies.decision.combine import (
     PERMITS,
     SILENT,
     AllOf,

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import pytest
 from capabilities.values.scope import Tier
-from policies.decide.combine import Always, Check
-from policies.decide.obligations import NOTIFY, RECORD
+from policies.decision.combine import Always, Check
+from policies.decision.obligations import NOTIFY, RECORD
 from policies.evidence.model import ApprovalUse
 from policies.primitives.base import Holds
 from policies.words.reason_table import REASONS

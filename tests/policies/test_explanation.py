@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 from capabilities.values.scope import Tier
-from policies.decide.combine import checks
-from policies.decide.policy import Concern
+from policies.decision.combine import checks
+from policies.decision.policy import Concern
 from policies.explain.explanation import explain
 from tests.model import triples
 from tests.policies import world

@@ -4,7 +4,7 @@ import random
 import re
 
 import pytest
-from policies.decide.load import DEPTH_LIMIT, MEMBER_LIMIT, NAME_LIMIT, TEXT_LIMIT
+from policies.decision.load import DEPTH_LIMIT, MEMBER_LIMIT, NAME_LIMIT, TEXT_LIMIT
 
 from policies import SHIPPED, Effect, Parameters, PolicyError, PolicyFault, load, load_shipped
 

@@ -6,7 +6,7 @@ from importlib import resources
 import pytest
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit
-from policies.decide.obligations import AFTER, LOWER_TRUST, NOTIFY, REATTEST, RECORD
+from policies.decision.obligations import AFTER, LOWER_TRUST, NOTIFY, REATTEST, RECORD
 from tests.policies import world
 
 from policies import (

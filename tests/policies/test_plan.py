@@ -5,7 +5,7 @@ import random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from policies.decide.policy import PLANS, Concern
+from policies.decision.policy import PLANS, Concern
 from tests.model import triples
 from tests.policies import world
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from capabilities.values.scope import Tier
-from policies.decide.combine import Check
+from policies.decision.combine import Check
 from policies.evidence import shape
 from policies.primitives.base import Defers, Fails, Holds
 from policies.words.reason_table import REASONS

@@ -11,7 +11,7 @@ import pytest
 from capabilities.values.scope import Tier
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from policies.decide.combine import AllOf, Always, AnyOf, Check
+from policies.decision.combine import AllOf, Always, AnyOf, Check
 from policies.evidence.evidence import PerceptionReading
 from policies.evidence.tiers import FRESH
 from policies.primitives.base import Holds
@@ -371,7 +371,7 @@ class Broken:
 
 @pytest.mark.parametrize("effect", list(Effect))
 def test_a_policy_that_errors_denies_whatever_its_effect(effect, monkeypatch):
-    monkeypatch.setattr("policies.decide.policy.checks", lambda _: ())
+    monkeypatch.setattr("policies.decision.policy.checks", lambda _: ())
     broken = Policy(
         "broken",
         Subject(),

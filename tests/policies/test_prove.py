@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 from capabilities.values.scope import Tier
-from policies.decide import approval, combine, pdp
-from policies.decide.combine import AllOf, Check
-from policies.decide.policy import Concern, requirement
+from policies.decision import approval, combine, pdp
+from policies.decision.combine import AllOf, Check
+from policies.decision.policy import Concern, requirement
 from policies.evidence import case_json
 from policies.evidence.tiers import runtime_tier
 from policies.primitives import identity, propagation

@@ -9,7 +9,7 @@ from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, Ref
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Grant, Limit, OneOf, Range, Scope, Tier
 from capabilities.values.units import Parameter, Quantity, Unit
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from policies.evidence.conduct_readings import BehaviourReading, Deviation, Feature, SequenceReading
 from policies.evidence.content_readings import (
     ArgumentReading,

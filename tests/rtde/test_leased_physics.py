@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit import JointLeg, JointPath, MoveJ, MoveL, SpeedL, adult_at_distance
-from pep.pit.assess.readiness import compile_all
+from pep.pit.assessment.readiness import compile_all
 from pep.pit.robot.inverse_kinematics import solved, stance
 from pep.pit.robot.twist import Twist, turn_of
 from pep.rtde.command import command_values as v

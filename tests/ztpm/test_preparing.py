@@ -3,8 +3,8 @@
 import io
 
 import pytest
-from pep.pit.assess import readiness
-from pep.pit.assess.readiness import Progress, compile_telling
+from pep.pit.assessment import readiness
+from pep.pit.assessment.readiness import Progress, compile_telling
 from ztpm.preparing import EACH_S, WIPED, Preparing
 
 

@@ -16,7 +16,7 @@ from capabilities.keys import keys
 from capabilities.statements.registry import PartyEntry
 from pep.base.clock import SystemClock
 from pep.base.errors import ConfigError, PepFault
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from tests.pep import kit
 from tests.pep.forwarding import DOOR, GATEWAY_PORT, URL, House, listening
 from tests.pep.kit import AUDIENCE, HOST, MOVE, PORT

@@ -13,7 +13,7 @@ from rich.text import Text
 from ztpm.cli.output import USAGE, console, fail, plain, say_json
 from ztpm.cli.person import (
     As,
-    Data,
+    CellDirectory,
     Issuer,
     Json,
     KeyFile,
@@ -50,7 +50,7 @@ def register(
     model: Annotated[str, typer.Option(help="The language model behind it.")] = "none",
     sponsor: Annotated[str, typer.Option(help="Who answers for it (default: --as).")] = "",
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
     """Register an agent under a sponsor; its key is made in the cell's directory, encrypted, unless it is there."""
@@ -59,8 +59,8 @@ def register(
     from ztpm.cli.passphrase import ask_passphrase
 
     known_name(agent, as_json=as_json)
-    person = operator(data=data, name=name, issuer="", key=None, as_json=as_json)
-    layout = layout_of(data, as_json=as_json)
+    person = operator(directory=directory, name=name, issuer="", key=None, as_json=as_json)
+    layout = layout_of(directory, as_json=as_json)
     path = layout.agent_key(agent)
     try:
         key = (
@@ -82,9 +82,9 @@ def register(
 
 
 @app.command("attest")
-def attest(agent: AgentName, *, software: Software, data: Data = None, as_json: Json = False) -> None:
+def attest(agent: AgentName, *, software: Software, directory: CellDirectory = None, as_json: Json = False) -> None:
     """Attest an agent with its own key: it is active from then on, if it runs what is registered."""
-    with refusals(as_json=as_json), agent_of(agent, software, data=data, as_json=as_json) as itself:
+    with refusals(as_json=as_json), agent_of(agent, software, directory=directory, as_json=as_json) as itself:
         itself.attest()
     if as_json:
         say_json({"ok": True, "id": agent, "status": "active"})
@@ -93,9 +93,11 @@ def attest(agent: AgentName, *, software: Software, data: Data = None, as_json: 
 
 
 @app.command("list")
-def list_(*, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False) -> None:
+def list_(
+    *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+) -> None:
     """List every agent: whose it is, whether it is active, how far it is trusted, how it behaves."""
-    person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json), person:
         rows = person.agents()
     if as_json:
@@ -120,14 +122,14 @@ def suspend(
     *,
     reason: Reason,
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     issuer: Issuer = "",
     key: KeyFile = None,
     as_json: Json = False,
 ) -> None:
     """Suspend an agent and all authority below it, for ever."""
     known_name(agent, as_json=as_json)
-    person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json), person:
         epoch = person.suspend_agent(agent, reason)
     if as_json:
@@ -145,14 +147,14 @@ def restore(
         bool, typer.Option("--relearn", help="Its work has changed: learn anew what is usual for it.")
     ] = False,
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     issuer: Issuer = "",
     key: KeyFile = None,
     as_json: Json = False,
 ) -> None:
     """Restore an agent whose behaviour deviated: it may act again as before."""
     known_name(agent, as_json=as_json)
-    person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json), person:
         person.restore_agent(agent, reason, relearn=relearn)
     if as_json:
@@ -161,19 +163,19 @@ def restore(
         typer.echo("Restored.")
 
 
-def agent_of(agent: str, software: Path, *, data: Path | None, as_json: bool) -> Agent:
+def agent_of(agent: str, software: Path, *, directory: Path | None, as_json: bool) -> Agent:
     """The agent with the key in the cell's directory and the measurement of what it runs, or the command ends."""
     from ztpm_idp.client import Agent
 
-    key = key_of(agent, data=data, as_json=as_json)
-    issuer = issuer_of(layout_of(data, as_json=as_json), as_json=as_json)
+    key = key_of(agent, directory=directory, as_json=as_json)
+    issuer = issuer_of(layout_of(directory, as_json=as_json), as_json=as_json)
     return Agent(agent, key, issuer, _measured(software, as_json=as_json))
 
 
-def key_of(agent: str, *, data: Path | None, as_json: bool) -> PrivateKey:
+def key_of(agent: str, *, directory: Path | None, as_json: bool) -> PrivateKey:
     """The agent's key, from the cell's directory, or the command ends."""
     known_name(agent, as_json=as_json)
-    path = layout_of(data, as_json=as_json).agent_key(agent)
+    path = layout_of(directory, as_json=as_json).agent_key(agent)
     if not path.exists():
         fail("AGENT_UNKNOWN", f"{path} is missing", as_json=as_json, status=USAGE)
     return open_key(path, as_json=as_json)

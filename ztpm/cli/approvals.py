@@ -15,7 +15,7 @@ from rich.text import Text
 
 from capabilities.statements.claims import ID
 from ztpm.cli.output import DEFER, USAGE, console, fail, plain, say_json
-from ztpm.cli.person import As, Data, Issuer, Json, KeyFile, Reason, answering, refusals
+from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, Reason, answering, refusals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -40,13 +40,13 @@ def list_(
     *,
     state: Annotated[str, typer.Option(help="open, granted, denied, withdrawn or expired.")] = "open",
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     issuer: Issuer = "",
     key: KeyFile = None,
     as_json: Json = False,
 ) -> None:
     """List the asks in a state."""
-    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json):
         rows = person.approvals(state=state)
     if as_json:
@@ -70,11 +70,17 @@ def list_(
 
 @app.command("show")
 def show(
-    ask_id: AskId, *, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+    ask_id: AskId,
+    *,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
 ) -> None:
     """Show everything that an approval of this ask would bind."""
     _check_id(ask_id, as_json=as_json)
-    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json):
         asked = person.approval(ask_id)
     if as_json:
@@ -95,7 +101,7 @@ def approve(
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     issuer: Issuer = "",
     key: KeyFile = None,
     as_json: Json = False,
@@ -103,7 +109,7 @@ def approve(
     """Approve exactly what is shown; the vote binds the digest of the very text that was shown."""
     _check_id(ask_id, as_json=as_json)
     lifetime_s = _lifetime_s(minutes, seconds, APPROVAL_S, as_json=as_json)
-    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json):
         asked = person.approval(ask_id)
     if not as_json:
@@ -125,11 +131,17 @@ def approve(
 
 @app.command("deny")
 def deny(
-    ask_id: AskId, *, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+    ask_id: AskId,
+    *,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
 ) -> None:
     """Deny the ask, which ends it."""
     _check_id(ask_id, as_json=as_json)
-    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json):
         told = person.deny(ask_id)
     _done(told, "Denied.", as_json=as_json)
@@ -137,11 +149,17 @@ def deny(
 
 @app.command("withdraw")
 def withdraw(
-    ask_id: AskId, *, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+    ask_id: AskId,
+    *,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
 ) -> None:
     """Take an approval of your own back."""
     _check_id(ask_id, as_json=as_json)
-    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json):
         told = person.withdraw(ask_id)
     _done(told, "Withdrawn; what was used is used.", as_json=as_json)
@@ -159,7 +177,7 @@ def open_(
     seconds: Seconds = 0,
     reason: Annotated[str, typer.Option("--reason", help="For the record: one word, as a ticket's number.")] = "",
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     issuer: Issuer = "",
     key: KeyFile = None,
     as_json: Json = False,
@@ -168,8 +186,8 @@ def open_(
     lifetime_s = _lifetime_s(minutes, seconds, OPENING_S, as_json=as_json)
     if not audience and issuer:
         fail("WHICH_AUDIENCE", "--issuer needs --audience, too", as_json=as_json, status=USAGE)
-    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
-    audience = audience or _audience(data, as_json=as_json)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
+    audience = audience or _audience(directory, as_json=as_json)
     with refusals(as_json=as_json):
         opening_id = person.open_tier_4(
             audience=audience, agent=agent, object=object_, operation=operation, uses=uses, lifetime_s=lifetime_s,
@@ -180,9 +198,11 @@ def open_(
 
 
 @app.command("openings")
-def openings(*, name: As, data: Data = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False) -> None:
+def openings(
+    *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+) -> None:
     """List the openings that are not over."""
-    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json):
         rows = person.openings()
     if as_json:
@@ -209,14 +229,14 @@ def close(
     *,
     reason: Reason,
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     issuer: Issuer = "",
     key: KeyFile = None,
     as_json: Json = False,
 ) -> None:
     """End an opening before its time."""
     _check_id(opening_id, as_json=as_json)
-    person = answering(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json):
         person.close_opening(opening_id, reason)
     _done({"opening_id": opening_id}, "Closed.", as_json=as_json)
@@ -240,12 +260,12 @@ def _confirmed(*, as_json: bool) -> bool:
     return typer.confirm("Sign this?", default=False, err=True)
 
 
-def _audience(data: Any, *, as_json: bool) -> str:
+def _audience(directory: Any, *, as_json: bool) -> str:
     from ztpm.cell.setup import SetupError, read_addresses
     from ztpm.cli.person import layout_of
 
     try:
-        return read_addresses(layout_of(data, as_json=as_json)).audience
+        return read_addresses(layout_of(directory, as_json=as_json)).audience
     except SetupError as error:
         fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
 

@@ -16,7 +16,7 @@ from capabilities.values import strict_json
 from capabilities.values.errors import CapabilityError
 from ztpm.cli.agent import Software, agent_of
 from ztpm.cli.output import USAGE, fail, say_json
-from ztpm.cli.person import As, Data, Json, layout_of, operator, refusals
+from ztpm.cli.person import As, CellDirectory, Json, layout_of, operator, refusals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,7 +43,7 @@ def issue(
     delegate: Annotated[list[str] | None, typer.Option(help="Whom it may lend to, with the default scope.")] = None,
     minutes: Annotated[int, typer.Option(min=1, max=60, help="How long, with the default scope.")] = 15,
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
     """Lend an agent authority, as its sponsor."""
@@ -51,11 +51,11 @@ def issue(
 
     _check_new(out, as_json=as_json)
     if scope is None:
-        lent = _arm(data, frozenset(delegate or ()), 60 * minutes, as_json=as_json)
+        lent = _arm(directory, frozenset(delegate or ()), 60 * minutes, as_json=as_json)
     else:
         lent = _read(scope, scope_from_json, as_json=as_json)
-    person = operator(data=data, name=name, issuer="", key=None, as_json=as_json)
-    receiver = agent_of(agent, software, data=data, as_json=as_json)
+    person = operator(directory=directory, name=name, issuer="", key=None, as_json=as_json)
+    receiver = agent_of(agent, software, directory=directory, as_json=as_json)
     with refusals(as_json=as_json), person, receiver:
         issued = person.issue(receiver, lent, purpose=purpose)
     _keep(issued, out, as_json=as_json)
@@ -72,7 +72,7 @@ def delegate(
     software: Software,
     purpose: Purpose,
     out: Out,
-    data: Data = None,
+    directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
     """Lend a narrower part of a token on; --software is what the receiver runs."""
@@ -82,8 +82,8 @@ def delegate(
     less = _read(restriction, restriction_from_json, as_json=as_json)
     text = read_token(token, as_json=as_json)
     # The lender signs with its key; only the receiver's measurement is attested.
-    holder = agent_of(lender, software, data=data, as_json=as_json)
-    other = agent_of(receiver, software, data=data, as_json=as_json)
+    holder = agent_of(lender, software, directory=directory, as_json=as_json)
+    other = agent_of(receiver, software, directory=directory, as_json=as_json)
     with refusals(as_json=as_json), holder, other:
         issued = holder.delegate(text, other, less, purpose=purpose)
     _keep(issued, out, as_json=as_json)
@@ -97,12 +97,12 @@ def read_token(file: Path, *, as_json: bool) -> str:
         fail("UNREADABLE", f"{file}: {type(error).__name__}", as_json=as_json, status=USAGE)
 
 
-def _arm(data: Path | None, delegates: frozenset[str], lifetime_s: int, *, as_json: bool) -> Scope:
+def _arm(directory: Path | None, delegates: frozenset[str], lifetime_s: int, *, as_json: bool) -> Scope:
     from ztpm.cell.setup import SetupError, read_addresses
     from ztpm.stage.lending import sweep_scope
 
     try:
-        audience = read_addresses(layout_of(data, as_json=as_json)).audience
+        audience = read_addresses(layout_of(directory, as_json=as_json)).audience
     except SetupError as error:
         fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
     return sweep_scope(audience, delegates=delegates, now=int(time.time()), lifetime_s=lifetime_s)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ztpm.cli.output import DENY, USAGE, console, fail, say_json
-from ztpm.cli.person import Data, Json, layout_of
+from ztpm.cli.person import CellDirectory, Json, layout_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,13 +48,13 @@ class Curve(StrEnum):
 
 
 @app.command("list")
-def list_(*, data: Data = None, as_json: Json = False) -> None:
+def list_(*, directory: CellDirectory = None, as_json: Json = False) -> None:
     """Every key that the provider has or had, and the trust bundle that they make."""
     from rich.table import Table
 
     from ztpm.cell import key_ring
 
-    layout = layout_of(data, as_json=as_json)
+    layout = layout_of(directory, as_json=as_json)
     with _failures(as_json=as_json):
         ring = key_ring.read(layout)
     if as_json:
@@ -78,7 +78,7 @@ def prepare(
     algorithm: Annotated[
         Curve, typer.Option(help="Root and attester keys are Ed25519 in this version.")
     ] = Curve.ED25519,
-    data: Data = None,
+    directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
     """Make a further key of a role: verifiers trust it from the next start on, and it signs nothing yet."""
@@ -87,7 +87,7 @@ def prepare(
     from ztpm.cell import key_ring
     from ztpm.cli.passphrase import ask_passphrase
 
-    layout = layout_of(data, as_json=as_json)
+    layout = layout_of(directory, as_json=as_json)
     chosen = keys.Algorithm.P256 if algorithm is Curve.P256 else keys.Algorithm.ED25519
     if algorithm is Curve.P256 and role in {Of.ROOT, Of.ATTESTER}:
         fail("ALGORITHM", "what signs tokens is an Ed25519 key in this version", as_json=as_json, status=USAGE)
@@ -98,35 +98,35 @@ def prepare(
 
 
 @app.command("activate")
-def activate(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
+def activate(key: KeyId, *, directory: CellDirectory = None, as_json: Json = False) -> None:
     """The prepared key signs from the next start on; the one that signed is trusted until what it signed is over."""
     from capabilities.rotation import rotation
 
-    _step(rotation.activate, key, layout_of(data, as_json=as_json), as_json=as_json)
+    _step(rotation.activate, key, layout_of(directory, as_json=as_json), as_json=as_json)
 
 
 @app.command("taint")
-def taint(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
+def taint(key: KeyId, *, directory: CellDirectory = None, as_json: Json = False) -> None:
     """Nothing that the retired key signs from now on is accepted. If somebody may have the key, revoke it instead."""
     from capabilities.rotation import rotation
 
-    _step(rotation.taint, key, layout_of(data, as_json=as_json), as_json=as_json)
+    _step(rotation.taint, key, layout_of(directory, as_json=as_json), as_json=as_json)
 
 
 @app.command("revoke")
-def revoke(key: KeyId, *, data: Data = None, as_json: Json = False) -> None:
+def revoke(key: KeyId, *, directory: CellDirectory = None, as_json: Json = False) -> None:
     """Nothing under the key is accepted any more, for ever."""
     from capabilities.rotation import rotation
 
-    _step(rotation.revoke, key, layout_of(data, as_json=as_json), as_json=as_json)
+    _step(rotation.revoke, key, layout_of(directory, as_json=as_json), as_json=as_json)
 
 
 @app.command("renew")
-def renew(*, data: Data = None, as_json: Json = False) -> None:
+def renew(*, directory: CellDirectory = None, as_json: Json = False) -> None:
     """The same keys in a new trust bundle, which holds for a year."""
     from ztpm.cell import key_ring
 
-    layout = layout_of(data, as_json=as_json)
+    layout = layout_of(directory, as_json=as_json)
     with _failures(as_json=as_json), _alone(layout, as_json=as_json):
         _tell(key_ring.renew(layout, at=int(time.time())), "", layout.trust, as_json=as_json)
 

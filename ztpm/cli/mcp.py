@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ztpm.cli.output import USAGE, fail, say_json
-from ztpm.cli.person import As, Data, Json, issuer_of, layout_of, operator, refusals
+from ztpm.cli.person import As, CellDirectory, Json, issuer_of, layout_of, operator, refusals
 
 app = typer.Typer(no_args_is_help=True, help="MCP tools.")
 
@@ -22,7 +22,7 @@ def pin(
     *,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
     """Show the tools whose definition is not the registered one, and register them as they are now."""
@@ -32,8 +32,8 @@ def pin(
     from ztpm.cell.enrolment import EnrolmentError, registered, tool_differences
     from ztpm.cell.setup import SetupError, read_addresses
 
-    layout = layout_of(data, as_json=as_json)
-    person = operator(data=data, name=name, issuer="", key=None, as_json=as_json)
+    layout = layout_of(directory, as_json=as_json)
+    person = operator(directory=directory, name=name, issuer="", key=None, as_json=as_json)
     try:
         audience = read_addresses(layout).audience
         trust = TrustBundle.from_json(layout.trust.read_bytes())

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 NAME: Final = re.compile(r"[a-z0-9][a-z0-9._-]{0,62}", re.ASCII)
 """The form of a registered id: a safe part of a path."""
 
-Data = Annotated[Path | None, typer.Option("--data", help="The cell's directory (default: .ztpm).")]
+CellDirectory = Annotated[Path | None, typer.Option("--data", help="The cell's directory (default: .ztpm).")]
 As = Annotated[str, typer.Option("--as", help="Whose key signs.")]
 Issuer = Annotated[str, typer.Option("--issuer", help="The identity provider, instead of --data.")]
 KeyFile = Annotated[Path | None, typer.Option("--key", help="The key's file, with --issuer.")]
@@ -83,33 +83,33 @@ class Answering(Protocol):
         ...
 
 
-def operator(*, data: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Operator:
+def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Operator:
     """The person, with the key that signs. What cannot be meant, or opened, ends the command.
 
     Args:
-        data: the cell's directory, as given on the command line.
+        directory: the cell's directory, as given on the command line.
         name: the person's id.
-        issuer: the identity provider, with `key`, instead of `data`.
+        issuer: the identity provider, with `key`, instead of `directory`.
         key: file of the person's key.
         as_json: how a failure is told.
     """
     from ztpm_idp.client import Operator
 
     known_name(name, as_json=as_json)
-    if bool(issuer) != (key is not None) or (issuer and data is not None):
+    if bool(issuer) != (key is not None) or (issuer and directory is not None):
         fail("WHICH_KEY", "give --data, or --issuer and --key together", as_json=as_json, status=USAGE)
     if key is not None:
         return Operator(name, open_key(key, as_json=as_json), issuer)
-    layout = layout_of(data, as_json=as_json)
+    layout = layout_of(directory, as_json=as_json)
     path = layout.operator_key(name)
     if not path.exists():
         fail("OPERATOR_UNKNOWN", f"{path} is missing", as_json=as_json, status=USAGE)
     return Operator(name, open_key(path, as_json=as_json), issuer_of(layout, as_json=as_json))
 
 
-def answering(*, data: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Answering:
+def answering(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Answering:
     """As `operator`, as one who answers asks."""
-    return cast("Answering", operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json))
+    return cast("Answering", operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json))
 
 
 def known_name(name: str, *, as_json: bool) -> None:
@@ -118,11 +118,11 @@ def known_name(name: str, *, as_json: bool) -> None:
         fail("NAME_MALFORMED", "lower-case letters, digits, '.', '_', '-'; at most 63", as_json=as_json, status=USAGE)
 
 
-def layout_of(data: Path | None, *, as_json: bool) -> Layout:
+def layout_of(directory: Path | None, *, as_json: bool) -> Layout:
     """The cell in a directory, or the command ends."""
     from ztpm.base.layout import Layout
 
-    layout = Layout((data or Path(".ztpm")).resolve())
+    layout = Layout((directory or Path(".ztpm")).resolve())
     if not layout.trust.exists():
         fail("NOT_A_CELL", f"{layout.trust} is missing", as_json=as_json, status=USAGE)
     return layout

@@ -13,7 +13,7 @@ from rich.text import Text
 from ztpm.cli.output import DEFER, DENY, USAGE, console, fail, plain, say_json
 
 if TYPE_CHECKING:
-    from pep.pit.assess.assessment import Assessment
+    from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.errors import PitError
     from ztpm.pit import Arm, Asked
 

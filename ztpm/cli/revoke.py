@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ztpm.cli.output import say_json
-from ztpm.cli.person import As, Data, Issuer, Json, KeyFile, Reason, operator, refusals
+from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, Reason, operator, refusals
 
 
 class Revocable(StrEnum):
@@ -28,13 +28,13 @@ def revoke(
     *,
     reason: Reason,
     name: As,
-    data: Data = None,
+    directory: CellDirectory = None,
     issuer: Issuer = "",
     key: KeyFile = None,
     as_json: Json = False,
 ) -> None:
     """Revoke a token, hop, agent, key, sponsor or audience; enforcement points know within their feed's period."""
-    person = operator(data=data, name=name, issuer=issuer, key=key, as_json=as_json)
+    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json), person:
         epoch = person.revoke(kind.value, id_, reason)
     if as_json:

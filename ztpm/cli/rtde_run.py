@@ -10,7 +10,7 @@ from ztpm.cell.setup import GATEWAY_ID
 from ztpm.cli.agent import AgentName, key_of
 from ztpm.cli.delegation import TokenFile, read_token
 from ztpm.cli.output import DENY, FAILURE, USAGE, fail, say_json
-from ztpm.cli.person import Data, Json, layout_of
+from ztpm.cli.person import CellDirectory, Json, layout_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +42,7 @@ def run(
     audience: Audience = "",
     pep: Pep = GATEWAY_ID,
     address: Address = "",
-    data: Data = None,
+    directory: CellDirectory = None,
 ) -> None:
     """Run a program that moves the robot under an agent's lease. The lease ends with the program.
 
@@ -52,7 +52,13 @@ def run(
     from pep.rtde.lease.lease import LEASE_OVER
 
     ended = _lent(
-        agent, command, token=token, gateway=(gateway, audience, pep), address=address, data=data, as_json=False
+        agent,
+        command,
+        token=token,
+        gateway=(gateway, audience, pep),
+        address=address,
+        directory=directory,
+        as_json=False,
     )
     if ended.cut_short:
         typer.echo(f"{LEASE_OVER}: {ended.early}", err=True)
@@ -68,7 +74,7 @@ def connect(
     audience: Audience = "",
     pep: Pep = GATEWAY_ID,
     address: Address = "",
-    data: Data = None,
+    directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
     """Hold an agent's lease for a program that runs already; prints where that finds the robot.
@@ -77,7 +83,9 @@ def connect(
     """
     from pep.rtde.lease.lease import LEASE_OVER
 
-    ended = _lent(agent, [], token=token, gateway=(gateway, audience, pep), address=address, data=data, as_json=as_json)
+    ended = _lent(
+        agent, [], token=token, gateway=(gateway, audience, pep), address=address, directory=directory, as_json=as_json
+    )
     if ended.cut_short:
         fail(LEASE_OVER, str(ended.early), as_json=as_json)
 
@@ -89,7 +97,7 @@ def _lent(
     token: Path,
     gateway: tuple[str, str, str],
     address: str,
-    data: Path | None,
+    directory: Path | None,
     as_json: bool,
 ) -> Ended:
     import asyncio
@@ -98,7 +106,7 @@ def _lent(
     from ztpm.program.refusal_lines import ToldLines, on_standard_error
 
     text = read_token(token, as_json=as_json)
-    key = key_of(agent, data=data, as_json=as_json)
+    key = key_of(agent, directory=directory, as_json=as_json)
     door, audience, pep = gateway
 
     def begun(host: str) -> None:
@@ -108,7 +116,7 @@ def _lent(
             typer.echo(f"The robot is at {host}.")
 
     try:
-        place = place_of(layout_of(data, as_json=as_json), door=door, audience=audience, pep=pep)
+        place = place_of(layout_of(directory, as_json=as_json), door=door, audience=audience, pep=pep)
         host = address or free_address()
         leased = open_lease(place.door, text, begin_lease(place, text, key))
         with ToldLines(on_standard_error) as lines:

@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from ztpm.cli.person import Data, Json, layout_of
+from ztpm.cli.person import CellDirectory, Json, layout_of
 
 idp = typer.Typer(no_args_is_help=True, help="The identity provider.")
 rtde = typer.Typer(no_args_is_help=True, help="The robot's interface.")
@@ -43,13 +43,13 @@ def tools(
         Path | None,
         typer.Option(help="Its configuration (default: of the cell in --data).", exists=True, dir_okay=False),
     ] = None,
-    data: Data = None,
+    directory: CellDirectory = None,
 ) -> None:
     """Serve a cell's tools to agents: verify who calls, and pass the call on to the robot's gateway.
 
     The passphrase of its key comes from ZTPM_PASSPHRASE.
     """
-    file = config or layout_of(data, as_json=False).cell_config
+    file = config or layout_of(directory, as_json=False).cell_config
     _become("ztpm.point.tool_proxy", "--config", str(file))
 
 
@@ -66,13 +66,13 @@ def gateway(
         bool,
         typer.Option("--unsafe-observe", help="Enforce no policy; refused unless the controller is simulated."),
     ] = False,
-    data: Data = None,
+    directory: CellDirectory = None,
 ) -> None:
     """Stand before a robot's controller: state and stop for everybody, motion for whoever holds its lease.
 
     The passphrase of its key comes from ZTPM_PASSPHRASE.
     """
-    file = config or layout_of(data, as_json=False).gateway_config
+    file = config or layout_of(directory, as_json=False).gateway_config
     options = [f"--{name}={value}" for name, value in (("robot", robot), ("listen", listen)) if value]
     options += ["--unsafe-observe"] if unsafe_observe else []
     _become("ztpm.point.gateway_server", "--config", str(file), *options)

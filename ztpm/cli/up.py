@@ -90,7 +90,7 @@ def _undo(layout: Layout, *, made: bool) -> None:
 
 
 def _overview(cell: Up, layout: Layout) -> None:
-    data, issuer, audience = layout.root, cell.addresses.issuer, cell.addresses.audience
+    directory, issuer, audience = layout.root, cell.addresses.issuer, cell.addresses.audience
     operators = ", ".join(sorted(path.stem for path in layout.operator_key("any").parent.glob("*.key")))
     rows = [
         ("status page", cell.status),
@@ -98,7 +98,7 @@ def _overview(cell: Up, layout: Layout) -> None:
         ("identity provider", issuer),
         ("robot", f"{cell.addresses.gateway_host}   (its gateway: state and stop for everybody, motion in a lease)"),
         ("simulated UR3e", f"{cell.addresses.host}   (what is behind the gateway)"),
-        ("operators", f"{operators}; their keys, encrypted: {data}/operators"),
+        ("operators", f"{operators}; their keys, encrypted: {directory}/operators"),
         ("log", str(layout.log)),
     ]
     console.print("\nThe cell is up. Ctrl-C ends it, the arm first.\n")
@@ -106,13 +106,13 @@ def _overview(cell: Up, layout: Layout) -> None:
         console.print(f"  {name:18} {value}", markup=False)
     console.print("\nTry in another terminal (ZTPM_PASSPHRASE set, or it is asked for):\n")
     for command in (
-        f"ztpm approvals list --data {data} --as bob",
-        f"ztpm agent list --data {data} --as alice",
-        f"ztpm agent register mover --role mover --software FILE --data {data} --as alice",
-        f"ztpm agent attest mover --software FILE --data {data}",
-        f"ztpm token issue mover --software FILE --purpose 'try it' --out mover.token --data {data} --as alice",
-        f"ztpm rtde run mover --token mover.token --data {data} -- python PROGRAM {{robot}}",
-        f"ztpm revoke agent mover --reason 'no longer needed' --data {data} --as alice",
+        f"ztpm approvals list --data {directory} --as bob",
+        f"ztpm agent list --data {directory} --as alice",
+        f"ztpm agent register mover --role mover --software FILE --data {directory} --as alice",
+        f"ztpm agent attest mover --software FILE --data {directory}",
+        f"ztpm token issue mover --software FILE --purpose 'try it' --out mover.token --data {directory} --as alice",
+        f"ztpm rtde run mover --token mover.token --data {directory} -- python PROGRAM {{robot}}",
+        f"ztpm revoke agent mover --reason 'no longer needed' --data {directory} --as alice",
         f"""echo '{{"people": [{{"id": "p1", "x_m": 0.69, "y_m": 0.0}}]}}' > {layout.scene}""",
     ):
         console.print(f"  {command}", markup=False)
@@ -120,4 +120,4 @@ def _overview(cell: Up, layout: Layout) -> None:
         console.print(
             f"\n[bold yellow]{differing}.[/] Nothing registers it again by itself; when you have looked at it:"
         )
-        console.print(f"  ztpm mcp pin --data {data} --as carol", markup=False)
+        console.print(f"  ztpm mcp pin --data {directory} --as carol", markup=False)

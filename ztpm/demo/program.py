@@ -56,7 +56,7 @@ class Program:
         write_private(token, stage.tokens[agent].encode())
         numbers = map(repr, (speed, acceleration, *to))
         own = [sys.executable, "-m", "ztpm", "rtde", "run", agent, "--token", str(token), "--data", str(layout.root)]
-        self._process = subprocess.Popen(  # noqa: S603 - our own command, no shell
+        self._child = subprocess.Popen(  # noqa: S603 - our own command, no shell
             [*own, "--", sys.executable, "-c", MOVES, PLACE, *numbers],
             env=os.environ | {PASSPHRASE_VARIABLE: stage.cell.passphrase.decode()},
             stdin=subprocess.PIPE,
@@ -71,21 +71,21 @@ class Program:
         Raises:
             StageError: it has ended.
         """
-        assert self._process.stdout is not None
-        line = self._process.stdout.readline().strip()
+        assert self._child.stdout is not None
+        line = self._child.stdout.readline().strip()
         if not line:
-            raise StageError(f"the program has ended: {self._process.communicate(timeout=WAIT_S)[1].strip()[-300:]}")
+            raise StageError(f"the program has ended: {self._child.communicate(timeout=WAIT_S)[1].strip()[-300:]}")
         return line
 
     def go(self) -> None:
         """The program goes on to its move."""
-        assert self._process.stdin is not None
-        self._process.stdin.write("\n")
-        self._process.stdin.flush()
+        assert self._child.stdin is not None
+        self._child.stdin.write("\n")
+        self._child.stdin.flush()
 
     def status(self) -> int:
         """The exit status of `ztpm rtde run`, once it has ended."""
-        return self._process.wait(timeout=WAIT_S)
+        return self._child.wait(timeout=WAIT_S)
 
     def __enter__(self) -> Self:
         return self
@@ -93,9 +93,9 @@ class Program:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._process.terminate()
+        self._child.terminate()
         try:
-            self._process.communicate(timeout=WAIT_S)
+            self._child.communicate(timeout=WAIT_S)
         except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.communicate()
+            self._child.kill()
+            self._child.communicate()

@@ -13,7 +13,7 @@ from ztpm.picture.postures import nearest, route_of
 from ztpm.picture.surface import surface_of
 
 if TYPE_CHECKING:
-    from pep.pit.assess.assessment import Assessment
+    from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Motion
     from pep.pit.files.scene_file import Situation
     from pep.pit.robot.robot import Robot

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 import numpy as np
 
-from pep.pit.assess.dispatch import drive_of, joint_moves, line_drives
+from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
 from pep.pit.base.motion import (
     GripperMove,
     JointPath,

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
     from capabilities.keys.trust import TrustBundle
     from pep.request.edge import Edge
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from ztpm.point.point_config import PointConfig
 
 FIRST_VIEW_S: Final = 30.0

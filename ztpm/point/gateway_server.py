@@ -71,7 +71,7 @@ if TYPE_CHECKING:
     from pep.rtde.lease.lease import Lease
     from pep.rtde.robot.judge_port import Held, Holder
     from pep.rtde.wire.refusal import Refused
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.words.reason_table import Reason
 
 LOOK_S: Final = 0.1

@@ -16,12 +16,12 @@ from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError
 from pep.base import key_file
 from pep.base.errors import ConfigError, PepFault
-from policies.decide.load import SHIPPED, load, load_shipped
+from policies.decision.load import SHIPPED, load, load_shipped
 from policies.words.errors import PolicyError
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
 
 CONFIG_BYTES: Final = 1_048_576
 """Largest configuration; ours."""

@@ -16,7 +16,7 @@ from pep.people.asks import Asks
 from pep.perception.receiver import Receiver
 from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
-from pep.pit.assess.readiness import compile_telling
+from pep.pit.assessment.readiness import compile_telling
 from pep.provider.ask_client import Asking
 from pep.rtde.command.limits import Ur3eLimits
 from pep.rtde.robot.state_receiver import ReceivedState
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from pep.base.ports import Journal, MotionSlot
     from pep.gate.observe_only import Simulated
     from pep.request.edge import Edge
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from ztpm.point.cell_config import CellConfig
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.keys.trust import TrustBundle
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
 
 
 class ToolDoor(EnforcementPoint):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.values.scope import Tier
 from policies.conduct.behaviour import reading
 from policies.conduct.trust import TrustState, chain_trust
-from policies.decide.pdp import decide
+from policies.decision.pdp import decide
 from policies.evidence.evidence import NOT_COLLECTED, Evidence, NotCollected, ToolReading, TrustReading
 from policies.evidence.model import Effect, ObligationKind, Point, Request
 from policies.words.reason_table import REASONS, Reason

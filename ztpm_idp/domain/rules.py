@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.workload import Platform
     from capabilities.values.caps import Caps
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from capabilities.proof.proof import Proof
     from capabilities.statements.workload import Platform
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from ztpm_idp.domain.commands import Command
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.parties import Party

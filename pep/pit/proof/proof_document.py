@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 import numpy as np
 import rfc8785
 
-from pep.pit.assess.dispatch import drive_of, joint_moves, line_drives
-from pep.pit.assess.path_legs import LegsCertificate
+from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
+from pep.pit.assessment.path_legs import LegsCertificate
 from pep.pit.base.errors import ProofError
 from pep.pit.base.motion import (
     GripperMove,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from pep.pit.assess.assessment import Assessment
+    from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Driven, Joints, LineLeg, Motion
     from pep.pit.path.path import Keys
     from pep.pit.proof.motion_proof import Moving

@@ -19,7 +19,7 @@ from pep.pit.search.start_violations import RETREAT_CUT
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pep.pit.assess.assessment import Certificate
+    from pep.pit.assessment.assessment import Certificate
     from pep.pit.base.motion import Floats, Profile
     from pep.pit.base.travel import Stopping
     from pep.pit.path.path import Leaves

@@ -29,7 +29,7 @@ class Stage:
 
     Attributes:
         geometry, found: pinocchio's geometry model and its data.
-        data: pinocchio's kinematic data.
+        kinematics: pinocchio's kinematic data.
         distances: of each pair, where coal writes what it found.
         turns, origins: of all links, where pinocchio writes their poses, (links, 3, 3) and (links, 3).
         things: each thing's body, and its shape.
@@ -43,7 +43,7 @@ class Stage:
 
     geometry: Any
     found: Any
-    data: Any
+    kinematics: Any
     distances: tuple[Any, ...]
     turns: Floats
     origins: Floats
@@ -121,15 +121,15 @@ def _built(robot: Robot, kinds: tuple[Kind, ...]) -> Stage:
         geometry.addCollisionPair(pinocchio.CollisionPair(on_robot[capsule.name], on_robot[body.name]))
         own.append(capsule.radius_m + body.radius_m)
     ends = np.array([(b.a_m, b.b_m) for b in robot.bodies])
-    found, data = geometry.createData(), robot.pinocchio.createData()
+    found, kinematics = geometry.createData(), robot.pinocchio.createData()
     inner = np.array([(capsule.a_m, capsule.b_m) for _, capsule in robot.self_pairs])
     return Stage(
         geometry=geometry,
         found=found,
-        data=data,
+        kinematics=kinematics,
         distances=tuple(found.distanceResults),
-        turns=_in_one([frame.rotation for frame in data.oMi]),
-        origins=_in_one([frame.translation for frame in data.oMi]),
+        turns=_in_one([frame.rotation for frame in kinematics.oMi]),
+        origins=_in_one([frame.translation for frame in kinematics.oMi]),
         things=tuple((body, body.geometry) for body in map(geometry.geometryObjects.__getitem__, things)),
         placed=[None] * len(things),
         own_radius=np.array(own),

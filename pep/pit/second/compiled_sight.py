@@ -221,7 +221,7 @@ def sight(
     turns, origins = np.empty((count, links, AXES, AXES)), np.empty((count, links, AXES))
     jacobians, measured = np.empty((count, 6, links - 1)), np.empty((len(kernel), len(world.radius)))
     for k, angles in enumerate(q):
-        jacobians[k] = pinocchio.computeJointJacobians(model, stage.data, angles)
+        jacobians[k] = pinocchio.computeJointJacobians(model, stage.kinematics, angles)
         turns[k], origins[k] = stage.turns, stage.origins
         if k < len(kernel):
             measured[k] = world.distances(angles)

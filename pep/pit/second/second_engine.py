@@ -126,7 +126,7 @@ class World:
     def distances(self, q: Floats) -> Floats:
         """Coal's distances of the cores of all pairs of bodies."""
         stage = self.stage
-        pinocchio.computeDistances(self.robot.pinocchio, stage.data, stage.geometry, stage.found, q)
+        pinocchio.computeDistances(self.robot.pinocchio, stage.kinematics, stage.geometry, stage.found, q)
         return np.fromiter(map(_LEAST, stage.distances), float, len(stage.distances))
 
     def measure(self, sight: Sight, doubts: NDArray[np.intp]) -> None:
@@ -138,7 +138,7 @@ class World:
             if at != placed:
                 placed = at
                 pinocchio.updateGeometryPlacements(
-                    self.robot.pinocchio, stage.data, stage.geometry, stage.found, sight.q[at]
+                    self.robot.pinocchio, stage.kinematics, stage.geometry, stage.found, sight.q[at]
                 )
             distances.append(_LEAST(of(stage.geometry, stage.found, which)))
         sight.near[place, pair] = np.maximum(distances, 0.0) - self.radius[pair]
@@ -176,7 +176,7 @@ class World:
         turns, origins = np.empty((count, links, 3, 3)), np.empty((count, links, 3))
         gives = np.empty((count, links - 1, 6))  # velocity and spin
         for k, (angles, rates) in enumerate(zip(q, qd, strict=True)):
-            columns = pinocchio.computeJointJacobians(model, stage.data, angles)
+            columns = pinocchio.computeJointJacobians(model, stage.kinematics, angles)
             turns[k], origins[k] = stage.turns, stage.origins
             np.multiply(columns.T, rates[:, None], out=gives[k])
         ends = np.einsum("pbij,bej->pbei", turns[:, stage.link], stage.ends) + origins[:, stage.link, None]

@@ -14,7 +14,7 @@ from evaluation.pit.bench import AMONG_20, SERVO_STEP, SPEED_STEP
 from evaluation.pit.cells import ASSESS, KERNEL, RULER, STREAM, Of
 from evaluation.pit.truth import legs_truth, ready
 from pep.pit import MoveL, assess
-from pep.pit.assess.dispatch import drive_of
+from pep.pit.assessment.dispatch import drive_of
 from pep.pit.path.straight_path import GRID
 from pep.pit.scene.obstacles import Kind
 from pep.pit.scene.pairs import pairs_of

@@ -13,7 +13,7 @@ import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
-from policies.decide.combine import AllOf, Always, AnyOf, Check, Not
+from policies.decision.combine import AllOf, Always, AnyOf, Check, Not
 from policies.evidence import case_json
 from policies.words.reason_table import Reason
 from tests.model import triples
@@ -37,7 +37,7 @@ SHOWN = 5
 
 
 def as_toml(made):
-    """The text of a set, as `policies.decide.load` reads it."""
+    """The text of a set, as `policies.decision.load` reads it."""
     parts = [f"name = {json.dumps(made.name)}", f"version = {made.version}"]
     for policy in made.policies:
         names = {

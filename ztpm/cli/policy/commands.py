@@ -38,7 +38,7 @@ def check(
 ) -> None:
     """Load a policy set strictly; list its parameters, the primitives that it asks, and what is probably not meant."""
     import policies
-    from policies.decide.combine import checks
+    from policies.decision.combine import checks
     from policies.explain.advice import advise
 
     opened = open_set(source, as_json=as_json)

@@ -16,7 +16,7 @@ from ztpm.cli.policy.policy_set import about, open_set
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.evidence.case_json import Recorded
     from policies.evidence.model import Finding
     from policies.explain.explanation import Asked, Explanation, Said
@@ -57,11 +57,11 @@ def explain(
     else:
         fail("USAGE", "either --request FILE, or --record ID with --journal FILE", as_json=as_json, status=USAGE)
     found = explained(recorded.request, recorded.evidence, policies)
-    counsel = _counsel(recorded, found, policies)
+    suggested = _suggested(recorded, found, policies)
     if as_json:
-        say_json({"ok": True, "set": about(policies), **to_plain(found), "changes": counsel, "recorded": _then(past)})
+        say_json({"ok": True, "set": about(policies), **to_plain(found), "changes": suggested, "recorded": _then(past)})
         return
-    console.print(_tree(found, counsel), soft_wrap=False)
+    console.print(_tree(found, suggested), soft_wrap=False)
     if past is not None:
         console.print(Text(_beside(past, policies.digest)))
 
@@ -96,7 +96,7 @@ def _past(path: Path, record: str, *, as_json: bool) -> tuple[Past, Recorded]:
         fail("UNREADABLE", f"{path}: {error}", as_json=as_json)
 
 
-def _counsel(recorded: Recorded, found: Explanation, policies: PolicySet) -> list[dict[str, object]]:
+def _suggested(recorded: Recorded, found: Explanation, policies: PolicySet) -> list[dict[str, object]]:
     """What would change the answer, the nearest to hand first; each that can be supposed was decided again."""
     from pep.gate.records import jsonable
     from policies.explain.remedies import remedies
@@ -201,7 +201,7 @@ def _finding(finding: Finding) -> dict[str, object]:
 # --- for people ------------------------------------------------------------------------------------------------------
 
 
-def _tree(found: Explanation, counsel: list[dict[str, object]]) -> Tree:
+def _tree(found: Explanation, suggested: list[dict[str, object]]) -> Tree:
     decision, request = found.decision, found.request
     head = _styled(str(decision.effect))
     head.append(f" {decision.reason}", style="bold")
@@ -224,9 +224,9 @@ def _tree(found: Explanation, counsel: list[dict[str, object]]) -> Tree:
         combined.add(Text(plain(step)))
     owed = ", ".join(str(o.kind) for o in decision.obligations) or "none"
     tree.add(Text(f"obligations: {owed}"))
-    if counsel:
+    if suggested:
         changes = tree.add("what would change the answer")
-        for remedy in counsel:
+        for remedy in suggested:
             _add_remedy(changes, remedy)
     return tree
 

@@ -29,7 +29,7 @@ def open_set(source: str, *, as_json: bool) -> Opened:
     from importlib import resources
 
     from policies import SHIPPED, PolicyError, load
-    from policies.decide.load import TEXT_LIMIT
+    from policies.decision.load import TEXT_LIMIT
 
     try:
         if source in SHIPPED:

@@ -12,7 +12,7 @@ import httpx2
 
 from capabilities.token.token_text import token_to_text
 from capabilities.values.scope import Tier
-from policies.decide.load import load_shipped
+from policies.decision.load import load_shipped
 from ztpm.demo.forgeries import PLAIN_CALL, self_attested
 from ztpm.demo.run import Expect, Seen, Story
 from ztpm.stage.calls import Answer, resend, send

@@ -29,7 +29,7 @@ IN_USE: Final = "already in use"
 """What ur_rtde says of a controller whose registers somebody else has."""
 NOBODY: Final = 65_534
 """The user id that owns nothing on Linux."""
-KNOCKS: Final = f"""
+ATTEMPTS: Final = f"""
 import encodings.idna, os, socket, sys
 os.setuid({NOBODY})
 link = socket.create_connection((sys.argv[1], {RTDE}), 5)
@@ -123,7 +123,7 @@ def _recorded(stage: Stage, kind: str) -> bool:
 def _hijacked(stage: Stage) -> Seen:
     addresses = stage.cell.addresses
     with Program(stage, AGENT, to=stage.rounded_joints, speed=SPEED_RAD_S, acceleration=ACCELERATION_RAD_S2) as holder:
-        other_user = _knocks(holder.said())
+        other_user = _attempts(holder.said())
         with Program(stage, AGENT, to=LEFT, speed=SPEED_RAD_S, acceleration=ACCELERATION_RAD_S2) as second:
             refused = second.status()
         with socket.create_connection((addresses.gateway_host, addresses.carriage_port), timeout=WAIT_S) as link:
@@ -134,12 +134,12 @@ def _hijacked(stage: Stage) -> Seen:
     return Seen(told, "DENY", "LEASE_HELD", ok=(refused, guessed, other_user) == (3, True, 0))
 
 
-def _knocks(host: str) -> int:
+def _attempts(host: str) -> int:
     """How much a process of another user is told there; nothing, where only one user can be tried."""
     if os.geteuid() != 0:
         return 0
-    knock = subprocess.run([sys.executable, "-c", KNOCKS, host], check=False, timeout=WAIT_S)  # noqa: S603 - our own
-    return knock.returncode
+    attempt = subprocess.run([sys.executable, "-c", ATTEMPTS, host], check=False, timeout=WAIT_S)  # noqa: S603 - our own
+    return attempt.returncode
 
 
 @PROGRAMS.step(

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.units import Unit
-from pep.pit.assess.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, SearchCertificate, micro, milli, seen
+from pep.pit.assessment.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, SearchCertificate, micro, milli, seen
 from pep.pit.base.motion import profile_of
 from pep.pit.base.tier import HIGHEST, MOVING, TIE, tier_of
 from pep.pit.scene.pairs import pairs_of
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from capabilities.values.scope import Tier
-    from pep.pit.assess.assessment import Certificate
+    from pep.pit.assessment.assessment import Certificate
     from pep.pit.base.motion import Profile, Run
     from pep.pit.base.travel import Stopping
     from pep.pit.path.path import Route

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, assert_never
 
 from capabilities.values.chain import Chain
 from capabilities.values.scope import Tier
-from policies.decide.approval import AskAgain, Counts, Refused, Waiting, standing
-from policies.decide.combine import PERMITS, SILENT, Answer, deny_overrides, evaluate
-from policies.decide.obligations import NOTIFY, RECORD, of_permit, of_refusal
-from policies.decide.policy import Concern, Policy, PolicySet
+from policies.decision.approval import AskAgain, Counts, Refused, Waiting, standing
+from policies.decision.combine import PERMITS, SILENT, Answer, deny_overrides, evaluate
+from policies.decision.obligations import NOTIFY, RECORD, of_permit, of_refusal
+from policies.decision.policy import Concern, Policy, PolicySet
 from policies.evidence import shape
 from policies.evidence.evidence import ImpactReading, prior_leave
 from policies.evidence.model import ApprovalUse, Decision, Effect, Request

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, assert_never
 
 import numpy as np
 
-from pep.pit.assess.assessment import milli
-from pep.pit.assess.course_remaining import rests_of
-from pep.pit.assess.grip_assessment import gripping
-from pep.pit.assess.output_index import output_cause
-from pep.pit.assess.readiness import compile_all
-from pep.pit.assess.slider_search import paced
-from pep.pit.assess.straight_remaining import FULL, OFF_PATH, PERCEPTION, Pace, Remaining, Rest, against, strays_m
+from pep.pit.assessment.assessment import milli
+from pep.pit.assessment.course_remaining import rests_of
+from pep.pit.assessment.grip_assessment import gripping
+from pep.pit.assessment.output_index import output_cause
+from pep.pit.assessment.readiness import compile_all
+from pep.pit.assessment.slider_search import paced
+from pep.pit.assessment.straight_remaining import FULL, OFF_PATH, PERCEPTION, Pace, Remaining, Rest, against, strays_m
 from pep.pit.base.errors import MotionError, PitError
 from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
 from pep.pit.base.tier import HIGHEST
@@ -31,7 +31,7 @@ from policies.evidence.evidence import ImpactFault
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.pit.assess.straight_remaining import Left
+    from pep.pit.assessment.straight_remaining import Left
     from pep.pit.base.motion import Joints, Motion
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters

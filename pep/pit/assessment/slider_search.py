@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from pep.pit.assess.straight_remaining import FULL, JOINT_LIMIT, OFF_PATH, PERCEPTION, Pace, Remaining
+from pep.pit.assessment.straight_remaining import FULL, JOINT_LIMIT, OFF_PATH, PERCEPTION, Pace, Remaining
 from pep.pit.base.errors import WorkLimitError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.pit.assess.straight_remaining import Left
+    from pep.pit.assessment.straight_remaining import Left
     from pep.pit.scene.cell import CellParameters
 
 TINY: Final = 1e-9  # of a step: rounding of a quotient

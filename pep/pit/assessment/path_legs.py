@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from capabilities.values.units import Unit
-from pep.pit.assess.assessment import LISTED, Assessment, Certificate
+from pep.pit.assessment.assessment import LISTED, Assessment, Certificate
 from policies.evidence.evidence import Contribution, ImpactFault
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from pep.pit.assess.assess import assess
-from pep.pit.assess.straight_remaining import PER_MILLI
+from pep.pit.assessment.assess import assess
+from pep.pit.assessment.straight_remaining import PER_MILLI
 from pep.pit.base.errors import PitError
 from pep.pit.base.motion import MoveJ, ServoJ, SpeedJ
 from pep.pit.base.tier import tier_of
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from capabilities.values.scope import Tier
-    from pep.pit.assess.assessment import Assessment
+    from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Floats, Joints, Motion
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
-from pep.pit.assess.assessment import milli
+from pep.pit.assessment.assessment import milli
 from pep.pit.base.errors import WorkLimitError
 from pep.pit.base.motion import STILL_RAD, profile_of
 from pep.pit.base.tier import HIGHEST, MOVING, TIE

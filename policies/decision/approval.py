@@ -19,7 +19,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from policies.decide.policy import PolicySet
+    from policies.decision.policy import PolicySet
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Finding
     from policies.primitives.base import Case

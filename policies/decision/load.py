@@ -14,8 +14,8 @@ from importlib import resources
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from capabilities.values.scope import Tier
-from policies.decide.combine import AllOf, Always, AnyOf, Check, Not, Predicate
-from policies.decide.policy import Object, Policy, PolicySet, Subject
+from policies.decision.combine import AllOf, Always, AnyOf, Check, Not, Predicate
+from policies.decision.policy import Object, Policy, PolicySet, Subject
 from policies.evidence.model import Effect, Obligation, ObligationKind, Point
 from policies.primitives.catalog import ROWS
 from policies.words.errors import PolicyError, PolicyFault

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from pep.pit.assess.assessment import Assessment, Certificate, milli, seen
-from pep.pit.assess.straight_assessment import MoveQuestion
+from pep.pit.assessment.assessment import Assessment, Certificate, milli, seen
+from pep.pit.assessment.straight_assessment import MoveQuestion
 from pep.pit.base.motion import Run
 from pep.pit.base.tier import HIGHEST, MOVING, tier_of
 from pep.pit.scene.pairs import pairs_of

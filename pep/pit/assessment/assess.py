@@ -11,13 +11,13 @@ import time
 import traceback
 from typing import TYPE_CHECKING, assert_never
 
-from pep.pit.assess.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, MILLI, Assessment, micro, milli, seen
-from pep.pit.assess.course_assessment import DriveQuestion
-from pep.pit.assess.dispatch import PathQuestion, drive_of
-from pep.pit.assess.grip_assessment import gripping
-from pep.pit.assess.output_index import output_cause
-from pep.pit.assess.readiness import compile_all
-from pep.pit.assess.straight_assessment import MoveQuestion
+from pep.pit.assessment.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, MILLI, Assessment, micro, milli, seen
+from pep.pit.assessment.course_assessment import DriveQuestion
+from pep.pit.assessment.dispatch import PathQuestion, drive_of
+from pep.pit.assessment.grip_assessment import gripping
+from pep.pit.assessment.output_index import output_cause
+from pep.pit.assessment.readiness import compile_all
+from pep.pit.assessment.straight_assessment import MoveQuestion
 from pep.pit.base.errors import PitError
 from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
 from pep.pit.base.tier import MOVING, tier_of

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 import numpy as np
 
-from pep.pit.assess.assessment import milli
-from pep.pit.assess.course_assessment import DOUBTFUL, JOINT_LIMIT
-from pep.pit.assess.dispatch import drive_of, joint_moves, line_drives
-from pep.pit.assess.straight_remaining import MOVES, OFF_PATH, Remaining, Rest, against, strays_m
+from pep.pit.assessment.assessment import milli
+from pep.pit.assessment.course_assessment import DOUBTFUL, JOINT_LIMIT
+from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
+from pep.pit.assessment.straight_remaining import MOVES, OFF_PATH, Remaining, Rest, against, strays_m
 from pep.pit.base.motion import STILL_RAD, JointPath, LinePath, MoveL, Run, ServoJ, SpeedL
 from pep.pit.base.tier import HIGHEST, MOVING
 from pep.pit.path.straight_path import GRID

@@ -20,7 +20,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.chain import Chain
-from policies.decide.combine import Always, Not, Predicate, checks, conjuncts
+from policies.decision.combine import Always, Not, Predicate, checks, conjuncts
 from policies.evidence.model import Effect, Obligation, ObligationKind, Point, Request
 from policies.primitives.catalog import ROWS
 from policies.primitives.tools import PhysicalImpactGate

@@ -14,8 +14,8 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from policies.decide.combine import Answer
-    from policies.decide.policy import Plan
+    from policies.decision.combine import Answer
+    from policies.decision.policy import Plan
     from policies.evidence.model import ApprovalUse, Finding
     from policies.primitives.base import Case
 

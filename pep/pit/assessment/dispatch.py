@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from pep.pit.assess.course_assessment import DriveQuestion
-from pep.pit.assess.path_legs import Leg, as_one
-from pep.pit.assess.straight_assessment import MoveQuestion
+from pep.pit.assessment.course_assessment import DriveQuestion
+from pep.pit.assessment.path_legs import Leg, as_one
+from pep.pit.assessment.straight_assessment import MoveQuestion
 from pep.pit.base.motion import JointPath, LinePath, MoveJ, MoveL, ServoJ, SpeedL, profile_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.question import as_run
@@ -17,7 +17,7 @@ from policies.evidence.evidence import ImpactFault
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from pep.pit.assess.assessment import Assessment
+    from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Driven, Joints, Paths
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters

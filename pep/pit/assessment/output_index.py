@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from pep.pit.assess.assessment import milli
+from pep.pit.assessment.assessment import milli
 from policies.evidence.evidence import Contribution
 
 if TYPE_CHECKING:

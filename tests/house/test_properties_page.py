@@ -1,0 +1,83 @@
+"""What SECURITY.md and docs/properties.md name as shown by something is shown by something that there is."""
+
+import ast
+import re
+from functools import cache
+
+import pytest
+from tests.house import pages
+
+SECURITY = "SECURITY.md"
+PROPERTIES = "docs/properties.md"
+NODE = re.compile(r"tests/[\w/]+(?:\.py)?(?:::\w+)*")
+LEAST = {SECURITY: 60, PROPERTIES: 20}
+"""The pages, each with the least number of different tests that it names."""
+
+
+def text(name: str) -> str:
+    return (pages.TOP / name).read_text("utf-8")
+
+
+@cache
+def names_in(file: str) -> frozenset[str]:
+    """The tests of a file as pytest names them: `test_x`, or `TestY::test_x`."""
+    found = set()
+    for node in ast.parse(text(file)).body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            found.add(node.name)
+        elif isinstance(node, ast.ClassDef):
+            found |= {f"{node.name}::{inner.name}" for inner in node.body if isinstance(inner, ast.FunctionDef)}
+    return frozenset(name for name in found if name.split("::")[-1].startswith("test_"))
+
+
+@pytest.mark.parametrize("page", LEAST)
+def test_every_test_that_a_page_names_exists(page: str) -> None:
+    nodes = set(NODE.findall(text(page)))
+    assert len(nodes) >= LEAST[page]
+    for node in nodes:
+        file, _, name = node.partition("::")
+        assert (pages.TOP / file).is_file(), node
+        assert file.rpartition("/")[2].startswith("test_"), node
+        assert not name or name in names_in(file), node
+
+
+@pytest.mark.parametrize("page", LEAST)
+def test_every_command_that_a_page_names_exists(page: str) -> None:
+    """Those of `ztpm` are of the command line, those of `make` are targets."""
+    said = pages.commands(text(page))
+    assert said
+    for words in said:
+        pages.assert_command(words)
+    targets = re.findall(r"^([a-z-]+):", text("Makefile"), re.MULTILINE)
+    for target in re.findall(r"`make ([a-z-]+)", text(page)):
+        assert target in targets, target
+
+
+@pytest.mark.parametrize("page", LEAST)
+def test_prose_lines_are_short(page: str) -> None:
+    assert [line for line in pages.prose(text(page)) if len(line) > 120] == []
+
+
+def test_every_promise_has_a_mechanism_and_a_test() -> None:
+    promised = pages.rows(text(SECURITY), "promise", "mechanism", "test that shows it")
+    assert len(promised) > 50
+    for promise, mechanism, shown in promised:
+        assert promise, mechanism
+        assert mechanism, promise
+        assert NODE.search(shown), promise
+
+
+def test_every_limit_says_what_follows() -> None:
+    for limit, follows in pages.rows(text(SECURITY), "not promised", "what follows for you"):
+        assert limit, follows
+        assert follows, limit
+
+
+def test_every_property_is_one_sentence_with_a_command_that_shows_it() -> None:
+    claimed = pages.rows(text(PROPERTIES), "claim", "command that shows it")
+    assert len(claimed) >= 20
+    for claim, shown in claimed:
+        assert claim.endswith(".") and ". " not in claim, claim
+        command = pages.code(shown)
+        assert command, claim
+        assert all(piece.startswith(("pytest tests/", "ztpm ", "make ")) for piece in command), claim
