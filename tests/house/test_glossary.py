@@ -13,6 +13,7 @@ NEVER = {"manager", "helper", "util", "handler", "data", "info", "process", "mis
 """These say nothing, wherever they stand; the page may refuse more, not fewer."""
 
 EXCEPTIONS = {
+    ("evaluation/decisions/casbin_abac.py", "_enforcer"): "casbin.Enforcer's own name",
     ("pep/mcp/deadline.py", "data"): "asyncio.Protocol's parameter",
     ("pep/mcp/deadline.py", "data_received"): "asyncio.Protocol calls it",
     ("pep/rtde/lease/accepted_connection.py", "data"): "asyncio.Protocol's parameter",
