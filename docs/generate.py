@@ -22,7 +22,7 @@ from policies.primitives.catalog_row import Attack, Defence, Domain
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from policies.primitives.catalog_row import Row
+    from policies.primitives.catalog_row import CatalogRow
 
 WIDTH: Final = 120
 PAGE: Final = Path(__file__).with_name("primitives.md")
@@ -94,7 +94,7 @@ def _codes(reasons: Iterable[Reason]) -> str:
     return ", ".join(f"`{reason}`" for reason in reasons) or "none yet"
 
 
-def _section(row: Row) -> list[str]:
+def _section(row: CatalogRow) -> list[str]:
     """The clause of one primitive and what belongs to it."""
     lines = [f"### {row.id} {row.name}", "", f"**[{row.clause}]** {row.must_hold}", ""]
     lines.append(f"* Points: {' '.join(sorted(row.points))}. Evidence: {', '.join(row.evidence)}.")

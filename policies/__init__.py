@@ -20,7 +20,7 @@ from policies.evidence.evidence import (
 from policies.evidence.model import ApprovalUse, Decision, Effect, Finding, Obligation, ObligationKind, Point, Request
 from policies.explain.remedies import Means, Remedy, remedies
 from policies.primitives.catalog import CATALOG, ROWS
-from policies.primitives.catalog_row import Row
+from policies.primitives.catalog_row import CatalogRow
 from policies.words.errors import PolicyError, PolicyFault
 from policies.words.parameters import PARAMETERS, Parameters
 from policies.words.reason_table import REASONS, Reason
@@ -34,6 +34,7 @@ __all__ = [
     "SHIPPED",
     "ApprovalReading",
     "ApprovalUse",
+    "CatalogRow",
     "Contribution",
     "Decision",
     "Effect",
@@ -58,7 +59,6 @@ __all__ = [
     "Request",
     "Requirement",
     "RobotReading",
-    "Row",
     "Subject",
     "ToolReading",
     "TrustReading",

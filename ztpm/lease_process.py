@@ -29,13 +29,13 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
 from capabilities.keys.keys import b64u, unb64u
-from capabilities.proof.session_opening import Pending
+from capabilities.proof.session_opening import PendingSession
 from pep.base.key_file import read_key
 from pep.rtde.lease.lease import LEASE_OVER
 from ztpm.base.layout import Layout
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
-from ztpm.program.refusal_lines import NAME, ToldLines, on_standard_error
+from ztpm.program.refusal_lines import NAME, RefusalLines, on_standard_error
 from ztpm_idp.client import Agent
 
 if TYPE_CHECKING:
@@ -163,9 +163,9 @@ def main() -> None:
         name: value if name in TEXTS else unb64u(value) for name, value in asked["pending"].items()
     }
     try:
-        lease = open_lease(asked["door"], asked["token"], Pending(**pending))
+        lease = open_lease(asked["door"], asked["token"], PendingSession(**pending))
         threading.Thread(target=_end_with_input, name="input", daemon=True).start()
-        with ToldLines(lambda line: _say(told=line.removeprefix(PREFIX))) as lines:
+        with RefusalLines(lambda line: _say(told=line.removeprefix(PREFIX))) as lines:
             ended = asyncio.run(
                 lend(lease, asked["host"], [], begun=lambda: _say(ready=True), told=lines.tell),
             )

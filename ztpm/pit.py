@@ -13,7 +13,7 @@ from pep.pit.assessment.assess import assess
 from pep.pit.assessment.path_legs import LegsCertificate
 from pep.pit.base.errors import PitError
 from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
-from pep.pit.checker import Refused, Verified, verify
+from pep.pit.checker import Unverified, Verified, verify
 from pep.pit.files.motion_file import motion_of, seed_of, word_of
 from pep.pit.files.plain_file import FILE_LIMIT_BYTES, value_of
 from pep.pit.files.scene_file import situation_of
@@ -283,7 +283,7 @@ def certificate_to_plain(said: Assessment, proof: bytes | PitError) -> dict[str,
     match verify(proof):
         case Verified() as verdict:
             return {"rows": verdict.rows, **about, "verified": True}
-        case Refused(code, place):
+        case Unverified(code, place):
             return {"rows": rows, **about, "verified": False, "why": f"{code}: {place}"}
         case other:
             assert_never(other)

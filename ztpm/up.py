@@ -15,7 +15,7 @@ from ztpm.cell.cell import Cell
 from ztpm.cell.enrolment import Differing, EnrolmentError, enrol
 from ztpm.cell.setup import SetupError, initialise, is_empty, read_addresses
 from ztpm.cell.supervision import ChildLostError, SceneFile, Supervision
-from ztpm.status.camera import Camera
+from ztpm.status.camera import SnapshotCollector
 from ztpm.status.server import StatusError, StatusServer
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def run(
     )
     supervision = Supervision(cell, scene=SceneFile(layout.scene, log), log=log, ended=ended, clock=time.monotonic)
     trust = TrustBundle.from_json(layout.trust.read_bytes())
-    camera = Camera(cell, supervision, trust=trust, wall_s=time.time, clock=time.monotonic)
+    camera = SnapshotCollector(cell, supervision, trust=trust, wall_s=time.time, clock=time.monotonic)
     status: StatusServer | None = None
     try:
         _await_addresses(addresses, ended)

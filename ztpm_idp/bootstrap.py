@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from capabilities.keys.keys import b64u, thumbprint
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import Initialise, wanted
-from ztpm_idp.domain.parties import Person, Standing
+from ztpm_idp.domain.parties import RegisteredPerson, Standing
 from ztpm_idp.domain.registry import initialise as first_people
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.wire import PersonBody
@@ -66,7 +66,7 @@ async def initialise(database_url: str, *, people: Iterable[FirstPerson], now: C
         await store.close()
 
 
-def _person(first: FirstPerson) -> Person:
+def _person(first: FirstPerson) -> RegisteredPerson:
     """The person, by the very rules that hold on the wire."""
     try:
         body = PersonBody.model_validate(
@@ -75,4 +75,6 @@ def _person(first: FirstPerson) -> Person:
     except ValidationError as error:
         field = str(error.errors(include_input=False)[0]["loc"][0])
         raise Problem(IdpCode.BODY_MALFORMED, f"people: {field}") from None
-    return Person(body.id, first.key, thumbprint(first.key), Standing.ACTIVE, body.name, frozenset(body.roles))
+    return RegisteredPerson(
+        body.id, first.key, thumbprint(first.key), Standing.ACTIVE, body.name, frozenset(body.roles)
+    )

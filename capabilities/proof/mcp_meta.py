@@ -27,7 +27,7 @@ _CLAUSE: Final = "PRF-10"
 
 
 @dataclass(frozen=True, slots=True)
-class Carried:
+class UnverifiedRequest:
     """What a request carries, unverified; `check_proof` takes it.
 
     Attributes:
@@ -83,7 +83,7 @@ def attach(
     return {**params, META: {**rest, TOKEN: token, PROOF: proof}}
 
 
-def detach(params: object, *, rpc_method: str) -> Carried | Fault:
+def detach(params: object, *, rpc_method: str) -> UnverifiedRequest | Fault:
     """The credentials of a request, and the request without them.
 
     Args:
@@ -96,7 +96,7 @@ def detach(params: object, *, rpc_method: str) -> Carried | Fault:
     """
     meta = params.get(META) if isinstance(params, dict) else None
     if not isinstance(params, dict) or not isinstance(meta, dict) or meta.keys().isdisjoint(_CREDENTIALS):
-        return Carried(None, None, method(rpc_method), b"", params)
+        return UnverifiedRequest(None, None, method(rpc_method), b"", params)
     token, proof = meta.get(TOKEN), meta.get(PROOF)
     # A null is no absent member: a reader that takes it for one would see another request.
     if TOKEN in meta and not isinstance(token, str):
@@ -108,7 +108,7 @@ def detach(params: object, *, rpc_method: str) -> Carried | Fault:
         body = strict_json.canonical(rest)
     except StatementError as error:
         return Fault(FaultCode.PROOF_MALFORMED, _CLAUSE, error.detail)
-    return Carried(token, proof, method(rpc_method), body, rest)
+    return UnverifiedRequest(token, proof, method(rpc_method), body, rest)
 
 
 def stray(params: object) -> Fault | None:

@@ -37,7 +37,7 @@ _END: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class SessionMessage:
     """A message that the other end sent in this session, after all that were opened before.
 
     Attributes:
@@ -125,7 +125,7 @@ class Session:
         """The frame that ends the session, in both directions and at once for this end; or `PROOF_STALE`."""
         return self._seal(_END, b"", at)
 
-    def open(self, frame: bytes, *, at: float) -> Message | End | Fault:
+    def open(self, frame: bytes, *, at: float) -> SessionMessage | End | Fault:
         """What the other end sent.
 
         Args:
@@ -162,7 +162,7 @@ class Session:
             if kind == _END:
                 self._over = True
                 return End(missing)
-            return Message(message, missing)
+            return SessionMessage(message, missing)
 
     def _seal(self, kind: int, message: bytes, at: float) -> bytes | Fault:
         with self._lock:

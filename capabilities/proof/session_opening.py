@@ -45,7 +45,7 @@ _MOST_BYTES: Final = 2_048
 
 
 @dataclass(frozen=True, slots=True)
-class Pending:
+class PendingSession:
     """A session that the holder has begun and no verifier has answered. It holds a secret: use it once, then forget it.
 
     Attributes:
@@ -66,7 +66,7 @@ class Pending:
 
 
 @dataclass(frozen=True, slots=True)
-class Answered:
+class AnsweredSession:
     """A session that the verifier has opened.
 
     Attributes:
@@ -93,7 +93,7 @@ def begin(
     nonce: bytes,
     at: int,
     jti: str,
-) -> Pending:
+) -> PendingSession:
     """A session is begun, by the holder of `key`.
 
     Args:
@@ -116,7 +116,7 @@ def begin(
         "verifier": "" if verifier_key is None else keys.thumbprint(verifier_key),
     }
     body = strict_json.canonical(opening)
-    return Pending(
+    return PendingSession(
         body=body,
         proof=prove(key, method=METHOD, url=url, body=body, token=token, at=at, jti=jti),
         audience=audience,
@@ -143,7 +143,7 @@ def answer(
     at: float,
     most_missing: int,
     caps: Caps,
-) -> Answered | Fault:
+) -> AnsweredSession | Fault:
     """The verifier's end of the session that this opening asks for, and the text for the holder; or the first fault.
 
     The token was verified (steps 1 to 9) for `audience`, and its leaf's key is `holder_key`. As long as the session is
@@ -224,10 +224,10 @@ def answer(
         most_missing=most_missing,
         caps=caps,
     )
-    return Answered(text, session, proven, ends)
+    return AnsweredSession(text, session, proven, ends)
 
 
-def conclude(pending: Pending, text: bytes, *, at: float, most_missing: int, caps: Caps) -> Session | Fault:
+def conclude(pending: PendingSession, text: bytes, *, at: float, most_missing: int, caps: Caps) -> Session | Fault:
     """The holder's end of the session that this answer opens; or the first fault, and then no session.
 
     Args:

@@ -28,7 +28,7 @@ BUNDLE_LIFETIME_S: Final = 366 * 86_400
 """How long a published bundle holds: a year, like the signed description of a cell."""
 
 
-class State(StrEnum):
+class KeyState(StrEnum):
     """Where a key is in its life."""
 
     PREPARED = "prepared"
@@ -38,7 +38,7 @@ class State(StrEnum):
     REVOKED = "revoked"
 
 
-class Why(StrEnum):
+class RotationFault(StrEnum):
     """Why a step is refused."""
 
     KEY_UNKNOWN = "KEY_UNKNOWN"
@@ -51,10 +51,10 @@ class Why(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RotationRefused:
     """A step that is not taken; the ring stays as it was."""
 
-    why: Why
+    why: RotationFault
     detail: str = ""
 
 
@@ -101,15 +101,15 @@ class KeyRecord:
         return f"{ID_STEM[self.role]}-{self.number}"
 
     @property
-    def state(self) -> State:
+    def state(self) -> KeyState:
         """Where it is: the last step that was taken."""
         steps = (
-            (self.revoked_at, State.REVOKED),
-            (self.tainted_at, State.TAINTED),
-            (self.retired_at, State.RETIRED),
-            (self.activated_at, State.ACTIVE),
+            (self.revoked_at, KeyState.REVOKED),
+            (self.tainted_at, KeyState.TAINTED),
+            (self.retired_at, KeyState.RETIRED),
+            (self.activated_at, KeyState.ACTIVE),
         )
-        return next((state for at, state in steps if at is not None), State.PREPARED)
+        return next((state for at, state in steps if at is not None), KeyState.PREPARED)
 
 
 ID_STEM: Final = {
@@ -148,14 +148,14 @@ class KeyRing:
             raise BadKeyError(FaultCode.KEY_MALFORMED, "a name twice")
         for role in Role:
             states = [record.state for record in self.records if record.role is role]
-            if states.count(State.ACTIVE) != 1 or states.count(State.PREPARED) > 1:
+            if states.count(KeyState.ACTIVE) != 1 or states.count(KeyState.PREPARED) > 1:
                 raise BadKeyError(FaultCode.KEY_MALFORMED, f"not one active and at most one prepared key of {role}")
         if any(_last_step(record) > self.issued_at for record in self.records):
             raise BadKeyError(FaultCode.KEY_MALFORMED, "a step after the last one")
 
     def active(self, role: Role) -> KeyRecord:
         """The key of a role that signs."""
-        return next(r for r in self.records if r.role is role and r.state is State.ACTIVE)
+        return next(r for r in self.records if r.role is role and r.state is KeyState.ACTIVE)
 
     def find(self, id_: str) -> KeyRecord | None:
         """The key of a name."""
@@ -206,7 +206,7 @@ def begin(issuer: str, first: dict[Role, bytes], *, at: int) -> KeyRing:
 # --- steps -----------------------------------------------------------------------------------------------------------
 
 
-def prepare(ring: KeyRing, role: Role, key: bytes, *, at: int) -> KeyRing | Refused:
+def prepare(ring: KeyRing, role: Role, key: bytes, *, at: int) -> KeyRing | RotationRefused:
     """A further key of a role is trusted from now on; it does not sign yet.
 
     Raises:
@@ -214,33 +214,33 @@ def prepare(ring: KeyRing, role: Role, key: bytes, *, at: int) -> KeyRing | Refu
     """
     of_role = [record for record in ring.records if record.role is role]
     if key in ring.all_keys:
-        return Refused(Why.KEY_IN_USE, "one key has one role, once")
-    if any(record.state is State.PREPARED for record in of_role):
-        return Refused(Why.ALREADY_PREPARED, f"activate or revoke the prepared key of {role} first")
-    if sum(record.state is not State.REVOKED for record in of_role) >= KEYS_OF_A_ROLE:
-        return Refused(Why.TOO_MANY_KEYS, f"{KEYS_OF_A_ROLE} keys of {role}: revoke what is over")
+        return RotationRefused(RotationFault.KEY_IN_USE, "one key has one role, once")
+    if any(record.state is KeyState.PREPARED for record in of_role):
+        return RotationRefused(RotationFault.ALREADY_PREPARED, f"activate or revoke the prepared key of {role} first")
+    if sum(record.state is not KeyState.REVOKED for record in of_role) >= KEYS_OF_A_ROLE:
+        return RotationRefused(RotationFault.TOO_MANY_KEYS, f"{KEYS_OF_A_ROLE} keys of {role}: revoke what is over")
     added = KeyRecord(role, 1 + max(record.number for record in of_role), keys.check_raw(key), at)
     return _stepped(ring, lambda found: found, at, (added,))
 
 
-def activate(ring: KeyRing, id_: str, *, at: int) -> KeyRing | Refused:
+def activate(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
     """The prepared key signs from now on; the one that signed so far is retired."""
     record = ring.find(id_)
     if record is None:
-        return Refused(Why.KEY_UNKNOWN, id_)
-    if record.state is not State.PREPARED:
-        return Refused(Why.WRONG_STATE, f"{id_} is {record.state}")
+        return RotationRefused(RotationFault.KEY_UNKNOWN, id_)
+    if record.state is not KeyState.PREPARED:
+        return RotationRefused(RotationFault.WRONG_STATE, f"{id_} is {record.state}")
     role = record.role
 
     def step(found: KeyRecord) -> KeyRecord:
         if found.id == id_:
             return replace(found, activated_at=at)
-        return replace(found, retired_at=at) if found.role is role and found.state is State.ACTIVE else found
+        return replace(found, retired_at=at) if found.role is role and found.state is KeyState.ACTIVE else found
 
     return _stepped(ring, step, at)
 
 
-def taint(ring: KeyRing, id_: str, *, at: int) -> KeyRing | Refused:
+def taint(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
     """Nothing that the retired key signs from now on is accepted; what is under it is to be issued again.
 
     A thief who has the key can sign for earlier times: under a key that is known to be stolen nothing holds, `revoke`.
@@ -248,44 +248,44 @@ def taint(ring: KeyRing, id_: str, *, at: int) -> KeyRing | Refused:
     record = ring.find(id_)
     match record.state if record is not None else None:
         case None:
-            return Refused(Why.KEY_UNKNOWN, id_)
-        case State.ACTIVE:
-            return Refused(Why.STILL_ACTIVE, f"activate another key in place of {id_} first")
-        case State.RETIRED:
+            return RotationRefused(RotationFault.KEY_UNKNOWN, id_)
+        case KeyState.ACTIVE:
+            return RotationRefused(RotationFault.STILL_ACTIVE, f"activate another key in place of {id_} first")
+        case KeyState.RETIRED:
             return _marked(ring, id_, at, lambda found: replace(found, tainted_at=at))
         case state:
-            return Refused(Why.WRONG_STATE, f"{id_} is {state}")
+            return RotationRefused(RotationFault.WRONG_STATE, f"{id_} is {state}")
 
 
-def revoke(ring: KeyRing, id_: str, *, at: int) -> KeyRing | Refused:
+def revoke(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
     """Nothing under the key is accepted any more, whenever it was signed."""
     record = ring.find(id_)
     match record.state if record is not None else None:
         case None:
-            return Refused(Why.KEY_UNKNOWN, id_)
-        case State.ACTIVE:
-            return Refused(Why.STILL_ACTIVE, f"activate another key in place of {id_} first")
-        case State.REVOKED:
-            return Refused(Why.WRONG_STATE, f"{id_} is revoked")
+            return RotationRefused(RotationFault.KEY_UNKNOWN, id_)
+        case KeyState.ACTIVE:
+            return RotationRefused(RotationFault.STILL_ACTIVE, f"activate another key in place of {id_} first")
+        case KeyState.REVOKED:
+            return RotationRefused(RotationFault.WRONG_STATE, f"{id_} is revoked")
         case _:
             return _marked(ring, id_, at, lambda found: replace(found, revoked_at=at))
 
 
-def renew(ring: KeyRing, *, at: int) -> KeyRing | Refused:
+def renew(ring: KeyRing, *, at: int) -> KeyRing | RotationRefused:
     """The same keys in a new bundle, which holds for its whole life from now on."""
     return _stepped(ring, lambda found: found, at)
 
 
-def _marked(ring: KeyRing, id_: str, at: int, mark: Callable[[KeyRecord], KeyRecord]) -> KeyRing | Refused:
+def _marked(ring: KeyRing, id_: str, at: int, mark: Callable[[KeyRecord], KeyRecord]) -> KeyRing | RotationRefused:
     return _stepped(ring, lambda found: mark(found) if found.id == id_ else found, at)
 
 
 def _stepped(
     ring: KeyRing, step: Callable[[KeyRecord], KeyRecord], at: int, added: tuple[KeyRecord, ...] = ()
-) -> KeyRing | Refused:
+) -> KeyRing | RotationRefused:
     if not at >= ring.issued_at:
         # A step in the past would leave a bundle that is younger by its version and older by its time.
-        return Refused(Why.CLOCK_BACKWARDS, f"the last step was at {ring.issued_at}")
+        return RotationRefused(RotationFault.CLOCK_BACKWARDS, f"the last step was at {ring.issued_at}")
     return KeyRing(ring.issuer, ring.version + 1, at, (*map(step, ring.records), *added))
 
 

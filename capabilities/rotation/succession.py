@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class NewestBundle:
     """The newest bundle that a verifier has ever acted on; it keeps this where a restart does not lose it.
 
     Attributes:
@@ -35,7 +35,7 @@ class Seen:
     digest: bytes
 
 
-def check_bundle(bundle: TrustBundle, seen: Seen | None, *, at: float, caps: Caps) -> Seen | Fault:
+def check_bundle(bundle: TrustBundle, seen: NewestBundle | None, *, at: float, caps: Caps) -> NewestBundle | Fault:
     """What is to be remembered from now on, when the bundle may be acted on now; or the first fault ([TRB-4]).
 
     Args:
@@ -87,8 +87,8 @@ def succeed(held: TrustBundle, text: str, *, at: float, caps: Caps) -> TrustBund
     return newer
 
 
-def _seen(bundle: TrustBundle) -> Seen:
-    return Seen(bundle.version, hashlib.sha256(bundle.to_json()).digest())
+def _seen(bundle: TrustBundle) -> NewestBundle:
+    return NewestBundle(bundle.version, hashlib.sha256(bundle.to_json()).digest())
 
 
 def _registry(bundle: TrustBundle, signed_at: int, at: float) -> frozenset[str]:

@@ -29,7 +29,7 @@ LIFETIME_S: Final = 366 * 86_400
 """Longest life of a manifest: a year, as of a cell file. A policy bounds the age of those in use (`manifest_age_s`)."""
 
 
-class Entry(Form, frozen=True):
+class ManifestEntry(Form, frozen=True):
     """One listed content.
 
     Attributes:
@@ -59,13 +59,13 @@ class Manifest(Form, frozen=True):
     content: Annotated[str, words(*CONTENTS)]
     curator: Name
     version: Positive
-    entries: Annotated[tuple[Entry, ...], upto(ENTRIES)]
+    entries: Annotated[tuple[ManifestEntry, ...], upto(ENTRIES)]
     at: Whole
     not_after: Whole
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ExpectedManifest:
     """Where a manifest is expected.
 
     Attributes:
@@ -81,9 +81,9 @@ class Place:
     digest: str
 
 
-def entry_of(id_: str, content: bytes, source: str) -> Entry:
+def entry_of(id_: str, content: bytes, source: str) -> ManifestEntry:
     """The entry that lists these very bytes."""
-    return Entry(id_, hashlib.sha256(content).hexdigest(), source)
+    return ManifestEntry(id_, hashlib.sha256(content).hexdigest(), source)
 
 
 def sign(manifest: Manifest, key: PrivateKey) -> str:
@@ -103,7 +103,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Manifest:  # noqa: A
     return manifest
 
 
-def refusal(manifest: Manifest, digest: str, place: Place, *, at: float, caps: Caps) -> Fault | None:
+def refusal(manifest: Manifest, digest: str, place: ExpectedManifest, *, at: float, caps: Caps) -> Fault | None:
     """None when the manifest is the one to go by in its place, now; else the first fault ([STM-7]).
 
     To be asked at each use: a manifest that was accepted once ends, and a newer one may have been seen since.

@@ -54,7 +54,7 @@ class Message(Form, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ExpectedMessage:
     """Where the addressee expects the next message of a sender.
 
     Attributes:
@@ -94,7 +94,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A0
     return message
 
 
-def refusal(message: Message, place: Place, *, at: float, caps: Caps) -> Fault | None:
+def refusal(message: Message, place: ExpectedMessage, *, at: float, caps: Caps) -> Fault | None:
     """None when the message is the next one in its place, now; else the first fault ([STM-6]).
 
     Args:

@@ -36,7 +36,7 @@ class Revoked(StrEnum):
     AUDIENCE = "audience"
 
 
-class Entry(Form, frozen=True):
+class RevocationEntry(Form, frozen=True):
     """One revocation: since `epoch`, the thing of `kind` with this id (a key's id is its thumbprint) is dead."""
 
     epoch: Whole
@@ -64,7 +64,7 @@ class RevocationIndex(Form, frozen=True):
     as_of_ms: Whole
     nonce: Nonce
     registry_version: Whole
-    entries: Annotated[tuple[Entry, ...], upto(ENTRIES)]
+    entries: Annotated[tuple[RevocationEntry, ...], upto(ENTRIES)]
 
     @property
     def last(self) -> int:

@@ -36,7 +36,7 @@ ten times as long as it may. Machines of one cell keep time to milliseconds; whe
 
 
 @dataclass(frozen=True, slots=True)
-class Carried:
+class RequestDigests:
     """What a request carries that counts, each as its SHA-256 (hex).
 
     Attributes:
@@ -50,7 +50,7 @@ class Carried:
     body: str
 
     @classmethod
-    def of(cls, *, token: str | None, proof: str | None, body: bytes) -> Carried:
+    def of(cls, *, token: str | None, proof: str | None, body: bytes) -> RequestDigests:
         """What this request carries; None for what it does not have."""
         # Nothing but ASCII is a token or a proof; whatever else came as one gets a digest of its own, and no exception.
         texts = ((text or "").encode("utf-8", "surrogatepass") for text in (token, proof))
@@ -74,7 +74,7 @@ class Ticket:
     pep: str
     audience: str
     url: str
-    carried: Carried
+    carried: RequestDigests
     at_ms: int
 
 
@@ -89,7 +89,7 @@ class _Claims(Form, frozen=True):
     at_ms: Whole
 
 
-def issue(carried: Carried, *, id: str, pep: str, audience: str, url: str, key: PrivateKey, at: float) -> str:  # noqa: A002 - the member's name
+def issue(carried: RequestDigests, *, id: str, pep: str, audience: str, url: str, key: PrivateKey, at: float) -> str:  # noqa: A002 - the member's name
     """The signed ticket for this request.
 
     Args:
@@ -120,12 +120,14 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Ticket:  # noqa: A00
     if len(text) > BYTES:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, f"over {BYTES} bytes")
     said = read(_Claims, statement_form.open(KIND, text, keys, caps))
-    return Ticket(said.id, said.pep, said.audience, said.url, Carried(said.token, said.proof, said.body), said.at_ms)
+    return Ticket(
+        said.id, said.pep, said.audience, said.url, RequestDigests(said.token, said.proof, said.body), said.at_ms
+    )
 
 
 def verify(
     text: str,
-    carried: Carried,
+    carried: RequestDigests,
     *,
     peps: Mapping[str, bytes],
     view: RevocationView,

@@ -20,12 +20,12 @@ from capabilities.token.fact import PROFILE, AuthorityStatement, HopStatement, S
 from capabilities.values import algebra, text
 from capabilities.values.chain import HopGrant, Sponsor, make_attestation, make_grant, make_sponsor
 from capabilities.values.errors import CapabilityError, FaultCode, TokenError
-from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.hashed_tuple import HashedTuple
 from capabilities.values.scope import Grant, Limit, Restriction, Scope, make_restriction, make_scope, tier
 from capabilities.values.units import Parameter, Unit
 
 if TYPE_CHECKING:
-    from capabilities.token.fact import Fact, Said
+    from capabilities.token.fact import Fact, FactContent
     from capabilities.values.caps import Caps
     from capabilities.values.scope import Bound
 
@@ -156,7 +156,7 @@ def _alternative(grant: Grant, signature: list[Parameter] | None) -> Alternative
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def authority_of(said: Said[AuthorityStatement], demanded: Checks, caps: Caps) -> AuthorityBlock:
+def authority_of(said: FactContent[AuthorityStatement], demanded: Checks, caps: Caps) -> AuthorityBlock:
     """The authority block that says and demands this.
 
     Raises:
@@ -188,7 +188,7 @@ def authority_of(said: Said[AuthorityStatement], demanded: Checks, caps: Caps) -
 
 
 def hop_of(
-    said: Said[HopStatement], demanded: Checks, *, index: int, delegator: str, parent: Scope, caps: Caps
+    said: FactContent[HopStatement], demanded: Checks, *, index: int, delegator: str, parent: Scope, caps: Caps
 ) -> HopBlock:
     """The hop block that says and demands this, at this index below a hop of agent `delegator` with the scope `parent`.
 
@@ -229,7 +229,7 @@ def _with_grants(rest: Restriction, grants: tuple[Grant, ...]) -> Restriction:
     )
 
 
-def _hop(said: Said[AuthorityStatement] | Said[HopStatement], delegator: str) -> HopGrant:
+def _hop(said: FactContent[AuthorityStatement] | FactContent[HopStatement], delegator: str) -> HopGrant:
     hop_id, key, measurement, request_digest = said.raw
     if len(hop_id) != _ID_BYTES:
         raise ValueError(f"a hop id that is not {_ID_BYTES} bytes")
@@ -261,7 +261,7 @@ def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
 def _whole_grants(alternatives: tuple[Alternative, ...], spelled: bytes) -> tuple[Grant, ...]:
     """The grants of a first block: what its check keeps, under the names and units that its statement spells."""
     parameters = facts.parameters_of(spelled)
-    return Hashed(
+    return HashedTuple(
         Grant(
             kept.object,
             kept.operation,
@@ -294,7 +294,7 @@ def _kept_grants(alternatives: tuple[Alternative, ...], parent: tuple[Grant, ...
                 tuple(Limit(limit.parameter, bound) for limit, bound in stated if bound is not None),
             )
         )
-    return Hashed(found)
+    return HashedTuple(found)
 
 
 # --- the rules of the values -----------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from capabilities.token.symbols import KNOWN, OWN, Texts
 from capabilities.token.wire import exactly
 from capabilities.values.errors import FaultCode, TokenError
 from capabilities.values.fast_dataclass import maker
-from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.hashed_tuple import HashedTuple
 from capabilities.values.scope import Bound, OneOf, Range
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def _request(symbols: tuple[str, ...], encoded: bytes) -> tuple[Alternative, ...
     texts = Texts(symbols)
     if any(len(query.body) != 1 or texts[query.body[0].name] != REQUEST for query in check.queries):
         return None
-    return Hashed(_alternative(query, texts) for query in check.queries)
+    return HashedTuple(_alternative(query, texts) for query in check.queries)
 
 
 def _alternative(query: Any, texts: Texts) -> Alternative:

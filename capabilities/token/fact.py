@@ -80,7 +80,7 @@ _AUTHORITY: Final = msgspec.json.Decoder(AuthorityStatement)
 _S = TypeVar("_S", AuthorityStatement, HopStatement)
 
 
-class Said(msgspec.Struct, Generic[_S], frozen=True):
+class FactContent(msgspec.Struct, Generic[_S], frozen=True):
     """What the fact of a block says: its index, its byte strings in order, its JSON object."""
 
     index: int
@@ -93,7 +93,7 @@ def written(index: int, raw: tuple[bytes, ...], statement: AuthorityStatement | 
     return PREDICATE, (index, *raw, _ENCODER.encode(statement))
 
 
-def authority_said(contents: Contents) -> Said[AuthorityStatement]:
+def authority_said(contents: Contents) -> FactContent[AuthorityStatement]:
     """What the fact of an authority block says.
 
     Raises:
@@ -140,7 +140,7 @@ def parameters_of(spelled: bytes) -> tuple[tuple[str, ...], ...]:
     return parameters
 
 
-def hop_said(contents: Contents) -> Said[HopStatement]:
+def hop_said(contents: Contents) -> FactContent[HopStatement]:
     """What the fact of a hop block says.
 
     Raises:
@@ -156,7 +156,7 @@ def _check_form(contents: Contents) -> None:
         raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
 
 
-def _said(contents: Contents, decoder: msgspec.json.Decoder[_S]) -> Said[_S]:
+def _said(contents: Contents, decoder: msgspec.json.Decoder[_S]) -> FactContent[_S]:
     spelled = contents.raw[-1]
     try:
         statement = decoder.decode(spelled)
@@ -165,4 +165,4 @@ def _said(contents: Contents, decoder: msgspec.json.Decoder[_S]) -> Said[_S]:
         raise TokenError(FaultCode.CHAIN_BROKEN, "not a JSON object of the profile") from None
     if again != spelled:
         raise TokenError(FaultCode.CHAIN_BROKEN, "not the canonical JSON")
-    return Said(contents.index, contents.raw[:-1], statement)
+    return FactContent(contents.index, contents.raw[:-1], statement)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
 
 
-class Read(msgspec.Struct, frozen=True, kw_only=True):
+class StaticVerification(msgspec.Struct, frozen=True, kw_only=True):
     """What steps 1 to 6 found.
 
     Attributes:
@@ -53,7 +53,7 @@ class Read(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def read(token: bytes, trust: TrustBundle, caps: Caps, *, digest: bytes) -> Read | Fault:
+def read(token: bytes, trust: TrustBundle, caps: Caps, *, digest: bytes) -> StaticVerification | Fault:
     """What steps 1 to 6 find in a token, or the first fault.
 
     Args:
@@ -95,7 +95,7 @@ def read(token: bytes, trust: TrustBundle, caps: Caps, *, digest: bytes) -> Read
     chain = make_chain(authority.token_id, digest, authority.sponsor, root_key_id, hops, epoch=0, view_age_ms=0)
     attested = [hop.attestation.at for hop in hops]
     attesters = tuple([(signer, at) for signer, at in zip(signers, attested, strict=True) if signer])
-    return Read(
+    return StaticVerification(
         chain=chain,
         opened=opened,
         form=form,

@@ -21,7 +21,7 @@ from capabilities.values.errors import Fault, FaultCode
 if TYPE_CHECKING:
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.revocation import RevocationView
-    from capabilities.token.static_verification import Read
+    from capabilities.token.static_verification import StaticVerification
     from capabilities.values.caps import Caps
     from capabilities.values.chain import Chain, Refusal
     from capabilities.values.scope import Tier
@@ -73,7 +73,7 @@ class Verifier:
     def __init__(self, trust: TrustBundle, caps: Caps, *, remembered: int = REMEMBERED) -> None:
         self._trust = trust
         self._caps = caps
-        self._read: _Remembered[tuple[bytes, int, int], Read] = _Remembered(remembered)
+        self._read: _Remembered[tuple[bytes, int, int], StaticVerification] = _Remembered(remembered)
         self._agreed: _Remembered[tuple[str, str, str], object] = _Remembered(remembered)
 
     def verify(self, token: bytes, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
@@ -110,7 +110,9 @@ class Verifier:
         self._read.put((chain.digest, view.epoch, self._trust.version), read)
         return self._now(read, at=at, audience=audience, view=view, lease_ms=lease_ms)
 
-    def _now(self, read: Read, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
+    def _now(
+        self, read: StaticVerification, *, at: float, audience: str, view: RevocationView, lease_ms: int
+    ) -> Chain | Fault:
         """Steps 7 to 9."""
         chain = read.under(view)
         return (
@@ -121,7 +123,7 @@ class Verifier:
             or chain
         )
 
-    def _check_signers(self, read: Read, at: float) -> Fault | None:
+    def _check_signers(self, read: StaticVerification, at: float) -> Fault | None:
         start, end = read.trusted
         if start <= at < end:
             return None
@@ -137,7 +139,7 @@ class Verifier:
         read = self._known(token, view)
         return read if isinstance(read, Fault) else read.chain.scope.audiences
 
-    def _known(self, token: bytes, view: RevocationView) -> Read | Fault:
+    def _known(self, token: bytes, view: RevocationView) -> StaticVerification | Fault:
         """What steps 1 to 6 say of a token, remembered when they pass."""
         digest = hashlib.sha256(token).digest()
         key = digest, view.epoch, self._trust.version
@@ -206,7 +208,7 @@ def verify(
 # --- steps 7 to 9 ----------------------------------------------------------------------------------------------------
 
 
-def _check_times(read: Read, at: float, caps: Caps) -> Fault | None:
+def _check_times(read: StaticVerification, at: float, caps: Caps) -> Fault | None:
     """[TOK-7]."""
     if read.lifetimes is not None:
         return read.lifetimes
@@ -229,7 +231,7 @@ def _check_audience(chain: Chain, audience: str) -> Fault | None:
     return None if audience in chain.scope.audiences else Fault(FaultCode.WRONG_AUDIENCE, "TOK-8")
 
 
-def _check_revocation(read: Read, audience: str, view: RevocationView, lease_ms: int) -> Fault | None:
+def _check_revocation(read: StaticVerification, audience: str, view: RevocationView, lease_ms: int) -> Fault | None:
     """[TOK-9]: what is revoked stays revoked however old the view is, so that is asked first."""
     if not view.spares(read.names, audience=audience):
         why = view.why(read.chain, audience=audience)

@@ -16,7 +16,7 @@ from google.protobuf.message import DecodeError
 from capabilities.token import byte_layout
 from capabilities.token.byte_layout import Contents, SignedBlock, Structure
 from capabilities.values.errors import FaultCode, TokenError
-from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.hashed_tuple import HashedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -206,4 +206,4 @@ def _opened(opening: bytes) -> tuple[tuple[str, ...], int]:
     block = exactly("Block", opening)
     if block.facts or block.checks or block.rules or block.scope or block.publicKeys or block.HasField("context"):
         raise ValueError("a fact or check apart from the others, a rule, a scope, a key or a context")
-    return Hashed(block.symbols), block.version
+    return HashedTuple(block.symbols), block.version

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 from capabilities.values import bounds
 from capabilities.values.bounds import bound_to_json, limits_to_json, nearest, permits, size, within
 from capabilities.values.errors import FaultCode, ScopeError
-from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.hashed_tuple import HashedTuple
 from capabilities.values.scope import Grant, Limit, Restriction, Scope, Widening, make_scope
 from capabilities.values.well_formed import TIME_LIMIT, well_formed, well_formed_grants, well_formed_restriction
 
@@ -233,7 +233,7 @@ def lay_over(parent: Grants, restriction: Grants) -> tuple[Grants, Narrowing]:
     Costly beside the rest of `hop`, and the same for every token that lends the same.
     """
     known = {(grant.object, grant.operation): grant for grant in parent}
-    child = Hashed([_lay_over(known.get((grant.object, grant.operation)), grant) for grant in restriction])
+    child = HashedTuple([_lay_over(known.get((grant.object, grant.operation)), grant) for grant in restriction])
     return child, _compare_grants(child, parent)
 
 

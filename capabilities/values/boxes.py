@@ -16,14 +16,14 @@ from capabilities.values.units import Parameter, Unit
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Box", "box", "boxes_of"]
+__all__ = ["VectorParameter", "box", "boxes_of"]
 
 _AXIS: Final = re.compile(r"(.*[^0-9])(0|[1-9][0-9]?)", re.ASCII)
 """A name and the number of its axis, without leading zeros."""
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class VectorParameter:
     """A vector parameter of a grant: at least two axes, `name` and their number, in one unit.
 
     Attributes:
@@ -56,10 +56,10 @@ def box(name: str, unit: Unit, lows: Sequence[int], highs: Sequence[int]) -> tup
     )
 
 
-def boxes_of(grant: Grant) -> tuple[Box, ...]:
+def boxes_of(grant: Grant) -> tuple[VectorParameter, ...]:
     """The vector parameters in a grant: each run of adjacent limits named 0, 1 .. in one unit, of two axes or more."""
-    found: list[Box] = []
-    run: Box | None = None
+    found: list[VectorParameter] = []
+    run: VectorParameter | None = None
     for limit in grant.limits:
         named, unit = _AXIS.fullmatch(limit.parameter.name), limit.parameter.unit
         if (
@@ -72,10 +72,10 @@ def boxes_of(grant: Grant) -> tuple[Box, ...]:
                 run.unit,
             )
         ):
-            run = Box(run.name, run.unit, (*run.bounds, limit.bound))
+            run = VectorParameter(run.name, run.unit, (*run.bounds, limit.bound))
             found[-1] = run
             continue
-        run = Box(named[1], unit, (limit.bound,)) if named is not None and named[2] == "0" else None
+        run = VectorParameter(named[1], unit, (limit.bound,)) if named is not None and named[2] == "0" else None
         if run is not None:
             found.append(run)
     return tuple(run for run in found if len(run.bounds) > 1)

@@ -7,7 +7,7 @@ from typing import TypeVar
 _T = TypeVar("_T")
 
 
-class Hashed(tuple[_T, ...]):  # noqa: SLOT001 - its hash has to stand somewhere
+class HashedTuple(tuple[_T, ...]):  # noqa: SLOT001 - its hash has to stand somewhere
     """Equal to the plain tuple of the same members, and found where that is.
 
     Attributes:

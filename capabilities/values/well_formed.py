@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, assert_never
 from capabilities.values import text
 from capabilities.values.bounds import canonical
 from capabilities.values.errors import FaultCode, ScopeError
-from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.hashed_tuple import HashedTuple
 from capabilities.values.scope import Bound, Grant, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import INT_LIMIT
 
@@ -85,7 +85,9 @@ def _integer(value: object, low: int, high: int, what: str) -> None:
 
 def _check_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
     within = caps.grants, caps.parameters, caps.one_of, caps.text_bytes
-    if isinstance(grants, Hashed):  # what was read is one object for all tokens that lend it; a refusal is not kept
+    if isinstance(
+        grants, HashedTuple
+    ):  # what was read is one object for all tokens that lend it; a refusal is not kept
         if grants.passed != within:
             _check_each(grants, *within)
             grants.passed = within

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from evaluation.conduct.agents import Draft
-    from policies.conduct.history import Career
+    from policies.conduct.history import AgentHistory
     from policies.conduct.trust import TrustState
 
 SHOWN: Final = {
@@ -136,7 +136,7 @@ def _levels(script: Callable[[random.Random, int, Draft], Draft], acts: int, see
     return levels
 
 
-def _share(career: Career, watch: Watch, before: Career) -> float:
+def _share(career: AgentHistory, watch: Watch, before: AgentHistory) -> float:
     detector = career.detector(watch, None, PARAMETERS)
     if detector is None:
         return 0.0

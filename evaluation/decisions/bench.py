@@ -13,7 +13,7 @@ from evaluation.decisions.casbin_abac import Casbin
 from evaluation.decisions.cedar import GROUPED, Cedar, GroupedCedar
 from evaluation.decisions.cedar import NAME as CEDAR
 from evaluation.decisions.ours import NAME as OURS
-from evaluation.decisions.ours import RECORDED, Ours, Recorded
+from evaluation.decisions.ours import RECORDED, OurDecisions, Recorded
 from evaluation.decisions.readings import VERIFIED
 from evaluation.decisions.rego import NAME as REGO
 from evaluation.decisions.rego import Rego
@@ -60,7 +60,7 @@ _COLOURS: Final = {OURS: picture.OURS, RECORDED: "#6fa8dc"}
 
 
 @dataclass(frozen=True, slots=True)
-class Of:
+class DecisionKey:
     """The key of a row.
 
     Attributes:
@@ -79,7 +79,7 @@ def line_up(
     seed: int,  # noqa: ARG001 - nothing is drawn
     told: Callable[[str], None],
     others: Mapping[str, Callable[[Sequence[Rule]], Engine]] = OTHERS,
-) -> LineUp[Of]:
+) -> LineUp[DecisionKey]:
     """Cells of all engines, which agree; see `Bench.line_up`.
 
     Args:
@@ -94,8 +94,8 @@ def line_up(
     """
     policies = load_shipped(SHIPPED)
     given = rules.compiled(policies, cases.POINTS)
-    mine: list[Engine] = [Ours(policies), Recorded(policies)]
-    ready, unmeasured = installed({name: partial(make, given) for name, make in others.items()}, Of)
+    mine: list[Engine] = [OurDecisions(policies), Recorded(policies)]
+    ready, unmeasured = installed({name: partial(make, given) for name, make in others.items()}, DecisionKey)
     told("asking every engine for every broken condition")
     engines = [*mine, *ready]
     agreed = agree(engines, policies)
@@ -136,7 +136,7 @@ def _blames(said: Said, right: Said, situation: Situation) -> bool:
     return right.blamed[0] in said.blamed
 
 
-def _cell(engine: Engine, case: Case, beside: Engine, policies: PolicySet) -> Cell[Of]:
+def _cell(engine: Engine, case: Case, beside: Engine, policies: PolicySet) -> Cell[DecisionKey]:
     """A case for an engine; wrong are the cases that have another answer."""
 
     def ready(one: Case) -> Any:
@@ -146,11 +146,11 @@ def _cell(engine: Engine, case: Case, beside: Engine, policies: PolicySet) -> Ce
         return Verdict.ALLOWED if engine.read(answer).effect is case.effect else Verdict.REFUSED
 
     wrong = {other.name: partial(ready, other) for other in cases.CASES if other.effect is not case.effect}
-    of = Of(engine.name, case.name, beside.name)
+    of = DecisionKey(engine.name, case.name, beside.name)
     return Cell(of, engine.checks, partial(ready, case), engine.ask, judge, wrong)
 
 
-def by_case(rows: Sequence[Row[Of]], name: str) -> dict[str, dict[str, float | None]]:
+def by_case(rows: Sequence[Row[DecisionKey]], name: str) -> dict[str, dict[str, float | None]]:
     """Ours over each engine's in each case, from the calls in which the two took turns.
 
     Args:
@@ -160,21 +160,21 @@ def by_case(rows: Sequence[Row[Of]], name: str) -> dict[str, dict[str, float | N
     took = {row.of: getattr(row, name) for row in rows if row.of.case is not None}
     return {
         key: {
-            str(of.case): ratio(took[Of(mine, of.case, theirs)], took[of])
+            str(of.case): ratio(took[DecisionKey(mine, of.case, theirs)], took[of])
             for of in took
-            if of.peer == theirs and Of(mine, of.case, theirs) in took
+            if of.peer == theirs and DecisionKey(mine, of.case, theirs) in took
         }
         for key, (mine, theirs) in RATIOS.items()
     }
 
 
-def ratios(rows: Sequence[Row[Of]], _: Mapping[str, Any], name: str) -> dict[str, float | None]:
+def ratios(rows: Sequence[Row[DecisionKey]], _: Mapping[str, Any], name: str) -> dict[str, float | None]:
     """Each ratio in the case that is worst for us; None for an engine that was not measured."""
     known = {key: [each for each in of.values() if each is not None] for key, of in by_case(rows, name).items()}
     return {key: max(values, default=None) for key, values in known.items()}
 
 
-def tables(result: Result[Of]) -> Iterator[Table]:
+def tables(result: Result[DecisionKey]) -> Iterator[Table]:
     """Durations, and what each engine's answer rests on."""
     measured = [row for row in result.rows if row.of.case is not None]
     texts = {
@@ -191,7 +191,7 @@ def tables(result: Result[Of]) -> Iterator[Table]:
     )
 
 
-def draw(result: Result[Of], file: Path) -> None:
+def draw(result: Result[DecisionKey], file: Path) -> None:
     """A bar for each case and engine; of ours, those in turns with the first of the others."""
     rows = [row for row in result.rows if row.p50_us is not None]
     first = rows[0].of.beside
@@ -203,7 +203,7 @@ def draw(result: Result[Of], file: Path) -> None:
     picture.bars(file, f"One decision, {result.more['rules']} rules", result.machine, bars, unit="µs")
 
 
-def _remarks(result: Result[Of]) -> Iterator[str]:
+def _remarks(result: Result[DecisionKey]) -> Iterator[str]:
     yield from (f"{row.of.peer}: {row.why}" for row in result.rows if row.of.case is None)
     yield f"All engines agree in {result.more['agreed']} cases, on {result.more['rules']} rules."
 

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from evaluation.decisions.engine import Said
-from evaluation.decisions.rules import Atom, Clause, Of, Op, Rule
+from evaluation.decisions.rules import Atom, Clause, Op, OtherFact, Rule
 from evaluation.harness.absent import package
 from policies import Effect
 
@@ -92,7 +92,7 @@ def _all(prefix: str, clauses: Iterable[Clause]) -> str:
 
 def _atom(prefix: str, atom: Atom) -> str:
     left, against = f"{prefix}.facts.{atom.fact}", atom.against
-    right = f"{prefix}.facts.{against.name}" if isinstance(against, Of) else repr(against)
+    right = f"{prefix}.facts.{against.name}" if isinstance(against, OtherFact) else repr(against)
     match atom.op:
         case Op.ONE_OF:
             return f"{left} in {right}"

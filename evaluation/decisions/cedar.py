@@ -11,7 +11,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from evaluation.decisions.engine import Said
-from evaluation.decisions.rules import Atom, Clause, Of, Op, Rule
+from evaluation.decisions.rules import Atom, Clause, Op, OtherFact, Rule
 from evaluation.harness.absent import package
 from evaluation.tokens.workload import OBJECT
 from policies import Effect
@@ -116,7 +116,7 @@ def _all(clauses: Iterable[Clause]) -> str:
 
 def _atom(atom: Atom) -> str:
     left, against = f"context.{atom.fact}", atom.against
-    right = f"context.{against.name}" if isinstance(against, Of) else json.dumps(against)
+    right = f"context.{against.name}" if isinstance(against, OtherFact) else json.dumps(against)
     if atom.fact == "operation":
         # the one fact that Cedar has a place of its own for
         names = [against] if isinstance(against, str) else list(against)  # type: ignore[arg-type]  # texts, by `Op`

@@ -16,7 +16,7 @@ NAME: Final = "ztpm"
 RECORDED: Final = "ztpm, recorded"
 
 
-class Ours:
+class OurDecisions:
     """See the module."""
 
     name = NAME
@@ -43,11 +43,11 @@ class Ours:
         return Said(answer.effect, tuple(finding.primitive for finding in answer.findings))
 
 
-class Recorded(Ours):
+class Recorded(OurDecisions):
     """The same with what a record of it needs: the digest of all evidence."""
 
     name = RECORDED
-    checks = f"{Ours.checks}; SHA-256 of all evidence"
+    checks = f"{OurDecisions.checks}; SHA-256 of all evidence"
 
     def ask(self, question: tuple[Request, Evidence]) -> Decision:
         """The decision, whose evidence has a digest."""

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from evaluation.decisions.engine import Said
-from evaluation.decisions.rules import Atom, Of, Op, Rule
+from evaluation.decisions.rules import Atom, Op, OtherFact, Rule
 from evaluation.harness.absent import package
 from policies import Effect
 
@@ -70,7 +70,7 @@ def _rule(n: int, rule: Rule) -> Iterator[str]:
 
 def _atom(atom: Atom) -> str:
     left, against = f"input.{atom.fact}", atom.against
-    right = f"input.{against.name}" if isinstance(against, Of) else json.dumps(against)
+    right = f"input.{against.name}" if isinstance(against, OtherFact) else json.dumps(against)
     members = "{" + right[1:-1] + "}" if isinstance(against, tuple) else right
     match atom.op:
         case Op.ONE_OF:

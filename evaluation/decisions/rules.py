@@ -41,7 +41,7 @@ class Op(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Of:
+class OtherFact:
     """The other fact that an atom compares with."""
 
     name: str
@@ -56,7 +56,7 @@ class Atom:
 
     fact: str
     op: Op
-    against: Constant | Of = None
+    against: Constant | OtherFact = None
 
 
 Clause = tuple[Atom, ...]
@@ -165,7 +165,7 @@ def _links(p: identity.LinkValidity) -> Parts:
 
 
 def _bounded(p: identity.BoundedChain) -> Parts:
-    audience: Clause = (Atom("audiences", Op.HAS, Of("audience")),)
+    audience: Clause = (Atom("audiences", Op.HAS, OtherFact("audience")),)
     life = _between("lifetime_s", 1, p.lifetime_max_s)
     return [_CHAIN, audience, (Atom("delegations", Op.AT_MOST, p.hops_max_count),), *life], []
 
@@ -176,7 +176,7 @@ def _boundary(p: propagation.BoundaryAttestation) -> Parts:
 
 
 def _edge_trust(p: propagation.NonTransitiveTrust) -> Parts:
-    weakest: Clause = (Atom("trust_permille", Op.AT_MOST, Of("least_edge_permille")),)
+    weakest: Clause = (Atom("trust_permille", Op.AT_MOST, OtherFact("least_edge_permille")),)
     least = _between("least_edge_permille", 0, p.trust_prior_permille)
     return [_CHAIN, _is("edges_of_chain", value=True), *least, weakest, (Atom("trust_permille", Op.AT_LEAST, 0),)], []
 
@@ -196,12 +196,15 @@ def _limits(_: tools.ParameterLimits) -> Parts:
 
 
 def _tool(_: tools.ToolIdentity) -> Parts:
-    return [(Atom("approved_digest", Op.UNEQUAL, ""),), (Atom("actual_digest", Op.EQUAL, Of("approved_digest")),)], []
+    return [
+        (Atom("approved_digest", Op.UNEQUAL, ""),),
+        (Atom("actual_digest", Op.EQUAL, OtherFact("approved_digest")),),
+    ], []
 
 
 def _gate(_: tools.PhysicalImpactGate) -> Parts:
     computed = [_is("impact", "computed"), *_between("index_milli", 0, 4000), (Atom("violations", Op.EMPTY),)]
-    under: Clause = (Atom("tier", Op.AT_MOST, Of("ceiling")),)
+    under: Clause = (Atom("tier", Op.AT_MOST, OtherFact("ceiling")),)
     return [_CHAIN, *computed, under, (Atom("tier", Op.LESS, 4),)], [(Atom("tier", Op.LESS, 3),)]
 
 
@@ -211,8 +214,11 @@ def _sequence(p: sequence.SequenceCoherence) -> Parts:
         *_between("drift_urad", 0, p.sequence_drift_urad),
         *_between("alternations", 0, p.alternations_max_count),
     ]
-    under: list[Clause] = [(Atom("sequence_tier", Op.AT_MOST, Of("ceiling")),), (Atom("sequence_tier", Op.LESS, 4),)]
-    above: list[Clause] = [(Atom("tier", Op.AT_MOST, Of("ceiling")),), (Atom("tier", Op.LESS, 4),)]
+    under: list[Clause] = [
+        (Atom("sequence_tier", Op.AT_MOST, OtherFact("ceiling")),),
+        (Atom("sequence_tier", Op.LESS, 4),),
+    ]
+    above: list[Clause] = [(Atom("tier", Op.AT_MOST, OtherFact("ceiling")),), (Atom("tier", Op.LESS, 4),)]
     asked: list[Clause] = [(Atom("sequence_tier", Op.LESS, 3),), (Atom("tier", Op.LESS, 3),)]
     return [_CHAIN, *free, *steady, *under, *above], asked
 
@@ -221,7 +227,7 @@ def _readiness(_: tools.StatePreconditions) -> Parts:
     unstopped = tuple(sorted(tools.UNSTOPPED))
     modes: list[Clause] = [(Atom("safety_mode", Op.ONE_OF, unstopped),), _is("robot_mode", tools.RUNNING)]
     flags = [_is(name, value=True) for name in ("remote_control", "exclusive", "frames_match")]
-    return [*modes, *flags, (Atom("payload_g", Op.EQUAL, Of("expected_payload_g")),)], []
+    return [*modes, *flags, (Atom("payload_g", Op.EQUAL, OtherFact("expected_payload_g")),)], []
 
 
 def _sensors(_: cognition.SensorProvenance) -> Parts:
@@ -241,7 +247,7 @@ def _content(p: cognition.ProvenanceOfContent) -> Parts:
     return clauses, []
 
 
-_KNOWN: Final = (Atom("behaviour_of", Op.EQUAL, Of("agent")),)
+_KNOWN: Final = (Atom("behaviour_of", Op.EQUAL, OtherFact("agent")),)
 
 
 def _known(age_ms: int) -> list[Clause]:
@@ -278,7 +284,7 @@ _PLAIN: Final[Mapping[type, Callable[[Any], Parts]]] = {
         [],
     ),
     governance.Reverification: lambda p: (
-        [*_known(p.behaviour_age_ms), (Atom("leaf_attestation_age_s", Op.LESS, Of("deviated_ago_s")),)],
+        [*_known(p.behaviour_age_ms), (Atom("leaf_attestation_age_s", Op.LESS, OtherFact("deviated_ago_s")),)],
         [],
     ),
     governance.ScopeContraction: lambda p: (

@@ -21,7 +21,7 @@ from evaluation.pit.cells import (
     KERNEL,
     RULER,
     STREAM,
-    Of,
+    PitKey,
     assessing,
     beside_sampling,
     checking,
@@ -60,16 +60,16 @@ def peopled(form: str, things: int) -> str:
     return f"{form}, {things} things, 2 people"
 
 
-TARGETS: Final[Mapping[Of, tuple[float, float]]] = MappingProxyType(
+TARGETS: Final[Mapping[PitKey, tuple[float, float]]] = MappingProxyType(
     {
-        **{Of(ASSESS, peopled("moveJ", n)): (200.0, 1_000.0) for n in (5, 20, 100)},
-        Of(ASSESS, peopled("moveL", 5)): (1_000.0, 4_000.0),
-        Of(ASSESS, peopled("moveL", 20)): (1_000.0, 4_000.0),
-        Of(ASSESS, peopled("moveL", 100)): (4_000.0, 15_000.0),
-        Of(ASSESS, peopled("20 moves", 20)): (5_000.0, 20_000.0),
-        Of(STREAM, SPEED_STEP): (20.0, 100.0),
-        Of(STREAM, SERVO_STEP): (20.0, 100.0),
-        Of(CHECKER, peopled("moveJ", 20)): (20_000.0, 100_000.0),
+        **{PitKey(ASSESS, peopled("moveJ", n)): (200.0, 1_000.0) for n in (5, 20, 100)},
+        PitKey(ASSESS, peopled("moveL", 5)): (1_000.0, 4_000.0),
+        PitKey(ASSESS, peopled("moveL", 20)): (1_000.0, 4_000.0),
+        PitKey(ASSESS, peopled("moveL", 100)): (4_000.0, 15_000.0),
+        PitKey(ASSESS, peopled("20 moves", 20)): (5_000.0, 20_000.0),
+        PitKey(STREAM, SPEED_STEP): (20.0, 100.0),
+        PitKey(STREAM, SERVO_STEP): (20.0, 100.0),
+        PitKey(CHECKER, peopled("moveJ", 20)): (20_000.0, 100_000.0),
     }
 )
 """What we want of the median and of the 99th percentile, microseconds."""
@@ -87,7 +87,7 @@ def line_up(
     told: Callable[[str], None],
     sizes: tuple[int, ...] = SIZES,
     questions: int = QUESTIONS,
-) -> LineUp[Of]:
+) -> LineUp[PitKey]:
     """Cells of all workloads; see `Bench.line_up`.
 
     Args:
@@ -97,7 +97,7 @@ def line_up(
         sizes: with how many things about the arm, besides the twenty among which we are compared with sampling.
         questions: how many different ones of each workload.
     """
-    found, unmeasured = installed({mujoco_sampled.NAME: lambda: package("mujoco", "mujoco")[1]}, Of)
+    found, unmeasured = installed({mujoco_sampled.NAME: lambda: package("mujoco", "mujoco")[1]}, PitKey)
     mujoco = {"mujoco": found[0]} if found else {}
     told("drawing questions, and sampling what is true of them")
     groups, streamed = _groups(np.random.default_rng(seed), sizes, questions, mujoco=bool(mujoco))
@@ -109,7 +109,7 @@ def line_up(
 
 def _groups(
     rng: np.random.Generator, sizes: tuple[int, ...], count: int, *, mujoco: bool
-) -> tuple[list[list[Cell[Of]]], list[list[Cell[Of]]]]:
+) -> tuple[list[list[Cell[PitKey]]], list[list[Cell[PitKey]]]]:
     """Cells that take turns with each other, and those that are asked more often."""
     among = [ready(each) for each in workload.bare(rng, 20, count)]
     groups = [beside_sampling(among, AMONG_20, mujoco=mujoco)]
@@ -121,8 +121,8 @@ def _groups(
         groups.append([assessing(asked, peopled("moveL", things))])
     asked = [legs_truth(each) for each in workload.sequences(rng, 20, max(1, count // 4))]
     groups.append([assessing(asked, peopled("20 moves", 20))])
-    prepared: list[Cell[Of]] = []
-    whole: list[Cell[Of]] = []
+    prepared: list[Cell[PitKey]] = []
+    whole: list[Cell[PitKey]] = []
     for servo, name in ((False, SPEED_STEP), (True, SERVO_STEP)):
         asked = [ready(each) for each in workload.steps(rng, 20, count, servo=servo)]
         prepared.append(streaming(asked, name))
@@ -131,7 +131,7 @@ def _groups(
     return groups, [prepared, whole]
 
 
-def wanted(row: Row[Of]) -> Row[Of]:
+def wanted(row: Row[PitKey]) -> Row[PitKey]:
     """The row with its figures in cycles of 2 ms, those that we want, and whether they are met."""
     p50, p99 = (None if us is None else us / CYCLE_US for us in (row.p50_us, row.p99_us))
     target = TARGETS.get(row.of)
@@ -146,16 +146,16 @@ def wanted(row: Row[Of]) -> Row[Of]:
     return replace(row, more={**cycles, "target_p50": most[0], "target_p99": most[1], "met": met})
 
 
-def ratios(rows: Sequence[Row[Of]], _: Mapping[str, Any], name: str) -> dict[str, float | None]:
+def ratios(rows: Sequence[Row[PitKey]], _: Mapping[str, Any], name: str) -> dict[str, float | None]:
     """How many times faster than sampling, and shares of the controller's cycle; None for what was not measured.
 
     `_first`: of the calls before which somebody else was asked, who left the processor's caches as theirs.
     """
     by = {row.of: row for row in rows if row.p50_us is not None}
-    sampling = by.get(Of(SAMPLED, AMONG_20))
+    sampling = by.get(PitKey(SAMPLED, AMONG_20))
 
     def faster(peer: str, figure: str = name) -> float | None:
-        ours = by.get(Of(peer, AMONG_20))
+        ours = by.get(PitKey(peer, AMONG_20))
         if ours is None or sampling is None:
             return None
         return round(float(getattr(sampling, figure) / getattr(ours, figure)), 2)
@@ -163,14 +163,14 @@ def ratios(rows: Sequence[Row[Of]], _: Mapping[str, Any], name: str) -> dict[str
     found = {key: faster(peer) for key, (peer, _) in SPEEDUPS.items()}
     found |= {f"{key}_first": faster(peer, "first_us") for key, (peer, _) in SPEEDUPS.items()}
     found["clearance_speedup_20"] = faster(RULER)
-    steps = [by[of] for of in (Of(STREAM, SPEED_STEP), Of(STREAM, SERVO_STEP)) if of in by]
+    steps = [by[of] for of in (PitKey(STREAM, SPEED_STEP), PitKey(STREAM, SERVO_STEP)) if of in by]
     for each in ("p50", "p99"):
         shares = (row.more[f"cycles_{each}"] for row in steps)
         found[f"stream_cycle_{each}"] = max(shares, default=None)
     return found
 
 
-def tables(result: Result[Of]) -> Iterator[Table]:
+def tables(result: Result[PitKey]) -> Iterator[Table]:
     """Durations, and what each answer says."""
     measured = [row for row in result.rows if row.of.load is not None]
     yield table(
@@ -182,7 +182,7 @@ def tables(result: Result[Of]) -> Iterator[Table]:
     yield table("what an answer says", ("by", "says"), rows={row.of.peer: row.checks for row in measured}.items())
 
 
-def _figures(row: Row[Of]) -> Iterator[str]:
+def _figures(row: Row[PitKey]) -> Iterator[str]:
     for us in (row.p50_us, row.first_us, row.p99_us):
         yield "" if us is None else f"{us / 1_000:.3f}"
     for name in ("cycles_p50", "target_p50", "cycles_p99", "target_p99"):
@@ -190,7 +190,7 @@ def _figures(row: Row[Of]) -> Iterator[str]:
         yield "" if share is None else f"{share:.3f}"
 
 
-def draw(result: Result[Of], file: Path) -> None:
+def draw(result: Result[PitKey], file: Path) -> None:
     """A bar for each workload and answerer, the controller's cycle as a line."""
     bars = []
     for row in result.rows:
@@ -201,7 +201,7 @@ def draw(result: Result[Of], file: Path) -> None:
     picture.bars(file, "Certified physics and sampling", result.machine, bars, unit="ms", line=cycle)
 
 
-def _absent(result: Result[Of]) -> Iterable[str]:
+def _absent(result: Result[PitKey]) -> Iterable[str]:
     return (f"{row.of.peer}: {row.why}" for row in result.rows if row.of.load is None)
 
 

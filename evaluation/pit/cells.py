@@ -51,7 +51,7 @@ ABSENT_M: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Of:
+class PitKey:
     """The key of a row: who answers, and the workload; None for a peer that is not installed."""
 
     peer: str
@@ -59,14 +59,14 @@ class Of:
 
 
 def cell(
-    of: Of,
+    of: PitKey,
     checks: str,
     asked: Sequence[Asked],
     answer: Callable[[Asked], Any],
     *,
     right: Callable[[Asked, Any], bool],
     spoiled: Callable[[Asked], Asked],
-) -> Cell[Of]:
+) -> Cell[PitKey]:
     """A cell that is asked each question in turn.
 
     Args:
@@ -135,7 +135,7 @@ def _by_pin(asked: Asked) -> float:
 
 
 def _by_mujoco(asked: Asked) -> float:
-    found: mujoco_sampled.Measured = asked.extra["mujoco"]
+    found: mujoco_sampled.SampledByMujoco = asked.extra["mujoco"]
     return found.least(asked.angles)
 
 
@@ -179,7 +179,7 @@ def _no_limit() -> None:
     """The time is not counted."""
 
 
-def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[Cell[Of]]:
+def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[Cell[PitKey]]:
     """Ours and what samples, on moves among things."""
     for each in asked:
         pairs = pairs_of(each.question.robot, each.question.scene, each.question.cell, grown_m=0.0)
@@ -187,14 +187,14 @@ def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[
         ruler = Ruler(chosen(), each.question.robot, each.question.cell, pairs, rows)
         each.extra.update(pairs=pairs, rows=rows, ruler=ruler)
         if mujoco:
-            each.extra["mujoco"] = mujoco_sampled.Measured(each.question)
+            each.extra["mujoco"] = mujoco_sampled.SampledByMujoco(each.question)
     least = "the least clearance at instants 8 ms apart; nothing of what is between"
     proven = "an upper bound of the index of the whole way, with its rows"
     cells = [
-        cell(Of(sampled.NAME, load), least, asked, _by_pin, right=_sampled_right, spoiled=_nearer),
-        cell(Of(KERNEL, load), proven, asked, _by_search(chosen()), right=_index_right, spoiled=_higher),
+        cell(PitKey(sampled.NAME, load), least, asked, _by_pin, right=_sampled_right, spoiled=_nearer),
+        cell(PitKey(KERNEL, load), proven, asked, _by_search(chosen()), right=_index_right, spoiled=_higher),
         cell(
-            Of(RULER, load),
+            PitKey(RULER, load),
             "a lower bound of the clearance on the whole way, within 0.2 mm",
             asked,
             _by_ruler,
@@ -205,18 +205,18 @@ def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[
     ]
     if mujoco:
         cells.append(
-            cell(Of(mujoco_sampled.NAME, load), least, asked, _by_mujoco, right=_sampled_right, spoiled=_nearer)
+            cell(PitKey(mujoco_sampled.NAME, load), least, asked, _by_mujoco, right=_sampled_right, spoiled=_nearer)
         )
     return cells
 
 
-def assessing(asked: Sequence[Asked], load: str) -> Cell[Of]:
+def assessing(asked: Sequence[Asked], load: str) -> Cell[PitKey]:
     """`assess` as it is called for a command."""
     checks = "the whole answer: index, tier, violations, causes, a slower speed; confirmed by the second engine"
-    return cell(Of(ASSESS, load), checks, asked, _by_assess, right=_assessed_right, spoiled=_highest)
+    return cell(PitKey(ASSESS, load), checks, asked, _by_assess, right=_assessed_right, spoiled=_highest)
 
 
-def streaming(asked: Sequence[Asked], load: str) -> Cell[Of]:
+def streaming(asked: Sequence[Asked], load: str) -> Cell[PitKey]:
     """A stream that was told the view beforehand, asked about a step in the tier that the whole question finds."""
     settled = 0
     for each in asked:
@@ -227,10 +227,10 @@ def streaming(asked: Sequence[Asked], load: str) -> Cell[Of]:
         each.extra.update(stream=stream, authorised=int(whole.tier) * MILLI)
         settled += isinstance(_by_stream(each), Bounded)
     checks = f"a bound of the index, or else the whole answer; the bound was enough for {settled} of {len(asked)}"
-    return cell(Of(STREAM, load), checks, asked, _by_stream, right=_bounded_right, spoiled=_highest)
+    return cell(PitKey(STREAM, load), checks, asked, _by_stream, right=_bounded_right, spoiled=_highest)
 
 
-def checking(asked: Sequence[Asked], load: str) -> Cell[Of]:
+def checking(asked: Sequence[Asked], load: str) -> Cell[PitKey]:
     """The certificate, recomputed by the standard library alone."""
     for each in asked:
         answer, question = _by_assess(each), each.question
@@ -244,4 +244,4 @@ def checking(asked: Sequence[Asked], load: str) -> Cell[Of]:
             touch=NOTHING,
         )
     checks = "every row of the proof"
-    return cell(Of(CHECKER, load), checks, asked, _by_checker, right=_verified_right, spoiled=_highest)
+    return cell(PitKey(CHECKER, load), checks, asked, _by_checker, right=_verified_right, spoiled=_highest)

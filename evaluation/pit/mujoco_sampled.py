@@ -19,7 +19,7 @@ FARTHEST_M: Final = 10.0
 _LENGTHLESS_M: Final = 1e-9
 
 
-class Measured:
+class SampledByMujoco:
     """The pairs of one question among MuJoCo's geoms."""
 
     def __init__(self, question: Question) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from pep.pit.base.motion import profile_of
-from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.obstacles import PairKind
 from pep.pit.scene.separation import stopping
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class Ruler:
         count = len(pairs)
         self._pairs = replace(
             pairs,
-            kind=np.full(count, pairs.code_of(Kind.RIGID)),
+            kind=np.full(count, pairs.code_of(PairKind.RIGID)),
             group=np.zeros(count, dtype=np.intp),
             violated_below=np.full(count, -math.inf),
         )

@@ -122,7 +122,7 @@ def _jacobian(robot: Robot, scratch: Any, q: Floats, rotation: Floats) -> Floats
     return np.concatenate([linear + np.cross(angular.T, lever).T, angular])
 
 
-class Measured:
+class SampledByCoal:
     """Pairs of one question in coal's geometry, shapes with their radii, in the order of `pep.pit.scene.pairs`."""
 
     def __init__(self, question: Question) -> None:

@@ -38,7 +38,7 @@ class Asked:
 
     question: Question
     angles: list[Floats]
-    pin: sampled.Measured
+    pin: sampled.SampledByCoal
     nearest: float
     index: float
     extra: dict[str, Any] = field(default_factory=dict)
@@ -46,7 +46,7 @@ class Asked:
 
 def ready(question: Question) -> Asked:
     """The question with its truth."""
-    instants, pin = sampled.instants(question), sampled.Measured(question)
+    instants, pin = sampled.instants(question), sampled.SampledByCoal(question)
     angles = [q for q, _ in instants]
     robot, cell = question.robot, question.cell
     pairs = pairs_of(robot, question.scene, cell, grown_m=0.0)

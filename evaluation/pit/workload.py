@@ -32,7 +32,7 @@ from pep.pit.assessment.dispatch import drive_of
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.engine import chosen
 from pep.pit.search.speed_envelope import stream_envelope
-from pep.pit.search.timed_course import Drive
+from pep.pit.search.timed_course import TimedCourse
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -152,13 +152,13 @@ def lines(rng: Generator, things: int, count: int) -> list[Question]:
         target = cast("Pose", (x + way[0], y + way[1], z + way[2], *turn))
         move = MoveL(_joints(start), target, 0.25, 1.2)
         drive = drive_of(robot(), move, cell(), perception_age_s=AGE_S, check_time=lambda: None)
-        if not isinstance(drive, Drive) or _proven(drive) is stuck or z + way[2] < _LOW_M:
+        if not isinstance(drive, TimedCourse) or _proven(drive) is stuck or z + way[2] < _LOW_M:
             continue
         found.append(Question(robot(), with_people(beside(rng, drive.course, things)), move, cell()))
     return found
 
 
-def _proven(drive: Drive) -> bool:
+def _proven(drive: TimedCourse) -> bool:
     """Whether the line is proven to its end, and no joint's speed alone is more than it may be."""
     fastest = drive.joint_speeds_rad_s(drive.profile).max(axis=0) / robot().speed_limits_rad_s
     return drive.doubt is None and float(fastest.max()) <= PROVEN_SHARE

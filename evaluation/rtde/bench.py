@@ -24,7 +24,7 @@ class StreamBrokenError(RuntimeError):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class StreamRow:
     """One way from the client to the controller.
 
     Attributes:
@@ -47,7 +47,7 @@ class Row:
     most_us: float
 
 
-def row_of(way: str, sent: Sequence[tuple[int, float]], came: Mapping[float, int]) -> Row:
+def row_of(way: str, sent: Sequence[tuple[int, float]], came: Mapping[float, int]) -> StreamRow:
     """What one stream came to.
 
     Args:
@@ -66,11 +66,11 @@ def row_of(way: str, sent: Sequence[tuple[int, float]], came: Mapping[float, int
     later = [late for late in late_us[second:] if late is not None]
     p50, p99 = np.percentile(later, (50, 99))
     skipped = len(late_us) - second - len(later)
-    return Row(way, len(sent), second - 1, skipped, first, float(p50), float(p99), max(later))
+    return StreamRow(way, len(sent), second - 1, skipped, first, float(p50), float(p99), max(later))
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class StreamResult:
     """Everything.
 
     Attributes:
@@ -80,7 +80,7 @@ class Result:
         machine: what on.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[StreamRow, ...]
     physics_us: float
     seconds: float
     machine: dict[str, Any]
@@ -104,7 +104,7 @@ def _added(us: float, direct_us: float) -> float:
     return round((us - direct_us) / 1e3, 4)
 
 
-def tables(result: Result) -> list[Table]:
+def tables(result: StreamResult) -> list[Table]:
     """For people."""
     headings = ("values", "while it opened", "skipped", "opened, us", "p50, us", "p99, us", "most, us")
     rows = (
@@ -114,11 +114,11 @@ def tables(result: Result) -> list[Table]:
     return [table("A value of a stream, from ur_rtde's call to the controller's port", ("way",), headings, rows)]
 
 
-def _durations(row: Row) -> tuple[float, ...]:
+def _durations(row: StreamRow) -> tuple[float, ...]:
     return row.opened_us, row.p50_us, row.p99_us, row.most_us
 
 
-def summary(result: Result) -> str:
+def summary(result: StreamResult) -> str:
     """The figures that have bars."""
     told = result.to_json()
     added, relays, share = told["added_ms"], told["relays_ms"], told["ratios"]["stream_physics_p50"]

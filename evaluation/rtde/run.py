@@ -20,7 +20,7 @@ from evaluation.harness.machine import machine
 from evaluation.pit import cells, truth, workload
 from evaluation.pit.bench import SERVO_STEP
 from evaluation.rtde import client
-from evaluation.rtde.bench import Result, StreamBrokenError, row_of
+from evaluation.rtde.bench import StreamBrokenError, StreamResult, row_of
 from pep.base.operations import SERVO_JOINT
 from pep.rtde.command.limits import widest
 from pep.rtde.robot.connections import PORTS
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from capabilities.values.scope import Scope
-    from evaluation.rtde.bench import Row
+    from evaluation.rtde.bench import StreamRow
 
 DIRECT, RELAYED, POLICY, WHOLE = "direct", "two relays that only pass on", "gateway, without physics", "gateway"
 AGENT: Final = "streamer"
@@ -47,7 +47,7 @@ STEPS: Final = 2_000
 """Steps of a prepared stream that are timed for the share of the cycle."""
 
 
-def run(seconds: float, *, told: Callable[[str], None]) -> Result:
+def run(seconds: float, *, told: Callable[[str], None]) -> StreamResult:
     """The stream, once on each way.
 
     Args:
@@ -69,7 +69,7 @@ def run(seconds: float, *, told: Callable[[str], None]) -> Result:
             told(f"{way}: {seconds:g} s at {client.HZ} Hz")
             rows.append(place.streamed(way, host, module, seconds))
     told("a prepared stream, step by step")
-    return Result(tuple(rows), physics_us=_physics_us(), seconds=time.monotonic() - began, machine=machine())
+    return StreamResult(tuple(rows), physics_us=_physics_us(), seconds=time.monotonic() - began, machine=machine())
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class _Place:
     relayed: str
     folder: Path
 
-    def streamed(self, way: str, host: str, module: str, seconds: float) -> Row:
+    def streamed(self, way: str, host: str, module: str, seconds: float) -> StreamRow:
         """One stream to that host, through the gateway that the module is, if there is one."""
         cell, file = self.cell, self.folder / "sent.json"
         secret = {PASSPHRASE_VARIABLE: cell.passphrase.decode()}

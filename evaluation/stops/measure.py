@@ -20,7 +20,7 @@ from ztpm.demo.run import play
 from ztpm.demo.story import STORY
 from ztpm.stage.lending import arm_only, hand_down, hop_id
 from ztpm.stage.live import stage
-from ztpm.stage.samples import Eyes
+from ztpm.stage.samples import StateRecorder
 from ztpm.stage.scene import front, person
 from ztpm.stage.stage import LEFT, StageError, until
 from ztpm.stage.stopping import BAR_S, Stopped, read_stop
@@ -145,11 +145,11 @@ def draw(chance: random.Random, here: Sequence[float]) -> Move:
 
 
 @dataclass
-class Bench:
+class StopBench:
     """A running cell with an orchestrator that lends, and eyes on its arm."""
 
     stage: Stage
-    eyes: Eyes
+    eyes: StateRecorder
     chance: random.Random
     calls: ThreadPoolExecutor
 
@@ -245,12 +245,12 @@ def measure(*, count: int, walk_in: int, seed: int, progress: Callable[[str, int
     Raises:
         MeasureError: the cell did not do what it needs.
     """
-    with stage() as on_stage, Eyes(on_stage.cell.addresses.host) as eyes, ThreadPoolExecutor(1) as calls:
+    with stage() as on_stage, StateRecorder(on_stage.cell.addresses.host) as eyes, ThreadPoolExecutor(1) as calls:
         for step in STORY.only(frozenset({"delegate"})):
             told = play(on_stage, step)
             if not told.ok:
                 raise MeasureError(f"{step.id}: {told.told}")
-        bench = Bench(on_stage, eyes, random.Random(seed), calls)  # noqa: S311 - draws, no secrets
+        bench = StopBench(on_stage, eyes, random.Random(seed), calls)  # noqa: S311 - draws, no secrets
         if count:
             yield _repeat("revoked", count, lambda: bench.cut(bench.revoke), progress)
         if walk_in:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from evaluation.harness.bench import Bench, LineUp, Row, installed, ratio
 from evaluation.harness.tables import figure, pivot, table
 from evaluation.harness.timing import FULL, QUICK, Cell
-from evaluation.tokens.cell import Kind, Of
+from evaluation.tokens.cell import Kind, TokenKey
 from evaluation.tokens.peers import lending, ours, tenuo
 from evaluation.tokens.peers.act_token import ActToken
 from evaluation.tokens.peers.aip import Aip
@@ -64,7 +64,7 @@ def line_up(
     workloads: Sequence[Workload] = WORKLOADS,
     depths: Sequence[int] = DEPTHS,
     others: Mapping[str, Callable[[], Peer]] = PEERS,
-) -> LineUp[Of]:
+) -> LineUp[TokenKey]:
     """Cells of all peers; see `Bench.line_up`.
 
     Args:
@@ -76,14 +76,14 @@ def line_up(
         others: the peers besides ourselves.
     """
     sizes: list[Size] = []
-    groups: list[list[Cell[Of]]] = []
-    found, unmeasured = installed(others, Of)
+    groups: list[list[Cell[TokenKey]]] = []
+    found, unmeasured = installed(others, TokenKey)
     with lending.elsewhere() as lend:
-        peers: list[Peer] = [ours.Ours(lend), *found]
+        peers: list[Peer] = [ours.OurTokens(lend), *found]
         for workload in workloads:
             for depth in depths:
                 told(f"making tokens: {workload.name}, depth {depth}")
-                cells: list[Cell[Of]] = []
+                cells: list[Cell[TokenKey]] = []
                 for peer in peers:
                     prepared = peer.prepare(workload, depth, plan.calls)
                     sizes.append(Size(peer.name, workload.name, depth, prepared.bytes))
@@ -96,13 +96,13 @@ def line_up(
     return LineUp(groups, unmeasured, versions, more={"sizes": [asdict(size) for size in sizes]})
 
 
-def ratios(rows: Sequence[Row[Of]], more: Mapping[str, Any], name: str) -> dict[str, float | None]:
+def ratios(rows: Sequence[Row[TokenKey]], more: Mapping[str, Any], name: str) -> dict[str, float | None]:
     """Ours over Tenuo's in the realistic scope, with proof; None where one of the two was not measured."""
     took = {row.of: getattr(row, name) for row in rows}
     sizes = {(size["peer"], size["depth"]): size["bytes"] for size in more["sizes"] if size["scope"] == REALISTIC.name}
 
     def of(peer: str, kind: Kind, depth: int) -> float | None:
-        return took.get(Of(peer, REALISTIC.name, depth, kind, proof=True))
+        return took.get(TokenKey(peer, REALISTIC.name, depth, kind, proof=True))
 
     found = {
         key: ratio(of(ours.NAME, mine, depth), of(tenuo.NAME, theirs, depth))
@@ -112,11 +112,11 @@ def ratios(rows: Sequence[Row[Of]], more: Mapping[str, Any], name: str) -> dict[
     return {**found, f"bytes_d{BYTES_DEPTH}": ratio(mine, theirs)}
 
 
-def tables(result: Result[Of]) -> Iterator[Table]:
+def tables(result: Result[TokenKey]) -> Iterator[Table]:
     """One table of durations for each scope, one of what each row checks, one of sizes."""
     order = list(Kind)
 
-    def place(row: Row[Of]) -> tuple[int, bool, str, int]:
+    def place(row: Row[TokenKey]) -> tuple[int, bool, str, int]:
         return order.index(row.of.kind or Kind.FIRST), bool(row.of.proof), row.of.peer, row.of.depth or 0
 
     measured = sorted((row for row in result.rows if row.of.scope is not None), key=place)
@@ -138,11 +138,11 @@ def tables(result: Result[Of]) -> Iterator[Table]:
     yield pivot("token bytes, before base64", ("scope", "peer"), sizes)
 
 
-def _words(of: Of) -> tuple[str, str, str]:
+def _words(of: TokenKey) -> tuple[str, str, str]:
     return str(of.kind), "yes" if of.proof else "no", of.peer
 
 
-def _absent(result: Result[Of]) -> Iterable[str]:
+def _absent(result: Result[TokenKey]) -> Iterable[str]:
     return (f"{row.of.peer}: {row.why}" for row in result.rows if row.of.scope is None)
 
 

@@ -35,7 +35,7 @@ class Kind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Of:
+class TokenKey:
     """The key of a row.
 
     Attributes:
@@ -61,7 +61,7 @@ class Prepared:
         bytes: of the token on the wire, before any base64; None when there is no token.
     """
 
-    cells: tuple[Cell[Of] | Row[Of], ...]
+    cells: tuple[Cell[TokenKey] | Row[TokenKey], ...]
     bytes: int | None
 
 

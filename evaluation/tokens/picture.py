@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from evaluation.harness.bench import Result
-    from evaluation.tokens.cell import Of
+    from evaluation.tokens.cell import TokenKey
 
 _STYLE: Final = {
     OURS: ("#0b5cad", "o"),
@@ -28,7 +28,7 @@ _STYLE: Final = {
 _OTHER: Final = ("#444444", "x")
 
 
-def draw(result: Result[Of], file: Path) -> None:
+def draw(result: Result[TokenKey], file: Path) -> None:
     """The picture of a run, written to `file` as PNG.
 
     Raises:
@@ -60,7 +60,7 @@ def draw(result: Result[Of], file: Path) -> None:
         )
 
 
-def _durations(axes: Any, result: Result[Of], depths: Sequence[int], kinds: Iterable[Kind], title: str) -> None:
+def _durations(axes: Any, result: Result[TokenKey], depths: Sequence[int], kinds: Iterable[Kind], title: str) -> None:
     """Medians over depth, solid with a proof and dashed without, on a logarithmic axis."""
     rows = [row for row in result.rows if row.of.scope == REALISTIC.name]
     for peer in result.versions:

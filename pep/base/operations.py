@@ -21,7 +21,7 @@ ROBOT: Final = "ur3e"
 T = TypeVar("T")
 
 
-class Kind(Enum):
+class OperationKind(Enum):
     """Effect of an operation on the world."""
 
     READ = "read"
@@ -74,7 +74,7 @@ class Sent(Enum):
     """The gripper's own port: of the cell's tools alone."""
 
 
-class Form(Enum):
+class ArgumentForm(Enum):
     """Form of a tool's argument."""
 
     NUMBER = "number"
@@ -87,7 +87,7 @@ class Form(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Argument:
+class ToolArgument:
     """An argument of a tool.
 
     Attributes:
@@ -97,12 +97,12 @@ class Argument:
     """
 
     name: str
-    form: Form
+    form: ArgumentForm
     parameters: int = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Bounded:
+class BoundedParameter:
     """A parameter with the robot's own bound, which holds whatever a token says."""
 
     parameter: Parameter
@@ -127,12 +127,12 @@ class Operation:
 
     object: str
     name: str
-    limits: tuple[Bounded, ...]
-    kind: Kind
+    limits: tuple[BoundedParameter, ...]
+    kind: OperationKind
     base_tier: Tier
     moves: Moves
     sent: Sent
-    arguments: tuple[Argument, ...] | None = None
+    arguments: tuple[ToolArgument, ...] | None = None
     parameters: tuple[Parameter, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -184,15 +184,15 @@ STREAM_MS: Final = (50, 2_000)  # ours: longer than a call takes on its way; sho
 OUTPUTS: Final = 8  # U12: standard digital outputs
 
 
-def _limit(name: str, unit: Unit, low: int, high: int) -> Bounded:
-    return Bounded(Parameter(name, unit), Range(low, high))
+def _limit(name: str, unit: Unit, low: int, high: int) -> BoundedParameter:
+    return BoundedParameter(Parameter(name, unit), Range(low, high))
 
 
-def _angles(*names: str) -> tuple[Bounded, ...]:
+def _angles(*names: str) -> tuple[BoundedParameter, ...]:
     return tuple(_limit(name, Unit.MICRORADIAN, -FULL_TURN_URAD, FULL_TURN_URAD) for name in names)
 
 
-def _lengths(*names: str) -> tuple[Bounded, ...]:
+def _lengths(*names: str) -> tuple[BoundedParameter, ...]:
     return tuple(_limit(name, Unit.MICROMETRE, -REACH_UM, REACH_UM) for name in names)
 
 
@@ -210,29 +210,32 @@ _TOOL_ACCELERATION: Final = _limit(
 _DURATION: Final = _limit("duration", Unit.MILLISECOND, *STREAM_MS)
 _POSE: Final = (*_lengths(*"xyz"), *_angles("rx", "ry", "rz"))
 """Of the tool in the base frame, or of the tool centre point on the flange: position and rotation vector."""
-_LEADING_ARGUMENTS: Final = (Argument("speed_rad_s", Form.NUMBER), Argument("acceleration_rad_s2", Form.NUMBER))
+_LEADING_ARGUMENTS: Final = (
+    ToolArgument("speed_rad_s", ArgumentForm.NUMBER),
+    ToolArgument("acceleration_rad_s2", ArgumentForm.NUMBER),
+)
 
 MOVE_JOINT: Final = Operation(
     ROBOT,
     "move_joint",
     (*_JOINT_ANGLES, *_LEADING_AXIS),
-    Kind.MOTION,
+    OperationKind.MOTION,
     Tier.REVERSIBLE,
     Moves.TO_JOINTS,
     Sent.ONCE,
-    (Argument("q_rad", Form.VECTOR, JOINTS), *_LEADING_ARGUMENTS),
+    (ToolArgument("q_rad", ArgumentForm.VECTOR, JOINTS), *_LEADING_ARGUMENTS),
 )
 MOVE_PATH: Final = Operation(
     ROBOT,
     "move_path",
     (*_angles(*(f"p{leg}_q{i}" for leg in range(WAYPOINTS) for i in range(JOINTS))), *_LEADING_AXIS),
-    Kind.MOTION,
+    OperationKind.MOTION,
     Tier.REVERSIBLE,
     Moves.THROUGH_JOINTS,
     Sent.ONCE,
-    (Argument("waypoints_rad", Form.WAYPOINTS, WAYPOINTS * JOINTS), *_LEADING_ARGUMENTS),
+    (ToolArgument("waypoints_rad", ArgumentForm.WAYPOINTS, WAYPOINTS * JOINTS), *_LEADING_ARGUMENTS),
 )
-STOP: Final = Operation(ROBOT, "stop", (), Kind.STOP, Tier.NO_EFFECT, Moves.NOTHING, Sent.NEVER, ())
+STOP: Final = Operation(ROBOT, "stop", (), OperationKind.STOP, Tier.NO_EFFECT, Moves.NOTHING, Sent.NEVER, ())
 GRIPPER_MOVE: Final = Operation(
     ROBOT,
     "gripper_move",
@@ -241,17 +244,21 @@ GRIPPER_MOVE: Final = Operation(
         _limit("speed", Unit.MICROMETRE_PER_SECOND, *FINGER_SPEED_UM_S),
         _limit("force", Unit.MILLINEWTON, *GRIP_MN),
     ),
-    Kind.MOTION,
+    OperationKind.MOTION,
     Tier.REVERSIBLE,
     Moves.FINGERS,
     Sent.GRIPPER,
-    (Argument("width_m", Form.NUMBER), Argument("speed_m_s", Form.NUMBER), Argument("force_n", Form.NUMBER)),
+    (
+        ToolArgument("width_m", ArgumentForm.NUMBER),
+        ToolArgument("speed_m_s", ArgumentForm.NUMBER),
+        ToolArgument("force_n", ArgumentForm.NUMBER),
+    ),
 )
 GRIPPER_ACTIVATE: Final = Operation(
     ROBOT,
     "gripper_activate",
     (),
-    Kind.MOTION,
+    OperationKind.MOTION,
     Tier.CONSEQUENTIAL,  # the fingers make a full stroke, whatever lies between them
     Moves.FINGERS_WHOLE,
     Sent.GRIPPER,
@@ -268,27 +275,29 @@ SPEED_JOINT: Final = Operation(
         _JOINT_ACCELERATION,
         _DURATION,
     ),
-    Kind.MOTION,
+    OperationKind.MOTION,
     Tier.REVERSIBLE,
     Moves.AT_JOINT_SPEEDS,
     Sent.STREAM,
     (
-        Argument("qd_rad_s", Form.VECTOR, JOINTS),
-        Argument("acceleration_rad_s2", Form.NUMBER),
-        Argument("duration_s", Form.NUMBER),
+        ToolArgument("qd_rad_s", ArgumentForm.VECTOR, JOINTS),
+        ToolArgument("acceleration_rad_s2", ArgumentForm.NUMBER),
+        ToolArgument("duration_s", ArgumentForm.NUMBER),
     ),
 )
 SET_DIGITAL_OUTPUT: Final = Operation(
     ROBOT,
     "set_digital_output",
     (_limit("pin", Unit.COUNT, 0, OUTPUTS - 1), _limit("value", Unit.COUNT, 0, 1)),
-    Kind.SWITCH,
+    OperationKind.SWITCH,
     Tier.REVERSIBLE,
     Moves.OUTPUT,
     Sent.OUTPUT,
-    (Argument("pin", Form.NUMBER), Argument("value", Form.FLAG)),
+    (ToolArgument("pin", ArgumentForm.NUMBER), ToolArgument("value", ArgumentForm.FLAG)),
 )
-READ_STATE: Final = Operation(ROBOT, "read_state", (), Kind.READ, Tier.NO_EFFECT, Moves.NOTHING, Sent.NEVER, ())
+READ_STATE: Final = Operation(
+    ROBOT, "read_state", (), OperationKind.READ, Tier.NO_EFFECT, Moves.NOTHING, Sent.NEVER, ()
+)
 MOVE_LINEAR: Final = Operation(
     ROBOT,
     "move_linear",
@@ -297,7 +306,7 @@ MOVE_LINEAR: Final = Operation(
         _limit("speed", Unit.MICROMETRE_PER_SECOND, LEAST_TOOL_SPEED_UM_S, TOOL_SPEED_UM_S),
         _TOOL_ACCELERATION,
     ),
-    Kind.MOTION,
+    OperationKind.MOTION,
     Tier.REVERSIBLE,
     Moves.TO_POSE,
     Sent.ONCE,
@@ -311,7 +320,7 @@ SPEED_LINEAR: Final = Operation(
         _TOOL_ACCELERATION,
         _DURATION,
     ),
-    Kind.MOTION,
+    OperationKind.MOTION,
     Tier.REVERSIBLE,
     Moves.AT_TOOL_SPEED,
     Sent.ONCE,  # nobody bounds the joints of a tool speed that changes: one at a time
@@ -325,7 +334,7 @@ SERVO_JOINT: Final = Operation(
         _limit("lookahead", Unit.MILLISECOND, *LOOKAHEAD_MS),
         _limit("gain", Unit.COUNT, *GAIN),
     ),
-    Kind.MOTION,
+    OperationKind.MOTION,
     Tier.REVERSIBLE,
     Moves.AFTER_JOINTS,
     Sent.STREAM,  # the limits of a token hold for each of the angles, not for the first alone
@@ -334,7 +343,7 @@ SET_SPEED_SLIDER: Final = Operation(
     ROBOT,
     "set_speed_slider",
     (_limit("fraction", Unit.PERMILLE, 0, 1_000),),
-    Kind.SWITCH,
+    OperationKind.SWITCH,
     Tier.REVERSIBLE,
     Moves.STANDS,
     Sent.OUTPUT,
@@ -343,7 +352,7 @@ SET_PAYLOAD: Final = Operation(
     ROBOT,
     "set_payload",
     (_limit("mass", Unit.GRAM, 0, PAYLOAD_G), *_lengths("cx", "cy", "cz")),
-    Kind.SWITCH,
+    OperationKind.SWITCH,
     Tier.CONSEQUENTIAL,  # it changes what later commands mean
     Moves.STANDS,
     Sent.ONCE,
@@ -352,7 +361,7 @@ SET_TCP: Final = Operation(
     ROBOT,
     "set_tcp",
     _POSE,
-    Kind.SWITCH,
+    OperationKind.SWITCH,
     Tier.CONSEQUENTIAL,  # likewise
     Moves.STANDS,
     Sent.ONCE,

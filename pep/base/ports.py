@@ -136,7 +136,7 @@ class RobotLimits(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class RemainingVerdict:
     """What is left of a motion, judged in the world as it was seen.
 
     Attributes:
@@ -160,7 +160,7 @@ class Rest:
     pace: float | None = None
 
 
-class Remaining(Protocol):
+class RemainingImpact(Protocol):
     """The physical impact of what is left of a motion that is under way."""
 
     def left(
@@ -171,7 +171,7 @@ class Remaining(Protocol):
         authorised_milli: int,
         touch: frozenset[str],
         running: float | None,
-    ) -> Rest:
+    ) -> RemainingVerdict:
         """One look at the frames, one judgement. Never raises.
 
         Args:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from capabilities.values.chain import Chain
     from capabilities.values.errors import Fault
     from pep.base.ports import Clock, Journal, ReplayStore
-    from pep.context.case_reader import Case
+    from pep.context.case_reader import AdmissionCase
     from pep.context.flow import Context, Flow, Holder
     from pep.context.forms import Forms
     from pep.context.instructions import People
@@ -80,7 +80,7 @@ class Admitted:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class NotAdmitted:
     """A value that must not reach the agent.
 
     Attributes:
@@ -104,7 +104,7 @@ class Released:
 class Admits(Protocol):
     """What retrieval, memory and tool adapters need of the gate of admission."""
 
-    def admit(self, item: ItemReading, value: object, *, into: Context) -> Admitted | Refused:
+    def admit(self, item: ItemReading, value: object, *, into: Context) -> Admitted | NotAdmitted:
         """The value, admitted into that context and on record; or why not. Never raises.
 
         Args:
@@ -174,7 +174,7 @@ class Admission:
             caps=caps,
         )
 
-    def instruct(self, text: str, *, credentials: Credentials, into: Context) -> Admitted | Refused:
+    def instruct(self, text: str, *, credentials: Credentials, into: Context) -> Admitted | NotAdmitted:
         """e1: a person's signed intent, admitted once for each token as the instruction that it is. Never raises.
 
         Args:
@@ -187,7 +187,7 @@ class Admission:
 
     def hear(
         self, text: str, *, credentials: Credentials, into: Context, intent: str | None = None
-    ) -> Admitted | Refused:
+    ) -> Admitted | NotAdmitted:
         """e2: another agent's signed message, admitted once as what that agent says. Never raises.
 
         Args:
@@ -198,7 +198,7 @@ class Admission:
         """
         return self._guarded(ItemKind.MESSAGE, lambda: self._reader.message(text, credentials, into, intent))
 
-    def admit(self, item: ItemReading, value: object, *, into: Context) -> Admitted | Refused:
+    def admit(self, item: ItemReading, value: object, *, into: Context) -> Admitted | NotAdmitted:
         """e3: see `Admits.admit`."""
         return self._guarded(item.kind, lambda: self._reader.item(item, value, into, self._standing.chain(into)))
 
@@ -226,7 +226,7 @@ class Admission:
 
     # --- from there on all are alike ---------------------------------------------------------------------------------
 
-    def _guarded(self, kind: ItemKind, read: Callable[[], Case]) -> Admitted | Refused:
+    def _guarded(self, kind: ItemKind, read: Callable[[], AdmissionCase]) -> Admitted | NotAdmitted:
         request = Request(
             request_id=secrets.token_hex(16),
             points=frozenset({POINT_OF.get(kind, Point.CONTEXT)}),
@@ -241,7 +241,7 @@ class Admission:
         except Exception as error:  # noqa: BLE001 - any exception on the way is DENY; a narrower net would leak
             return self._broken(request, error)
 
-    def _settle(self, request: Request, case: Case) -> Admitted | Refused:
+    def _settle(self, request: Request, case: AdmissionCase) -> Admitted | NotAdmitted:
         decided_ms = self._clock.monotonic_ms()
         decision = decide(request, case.evidence, self._policies)
         if decision.effect is not Effect.PERMIT:
@@ -266,27 +266,27 @@ class Admission:
         if late or isinstance(full, Full):
             reason = Reason.VERDICT_EXPIRED if late else Reason.EVIDENCE_MISSING
             self._journal.append("outcome", records.outcome(request, record, "refused", reason=reason))
-            return Refused(denial(decision, reason), record)
+            return NotAdmitted(denial(decision, reason), record)
         self._journal.append("outcome", records.outcome(request, record, "done"))
         return Admitted(case.value.value, label, receipt, decision, record)
 
-    def _refused(self, request: Request, case: Case, decision: Decision) -> Refused:
-        return Refused(decision, self._journal.append("decision", self._body(request, case, decision)))
+    def _refused(self, request: Request, case: AdmissionCase, decision: Decision) -> NotAdmitted:
+        return NotAdmitted(decision, self._journal.append("decision", self._body(request, case, decision)))
 
-    def _broken(self, request: Request, error: Exception) -> Refused:
+    def _broken(self, request: Request, error: Exception) -> NotAdmitted:
         """An exception on the way: DENY, recorded if that is still possible."""
         reason = Reason.RECORD_FAILED if isinstance(error, JournalError) else Reason.EVIDENCE_MISSING
         unknown = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms())
         decision = denial(decide(request, unknown, self._policies), reason, error=type(error).__name__)
         if reason is Reason.RECORD_FAILED:
-            return Refused(decision, "")
+            return NotAdmitted(decision, "")
         try:
             body = {**recorded.to_plain(request, unknown), "decision": records.decision_body(decision), "proof": ""}
-            return Refused(decision, self._journal.append("decision", body))
+            return NotAdmitted(decision, self._journal.append("decision", body))
         except Exception as failed:  # noqa: BLE001 - whatever a journal raises, there is no record
-            return Refused(denial(decision, Reason.RECORD_FAILED, error=type(failed).__name__), "")
+            return NotAdmitted(denial(decision, Reason.RECORD_FAILED, error=type(failed).__name__), "")
 
-    def _body(self, request: Request, case: Case, decision: Decision) -> dict[str, object]:
+    def _body(self, request: Request, case: AdmissionCase, decision: Decision) -> dict[str, object]:
         """The record of a decision; what is admitted stands in it by its digest, and never itself."""
         holder = case.into.holder
         noted = {

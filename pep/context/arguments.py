@@ -58,7 +58,7 @@ _DISTRUSTED: Final = tainted(NOBODY)
 
 
 @dataclass(frozen=True, slots=True)
-class Presented:
+class PresentedReceipt:
     """One receipt as a caller presents it, unverified.
 
     Attributes:
@@ -73,7 +73,7 @@ class Presented:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class ArgumentContext:
     """What is known where the arguments of a call are judged.
 
     Attributes:
@@ -91,7 +91,9 @@ class Known:
     caps: Caps
 
 
-def arguments(request: Request, presented: Sequence[Presented], known: Known) -> tuple[ArgumentReading, ...]:
+def arguments(
+    request: Request, presented: Sequence[PresentedReceipt], known: ArgumentContext
+) -> tuple[ArgumentReading, ...]:
     """One reading for each parameter of the request, in its order. Pure, and never raises.
 
     A parameter equals what stands in an admitted value when the last name on the way there ends in its unit and the
@@ -108,7 +110,7 @@ def arguments(request: Request, presented: Sequence[Presented], known: Known) ->
 
 
 def named_arguments(
-    call: Mapping[str, object], presented: Sequence[Presented], known: Known
+    call: Mapping[str, object], presented: Sequence[PresentedReceipt], known: ArgumentContext
 ) -> tuple[ArgumentReading, ...]:
     """As `arguments`, for a tool whose arguments are JSON: each must equal what stands at its place, to the letter.
 
@@ -171,7 +173,7 @@ class _Judged:
     fault: ReceiptFault | None
 
 
-def _judge(one: Presented, known: Known) -> _Judged:
+def _judge(one: PresentedReceipt, known: ArgumentContext) -> _Judged:
     receipt = receipts.verify(one.receipt, admitters=known.admitters, caps=known.caps)
     if isinstance(receipt, ReceiptFault):
         return _Judged(one.pointers, NOWHERE, None, receipt)
@@ -195,8 +197,8 @@ def _judge(one: Presented, known: Known) -> _Judged:
 
 def _readings(
     wanted: Mapping[str, _Test],
-    presented: Sequence[Presented],
-    known: Known,
+    presented: Sequence[PresentedReceipt],
+    known: ArgumentContext,
 ) -> tuple[ArgumentReading, ...]:
     if len(presented) > PRESENTED:
         return tuple(ArgumentReading(name, _DISTRUSTED, str(ReceiptFault.TOO_MANY)) for name in wanted)

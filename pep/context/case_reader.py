@@ -12,7 +12,7 @@ from pep.context import instructions, messages, screening
 from pep.context import json_value as values
 from pep.context.flow import Context, Holder
 from pep.context.json_value import Plain, ValueFault
-from pep.context.messages import Line, Turn
+from pep.context.messages import MessageDirection, TurnResult
 from policies.evidence.content_readings import ContextReading, ItemKind, ItemReading
 from policies.evidence.evidence import Evidence
 from policies.words.labels import NOBODY, tainted
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from pep.context.flow import Flow
     from pep.context.forms import Forms
     from pep.context.instructions import Instruction, People
-    from pep.context.messages import Conversations, Heard
+    from pep.context.messages import Conversations, ReceivedMessage
     from pep.request.authority import Credentials
     from policies.words.labels import Label
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class AdmissionCase:
     """One thing to be judged.
 
     Attributes:
@@ -86,7 +86,7 @@ class Reader:
         self._replay = replay
         self._caps = caps
 
-    def instruction(self, text: str, credentials: Credentials, into: Context) -> Case:
+    def instruction(self, text: str, credentials: Credentials, into: Context) -> AdmissionCase:
         """A signed intent, as an instruction to the holder whose context this is."""
         people = self._people.people()
         chain = _holding(credentials, into)
@@ -94,7 +94,7 @@ class Reader:
         claim, note = _unbound, dict[str, object]()
         if said.intent is not None and chain is not None:
             claim, note = self._once(said, people[said.reading.principal], chain, said.intent.not_after)
-        return Case(
+        return AdmissionCase(
             item=said.item,
             evidence=replace(self._evidence(credentials, said.item), instruction=said.reading),
             value=ValueFault.MALFORMED if said.intent is None else values.read(said.intent.body),
@@ -104,7 +104,7 @@ class Reader:
             note=note,
         )
 
-    def message(self, text: str, credentials: Credentials, into: Context, intent: str | None) -> Case:
+    def message(self, text: str, credentials: Credentials, into: Context, intent: str | None) -> AdmissionCase:
         """A signed message, as what its sender says to the holder whose context this is."""
         chain = credentials.chain if isinstance(credentials.chain, Chain) else None
         heard = messages.read(
@@ -125,9 +125,9 @@ class Reader:
         if heard.line is not None and heard.message is not None:
             line = [heard.line.addressee, heard.line.hop_id, heard.line.conversation]
             note = {"line": line, "sequence": heard.message.sequence, "until_s": heard.until_s}
-        return Case(item, evidence, value, into, credentials.proof_name, lambda: self._turn(heard), note)
+        return AdmissionCase(item, evidence, value, into, credentials.proof_name, lambda: self._turn(heard), note)
 
-    def item(self, item: ItemReading, value: object, into: Context, chain: Chain | Fault) -> Case:
+    def item(self, item: ItemReading, value: object, into: Context, chain: Chain | Fault) -> AdmissionCase:
         """Anything else, by what is known of it; its text is screened, and its id."""
         plain = values.plain(value)
         seen = screened(item, plain)
@@ -137,7 +137,7 @@ class Reader:
             chain=chain,
             context=ContextReading(items=(seen,)),
         )
-        return Case(seen, evidence, plain, into, "", _free, {})
+        return AdmissionCase(seen, evidence, plain, into, "", _free, {})
 
     def recover(self, found: Iterable[Mapping[str, Any]]) -> None:
         """What an earlier process admitted once is not admitted again.
@@ -153,7 +153,7 @@ class Reader:
             if not now_s < until_s:
                 continue
             if "line" in note:
-                self._conversations.remember(Line(*note["line"]), note["sequence"], until_s=until_s)
+                self._conversations.remember(MessageDirection(*note["line"]), note["sequence"], until_s=until_s)
             elif "once" in note:
                 expires_ms = now_ms + int((until_s - now_s) * 1_000)
                 self._replay.first_use(note["once"], key=bytes.fromhex(note["key"]), expires_ms=expires_ms)
@@ -175,13 +175,13 @@ class Reader:
 
         return claim, {"once": name, "key": key.hex(), "until_s": until_s}
 
-    def _turn(self, heard: Heard) -> Reason | None:
+    def _turn(self, heard: ReceivedMessage) -> Reason | None:
         if heard.line is None or heard.message is None:
             return Reason.MESSAGE_UNAUTHENTIC
         taken = self._conversations.take(heard.line, heard.message.sequence, until_s=heard.until_s)
-        return None if taken is Turn.TAKEN else Reason.MESSAGE_OUT_OF_SEQUENCE
+        return None if taken is TurnResult.TAKEN else Reason.MESSAGE_OUT_OF_SEQUENCE
 
-    def _spoken(self, heard: Heard) -> Label:
+    def _spoken(self, heard: ReceivedMessage) -> Label:
         """The label of what the sender says: it derives from everything that is known of the sender's context."""
         if heard.hop is None:
             return NOBODY
@@ -208,7 +208,7 @@ def screened(item: ItemReading, value: Plain | ValueFault) -> ItemReading:
     return replace(item, signs=tuple(sorted(found)), label=replace(label, age_ms=min(label.age_ms, INT_LIMIT)))
 
 
-def _said(heard: Heard, value: Plain | ValueFault, label: Label) -> ItemReading:
+def _said(heard: ReceivedMessage, value: Plain | ValueFault, label: Label) -> ItemReading:
     """A message as something that would enter a context: what its sender says, and no authority."""
     said = ItemReading(
         kind=ItemKind.MESSAGE,

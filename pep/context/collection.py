@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class StoredContent:
     """One content as the store returns it. Nothing in it is believed; a text that is None is missing."""
 
     id: str
@@ -28,7 +28,7 @@ class Held:
 class Collection(Protocol):
     """A collection in a store. Either call may raise whatever the store raises."""
 
-    def nearest(self, query: str, *, most: int) -> Sequence[Held]:
+    def nearest(self, query: str, *, most: int) -> Sequence[StoredContent]:
         """At most `most` contents, the nearest to the query first."""
         ...
 

@@ -23,14 +23,14 @@ ASKED: Final = 64
 """Most operations that one body asks for: as many as a scope has grants."""
 
 
-class Body(BaseModel):
+class FormBody(BaseModel):
     """The base of every form, and of every model inside one."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class RequestedOperation:
     """One operation that a body asks for; `values` is None when it does not say with which parameters."""
 
     object: str
@@ -38,7 +38,7 @@ class Asked:
     values: tuple[Quantity, ...] | None = None
 
 
-def asks_nothing(_: Any) -> tuple[Asked, ...]:
+def asks_nothing(_: Any) -> tuple[RequestedOperation, ...]:
     """For a form that only tells."""
     return ()
 
@@ -54,16 +54,16 @@ class Form:
     """
 
     name: str
-    body: type[Body]
-    asks: Callable[[Any], tuple[Asked, ...]]
+    body: type[FormBody]
+    asks: Callable[[Any], tuple[RequestedOperation, ...]]
 
 
 @dataclass(frozen=True, slots=True)
-class Read:
+class ParsedBody:
     """A body of its form."""
 
-    body: Body
-    asked: tuple[Asked, ...]
+    body: FormBody
+    asked: tuple[RequestedOperation, ...]
 
 
 class Forms:
@@ -86,7 +86,7 @@ class Forms:
             known[form.name] = form
         self._known = MappingProxyType(known)
 
-    def read(self, schema: str, body: bytes) -> Read | None:
+    def read(self, schema: str, body: bytes) -> ParsedBody | None:
         """The body as its form says, or None when no such form is known or it is not of it. Never raises.
 
         Args:
@@ -101,7 +101,7 @@ class Forms:
             asked = tuple(form.asks(read))
         except Exception:  # noqa: BLE001 - a body that its own form cannot read is not of that form
             return None
-        return Read(read, asked) if len(asked) <= ASKED else None
+        return ParsedBody(read, asked) if len(asked) <= ASKED else None
 
 
 def _closed(schema: object) -> bool:

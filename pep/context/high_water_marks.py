@@ -7,20 +7,20 @@ from typing import Final, Protocol
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class HighWaterMark:
     """The newest that was seen: its version or number, and SHA-256 (hex) of its text; 0 and "" for nothing yet."""
 
     version: int
     digest: str
 
 
-UNSEEN: Final = Mark(0, "")
+UNSEEN: Final = HighWaterMark(0, "")
 
 
-class Marks(Protocol):
+class HighWaterMarks(Protocol):
     """Marks by name, over restarts. One process at a time; any thread."""
 
-    def read(self, name: str) -> Mark:
+    def read(self, name: str) -> HighWaterMark:
         """The mark, `UNSEEN` when there never was one.
 
         Raises:
@@ -28,7 +28,7 @@ class Marks(Protocol):
         """
         ...
 
-    def write(self, name: str, mark: Mark) -> None:
+    def write(self, name: str, mark: HighWaterMark) -> None:
         """The mark survives a power cut.
 
         Raises:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from capabilities.statements.intent import Intent
     from capabilities.values.caps import Caps
     from capabilities.values.chain import Chain
-    from pep.context.forms import Forms, Read
+    from pep.context.forms import Forms, ParsedBody
 
 SPARED: Final = frozenset({screening.INSTRUCTION_LIKE})
 """A person's signed instruction may read like one."""
@@ -52,7 +52,7 @@ class Instruction:
     reading: InstructionReading
     item: ItemReading
     intent: Intent | None = None
-    read: Read | None = None
+    read: ParsedBody | None = None
 
 
 def read(

@@ -23,10 +23,10 @@ from capabilities.values.scope import Tier
 from pep.base.errors import PepError, PepFault
 from pep.context import json_value as values
 from pep.context.collection import shown
-from pep.context.high_water_marks import Mark
+from pep.context.high_water_marks import HighWaterMark
 from pep.context.json_value import Plain
 from pep.context.label_words import label_in, words_of
-from pep.context.memory_rows import ROWS, History, MemoryFault, Owner, Row, digest_of
+from pep.context.memory_rows import ROWS, History, MemoryFault, MemoryRow, Owner, digest_of
 from policies.evidence.content_readings import ItemKind, ItemReading
 from policies.words.labels import NOBODY, Integrity, Label, Source, aged, joined
 
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from capabilities.values.errors import Fault
     from pep.base.ports import Clock, RevocationFeed
     from pep.context.collection import Incident
-    from pep.context.high_water_marks import Marks
-    from pep.context.memory_rows import Rows
+    from pep.context.high_water_marks import HighWaterMarks
+    from pep.context.memory_rows import MemoryRows
 
 OBJECT: Final = "memory"
 OPERATION: Final = "remember"
@@ -87,9 +87,9 @@ class Memory:
 
     def __init__(
         self,
-        rows: Rows,
+        rows: MemoryRows,
         *,
-        marks: Marks,
+        marks: HighWaterMarks,
         key: PrivateKey,
         audience: str,
         verifier: Verifier,
@@ -149,8 +149,8 @@ class Memory:
             if history.head.version >= ROWS or history.written.get(writer, 0) >= ROWS_OF_A_WRITER:
                 return MemoryFault.FULL
             signed = memory.sign(self._row_of(name, value, label=label, chain=chain, at=at), self._owner.key)
-            head = Mark(history.head.version + 1, digest_of(signed))
-            row = Row(head.version, signed, value.raw)
+            head = HighWaterMark(history.head.version + 1, digest_of(signed))
+            row = MemoryRow(head.version, signed, value.raw)
             if isinstance(self._owner.authentic(row), MemoryFault):
                 return MemoryFault.NOT_WRITABLE
             self._keep(row, head)
@@ -211,7 +211,7 @@ class Memory:
             at=int(at),
         )
 
-    def _keep(self, row: Row, head: Mark) -> None:
+    def _keep(self, row: MemoryRow, head: HighWaterMark) -> None:
         if self._failed:
             raise PepError(PepFault.STATE_UNREADABLE, "an earlier write failed")
         try:

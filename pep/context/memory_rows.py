@@ -16,7 +16,7 @@ from capabilities.keys import keys
 from capabilities.statements import memory
 from capabilities.values.errors import CapabilityError
 from pep.context.collection import Incident
-from pep.context.high_water_marks import UNSEEN, Mark
+from pep.context.high_water_marks import UNSEEN, HighWaterMark
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -51,7 +51,7 @@ class MemoryFault(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class MemoryRow:
     """One row as a store holds it: its place, the signed text, and the value's canonical JSON. Nothing is believed."""
 
     sequence: int
@@ -59,18 +59,18 @@ class Row:
     value: bytes
 
 
-class Rows(Protocol):
+class MemoryRows(Protocol):
     """The store of a memory. Either call may raise whatever the store raises."""
 
-    def append(self, row: Row) -> None:
+    def append(self, row: MemoryRow) -> None:
         """The row survives a power cut; a sequence that is taken raises."""
         ...
 
-    def row(self, sequence: int) -> Row | None:
+    def row(self, sequence: int) -> MemoryRow | None:
         """The row at that place."""
         ...
 
-    def rows(self, *, most: int) -> Iterable[Row]:
+    def rows(self, *, most: int) -> Iterable[MemoryRow]:
         """At most `most` rows, in the order of their places."""
         ...
 
@@ -83,7 +83,7 @@ class Owner:
     audience: str
     caps: Caps
 
-    def authentic(self, row: Row) -> Remembered | MemoryFault:
+    def authentic(self, row: MemoryRow) -> Remembered | MemoryFault:
         """What a row says, when it is ours, stands where it says and holds the value that it names."""
         try:
             found = memory.open(row.text, frozenset({keys.public_raw(self.key)}), self.caps)
@@ -111,13 +111,13 @@ class History:
         written: rows by writer.
     """
 
-    def __init__(self, rows: Iterable[Row], owner: Owner, *, seen: Mark) -> None:
-        self.head: Mark = UNSEEN
+    def __init__(self, rows: Iterable[MemoryRow], owner: Owner, *, seen: HighWaterMark) -> None:
+        self.head: HighWaterMark = UNSEEN
         self.broken = 0
-        self.places: dict[str, Mark] = {}
+        self.places: dict[str, HighWaterMark] = {}
         self.written: dict[str, int] = {}
         self._noted: dict[Incident, None] = {}
-        before = Mark(0, memory.FIRST_PREVIOUS)
+        before = HighWaterMark(0, memory.FIRST_PREVIOUS)
         for row in rows:
             found = owner.authentic(row)
             if isinstance(found, MemoryFault):
@@ -133,7 +133,7 @@ class History:
                 # Two histories of one memory, both ours: somebody has put back what we went on from.
                 self.note(row.sequence, MemoryFault.ROLLED_BACK)
                 self.broken = row.sequence
-            before = Mark(row.sequence, digest_of(row.text))
+            before = HighWaterMark(row.sequence, digest_of(row.text))
             if row.sequence == seen.version and before.digest != seen.digest:
                 self.note(row.sequence, MemoryFault.ROLLED_BACK)
                 self.broken = row.sequence + 1
@@ -143,7 +143,7 @@ class History:
             self._missing(before.version + 1, seen.version + 1)
             self.head = seen
 
-    def adopt(self, name: str, writer: str, head: Mark) -> None:
+    def adopt(self, name: str, writer: str, head: HighWaterMark) -> None:
         """The row at `head` is the newest, and the newest of its name."""
         self.places[name] = head
         self.written[writer] = self.written.get(writer, 0) + 1

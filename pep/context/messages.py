@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
     from capabilities.values.chain import Chain, Hop
     from pep.base.ports import Clock
-    from pep.context.forms import Asked, Forms, Read
+    from pep.context.forms import Forms, ParsedBody, RequestedOperation
 
 CONVERSATIONS: Final = 16_384
 """Most conversations that are remembered."""
@@ -33,7 +33,7 @@ OF_A_HOP: Final = 64
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class MessageDirection:
     """One direction of one conversation: who speaks under which hop, and to whom."""
 
     addressee: str
@@ -41,7 +41,7 @@ class Line:
     conversation: str
 
 
-class Turn(Enum):
+class TurnResult(Enum):
     """What became of a try to take a turn."""
 
     TAKEN = "taken"
@@ -52,11 +52,11 @@ class Turn(Enum):
 class Conversations(Protocol):
     """Which messages were heard. Taking a turn is the check: one call, atomic."""
 
-    def heard(self, line: Line) -> int:
+    def heard(self, line: MessageDirection) -> int:
         """The number of the last message that was heard, 0 for none."""
         ...
 
-    def take(self, line: Line, sequence: int, *, until_s: float) -> Turn:
+    def take(self, line: MessageDirection, sequence: int, *, until_s: float) -> TurnResult:
         """`TAKEN` exactly once for each number of a line, and only for the one after the last.
 
         Args:
@@ -66,13 +66,13 @@ class Conversations(Protocol):
         """
         ...
 
-    def remember(self, line: Line, sequence: int, *, until_s: float) -> None:
+    def remember(self, line: MessageDirection, sequence: int, *, until_s: float) -> None:
         """The message counts as heard, and all before it: it stands in the journal of an earlier process."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedMessage:
     """A message as it was read.
 
     Attributes:
@@ -87,14 +87,14 @@ class Heard:
     reading: MessageReading
     message: Message | None = None
     hop: Hop | None = None
-    read: Read | None = None
-    line: Line | None = None
+    read: ParsedBody | None = None
+    line: MessageDirection | None = None
     until_s: float = 0.0
 
 
 def read(
     text: str, *, chain: Chain | None, addressee: str, conversations: Conversations, forms: Forms, at: float, caps: Caps
-) -> Heard:
+) -> ReceivedMessage:
     """The message that a text is; nothing is taken yet. Raises only what `conversations` raises.
 
     Args:
@@ -116,7 +116,7 @@ def read(
         return _unbelieved(str(error.code))
     hop = by_thumbprint[statement_form.signer_thumbprint(text)]
     by_holder = (message.sender, message.token_id, message.hop_id) == (hop.agent, chain.token_id, hop.hop_id)
-    line = Line(addressee, hop.hop_id, message.conversation)
+    line = MessageDirection(addressee, hop.hop_id, message.conversation)
     body = forms.read(message.schema, message.body)
     reading = MessageReading(
         fault=_untimely(message, at=at, caps=caps),
@@ -129,12 +129,12 @@ def read(
         in_delegation=by_holder and body is not None and all(_granted(chain, hop, asked) for asked in body.asked),
         age_s=int(at - message.at) if message.at <= at + caps.skew_s else None,
     )
-    return Heard(reading, message, hop, body, line, max(message.not_after, hop.scope.not_after) + caps.skew_s)
+    return ReceivedMessage(reading, message, hop, body, line, max(message.not_after, hop.scope.not_after) + caps.skew_s)
 
 
-def _unbelieved(fault: str) -> Heard:
+def _unbelieved(fault: str) -> ReceivedMessage:
     """A text that no hop of the chain signed. What it claims of itself is not repeated."""
-    return Heard(
+    return ReceivedMessage(
         MessageReading(
             fault=fault or str(FaultCode.STATEMENT_UNTRUSTED),
             sender="",
@@ -155,7 +155,7 @@ def _untimely(message: Message, *, at: float, caps: Caps) -> str:
     return "" if at < message.not_after else str(FaultCode.EXPIRED)
 
 
-def _granted(chain: Chain, hop: Hop, asked: Asked) -> bool:
+def _granted(chain: Chain, hop: Hop, asked: RequestedOperation) -> bool:
     """Whether the sender's own hop grants what is asked. The tier is judged where it is done (TEA-4)."""
     if asked.values is None:
         return hop.scope.find(asked.object, asked.operation) is not None
@@ -183,34 +183,34 @@ class ConversationBook:
         self._lock = threading.Lock()
         self._heard: dict[tuple[str, str], dict[str, tuple[int, float]]] = {}
 
-    def heard(self, line: Line) -> int:
+    def heard(self, line: MessageDirection) -> int:
         """As the port says."""
         with self._lock:
             return self._heard.get((line.addressee, line.hop_id), {}).get(line.conversation, (0, 0.0))[0]
 
-    def take(self, line: Line, sequence: int, *, until_s: float) -> Turn:
+    def take(self, line: MessageDirection, sequence: int, *, until_s: float) -> TurnResult:
         """As the port says."""
         with self._lock:
             lines = self._heard.get((line.addressee, line.hop_id), {})
             last, before_s = lines.get(line.conversation, (0, 0.0))
             if sequence != last + 1:
-                return Turn.OUT_OF_TURN
+                return TurnResult.OUT_OF_TURN
             if last == 0 and not self._room(line):
-                return Turn.FULL
+                return TurnResult.FULL
             self._put(line, sequence, max(before_s, until_s))
-            return Turn.TAKEN
+            return TurnResult.TAKEN
 
-    def remember(self, line: Line, sequence: int, *, until_s: float) -> None:
+    def remember(self, line: MessageDirection, sequence: int, *, until_s: float) -> None:
         """As the port says."""
         with self._lock:
             lines = self._heard.get((line.addressee, line.hop_id), {})
             last, before_s = lines.get(line.conversation, (0, 0.0))
             self._put(line, max(last, sequence), max(before_s, until_s))
 
-    def _put(self, line: Line, sequence: int, until_s: float) -> None:
+    def _put(self, line: MessageDirection, sequence: int, until_s: float) -> None:
         self._heard.setdefault((line.addressee, line.hop_id), {})[line.conversation] = (sequence, until_s)
 
-    def _room(self, line: Line) -> bool:
+    def _room(self, line: MessageDirection) -> bool:
         """Whether one more conversation may begin; what is over goes first."""
         now_s = self._clock.wall_s()
         if sum(map(len, self._heard.values())) >= self._capacity:

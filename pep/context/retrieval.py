@@ -20,18 +20,18 @@ from capabilities.statements.revocation import Revoked
 from capabilities.values import text
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from pep.context.collection import Incident, Retrieval, RetrievalFault, Retrieved, shown
-from pep.context.high_water_marks import Mark
+from pep.context.high_water_marks import HighWaterMark
 from policies.evidence.content_readings import ItemKind, ItemReading
 from policies.words.labels import NOBODY, Integrity, Label, Source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from capabilities.statements.manifest import Entry, Manifest
+    from capabilities.statements.manifest import Manifest, ManifestEntry
     from capabilities.values.caps import Caps
     from pep.base.ports import Clock, RevocationFeed
-    from pep.context.collection import Collection, Curators, Held
-    from pep.context.high_water_marks import Marks
+    from pep.context.collection import Collection, Curators, StoredContent
+    from pep.context.high_water_marks import HighWaterMarks
 
 DOCUMENT_BYTES: Final = 65_536
 """Largest content in UTF-8: a chunk of a handbook has some kB, and what is admitted fills an agent's context."""
@@ -50,7 +50,7 @@ class _Current:
     manifest: Manifest
     digest: str
     signer: str
-    by_id: Mapping[str, Entry]
+    by_id: Mapping[str, ManifestEntry]
     digests: frozenset[str]
 
 
@@ -75,7 +75,7 @@ class Curated:
         content: str,
         curators: Curators,
         feed: RevocationFeed,
-        marks: Marks,
+        marks: HighWaterMarks,
         clock: Clock,
         caps: Caps,
     ) -> None:
@@ -117,14 +117,14 @@ class Curated:
         taken = _Current(opened, digest, signer, by_id, frozenset(entry.digest for entry in opened.entries))
         with self._lock:
             seen = self._marks.read(self.mark_name)
-            place = manifest.Place(self._name, self._content, curator, seen.version, seen.digest)
+            place = manifest.ExpectedManifest(self._name, self._content, curator, seen.version, seen.digest)
             refused = manifest.refusal(opened, digest, place, at=self._clock.wall_s(), caps=self._caps)
             refused = refused or self._revoked(signer)
             if refused is not None:
                 return refused
             # Seen before it is acted on: a power cut between the two must not leave room for the older one.
-            if seen != Mark(opened.version, digest):
-                self._marks.write(self.mark_name, Mark(opened.version, digest))
+            if seen != HighWaterMark(opened.version, digest):
+                self._marks.write(self.mark_name, HighWaterMark(opened.version, digest))
             if self._current is not None and self._current.digest != digest:
                 self._superseded = [self._current, *self._superseded][:SUPERSEDED_KEPT]
             self._current = taken
@@ -183,7 +183,7 @@ class Curated:
             return str(FaultCode.STATEMENT_UNTRUSTED)
         if self._feed.view().age_ms > lease_ms:
             return str(FaultCode.REVOCATION_VIEW_STALE)
-        place = manifest.Place(self._name, self._content, held.curator, held.version, current.digest)
+        place = manifest.ExpectedManifest(self._name, self._content, held.curator, held.version, current.digest)
         refused = manifest.refusal(held, current.digest, place, at=self._clock.wall_s(), caps=self._caps)
         refused = refused or self._revoked(current.signer)
         return "" if refused is None else str(refused.code)
@@ -194,7 +194,7 @@ class Curated:
         return None
 
     def _judged(
-        self, one: Held, current: _Current | None, superseded: tuple[_Current, ...], *, fault: str, again: bool
+        self, one: StoredContent, current: _Current | None, superseded: tuple[_Current, ...], *, fault: str, again: bool
     ) -> Retrieved:
         """The numbered recipe of one content."""
         if current is None or fault:
@@ -240,5 +240,5 @@ class Curated:
         label = Label(frozenset({Source.RETRIEVAL}), frozenset({current.manifest.curator}), Integrity.CURATED, age_ms)
         return ItemReading(_KIND[self._content], id_, label, listed=listed, manifest_age_s=age_ms // 1000)
 
-    def _refused(self, one: Held, fault: str) -> Retrieved:
+    def _refused(self, one: StoredContent, fault: str) -> Retrieved:
         return Retrieved(ItemReading(_KIND[self._content], shown(one.id), NOBODY, fault=str(fault)), "")

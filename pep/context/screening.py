@@ -41,7 +41,7 @@ _ASCII: Final = bytes(code if code < 0x80 else 0x20 for code in range(256))
 
 
 @dataclass(frozen=True, slots=True)
-class Trace:
+class Suspicion:
     """Something suspicious: which sign it is, what exactly, and the place (index of a character in the text).
 
     `where` is the JSON pointer of the text inside a value, "" for a text alone.
@@ -53,12 +53,12 @@ class Trace:
     where: str = ""
 
 
-def screen(text: str) -> tuple[Trace, ...]:
+def screen(text: str) -> tuple[Suspicion, ...]:
     """Everything suspicious in a text, in the order of `SIGNS`; linear in its length, and never raises."""
     return tuple(_all(text))
 
 
-def screen_value(value: object) -> tuple[Trace, ...]:
+def screen_value(value: object) -> tuple[Suspicion, ...]:
     """Everything suspicious in the texts and names of a JSON value, also what is spread over several of them."""
     texts = [(where, text) for where, text in _texts(value, "") if text]
     if not texts:
@@ -70,30 +70,30 @@ def screen_value(value: object) -> tuple[Trace, ...]:
     found = []
     for trace in screen("\n".join(text for _, text in texts) if len(texts) > 1 else texts[0][1]):
         n = bisect_right(starts, trace.at) - 1
-        found.append(Trace(trace.sign, trace.what, trace.at - starts[n], texts[n][0]))
+        found.append(Suspicion(trace.sign, trace.what, trace.at - starts[n], texts[n][0]))
     if len(texts) > 1 and not any(trace.sign == INSTRUCTION_LIKE for trace in found):
         # an order whose words stand in several texts, which a model reads one after the other
         folded, _ = characters.folded(" ".join(text for _, text in texts))
-        found += [Trace(INSTRUCTION_LIKE, what, 0) for what, _ in instruction_rules.matches(folded)][:TRACES]
+        found += [Suspicion(INSTRUCTION_LIKE, what, 0) for what, _ in instruction_rules.matches(folded)][:TRACES]
     return tuple(found)
 
 
-def signs(traces: tuple[Trace, ...], *, spared: frozenset[str] = frozenset()) -> tuple[str, ...]:
+def signs(traces: tuple[Suspicion, ...], *, spared: frozenset[str] = frozenset()) -> tuple[str, ...]:
     """The signs of these traces, each once, in the order of `SIGNS`, without those that are spared here."""
     found = {trace.sign for trace in traces} - spared
     return tuple(sign for sign in SIGNS if sign in found)
 
 
-def _all(text: str) -> Iterator[Trace]:
+def _all(text: str) -> Iterator[Suspicion]:
     for sign, places in (
         (characters.HIDDEN, characters.hidden(text)),
         (characters.MIXED, characters.mixed(text)),
         (characters.COMPATIBLE, characters.compatible(text)),
     ):
-        yield from (Trace(sign, what, at) for what, at in islice(places, TRACES))
+        yield from (Suspicion(sign, what, at) for what, at in islice(places, TRACES))
     folded, moved = characters.folded(text)
     for what, at in islice(instruction_rules.matches(folded), TRACES):
-        yield Trace(INSTRUCTION_LIKE, what, at if moved is None else moved[at])
+        yield Suspicion(INSTRUCTION_LIKE, what, at if moved is None else moved[at])
     yield from islice(_encoded(text, DECODINGS, _Budget(DECODED * len(text))), TRACES)
 
 
@@ -104,17 +104,17 @@ class _Budget:
     left: int
 
 
-def _encoded(text: str, depth: int, budget: _Budget) -> Iterator[Trace]:
+def _encoded(text: str, depth: int, budget: _Budget) -> Iterator[Suspicion]:
     """What reads like an instruction once it is decoded, and what there is too much of to decode."""
     for what, at, decoded in _decoded(text):
         if budget.left < len(decoded):
-            yield Trace(ENCODED, "more than is decoded", at)
+            yield Suspicion(ENCODED, "more than is decoded", at)
             return
         budget.left -= len(decoded)
         folded, _ = characters.folded(decoded)
         plainly = next(instruction_rules.matches(folded), None)
         if plainly or (depth > 1 and next(_encoded(decoded, depth - 1, budget), None)):
-            yield Trace(ENCODED, what, at)
+            yield Suspicion(ENCODED, what, at)
 
 
 def _decoded(text: str) -> Iterator[tuple[str, int, str]]:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import Fault
 from pep.base.errors import ActuationRefusedError, JournalError
-from pep.base.operations import Kind, touchable
+from pep.base.operations import OperationKind, touchable
 from pep.base.ports import Assessed
 from pep.gate import records
 from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock, Journal, MotionSlot, Physics, Registry, RobotLimits
     from pep.gate.observe_only import Simulated
     from pep.people.asks import Asks
-    from pep.people.deferral import Announcer, Ask
+    from pep.people.deferral import Announcer, AskNotice
     from pep.request.authority import Authority
     from pep.request.call import Call
     from pep.world.sequence import Sequence
@@ -61,7 +61,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class EffectResult:
     """What an effect reports. `value` is plain JSON for the record; `carried` is whatever the shell wants back."""
 
     value: Mapping[str, Any]
@@ -70,12 +70,12 @@ class Result:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class GateResult:
     """The end of one run: the decision, what came of it, and whether that is on record (the decision always is)."""
 
     decision: Decision
-    ask: Ask | None = None
-    result: Result | None = None
+    ask: AskNotice | None = None
+    result: EffectResult | None = None
     recorded: bool = True
     observed: bool = False
     """The decision was not enforced (`unsafe_observe`)."""
@@ -139,7 +139,7 @@ class Gate(Edge):
         """Somebody is told where the arm stands, and by no tool that reads: `pep.world.sequence.Sequence.looked`."""
         self._sequence.looked()
 
-    async def run(self, call: Call, effect: Callable[[Permit], Awaitable[Result]]) -> Answer:
+    async def run(self, call: Call, effect: Callable[[Permit], Awaitable[EffectResult]]) -> GateResult:
         """The answer to one call; its effect has happened exactly when the decision is PERMIT.
 
         Args:
@@ -316,34 +316,34 @@ class Gate(Edge):
         permit: Permit,
         *,
         record: str,
-        effect: Callable[[Permit], Awaitable[Result]],
-    ) -> Answer:
+        effect: Callable[[Permit], Awaitable[EffectResult]],
+    ) -> GateResult:
         """The effect, and the record of what came of it."""
         self._sequence.begins(call.request, agent=permit.agent, impact=evidence.impact)
         try:
             result = await effect(permit)
         except ActuationRefusedError as refused:
             await self._refused(call, decision, permit, record, refused)
-            return Answer(denial(decision, refused.reason, SEQUENCE))
+            return GateResult(denial(decision, refused.reason, SEQUENCE))
         except Exception as error:  # noqa: BLE001 - what an effect raises is an outcome
             body = records.outcome(
                 call.request, record, "failed", reason=Reason.EFFECT_FAILED, detail=type(error).__name__
             )
             recorded = await self._concluded(permit, body)
-            return Answer(denial(decision, Reason.EFFECT_FAILED), recorded=recorded)
-        if call.operation.kind is Kind.READ:
+            return GateResult(denial(decision, Reason.EFFECT_FAILED), recorded=recorded)
+        if call.operation.kind is OperationKind.READ:
             self._sequence.looked()
         self._sequence.ended(call.request, arrived=not result.failed and result.value.get("outcome") == ARRIVED)
         what = "failed" if result.failed else "done"
         body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
-        return Answer(decision, result=result, recorded=await self._concluded(permit, body))
+        return GateResult(decision, result=result, recorded=await self._concluded(permit, body))
 
     async def _observed(
-        self, call: Call, evidence: Evidence, decision: Decision, effect: Callable[[Permit], Awaitable[Result]]
-    ) -> Answer:
+        self, call: Call, evidence: Evidence, decision: Decision, effect: Callable[[Permit], Awaitable[EffectResult]]
+    ) -> GateResult:
         """What was denied or deferred, and happened: in the simulator, on record before, and told as what it is."""
         record = await self.record("decision", records.decision(call, evidence, decision))
-        if call.operation.kind is Kind.MOTION and not isinstance(evidence.impact, ImpactReading):
+        if call.operation.kind is OperationKind.MOTION and not isinstance(evidence.impact, ImpactReading):
             await self._in_time(partial(self._physics.remember, call.request))
         permit = Permit(
             request_id=call.request.request_id,
@@ -381,9 +381,9 @@ class Gate(Edge):
         if returned is not None:
             self._asks.give_back(decision)
 
-    async def _conclude(self, call: Call, evidence: Evidence, decision: Decision) -> Answer:
+    async def _conclude(self, call: Call, evidence: Evidence, decision: Decision) -> GateResult:
         """A DENY or DEFER, on record; a deferral is asked once, and its silence is a DENY."""
-        ask: Ask | None = None
+        ask: AskNotice | None = None
         if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
             # On the recorder: a question or an expiry is on record before anybody is told.
             consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
@@ -397,9 +397,9 @@ class Gate(Edge):
             elif state is AskState.REFUSED:
                 decision = denial(decision, Reason.ASK_BUDGET_SPENT, decision.primitive)
         await self.record("decision", records.decision(call, evidence, decision, ask=ask))
-        return Answer(decision, ask=ask)
+        return GateResult(decision, ask=ask)
 
-    async def _broken(self, call: Call, error: Exception) -> Answer:
+    async def _broken(self, call: Call, error: Exception) -> GateResult:
         """An exception on the way: DENY, recorded if that is still possible."""
         reason = Reason.RECORD_FAILED if isinstance(error, JournalError) else Reason.EVIDENCE_MISSING
         decision = Decision(
@@ -421,8 +421,8 @@ class Gate(Edge):
             try:
                 await self.record("decision", records.decision(call, unknown, decision))
             except JournalError:
-                return Answer(replace(decision, reason=Reason.RECORD_FAILED))
-        return Answer(decision)
+                return GateResult(replace(decision, reason=Reason.RECORD_FAILED))
+        return GateResult(decision)
 
     def _abandoned(self, request: Request, decided: Future[str]) -> None:
         """The outcome of a PERMIT whose caller went away. On the recorder, so after the decision's own record."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pep.base.ports import Journal
-    from pep.watch.governor import Speeds
+    from pep.watch.governor import ReportedSpeeds
     from pep.watch.watch import Alarm
 
 OBSERVED: Final = "observed"
@@ -51,6 +51,6 @@ class Marked:
 class Unwatched(Watch):
     """The watch of an observed motion: it sees nothing that would end it."""
 
-    def look(self, q_rad: Sequence[float], speeds: Speeds | None = None) -> Alarm | None:  # noqa: ARG002 - as the watch's
+    def look(self, q_rad: Sequence[float], speeds: ReportedSpeeds | None = None) -> Alarm | None:  # noqa: ARG002 - as the watch's
         """Nothing."""
         return None

@@ -16,7 +16,7 @@ from policies.words.canonical import plain
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from pep.people.deferral import Ask
+    from pep.people.deferral import AskNotice
     from pep.request.authority import Credentials
     from pep.request.call import Call
     from policies.evidence.model import ApprovalUse, Decision, Request
@@ -53,7 +53,7 @@ def _by(decision: Decision) -> str:
     return GATE if own else POLICY
 
 
-def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: Ask | None = None) -> dict[str, object]:
+def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: AskNotice | None = None) -> dict[str, object]:
     """Record of a decision: request, evidence and answer. `policies.evidence.case_json` reads it back."""
     body: dict[str, object] = {
         **case_json.to_plain(call.request, evidence),

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from pep.base.operations import Operation
     from pep.request.permit import Permit
     from pep.rtde.motion.drive import MotionEnd
-    from pep.rtde.robot.gripper import Grip
+    from pep.rtde.robot.gripper import GripResult
     from pep.rtde.robot.state_receiver import JointState
 
 NAME = "ur3e-cell"
@@ -118,7 +118,9 @@ class State(TypedDict):
 class ArmDriver(Protocol):
     """Robot, as the tools need it."""
 
-    async def act(self, operation: Operation, numbers: Sequence[float], permit: Permit) -> MotionEnd | Grip | None:
+    async def act(
+        self, operation: Operation, numbers: Sequence[float], permit: Permit
+    ) -> MotionEnd | GripResult | None:
         """Carries the operation out to its end.
 
         Args:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mcp.server.context import ServerRequestContext
     from mcp_types import CallToolRequestParams
 
-    from pep.gate.gate import Answer
+    from pep.gate.gate import GateResult
     from pep.people.asks import Asks
 
 RETRY_AFTER_S: Final = 1
@@ -34,7 +34,7 @@ WAITERS: Final = 8
 """Retries that wait at once. A wait holds a connection, and a cell has a handful of agents."""
 
 
-def told(answer: Answer) -> dict[str, object]:
+def told(answer: GateResult) -> dict[str, object]:
     """What the holder is told of the deferral behind an answer, besides the decision."""
     ask = answer.ask
     if ask is None:
@@ -51,7 +51,7 @@ def told(answer: Answer) -> dict[str, object]:
 
 
 def elicitation(
-    answer: Answer, params: CallToolRequestParams, ctx: ServerRequestContext[Any, Any]
+    answer: GateResult, params: CallToolRequestParams, ctx: ServerRequestContext[Any, Any]
 ) -> InputRequiredResult | None:
     """The request to show people the page, once for each call, where the client declares that it can; else None."""
     ask = answer.ask

@@ -30,7 +30,7 @@ from pep.mcp.http_request import (
     token_in,
 )
 from pep.mcp.mapping import bare_request, stops
-from pep.request.authority import Credentials, Presented
+from pep.request.authority import Credentials, PresentedRequest
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -145,11 +145,11 @@ class DPoPLayer:
         except Exception as error:  # noqa: BLE001 - a verification that breaks has not verified
             return Credentials(None, Fault(FaultCode.TOKEN_MALFORMED, "TOK-1", type(error).__name__))
 
-    def _presented(self, http_request: HttpRequest) -> Presented | Fault:
+    def _presented(self, http_request: HttpRequest) -> PresentedRequest | Fault:
         for name, code in (("authorization", FaultCode.TOKEN_MALFORMED), ("dpop", FaultCode.PROOF_MALFORMED)):
             if name in http_request.headers and http_request.headers[name] is None:
                 return Fault(code, "TOK-1", f"the header {name} came more than once")
-        return Presented(
+        return PresentedRequest(
             token=token_in(http_request.headers),
             proof=http_request.headers.get("dpop"),
             method=http_request.method,

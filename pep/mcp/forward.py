@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import httpx2
 
 from capabilities.statements import ticket
-from capabilities.statements.ticket import Carried
+from capabilities.statements.ticket import RequestDigests
 from capabilities.values.chain import Chain
 from pep.base.errors import JournalError
 from pep.mcp.http_request import CREDENTIALS, HTTP_REQUEST, HttpRequest, Refusals, digest, short, token_in
@@ -205,7 +205,7 @@ class Forward:
         return await self._sent(name, http_request, headers)
 
     async def _sent(self, name: str, http_request: HttpRequest, headers: Mapping[str, str]) -> httpx2.Response:
-        carried = Carried.of(
+        carried = RequestDigests.of(
             token=token_in(http_request.headers), proof=http_request.headers.get("dpop"), body=http_request.body
         )
         issued = ticket.issue(

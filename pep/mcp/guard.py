@@ -26,7 +26,7 @@ from mcp_types import CallToolResult, TextContent
 from capabilities.values.chain import Chain
 from pep.base.errors import ActuationRefusedError, JournalError
 from pep.gate import records
-from pep.gate.gate import Answer, Gate, Result
+from pep.gate.gate import EffectResult, Gate, GateResult
 from pep.gate.observe_only import OBSERVED
 from pep.mcp import deferred_result
 from pep.mcp.dpop import DPoPLayer
@@ -137,7 +137,7 @@ class Guard(Extension):
             # A receipt costs half a millisecond, and a call may show sixteen: others have their turn meanwhile.
             context = await asyncio.to_thread(weighed) if presented else weighed()
 
-        async def effect(permit: Permit) -> Result:
+        async def effect(permit: Permit) -> EffectResult:
             with PermitScope(permit):
                 outcome = await call_next(ctx)
             if permit.refusal is not None:
@@ -160,7 +160,7 @@ class Guard(Extension):
             answer = await self._vouched(answer, call)
         return deferred_result.elicitation(answer, params, ctx) or _told(answer)
 
-    async def _vouched(self, answer: Answer, call: Call) -> Answer:
+    async def _vouched(self, answer: GateResult, call: Call) -> GateResult:
         """The answer, its result with a receipt where there is one and the tool is still what it was."""
         chain, result = call.credentials.chain, answer.result
         if self._vouching is None or result is None or result.failed or not isinstance(chain, Chain):
@@ -309,14 +309,16 @@ def _untold(outcome: HandlerResult) -> HandlerResult:
     )
 
 
-def _result(outcome: HandlerResult) -> Result:
+def _result(outcome: HandlerResult) -> EffectResult:
     if not isinstance(outcome, CallToolResult):
-        return Result(value={}, carried=outcome, failed=True)
+        return EffectResult(value={}, carried=outcome, failed=True)
     content = outcome.structured_content
-    return Result(value=content if isinstance(content, dict) else {}, carried=outcome, failed=bool(outcome.is_error))
+    return EffectResult(
+        value=content if isinstance(content, dict) else {}, carried=outcome, failed=bool(outcome.is_error)
+    )
 
 
-def _told(answer: Answer) -> HandlerResult:
+def _told(answer: GateResult) -> HandlerResult:
     """What the holder is told: its own result, or why there is none and what would be permitted."""
     decision = answer.decision
     detail = decision.findings[0].detail if decision.findings else {}

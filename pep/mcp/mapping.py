@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.values.errors import QuantityError
 from capabilities.values.units import Quantity, parse
-from pep.base.operations import JOINTS, OPERATIONS, WAYPOINTS, Form, Kind, padded
+from pep.base.operations import JOINTS, OPERATIONS, WAYPOINTS, ArgumentForm, OperationKind, padded
 from policies.evidence.model import Point, Request
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from pep.base.operations import Argument, Operation
+    from pep.base.operations import Operation, ToolArgument
 
 POINTS: Final = frozenset({Point.TOOL, Point.ACTUATION})
 """One gate run stands for the tool call and for what it sends to the robot."""
@@ -47,7 +47,7 @@ def stops(tools: Mapping[str, Operation], name: str | None) -> bool:
         name: of the called tool; None where none is called.
     """
     operation = None if name is None else tools.get(name)
-    return operation is not None and operation.kind is Kind.STOP
+    return operation is not None and operation.kind is OperationKind.STOP
 
 
 def bare_request(operation: Operation, *, audience: str) -> Request:
@@ -103,16 +103,16 @@ def to_request(
     )
 
 
-def _numbers(argument: Argument, given: Any) -> Sequence[Any] | None:
+def _numbers(argument: ToolArgument, given: Any) -> Sequence[Any] | None:
     """Values of the argument's parameters, each not yet looked at; None for another form."""
     match argument.form:
-        case Form.NUMBER:
+        case ArgumentForm.NUMBER:
             return (given,)
-        case Form.FLAG:
+        case ArgumentForm.FLAG:
             return (int(given),) if isinstance(given, bool) else None
-        case Form.VECTOR:
+        case ArgumentForm.VECTOR:
             return given if isinstance(given, list) and len(given) == argument.parameters else None
-        case Form.WAYPOINTS:
+        case ArgumentForm.WAYPOINTS:
             points = given if isinstance(given, list) and 1 <= len(given) <= WAYPOINTS else []
             if not points or not all(isinstance(point, list) and len(point) == JOINTS for point in points):
                 return None
@@ -121,11 +121,11 @@ def _numbers(argument: Argument, given: Any) -> Sequence[Any] | None:
             assert_never(argument.form)
 
 
-def _wanted(argument: Argument) -> str:
+def _wanted(argument: ToolArgument) -> str:
     match argument.form:
-        case Form.FLAG:
+        case ArgumentForm.FLAG:
             return "true or false is wanted"
-        case Form.WAYPOINTS:
+        case ArgumentForm.WAYPOINTS:
             return f"a list of 1 to {WAYPOINTS} lists of {JOINTS} numbers is wanted"
         case _:
             return f"a list of {argument.parameters} numbers is wanted"

@@ -15,7 +15,7 @@ from capabilities.statements.response import Call as Called
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.context import json_value as values
 from pep.context import receipts, responses
-from pep.context.arguments import PRESENTED, Known, Presented, arguments
+from pep.context.arguments import PRESENTED, ArgumentContext, PresentedReceipt, arguments
 from pep.context.flow import Holder, own
 from pep.context.json_value import Plain
 from policies.evidence.content_readings import ContextReading
@@ -45,7 +45,7 @@ class Unreadable:
     detail: str
 
 
-def shown(meta: object) -> tuple[Presented, ...] | Unreadable:
+def shown(meta: object) -> tuple[PresentedReceipt, ...] | Unreadable:
     """The receipts that a call shows, unverified and in its order; none where it shows none.
 
     Args:
@@ -63,7 +63,7 @@ def shown(meta: object) -> tuple[Presented, ...] | Unreadable:
     return tuple(found)
 
 
-def _one(one: object) -> Presented | Unreadable:
+def _one(one: object) -> PresentedReceipt | Unreadable:
     if not isinstance(one, dict) or one.keys() != _MEMBERS:
         return Unreadable(f"not exactly {', '.join(sorted(_MEMBERS))}")
     text, pointers, value = one["receipt"], one["pointers"], values.plain(one["value"])
@@ -73,7 +73,7 @@ def _one(one: object) -> Presented | Unreadable:
         return Unreadable("a value that is none")
     if not isinstance(pointers, dict) or not all(_is_pointer(pointer) for pointer in pointers.values()):
         return Unreadable("pointers that are none")
-    return Presented(text, value.raw, pointers)
+    return PresentedReceipt(text, value.raw, pointers)
 
 
 def _is_pointer(pointer: object) -> bool:
@@ -85,10 +85,10 @@ def wanted(meta: object) -> bool:
     return isinstance(meta, dict) and meta.get(RECEIPT) is True
 
 
-def unvouched(request: Request, presented: tuple[Presented, ...], *, leaf: Hop, at: float) -> ContextReading:
+def unvouched(request: Request, presented: tuple[PresentedReceipt, ...], *, leaf: Hop, at: float) -> ContextReading:
     """What each parameter derives from where no admission point is known: its holder chose it, no receipt counts."""
     holder = Holder.of(leaf)
-    return ContextReading((), arguments(request, presented, Known(holder, own(holder), {}, at, CAPS)))
+    return ContextReading((), arguments(request, presented, ArgumentContext(holder, own(holder), {}, at, CAPS)))
 
 
 class Vouching:
@@ -111,9 +111,11 @@ class Vouching:
         self._flow = flow
         self._caps = caps
 
-    def context(self, request: Request, presented: tuple[Presented, ...], *, leaf: Hop, at: float) -> ContextReading:
+    def context(
+        self, request: Request, presented: tuple[PresentedReceipt, ...], *, leaf: Hop, at: float
+    ) -> ContextReading:
         """What each parameter of the request derives from; a call that shows nothing is its holder's own choice."""
-        known = Known(
+        known = ArgumentContext(
             holder=Holder.of(leaf),
             context=self._flow.label(self._flow.context(leaf)),
             admitters=self._admitters(),

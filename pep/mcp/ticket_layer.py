@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
 from capabilities.statements import ticket
-from capabilities.statements.ticket import Carried, Ticket
+from capabilities.statements.ticket import RequestDigests, Ticket
 from capabilities.values.errors import Fault, FaultCode
 from pep.base.errors import ReplayStoreError
 from pep.mcp.body_screen import BODY_BYTES, Unfit
@@ -133,7 +133,7 @@ class TicketLayer:
         peps = self._peps()
         found = ticket.verify(
             text,
-            Carried.of(token=token_in(headers), proof=headers.get("dpop"), body=body),
+            RequestDigests.of(token=token_in(headers), proof=headers.get("dpop"), body=body),
             peps=peps,
             view=self._feed.view(),
             audience=self._audience,

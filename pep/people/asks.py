@@ -20,7 +20,7 @@ from capabilities.values.chain import Chain
 from pep.people.ask_composer import compose, reasons_of
 from pep.people.deferral import (
     ANSWERED,
-    Ask,
+    AskNotice,
     AskState,
     Deferral,
     answered_body,
@@ -29,9 +29,9 @@ from pep.people.deferral import (
     key_of,
     opened_body,
 )
-from pep.people.openings import Leaves
+from pep.people.openings import Openings
 from pep.people.recovery import reopen
-from pep.people.votes import Ballot, Leave, Rejected, read_opening, read_vote
+from pep.people.votes import RejectedStatement, VerifiedOpening, VerifiedVote, read_opening, read_vote
 from policies.evidence.evidence import ApprovalReading
 from policies.words.reason_table import Reason
 
@@ -83,7 +83,7 @@ class Asks:
         self._writing = threading.Lock()
         self._lock = threading.Lock()
         self._deferrals: OrderedDict[str, Deferral] = OrderedDict()
-        self._leaves = Leaves()
+        self._leaves = Openings()
         self._rejected_openings: set[str] = set()
         self._high_s = 0.0
 
@@ -163,7 +163,7 @@ class Asks:
 
     # -- questions, beside the event loop
 
-    def consult(self, *, request: Request, evidence: Evidence, decision: Decision) -> tuple[AskState, Ask | None]:
+    def consult(self, *, request: Request, evidence: Evidence, decision: Decision) -> tuple[AskState, AskNotice | None]:
         """The deferral that stands for this agent, this very request and this question, opened now when there is none.
 
         An expired one is told once; the next identical request asks anew. A new one is on record before this returns.
@@ -203,9 +203,9 @@ class Asks:
                 self._deferrals[ask.ask_id] = Deferral(ask, question, key_of(question))
             return AskState.OPEN, ask
 
-    def _ask(self, question: ask_statement.Ask, text: str, *, reason: str, expires_at: float) -> Ask:
+    def _ask(self, question: ask_statement.Ask, text: str, *, reason: str, expires_at: float) -> AskNotice:
         left_ms = min(self._timeout_ms, int((expires_at - self._wall_s()) * 1000 + 0.5))
-        return Ask(
+        return AskNotice(
             ask_id=question.ask_id,
             agent=question.agent,
             request_digest=question.request_digest,
@@ -216,7 +216,9 @@ class Asks:
             text=text,
         )
 
-    def _standing(self, key: Key, seen: ApprovalReading | NotCollected | None) -> tuple[AskState, Ask | None] | None:
+    def _standing(
+        self, key: Key, seen: ApprovalReading | NotCollected | None
+    ) -> tuple[AskState, AskNotice | None] | None:
         """What already stands for this question, or that there is no room for it; None when it is to be asked.
 
         A question that was open when the evidence was collected, and was answered since, stands: people have just
@@ -240,14 +242,14 @@ class Asks:
                 return AskState.REFUSED, None
         return None
 
-    def expire(self) -> tuple[Ask, ...]:
+    def expire(self) -> tuple[AskNotice, ...]:
         """The deferrals whose time was over now; for each a denial is on record.
 
         Raises:
             pep.base.errors.JournalError: when one could not be recorded; it then stays open, and the next call tries
             again.
         """
-        ended: list[Ask] = []
+        ended: list[AskNotice] = []
         with self._writing:
             now_ms = self._clock.monotonic_ms()
             with self._lock:
@@ -294,7 +296,7 @@ class Asks:
             if ask_id in self._deferrals:
                 self._deferrals[ask_id].posted = True
 
-    def unposted(self) -> tuple[Ask, ...]:
+    def unposted(self) -> tuple[AskNotice, ...]:
         """The open deferrals that the provider does not have yet."""
         with self._lock:
             return tuple(d.ask for d in self._deferrals.values() if d.state is AskState.OPEN and not d.posted)
@@ -342,7 +344,7 @@ class Asks:
             if digest in ballots or digest in deferral.rejected:
                 continue
             read = read_vote(text, deferral.question, ask.text, registered, at=self._wall_s(), caps=self._caps)
-            if isinstance(read, Ballot):
+            if isinstance(read, VerifiedVote):
                 ballots[digest] = read
             elif len(deferral.rejected) < answers_statement.VOTES:
                 self._reject("vote", ask.ask_id, digest, read)
@@ -365,7 +367,7 @@ class Asks:
         for text in texts:
             leave = known.get(text) or read_opening(text, self._asker.audience, registered, caps=self._caps)
             digest = _digest(text)
-            if isinstance(leave, Leave):
+            if isinstance(leave, VerifiedOpening):
                 taken.append(leave)
             elif digest not in self._rejected_openings and len(self._rejected_openings) < KEPT:
                 self._reject("opening", "", digest, leave)
@@ -373,7 +375,7 @@ class Asks:
         with self._lock:
             self._leaves.replace(taken, sent_ms=sent_ms)
 
-    def _reject(self, what: str, ask_id: str, digest: str, rejected: Rejected) -> None:
+    def _reject(self, what: str, ask_id: str, digest: str, rejected: RejectedStatement) -> None:
         """A statement that does not count is on record, once."""
         body: dict[str, object] = {"what": f"{what}-rejected", "digest": digest, "fault": str(rejected.code)}
         self._journal.append("incident", {**body, "ask_id": ask_id} if ask_id else body)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from capabilities.statements import ask as ask_statement
     from capabilities.values.chain import Chain
     from capabilities.values.scope import Tier
-    from pep.people.votes import Ballot, Tally
+    from pep.people.votes import Tally, VerifiedVote
     from policies.evidence.model import Request
 
 RESERVED_MS: Final = 5_000
@@ -53,7 +53,7 @@ ANSWERED: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class AskNotice:
     """What a caller is told of a deferral.
 
     Attributes:
@@ -95,11 +95,11 @@ class Deferral:
         refused_until_ms: until when the same question is not put again (monotonic).
     """
 
-    ask: Ask
+    ask: AskNotice
     question: ask_statement.Ask
     key: Key
     state: AskState = AskState.OPEN
-    ballots: dict[str, Ballot] = field(default_factory=dict)
+    ballots: dict[str, VerifiedVote] = field(default_factory=dict)
     rejected: set[str] = field(default_factory=set)
     word_ms: int | None = None
     used: dict[int, str] = field(default_factory=dict)
@@ -210,7 +210,7 @@ def key_of(question: ask_statement.Ask) -> Key:
     return holder, frozenset(question.reasons), question.tier
 
 
-def opened_body(ask: Ask) -> dict[str, object]:
+def opened_body(ask: AskNotice) -> dict[str, object]:
     """The body of an "ask" record: the whole signed ask, before anybody sees it."""
     return {
         "ask_id": ask.ask_id,
@@ -222,7 +222,7 @@ def opened_body(ask: Ask) -> dict[str, object]:
     }
 
 
-def answered_body(ask: Ask, counted: Tally, ballots: Iterable[Ballot]) -> dict[str, object]:
+def answered_body(ask: AskNotice, counted: Tally, ballots: Iterable[VerifiedVote]) -> dict[str, object]:
     """The body of an "ask-answered" record: what the votes come to, and the votes as they were signed."""
     return {
         "ask_id": ask.ask_id,
@@ -248,7 +248,7 @@ def expired_body(ask_id: str, request_digest: str) -> dict[str, object]:
 class Announcer(Protocol):
     """Tells people of a deferral."""
 
-    async def announce(self, ask: Ask) -> AskState:
+    async def announce(self, ask: AskNotice) -> AskState:
         """What has become of it after one try to tell: `OPEN`, told or still to be told, or `REFUSED`.
 
         Never raises for a provider that cannot be reached, and waits for it at most about a second.

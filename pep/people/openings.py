@@ -10,15 +10,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from capabilities.values.chain import Chain
-    from pep.people.votes import Leave
+    from pep.people.votes import VerifiedOpening
     from policies.evidence.model import Request
 
 
-class Leaves:
+class Openings:
     """The openings that the provider told of last. The caller serialises the calls."""
 
     def __init__(self) -> None:
-        self._known: dict[str, Leave] = {}
+        self._known: dict[str, VerifiedOpening] = {}
         self._word_ms = 0
         self._used: dict[str, set[str]] = {}
 
@@ -26,11 +26,11 @@ class Leaves:
         """How many there are, over or not."""
         return len(self._known)
 
-    def by_text(self) -> dict[str, Leave]:
+    def by_text(self) -> dict[str, VerifiedOpening]:
         """Those that were verified before, by their text."""
         return {leave.text: leave for leave in self._known.values()}
 
-    def replace(self, leaves: Iterable[Leave], *, sent_ms: int) -> None:
+    def replace(self, leaves: Iterable[VerifiedOpening], *, sent_ms: int) -> None:
         """These and no others are in force. One that the provider tells of no more was withdrawn, or is over.
 
         Args:

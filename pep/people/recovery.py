@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class Left:
+class RecoveredAsk:
     """A deferral as the journal left it, with the request of each use that it consumed."""
 
     question: ask_statement.Ask
@@ -29,7 +29,7 @@ class Left:
 
 
 @dataclass(frozen=True, slots=True)
-class Remains:
+class RecoveredState:
     """All of them, oldest first.
 
     Attributes:
@@ -38,12 +38,12 @@ class Remains:
         high_s: the latest wall time in the journal, seconds since the epoch.
     """
 
-    asks: tuple[Left, ...]
+    asks: tuple[RecoveredAsk, ...]
     opening_uses: frozenset[tuple[str, str]]
     high_s: float
 
 
-def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: Caps) -> Remains:
+def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: Caps) -> RecoveredState:
     """What is left of an earlier process.
 
     A use counts as consumed from the record of its PERMIT on, whatever came of it, unless the outcome says that it was
@@ -54,7 +54,7 @@ def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: 
         keys: this PEP's; an ask that no such key signed is no question of ours.
         caps: bounds on statements.
     """
-    asks: dict[str, Left] = {}
+    asks: dict[str, RecoveredAsk] = {}
     over: set[str] = set()
     high_ms = 0
     for record in records:
@@ -66,7 +66,9 @@ def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: 
                     question = ask_statement.open(body["ask"], keys, caps)
                 except StatementError:
                     continue
-                asks[question.ask_id] = Left(question, body["ask"], body["reason"], body["expires_at_ms"] / 1000)
+                asks[question.ask_id] = RecoveredAsk(
+                    question, body["ask"], body["reason"], body["expires_at_ms"] / 1000
+                )
             case "ask-answered" if body["ask_id"] in asks:
                 asks[body["ask_id"]].state = AskState(body["state"])
                 asks[body["ask_id"]].not_after = body["not_after"]
@@ -82,7 +84,7 @@ def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: 
             case _:
                 pass
     uses = {(left.question.opening_id, request_id) for left in asks.values() for request_id in left.used.values()}
-    return Remains(
+    return RecoveredState(
         asks=tuple(left for ask_id, left in asks.items() if ask_id not in over),
         opening_uses=frozenset((opening_id, request_id) for opening_id, request_id in uses if opening_id),
         high_s=high_ms / 1000,

@@ -41,14 +41,14 @@ class VoteFault(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
+class RejectedStatement:
     """A statement that is not believed, and why."""
 
     code: VoteFault | FaultCode
 
 
 @dataclass(frozen=True, slots=True)
-class Ballot:
+class VerifiedVote:
     """A verified vote, its text, and the raw key that signed it."""
 
     text: str
@@ -57,7 +57,7 @@ class Ballot:
 
 
 @dataclass(frozen=True, slots=True)
-class Leave:
+class VerifiedOpening:
     """A verified opening, its text, and the raw key that signed it."""
 
     text: str
@@ -95,7 +95,7 @@ class Tally:
 
 def read_vote(
     text: str, question: Ask, question_text: str, approvers: Mapping[str, bytes], *, at: float, caps: Caps
-) -> Ballot | Rejected:
+) -> VerifiedVote | RejectedStatement:
     """The vote, when a registered approver signed it, in time, for exactly this ask.
 
     Args:
@@ -109,23 +109,25 @@ def read_vote(
     try:
         vote = vote_statement.open(text, list(approvers.values()), caps)
     except CapabilityError as error:
-        return Rejected(error.code)
+        return RejectedStatement(error.code)
     signer = signer_thumbprint(text)
     key = approvers.get(vote.approver)
     if key is None or keys.thumbprint(key) != signer:
-        return Rejected(VoteFault.VOTE_NOT_YOURS)
+        return RejectedStatement(VoteFault.VOTE_NOT_YOURS)
     if signer == question.agent_key:
-        return Rejected(VoteFault.NOT_PERMITTED)
+        return RejectedStatement(VoteFault.NOT_PERMITTED)
     asked = (question.ask_id, question.nonce, vote_statement.digest_of(question_text))
     if (vote.ask_id, vote.nonce, vote.ask_digest) != asked:
-        return Rejected(VoteFault.VOTE_NOT_FOR_THIS_ASK)
+        return RejectedStatement(VoteFault.VOTE_NOT_FOR_THIS_ASK)
     signed_in_time = question.asked_at <= vote.at <= at + caps.skew_s
     if not (signed_in_time and vote.at < vote.not_after <= vote.at + VOTE_LIFETIME_S + caps.skew_s):
-        return Rejected(VoteFault.VOTE_OUT_OF_TIME)
-    return Ballot(text, vote, key)
+        return RejectedStatement(VoteFault.VOTE_OUT_OF_TIME)
+    return VerifiedVote(text, vote, key)
 
 
-def read_opening(text: str, audience: str, approvers: Mapping[str, bytes], *, caps: Caps) -> Leave | Rejected:
+def read_opening(
+    text: str, audience: str, approvers: Mapping[str, bytes], *, caps: Caps
+) -> VerifiedOpening | RejectedStatement:
     """The opening, when a registered approver signed it for this audience.
 
     Args:
@@ -137,16 +139,16 @@ def read_opening(text: str, audience: str, approvers: Mapping[str, bytes], *, ca
     try:
         opening = opening_statement.open(text, list(approvers.values()), caps)
     except CapabilityError as error:
-        return Rejected(error.code)
+        return RejectedStatement(error.code)
     key = approvers.get(opening.opener)
     if key is None or keys.thumbprint(key) != signer_thumbprint(text):
-        return Rejected(VoteFault.VOTE_NOT_YOURS)
+        return RejectedStatement(VoteFault.VOTE_NOT_YOURS)
     if opening.audience != audience:
-        return Rejected(VoteFault.OPENING_NOT_FOR_US)
-    return Leave(text, opening, key)
+        return RejectedStatement(VoteFault.OPENING_NOT_FOR_US)
+    return VerifiedOpening(text, opening, key)
 
 
-def tally(ballots: Iterable[Ballot], question: Ask, approvers: Mapping[str, bytes]) -> Tally:
+def tally(ballots: Iterable[VerifiedVote], question: Ask, approvers: Mapping[str, bytes]) -> Tally:
     """What the votes come to: each person once, the newest vote counting, by people who are registered now.
 
     One deny ends the ask for good. A withdrawal ends what its author approved, and the ask with it.

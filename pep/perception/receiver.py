@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Final
 
-from pep.perception.sensor_frames import FRAME_BYTES, NOBODY, FrameFault, Rejected
+from pep.perception.sensor_frames import FRAME_BYTES, NOBODY, FrameFault, RejectedFrame
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +25,7 @@ INCIDENT_PERIOD_MS: Final = 1_000
 """Equal incidents within this time are one record with a count, so that a flood of bad frames is no flood of syncs."""
 
 
-class Receiver:
+class FrameReceiver:
     """Listens for frames and hands each to the frames' judge.
 
     Args:
@@ -58,7 +58,7 @@ class Receiver:
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(self._writers) >= CONNECTIONS:
-            self._tell(Rejected(FrameFault.TOO_MANY_SENDERS, NOBODY))
+            self._tell(RejectedFrame(FrameFault.TOO_MANY_SENDERS, NOBODY))
             writer.close()
             return
         self._writers.add(writer)
@@ -87,7 +87,7 @@ class Receiver:
             self._tell(self._frames.reject(FrameFault.TOO_LARGE))
             return False
         verdict = self._frames.admit(line[:-1])
-        if isinstance(verdict, Rejected):
+        if isinstance(verdict, RejectedFrame):
             self._tell(verdict)
             return verdict.fault not in STRANGERS
         patience.reschedule(None)
@@ -96,7 +96,7 @@ class Receiver:
             self._tell(odd)
         return True
 
-    def _tell(self, rejected: Rejected) -> None:
+    def _tell(self, rejected: RejectedFrame) -> None:
         """The incident is told, at most once in a while for the same sensor and fault."""
         # A name that nobody registered is the sender's choice; counting by it would let every frame be news.
         key = (rejected.sensor if self._frames.knows(rejected.sensor) else "", str(rejected.fault))

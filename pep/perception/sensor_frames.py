@@ -57,7 +57,7 @@ class FrameFault(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class SensorFrame:
     """A believed frame.
 
     Attributes:
@@ -84,7 +84,7 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
+class RejectedFrame:
     """A frame that is not believed. `sensor` is the one that it claims, or "" when none can be told."""
 
     fault: FrameFault
@@ -102,7 +102,7 @@ class Seen:
         silent: sensors of which there is none; while there are any, the view is not complete.
     """
 
-    frames: tuple[Frame, ...]
+    frames: tuple[SensorFrame, ...]
     age_ms: int
     silent: tuple[str, ...] = ()
 
@@ -127,19 +127,19 @@ class Unseen:
 class Distrusted:
     """The newest frame of a sensor is one that must not be believed."""
 
-    rejected: Rejected
+    rejected: RejectedFrame
 
 
 View: TypeAlias = Seen | Unseen | Distrusted
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class SensorStatus:
     """One sensor at one instant: its newest believed frame, and the newer one that is not believed, if there is one."""
 
     sensor: str
-    frame: Frame | None
-    rejected: Rejected | None
+    frame: SensorFrame | None
+    rejected: RejectedFrame | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,7 @@ class Look:
         taken_ms: monotonic time.
     """
 
-    heard: tuple[Heard, ...]
+    heard: tuple[SensorStatus, ...]
     taken_ms: int
 
     def age_ms(self, now_ms: int) -> int | None:
@@ -206,11 +206,11 @@ class Frames:
         self._clock = clock
         self._caps = caps
         self._lock = threading.Lock()
-        self._newest: dict[str, Frame] = {}
-        self._rejected: dict[str, Rejected] = {}
+        self._newest: dict[str, SensorFrame] = {}
+        self._rejected: dict[str, RejectedFrame] = {}
         self._boots: dict[str, OrderedDict[str, None]] = {}
 
-    def admit(self, text: bytes) -> Frame | Rejected:
+    def admit(self, text: bytes) -> SensorFrame | RejectedFrame:
         """The frame, now the newest of its sensor; or why it is not believed, and then that is the newest.
 
         Args:
@@ -219,7 +219,7 @@ class Frames:
         arrived_ms = self._clock.monotonic_ms()
         with self._lock:
             verdict = self._judge(text, arrived_ms)
-            if isinstance(verdict, Frame):
+            if isinstance(verdict, SensorFrame):
                 self._newest[verdict.observation.sensor] = verdict
                 self._rejected.pop(verdict.observation.sensor, None)
                 # Noise that nobody signed is outlived by the next frame that somebody did.
@@ -228,9 +228,9 @@ class Frames:
                 self._rejected[verdict.sensor if self.knows(verdict.sensor) else NOBODY] = verdict
             return verdict
 
-    def reject(self, fault: FrameFault, *, sensor: str = NOBODY) -> Rejected:
+    def reject(self, fault: FrameFault, *, sensor: str = NOBODY) -> RejectedFrame:
         """A frame that could not even be read counts as the newest, too."""
-        rejected = Rejected(fault, sensor)
+        rejected = RejectedFrame(fault, sensor)
         with self._lock:
             self._rejected[sensor if self.knows(sensor) else NOBODY] = rejected
         return rejected
@@ -247,14 +247,14 @@ class Frames:
             noise = self._rejected.get(NOBODY)
             taken_ms = self._clock.monotonic_ms()
         if noise is not None:
-            heard.insert(0, Heard(NOBODY, None, noise))
+            heard.insert(0, SensorStatus(NOBODY, None, noise))
         return Look(tuple(heard), taken_ms)
 
     def view(self) -> View:
         """The world as it may be believed now."""
         return self.look().view()
 
-    def contradiction(self, frame: Frame) -> Rejected | None:
+    def contradiction(self, frame: SensorFrame) -> RejectedFrame | None:
         """What another complete and fresh frame shows about people that `frame` does not, or the other way round."""
         with self._lock:
             others = [other for name, other in self._newest.items() if name != frame.observation.sensor]
@@ -262,55 +262,55 @@ class Frames:
             apart_ms = abs(frame.arrived_ms - other.arrived_ms)
             detail = contradicted(frame.observation, other.observation, apart_ms=apart_ms)
             if detail:
-                return Rejected(FrameFault.CONTRADICTED, frame.observation.sensor, detail)
+                return RejectedFrame(FrameFault.CONTRADICTED, frame.observation.sensor, detail)
         return None
 
     def _watching(self) -> Mapping[str, RegisteredSensor]:
         """The sensors that the cell names, as far as the registry knows them."""
         return {name: sensor for name, sensor in self._sensors.sensors().items() if name in self._named}
 
-    def _heard(self, name: str, registered: RegisteredSensor | None) -> Heard:
+    def _heard(self, name: str, registered: RegisteredSensor | None) -> SensorStatus:
         frame = self._newest.get(name)
         vouched = frame is not None and frame.judged_as == registered
-        return Heard(name, frame if vouched else None, None if registered is None else self._rejected.get(name))
+        return SensorStatus(name, frame if vouched else None, None if registered is None else self._rejected.get(name))
 
-    def _judge(self, text: bytes, arrived_ms: int) -> Frame | Rejected:
+    def _judge(self, text: bytes, arrived_ms: int) -> SensorFrame | RejectedFrame:
         """The numbered recipe of a frame."""
         claimed = _claimed_sensor(text)
         # 1 size, before anything is parsed
         if not len(text) <= FRAME_BYTES:
-            return Rejected(FrameFault.TOO_LARGE, claimed)
+            return RejectedFrame(FrameFault.TOO_LARGE, claimed)
         try:
             compact = text.decode("ascii")
         except UnicodeDecodeError:
-            return Rejected(FrameFault.MALFORMED, claimed)
+            return RejectedFrame(FrameFault.MALFORMED, claimed)
         # 2 the sensor is one of the cell's
         sensor = self._watching().get(claimed)
         if sensor is None:
-            return Rejected(FrameFault.UNKNOWN_SENSOR if claimed else FrameFault.MALFORMED, claimed)
+            return RejectedFrame(FrameFault.UNKNOWN_SENSOR if claimed else FrameFault.MALFORMED, claimed)
         # 3 its own key signed it: another sensor's is as good as a stranger's
         try:
             seen = observation.open(compact, frozenset({sensor.key}), self._caps)
         except CapabilityError as error:
-            return Rejected(FrameFault.UNTRUSTED, claimed, str(error.code))
+            return RejectedFrame(FrameFault.UNTRUSTED, claimed, str(error.code))
         return self._in_order(seen, sensor, arrived_ms)
 
-    def _in_order(self, seen: Observation, sensor: RegisteredSensor, arrived_ms: int) -> Frame | Rejected:
+    def _in_order(self, seen: Observation, sensor: RegisteredSensor, arrived_ms: int) -> SensorFrame | RejectedFrame:
         # 4 what was verified names the sensor whose key verified it
         if seen.sensor != sensor.sensor:
-            return Rejected(FrameFault.WRONG_SENSOR, sensor.sensor)
+            return RejectedFrame(FrameFault.WRONG_SENSOR, sensor.sensor)
         # 5 the calibration is the registered one
         if seen.calibration != sensor.calibration:
-            return Rejected(FrameFault.WRONG_CALIBRATION, sensor.sensor)
+            return RejectedFrame(FrameFault.WRONG_CALIBRATION, sensor.sensor)
         # 6 newer than every frame before it
         if not self._newer(seen):
-            return Rejected(FrameFault.NOT_NEWER, sensor.sensor)
+            return RejectedFrame(FrameFault.NOT_NEWER, sensor.sensor)
         # 7 captured about now, by its sender's clock: a recording from before our start has no predecessor here
         drift_ms = self._clock.wall_s() * 1000 - seen.captured_ms
         if not -SKEW_MS <= drift_ms <= SKEW_MS + sensor.transit_ms:
-            return Rejected(FrameFault.OUT_OF_TIME, sensor.sensor)
+            return RejectedFrame(FrameFault.OUT_OF_TIME, sensor.sensor)
         # A frame that was held up on the way is as old as its sender's clock says, if that is more than the transit.
-        return Frame(seen, arrived_ms, max(sensor.transit_ms, math.ceil(drift_ms)), sensor)
+        return SensorFrame(seen, arrived_ms, max(sensor.transit_ms, math.ceil(drift_ms)), sensor)
 
     def _newer(self, seen: Observation) -> bool:
         """Whether the frame follows its sensor's last one: higher sequence in one boot, later capture in a new boot."""

@@ -25,7 +25,7 @@ from pep.pit.base.motion import (
     SpeedL,
 )
 from pep.pit.robot.calibration import Calibration
-from pep.pit.robot.gripped_object import Held
+from pep.pit.robot.gripped_object import GrippedObject
 from pep.pit.robot.outfit import Outfit
 from pep.pit.robot.robot import Robot
 from pep.pit.robot.urdf_robot import robot_of
@@ -63,8 +63,8 @@ __all__ = [
     "Certificate",
     "Contact",
     "Convex",
+    "GrippedObject",
     "GripperMove",
-    "Held",
     "JointLeg",
     "JointPath",
     "LineLeg",

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
     from pep.people.ask_composer import Asker
     from pep.people.asks import Asks
-    from pep.people.deferral import Ask
+    from pep.people.deferral import AskNotice
 
 PERIOD_S: Final = 0.25
 """Time between pulls while an answer could matter: an eighth of the motion lease, on which an approval counts."""
@@ -45,7 +45,7 @@ REFUSAL_BYTES: Final = 4_096
 """Longest answer to a post that is read."""
 
 
-class Asking:
+class AskClient:
     """The `Announcer` port, and the loops behind it.
 
     Args:
@@ -79,7 +79,7 @@ class Asking:
         self._asked = asyncio.Event()
         self._next_ms: dict[str, tuple[int, int]] = {}
 
-    async def announce(self, ask: Ask) -> AskState:
+    async def announce(self, ask: AskNotice) -> AskState:
         """What has become of it after one try to post it, or at once when it was tried before."""
         self._asked.set()
         if ask.ask_id not in self._next_ms:
@@ -126,7 +126,7 @@ class Asking:
 
     # -- posting
 
-    async def _post(self, ask: Ask) -> None:
+    async def _post(self, ask: AskNotice) -> None:
         """One try. What the provider does not take is tried again later, while the deferral is open."""
         tries = self._next_ms.get(ask.ask_id, (0, 0))[0]
         wait_ms = int(BACK_OFF_S[min(tries, len(BACK_OFF_S) - 1)] * 1000)

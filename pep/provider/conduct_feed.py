@@ -31,7 +31,7 @@ PERIOD_S: Final = 1.0
 NONCE_BYTES: Final = 24
 
 
-class Standings:
+class ConductFeed:
     """What the identity provider has said of conduct so far.
 
     Args:

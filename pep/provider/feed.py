@@ -26,7 +26,7 @@ from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, PepFault
 from pep.base.files import replace_file
 from pep.base.ports import RegisteredSensor, RegisteredTool
-from pep.provider.conduct_feed import Standings
+from pep.provider.conduct_feed import ConductFeed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -56,7 +56,7 @@ LONGEST_BACKOFF_S: Final = 8.0
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class FeedMark:
     """The high-water mark that survives restarts.
 
     Attributes:
@@ -70,13 +70,13 @@ class Mark:
     registry_version: int
 
 
-class MarkFile:
+class FeedMarkFile:
     """The mark on disk, replaced atomically and synced."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
-    def read(self, issuer: str) -> Mark:
+    def read(self, issuer: str) -> FeedMark:
         """The stored mark, or zeros when there is none yet.
 
         Raises:
@@ -85,14 +85,14 @@ class MarkFile:
         """
         try:
             stored = json.loads(self._path.read_bytes())
-            mark = Mark(str(stored["issuer"]), int(stored["epoch"]), int(stored["registry_version"]))
+            mark = FeedMark(str(stored["issuer"]), int(stored["epoch"]), int(stored["registry_version"]))
         except FileNotFoundError:
-            return Mark(issuer, 0, 0)
+            return FeedMark(issuer, 0, 0)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise FeedError(PepFault.STATE_UNREADABLE, str(self._path)) from error
-        return mark if mark.issuer == issuer else Mark(issuer, 0, 0)
+        return mark if mark.issuer == issuer else FeedMark(issuer, 0, 0)
 
-    def write(self, mark: Mark) -> None:
+    def write(self, mark: FeedMark) -> None:
         """The mark is on disk.
 
         Raises:
@@ -103,7 +103,7 @@ class MarkFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class AcceptedFeed:
     """What has been accepted so far.
 
     Attributes:
@@ -119,7 +119,7 @@ class Known:
     snapshot: RegistrySnapshot
 
 
-class Follower:
+class ProviderFollower:
     """The `RevocationFeed`, `Registry`, `Sensors` and `Approvers` ports over HTTP.
 
     An index is published only together with the registry version that it names: when one of the two cannot be had,
@@ -148,7 +148,7 @@ class Follower:
         trust: TrustBundle,
         caps: Caps,
         clock: Clock,
-        mark: MarkFile,
+        mark: FeedMarkFile,
         incident: Callable[[FeedError], None],
     ) -> None:
         self._http = http
@@ -160,7 +160,7 @@ class Follower:
         self._mark_file = mark
         self._mark = mark.read(issuer)
         self._incident = incident
-        self._known: Known | None = None
+        self._known: AcceptedFeed | None = None
         self._sensors: dict[str, RegisteredSensor] = {}
         self._moving = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -170,7 +170,7 @@ class Follower:
         self._over = asyncio.Event()
         self._approvers: dict[str, bytes] = {}
         self._peps: dict[str, bytes] = {}
-        self.standings = Standings(self._get, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident)
+        self.standings = ConductFeed(self._get, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident)
 
     # -- ports
 
@@ -316,7 +316,7 @@ class Follower:
         snapshot = known.snapshot if known is not None else None
         if snapshot is None or snapshot.version != index.registry_version:
             snapshot = await self._registry(least=index.registry_version)
-        mark = Mark(self._issuer, index.epoch, snapshot.version)
+        mark = FeedMark(self._issuer, index.epoch, snapshot.version)
         if mark != self._mark:
             try:
                 await asyncio.to_thread(self._mark_file.write, mark)
@@ -327,7 +327,7 @@ class Follower:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
             self._approvers = {approver.id: approver.key for approver in snapshot.approvers}
             self._peps = {pep.id: pep.key for pep in snapshot.peps}
-        self._known = Known(index.epoch, fresh if known is None else known.revoked, sent_ms, snapshot)
+        self._known = AcceptedFeed(index.epoch, fresh if known is None else known.revoked, sent_ms, snapshot)
 
     async def _ask_all(self, since: int) -> tuple[RevocationIndex, frozenset[tuple[str, str]]]:
         """Everything after `since`, page by page: the last index, and what was revoked."""

@@ -26,7 +26,7 @@ BACK_OFF_S: Final = 5.0
 TIMEOUT_S: Final = 10.0
 
 
-class Shipper:
+class JournalShipper:
     """Posts what the ledger does not have yet, in order, with this PEP's proof.
 
     Args:

@@ -23,7 +23,7 @@ NO_TOKEN: Final = Fault(FaultCode.TOKEN_MISSING, "TOK-1", "no token was presente
 
 
 @dataclass(frozen=True, slots=True)
-class Presented:
+class PresentedRequest:
     """What came over the wire, unverified.
 
     Attributes:
@@ -105,7 +105,7 @@ class Authority:
         self._audience = audience
         self._started_s = started_s
 
-    def check(self, presented: Presented, *, lease_ms: int) -> Credentials:
+    def check(self, presented: PresentedRequest, *, lease_ms: int) -> Credentials:
         """The caller's credentials, with the first fault of steps 1 to 10.
 
         Args:
@@ -132,7 +132,7 @@ class Authority:
             token, at=self._clock.wall_s(), audience=self._audience, view=self._feed.view(), lease_ms=lease_ms
         )
 
-    def _prove(self, presented: Presented, so_far: Credentials, chain: Chain) -> Credentials:
+    def _prove(self, presented: PresentedRequest, so_far: Credentials, chain: Chain) -> Credentials:
         """[TOK-10] proof of possession by the leaf's key, and replay. The id is stored whatever comes after."""
         if presented.proof is None:
             return replace(so_far, proof=Fault(FaultCode.PROOF_MISSING, PROOF_CLAUSE, "no proof was presented"))

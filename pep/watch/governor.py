@@ -33,7 +33,7 @@ class Slider(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Speeds:
+class ReportedSpeeds:
     """What the robot says of its speed, as fractions of the commanded one.
 
     Attributes:
@@ -149,7 +149,7 @@ class Governor:
         changes: of the speed, in order.
     """
 
-    def __init__(self, slider: Slider, *, pacing: Pacing, least: float, speeds: Speeds, now_ms: int) -> None:
+    def __init__(self, slider: Slider, *, pacing: Pacing, least: float, speeds: ReportedSpeeds, now_ms: int) -> None:
         self.changes: list[Change] = []
         self._slider = slider
         self._pacing = pacing
@@ -186,7 +186,7 @@ class Governor:
         """The fraction that was asked for last."""
         return self._ordered
 
-    def hear(self, speeds: Speeds, *, now_ms: int) -> str:
+    def hear(self, speeds: ReportedSpeeds, *, now_ms: int) -> str:
         """What the robot says is taken in. Why the motion has to be stopped, or "" when it goes as it should.
 
         Args:
@@ -257,7 +257,7 @@ class Governor:
     def _at(self, fraction: float) -> bool:
         return abs(self._speeds.slider - fraction) <= MARGIN
 
-    def put_back(self, speeds: Speeds, *, now_ms: int) -> bool:
+    def put_back(self, speeds: ReportedSpeeds, *, now_ms: int) -> bool:
         """After `end`: whether the robot says that its slider is where it was."""
         self._speeds = speeds
         self._confirm_rise(now_ms)

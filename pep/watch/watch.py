@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from concurrent.futures import Future
 
-    from pep.base.ports import Clock, Remaining, Rest
+    from pep.base.ports import Clock, RemainingImpact, RemainingVerdict
     from pep.perception.sensor_frames import View
     from pep.pit import CellParameters
     from pep.request.permit import Permit
-    from pep.watch.governor import Governor, Speeds
+    from pep.watch.governor import Governor, ReportedSpeeds
 
 LOOK_MS: Final = 8
 """Longest pause between two looks at what moves: four packages of the controller."""
@@ -36,7 +36,7 @@ UNCHANGED_PERIOD_MS: Final = 100
 """One that shows the same, this often: it still holds, but the arm may have left its way."""
 
 
-class End(StrEnum):
+class MotionOutcome(StrEnum):
     """How a motion ended."""
 
     REACHED = "reached"
@@ -65,7 +65,7 @@ class Alarm:
         authorised_milli: index of the verdict.
     """
 
-    end: End
+    end: MotionOutcome
     reason: str
     seen_ms: int
     what: str
@@ -92,7 +92,7 @@ class Alarm:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class WatchAges:
     """How old what the watch goes by may be, in ms.
 
     Attributes:
@@ -106,14 +106,14 @@ class Limits:
     look_ms: int
 
     @staticmethod
-    def of(cell: CellParameters) -> Limits:
+    def of(cell: CellParameters) -> WatchAges:
         """The limits that the cell's stop model reckons with (docs/physics.md, PHY-2).
 
         T_r = `watch_age_limit_s` + `reaction_s` is the time from an event to the stop: an arm that is judged on older
         frames than that is stopped later than the index assumes.
         """
         view_ms = int(cell.watch_age_limit_s * 1000)
-        return Limits(view_ms=view_ms, judged_ms=view_ms + int(cell.reaction_s * 1000), look_ms=view_ms)
+        return WatchAges(view_ms=view_ms, judged_ms=view_ms + int(cell.reaction_s * 1000), look_ms=view_ms)
 
 
 class Views(Protocol):
@@ -141,11 +141,11 @@ class Watch:
         self,
         permit: Permit,
         *,
-        remaining: Remaining,
+        remaining: RemainingImpact,
         views: Views,
-        limits: Limits,
+        limits: WatchAges,
         clock: Clock,
-        submit: Callable[[Callable[[], Rest]], Future[Rest]],
+        submit: Callable[[Callable[[], RemainingVerdict]], Future[RemainingVerdict]],
         governor: Governor | None = None,
     ) -> None:
         self._permit = permit
@@ -160,10 +160,10 @@ class Watch:
         self._looked_ms = now
         self._asked_ms = now - UNCHANGED_PERIOD_MS
         self._judged_ms = now  # the verdict itself: the time to send it is far below every limit
-        self._judging: Future[Rest] | None = None
+        self._judging: Future[RemainingVerdict] | None = None
         self._held: object = None
 
-    def look(self, q_rad: Sequence[float], speeds: Speeds | None = None) -> Alarm | None:
+    def look(self, q_rad: Sequence[float], speeds: ReportedSpeeds | None = None) -> Alarm | None:
         """The first thing that is not as it was authorised, or None.
 
         Args:
@@ -176,7 +176,7 @@ class Watch:
             self._authority(now) or self._lateness(now, since_ms) or self._speed(now, speeds) or self._world(now, q_rad)
         )
 
-    def _speed(self, now: int, speeds: Speeds | None) -> Alarm | None:
+    def _speed(self, now: int, speeds: ReportedSpeeds | None) -> Alarm | None:
         """Whether the arm is as slow as it has to be."""
         if self._governor is None or speeds is None:
             return None
@@ -187,7 +187,7 @@ class Watch:
         fault = self._permit.standing()
         if fault is None:
             return None
-        return Alarm(End.AUTHORITY_LOST, str(fault.code), now, fault.clause, None, self._permit.index_milli)
+        return Alarm(MotionOutcome.AUTHORITY_LOST, str(fault.code), now, fault.clause, None, self._permit.index_milli)
 
     def _lateness(self, now: int, since_ms: int) -> Alarm | None:
         if since_ms > self._limits.look_ms:
@@ -239,7 +239,7 @@ class Watch:
             self._judged_ms = self._asked_ms - rest.age_ms
         return None
 
-    def _goes_on(self, rest: Rest, now: int) -> bool:
+    def _goes_on(self, rest: RemainingVerdict, now: int) -> bool:
         """Whether what was judged may go on, at whatever speed."""
         if self._governor is None or self._asked is None:
             return rest.holds
@@ -269,4 +269,4 @@ class Watch:
         return None
 
     def _changed(self, reason: Reason, now: int, what: str, index_milli: int | None = None) -> Alarm:
-        return Alarm(End.WORLD_CHANGED, str(reason), now, what, index_milli, self._permit.index_milli)
+        return Alarm(MotionOutcome.WORLD_CHANGED, str(reason), now, what, index_milli, self._permit.index_milli)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pep.pit import CellParameters
     from pep.pit.base.motion import Joints
     from pep.rtde.robot.state_receiver import JointState
-    from pep.world.held_object import Holding
+    from pep.world.held_object import CommittedGrip
 
 STEP_S: Final = 0.04
 """Ours: longest time for the whole question about one value: whoever asks has an event loop to himself meanwhile."""
@@ -34,7 +34,7 @@ SPEED_LOOKAHEAD_S: Final = 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class Angles:
+class JointAngles:
     """Joint angles to follow, rad, within `lookahead_s`; the next are due after `period_s`."""
 
     q_rad: tuple[float, ...]
@@ -43,14 +43,14 @@ class Angles:
 
 
 @dataclass(frozen=True, slots=True)
-class Speeds:
+class JointSpeeds:
     """Joint speeds to take up and keep until somebody ends them, rad/s; the leading axis at an acceleration, rad/s2."""
 
     qd_rad_s: tuple[float, ...]
     acceleration_rad_s2: float
 
 
-Value: TypeAlias = Angles | Speeds
+Value: TypeAlias = JointAngles | JointSpeeds
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class CellStream:
     """
 
     def __init__(
-        self, *, holding: Holding, cell: CellParameters, frames: Frames, touch: frozenset[str], clock: Clock
+        self, *, holding: CommittedGrip, cell: CellParameters, frames: Frames, touch: frozenset[str], clock: Clock
     ) -> None:
         self._holding = holding
         self._robot = holding.robot
@@ -147,9 +147,9 @@ class CellStream:
 def _motion(value: Value, state: JointState, cell: CellParameters) -> ServoJ | SpeedJ:
     start, now = state.q_rad, state.qd_rad_s
     match value:
-        case Angles(q_rad, period_s, lookahead_s):
+        case JointAngles(q_rad, period_s, lookahead_s):
             return ServoJ(start, now, q_rad, period_s, lookahead_s)  # type: ignore[arg-type]  # six, counted where they were read
-        case Speeds(qd_rad_s, acceleration_rad_s2):
+        case JointSpeeds(qd_rad_s, acceleration_rad_s2):
             held = SpeedJ(start, qd_rad_s, acceleration_rad_s2, AGAIN_S)  # type: ignore[arg-type]
             if moves_with(held, now):
                 return held

@@ -14,12 +14,12 @@ from pep.pit import gripped, unknown_part
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from pep.pit import CellParameters, Held, Robot
+    from pep.pit import CellParameters, GrippedObject, Robot
     from pep.pit.base.motion import Joints
     from pep.pit.scene.scene import Thing
 
 
-class Holding:
+class CommittedGrip:
     """The arm with what it holds. Any thread.
 
     Args:
@@ -40,7 +40,7 @@ class Holding:
             return self._now
 
     @property
-    def held(self) -> Held | None:
+    def held(self) -> GrippedObject | None:
         """What it holds."""
         return self.robot.held
 
@@ -57,7 +57,7 @@ class Holding:
         """The fingers have closed on something, and nobody knows on what."""
         self._hold(unknown_part(self._empty, self._cell))
 
-    def _hold(self, held: Held) -> None:
+    def _hold(self, held: GrippedObject) -> None:
         with self._lock:
             self._now = self._empty.holding(held)
 

@@ -15,7 +15,7 @@ from capabilities.values.scope import Tier
 from capabilities.values.units import Unit, si
 from pep.base.errors import RobotError
 from pep.base.operations import Moves, operation_of, targets_of
-from pep.base.ports import Assessed, Rest, Together
+from pep.base.ports import Assessed, RemainingVerdict, Together
 from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Distrusted, Seen, Unseen
 from pep.pit import (
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from pep.perception.sensor_frames import Frames, Look
     from pep.pit import CellParameters, Motion, Remaining, Robot
     from pep.rtde.robot.state_receiver import JointState, RobotState
-    from pep.world.held_object import Holding
+    from pep.world.held_object import CommittedGrip
     from policies.evidence.model import Request
 
 MOTIONS_KEPT: Final = 64
@@ -77,7 +77,7 @@ class CellPhysics:
     def __init__(
         self,
         *,
-        holding: Holding,
+        holding: CommittedGrip,
         cell: CellParameters,
         valid_until_s: int,
         frames: Frames,
@@ -242,7 +242,7 @@ class CellPhysics:
         authorised_milli: int,
         touch: frozenset[str],
         running: float | None,
-    ) -> Rest:
+    ) -> RemainingVerdict:
         """Whether what is left of a motion from these joint angles is proven to be inside what was authorised.
 
         The `Remaining` port: one look at the frames, one judgement; it never raises.
@@ -272,11 +272,13 @@ class CellPhysics:
 
         rest = _told(ask)
         if isinstance(rest, ImpactFault):
-            return Rest(holds=False, index_milli=None, cause=rest.detail, fault=rest.reason, age_ms=age_ms)
+            return RemainingVerdict(holds=False, index_milli=None, cause=rest.detail, fault=rest.reason, age_ms=age_ms)
         view = look.view()
         shown = view.content if isinstance(view, Seen) else None
         pace = None if rest.pace is None else rest.pace.fraction
-        return Rest(rest.holds, rest.index_milli, rest.cause, fault="", age_ms=age_ms, shown=shown, pace=pace)
+        return RemainingVerdict(
+            rest.holds, rest.index_milli, rest.cause, fault="", age_ms=age_ms, shown=shown, pace=pace
+        )
 
     def grip_ended(self, *, on_something: bool, arrived: bool) -> None:
         """A grip has ended: what the arm holds is committed, by the gripper's word and by what the sensors show.
@@ -330,14 +332,14 @@ def tool_position(robot: Robot, q_rad: Sequence[float]) -> tuple[float, float, f
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class AgedScene:
     """The scene to reason about and its age in seconds; both None when there is no view."""
 
     scene: Scene | None
     age_s: float | None
 
 
-def sight_of(look: Look, cell: CellParameters, *, allowance_ms: int = 0) -> Sight | ImpactFault:
+def sight_of(look: Look, cell: CellParameters, *, allowance_ms: int = 0) -> AgedScene | ImpactFault:
     """The scene that a look shows and the age to reckon with, or why it must not be believed.
 
     Args:
@@ -353,9 +355,9 @@ def sight_of(look: Look, cell: CellParameters, *, allowance_ms: int = 0) -> Sigh
         case Distrusted(rejected):
             return ImpactFault(Reason.PERCEPTION_INVALID, f"{rejected.sensor[:64]} {rejected.fault}")
         case Unseen():
-            return Sight(None, None)
+            return AgedScene(None, None)
         case Seen() as seen:
-            return Sight(scene_of(seen, cell), (seen.age_ms + allowance_ms) / 1000)
+            return AgedScene(scene_of(seen, cell), (seen.age_ms + allowance_ms) / 1000)
         case _:
             assert_never(view)
 

@@ -23,8 +23,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from policies.conduct.baseline import BLOCK, FEATURES, act_of
-from policies.conduct.counted_reports import Seen
-from policies.conduct.history import Alarm, Baseline, Career
+from policies.conduct.counted_reports import CountedReports
+from policies.conduct.history import AgentHistory, Alarm, Baseline
 from policies.conduct.report import ReportError, is_text, keyed, listed
 from policies.evidence.conduct_readings import BehaviourReading, Deviation, Feature
 
@@ -56,8 +56,8 @@ class BehaviourState:
         seen: by reporter.
     """
 
-    careers: Mapping[str, Career] = field(default_factory=lambda: MappingProxyType({}))
-    seen: Mapping[str, Seen] = field(default_factory=lambda: MappingProxyType({}))
+    careers: Mapping[str, AgentHistory] = field(default_factory=lambda: MappingProxyType({}))
+    seen: Mapping[str, CountedReports] = field(default_factory=lambda: MappingProxyType({}))
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON, ordered, so that equal states have equal texts."""
@@ -72,7 +72,7 @@ class BehaviourState:
             ReportError: it is not that.
         """
         fields = keyed(body, set(cls.__slots__), "behaviour")
-        readers = {"careers": Career.from_json, "seen": Seen.from_json}
+        readers = {"careers": AgentHistory.from_json, "seen": CountedReports.from_json}
         parts: dict[str, Any] = {}
         for part, reads in readers.items():
             rows = [listed(row, part) for row in listed(fields[part], part)]
@@ -101,13 +101,13 @@ def observe(
     """
     if report.at > now + parameters.skew_s:
         return state
-    seen = state.seen.get(report.reporter, Seen()).added(report.at, report.request_id)
+    seen = state.seen.get(report.reporter, CountedReports()).added(report.at, report.request_id)
     if seen is None:
         return state
     state = replace(state, seen=MappingProxyType({**state.seen, report.reporter: seen}))
     if report.operation == STOP:
         return state
-    career = replace(state.careers.get(report.agent, Career()), role=role)
+    career = replace(state.careers.get(report.agent, AgentHistory()), role=role)
     career, act = _timed(career, report, parameters)
     career, alarms = career.judged(act, _usual(state, report.agent, career), parameters)
     for alarm in alarms:
@@ -126,7 +126,7 @@ def reading(state: BehaviourState, agent: str, at: int, age_ms: int, parameters:
         parameters: of the policy set.
     """
     del at
-    career = state.careers.get(agent, Career())
+    career = state.careers.get(agent, AgentHistory())
     return BehaviourReading(
         agent=agent,
         deviations=tuple(Deviation(d.feature, d.since, d.score_milli) for d in career.deviations),
@@ -160,20 +160,20 @@ def relearn(state: BehaviourState, agent: str, *, by: str, at: int) -> Behaviour
         RestoreError: as in `restore`.
     """
     _known(state, agent, by=by)
-    return _with(state, agent, Career(restored_by=by, restored_at=at))
+    return _with(state, agent, AgentHistory(restored_by=by, restored_at=at))
 
 
-def _known(state: BehaviourState, agent: str, *, by: str) -> Career:
+def _known(state: BehaviourState, agent: str, *, by: str) -> AgentHistory:
     if agent not in state.careers or not is_text(by) or by == agent or by in state.careers or by in state.seen:
         raise RestoreError(agent)
     return state.careers[agent]
 
 
-def _with(state: BehaviourState, agent: str, career: Career) -> BehaviourState:
+def _with(state: BehaviourState, agent: str, career: AgentHistory) -> BehaviourState:
     return replace(state, careers=MappingProxyType({**state.careers, agent: career}))
 
 
-def _timed(career: Career, report: Report, parameters: Parameters) -> tuple[Career, Act]:
+def _timed(career: AgentHistory, report: Report, parameters: Parameters) -> tuple[AgentHistory, Act]:
     """The act, with the time of its block when it ends one.
 
     What comes late is not timed: a reporter that was cut off would make a slow agent look quick.
@@ -187,7 +187,7 @@ def _timed(career: Career, report: Report, parameters: Parameters) -> tuple[Care
     return timed, act_of(report, parameters, span_s=span_s)
 
 
-def _deviated(career: Career, alarm: Alarm, at: int, parameters: Parameters) -> Career:
+def _deviated(career: AgentHistory, alarm: Alarm, at: int, parameters: Parameters) -> AgentHistory:
     """With the alarm in it, and contracted when it is one that contracts."""
     feature = FEATURES[alarm.watch]
     # two questions about one act are one alarm
@@ -199,7 +199,7 @@ def _deviated(career: Career, alarm: Alarm, at: int, parameters: Parameters) -> 
     )
 
 
-def _usual(state: BehaviourState, agent: str, career: Career) -> Baseline | None:
+def _usual(state: BehaviourState, agent: str, career: AgentHistory) -> Baseline | None:
     """What is usual for the other agents of the role, the widest of all that learned and do not deviate."""
     if career.baseline is not None or not career.role:
         return None

@@ -14,7 +14,7 @@ KEPT: Final = 512
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class CountedReports:
     """The newest reports of one reporter, and the instant up to which older ones are forgotten.
 
     What is forgotten could be counted twice, so nothing at or before `floor` is counted: a late report is lost, a
@@ -28,23 +28,23 @@ class Seen:
     floor: int = -1
     kept: tuple[tuple[int, str], ...] = ()
 
-    def added(self, at: int, request_id: str) -> Seen | None:
+    def added(self, at: int, request_id: str) -> CountedReports | None:
         """With this report in it, or None when it is not to be counted."""
         if at <= self.floor or request_id in [known for _, known in self.kept]:
             return None
         kept = list(self.kept)
         insort(kept, (at, request_id))
         if len(kept) <= KEPT:
-            return Seen(self.floor, tuple(kept))
+            return CountedReports(self.floor, tuple(kept))
         floor = kept[KEPT // 2][0]
-        return Seen(floor, tuple(entry for entry in kept if entry[0] > floor))
+        return CountedReports(floor, tuple(entry for entry in kept if entry[0] > floor))
 
     def to_json(self) -> list[Any]:
         """As plain JSON."""
         return [self.floor, [list(entry) for entry in self.kept]]
 
     @classmethod
-    def from_json(cls, body: object) -> Seen:
+    def from_json(cls, body: object) -> CountedReports:
         """What `to_json` wrote.
 
         Raises:

@@ -40,7 +40,7 @@ class Alarm(NamedTuple):
     score_milli: int
 
 
-class Noted(NamedTuple):
+class NotedDeviation(NamedTuple):
     """A deviation: when it was first and last seen, and the highest score of it."""
 
     feature: Feature
@@ -90,7 +90,7 @@ class Baseline:
 
 
 @dataclass(frozen=True, slots=True)
-class Career:
+class AgentHistory:
     """All that is known of one agent's conduct.
 
     Attributes:
@@ -119,13 +119,13 @@ class Career:
     answers: tuple[str, ...] = _UNASKED
     baseline: Baseline | None = None
     levels: tuple[int, ...] = _NONE
-    deviations: tuple[Noted, ...] = ()
+    deviations: tuple[NotedDeviation, ...] = ()
     alarmed: int | None = None
     contracted: bool = False
     restored_by: str | None = None
     restored_at: int | None = None
 
-    def judged(self, act: Act, usual: Baseline | None, parameters: Parameters) -> tuple[Career, list[Alarm]]:
+    def judged(self, act: Act, usual: Baseline | None, parameters: Parameters) -> tuple[AgentHistory, list[Alarm]]:
         """With every detector one trial further, and those that alarmed started afresh.
 
         Args:
@@ -159,7 +159,7 @@ class Career:
             return detector
         return detector._replace(limit=max(detector.limit, against.peaks[watch] * CLEAR // 2))
 
-    def learned(self, act: Act, parameters: Parameters) -> Career:
+    def learned(self, act: Act, parameters: Parameters) -> AgentHistory:
         """With the act counted, and learned from while the baseline is not complete.
 
         From an agent that deviates nothing is learned until a person restores it.
@@ -185,14 +185,16 @@ class Career:
         baseline = Baseline(self.fixed, shares, peaks)
         return replace(counted, fixed=None, answers=_UNASKED, levels=_NONE, baseline=baseline)
 
-    def noted(self, feature: Feature, *, at: int, score_milli: int) -> Career:
+    def noted(self, feature: Feature, *, at: int, score_milli: int) -> AgentHistory:
         """With the deviation in it: of each feature when it was first and last seen, and the highest score."""
         known = {deviation.feature: deviation for deviation in self.deviations}
-        old = known.get(feature, Noted(feature, at, at, score_milli))
-        known[feature] = Noted(feature, min(old.since, at), max(old.newest, at), max(old.score_milli, score_milli))
+        old = known.get(feature, NotedDeviation(feature, at, at, score_milli))
+        known[feature] = NotedDeviation(
+            feature, min(old.since, at), max(old.newest, at), max(old.score_milli, score_milli)
+        )
         return replace(self, deviations=tuple(known[each] for each in sorted(known)))
 
-    def restored(self, *, by: str, at: int) -> Career:
+    def restored(self, *, by: str, at: int) -> AgentHistory:
         """Without deviations, not contracted, the detectors started afresh."""
         return replace(
             self, levels=_NONE, deviations=(), alarmed=None, contracted=False, restored_by=by, restored_at=at
@@ -219,7 +221,7 @@ class Career:
         }
 
     @classmethod
-    def from_json(cls, body: object) -> Career:
+    def from_json(cls, body: object) -> AgentHistory:
         """What `to_json` wrote.
 
         Raises:
@@ -283,13 +285,13 @@ def _counts(body: object, where: str) -> tuple[int, ...]:
     return row
 
 
-def _noted(body: object) -> Noted:
+def _noted(body: object) -> NotedDeviation:
     row = listed(body, "deviations")
     if len(row) != 4 or row[0] not in set(Feature):
         raise ReportError("deviations")
     for number in row[1:]:
         _require_count(number, "deviations")
-    return Noted(Feature(row[0]), *row[1:])
+    return NotedDeviation(Feature(row[0]), *row[1:])
 
 
 def _require_count(value: object, where: str) -> None:

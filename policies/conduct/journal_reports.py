@@ -23,7 +23,7 @@ _CANCELLED: Final = "CANCELLED"
 
 
 @dataclass(frozen=True, slots=True)
-class Decided:
+class RecordedDecision:
     """A decision as it was recorded.
 
     Attributes:
@@ -41,7 +41,7 @@ class Decided:
     role: str
 
 
-def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> Decided | None:
+def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> RecordedDecision | None:
     """What a record of a decision says; None when it is none, or nobody was proven to have asked.
 
     Args:
@@ -76,7 +76,7 @@ def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> Decided | 
         return None
     if not all(type(name) is str for name in (audience, hop_id, role)):
         return None
-    return Decided(report, report.effect == Effect.PERMIT, audience, hop_id, role)
+    return RecordedDecision(report, report.effect == Effect.PERMIT, audience, hop_id, role)
 
 
 def concluded(open_: Report, body: Mapping[str, Any], *, at_ms: int) -> Report | None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from policies.conduct.counted_reports import Seen
+from policies.conduct.counted_reports import CountedReports
 from policies.conduct.decay import decayed, ticks_between
 from policies.conduct.report import Edge, ReportError, is_count, is_text, keyed, listed
 from policies.conduct.trust_changes import charge, credit_milli
@@ -57,7 +57,7 @@ class TrustState:
     """
 
     accounts: Mapping[Edge, Mapping[str, Account]] = field(default_factory=lambda: MappingProxyType({}))
-    seen: Mapping[str, Seen] = field(default_factory=lambda: MappingProxyType({}))
+    seen: Mapping[str, CountedReports] = field(default_factory=lambda: MappingProxyType({}))
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON, ordered, so that equal states have equal texts."""
@@ -94,7 +94,7 @@ class TrustState:
         for row in listed(fields["seen"], "seen"):
             match row:
                 case [reporter, kept] if is_text(reporter):
-                    seen[reporter] = Seen.from_json(kept)
+                    seen[reporter] = CountedReports.from_json(kept)
                 case _:
                     raise ReportError("seen")
         return cls(MappingProxyType(accounts), MappingProxyType(seen))
@@ -118,7 +118,7 @@ def observe(state: TrustState, report: Report, parameters: Parameters, *, now: i
     """
     if report.at > now + parameters.skew_s:
         return state
-    seen = state.seen.get(report.reporter, Seen()).added(report.at, report.request_id)
+    seen = state.seen.get(report.reporter, CountedReports()).added(report.at, report.request_id)
     if seen is None:
         return state
     all_seen = MappingProxyType({**state.seen, report.reporter: seen})

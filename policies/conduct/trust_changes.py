@@ -27,28 +27,30 @@ UNIT: Final = 1_000
 
 
 @dataclass(frozen=True, slots=True)
-class Charge:
+class TrustChange:
     """How much one refusal counts against the edge, in thousandths, and why so much."""
 
     milli: int
     because: str
 
 
-_STRANGER: Final = Charge(0, "Nobody is proven to have sent it: a stranger could use any agent's name.")
-_COPY: Final = Charge(0, "An eavesdropper can send an agent's own bytes late, or elsewhere.")
-_HOUSE: Final = Charge(0, "The house or the world brought it about, not the agent.")
-_WAITING: Final = Charge(0, "Time or a person has to do something; asking meanwhile is no wrong.")
-_CONSEQUENCE: Final = Charge(0, "It follows from low trust or a deviation: charging it would feed on itself.")
-_VICTIM: Final = Charge(0, "Somebody else wrote the text: whoever poisons a text must not choose who is charged.")
-_SLIP: Final = Charge(50, "An honest agent gets a number wrong now and then: twenty slips are one wrong.")
-_PHYSICS: Final = Charge(200, "The world surprised its planner, or it tried: five times is one wrong.")
-_WRONG: Final = Charge(1_000, "An agent knows what it was lent; it asked for something else.")
-_PERSON: Final = Charge(1_000, "A person looked at what it wanted and said no.")
-_AGAIN: Final = Charge(1_000, "The proof is the agent's own, used twice; only that it sent it itself is not proven.")
-_BEYOND: Final = Charge(5_000, "It tried to get, or to pass on, more authority than it has.")
-_UNLISTED: Final = Charge(50, "A refusal of which nothing is known counts as a slip.")
+_STRANGER: Final = TrustChange(0, "Nobody is proven to have sent it: a stranger could use any agent's name.")
+_COPY: Final = TrustChange(0, "An eavesdropper can send an agent's own bytes late, or elsewhere.")
+_HOUSE: Final = TrustChange(0, "The house or the world brought it about, not the agent.")
+_WAITING: Final = TrustChange(0, "Time or a person has to do something; asking meanwhile is no wrong.")
+_CONSEQUENCE: Final = TrustChange(0, "It follows from low trust or a deviation: charging it would feed on itself.")
+_VICTIM: Final = TrustChange(0, "Somebody else wrote the text: whoever poisons a text must not choose who is charged.")
+_SLIP: Final = TrustChange(50, "An honest agent gets a number wrong now and then: twenty slips are one wrong.")
+_PHYSICS: Final = TrustChange(200, "The world surprised its planner, or it tried: five times is one wrong.")
+_WRONG: Final = TrustChange(1_000, "An agent knows what it was lent; it asked for something else.")
+_PERSON: Final = TrustChange(1_000, "A person looked at what it wanted and said no.")
+_AGAIN: Final = TrustChange(
+    1_000, "The proof is the agent's own, used twice; only that it sent it itself is not proven."
+)
+_BEYOND: Final = TrustChange(5_000, "It tried to get, or to pass on, more authority than it has.")
+_UNLISTED: Final = TrustChange(50, "A refusal of which nothing is known counts as a slip.")
 
-CHARGES: Final[Mapping[str, Charge]] = MappingProxyType(
+CHARGES: Final[Mapping[str, TrustChange]] = MappingProxyType(
     {
         Reason.NOT_A_NUMBER: _SLIP,
         Reason.NOT_FINITE: _SLIP,
@@ -174,7 +176,7 @@ CREDITS_MILLI: Final = (0, 500, 1_000, 1_000, 1_000)
 back an attack with a thousand reads)."""
 
 
-def charge(report: Report) -> Charge:
+def charge(report: Report) -> TrustChange:
     """What the report counts against the edge. Only refusals count, and permits that did not come to be done."""
     if report.effect == "DENY":
         return CHARGES.get(report.reason, _UNLISTED)

@@ -151,7 +151,7 @@ def conjuncts(predicate: Predicate) -> Iterator[Primitive]:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class PolicyAnswer:
     """What one policy says: an effect and its findings, None for no opinion; `grants` where it may permit."""
 
     effect: Effect | None
@@ -159,11 +159,11 @@ class Answer:
     grants: bool = False
 
 
-SILENT: Final = Answer(None)
-PERMITS: Final = Answer(Effect.PERMIT, grants=True)
+SILENT: Final = PolicyAnswer(None)
+PERMITS: Final = PolicyAnswer(Effect.PERMIT, grants=True)
 
 
-def deny_overrides(answers: Iterable[Answer]) -> tuple[Effect, tuple[Finding, ...]]:
+def deny_overrides(answers: Iterable[PolicyAnswer]) -> tuple[Effect, tuple[Finding, ...]]:
     """The effect of all answers, and the findings with the leading one first, whatever the order of answers.
 
     DENY over DEFER over PERMIT. Where no policy that may permit concerns the request, the effect is DENY with

@@ -14,7 +14,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from policies.decision.combine import Answer
+    from policies.decision.combine import PolicyAnswer
     from policies.decision.policy import Plan
     from policies.evidence.model import ApprovalUse, Finding
     from policies.primitives.base import Case
@@ -95,7 +95,7 @@ def of_permit(plan: Plan, case: Case, approval: ApprovalUse | None) -> tuple[Obl
 
 
 def of_refusal(
-    effect: Effect, plan: Plan, answers: Iterable[Answer], findings: Iterable[Finding]
+    effect: Effect, plan: Plan, answers: Iterable[PolicyAnswer], findings: Iterable[Finding]
 ) -> tuple[Obligation, ...]:
     """What must be done besides not doing it: what the policies that brought it about ask for, and what was found."""
     owed = {RECORD}

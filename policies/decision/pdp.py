@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, assert_never
 from capabilities.values.chain import Chain
 from capabilities.values.scope import Tier
 from policies.decision.approval import AskAgain, Counts, Refused, Waiting, standing
-from policies.decision.combine import PERMITS, SILENT, Answer, deny_overrides, evaluate
+from policies.decision.combine import PERMITS, SILENT, PolicyAnswer, deny_overrides, evaluate
 from policies.decision.obligations import NOTIFY, RECORD, of_permit, of_refusal
 from policies.decision.policy import Concern, Policy, PolicySet
 from policies.evidence import shape
@@ -91,7 +91,7 @@ def _asked(
             assert_never(answer)
 
 
-def _answer(policy: Policy, case: Case) -> Answer:
+def _answer(policy: Policy, case: Case) -> PolicyAnswer:
     """What one policy that concerns the operation says. An error in it denies."""
     try:
         concern = policy.subject.concern(case.evidence)
@@ -100,7 +100,7 @@ def _answer(policy: Policy, case: Case) -> Answer:
         if concern is Concern.UNKNOWN and policy.effect is Effect.PERMIT:
             # nobody knows whether this policy is for the caller: it cannot speak for them
             stranger = verified_chain(AgentAuthentication.id, case)
-            return Answer(Effect.DENY, () if isinstance(stranger, Chain) else stranger.findings, grants=True)
+            return PolicyAnswer(Effect.DENY, () if isinstance(stranger, Chain) else stranger.findings, grants=True)
         verdict = evaluate(policy.predicate, case)
         match policy.effect:
             case Effect.PERMIT:
@@ -110,45 +110,47 @@ def _answer(policy: Policy, case: Case) -> Answer:
             case Effect.DEFER:
                 return _speak(policy, verdict, Reason.APPROVAL_REQUIRED)
     except Exception as error:  # noqa: BLE001 - a policy that errors denies (Cedar skips it: fine for web pages, wrong for robots)
-        return Answer(Effect.DENY, (found("", Reason.POLICY_ERROR, policy=policy.id, error=type(error).__name__),))
+        return PolicyAnswer(
+            Effect.DENY, (found("", Reason.POLICY_ERROR, policy=policy.id, error=type(error).__name__),)
+        )
 
 
-def _permit(policy: Policy, verdict: Verdict, case: Case) -> Answer:
+def _permit(policy: Policy, verdict: Verdict, case: Case) -> PolicyAnswer:
     """A requirement: what does not hold is denied, and from the PITBound on a PERMIT escalates."""
     match verdict:
         case Holds():
             return PERMITS if policy.pit_bound is None else _bounded(policy, policy.pit_bound, case)
         case Fails(findings):
-            return Answer(Effect.DENY, findings, grants=True)
+            return PolicyAnswer(Effect.DENY, findings, grants=True)
         case Defers(findings):
-            return Answer(Effect.DEFER, findings, grants=True)
+            return PolicyAnswer(Effect.DEFER, findings, grants=True)
         case _:
             assert_never(verdict)
 
 
-def _bounded(policy: Policy, bound: Tier, case: Case) -> Answer:
+def _bounded(policy: Policy, bound: Tier, case: Case) -> PolicyAnswer:
     """What the PITBound makes of a PERMIT: without a tier nothing, and from `bound` on a question or a denial."""
     gate, tier = PhysicalImpactGate.id, case.tier
     if tier is None:
-        return Answer(Effect.DENY, (found(gate, Reason.EVIDENCE_MISSING, evidence="impact"),), grants=True)
+        return PolicyAnswer(Effect.DENY, (found(gate, Reason.EVIDENCE_MISSING, evidence="impact"),), grants=True)
     if tier < bound:
         return PERMITS
     detail = {"tier": int(tier), "pit_bound": int(bound), "policy": policy.id}
     if tier is Tier.SAFETY_CRITICAL:
         effect = Effect.DENY if prior_leave(case.evidence) is None else Effect.DEFER
-        return Answer(effect, (found(gate, Reason.TIER_SAFETY_CRITICAL, **detail),), grants=True)
-    return Answer(Effect.DEFER, (found(gate, Reason.TIER_NEEDS_APPROVAL, **detail),), grants=True)
+        return PolicyAnswer(effect, (found(gate, Reason.TIER_SAFETY_CRITICAL, **detail),), grants=True)
+    return PolicyAnswer(Effect.DEFER, (found(gate, Reason.TIER_NEEDS_APPROVAL, **detail),), grants=True)
 
 
-def _speak(policy: Policy, verdict: Verdict, plainly: Reason) -> Answer:
+def _speak(policy: Policy, verdict: Verdict, plainly: Reason) -> PolicyAnswer:
     """A prohibition or a question: it speaks when its predicate holds, and asks a person where the predicate defers."""
     match verdict:
         case Fails():
             return SILENT
         case Defers(findings):
-            return Answer(Effect.DEFER, findings)
+            return PolicyAnswer(Effect.DEFER, findings)
         case Holds(because):
-            return Answer(policy.effect, (found("", plainly, policy=policy.id), *because))
+            return PolicyAnswer(policy.effect, (found("", plainly, policy=policy.id), *because))
         case _:
             assert_never(verdict)
 

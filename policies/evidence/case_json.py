@@ -34,7 +34,7 @@ FORM: Final = "ztpm/case/1"
 
 
 @dataclass(frozen=True, slots=True)
-class Recorded:
+class RecordedCase:
     """A request and the evidence on which it was decided, as somebody wrote them down."""
 
     request: Request
@@ -84,7 +84,7 @@ def _only(scope: Scope, request: Request | None) -> Scope:
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def read(document: object) -> Recorded:
+def read(document: object) -> RecordedCase:
     """The request and evidence of a document.
 
     Args:
@@ -98,7 +98,7 @@ def read(document: object) -> Recorded:
     expect_keys(table, "", {"form", "request", "evidence"}, set())
     if table["form"] != FORM:
         raise PolicyError(PolicyFault.UNKNOWN_VALUE, "form", FORM)
-    return Recorded(read_request(table["request"]), read_evidence(table["evidence"]))
+    return RecordedCase(read_request(table["request"]), read_evidence(table["evidence"]))
 
 
 def read_request(plain: object) -> Request:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from policies.decision.policy import Policy, PolicySet
-    from policies.evidence.case_json import Recorded
+    from policies.evidence.case_json import RecordedCase
     from policies.evidence.model import Decision
 
 JUDGING: Final = (
@@ -158,20 +158,20 @@ class Direction(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class ComparedDecision:
     """What is compared of a decision."""
 
     effect: Effect
     reason: str
 
     @staticmethod
-    def of(decision: Decision) -> Verdict:
+    def of(decision: Decision) -> ComparedDecision:
         """That of a decision."""
-        return Verdict(decision.effect, str(decision.reason))
+        return ComparedDecision(decision.effect, str(decision.reason))
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class ComparedCase:
     """One case to compare on.
 
     Attributes:
@@ -182,8 +182,8 @@ class Case:
     """
 
     name: str
-    recorded: Recorded
-    was: Verdict | None = None
+    recorded: RecordedCase
+    was: ComparedDecision | None = None
     under: str = ""
 
 
@@ -191,11 +191,11 @@ class Case:
 class Moved:
     """All cases that went from one verdict to another; `examples` are the first of them by name, `first` the first."""
 
-    was: Verdict
-    now: Verdict
+    was: ComparedDecision
+    now: ComparedDecision
     count: int
     examples: tuple[str, ...]
-    first: Recorded
+    first: RecordedCase
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +209,7 @@ class Comparison:
     """
 
     cases: int
-    kept: tuple[tuple[Verdict, int], ...]
+    kept: tuple[tuple[ComparedDecision, int], ...]
     moved: tuple[Moved, ...]
 
     @property
@@ -227,7 +227,7 @@ class Comparison:
 EXAMPLES: Final = 3
 
 
-def of_decisions(cases: Iterable[Case], old: PolicySet | None, new: PolicySet) -> Comparison:
+def of_decisions(cases: Iterable[ComparedCase], old: PolicySet | None, new: PolicySet) -> Comparison:
     """How `new` decides what was decided before.
 
     An approval that counted for the set of then counts as if people had given it under the new one: it names the digest
@@ -238,9 +238,9 @@ def of_decisions(cases: Iterable[Case], old: PolicySet | None, new: PolicySet) -
         old: decides what the cases do not say.
         new: decides.
     """
-    kept: dict[Verdict, int] = {}
-    moved: dict[tuple[Verdict, Verdict], list[Case]] = {}
-    counts: dict[tuple[Verdict, Verdict], int] = {}
+    kept: dict[ComparedDecision, int] = {}
+    moved: dict[tuple[ComparedDecision, ComparedDecision], list[ComparedCase]] = {}
+    counts: dict[tuple[ComparedDecision, ComparedDecision], int] = {}
     total = 0
     for case in cases:
         was = case.was if case.was is not None else None if old is None else _under(case, old)
@@ -264,12 +264,12 @@ def of_decisions(cases: Iterable[Case], old: PolicySet | None, new: PolicySet) -
     return Comparison(total, tuple(held), tuple(ordered))
 
 
-def _under(case: Case, policies: PolicySet) -> Verdict:
+def _under(case: ComparedCase, policies: PolicySet) -> ComparedDecision:
     evidence = case.recorded.evidence
     approval = evidence.approval
     if isinstance(approval, ApprovalReading) and approval.policy_digest and case.under in ("", approval.policy_digest):
         evidence = replace(evidence, approval=replace(approval, policy_digest=policies.digest))
-    return Verdict.of(decide(case.recorded.request, evidence, policies))
+    return ComparedDecision.of(decide(case.recorded.request, evidence, policies))
 
 
 def unseen(change: SetChange) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class PredicateVerdict:
     """One node of a predicate with its verdict.
 
     Attributes:
@@ -41,7 +41,7 @@ class Asked:
     verdict: str
     findings: tuple[Finding, ...] = ()
     parameters: tuple[tuple[str, int], ...] = ()
-    parts: tuple[Asked, ...] = ()
+    parts: tuple[PredicateVerdict, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class PolicyExplanation:
     """What one policy says.
 
     Attributes:
@@ -70,7 +70,7 @@ class Said:
     policy: Policy
     concern: Concern
     parts: tuple[Part, ...]
-    predicate: Asked | None
+    predicate: PredicateVerdict | None
     effect: Effect | None
     findings: tuple[Finding, ...]
 
@@ -89,7 +89,7 @@ class Explanation:
     request: Request
     decision: Decision
     physical: bool
-    said: tuple[Said, ...]
+    said: tuple[PolicyExplanation, ...]
     combined: tuple[str, ...]
 
     @property
@@ -117,17 +117,17 @@ def explain(request: Request, evidence: Evidence, policies: PolicySet) -> Explan
     return Explanation(request, decision, physical, said, _combined(said, decision))
 
 
-def _said(policy: Policy, case: Case) -> Said:
+def _said(policy: Policy, case: Case) -> PolicyExplanation:
     parts = _parts(policy, case)
     concern = policy.concerns(case.request)
     if concern is Concern.YES:
         concern = policy.subject.concern(case.evidence)
     if concern is Concern.NO:
-        return Said(policy, concern, parts, None, None, ())
+        return PolicyExplanation(policy, concern, parts, None, None, ())
     answer = pdp._answer(policy, case)  # noqa: SLF001 - the very function that decides; a second one could differ
     unspoken = concern is Concern.UNKNOWN and policy.effect is Effect.PERMIT
     asked = None if unspoken else _asked(policy.predicate, case)
-    return Said(policy, concern, parts, asked, answer.effect, answer.findings)
+    return PolicyExplanation(policy, concern, parts, asked, answer.effect, answer.findings)
 
 
 def _parts(policy: Policy, case: Case) -> tuple[Part, ...]:
@@ -162,30 +162,30 @@ def _names(names: frozenset[str] | None) -> str:
     return "any" if names is None else " ".join(sorted(map(str, names)))
 
 
-def _asked(predicate: Predicate, case: Case) -> Asked:
+def _asked(predicate: Predicate, case: Case) -> PredicateVerdict:
     match predicate:
         case Check(primitive):
             return _judged(primitive, case)
         case Always():
-            return Asked("always", "holds")
+            return PredicateVerdict("always", "holds")
         case AllOf(parts) | AnyOf(parts):
             what = "all" if isinstance(predicate, AllOf) else "any"
-            return Asked(what, _verdict(predicate, case), parts=tuple(_asked(part, case) for part in parts))
+            return PredicateVerdict(what, _verdict(predicate, case), parts=tuple(_asked(part, case) for part in parts))
         case Not(part):
-            return Asked("not", _verdict(predicate, case), parts=(_asked(part, case),))
+            return PredicateVerdict("not", _verdict(predicate, case), parts=(_asked(part, case),))
         case _:
             assert_never(predicate)
 
 
-def _judged(primitive: Primitive, case: Case) -> Asked:
+def _judged(primitive: Primitive, case: Case) -> PredicateVerdict:
     parameters = tuple((f.name, getattr(primitive, f.name)) for f in fields(primitive))  # type: ignore[arg-type]
     try:
         verdict = primitive.judge(case)
     except Exception:  # noqa: BLE001 - a primitive that breaks makes its policy deny, and that is what is told
-        return Asked(primitive.id, "raises", parameters=parameters)
+        return PredicateVerdict(primitive.id, "raises", parameters=parameters)
     match verdict:
         case Holds(findings) | Fails(findings) | Defers(findings):
-            return Asked(primitive.id, _word(verdict), findings, parameters)
+            return PredicateVerdict(primitive.id, _word(verdict), findings, parameters)
         case _:
             assert_never(verdict)
 
@@ -209,7 +209,7 @@ def _word(verdict: Verdict) -> str:
             assert_never(verdict)
 
 
-def _combined(said: tuple[Said, ...], decision: Decision) -> tuple[str, ...]:
+def _combined(said: tuple[PolicyExplanation, ...], decision: Decision) -> tuple[str, ...]:
     """Deny-overrides, then DEFER over PERMIT, then what people answered; each as it went."""
     steps = []
     for effect in (Effect.DENY, Effect.DEFER, Effect.PERMIT):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from policies.evidence.model import Point
 from policies.primitives import cognition, governance, identity, propagation, sequence, tools
-from policies.primitives.catalog_row import Attack, Defence, Row
+from policies.primitives.catalog_row import Attack, CatalogRow, Defence
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,7 +19,7 @@ _E1, _E2, _E3, _E4, _E5 = Point.OPERATOR, Point.AGENT, Point.CONTEXT, Point.TOOL
 _DETECT, _PREVENT, _CONTAIN = Defence.DETECTION, Defence.PREVENTION, Defence.CONTAINMENT
 
 CATALOG: Final = (
-    Row(
+    CatalogRow(
         id="AID-1",
         name="agent authentication",
         must_hold=(
@@ -30,7 +30,7 @@ CATALOG: Final = (
         decides=identity.AgentAuthentication,
         meaning_is_ours=True,
     ),
-    Row(
+    CatalogRow(
         id="AID-2",
         name="human root",
         must_hold=(
@@ -41,7 +41,7 @@ CATALOG: Final = (
         decides=identity.HumanRoot,
         meaning_is_ours=True,
     ),
-    Row(
+    CatalogRow(
         id="AID-3",
         name="link validity",
         must_hold=(
@@ -53,7 +53,7 @@ CATALOG: Final = (
         decides=identity.LinkValidity,
         meaning_is_ours=True,
     ),
-    Row(
+    CatalogRow(
         id="AID-4",
         name="no scope escalation",
         must_hold="No link has more than its parent; an attempt is detected, recorded and refused.",
@@ -62,7 +62,7 @@ CATALOG: Final = (
         counters=((Attack.AC_4, _DETECT), (Attack.AC_4, _PREVENT)),
         decides=identity.NoScopeEscalation,
     ),
-    Row(
+    CatalogRow(
         id="AID-5",
         name="bounded chain",
         must_hold="Depth, size, audience and lifetime of the chain are inside their bounds.",
@@ -71,7 +71,7 @@ CATALOG: Final = (
         decides=identity.BoundedChain,
         meaning_is_ours=True,
     ),
-    Row(
+    CatalogRow(
         id="CII-1",
         name="operator input authenticity",
         must_hold=(
@@ -83,7 +83,7 @@ CATALOG: Final = (
         counters=((Attack.AC_2, _PREVENT),),
         decides=cognition.OperatorInput,
     ),
-    Row(
+    CatalogRow(
         id="CII-2",
         name="instruction isolation",
         must_hold=(
@@ -95,7 +95,7 @@ CATALOG: Final = (
         counters=((Attack.AC_2, _DETECT), (Attack.AC_3, _DETECT)),
         decides=cognition.InstructionIsolation,
     ),
-    Row(
+    CatalogRow(
         id="CII-3",
         name="retrieval integrity",
         must_hold="Retrieved documents are signed by a curator, unmodified and listed in the audited manifest.",
@@ -104,7 +104,7 @@ CATALOG: Final = (
         counters=((Attack.AC_3, _DETECT), (Attack.AC_3, _PREVENT)),
         decides=cognition.RetrievalIntegrity,
     ),
-    Row(
+    CatalogRow(
         id="CII-4",
         name="sensor provenance",
         must_hold=(
@@ -116,7 +116,7 @@ CATALOG: Final = (
         counters=((Attack.AC_1, _DETECT), (Attack.AC_1, _PREVENT)),
         decides=cognition.SensorProvenance,
     ),
-    Row(
+    CatalogRow(
         id="CII-5",
         name="memory and tool-response integrity",
         must_hold=(
@@ -128,7 +128,7 @@ CATALOG: Final = (
         counters=((Attack.AC_3, _PREVENT),),
         decides=cognition.ProvenanceOfContent,
     ),
-    Row(
+    CatalogRow(
         id="CII-6",
         name="message integrity",
         must_hold=(
@@ -140,7 +140,7 @@ CATALOG: Final = (
         counters=((Attack.AC_2, _DETECT),),
         decides=cognition.MessageIntegrity,
     ),
-    Row(
+    CatalogRow(
         id="TEA-1",
         name="tool scope",
         must_hold="The operation on the object is granted at every hop.",
@@ -149,7 +149,7 @@ CATALOG: Final = (
         counters=((Attack.AC_4, _DETECT),),
         decides=tools.ToolScope,
     ),
-    Row(
+    CatalogRow(
         id="TEA-2",
         name="parameter limits",
         must_hold="Every parameter is inside every hop's limits and the robot's own.",
@@ -157,7 +157,7 @@ CATALOG: Final = (
         evidence=("chain", "request_fault", "robot_fault"),
         decides=tools.ParameterLimits,
     ),
-    Row(
+    CatalogRow(
         id="TEA-3",
         name="tool identity",
         must_hold="The tool's definition equals its approved pin, and its base tier is registered.",
@@ -166,7 +166,7 @@ CATALOG: Final = (
         decides=tools.ToolIdentity,
         meaning_is_ours=True,
     ),
-    Row(
+    CatalogRow(
         id="TEA-4",
         name="physical impact gate",
         must_hold=(
@@ -178,7 +178,7 @@ CATALOG: Final = (
         counters=((Attack.AC_1, _PREVENT), (Attack.AC_5, _PREVENT)),
         decides=tools.PhysicalImpactGate,
     ),
-    Row(
+    CatalogRow(
         id="TEA-5",
         name="state preconditions",
         must_hold=(
@@ -190,7 +190,7 @@ CATALOG: Final = (
         decides=tools.StatePreconditions,
         meaning_is_ours=True,
     ),
-    Row(
+    CatalogRow(
         id="TEA-6",
         name="sequence coherence",
         must_hold="The command together with what was just done and what is queued stays safe.",
@@ -199,7 +199,7 @@ CATALOG: Final = (
         counters=((Attack.AC_1, _CONTAIN), (Attack.AC_5, _DETECT), (Attack.AC_5, _PREVENT)),
         decides=sequence.SequenceCoherence,
     ),
-    Row(
+    CatalogRow(
         id="CATP-1",
         name="non-transitive trust",
         must_hold=(
@@ -211,7 +211,7 @@ CATALOG: Final = (
         counters=((Attack.AC_2, _CONTAIN),),
         decides=propagation.NonTransitiveTrust,
     ),
-    Row(
+    CatalogRow(
         id="CATP-2",
         name="scope narrowing",
         must_hold="A delegation is strictly narrower than what it comes from.",
@@ -220,7 +220,7 @@ CATALOG: Final = (
         counters=((Attack.AC_2, _CONTAIN), (Attack.AC_4, _PREVENT)),
         decides=propagation.ScopeNarrowing,
     ),
-    Row(
+    CatalogRow(
         id="CATP-3",
         name="dynamic trust",
         must_hold=(
@@ -232,7 +232,7 @@ CATALOG: Final = (
         counters=((Attack.AC_4, _CONTAIN),),
         decides=propagation.DynamicTrust,
     ),
-    Row(
+    CatalogRow(
         id="CATP-4",
         name="boundary re-attestation",
         must_hold="Each boundary re-attests the delegate; malformed or unauthorised delegations are refused.",
@@ -241,7 +241,7 @@ CATALOG: Final = (
         counters=((Attack.AC_2, _PREVENT),),
         decides=propagation.BoundaryAttestation,
     ),
-    Row(
+    CatalogRow(
         id="ABG-1",
         name="behavioural baseline",
         must_hold=(
@@ -253,7 +253,7 @@ CATALOG: Final = (
         counters=((Attack.AC_3, _CONTAIN), (Attack.AC_5, _CONTAIN)),
         decides=governance.BehaviouralBaseline,
     ),
-    Row(
+    CatalogRow(
         id="ABG-2",
         name="drift containment",
         must_hold="Near-boundary and escalating patterns are recognised and contained before a bound is crossed.",
@@ -262,7 +262,7 @@ CATALOG: Final = (
         counters=((Attack.AC_1, _CONTAIN), (Attack.AC_5, _CONTAIN)),
         decides=governance.DriftContainment,
     ),
-    Row(
+    CatalogRow(
         id="ABG-3",
         name="re-verification",
         must_hold="A deviation forces re-attestation before the next physical act.",
@@ -271,7 +271,7 @@ CATALOG: Final = (
         decides=governance.Reverification,
         meaning_is_ours=True,
     ),
-    Row(
+    CatalogRow(
         id="ABG-4",
         name="scope contraction",
         must_hold="After a deviation the agent holds the minimum safe set until a human principal restores it.",
@@ -284,5 +284,5 @@ CATALOG: Final = (
 
 """The 25 rows, in the paper's order."""
 
-ROWS: Final[Mapping[str, Row]] = MappingProxyType({row.id: row for row in CATALOG})
+ROWS: Final[Mapping[str, CatalogRow]] = MappingProxyType({row.id: row for row in CATALOG})
 """The same by id."""

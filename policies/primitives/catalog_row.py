@@ -48,7 +48,7 @@ class Defence(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CatalogRow:
     """One primitive.
 
     Attributes:

@@ -12,7 +12,17 @@ imported when a proof begins; everything else here, and `policies`, runs without
 """
 
 from policies.proof.claims import CLAIMS, Claim
-from policies.proof.prover import HARMLESS, Result, Shown, Standing, prove
+from policies.proof.prover import HARMLESS, CounterexampleCase, Result, Standing, prove
 from policies.proof.result_text import lines, result_to_plain
 
-__all__ = ["CLAIMS", "HARMLESS", "Claim", "Result", "Shown", "Standing", "lines", "prove", "result_to_plain"]
+__all__ = [
+    "CLAIMS",
+    "HARMLESS",
+    "Claim",
+    "CounterexampleCase",
+    "Result",
+    "Standing",
+    "lines",
+    "prove",
+    "result_to_plain",
+]

@@ -26,7 +26,7 @@ from policies.evidence.tiers import FRESH, base_tier, runtime_tier
 from policies.primitives.base import Case, Defers, Fails, Holds
 from policies.primitives.cognition import BELIEVED
 from policies.primitives.tools import StatePreconditions
-from policies.proof.facts import ANOTHER_STATE, FACTS, NO_APPROVAL, STATES, Facts, Names, Verdict
+from policies.proof.facts import ANOTHER_STATE, FACTS, NO_APPROVAL, STATES, Facts, Names, PrimitiveVerdict
 from policies.proof.verdicts import unknowns
 
 if TYPE_CHECKING:
@@ -64,16 +64,16 @@ def observe(request: Request, evidence: Evidence, policies: PolicySet, names: Na
 def ordinary_facts(policies: PolicySet) -> Facts:
     """The facts of the case in which nothing is strange, and no unknown primitive fails."""
     known = {row.name: row.metadata["ordinary"] for row in FACTS}
-    return Facts(**known, unknown=dict.fromkeys(unknowns(policies), Verdict(holds=True, fails=False)))
+    return Facts(**known, unknown=dict.fromkeys(unknowns(policies), PrimitiveVerdict(holds=True, fails=False)))
 
 
-def what_it_says(primitive: Primitive, case: Case) -> Verdict:
+def what_it_says(primitive: Primitive, case: Case) -> PrimitiveVerdict:
     """The verdict of a primitive, asked."""
     try:
         verdict = primitive.judge(case)
     except Exception:  # noqa: BLE001 - as `decide` does: what raises is heard of, and denies
-        return Verdict(holds=False, fails=False, raises=True)
-    return Verdict(
+        return PrimitiveVerdict(holds=False, fails=False, raises=True)
+    return PrimitiveVerdict(
         isinstance(verdict, Holds), isinstance(verdict, Fails), not isinstance(verdict, Holds | Fails | Defers)
     )
 

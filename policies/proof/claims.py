@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from policies.decision.policy import PolicySet
-    from policies.proof.confirmation import Told
+    from policies.proof.confirmation import DecidedCase
     from policies.proof.facts import Facts
     from policies.proof.outcome import Added, Outcome
 
@@ -75,7 +75,7 @@ class Claim:
     id: str
     says: str
     broken: Callable[[Question, Sequence[Outcome]], Truth]
-    shown: Callable[[Sequence[Told], frozenset[str]], bool]
+    shown: Callable[[Sequence[DecidedCase], frozenset[str]], bool]
     matters: Callable[[Question, Outcome], Truth] | None = None
     compares: str = ""
 

@@ -34,7 +34,7 @@ CONSUME: Final = Obligation(ObligationKind.CONSUME)
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class DecidedCase:
     """A case and what `decide` answered."""
 
     request: Request
@@ -58,12 +58,12 @@ def human_root(parameters: Parameters) -> HumanRoot:
     return HumanRoot(**values)
 
 
-def act_permitted(told: Told, harmless: frozenset[str]) -> bool:
+def act_permitted(told: DecidedCase, harmless: frozenset[str]) -> bool:
     """A physical act is permitted: an operation not known to be harmless, where operations have an effect."""
     return told.permitted and told.request.operation not in harmless and bool(told.request.points & MOVING)
 
 
-def no_human_root(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
+def no_human_root(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
     """A physical act is permitted while AID-2 does not hold."""
     (told,) = all_told
     physical = requirement(told.request, told.policies).physical
@@ -71,7 +71,7 @@ def no_human_root(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
     return act_permitted(told, harmless) and not isinstance(human_root(told.policies.parameters).judge(case), Holds)
 
 
-def no_approval(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
+def no_approval(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
     """A physical act of tier 3 or 4 is permitted without the people whom the tier wants."""
     (told,) = all_told
     tier = runtime_tier(told.evidence, physical=True)
@@ -80,7 +80,7 @@ def no_approval(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
     return not _rests_on_people(told, tier)
 
 
-def _rests_on_people(told: Told, tier: Tier) -> bool:
+def _rests_on_people(told: DecidedCase, tier: Tier) -> bool:
     evidence, approval, use = told.evidence, told.evidence.approval, told.decision.approval
     if not isinstance(approval, ApprovalReading) or use is None or CONSUME not in told.decision.obligations:
         return False
@@ -101,7 +101,7 @@ def _rests_on_people(told: Told, tier: Tier) -> bool:
     )
 
 
-def above_ceiling(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
+def above_ceiling(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
     """A physical act above the ceiling of its token is permitted."""
     (told,) = all_told
     tier, chain = runtime_tier(told.evidence, physical=True), told.evidence.chain
@@ -109,7 +109,7 @@ def above_ceiling(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
     return above and act_permitted(told, harmless)
 
 
-def milder_for_a_denial(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
+def milder_for_a_denial(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
     """What was not permitted is permitted once a DENY policy is added."""
     del harmless
     before, after = all_told
@@ -118,7 +118,7 @@ def milder_for_a_denial(all_told: Sequence[Told], harmless: frozenset[str]) -> b
     return only_denials and not before.permitted and after.permitted
 
 
-def milder_for_a_tier(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
+def milder_for_a_tier(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
     """The same act gets a milder answer at a higher tier."""
     del harmless
     lower, higher = all_told
@@ -133,7 +133,7 @@ def milder_for_a_tier(all_told: Sequence[Told], harmless: frozenset[str]) -> boo
     return higher.permitted and not lower.permitted and not by_people
 
 
-def a_fault_permits(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
+def a_fault_permits(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
     """A physical act is permitted on evidence that is a fault, a refusal, a violation, or missing."""
     (told,) = all_told
     return act_permitted(told, harmless) and not _whole(told.request, told.evidence)
@@ -151,7 +151,7 @@ def _whole(request: Request, evidence: Evidence) -> bool:
     return authority and asked and world
 
 
-def nobody_thought_of_it(all_told: Sequence[Told], harmless: frozenset[str]) -> bool:
+def nobody_thought_of_it(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
     """An operation that no policy names is permitted while its impact was not asked for, or not computed."""
     (told,) = all_told
     named = {

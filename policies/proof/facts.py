@@ -116,7 +116,7 @@ class Facts:
     opening_its_own: Truth = _truth("the approval rests on that leave", ordinary=False)
     opening_recent: Truth = _truth("the newest word about the leave is recent")
 
-    unknown: Mapping[Primitive, Verdict] = field(default_factory=dict)
+    unknown: Mapping[Primitive, PrimitiveVerdict] = field(default_factory=dict)
     """What each primitive says that is not modelled here."""
 
     def stands_for(self, point: Point) -> Truth:
@@ -126,7 +126,7 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class PrimitiveVerdict:
     """What a primitive or a predicate says; neither `holds` nor `fails` is a deferral.
 
     Attributes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from policies.evidence.model import Point
-from policies.proof.facts import FACTS, NAMES_OF, NO_APPROVAL, Facts, Names, Verdict
+from policies.proof.facts import FACTS, NAMES_OF, NO_APPROVAL, Facts, Names, PrimitiveVerdict
 from policies.proof.logic import Logic, Truth, implies
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def laws(facts: Facts, names: Names, logic: Logic) -> Iterator[Truth]:
         yield from one_answer(verdict, logic)
 
 
-def one_answer(verdict: Verdict, logic: Logic) -> Iterator[Truth]:
+def one_answer(verdict: PrimitiveVerdict, logic: Logic) -> Iterator[Truth]:
     """A verdict is one of four: it holds, fails, defers or is not given."""
     yield logic.no(logic.every(verdict.holds, verdict.fails))
     yield logic.no(logic.every(verdict.raises, logic.some(verdict.holds, verdict.fails)))

@@ -14,7 +14,7 @@ from policies.proof.verdicts import Situation, situation, verdict_of
 
 if TYPE_CHECKING:
     from policies.decision.policy import Policy, PolicySet
-    from policies.proof.facts import Verdict
+    from policies.proof.facts import PrimitiveVerdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class PolicyOutcome:
     """What one policy says; neither `denies` nor `defers` is a PERMIT or silence.
 
     Attributes:
@@ -70,7 +70,7 @@ def outcome(policies: PolicySet, facts: Facts, names: Names, logic: Logic, added
     at = situation(facts, logic.some(logic.no(anybody), bound), logic)
     said = [_only_when(concern, _said(policy, at, names), logic) for policy, concern in concerned]
     if added is not None:
-        said.append(_only_when(added.concerns, Said(added.denies, added.defers), logic))
+        said.append(_only_when(added.concerns, PolicyOutcome(added.denies, added.defers), logic))
     # deny-overrides, then DEFER over PERMIT; nothing is permitted that no policy permits
     grants = logic.some(*(s.grants for s in said))
     refused = logic.some(logic.no(facts.well_formed), logic.no(grants), *(s.denies for s in said))
@@ -104,11 +104,11 @@ def _named(kind: str, members: frozenset[str] | None, facts: Facts, names: Names
     return logic.some(*(name == place for place in names.places(kind, members)))
 
 
-def _only_when(concern: Truth, said: Said, logic: Logic) -> Said:
-    return Said(*(logic.every(concern, part) for part in (said.denies, said.defers, said.grants)))
+def _only_when(concern: Truth, said: PolicyOutcome, logic: Logic) -> PolicyOutcome:
+    return PolicyOutcome(*(logic.every(concern, part) for part in (said.denies, said.defers, said.grants)))
 
 
-def _said(policy: Policy, at: Situation, names: Names) -> Said:
+def _said(policy: Policy, at: Situation, names: Names) -> PolicyOutcome:
     """What one policy says of a request that it concerns."""
     facts, logic = at.facts, at.logic
     everybody = policy.subject.agents is None and policy.subject.sponsors is None
@@ -126,27 +126,27 @@ def _said(policy: Policy, at: Situation, names: Names) -> Said:
             denies = logic.every(spoken, logic.some(nobody, verdict.raises, said.denies))
             defers = logic.every(spoken, logic.no(denies), said.defers)
             # a policy that errors grants nothing; one that cannot speak for the caller was never asked
-            return Said(denies, defers, logic.every(spoken, logic.some(nobody, logic.no(verdict.raises))))
+            return PolicyOutcome(denies, defers, logic.every(spoken, logic.some(nobody, logic.no(verdict.raises))))
         case Effect.DENY | Effect.DEFER:
             undecided = logic.every(logic.no(verdict.holds), logic.no(verdict.fails))
             denies = logic.some(verdict.raises, verdict.holds if policy.effect is Effect.DENY else False)
             asks = logic.some(undecided, verdict.holds if policy.effect is Effect.DEFER else False)
-            return Said(
+            return PolicyOutcome(
                 logic.every(spoken, denies), logic.every(spoken, logic.no(verdict.raises), logic.no(denies), asks)
             )
 
 
-def _required(policy: Policy, verdict: Verdict, at: Situation) -> Said:
+def _required(policy: Policy, verdict: PrimitiveVerdict, at: Situation) -> PolicyOutcome:
     """A requirement: the twin of `policies.decision.pdp._permit`."""
     facts, logic = at.facts, at.logic
     undecided = logic.every(logic.no(verdict.holds), logic.no(verdict.fails))
     if policy.pit_bound is None:
-        return Said(verdict.fails, undecided)
+        return PolicyOutcome(verdict.fails, undecided)
     bound = int(policy.pit_bound)
     reached = logic.every(verdict.holds, at.tier_known, bound <= at.tier)
     hopeless = logic.every(reached, _critical(at), logic.no(facts.opening_in_force))
     denies = logic.some(verdict.fails, logic.every(verdict.holds, logic.no(at.tier_known)), hopeless)
-    return Said(denies, logic.some(undecided, logic.every(reached, logic.no(hopeless))))
+    return PolicyOutcome(denies, logic.some(undecided, logic.every(reached, logic.no(hopeless))))
 
 
 def _critical(at: Situation) -> Truth:

@@ -21,7 +21,7 @@ from policies.primitives.propagation import DynamicTrust
 from policies.proof.case_facts import what_it_says
 from policies.proof.claims import CLAIMS, Question
 from policies.proof.concrete_cases import case_of
-from policies.proof.confirmation import Told
+from policies.proof.confirmation import DecidedCase
 from policies.proof.facts import FACTS, NAMES_OF, STATES, Facts, names_of
 from policies.proof.verdicts import unknowns
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from policies.primitives.base import Primitive
     from policies.proof.claims import Claim
-    from policies.proof.facts import Names, Verdict
+    from policies.proof.facts import Names, PrimitiveVerdict
     from policies.proof.search import Found, Search
 
 HARMLESS: Final = frozenset({"read_state", "stop"})
@@ -53,7 +53,7 @@ class Standing(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class CounterexampleCase:
     """One real case of a counterexample.
 
     Attributes:
@@ -61,7 +61,7 @@ class Shown:
         departures: in what the evidence is not ordinary, or not as in the case before; each with its value.
     """
 
-    told: Told
+    told: DecidedCase
     departures: tuple[tuple[str, object], ...]
 
 
@@ -81,7 +81,7 @@ class Result:
     claim: Claim
     standing: Standing
     seconds: float
-    counterexample: tuple[Shown, ...] = ()
+    counterexample: tuple[CounterexampleCase, ...] = ()
     about_nothing: bool = False
     assumed: tuple[str, ...] = ()
 
@@ -132,10 +132,10 @@ def prove_one(claim: Claim, policies: PolicySet, *, harmless: frozenset[str], cl
 
 
 def _real_case(
-    search: Search, question: Question, confirmed: Callable[[tuple[Told, ...]], bool]
-) -> tuple[Standing, tuple[Shown, ...]]:
+    search: Search, question: Question, confirmed: Callable[[tuple[DecidedCase, ...]], bool]
+) -> tuple[Standing, tuple[CounterexampleCase, ...]]:
     """PROVEN when there is no case; BROKEN with a real one that is confirmed; FAULT with one that is not."""
-    last: tuple[Shown, ...] = ()
+    last: tuple[CounterexampleCase, ...] = ()
     for number in range(ROUNDS):
         found = search.next()
         if found is None:
@@ -152,7 +152,7 @@ def _real_case(
     return Standing.FAULT, last
 
 
-def _told(found: Found, question: Question) -> Iterator[tuple[Told, ...]]:
+def _told(found: Found, question: Question) -> Iterator[tuple[DecidedCase, ...]]:
     """The real cases, decided; with an added policy, once for each real policy that may say what it does."""
     first, *others = found.facts
     before = _decided(first, question.policies, question.names)
@@ -165,9 +165,9 @@ def _told(found: Found, question: Question) -> Iterator[tuple[Told, ...]]:
         yield before, _decided(second, both, question.names)
 
 
-def _decided(facts: Facts, policies: PolicySet, names: Names) -> Told:
+def _decided(facts: Facts, policies: PolicySet, names: Names) -> DecidedCase:
     request, evidence = case_of(facts, policies, names)
-    return Told(request, evidence, policies, decide(request, evidence, policies))
+    return DecidedCase(request, evidence, policies, decide(request, evidence, policies))
 
 
 def _with_members(policies: PolicySet, members: tuple[Policy, ...]) -> PolicySet:
@@ -197,7 +197,7 @@ def _denials(policies: PolicySet) -> Iterator[Policy]:
     yield replace(always, predicate=asks, points=frozenset({Point.AGENT, Point.TOOL, Point.ACTUATION}))
 
 
-def _says_otherwise(facts: Facts, told: Told) -> dict[Primitive, Verdict]:
+def _says_otherwise(facts: Facts, told: DecidedCase) -> dict[Primitive, PrimitiveVerdict]:
     """What unknown primitives say of the real case, where the solver assumed something else."""
     needs = requirement(told.request, told.policies)
     case = Case(told.request, told.evidence, needs.physical, runtime_tier(told.evidence, physical=needs.physical))
@@ -205,7 +205,7 @@ def _says_otherwise(facts: Facts, told: Told) -> dict[Primitive, Verdict]:
     return {primitive: said for primitive, said in real.items() if said != facts.unknown[primitive]}
 
 
-def _departures(found: Found, all_told: tuple[Told, ...]) -> Iterator[Shown]:
+def _departures(found: Found, all_told: tuple[DecidedCase, ...]) -> Iterator[CounterexampleCase]:
     """Each case with the facts that are not ordinary, or not as in the case before; names are in the request."""
     before: Facts | None = None
     for facts, told in zip(found.facts, all_told, strict=True):
@@ -215,5 +215,5 @@ def _departures(found: Found, all_told: tuple[Told, ...]) -> Iterator[Shown]:
             usual = row.metadata["ordinary"] if before is None else getattr(before, row.name)
             if row.name not in NAMES_OF and value != usual:
                 strange.append((row.metadata["says"], STATES[value] if row.name == "approval" else value))
-        yield Shown(told, tuple(strange))
+        yield CounterexampleCase(told, tuple(strange))
         before = facts

@@ -10,7 +10,7 @@ from policies.evidence.case_json import to_plain
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from policies.proof.prover import Result, Shown
+    from policies.proof.prover import CounterexampleCase, Result
 
 
 def result_to_plain(result: Result) -> dict[str, object]:
@@ -26,7 +26,7 @@ def result_to_plain(result: Result) -> dict[str, object]:
     }
 
 
-def _shown_to_plain(shown: Shown) -> dict[str, object]:
+def _shown_to_plain(shown: CounterexampleCase) -> dict[str, object]:
     told = shown.told
     return {
         "departures": [{"what": what, "value": _plain(value)} for what, value in shown.departures],
@@ -65,7 +65,7 @@ def lines(result: Result) -> Iterator[str]:
         yield f"  -> {decision.effect} {decision.reason}, {tier}"
 
 
-def _caller(shown: Shown) -> str:
+def _caller(shown: CounterexampleCase) -> str:
     chain = shown.told.evidence.chain
     if not isinstance(chain, Chain):
         return "by nobody who is known"

@@ -14,7 +14,7 @@ import z3
 from policies.decision.combine import checks
 from policies.evidence.model import Point
 from policies.proof.claims import Cases, Question
-from policies.proof.facts import FACTS, NAMES_OF, Facts, Verdict
+from policies.proof.facts import FACTS, NAMES_OF, Facts, PrimitiveVerdict
 from policies.proof.laws import laws
 from policies.proof.logic import Truth, implies
 from policies.proof.outcome import Added, Outcome, outcome
@@ -135,7 +135,7 @@ class Search:
         finally:
             self._solver.pop()
 
-    def insist(self, of: int, facts: Facts, verdicts: Mapping[Primitive, Verdict]) -> None:
+    def insist(self, of: int, facts: Facts, verdicts: Mapping[Primitive, PrimitiveVerdict]) -> None:
         """From now on these primitives say in case number `of` what they say in reality, where it is like `facts`."""
         terms = self._cases.facts[of]
         alike = SYMBOLIC.every(*(getattr(terms, name) == getattr(facts, name) for name in JUDGED))
@@ -163,7 +163,9 @@ class Search:
 
 def _read(model: z3.ModelRef, facts: Facts) -> Facts:
     plain = {row.name: _value(model, getattr(facts, row.name)) for row in FACTS}
-    return Facts(**plain, unknown={p: Verdict(*_values(model, verdict)) for p, verdict in facts.unknown.items()})
+    return Facts(
+        **plain, unknown={p: PrimitiveVerdict(*_values(model, verdict)) for p, verdict in facts.unknown.items()}
+    )
 
 
 def _values(model: z3.ModelRef, terms: Any) -> list[Any]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import z3
 
-from policies.proof.facts import FACTS, Facts, Verdict
+from policies.proof.facts import FACTS, Facts, PrimitiveVerdict
 from policies.proof.logic import Logic, Number, Truth, fold
 
 if TYPE_CHECKING:
@@ -54,6 +54,6 @@ def any_fact(name: str, mark: str = "") -> Any:
     return (z3.Real if row.metadata.get("real") else z3.Int)(name + mark)
 
 
-def any_verdict(name: str) -> Verdict:
+def any_verdict(name: str) -> PrimitiveVerdict:
     """A verdict of which nothing is known."""
-    return Verdict(*(z3.Bool(f"{name} {part}") for part in ("holds", "fails", "raises")))
+    return PrimitiveVerdict(*(z3.Bool(f"{name} {part}") for part in ("holds", "fails", "raises")))

@@ -13,7 +13,7 @@ from capabilities.values.scope import Tier
 from policies.decision.combine import AllOf, Always, AnyOf, Check, Not, Predicate, checks
 from policies.evidence.tiers import UNSEEN_FLOOR
 from policies.primitives import cognition, identity, propagation, tools
-from policies.proof.facts import Facts, Verdict
+from policies.proof.facts import Facts, PrimitiveVerdict
 from policies.proof.logic import Logic, Number, Truth, highest, implies
 
 if TYPE_CHECKING:
@@ -58,8 +58,8 @@ def within(age_s: Number, bound_s: int, skew_s: int, logic: Logic) -> Truth:
     return logic.every(-skew_s <= age_s, age_s <= bound_s)
 
 
-def _all_or_nothing(holds: Truth, logic: Logic) -> Verdict:
-    return Verdict(holds, logic.no(holds))
+def _all_or_nothing(holds: Truth, logic: Logic) -> PrimitiveVerdict:
+    return PrimitiveVerdict(holds, logic.no(holds))
 
 
 # --- the primitives --------------------------------------------------------------------------------------------------
@@ -131,16 +131,16 @@ def _state_preconditions(_: object, at: Situation) -> Truth:
     return at.logic.every(at.facts.robot_known, at.facts.robot_ready)
 
 
-def _dynamic_trust(primitive: propagation.DynamicTrust, at: Situation) -> Verdict:
+def _dynamic_trust(primitive: propagation.DynamicTrust, at: Situation) -> PrimitiveVerdict:
     facts, logic = at.facts, at.logic
     score = facts.trust_permille
     stated = logic.every(facts.trust_known, score >= 0, score <= 1000)
     unasked = logic.every(at.tier_known, at.tier < int(Tier.CONSEQUENTIAL))
     enough = logic.some(primitive.trust_theta_permille <= score, unasked)
-    return Verdict(logic.every(stated, enough), logic.no(stated))
+    return PrimitiveVerdict(logic.every(stated, enough), logic.no(stated))
 
 
-def _physical_impact_gate(_: object, at: Situation) -> Verdict:
+def _physical_impact_gate(_: object, at: Situation) -> PrimitiveVerdict:
     facts, logic = at.facts, at.logic
     tier = world_tier(facts, logic)
     judged = logic.every(
@@ -150,7 +150,7 @@ def _physical_impact_gate(_: object, at: Situation) -> Verdict:
     holds = logic.every(judged, tier < int(Tier.HIGH_CONSEQUENCE))
     critical = tier == int(Tier.SAFETY_CRITICAL)
     refused = logic.every(critical, logic.no(facts.opening_in_force))
-    return Verdict(holds, logic.some(logic.no(judged), refused))
+    return PrimitiveVerdict(holds, logic.some(logic.no(judged), refused))
 
 
 HOLDS: Final[Mapping[type, Callable[[Any, Situation], Truth]]] = {
@@ -168,7 +168,7 @@ HOLDS: Final[Mapping[type, Callable[[Any, Situation], Truth]]] = {
     tools.StatePreconditions: _state_preconditions,
 }
 """The known primitives that hold or fail, and ask nobody."""
-MAY_DEFER: Final[Mapping[type, Callable[[Any, Situation], Verdict]]] = {
+MAY_DEFER: Final[Mapping[type, Callable[[Any, Situation], PrimitiveVerdict]]] = {
     propagation.DynamicTrust: _dynamic_trust,
     tools.PhysicalImpactGate: _physical_impact_gate,
 }
@@ -186,7 +186,7 @@ def unknowns(policies: PolicySet) -> tuple[Primitive, ...]:
     return tuple(sorted(found, key=lambda p: (p.id, repr(p))))
 
 
-def _verdict_of(primitive: Primitive, at: Situation) -> Verdict:
+def _verdict_of(primitive: Primitive, at: Situation) -> PrimitiveVerdict:
     if (holds := HOLDS.get(type(primitive))) is not None:
         return _all_or_nothing(holds(primitive, at), at.logic)
     if (verdict := MAY_DEFER.get(type(primitive))) is not None:
@@ -197,27 +197,27 @@ def _verdict_of(primitive: Primitive, at: Situation) -> Verdict:
 # --- predicates ------------------------------------------------------------------------------------------------------
 
 
-def verdict_of(predicate: Predicate, at: Situation) -> Verdict:
+def verdict_of(predicate: Predicate, at: Situation) -> PrimitiveVerdict:
     """The twin of `policies.decision.combine.evaluate`: every part is asked, so a part that raises is heard of."""
     logic = at.logic
     match predicate:
         case Check(primitive):
             return _verdict_of(primitive, at)
         case Always():
-            return Verdict(holds=True, fails=False)
+            return PrimitiveVerdict(holds=True, fails=False)
         case Not(part):
             turned = verdict_of(part, at)
-            return Verdict(turned.fails, turned.holds, turned.raises)
+            return PrimitiveVerdict(turned.fails, turned.holds, turned.raises)
         case AllOf(parts):
             verdicts = [verdict_of(part, at) for part in parts]
-            return Verdict(
+            return PrimitiveVerdict(
                 logic.every(*(v.holds for v in verdicts)),
                 logic.some(*(v.fails for v in verdicts)),
                 logic.some(*(v.raises for v in verdicts)),
             )
         case AnyOf(parts):
             verdicts = [verdict_of(part, at) for part in parts]
-            return Verdict(
+            return PrimitiveVerdict(
                 logic.some(*(v.holds for v in verdicts)),
                 logic.every(*(v.fails for v in verdicts)),
                 logic.some(*(v.raises for v in verdicts)),

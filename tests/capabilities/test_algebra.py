@@ -12,7 +12,7 @@ from capabilities.values.bounds import nearest_bound, one_of
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode, ScopeError, TokenError
 from capabilities.values.explanation import explain, explanation_to_json, narrowable, repair
-from capabilities.values.hashed_tuple import Hashed
+from capabilities.values.hashed_tuple import HashedTuple
 from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import Parameter, Unit
 from tests.capabilities.world import CELL, FORCE, JOINTS, MOVE, NOW, READ, SCOPE, SLOWER, SPEED, STOP, WIDTH
@@ -306,11 +306,11 @@ def test_a_hash_does_not_leave_its_process():
 @pytest.mark.clause(reason="library plumbing: what is remembered by grants is remembered in one process")
 def test_a_hashed_tuple_is_found_where_the_plain_one_is():
     plain = (MOVE, STOP)
-    hashed = Hashed(plain)
+    hashed = HashedTuple(plain)
     assert hashed == plain
     assert hash(hashed) == hash(hashed) == hash(plain)
     assert {plain: 1}[hashed] == {hashed: 1}[plain] == 1
-    assert Hashed((STOP, MOVE)) != hashed
+    assert HashedTuple((STOP, MOVE)) != hashed
     came = pickle.loads(pickle.dumps(hashed))
     assert type(came) is tuple
     assert came == hashed

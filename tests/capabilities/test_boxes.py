@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from capabilities.values.boxes import Box, box, boxes_of
+from capabilities.values.boxes import VectorParameter, box, boxes_of
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.scope import Grant, Limit, Range
 from capabilities.values.units import Parameter, Unit
@@ -19,7 +19,7 @@ TURN = Limit(Parameter("r0", Unit.MICRORADIAN), Range(0, 1))
 def test_a_box_is_one_limit_for_each_axis():
     made = box("q", Unit.MICRORADIAN, [-3_000_000] * 2, [3_000_000] * 2)
     assert Grant("ur3e", "move_joint", (*made, MOVE.limits[-1])) == MOVE
-    assert boxes_of(MOVE) == (Box("q", Unit.MICRORADIAN, (Range(-3_000_000, 3_000_000),) * 2),)
+    assert boxes_of(MOVE) == (VectorParameter("q", Unit.MICRORADIAN, (Range(-3_000_000, 3_000_000),) * 2),)
 
 
 @given(
@@ -30,7 +30,7 @@ def test_a_box_comes_back(axes, name):
     lows, highs = [low for low, _ in axes], [low + more for low, more in axes]
     grant = Grant("arm", "move", (Limit(SPEED, Range(0, 1)), *box(name, Unit.MICROMETRE, lows, highs), TURN))
     (found,) = boxes_of(grant)
-    assert found == Box(name, Unit.MICROMETRE, tuple(map(Range, lows, highs)))
+    assert found == VectorParameter(name, Unit.MICROMETRE, tuple(map(Range, lows, highs)))
 
 
 def test_a_pose_is_two_boxes():

@@ -6,7 +6,7 @@ import json
 
 import pytest
 from capabilities.proof import mcp_meta
-from capabilities.proof.mcp_meta import META, PROOF, TOKEN, Carried, attach, detach, stray
+from capabilities.proof.mcp_meta import META, PROOF, TOKEN, UnverifiedRequest, attach, detach, stray
 from capabilities.proof.proof import Proof, check_proof, prove
 from capabilities.token.token_text import token_to_text
 from capabilities.values import strict_json
@@ -71,7 +71,7 @@ def test_a_request_with_credentials_holds_and_comes_out_without_them():
     sent = attached()
     assert isinstance(judged(sent), Proof)
     carried = received(sent)
-    assert isinstance(carried, Carried)
+    assert isinstance(carried, UnverifiedRequest)
     assert (carried.token, carried.method, carried.params) == (TOKEN_TEXT, "mcp:tools/call", PARAMS)
     assert carried.proof == sent[META][PROOF]
     assert TOKEN_TEXT not in json.dumps(carried.params)
@@ -170,7 +170,7 @@ def test_a_credential_is_a_text(value):
 )
 def test_no_credentials_are_none(params):
     carried = detach(params, rpc_method="tools/call")
-    assert carried == Carried(None, None, "mcp:tools/call", b"", params)
+    assert carried == UnverifiedRequest(None, None, "mcp:tools/call", b"", params)
     assert stray(params) is None
 
 

@@ -154,7 +154,7 @@ def test_agreement_is_remembered_apart_for_checks_of_every_form():
     def form(taken: Restriction) -> str:
         token = add_hop(root, "robotic", taken)
         found = static_verification.read(token, TRUST, DEFAULT, digest=b"")
-        assert isinstance(found, static_verification.Read)
+        assert isinstance(found, static_verification.StaticVerification)
         return found.form
 
     taken = Restriction(grants=SLOWER.grants)

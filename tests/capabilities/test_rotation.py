@@ -10,7 +10,7 @@ from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
 from capabilities.keys.windows import KEYS_OF_A_ROLE, Role
 from capabilities.rotation import rotation
-from capabilities.rotation.rotation import KeyRecord, KeyRing, Refused, State, Why
+from capabilities.rotation.rotation import KeyRecord, KeyRing, RotationRefused, KeyState, RotationFault
 from capabilities.rotation.rotation_json import ring_from_json, ring_to_json
 from capabilities.rotation.succession import check_bundle, succeed
 from capabilities.statements import trust as trust_bundle
@@ -42,7 +42,7 @@ FIRST = {role: raw_of(f"first {role}") for role in Role}
 RING = rotation.begin(ISSUER, FIRST, at=NOW)
 
 
-def stepped(ring: KeyRing | Refused) -> KeyRing:
+def stepped(ring: KeyRing | RotationRefused) -> KeyRing:
     assert isinstance(ring, KeyRing), ring
     return ring
 
@@ -53,8 +53,8 @@ def rotated(ring: KeyRing, role: Role, name: str, at: int) -> KeyRing:
     return stepped(rotation.activate(ring, ring.records[-1].id, at=at))
 
 
-def why(answer: KeyRing | Refused) -> Why:
-    assert isinstance(answer, Refused), answer
+def why(answer: KeyRing | RotationRefused) -> RotationFault:
+    assert isinstance(answer, RotationRefused), answer
     return answer.why
 
 
@@ -77,22 +77,22 @@ def test_a_new_ring_signs_in_every_role():
 def test_a_key_goes_through_its_life(role):
     ring = stepped(rotation.prepare(RING, role, raw_of("second"), at=NOW + 10))
     second = ring.records[-1]
-    assert (second.state, second.number, ring.active(role).key) == (State.PREPARED, 2, FIRST[role])
+    assert (second.state, second.number, ring.active(role).key) == (KeyState.PREPARED, 2, FIRST[role])
     assert ring.bundle(DEFAULT).of_role(role) == {FIRST[role], raw_of("second")}, "trusted before it signs"
 
     ring = stepped(rotation.activate(ring, second.id, at=NOW + 20))
     first = ring.records[[r.key for r in ring.records].index(FIRST[role])]
-    assert (first.state, ring.active(role).key) == (State.RETIRED, raw_of("second"))
+    assert (first.state, ring.active(role).key) == (KeyState.RETIRED, raw_of("second"))
     assert ring.bundle(DEFAULT).windows[FIRST[role]].not_after == NOW + 20 + OVERLAP
     assert ring.bundle(DEFAULT).windows[raw_of("second")].not_after == NOW + 20 + rotation.BUNDLE_LIFETIME_S
 
     tainted = stepped(rotation.taint(ring, first.id, at=NOW + 30))
-    assert tainted.find(first.id).state is State.TAINTED
+    assert tainted.find(first.id).state is KeyState.TAINTED
     assert tainted.bundle(DEFAULT).windows[FIRST[role]].tainted_at == NOW + 30
 
     for before in (ring, tainted):
         revoked = stepped(rotation.revoke(before, first.id, at=NOW + 40))
-        assert revoked.find(first.id).state is State.REVOKED
+        assert revoked.find(first.id).state is KeyState.REVOKED
         assert revoked.bundle(DEFAULT).of_role(role) == {raw_of("second")}
         assert FIRST[role] in revoked.all_keys
     assert [r.version for r in (ring, tainted, revoked)] == [3, 4, 5]
@@ -103,32 +103,32 @@ def test_a_key_goes_through_its_life(role):
     assert later.bundle(DEFAULT).of_role(role) == {raw_of("second")}, "the overlap is over"
 
 
-def ring_with(state: State) -> tuple[KeyRing, str]:
+def ring_with(state: KeyState) -> tuple[KeyRing, str]:
     """A ring with an attester of the state."""
     ring = stepped(rotation.prepare(RING, Role.ATTESTER, raw_of("second"), at=NOW + 1))
-    if state is State.PREPARED:
+    if state is KeyState.PREPARED:
         return ring, "attester-2"
     ring = stepped(rotation.activate(ring, "attester-2", at=NOW + 2))
-    if state is State.ACTIVE:
+    if state is KeyState.ACTIVE:
         return ring, "attester-2"
-    if state is State.TAINTED:
+    if state is KeyState.TAINTED:
         ring = stepped(rotation.taint(ring, "attester-1", at=NOW + 3))
-    if state is State.REVOKED:
+    if state is KeyState.REVOKED:
         ring = stepped(rotation.revoke(ring, "attester-1", at=NOW + 3))
     return ring, "attester-1"
 
 
 VERBS = {"activate": rotation.activate, "taint": rotation.taint, "revoke": rotation.revoke}
 ALLOWED = {
-    ("activate", State.PREPARED): State.ACTIVE,
-    ("taint", State.RETIRED): State.TAINTED,
-    ("revoke", State.PREPARED): State.REVOKED,
-    ("revoke", State.RETIRED): State.REVOKED,
-    ("revoke", State.TAINTED): State.REVOKED,
+    ("activate", KeyState.PREPARED): KeyState.ACTIVE,
+    ("taint", KeyState.RETIRED): KeyState.TAINTED,
+    ("revoke", KeyState.PREPARED): KeyState.REVOKED,
+    ("revoke", KeyState.RETIRED): KeyState.REVOKED,
+    ("revoke", KeyState.TAINTED): KeyState.REVOKED,
 }
 
 
-@pytest.mark.parametrize("state", State)
+@pytest.mark.parametrize("state", KeyState)
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_in_every_state(verb, state):
     ring, id_ = ring_with(state)
@@ -137,33 +137,33 @@ def test_every_verb_in_every_state(verb, state):
     if (verb, state) in ALLOWED:
         assert stepped(answer).find(id_).state is ALLOWED[verb, state]
         assert answer.version == ring.version + 1
-    elif state is State.ACTIVE and verb != "activate":
-        assert why(answer) is Why.STILL_ACTIVE
+    elif state is KeyState.ACTIVE and verb != "activate":
+        assert why(answer) is RotationFault.STILL_ACTIVE
     else:
-        assert why(answer) is Why.WRONG_STATE
-    assert why(VERBS[verb](ring, "attester-9", at=NOW + 9)) is Why.KEY_UNKNOWN
+        assert why(answer) is RotationFault.WRONG_STATE
+    assert why(VERBS[verb](ring, "attester-9", at=NOW + 9)) is RotationFault.KEY_UNKNOWN
     if (verb, state) in ALLOWED:
-        assert why(VERBS[verb](ring, id_, at=ring.issued_at - 1)) is Why.CLOCK_BACKWARDS
+        assert why(VERBS[verb](ring, id_, at=ring.issued_at - 1)) is RotationFault.CLOCK_BACKWARDS
 
 
 def test_no_key_comes_back():
-    ring, _ = ring_with(State.REVOKED)
+    ring, _ = ring_with(KeyState.REVOKED)
     for raw in (FIRST[Role.ATTESTER], raw_of("second"), FIRST[Role.FEED]):
         for role in Role:
-            assert why(rotation.prepare(ring, role, raw, at=NOW + 9)) is Why.KEY_IN_USE
+            assert why(rotation.prepare(ring, role, raw, at=NOW + 9)) is RotationFault.KEY_IN_USE
     with pytest.raises(BadKeyError):
         rotation.prepare(ring, Role.ROOT, bytes(32), at=NOW + 9)
 
 
 def test_one_prepared_key_at_a_time_and_not_too_many():
-    ring, _ = ring_with(State.PREPARED)
-    assert why(rotation.prepare(ring, Role.ATTESTER, raw_of("third"), at=NOW + 9)) is Why.ALREADY_PREPARED
-    assert why(rotation.prepare(ring, Role.ROOT, raw_of("third"), at=NOW)) is Why.CLOCK_BACKWARDS
+    ring, _ = ring_with(KeyState.PREPARED)
+    assert why(rotation.prepare(ring, Role.ATTESTER, raw_of("third"), at=NOW + 9)) is RotationFault.ALREADY_PREPARED
+    assert why(rotation.prepare(ring, Role.ROOT, raw_of("third"), at=NOW)) is RotationFault.CLOCK_BACKWARDS
     ring = RING
     for n in range(KEYS_OF_A_ROLE - 1):
         ring = rotated(ring, Role.ROOT, f"root {n}", NOW + n)
     assert len(ring.bundle(DEFAULT).roots) == KEYS_OF_A_ROLE
-    assert why(rotation.prepare(ring, Role.ROOT, raw_of("more"), at=NOW + 99)) is Why.TOO_MANY_KEYS
+    assert why(rotation.prepare(ring, Role.ROOT, raw_of("more"), at=NOW + 99)) is RotationFault.TOO_MANY_KEYS
     ring = stepped(rotation.revoke(ring, "root-1", at=NOW + 99))
     assert (
         stepped(rotation.prepare(ring, Role.ROOT, raw_of("more"), at=NOW + 99)).records[-1].number == KEYS_OF_A_ROLE + 1
@@ -195,7 +195,7 @@ def test_any_steps_leave_a_ring_that_can_be(steps):
             answer = rotation.renew(ring, at=at)
         else:
             answer = VERBS[verb](ring, f"{rotation.ID_STEM[role]}-{number}", at=at)
-        if isinstance(answer, Refused):
+        if isinstance(answer, RotationRefused):
             continue
         ring = answer
         assert ring_from_json(ring_to_json(ring)) == ring
@@ -204,10 +204,10 @@ def test_any_steps_leave_a_ring_that_can_be(steps):
         assert (ring.version, bundle.version) == (before.version + 1, ring.version)
         for record in ring.records:
             live = record.key in bundle.all_keys
-            assert live or record.state in {State.RETIRED, State.TAINTED, State.REVOKED}
-            assert not (live and record.state is State.REVOKED)
+            assert live or record.state in {KeyState.RETIRED, KeyState.TAINTED, KeyState.REVOKED}
+            assert not (live and record.state is KeyState.REVOKED)
             earlier = before.find(record.id)
-            assert earlier is None or list(State).index(record.state) >= list(State).index(earlier.state)
+            assert earlier is None or list(KeyState).index(record.state) >= list(KeyState).index(earlier.state)
         # What is published follows what was published, signed by the key that signed then.
         signer = {raw_of(f"new {n}"): key_of(f"new {n}") for n in range(prepared + 1)} | {
             FIRST[Role.REGISTRY]: key_of(f"first {Role.REGISTRY}")
@@ -222,14 +222,14 @@ def test_any_steps_leave_a_ring_that_can_be(steps):
 
 
 def test_a_ring_comes_back_in_one_spelling():
-    ring, _ = ring_with(State.REVOKED)
+    ring, _ = ring_with(KeyState.REVOKED)
     ring = stepped(rotation.prepare(ring, Role.ROOT, keys.public_raw(curve_of("root")), at=NOW + 9))
     assert ring_from_json(ring_to_json(ring)) == ring
     assert ring_to_json(ring_from_json(ring_to_json(ring))) == ring_to_json(ring)
 
 
 def test_a_ring_that_cannot_be_is_refused():
-    ring, _ = ring_with(State.TAINTED)
+    ring, _ = ring_with(KeyState.TAINTED)
     good = json.loads(ring_to_json(ring))
     first = good["keys"][0]
     changes = [

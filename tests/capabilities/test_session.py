@@ -11,8 +11,8 @@ from capabilities.keys import jws, keys
 from capabilities.proof import key_agreement
 from capabilities.proof.key_agreement import PROFILE
 from capabilities.proof.proof import prove
-from capabilities.proof.session_frames import Message, Session
-from capabilities.proof.session_opening import Answered, Pending, answer, begin, conclude
+from capabilities.proof.session_frames import SessionMessage, Session
+from capabilities.proof.session_opening import AnsweredSession, PendingSession, answer, begin, conclude
 from capabilities.token.token_text import token_to_text
 from capabilities.values import strict_json
 from capabilities.values.caps import DEFAULT
@@ -32,7 +32,7 @@ def seeded(text: str) -> bytes:
     return hashlib.sha256(text.encode()).digest()
 
 
-def begun(**other: object) -> Pending:
+def begun(**other: object) -> PendingSession:
     wanted = {
         "key": key_of("gripper"),
         "url": URL,
@@ -47,7 +47,7 @@ def begun(**other: object) -> Pending:
     return begin(**{**wanted, **other})
 
 
-def answered(pending: Pending, **other: object) -> Answered | Fault:
+def answered(pending: PendingSession, **other: object) -> AnsweredSession | Fault:
     wanted = {
         "holder_key": raw_of("gripper"),
         "url": URL,
@@ -64,7 +64,7 @@ def answered(pending: Pending, **other: object) -> Answered | Fault:
     return answer(pending.body, pending.proof, **{**wanted, **other})
 
 
-def concluded(pending: Pending, text: bytes, **other: object) -> Session | Fault:
+def concluded(pending: PendingSession, text: bytes, **other: object) -> Session | Fault:
     return conclude(pending, text, **{"at": NOW, "most_missing": 0, "caps": DEFAULT, **other})
 
 
@@ -85,7 +85,9 @@ def code(found: object) -> tuple[FaultCode, str]:
 def talk(holder: Session, verifier: Session) -> bool:
     """Whether a message passes in each direction."""
     there, back = holder.seal(b"move", at=NOW), verifier.seal(b"state", at=NOW)
-    return verifier.open(there, at=NOW) == Message(b"move", 0) and holder.open(back, at=NOW) == Message(b"state", 0)
+    return verifier.open(there, at=NOW) == SessionMessage(b"move", 0) and holder.open(back, at=NOW) == SessionMessage(
+        b"state", 0
+    )
 
 
 @pytest.mark.clause("SES-1", "SES-5", "SES-6")
@@ -149,7 +151,7 @@ def test_nobody_between_puts_another_key_into_an_opening():
 # --- [SES-2] the opening
 
 
-def with_body(change: dict[str, object] | bytes) -> Pending:
+def with_body(change: dict[str, object] | bytes) -> PendingSession:
     """An opening with other members, really proved by the holder."""
     pending = begun()
     body = change if isinstance(change, bytes) else strict_json.canonical({**json.loads(pending.body), **change})
@@ -287,7 +289,7 @@ def test_a_holder_takes_no_session_longer_than_any():
 # --- [SES-5] the answer
 
 
-def with_answer(pending: Pending, **change: object) -> bytes:
+def with_answer(pending: PendingSession, **change: object) -> bytes:
     return strict_json.canonical({**json.loads(answered(pending).text), **change})
 
 
@@ -347,7 +349,7 @@ def test_the_one_in_the_middle_who_answers_needs_the_static_key():
         assert code(concluded(pending, forged)) == (FaultCode.PROOF_WRONG_KEY, "SES-5")
 
 
-def forgeries(pending: Pending):
+def forgeries(pending: PendingSession):
     """Answers of the one in the middle, whose MAC is right for what the holder expects; the signature is what it can get."""
     genuine = json.loads(answered(pending).text)["signature"]
     transcript = key_agreement.Transcript(
@@ -477,7 +479,7 @@ def test_sessions_share_no_frames():
     frame = holder.seal(b"move", at=NOW)
     for other in ({"nonce": seeded("another")}, {"private": seeded("another")}, {"not_after": ENDS - 1}):
         assert code(answered(begun(), **other).session.open(frame, at=NOW)) == (FaultCode.PROOF_WRONG_KEY, "SES-7")
-    assert answered(begun()).session.open(frame, at=NOW) == Message(b"move", 0)
+    assert answered(begun()).session.open(frame, at=NOW) == SessionMessage(b"move", 0)
 
 
 @pytest.mark.clause(reason="what a value prints is no matter of the wire")

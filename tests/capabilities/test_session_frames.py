@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from types import CodeType, FrameType
 
 import pytest
-from capabilities.proof.session_frames import LAST_COUNTER, MOST_MISSING, OVERHEAD_BYTES, End, Message, Session
+from capabilities.proof.session_frames import LAST_COUNTER, MOST_MISSING, OVERHEAD_BYTES, End, SessionMessage, Session
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode
 from hypothesis import settings
@@ -55,7 +55,7 @@ def test_frames_are_those_of_the_spec(message):
     frame = holder.seal(message, at=NOW)
     assert frame == framed(0, 1, message)
     assert len(frame) == len(message) + OVERHEAD_BYTES
-    assert verifier.open(frame, at=NOW) == Message(message, 0)
+    assert verifier.open(frame, at=NOW) == SessionMessage(message, 0)
     assert holder.seal(message, at=NOW) == framed(0, 2, message)
     assert holder.close(at=NOW) == framed(1, 3, b"")
 
@@ -65,7 +65,7 @@ def test_a_frame_once():
     holder, verifier = ends()
     frames = [holder.seal(bytes([n]), at=NOW) for n in range(3)]
     for n, frame in enumerate(frames):
-        assert verifier.open(frame, at=NOW) == Message(bytes([n]), 0)
+        assert verifier.open(frame, at=NOW) == SessionMessage(bytes([n]), 0)
         for old in frames[: n + 1]:
             assert code(verifier.open(old, at=NOW)) == REPLAYED
 
@@ -77,8 +77,8 @@ def test_a_frame_that_somebody_took_out_is_missed():
     first, stop, after = (holder.seal(message, at=NOW) for message in (b"move", b"stop", b"move on"))
     verifier.open(first, at=NOW)
     assert code(verifier.open(after, at=NOW)) == GAP
-    assert verifier.open(stop, at=NOW) == Message(b"stop", 0)
-    assert verifier.open(after, at=NOW) == Message(b"move on", 0)
+    assert verifier.open(stop, at=NOW) == SessionMessage(b"stop", 0)
+    assert verifier.open(after, at=NOW) == SessionMessage(b"move on", 0)
 
 
 @pytest.mark.clause("SES-8")
@@ -98,14 +98,14 @@ def test_how_many_may_be_missing(most, skipped, expected):
     for _ in range(skipped):
         holder.seal(b"lost", at=NOW)
     found = verifier.open(holder.seal(b"x", at=NOW), at=NOW)
-    assert found == Message(b"x", expected) if isinstance(expected, int) else code(found) == expected
+    assert found == SessionMessage(b"x", expected) if isinstance(expected, int) else code(found) == expected
 
 
 @pytest.mark.clause("SES-8")
 def test_a_frame_that_comes_late_is_never_accepted():
     holder, verifier = ends(most_missing=5)
     early, late = holder.seal(b"early", at=NOW), holder.seal(b"late", at=NOW)
-    assert verifier.open(late, at=NOW) == Message(b"late", 1)
+    assert verifier.open(late, at=NOW) == SessionMessage(b"late", 1)
     assert code(verifier.open(early, at=NOW)) == REPLAYED
 
 
@@ -134,7 +134,7 @@ def test_a_counter_is_read_after_the_mac():
         forged = frame[:1] + counter.to_bytes(8, "big") + frame[9:]
         if forged != frame:
             assert code(verifier.open(forged, at=NOW)) == NOT_THEIRS
-    assert verifier.open(frame, at=NOW) == Message(b"x", 0)
+    assert verifier.open(frame, at=NOW) == SessionMessage(b"x", 0)
 
 
 @pytest.mark.clause("SES-8")
@@ -149,7 +149,7 @@ def test_no_counter_is_left():
     holder._sealed = verifier._opened = LAST_COUNTER - 1
     last = holder.seal(b"last", at=NOW)
     assert last[1:9] == b"\xff" * 8
-    assert verifier.open(last, at=NOW) == Message(b"last", 0)
+    assert verifier.open(last, at=NOW) == SessionMessage(b"last", 0)
     assert code(verifier.open(last, at=NOW)) == REPLAYED
     for _ in range(2):
         assert code(holder.seal(b"one more", at=NOW)) == EXHAUSTED
@@ -162,12 +162,12 @@ def test_sizes():
     caps = replace(DEFAULT, frame_bytes=10)
     holder, verifier = ends(caps=caps)
     assert code(holder.seal(bytes(11), at=NOW)) == MALFORMED
-    assert verifier.open(holder.seal(bytes(10), at=NOW), at=NOW) == Message(bytes(10), 0)
+    assert verifier.open(holder.seal(bytes(10), at=NOW), at=NOW) == SessionMessage(bytes(10), 0)
     assert code(verifier.open(framed(0, 2, bytes(11)), at=NOW)) == MALFORMED
     assert code(verifier.open(bytes(10**6), at=NOW)) == MALFORMED
     for size in range(OVERHEAD_BYTES):
         assert code(verifier.open(framed(0, 2, b"")[:size], at=NOW)) == MALFORMED
-    assert verifier.open(framed(0, 2, b""), at=NOW) == Message(b"", 0)
+    assert verifier.open(framed(0, 2, b""), at=NOW) == SessionMessage(b"", 0)
 
 
 @pytest.mark.clause("SES-7")
@@ -176,7 +176,7 @@ def test_no_other_kind(kind, message):
     _, verifier = ends()
     assert code(verifier.open(framed(kind, 1, message), at=NOW)) == MALFORMED
     assert not verifier.over
-    assert verifier.open(framed(0, 1, b"x"), at=NOW) == Message(b"x", 0)
+    assert verifier.open(framed(0, 1, b"x"), at=NOW) == SessionMessage(b"x", 0)
 
 
 HEAD = b"\0" + (1).to_bytes(8, "big")
@@ -211,7 +211,7 @@ def test_every_bit_counts():
     for cut in range(len(frame)):
         assert code(verifier.open(frame[:cut], at=NOW))[1] == "SES-7"
         assert code(verifier.open(frame[:cut] + b"\0" + frame[cut:], at=NOW))[1] == "SES-7"
-    assert verifier.open(frame, at=NOW) == Message(b"move", 0)
+    assert verifier.open(frame, at=NOW) == SessionMessage(b"move", 0)
 
 
 @pytest.mark.clause("SES-7")
@@ -249,7 +249,7 @@ class TestTheEnd:
         sent = holder.seal(b"x", at=NOW)
         end = holder.close(at=NOW)
         assert code(verifier.open(end, at=NOW)) == GAP
-        assert verifier.open(sent, at=NOW) == Message(b"x", 0)
+        assert verifier.open(sent, at=NOW) == SessionMessage(b"x", 0)
         assert verifier.open(end, at=NOW) == End(0)
 
     @pytest.mark.clause("SES-9")
@@ -264,7 +264,7 @@ class TestTime:
     @pytest.mark.parametrize("at", [NOW - DEFAULT.skew_s, NOW, NOW + 0.5, ENDS - 1, ENDS - 0.001])
     def test_inside(self, at):
         holder, verifier = ends()
-        assert verifier.open(holder.seal(b"x", at=at), at=at) == Message(b"x", 0)
+        assert verifier.open(holder.seal(b"x", at=at), at=at) == SessionMessage(b"x", 0)
 
     @pytest.mark.clause("SES-6")
     @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_one_winner_when_two_open_at_the_same_time():
     )
     found.append(verifier.open(frame, at=NOW))
     finish()
-    assert sorted(str(type(each).__name__) for each in found) == ["Fault", "Message"]
+    assert sorted(str(type(each).__name__) for each in found) == ["Fault", "SessionMessage"]
 
 
 @pytest.mark.clause("SES-8")
@@ -328,7 +328,7 @@ def test_two_counters_when_two_seal_at_the_same_time():
     found.append(holder.seal(b"x", at=NOW))
     finish()
     assert sorted(found) == [framed(0, 1, b"x"), framed(0, 2, b"x")]
-    assert [verifier.open(frame, at=NOW) for frame in sorted(found)] == [Message(b"x", 0)] * 2
+    assert [verifier.open(frame, at=NOW) for frame in sorted(found)] == [SessionMessage(b"x", 0)] * 2
 
 
 # --- the twin
@@ -403,7 +403,7 @@ class Sessions(RuleBasedStateMachine):
             missing, twin.taken = number - twin.taken - 1, number
             kind, message = theirs.sealed[number - 1]
             twin.over = kind == "end"
-            assert found == (End(missing) if kind == "end" else Message(message, missing))
+            assert found == (End(missing) if kind == "end" else SessionMessage(message, missing))
 
     @rule(end=st.integers(0, 1), which=st.integers(0, 1))
     def stranger(self, end, which):

@@ -56,7 +56,7 @@ INDEX = revocation.RevocationIndex(
     NOW * 1_000,
     "n" * 22,
     4,
-    (revocation.Entry(3, "agent", "robotic"), revocation.Entry(9, "audience", CELL)),
+    (revocation.RevocationEntry(3, "agent", "robotic"), revocation.RevocationEntry(9, "audience", CELL)),
 )
 SNAPSHOT = registry.RegistrySnapshot(
     ISSUER,
@@ -173,7 +173,7 @@ LISTED = manifest.Manifest(
     version=4,
     entries=(
         manifest.entry_of("gripping", b"Close on the part with 40 N.", "handbook-7"),
-        manifest.Entry("moving", HEX, "handbook-7"),
+        manifest.ManifestEntry("moving", HEX, "handbook-7"),
     ),
     at=NOW,
     not_after=NOW + 86_400,
@@ -248,7 +248,7 @@ PASSED_ON = ticket.Ticket(
     pep="cell-1",
     audience=CELL,
     url="http://127.0.0.1:8902/calls",
-    carried=ticket.Carried(token=HEX, proof="cd" * 32, body="ef" * 32),
+    carried=ticket.RequestDigests(token=HEX, proof="cd" * 32, body="ef" * 32),
     at_ms=NOW * 1_000,
 )
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
@@ -630,7 +630,7 @@ def test_the_largest_message_fits():
     assert message.open(message.sign(full, SIGNER), TRUSTED, DEFAULT) == full
 
 
-PLACE = message.Place("orchestrator", "robotic", "t" * 22, "0d" * 16, "c" * 22, 2)
+PLACE = message.ExpectedMessage("orchestrator", "robotic", "t" * 22, "0d" * 16, "c" * 22, 2)
 MISPLACED = {
     "another sender": ({"sender": "vision"}, FaultCode.STATEMENT_UNTRUSTED),
     "under another token": ({"token_id": "u" * 22}, FaultCode.STATEMENT_UNTRUSTED),
@@ -742,13 +742,13 @@ def test_the_largest_manifest_fits():
         LISTED,
         collection="c" * 256,
         curator="d" * 256,
-        entries=tuple(manifest.Entry(f"{n:04}{long}", HEX, f"{long}{n:04}") for n in range(manifest.ENTRIES)),
+        entries=tuple(manifest.ManifestEntry(f"{n:04}{long}", HEX, f"{long}{n:04}") for n in range(manifest.ENTRIES)),
         not_after=NOW + manifest.LIFETIME_S,
     )
     assert manifest.open(manifest.sign(full, SIGNER), TRUSTED, DEFAULT) == full
 
 
-SHELF = manifest.Place("procedures", "document", "dora", 0, "")
+SHELF = manifest.ExpectedManifest("procedures", "document", "dora", 0, "")
 OFF_THE_SHELF = {
     "of another curator": ({"curator": "eve"}, SHELF, FaultCode.STATEMENT_UNTRUSTED),
     "of another collection": ({"collection": "recipes"}, SHELF, FaultCode.WRONG_AUDIENCE),

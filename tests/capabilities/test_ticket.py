@@ -9,7 +9,7 @@ import pytest
 from capabilities.keys import jws, keys
 from capabilities.statements import response, statement_form, ticket
 from capabilities.statements.revocation import RevocationView
-from capabilities.statements.ticket import Carried, Ticket
+from capabilities.statements.ticket import RequestDigests, Ticket
 from capabilities.values import strict_json
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode
@@ -23,7 +23,7 @@ from tests.capabilities.world import CELL, NOW, OTHER_CELL, VIEW, key_of, raw_of
 CALLS = "http://127.0.0.1:8902/calls"
 ID = "0e" * 16
 TOKEN, PROOF, BODY = "token-text", "proof-text", b'{"method":"tools/call"}'
-CALL = Carried.of(token=TOKEN, proof=PROOF, body=BODY)
+CALL = RequestDigests.of(token=TOKEN, proof=PROOF, body=BODY)
 PEPS = {"door-1": raw_of("door"), "door-2": raw_of("door-2")}
 
 
@@ -145,14 +145,14 @@ OTHERS = {
 @pytest.mark.clause("TKT-5")
 @pytest.mark.parametrize("name", OTHERS)
 def test_another_request(name):
-    carried = Carried.of(**{"token": TOKEN, "proof": PROOF, "body": BODY, **OTHERS[name]})
+    carried = RequestDigests.of(**{"token": TOKEN, "proof": PROOF, "body": BODY, **OTHERS[name]})
     assert refused(verified(issued(), carried)) == ("TKT-5", FaultCode.PROOF_NOT_FOR_THIS_REQUEST)
 
 
 @pytest.mark.clause("TKT-5")
 def test_what_is_bound_is_the_bytes():
     assert CALL.body == hashlib.sha256(BODY).hexdigest()
-    assert Carried.of(token=None, proof=None, body=b"") == Carried(*[hashlib.sha256(b"").hexdigest()] * 3)
+    assert RequestDigests.of(token=None, proof=None, body=b"") == RequestDigests(*[hashlib.sha256(b"").hexdigest()] * 3)
 
 
 @pytest.mark.clause("TKT-6")
@@ -198,7 +198,7 @@ def test_no_changed_byte_passes(data):
     if whole[part] == raw:  # one of several equal bytes was put beside its twin and taken out again
         return
     said = {name: value.decode("latin-1") for name, value in whole.items() if name != "body"}
-    found = verified(said["text"], Carried.of(token=said["token"], proof=said["proof"], body=whole["body"]))
+    found = verified(said["text"], RequestDigests.of(token=said["token"], proof=said["proof"], body=whole["body"]))
     assert isinstance(found, Fault)
 
 

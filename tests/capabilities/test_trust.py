@@ -9,7 +9,7 @@ import pytest
 from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
 from capabilities.keys.windows import FOREVER, KEYS_OF_A_ROLE, Role, Standing, Window
-from capabilities.rotation.succession import Seen, check_bundle, succeed
+from capabilities.rotation.succession import NewestBundle, check_bundle, succeed
 from capabilities.statements import statement_form
 from capabilities.statements import trust as trust_bundle
 from capabilities.values import strict_json
@@ -324,7 +324,7 @@ def test_what_was_seen_is_not_forgotten():
     seen = check_bundle(FIRST, None, at=AT, caps=DEFAULT)
     assert (seen.version, check_bundle(FIRST, seen, at=AT, caps=DEFAULT)) == (3, seen)
     seen = check_bundle(LATER, seen, at=AT, caps=DEFAULT)
-    assert isinstance(seen, Seen)
+    assert isinstance(seen, NewestBundle)
     for older in (FIRST, replace(LATER, valid_until=NOW + 300 * HOUR), replace(FIRST, version=0)):
         fault = check_bundle(older, seen, at=AT, caps=DEFAULT)
         assert (fault.code, fault.clause) == (FaultCode.REPLAYED, "TRB-4")

@@ -11,7 +11,7 @@ import pytest
 from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
 from capabilities.keys.windows import Role
-from capabilities.rotation.rotation import State
+from capabilities.rotation.rotation import KeyState
 from capabilities.rotation.succession import check_bundle, succeed
 from capabilities.statements import trust_bundle as trust_statement
 from capabilities.values.caps import DEFAULT
@@ -127,7 +127,7 @@ def test_what_is_refused(run, copy):
     assert set(copy.key_ring.parent.iterdir()) == files, "a refusal makes no file"
     with DirectoryLock.take(copy.lock):
         assert refused(run, copy, "activate", "root-2") == (1, "RUNNING")
-    assert key_ring.read(copy).find("root-2").state is State.PREPARED
+    assert key_ring.read(copy).find("root-2").state is KeyState.PREPARED
     copy.key_ring.chmod(0o622)
     assert refused(run, copy, "list") == (2, "KEYS_UNREADABLE")
     copy.key_ring.chmod(0o600)

@@ -5,7 +5,7 @@ import json
 
 import pytest
 import rfc8785
-from pep.base.operations import OPERATIONS, Kind
+from pep.base.operations import OPERATIONS, OperationKind
 from policies.decision.load import TEXT_LIMIT
 from tests.pep.kit import MOVE, Rig, full_scope, reading
 from tests.policies.test_advice import GATED
@@ -116,7 +116,7 @@ def test_a_file_that_is_no_text_is_refused(run, tmp_path, name, content, code):
 def test_all_that_a_robot_can_be_asked_is_known_where_policies_are_checked():
     known = {(each.object, each.operation): each for each in operations()}
     for each in OPERATIONS:
-        assert known[each.object, each.name].moves is (each.kind in (Kind.MOTION, Kind.SWITCH))
+        assert known[each.object, each.name].moves is (each.kind in (OperationKind.MOTION, OperationKind.SWITCH))
         assert Point.ACTUATION in known[each.object, each.name].points
     assert len(known) == len(operations())
 

@@ -12,7 +12,7 @@ import httpx2
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.caps import DEFAULT
 from pep.base.clock import SystemClock
-from pep.provider.feed import Follower, MarkFile
+from pep.provider.feed import ProviderFollower, FeedMarkFile
 
 LOOK_S = 0.0005
 """How often the view is looked at: the resolution of what is measured."""
@@ -26,9 +26,9 @@ def say(**what):
 async def main(issuer, folder, period_s):
     http = httpx2.AsyncClient()
     trust = TrustBundle.from_json((await http.get(issuer + "/trust")).content)
-    follower = Follower(
+    follower = ProviderFollower(
         http, issuer=issuer, audience="http://127.0.0.1:8800/mcp", trust=trust, caps=DEFAULT, clock=SystemClock(),
-        mark=MarkFile(Path(folder) / "feed.json"), incident=lambda error: say(incident=str(error)),
+        mark=FeedMarkFile(Path(folder) / "feed.json"), incident=lambda error: say(incident=str(error)),
     )  # fmt: skip
     running = asyncio.create_task(follower.run(period_s=period_s))
     shown = -1

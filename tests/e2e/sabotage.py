@@ -47,7 +47,7 @@ def idp_takes_any_evidence():
 
     def judge(rules, state, agent, evidence, *, delegator, request_digest, purpose, at_ms):
         spent = NonceConsumed(statement.open(evidence, {agent.key}, rules.caps).nonce, purpose)
-        return attestation.Shown(spent, EvidenceKind.JWT)
+        return attestation.AcceptedEvidence(spent, EvidenceKind.JWT)
 
     attestation.judge = issuance.judge = judge
 
@@ -200,10 +200,10 @@ def pep_ignores_sponsors():
 def pep_ignores_the_age_of_its_view():
     import dataclasses
 
-    from pep.provider.feed import Follower
+    from pep.provider.feed import ProviderFollower
 
-    honest = Follower.view
-    Follower.view = lambda self: dataclasses.replace(honest(self), age_ms=0)
+    honest = ProviderFollower.view
+    ProviderFollower.view = lambda self: dataclasses.replace(honest(self), age_ms=0)
 
 
 @defect
@@ -289,9 +289,9 @@ def pep_takes_one_for_two():
 @defect
 def pep_sees_no_age():
     """Every frame is new."""
-    from pep.perception.sensor_frames import Frame
+    from pep.perception.sensor_frames import SensorFrame
 
-    Frame.age_ms = lambda self, now_ms: 0
+    SensorFrame.age_ms = lambda self, now_ms: 0
 
 
 @defect
@@ -352,15 +352,15 @@ def gateway_is_open():
 @defect
 def gateway_lends_twice():
     """A lease that is open keeps nobody from opening another."""
-    from pep.rtde.lease.lease_endpoint import Door
+    from pep.rtde.lease.lease_endpoint import LeaseEndpoint
 
-    honest = Door._opened
+    honest = LeaseEndpoint._opened
 
     def opened(self, *arguments):
         self.leases._held = None
         return honest(self, *arguments)
 
-    Door._opened = opened
+    LeaseEndpoint._opened = opened
 
 
 @defect

@@ -14,7 +14,7 @@ import pytest
 from tests.e2e import sabotage
 from ztpm.base.processes import Child
 from ztpm.cell.cell import Cell
-from ztpm.demo.run import Told, play
+from ztpm.demo.run import StepReport, play
 from ztpm.demo.story import STORY
 from ztpm.stage.live import stage
 from ztpm.stage.stage import LEFT, WAIT_S, Stage, until
@@ -94,7 +94,7 @@ class Theatre:
 
     def __init__(self, on_stage: Stage, defects: dict[str, str]) -> None:
         self.stage, self.defects = on_stage, defects
-        self.delegated: list[Told] = []
+        self.delegated: list[StepReport] = []
 
     def change(self, broken: tuple[str, ...], defect: str) -> None:
         """These processes run with that defect and all others with none; the arm stands at the left of an empty scene."""
@@ -112,7 +112,7 @@ class Theatre:
             until(lambda: self.stage.perception() == "fresh", "a fresh view")
         self.stage.scene()
 
-    def play(self, name: str, *, wait_s: float = WAIT_S) -> Told:
+    def play(self, name: str, *, wait_s: float = WAIT_S) -> StepReport:
         """The step, played with this longest wait; what it needs is as told."""
         steps = STORY.only(frozenset({name}))
         assert steps[-1].id == name
@@ -152,7 +152,7 @@ def shared() -> Iterator[Theatre]:
 
 def played(
     request: pytest.FixtureRequest, name: str, broken: tuple[str, ...], defect: str, *, wait_s: float = WAIT_S
-) -> Told:
+) -> StepReport:
     """The step, in a cell in which these processes run with that defect; what it needs was as told."""
     if request.node.get_closest_marker("campaign") is None:
         opened = request.getfixturevalue("shared")

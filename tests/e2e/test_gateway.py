@@ -25,7 +25,7 @@ from ztpm.cell.cell import PASSPHRASE_VARIABLE, Cell
 from ztpm.cell.setup import free_addresses, initialise
 from ztpm.demo.motion import Motion
 from ztpm.stage.lending import sweep_scope
-from ztpm.stage.samples import Eyes
+from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import LEFT, Stage, until
 from ztpm.stage.stopping import read_stop
 
@@ -153,7 +153,7 @@ def house(tmp_path_factory):
 
 @pytest.fixture
 def eyes(house):
-    eyes = Eyes(house.cell.addresses.host)
+    eyes = StateRecorder(house.cell.addresses.host)
     yield eyes
     until(lambda: eyes.now().still, "standstill")
     eyes.close()

@@ -12,7 +12,7 @@ import pytest
 from pep.rtde.robot.connections import DASHBOARD
 from tests.e2e.test_gateway import NO_WAY, House, stopped, tools_move
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
-from ztpm.stage.samples import Eyes
+from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import until
 
 import ztpm
@@ -56,7 +56,7 @@ def house(tmp_path_factory):
 
 @pytest.fixture
 def eyes(house):
-    with Eyes(house.cell.addresses.host) as eyes:
+    with StateRecorder(house.cell.addresses.host) as eyes:
         yield eyes
         until(lambda: eyes.now().still, "standstill")
 

@@ -11,6 +11,8 @@ TOP = Path(__file__).parents[2]
 PACKAGES = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
 FILES = 25
 """Python files in one folder; a reader takes in no more."""
+RECORDED = {"MoveJ", "MoveL", "ServoJ", "SpeedJ", "SpeedL"}
+"""Names of two classes of `pep`: the published schema of motions has the one, records of refused commands the other."""
 
 
 def sources() -> dict[str, Path]:
@@ -67,6 +69,17 @@ def test_a_folder_holds_what_a_reader_takes_in(package: str) -> None:
         if (count := len(list(folder.glob("*.py")))) > FILES
     }
     assert crowded == {}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_public_class_has_a_name_of_its_own(package: str) -> None:
+    places: dict[str, list[str]] = {}
+    for path in (TOP / package).rglob("*.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(str(path.relative_to(TOP)))
+    shared = {name: where for name, where in places.items() if len(where) > 1 and name not in RECORDED}
+    assert shared == {}
 
 
 def test_the_architecture_names_every_room_and_no_other() -> None:

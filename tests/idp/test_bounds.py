@@ -20,7 +20,15 @@ from ztpm_idp import ledger_file
 from ztpm_idp.client import ClientError
 from ztpm_idp.domain import registry
 from ztpm_idp.domain.events import PartyRegistered, ToolRegistered, TrustStated
-from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing, Tool
+from ztpm_idp.domain.parties import (
+    RegisteredAgent,
+    RegisteredPep,
+    RegisteredPerson,
+    PersonRole,
+    RegisteredSensor,
+    Standing,
+    RegisteredTool,
+)
 
 
 def full(ask, *args, **more):
@@ -131,15 +139,21 @@ def largest():
     name = lambda kind, n: f"{kind}{n:04}".ljust(63, "x")
     party = lambda: (raw := fresh(), keys.thumbprint(raw))
     for n in range(snapshot.APPROVERS - 2):
-        yield PartyRegistered(Person(name("p", n), *party(), Standing.ACTIVE, "P", frozenset({PersonRole.APPROVER})))
+        yield PartyRegistered(
+            RegisteredPerson(name("p", n), *party(), Standing.ACTIVE, "P", frozenset({PersonRole.APPROVER}))
+        )
     for n in range(snapshot.PEPS):
-        yield PartyRegistered(Pep(name("e", n), *party(), Standing.ACTIVE, frozenset({AUDIENCE})))
+        yield PartyRegistered(RegisteredPep(name("e", n), *party(), Standing.ACTIVE, frozenset({AUDIENCE})))
     for n in range(snapshot.SENSORS):
-        yield PartyRegistered(Sensor(name("s", n), *party(), Standing.ACTIVE, bytes([255]) * 32, 10_000, AUDIENCE))
+        yield PartyRegistered(
+            RegisteredSensor(name("s", n), *party(), Standing.ACTIVE, bytes([255]) * 32, 10_000, AUDIENCE)
+        )
     for n in range(snapshot.TOOLS):
-        yield ToolRegistered(Tool(AUDIENCE, name("t", n), bytes([255]) * 32, name("o", n), Tier(4)))
+        yield ToolRegistered(RegisteredTool(AUDIENCE, name("t", n), bytes([255]) * 32, name("o", n), Tier(4)))
     for n in range(snapshot.AGENTS):
-        yield PartyRegistered(Agent(name("a", n), *party(), Standing.ACTIVE, bytes(32), "m", "r", "alice", None))
+        yield PartyRegistered(
+            RegisteredAgent(name("a", n), *party(), Standing.ACTIVE, bytes(32), "m", "r", "alice", None)
+        )
         yield TrustStated(name("a", n), 1_000)
 
 
@@ -266,7 +280,7 @@ def test_all_or_nothing(world, monkeypatch):
 def test_a_person_with_the_most_agents_ends_in_one_go(world):
     async def fill():
         made = (
-            PartyRegistered(Agent(f"a{n}", raw := fresh(), keys.thumbprint(raw), Standing.ACTIVE, bytes(32), "m", "r", "bob", None))
+            PartyRegistered(RegisteredAgent(f"a{n}", raw := fresh(), keys.thumbprint(raw), Standing.ACTIVE, bytes(32), "m", "r", "bob", None))
             for n in range(registry.AGENTS_OF_ONE)
         )  # fmt: skip
         async with world.provider.store.write() as transaction:

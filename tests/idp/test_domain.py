@@ -28,7 +28,14 @@ from ztpm_idp.domain.events import (
     Revoked,
 )
 from ztpm_idp.domain.ledger import FIRST_PREV, record_digest, seal
-from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing
+from ztpm_idp.domain.parties import (
+    RegisteredAgent,
+    RegisteredPep,
+    RegisteredPerson,
+    PersonRole,
+    RegisteredSensor,
+    Standing,
+)
 from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
 
@@ -44,12 +51,12 @@ RULES = Rules(TRUST.issuer, TRUST, DEFAULT, TRUST.all_keys, 3_600, 60, 4, 6, loa
 
 def person(name, *roles, standing=Standing.ACTIVE):
     raw = keys.public_raw(keys.generate())
-    return Person(name, raw, keys.thumbprint(raw), standing, name.title(), frozenset(map(PersonRole, roles)))
+    return RegisteredPerson(name, raw, keys.thumbprint(raw), standing, name.title(), frozenset(map(PersonRole, roles)))
 
 
 def agent(name="mover", *, standing=Standing.REGISTERED, sponsor="bob", key=AGENT_KEY):
     raw = keys.public_raw(key)
-    return Agent(name, raw, keys.thumbprint(raw), standing, DIGEST, "m", "actuator", sponsor, None)
+    return RegisteredAgent(name, raw, keys.thumbprint(raw), standing, DIGEST, "m", "actuator", sponsor, None)
 
 
 def state(*parties, **more):
@@ -57,8 +64,8 @@ def state(*parties, **more):
 
 
 ADMIN, SPONSOR = person("alice", "admin"), person("bob", "sponsor")
-CELL = Pep("cell-1", bytes(32), "t" * 43, Standing.ACTIVE, frozenset({"http://127.0.0.1/mcp"}))
-EYE = Sensor("eye", bytes(32), "s" * 43, Standing.ACTIVE, DIGEST, 20, "http://127.0.0.1/mcp")
+CELL = RegisteredPep("cell-1", bytes(32), "t" * 43, Standing.ACTIVE, frozenset({"http://127.0.0.1/mcp"}))
+EYE = RegisteredSensor("eye", bytes(32), "s" * 43, Standing.ACTIVE, DIGEST, 20, "http://127.0.0.1/mcp")
 
 
 def code(outcome):

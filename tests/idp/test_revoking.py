@@ -206,7 +206,8 @@ def test_an_index_that_cannot_hold_everything_says_so(world, monkeypatch):
 
 def test_the_largest_index_is_still_a_statement():
     entries = tuple(
-        revocation.Entry(2**53 - feed.INDEX_ENTRIES + n - 1, "audience", "h" * 256) for n in range(feed.INDEX_ENTRIES)
+        revocation.RevocationEntry(2**53 - feed.INDEX_ENTRIES + n - 1, "audience", "h" * 256)
+        for n in range(feed.INDEX_ENTRIES)
     )
     kept = feed._that_fit([(e.epoch, e.kind, e.id) for e in entries])
     key = keys.generate()

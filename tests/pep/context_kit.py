@@ -16,7 +16,7 @@ from capabilities.values.units import Quantity, Unit
 from pep.base.errors import JournalError, PepFault
 from pep.context.admission import Admission
 from pep.context.flow import Flow
-from pep.context.forms import Asked, Body, Form, Forms
+from pep.context.forms import RequestedOperation, FormBody, Form, Forms
 from pep.context.messages import ConversationBook
 from pep.journal.replay_cache import ReplayCache
 from pep.request.authority import Credentials
@@ -43,7 +43,7 @@ PEP_KEY = key_of("pep")
 ADMITTERS = {CELL: raw_of("pep")}
 
 
-class Sort(Body):
+class Sort(FormBody):
     """What a person wants done."""
 
     parts: tuple[str, ...]
@@ -51,7 +51,7 @@ class Sort(Body):
     note: str = ""
 
 
-class Task(Body):
+class Task(FormBody):
     """What one agent asks of another."""
 
     operation: str
@@ -59,10 +59,10 @@ class Task(Body):
     note: str = ""
 
 
-def asked(task: Task) -> tuple[Asked, ...]:
+def asked(task: Task) -> tuple[RequestedOperation, ...]:
     if task.speed_urad_s is None:
-        return (Asked("ur3e", task.operation),)
-    return (Asked("ur3e", task.operation, move(task.speed_urad_s)),)
+        return (RequestedOperation("ur3e", task.operation),)
+    return (RequestedOperation("ur3e", task.operation, move(task.speed_urad_s)),)
 
 
 def move(speed: int) -> tuple[Quantity, ...]:

@@ -30,14 +30,14 @@ from capabilities.values.scope import Grant, Limit, Range, Scope, Tier
 from msgspec import structs
 from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL_OUTPUT, SPEED_JOINT
 from pep.base.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together
-from pep.gate.gate import Gate, Result
+from pep.gate.gate import Gate, EffectResult
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
 from pep.mcp.mapping import ARM_TOOLS, to_request
 from pep.people.ask_composer import Asker
 from pep.people.asks import Asks
-from pep.provider.ask_client import Asking
-from pep.request.authority import Authority, Presented
+from pep.provider.ask_client import AskClient
+from pep.request.authority import Authority, PresentedRequest
 from pep.request.call import Call
 from pep.rtde.command.limits import Ur3eLimits
 from pep.world.sequence import Sequence
@@ -403,7 +403,7 @@ class Rig:
             approvers=self.registry,
             caps=CAPS,
         )
-        self.asking = Asking(
+        self.asking = AskClient(
             self.asks,
             self.issuer.client(),
             asker=asker,
@@ -457,7 +457,7 @@ class Rig:
 
     def credentials(self, holder, *, lease_ms=30_000):
         body = b"{}"
-        presented = Presented(holder.text, holder.proof(body, at=self.clock.wall_s()), "POST", AUDIENCE, body)
+        presented = PresentedRequest(holder.text, holder.proof(body, at=self.clock.wall_s()), "POST", AUDIENCE, body)
         return self.authority.check(presented, lease_ms=lease_ms)
 
     def call(self, holder, tool="move_joint", arguments=None, *, credentials=None, digest="d" * 64):
@@ -487,7 +487,7 @@ class Rig:
         self.before_effect()
         permit.spend(digest=permit.digest, stopped_ms=None)
         self.sent.append(permit.request_id)
-        return Result(value={"moved": True})
+        return EffectResult(value={"moved": True})
 
     def records(self, kind=None):
         return [r for r in self.journal.records() if kind is None or r["kind"] == kind]
@@ -525,7 +525,7 @@ class FakeIssuer:
 
     def revoke(self, kind, identity):
         self.epoch += 1
-        self.entries.append(revocation.Entry(self.epoch, kind, identity))
+        self.entries.append(revocation.RevocationEntry(self.epoch, kind, identity))
 
     def client(self):
         return httpx2.AsyncClient(transport=httpx2.MockTransport(self.handle))

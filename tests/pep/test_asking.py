@@ -8,7 +8,7 @@ import pytest
 from pep.base.clock import SystemClock
 from pep.base.errors import PepError, PepFault
 from pep.people.deferral import AskState
-from pep.provider.ask_client import Asking
+from pep.provider.ask_client import AskClient
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
 from tests.pep.kit import MOVE, reading
@@ -188,5 +188,5 @@ def test_what_is_posted_is_exactly_the_text(rig):
     rig.issuer.take_ask = lambda request: sent.append(json.loads(request.content)) or honest(request)
     asked = rig.ask()
     assert sent == [{"ask": asked.text}]
-    assert isinstance(rig.asking, Asking)
+    assert isinstance(rig.asking, AskClient)
     assert rig.physics.answer is NEAR

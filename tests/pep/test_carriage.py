@@ -13,16 +13,16 @@ from pep.rtde.lease.lease_messages import (
     HEAD_BYTES,
     Beat,
     Bytes,
-    CarriageError,
-    CarriageFault,
+    LeaseMessageError,
+    LeaseMessageFault,
     Closed,
-    Cutter,
-    Lines,
+    SessionFrameSplitter,
+    OpenLines,
     Open,
     Opened,
-    Over,
-    Refused,
-    Told,
+    LeaseOver,
+    OpenRefused,
+    RefusalNotice,
     decode,
     delimited,
     encode,
@@ -34,11 +34,15 @@ WORDS = st.one_of(
     st.just(Beat()),
     st.builds(Open, LINE, st.integers(1, 0xFFFF)),
     st.builds(Opened, LINE),
-    st.builds(Refused, LINE, st.sampled_from(["LEASE_HELD", "A", "X9_" * 21])),
+    st.builds(OpenRefused, LINE, st.sampled_from(["LEASE_HELD", "A", "X9_" * 21])),
     st.builds(Bytes, LINE, st.binary(min_size=1, max_size=300)),
     st.builds(Closed, LINE),
-    st.builds(Told, LINE, st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=TOLD_BYTES)),
-    st.builds(Over, st.sampled_from(["AUTHORITY", "LEFT"])),
+    st.builds(
+        RefusalNotice,
+        LINE,
+        st.text(st.characters(min_codepoint=32, max_codepoint=126), min_size=1, max_size=TOLD_BYTES),
+    ),
+    st.builds(LeaseOver, st.sampled_from(["AUTHORITY", "LEFT"])),
 )
 
 
@@ -51,34 +55,34 @@ def test_every_word_comes_back(word):
 def test_what_is_read_has_one_spelling(message):
     try:
         word = decode(message)
-    except CarriageError as error:
-        assert error.code is CarriageFault.MALFORMED
+    except LeaseMessageError as error:
+        assert error.code is LeaseMessageFault.MALFORMED
         return
     assert encode(word) == message
 
 
 def test_bytes_without_content_are_no_word():
     head = encode(Bytes(3, b"."))[:-1]
-    with pytest.raises(CarriageError) as refused:
+    with pytest.raises(LeaseMessageError) as refused:
         decode(head)
-    assert refused.value.code is CarriageFault.MALFORMED
+    assert refused.value.code is LeaseMessageFault.MALFORMED
 
 
 @pytest.mark.parametrize(
     "word",
-    [Open(0, 0), Open(0, 65_536), Open(256, 1), Open(-1, 1), Bytes(0, b""), Refused(0, ""), Refused(0, "no"),
-     Refused(0, "X" * 65), Refused(0, "Ä"), Refused(0, "A B"), Closed(256), Over("no"), Told(256, "A"), Told(0, ""),
-     Told(0, "a\nb"), Told(0, "\x1b[2J"), Told(0, "\x7f"), Told(0, "ä"), Told(0, "A" * (TOLD_BYTES + 1))],
+    [Open(0, 0), Open(0, 65_536), Open(256, 1), Open(-1, 1), Bytes(0, b""), OpenRefused(0, ""), OpenRefused(0, "no"),
+     OpenRefused(0, "X" * 65), OpenRefused(0, "Ä"), OpenRefused(0, "A B"), Closed(256), LeaseOver("no"), RefusalNotice(256, "A"), RefusalNotice(0, ""),
+     RefusalNotice(0, "a\nb"), RefusalNotice(0, "\x1b[2J"), RefusalNotice(0, "\x7f"), RefusalNotice(0, "ä"), RefusalNotice(0, "A" * (TOLD_BYTES + 1))],
 )  # fmt: skip
 def test_what_no_message_says_is_refused(word):
-    with pytest.raises(CarriageError) as refused:
+    with pytest.raises(LeaseMessageError) as refused:
         encode(word)
-    assert refused.value.code is CarriageFault.MALFORMED
+    assert refused.value.code is LeaseMessageFault.MALFORMED
 
 
 @given(st.lists(st.binary(min_size=OVERHEAD_BYTES, max_size=200), max_size=6), st.data())
 def test_frames_come_whole_however_the_stream_is_torn(frames, data):
-    stream, cutter, found = b"".join(map(delimited, frames)), Cutter(), []
+    stream, cutter, found = b"".join(map(delimited, frames)), SessionFrameSplitter(), []
     while stream:
         cut = data.draw(st.integers(1, len(stream)))
         found += cutter.feed(stream[:cut])
@@ -89,7 +93,7 @@ def test_frames_come_whole_however_the_stream_is_torn(frames, data):
 def test_a_frame_in_a_frame_is_none_where_the_stream_is_torn_there():
     inner = delimited(bytes(OVERHEAD_BYTES))
     outer = delimited(bytes(OVERHEAD_BYTES) + inner)
-    cutter = Cutter()
+    cutter = SessionFrameSplitter()
     assert cutter.feed(outer[: -len(inner)]) == []
     assert cutter.feed(inner) == [outer[4:]]
     assert cutter.feed(inner) == [inner[4:]]
@@ -99,9 +103,9 @@ def test_a_frame_in_a_frame_is_none_where_the_stream_is_torn_there():
 @pytest.mark.parametrize("whole", [False, True])
 def test_a_length_that_no_frame_has_is_refused_with_its_bytes_and_before_they_are_waited_for(length, whole):
     content = bytes(length) if whole and length < 2**31 else b""
-    with pytest.raises(CarriageError) as refused:
-        Cutter().feed(length.to_bytes(4, "big") + content)
-    assert refused.value.code is CarriageFault.TOO_LONG
+    with pytest.raises(LeaseMessageError) as refused:
+        SessionFrameSplitter().feed(length.to_bytes(4, "big") + content)
+    assert refused.value.code is LeaseMessageFault.TOO_LONG
 
 
 def test_the_largest_package_of_the_controller_fits_a_word():
@@ -113,16 +117,16 @@ def test_the_largest_package_of_the_controller_fits_a_word():
 )
 @pytest.mark.clause("RTDE-17")
 def test_a_text_that_is_no_line_is_no_word(text):
-    head = encode(Told(3, "."))[:-1]
-    assert decode(head + b"A" * TOLD_BYTES) == Told(3, "A" * TOLD_BYTES)
-    with pytest.raises(CarriageError) as refused:
+    head = encode(RefusalNotice(3, "."))[:-1]
+    assert decode(head + b"A" * TOLD_BYTES) == RefusalNotice(3, "A" * TOLD_BYTES)
+    with pytest.raises(LeaseMessageError) as refused:
         decode(head + text)
-    assert refused.value.code is CarriageFault.MALFORMED
+    assert refused.value.code is LeaseMessageFault.MALFORMED
 
 
 def opened(line=0):
     """Both ends, with one line open."""
-    program, gateway = Lines(asking=True), Lines(asking=False)
+    program, gateway = OpenLines(asking=True), OpenLines(asking=False)
     assert program.said(Open(line, 30004))
     assert gateway.heard(Open(line, 30004))
     assert gateway.said(Opened(line))
@@ -148,73 +152,73 @@ def test_bytes_that_cross_a_closing_are_dropped_and_the_number_waits_for_both():
     [
         (False, Open(0, 30004)),  # in use
         (False, Opened(0)),  # the gateway's word
-        (False, Refused(1, "NO")),
+        (False, OpenRefused(1, "NO")),
         (False, Bytes(1, b"x")),  # never opened
         (False, Closed(1)),
         (True, Open(1, 30004)),  # the program's word
         (True, Opened(0)),  # it is already
         (True, Opened(1)),  # never asked for
-        (True, Refused(0, "NO")),
-        (True, Told(1, "BUSY")),  # of no line
-        (False, Told(0, "BUSY")),  # the gateway's word
-        (False, Told(1, "BUSY")),
+        (True, OpenRefused(0, "NO")),
+        (True, RefusalNotice(1, "BUSY")),  # of no line
+        (False, RefusalNotice(0, "BUSY")),  # the gateway's word
+        (False, RefusalNotice(1, "BUSY")),
     ],
 )
 def test_a_word_out_of_place_ends_the_lease(asking, word):
     program, gateway = opened()
     end = program if asking else gateway
-    with pytest.raises(CarriageError) as refused:
+    with pytest.raises(LeaseMessageError) as refused:
         end.heard(word)
-    assert refused.value.code is CarriageFault.OUT_OF_PLACE
+    assert refused.value.code is LeaseMessageFault.OUT_OF_PLACE
 
 
 @pytest.mark.clause("RTDE-17")
 def test_the_gateway_alone_tells_as_long_as_either_end_has_not_closed_the_line():
-    program, gateway = Lines(asking=True), Lines(asking=False)
+    program, gateway = OpenLines(asking=True), OpenLines(asking=False)
     assert program.said(Open(0, 30004))
     assert gateway.heard(Open(0, 30004))
-    why = Told(0, "BUSY: why")
+    why = RefusalNotice(0, "BUSY: why")
     for say in (gateway.said, program.heard, program.said, gateway.heard):
-        with pytest.raises(CarriageError):
+        with pytest.raises(LeaseMessageError):
             say(why)  # it is not open yet
     program, gateway = opened()
     assert gateway.said(why)
     assert program.heard(why)
-    with pytest.raises(CarriageError):
+    with pytest.raises(LeaseMessageError):
         program.said(why)
     assert program.said(Closed(0))
     assert program.heard(why), "it was said before the gateway heard of the closing"
     assert gateway.heard(Closed(0))
     assert gateway.said(why)
     assert gateway.said(Closed(0))
-    with pytest.raises(CarriageError):
+    with pytest.raises(LeaseMessageError):
         gateway.said(why)
     assert program.heard(Closed(0))
-    with pytest.raises(CarriageError):
+    with pytest.raises(LeaseMessageError):
         program.heard(why)
 
 
 def test_nothing_comes_on_a_line_before_it_is_opened_or_after_it_was_closed():
-    gateway = Lines(asking=False)
+    gateway = OpenLines(asking=False)
     gateway.heard(Open(0, 30004))
     for word in (Bytes(0, b"x"), Closed(0), Open(0, 29999)):
-        with pytest.raises(CarriageError):
+        with pytest.raises(LeaseMessageError):
             gateway.heard(word)
     program, gateway = opened()
     gateway.heard(Closed(0))
     for word in (Bytes(0, b"x"), Closed(0)):
-        with pytest.raises(CarriageError):
+        with pytest.raises(LeaseMessageError):
             gateway.heard(word)
 
 
 def test_so_many_lines_and_no_more():
-    gateway = Lines(asking=False)
+    gateway = OpenLines(asking=False)
     for line in range(CONNECTIONS):
         assert gateway.heard(Open(line, 30004))
-    with pytest.raises(CarriageError) as refused:
+    with pytest.raises(LeaseMessageError) as refused:
         gateway.heard(Open(CONNECTIONS, 30004))
-    assert refused.value.code is CarriageFault.TOO_MANY
-    with pytest.raises(CarriageError):
+    assert refused.value.code is LeaseMessageFault.TOO_MANY
+    with pytest.raises(LeaseMessageError):
         gateway.free()
 
 
@@ -223,7 +227,7 @@ class TwoEnds(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.program, self.gateway = Lines(asking=True), Lines(asking=False)
+        self.program, self.gateway = OpenLines(asking=True), OpenLines(asking=False)
         self.to_gateway, self.to_program = deque(), deque()
         self.asked, self.wire = set(), {}
 
@@ -236,7 +240,7 @@ class TwoEnds(RuleBasedStateMachine):
     def ask(self):
         try:
             line = self.program.free()
-        except CarriageError:
+        except LeaseMessageError:
             return
         self.say(self.program, Open(line, 30004))
 
@@ -246,7 +250,7 @@ class TwoEnds(RuleBasedStateMachine):
         word = self.to_gateway.popleft()
         self.gateway.heard(word)
         if isinstance(word, Open):
-            self.say(self.gateway, Opened(word.line) if allowed else Refused(word.line, "NO"))
+            self.say(self.gateway, Opened(word.line) if allowed else OpenRefused(word.line, "NO"))
 
     @precondition(lambda self: self.to_program)
     @rule()
@@ -268,7 +272,10 @@ class TwoEnds(RuleBasedStateMachine):
     @precondition(lambda self: self.gateway.open or self.gateway.leaving)
     @rule(data=st.data())
     def gateway_tells(self, data):
-        self.say(self.gateway, Told(data.draw(st.sampled_from(sorted(self.gateway.open | self.gateway.leaving))), "NO"))
+        self.say(
+            self.gateway,
+            RefusalNotice(data.draw(st.sampled_from(sorted(self.gateway.open | self.gateway.leaving))), "NO"),
+        )
 
     @precondition(lambda self: self.program.leaving)
     @rule()

@@ -30,8 +30,8 @@ from tests.pep.test_mcp import Signed
 from ztpm.point.gateway_config import GatewayConfig
 from ztpm.point.gateway_server import GatewayServer
 from ztpm.point.simulator_check import recognise
-from ztpm.point.tool_proxy import ToolDoor
-from ztpm.point.tool_proxy_config import DoorConfig
+from ztpm.point.tool_proxy import ToolProxy
+from ztpm.point.tool_proxy_config import ToolProxyConfig
 
 GATEWAY_HOST = HOST.rpartition(".")[0] + ".10"
 """Where the gateway has the controller's ports."""
@@ -140,7 +140,7 @@ class Cell:
             listen_host=GATEWAY_HOST,
             carriage_port=PORT + 3,
         )
-        door = DoorConfig(
+        door = ToolProxyConfig(
             **point,
             port=PORT,
             pep_id=DOOR,
@@ -158,7 +158,7 @@ class Cell:
         self.server = GatewayServer(
             config, survey=survey(self.clock.wall_s()), key=pep_key, http=self.issuer.client(), **made, **gateway
         )
-        self.door = ToolDoor(door, key=door_key, http=httpx2.AsyncClient(transport=Elsewhere(self.issuer)), **made)
+        self.door = ToolProxy(door, key=door_key, http=httpx2.AsyncClient(transport=Elsewhere(self.issuer)), **made)
         for each in (self.server, self.door):
             each.recover()
         self.sensor = sensor(str(tmp / "sensor.key"))

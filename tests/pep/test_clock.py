@@ -224,11 +224,11 @@ class Judged:
 
     def proof(self):
         """A request as an agent with a right clock makes it now."""
-        from pep.request.authority import Presented
+        from pep.request.authority import PresentedRequest
         from tests.pep.kit import AUDIENCE
 
         text = self.holder.proof(b"{}", at=self.machine.wall_s())
-        return Presented(self.holder.text, text, "POST", AUDIENCE, b"{}")
+        return PresentedRequest(self.holder.text, text, "POST", AUDIENCE, b"{}")
 
     def fault(self, presented):
         found = self.rig.authority.check(presented, lease_ms=30_000).fault

@@ -13,9 +13,9 @@ from capabilities.values.chain import Chain
 from capabilities.values.scope import Grant, Tier
 from pep.journal.file_journal import FileJournal
 from pep.mcp.mapping import ARM_TOOLS, to_request
-from pep.provider.feed import Follower, MarkFile
-from pep.provider.journal_shipper import Shipper
-from pep.request.authority import Presented
+from pep.provider.feed import ProviderFollower, FeedMarkFile
+from pep.provider.journal_shipper import JournalShipper
+from pep.request.authority import PresentedRequest
 from pep.request.call import Call
 from policies.conduct.report import Edge
 from policies.evidence.evidence import ToolReading
@@ -54,11 +54,11 @@ class Site:
         self.rig.journal = FileJournal.open(self.rig.path, pep_id=name, clock=self.clock)
         http = httpx2.AsyncClient(transport=AsyncBridge(world))
         self.incidents = []
-        self.follower = Follower(
+        self.follower = ProviderFollower(
             http, issuer=ISSUER, audience=AUDIENCE, trust=world.trust, caps=CAPS, clock=self.clock,
-            mark=MarkFile(tmp / "feed.json"), incident=self.incidents.append,
+            mark=FeedMarkFile(tmp / "feed.json"), incident=self.incidents.append,
         )  # fmt: skip
-        self.shipper = Shipper(
+        self.shipper = JournalShipper(
             self.rig.journal, http, issuer=ISSUER, key=world.private[name], clock=self.clock,
             incident=self.incidents.append,
         )  # fmt: skip
@@ -81,7 +81,7 @@ class Site:
             self.world.private[agent], method="POST", url=AUDIENCE, body=b"{}", token=token,
             at=int(self.clock.wall_s()), jti=self.fresh(),
         )  # fmt: skip
-        return self.rig.gate._authority.check(Presented(token, text, "POST", AUDIENCE, b"{}"), lease_ms=30_000)
+        return self.rig.gate._authority.check(PresentedRequest(token, text, "POST", AUDIENCE, b"{}"), lease_ms=30_000)
 
     @staticmethod
     def fresh():

@@ -12,11 +12,11 @@ from capabilities.statements import manifest
 from capabilities.statements.response import Call
 from capabilities.values.errors import Fault
 from pep.context import responses
-from pep.context.admission import Admitted, Refused
+from pep.context.admission import Admitted, NotAdmitted
 from pep.context.collection import RetrievalFault
 from pep.context.json_value import plain
 from pep.context.retrieval import Curated
-from pep.context.stores.sqlite import MarksFile
+from pep.context.stores.sqlite import HighWaterMarkFile
 from policies.words.labels import Integrity, Label, Source
 from policies.words.reason_table import Reason
 from tests.capabilities.world import CELL
@@ -52,7 +52,7 @@ def admitted(point, into, retrieval):
 
 
 def why(answer):
-    assert isinstance(answer, Refused)
+    assert isinstance(answer, NotAdmitted)
     return answer.decision.reason
 
 
@@ -227,7 +227,7 @@ def test_the_page_does_as_it_says(tmp_path):
         "DORA": dora,
         "CURATORS": SimpleNamespace(curators=lambda: {"dora": keys.public_raw(dora)}),
         "FEED": shelf.feed,
-        "MARKS": MarksFile(tmp_path / "page.json"),
+        "MARKS": HighWaterMarkFile(tmp_path / "page.json"),
         "CLOCK": shelf.clock,
         "CAPS": point_kit.CAPS,
     }

@@ -13,11 +13,11 @@ from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.units import INT_LIMIT
 from pep.base.errors import PepFault, ReplayStoreError
 from pep.context import receipts
-from pep.context.admission import Admitted, Refused, Released
-from pep.context.arguments import Known, Presented, arguments
+from pep.context.admission import Admitted, NotAdmitted, Released
+from pep.context.arguments import ArgumentContext, PresentedReceipt, arguments
 from pep.context.flow import AGENTS, Holder, own
 from pep.context.json_value import ValueFault
-from pep.context.messages import ConversationBook, Line
+from pep.context.messages import ConversationBook, MessageDirection
 from pep.gate.records import unfinished
 from pep.journal.file_journal import FileJournal
 from pep.request.authority import NOBODY, Credentials
@@ -65,7 +65,7 @@ def admitted(point, item, value="Close on the part with 40 N."):
 
 
 def refused_for(found):
-    assert isinstance(found, Refused)
+    assert isinstance(found, NotAdmitted)
     assert found.decision.effect is Effect.DENY
     return found.decision.reason
 
@@ -187,7 +187,7 @@ def test_a_message_that_is_not_the_next_one(name):
     change, reason = dict(MISSAID[name][0]), MISSAID[name][1]
     point = Point(CHAIN)
     assert refused_for(heard(point, said(CHAIN, change.pop("body", None), **change))) is reason
-    assert point.conversations.heard(Line("robotic", CHAIN.hops[0].hop_id, "c" * 22)) == 0
+    assert point.conversations.heard(MessageDirection("robotic", CHAIN.hops[0].hop_id, "c" * 22)) == 0
 
 
 def test_a_message_needs_a_chain():
@@ -431,7 +431,7 @@ def test_what_is_over_is_not_brought_back():
     instructed(point)
     later = Point(CHAIN, clock=ManualClock(NOW + 90_000))
     later.admission.recover(point.journal.records)
-    assert later.conversations.heard(Line("robotic", CHAIN.hops[0].hop_id, "c" * 22)) == 0
+    assert later.conversations.heard(MessageDirection("robotic", CHAIN.hops[0].hop_id, "c" * 22)) == 0
     assert later.replay._seen == set()
 
 
@@ -474,8 +474,8 @@ def test_a_reader_ends_with_one_value_and_its_label():
     assert found.label == joined((own(Holder.of(CHAIN.leaf)), CURATED)) and found.label.integrity is Integrity.AGENT
     assert point.flow.label(point.context(CHAIN)) == own(Holder.of(CHAIN.leaf))
     request = Request("r", frozenset({EnforcementPoint.TOOL}), CELL, "ur3e", "move_joint", move(500_000), NOW)
-    known = Known(Holder.of(CHAIN.leaf), point.flow.label(point.context(CHAIN)), ADMITTERS, NOW, CAPS)
-    shown = Presented(found.receipt, b'{"speed_urad_s":500000}', {"speed": "/speed_urad_s"})
+    known = ArgumentContext(Holder.of(CHAIN.leaf), point.flow.label(point.context(CHAIN)), ADMITTERS, NOW, CAPS)
+    shown = PresentedReceipt(found.receipt, b'{"speed_urad_s":500000}', {"speed": "/speed_urad_s"})
     speed = arguments(request, (shown,), known)[-1]
     assert (speed.fault, speed.label) == ("", found.label)
 

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 from capabilities.statements import intent as intent_statement
-from pep.context.admission import Admission, Admitted, Refused
-from pep.context.arguments import Known, Presented, arguments
+from pep.context.admission import Admission, Admitted, NotAdmitted
+from pep.context.arguments import ArgumentContext, PresentedReceipt, arguments
 from pep.context.flow import Flow
 from pep.context.messages import ConversationBook
 from pep.context.screening import SIGNS, screen
@@ -33,7 +33,7 @@ def test_the_example_runs():
         "CHAIN": chain, "CREDENTIALS": Credentials(b"token", chain, True, ""), "DOCUMENT": kit.document(),
         "MODEL": lambda _: {"speed_urad_s": 500_000}, "ADMITTERS": kit.ADMITTERS,
         "REQUEST": Request("r", frozenset({Point.TOOL}), CELL, "ur3e", "move_joint", kit.move(500_000), NOW),
-        **{each.__name__: each for each in (Admission, Admitted, ConversationBook, Integrity, Known, Presented, Refused)},
+        **{each.__name__: each for each in (Admission, Admitted, ConversationBook, Integrity, ArgumentContext, PresentedReceipt, NotAdmitted)},
         "ReplayCache": ReplayCache, "arguments": arguments, "load_shipped": load_shipped,
     }  # fmt: skip
     (example,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)

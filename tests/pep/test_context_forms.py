@@ -6,16 +6,16 @@ from typing import Any
 
 import pytest
 from pep.base.errors import ConfigError, PepFault
-from pep.context.forms import ASKED, Asked, Body, Form, Forms, asks_nothing
+from pep.context.forms import ASKED, RequestedOperation, FormBody, Form, Forms, asks_nothing
 from pydantic import BaseModel
 
 
-class Place(Body):
+class Place(FormBody):
     x_um: int
     y_um: int
 
 
-class Put(Body):
+class Put(FormBody):
     part: str
     at: tuple[Place, ...]
     slow: bool = False
@@ -25,25 +25,25 @@ class Loose(BaseModel):
     part: str
 
 
-class LooseInside(Body):
+class LooseInside(FormBody):
     part: Loose
 
 
-class Open(Body):
+class Open(FormBody):
     parts: dict[str, int]
 
 
-class Anything(Body):
+class Anything(FormBody):
     part: Any
 
 
-FORMS = Forms([Form("put/1", Put, lambda put: (Asked("ur3e", "gripper_move"),) * len(put.at))])
+FORMS = Forms([Form("put/1", Put, lambda put: (RequestedOperation("ur3e", "gripper_move"),) * len(put.at))])
 
 
 def test_a_body_of_its_form_is_read():
     read = FORMS.read("put/1", b'{"at":[{"x_um":1,"y_um":-2}],"part":"red"}')
     assert read.body == Put(part="red", at=(Place(x_um=1, y_um=-2),))
-    assert read.asked == (Asked("ur3e", "gripper_move"),)
+    assert read.asked == (RequestedOperation("ur3e", "gripper_move"),)
 
 
 @pytest.mark.parametrize(
@@ -87,8 +87,14 @@ def test_what_its_own_form_cannot_read_is_none():
 
     body = b'{"at":[],"part":"red"}'
     assert Forms([Form("put/1", Put, fail)]).read("put/1", body) is None
-    assert Forms([Form("put/1", Put, lambda _: (Asked("ur3e", "stop"),) * (ASKED + 1))]).read("put/1", body) is None
-    assert Forms([Form("put/1", Put, lambda _: (Asked("ur3e", "stop"),) * ASKED)]).read("put/1", body) is not None
+    assert (
+        Forms([Form("put/1", Put, lambda _: (RequestedOperation("ur3e", "stop"),) * (ASKED + 1))]).read("put/1", body)
+        is None
+    )
+    assert (
+        Forms([Form("put/1", Put, lambda _: (RequestedOperation("ur3e", "stop"),) * ASKED)]).read("put/1", body)
+        is not None
+    )
     assert Forms().read("put/1", body) is None
     assert asks_nothing(Put(part="red", at=())) == ()
 

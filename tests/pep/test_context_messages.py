@@ -10,7 +10,7 @@ from capabilities.statements.body import BODY_BYTES
 from hypothesis import given
 from hypothesis import strategies as st
 from pep.context import messages
-from pep.context.messages import ConversationBook, Line, Turn
+from pep.context.messages import ConversationBook, MessageDirection, TurnResult
 from policies.evidence.content_readings import MessageReading
 from tests.capabilities.world import NOW, key_of
 from tests.pep.context_kit import CAPS, FORMS, chain_to, replaced, resigned, said, wanted
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.clause("STM-6")
 
 CHAIN = chain_to("robotic", "vision")
 """alice -> orchestrator -> robotic -> vision."""
-LINE = Line("robotic", CHAIN.hops[0].hop_id, "c" * 22)
+LINE = MessageDirection("robotic", CHAIN.hops[0].hop_id, "c" * 22)
 GOOD = MessageReading("", "orchestrator", "robotic", True, True, True, True, True, 1)
 
 
@@ -129,7 +129,7 @@ def test_a_reading_agrees_with_the_clause():
     """[STM-6] once as one fault and once part by part: the same messages are in their place."""
     for name, (change, _) in {"as it should be": ({}, {}), **JUDGED}.items():
         found = read(said(CHAIN, **change))
-        place = statement.Place("orchestrator", "robotic", CHAIN.token_id, CHAIN.hops[0].hop_id, "c" * 22, 0)
+        place = statement.ExpectedMessage("orchestrator", "robotic", CHAIN.token_id, CHAIN.hops[0].hop_id, "c" * 22, 0)
         fault = statement.refusal(found.message, place, at=NOW + 1, caps=CAPS)
         reading = found.reading
         parts = reading.by_holder and reading.addressed and reading.in_sequence and not reading.fault
@@ -146,15 +146,15 @@ def test_no_text_raises(text):
 
 def test_a_turn_is_taken_once_and_in_order():
     kept = book()
-    assert kept.take(LINE, 2, until_s=NOW + 9) is Turn.OUT_OF_TURN
-    assert kept.take(LINE, 1, until_s=NOW + 9) is Turn.TAKEN
-    assert kept.take(LINE, 1, until_s=NOW + 9) is Turn.OUT_OF_TURN
-    assert kept.take(LINE, 3, until_s=NOW + 9) is Turn.OUT_OF_TURN
-    assert kept.take(LINE, 2, until_s=NOW + 9) is Turn.TAKEN
+    assert kept.take(LINE, 2, until_s=NOW + 9) is TurnResult.OUT_OF_TURN
+    assert kept.take(LINE, 1, until_s=NOW + 9) is TurnResult.TAKEN
+    assert kept.take(LINE, 1, until_s=NOW + 9) is TurnResult.OUT_OF_TURN
+    assert kept.take(LINE, 3, until_s=NOW + 9) is TurnResult.OUT_OF_TURN
+    assert kept.take(LINE, 2, until_s=NOW + 9) is TurnResult.TAKEN
     assert kept.heard(LINE) == 2
     for other in (
-        Line("vision", *_rest()),
-        Line("robotic", "0" * 32, LINE.conversation),
+        MessageDirection("vision", *_rest()),
+        MessageDirection("robotic", "0" * 32, LINE.conversation),
         replaced(LINE, conversation="d" * 22),
     ):
         assert kept.heard(other) == 0
@@ -180,36 +180,40 @@ def test_one_of_many_takes_the_turn():
         thread.start()
     for thread in threads:
         thread.join(10)
-    assert sorted(results, key=str) == sorted([Turn.TAKEN] + [Turn.OUT_OF_TURN] * 15, key=str)
+    assert sorted(results, key=str) == sorted([TurnResult.TAKEN] + [TurnResult.OUT_OF_TURN] * 15, key=str)
 
 
 def test_nothing_is_forgotten_early_and_what_is_over_makes_room():
     clock = ManualClock(NOW)
     kept = ConversationBook(clock, capacity=3, of_a_hop=2)
-    lines = [Line("robotic", f"{n // 2:032x}", f"{n:022}") for n in range(6)]
-    assert [kept.take(line, 1, until_s=NOW + 10 + n) for n, line in enumerate(lines[:3])] == [Turn.TAKEN] * 3
-    assert kept.take(lines[3], 1, until_s=NOW + 60) is Turn.FULL
-    assert kept.take(lines[0], 2, until_s=NOW + 60) is Turn.TAKEN
+    lines = [MessageDirection("robotic", f"{n // 2:032x}", f"{n:022}") for n in range(6)]
+    assert [kept.take(line, 1, until_s=NOW + 10 + n) for n, line in enumerate(lines[:3])] == [TurnResult.TAKEN] * 3
+    assert kept.take(lines[3], 1, until_s=NOW + 60) is TurnResult.FULL
+    assert kept.take(lines[0], 2, until_s=NOW + 60) is TurnResult.TAKEN
     clock.advance(11_000)
-    assert kept.take(lines[3], 1, until_s=NOW + 60) is Turn.TAKEN
+    assert kept.take(lines[3], 1, until_s=NOW + 60) is TurnResult.TAKEN
     assert (kept.heard(lines[0]), kept.heard(lines[1])) == (2, 0)
 
 
 def test_a_later_message_that_ends_sooner_does_not_shorten_a_conversation():
     clock = ManualClock(NOW)
     kept = ConversationBook(clock, capacity=1)
-    assert kept.take(LINE, 1, until_s=NOW + 100) is Turn.TAKEN
-    assert kept.take(LINE, 2, until_s=NOW + 1) is Turn.TAKEN
+    assert kept.take(LINE, 1, until_s=NOW + 100) is TurnResult.TAKEN
+    assert kept.take(LINE, 2, until_s=NOW + 1) is TurnResult.TAKEN
     clock.advance(50_000)
-    assert kept.take(replaced(LINE, conversation="d" * 22), 1, until_s=NOW + 100) is Turn.FULL
+    assert kept.take(replaced(LINE, conversation="d" * 22), 1, until_s=NOW + 100) is TurnResult.FULL
     assert kept.heard(LINE) == 2
 
 
 def test_one_hop_does_not_fill_the_book():
     kept = ConversationBook(ManualClock(NOW), of_a_hop=2)
     lines = [replaced(LINE, conversation=f"{n:022}") for n in range(3)]
-    assert [kept.take(line, 1, until_s=NOW + 9) for line in lines] == [Turn.TAKEN, Turn.TAKEN, Turn.FULL]
-    assert kept.take(replaced(lines[2], hop_id="0" * 32), 1, until_s=NOW + 9) is Turn.TAKEN
+    assert [kept.take(line, 1, until_s=NOW + 9) for line in lines] == [
+        TurnResult.TAKEN,
+        TurnResult.TAKEN,
+        TurnResult.FULL,
+    ]
+    assert kept.take(replaced(lines[2], hop_id="0" * 32), 1, until_s=NOW + 9) is TurnResult.TAKEN
 
 
 def test_what_is_remembered_is_heard():
@@ -217,4 +221,4 @@ def test_what_is_remembered_is_heard():
     kept.remember(LINE, 4, until_s=NOW + 9)
     kept.remember(LINE, 3, until_s=NOW + 9)
     assert kept.heard(LINE) == 4
-    assert kept.take(LINE, 4, until_s=NOW + 9) is Turn.OUT_OF_TURN
+    assert kept.take(LINE, 4, until_s=NOW + 9) is TurnResult.OUT_OF_TURN

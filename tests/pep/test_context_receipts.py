@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pep.context import json_value as values
 from pep.context import receipts
-from pep.context.arguments import PRESENTED, Known, Presented, arguments, named_arguments
+from pep.context.arguments import PRESENTED, ArgumentContext, PresentedReceipt, arguments, named_arguments
 from pep.context.flow import Holder, own
 from pep.context.json_value import Plain
 from policies.evidence.content_readings import ArgumentReading
@@ -37,11 +37,13 @@ def receipt(value=VALUE, label=SENSED, holder=HOLDER, *, audience=CELL, key=PEP_
 def shown(pointers=None, value=VALUE, *, text=None, **other):
     raw = value if isinstance(value, bytes) else json.dumps(value).encode()
     pointers = {"speed": SPEED} if pointers is None else pointers
-    return Presented(receipt(**other) if text is None else text, raw, pointers)
+    return PresentedReceipt(receipt(**other) if text is None else text, raw, pointers)
 
 
 def known(**other):
-    return Known(**{**{"holder": HOLDER, "context": OWN, "admitters": ADMITTERS, "at": NOW + 1, "caps": CAPS}, **other})
+    return ArgumentContext(
+        **{**{"holder": HOLDER, "context": OWN, "admitters": ADMITTERS, "at": NOW + 1, "caps": CAPS}, **other}
+    )
 
 
 def read(*presented, request=REQUEST, **other) -> dict[str, ArgumentReading]:
@@ -239,7 +241,9 @@ pointers = st.dictionaries(
 )
 
 
-@given(st.lists(st.builds(Presented, texts, raws, pointers), max_size=4), labels, st.integers(NOW - 9, NOW + 900))
+@given(
+    st.lists(st.builds(PresentedReceipt, texts, raws, pointers), max_size=4), labels, st.integers(NOW - 9, NOW + 900)
+)
 def test_no_argument_is_better_than_its_receipts_and_its_holder(presented, context, at):
     """Whatever is shown: who is vouched for has what a receipt states, and everybody else no more than the context."""
     for reading in arguments(REQUEST, presented, known(context=context, at=at)):

@@ -13,20 +13,20 @@ from capabilities.values.errors import Fault, FaultCode
 from pep.base.clock import SystemClock
 from pep.base.errors import ActuationRefusedError, PepFault, RobotError
 from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, digest_of
-from pep.base.ports import Rest
-from pep.perception.sensor_frames import Distrusted, FrameFault, Rejected, Seen, Unseen
+from pep.base.ports import RemainingVerdict
+from pep.perception.sensor_frames import Distrusted, FrameFault, RejectedFrame, Seen, Unseen
 from pep.request.permit import Permit
 from pep.rtde.motion import drive as drive_module
 from pep.rtde.motion import stop_ladder
-from pep.rtde.motion.drive import Drive, End
+from pep.rtde.motion.drive import Drive, MotionOutcome
 from pep.rtde.motion.governed_move import SpeedControl, least_fraction, put_back
 from pep.rtde.motion.permitted_control import PermittedControl
-from pep.rtde.robot.gripper import Grip
+from pep.rtde.robot.gripper import GripResult
 from pep.rtde.robot.newest_state import SILENCE_MS
 from pep.rtde.robot.speed_slider import SpeedSlider
 from pep.rtde.robot.state_receiver import JointState, Package
-from pep.watch.governor import Governor, Offer, Pacing, Speeds
-from pep.watch.watch import Limits, Watch
+from pep.watch.governor import Governor, Offer, Pacing, ReportedSpeeds
+from pep.watch.watch import WatchAges, Watch
 from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE
 
@@ -124,7 +124,7 @@ class Fingers:
         self.halted.clear()  # as a gripper does that only knows its own last command
         while not stopped():
             self.halted.wait(0.01)
-        return Grip(40_000, object=False, arrived=False)
+        return GripResult(40_000, object=False, arrived=False)
 
     def halt(self):
         self.halted.set()
@@ -137,7 +137,7 @@ class World:
         self.starts = {"r": HERE}
         self.deceleration = 6.0
         self.hurried = []
-        self.rest = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20)
+        self.rest = RemainingVerdict(holds=True, index_milli=900, cause="", fault="", age_ms=20)
         self.seen = Seen((), 20)
 
     def drive(self):
@@ -169,7 +169,7 @@ class World:
             permit,
             remaining=self,
             views=self,
-            limits=Limits(view_ms=150, judged_ms=2_000, look_ms=2_000),
+            limits=WatchAges(view_ms=150, judged_ms=2_000, look_ms=2_000),
             clock=self.clock,
             submit=self.submit,
             governor=governor,
@@ -224,7 +224,7 @@ async def until(seen):
 
 def test_it_arrives(world):
     end = driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit()))
-    assert (end.end, end.q_rad[0]) == (End.REACHED, pytest.approx(0.5, abs=1e-3))
+    assert (end.end, end.q_rad[0]) == (MotionOutcome.REACHED, pytest.approx(0.5, abs=1e-3))
 
 
 def test_a_stop_ends_it(world):
@@ -235,7 +235,7 @@ def test_a_stop_ends_it(world):
         return stopped, await moving
 
     stopped, moving = driven(world, scenario)
-    assert stopped.end is moving.end is End.STOPPED
+    assert stopped.end is moving.end is MotionOutcome.STOPPED
     assert world.arm.q < 0.5
     assert world.arm.decelerations[0] == 6.0
     assert world.dashboard == []
@@ -249,7 +249,7 @@ def test_lost_authority_ends_it(world):
         return await moving
 
     end = driven(world, scenario)
-    assert (end.end, end.reason) == (End.AUTHORITY_LOST, "REVOKED")
+    assert (end.end, end.reason) == (MotionOutcome.AUTHORITY_LOST, "REVOKED")
     assert world.arm.target is None
 
 
@@ -275,19 +275,21 @@ def test_a_silent_arm_is_stopped(world):
         return await moving
 
     end = driven(world, scenario)
-    assert (end.end, end.reason) == (End.ROBOT_FAILED, "ROBOT_STALLED")
+    assert (end.end, end.reason) == (MotionOutcome.ROBOT_FAILED, "ROBOT_STALLED")
 
 
 def test_an_arm_that_does_not_begin_is_stopped(world):
     world.arm.sticks = True
     end = driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit()))
-    assert end.end is End.ROBOT_FAILED
+    assert end.end is MotionOutcome.ROBOT_FAILED
     assert world.arm.target is None
 
 
 def test_a_protective_stop_is_told_at_once(world):
     world.arm.mode, world.arm.sticks = 3, True
-    assert driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit())).end is End.ROBOT_FAILED
+    assert (
+        driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit())).end is MotionOutcome.ROBOT_FAILED
+    )
 
 
 @pytest.mark.parametrize("start", [None, (0.003, *HERE[1:])])
@@ -312,7 +314,7 @@ def test_the_dashboard_stops_what_the_control_connection_cannot(world):
         await moving
         return end
 
-    assert driven(world, scenario).end is End.STOPPED
+    assert driven(world, scenario).end is MotionOutcome.STOPPED
     assert "stop" in world.dashboard
     assert world.arm.target is None
 
@@ -407,9 +409,12 @@ def begun(drive, world, **changes):
     ("cause", "reason"),
     [
         (lambda w: setattr(w, "seen", Seen((), 151)), Reason.WATCH_BLIND),
-        (lambda w: setattr(w, "seen", Distrusted(Rejected(FrameFault.UNTRUSTED, "c"))), Reason.PERCEPTION_INVALID),
-        (lambda w: setattr(w, "rest", Rest(False, 2_400, "person bob", "", 20)), Reason.IMPACT_ROSE),
-        (lambda w: setattr(w, "rest", Rest(False, None, "", "ENGINES_DISAGREE", 20)), Reason.ENGINES_DISAGREE),
+        (lambda w: setattr(w, "seen", Distrusted(RejectedFrame(FrameFault.UNTRUSTED, "c"))), Reason.PERCEPTION_INVALID),
+        (lambda w: setattr(w, "rest", RemainingVerdict(False, 2_400, "person bob", "", 20)), Reason.IMPACT_ROSE),
+        (
+            lambda w: setattr(w, "rest", RemainingVerdict(False, None, "", "ENGINES_DISAGREE", 20)),
+            Reason.ENGINES_DISAGREE,
+        ),
     ],
 )
 def test_a_changed_world_ends_it_and_tells_the_record_what_was_seen(world, cause, reason):
@@ -420,7 +425,7 @@ def test_a_changed_world_ends_it_and_tells_the_record_what_was_seen(world, cause
         return permit, await moving
 
     permit, end = driven(world, scenario)
-    assert (end.end, end.reason) == (End.WORLD_CHANGED, reason)
+    assert (end.end, end.reason) == (MotionOutcome.WORLD_CHANGED, reason)
     assert world.arm.target is None
     assert 0.01 < world.arm.q < 0.5
     watched = permit.watched
@@ -432,7 +437,7 @@ def test_a_changed_world_ends_it_and_tells_the_record_what_was_seen(world, cause
 
 def test_a_motion_that_ends_by_itself_leaves_no_trace_of_the_watch(world):
     permit = world.permit()
-    assert driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, permit)).end is End.REACHED
+    assert driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, permit)).end is MotionOutcome.REACHED
     assert permit.watched is None
     assert world.hurried == [True, False]
 
@@ -440,12 +445,17 @@ def test_a_motion_that_ends_by_itself_leaves_no_trace_of_the_watch(world):
 def test_a_motion_that_the_watch_cannot_follow_in_time_ends(world):
     def late(permit, governor=None):
         return Watch(
-            permit, remaining=world, views=world, limits=Limits(150, 2_000, 0), clock=world.clock, submit=world.submit
+            permit,
+            remaining=world,
+            views=world,
+            limits=WatchAges(150, 2_000, 0),
+            clock=world.clock,
+            submit=world.submit,
         )
 
     world.watching = late
     end = driven(world, lambda drive: begun(drive, world)[1])
-    assert (end.end, end.reason) == (End.WORLD_CHANGED, Reason.WATCH_LATE)
+    assert (end.end, end.reason) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_LATE)
 
 
 def test_a_blocked_event_loop_delays_no_stop(world):
@@ -458,7 +468,7 @@ def test_a_blocked_event_loop_delays_no_stop(world):
         assert "stopJ" in world.arm.asked
         return await moving
 
-    assert driven(world, scenario).end is End.AUTHORITY_LOST
+    assert driven(world, scenario).end is MotionOutcome.AUTHORITY_LOST
 
 
 def test_readers_of_the_state_delay_no_look(world):
@@ -484,7 +494,7 @@ def test_readers_of_the_state_delay_no_look(world):
             hang.set()
             await asyncio.gather(*reads)
 
-    assert driven(world, scenario).end is End.AUTHORITY_LOST
+    assert driven(world, scenario).end is MotionOutcome.AUTHORITY_LOST
 
 
 def test_no_number_of_stops_keeps_one_from_going_out(world):
@@ -501,7 +511,7 @@ def test_no_number_of_stops_keeps_one_from_going_out(world):
         await until(lambda: world.arm.q > 0.01)
         world.fault = Fault(FaultCode.REVOKED, "TOK-9")
         try:
-            assert (await moving).end is End.AUTHORITY_LOST
+            assert (await moving).end is MotionOutcome.AUTHORITY_LOST
         finally:
             hang.set()
         assert world.arm.asked.count("stopJ") > asked
@@ -532,7 +542,7 @@ def test_what_ends_while_the_command_is_handed_over_does_not_move_afterwards(wor
         assert world.arm.target is None
         return end
 
-    assert driven(world, scenario).end is End.AUTHORITY_LOST
+    assert driven(world, scenario).end is MotionOutcome.AUTHORITY_LOST
 
 
 def test_the_dashboard_ends_what_the_watch_cannot_stop(world):
@@ -543,7 +553,7 @@ def test_the_dashboard_ends_what_the_watch_cannot_stop(world):
         return await moving
 
     end = driven(world, scenario)
-    assert (end.end, end.reason) == (End.WORLD_CHANGED, Reason.WATCH_BLIND)
+    assert (end.end, end.reason) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_BLIND)
     assert "stop" in world.dashboard
     assert world.arm.target is None
 
@@ -551,7 +561,7 @@ def test_the_dashboard_ends_what_the_watch_cannot_stop(world):
 def test_what_was_permitted_unseen_goes_on_unseen(world):
     world.seen = Unseen()
     end = driven(world, lambda drive: drive.move_joint(THERE, 2.0, 1.4, world.permit(sighted=False)))
-    assert end.end is End.REACHED
+    assert end.end is MotionOutcome.REACHED
 
 
 def test_people_near_the_fingers_stop_them(world):
@@ -559,11 +569,11 @@ def test_people_near_the_fingers_stop_them(world):
         permit = world.permit(GRIPPER_MOVE, GRIP)
         moving = asyncio.create_task(drive.gripper_move(*GRIP, permit))
         await until(lambda: world.fingers.moves)
-        world.rest = Rest(holds=False, index_milli=3_000, cause="person bob", fault="", age_ms=20)
+        world.rest = RemainingVerdict(holds=False, index_milli=3_000, cause="person bob", fault="", age_ms=20)
         return permit, await moving
 
     permit, grip = driven(world, scenario)
-    assert (grip.end, grip.reason) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert (grip.end, grip.reason) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
     assert world.fingers.halted.is_set()
     assert permit.watched["index_milli"] == 3_000
 
@@ -575,7 +585,7 @@ def test_fingers_that_a_stop_ended_say_so(world):
         await drive.stop()
         return await moving
 
-    assert driven(world, scenario).end is End.STOPPED
+    assert driven(world, scenario).end is MotionOutcome.STOPPED
 
 
 @pytest.mark.parametrize("where", ["view", "left", "standing"])
@@ -599,9 +609,9 @@ def test_a_watch_that_breaks_leaves_nothing_moving(world, where):
     driven(world, scenario)
 
 
-FULL_SPEED = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20, pace=1.0)
-NOT_SO_FAST = Rest(holds=False, index_milli=2_100, cause="person", fault="", age_ms=20, pace=0.4)
-SLOW_IS_WELL = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20, pace=0.4)
+FULL_SPEED = RemainingVerdict(holds=True, index_milli=900, cause="", fault="", age_ms=20, pace=1.0)
+NOT_SO_FAST = RemainingVerdict(holds=False, index_milli=2_100, cause="person", fault="", age_ms=20, pace=0.4)
+SLOW_IS_WELL = RemainingVerdict(holds=True, index_milli=900, cause="", fault="", age_ms=20, pace=0.4)
 
 
 def test_a_move_is_slowed_and_arrives_and_the_slider_is_where_it_was(world):
@@ -617,7 +627,7 @@ def test_a_move_is_slowed_and_arrives_and_the_slider_is_where_it_was(world):
     world.left = left
     permit = world.permit()
     end = driven(world, lambda drive: drive.move_joint(THERE, 0.5, 1.4, replaced(permit, world, (*THERE, 0.5, 1.4))))
-    assert end.end is End.REACHED
+    assert end.end is MotionOutcome.REACHED
     assert [(c.fraction, c.cause) for c in end.changes] == [(0.4, "person"), (1.0, "ended")]
     assert all(c.confirmed_ms is not None for c in end.changes)
     assert world.arm.sliders == [pytest.approx(0.399), 0.9]
@@ -647,7 +657,7 @@ def slowed(world, told=NOT_SO_FAST):
 
 def test_the_record_tells_every_change_of_speed(world):
     permit, move = slowed(world)
-    assert driven(world, move).end is End.REACHED
+    assert driven(world, move).end is MotionOutcome.REACHED
     watched = permit.watched
     assert watched["outcome"] == "reached"
     assert [(c["percent"], c["cause"]) for c in watched["speed"]] == [(40, "person"), (100, "ended")]
@@ -658,7 +668,7 @@ def test_a_slider_that_does_nothing_ends_the_move(world):
     world.arm.stuck = True
     permit, move = slowed(world)
     end = driven(world, move)
-    assert (end.end, end.reason) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert (end.end, end.reason) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
     assert "not slowed" in permit.watched["seen"]
     assert permit.watched["speed"][0]["t_confirmed_ms"] is None
     assert 0 < world.arm.q < THERE[0]
@@ -674,7 +684,7 @@ def test_a_slider_that_refuses_ends_the_move(world):
 def test_nothing_slower_ends_the_move_and_no_slider_is_touched(world):
     permit, move = slowed(world, replace(NOT_SO_FAST, pace=None))
     end = driven(world, move)
-    assert (end.end, end.reason, end.changes) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE, ())
+    assert (end.end, end.reason, end.changes) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE, ())
     assert world.arm.sliders == []
     assert "speed" not in permit.watched
 
@@ -687,7 +697,7 @@ def test_a_slowed_move_that_is_stopped_or_forsaken_leaves_the_slider_where_it_wa
         assert world.arm.target is None
         return await moving
 
-    assert driven(world, stopped).end is End.STOPPED
+    assert driven(world, stopped).end is MotionOutcome.STOPPED
     assert world.arm.sliders[1:] == [1.0]
     world.arm.__init__()
 
@@ -716,7 +726,7 @@ def test_an_arm_that_may_still_move_is_not_let_faster(world, monkeypatch):
         return await moving
 
     end = driven(world, scenario)
-    assert end.end is End.ROBOT_FAILED
+    assert end.end is MotionOutcome.ROBOT_FAILED
     assert [change.cause for change in end.changes] == ["person"]
     assert world.arm.sliders == [pytest.approx(0.399)]
 
@@ -737,7 +747,7 @@ def test_an_arm_that_goes_on_after_every_stop_is_not_let_faster(world, monkeypat
         return end
 
     end = driven(world, scenario)
-    assert end.end is End.ROBOT_FAILED
+    assert end.end is MotionOutcome.ROBOT_FAILED
     assert [change.cause for change in end.changes] == ["person"]
     assert world.arm.sliders == [pytest.approx(0.399)]
 
@@ -763,9 +773,11 @@ def test_a_watch_that_breaks_after_it_slowed_down_stops_the_arm_before_it_may_be
 
 @pytest.mark.parametrize(("silent_ms", "put"), [(SILENCE_MS, True), (SILENCE_MS + 1, False)])
 def test_an_arm_that_stood_when_it_was_last_heard_may_move_by_now(world, silent_ms, put):
-    governor = Governor(SpeedSlider(world.arm), pacing=PACING, least=0.0, speeds=Speeds(1.0, 1.0, 0), now_ms=0)
+    governor = Governor(SpeedSlider(world.arm), pacing=PACING, least=0.0, speeds=ReportedSpeeds(1.0, 1.0, 0), now_ms=0)
     governor.take(Offer(False, 0.4, 2_100, "person"), running=1.0, heard_ms=0, now_ms=0)
-    arm = SimpleNamespace(look=lambda: True, silent_ms=silent_ms, state=world.arm.here(), speeds=Speeds(1.0, 1.0, 0))
+    arm = SimpleNamespace(
+        look=lambda: True, silent_ms=silent_ms, state=world.arm.here(), speeds=ReportedSpeeds(1.0, 1.0, 0)
+    )
     put_back(governor, arm, clock=world.clock)
     assert [change.cause for change in governor.changes] == ["person", *(["ended"] if put else [])]
 
@@ -780,7 +792,7 @@ def test_a_slowed_move_may_take_its_time(world, monkeypatch):
     )
     began = time.monotonic()
     end = driven(world, lambda drive: drive.move_joint(THERE, 2.0, 40.0, permit))
-    assert end.end is End.REACHED
+    assert end.end is MotionOutcome.REACHED
     assert [change.fraction for change in end.changes] == [0.1, 1.0]
     assert time.monotonic() - began > 1.5 * 0.3 + 0.2, "it was not slowed"
 

@@ -10,7 +10,7 @@ from capabilities.statements.registry import PartyEntry, SensorEntry, ToolEntry,
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Tier
 from pep.base.errors import FeedError, PepFault
-from pep.provider.feed import Follower, MarkFile
+from pep.provider.feed import ProviderFollower, FeedMarkFile
 from tests.pep.kit import AUDIENCE, CALIBRATION, ISSUER, FakeIssuer, ManualClock, issuer_keys
 
 
@@ -24,14 +24,14 @@ class World:
         self.restart()
 
     def restart(self):
-        self.follower = Follower(
+        self.follower = ProviderFollower(
             self.issuer.client(),
             issuer=ISSUER,
             audience=AUDIENCE,
             trust=self.trust,
             caps=CAPS,
             clock=self.clock,
-            mark=MarkFile(self.path),
+            mark=FeedMarkFile(self.path),
             incident=self.incidents.append,
         )
 

@@ -151,7 +151,7 @@ def test_the_request_goes_on_whole_and_nothing_is_added(house):
     assert headers["host"] == AUDIENCE.split("/")[2]
     assert {name: headers[name] for name in HEADERS} == HEADERS
     opened = ticket.open(headers[TICKET], {house.peps[DOOR]}, house.caps)
-    assert opened.carried == ticket.Carried.of(token=holder.text, proof=headers["dpop"], body=last["body"])
+    assert opened.carried == ticket.RequestDigests.of(token=holder.text, proof=headers["dpop"], body=last["body"])
     # and back
     assert (answer.status_code, answer.content) == (418, b'{"x":1}')
     assert {"www-authenticate", "mcp-session-id", "content-type"} <= answer.headers.keys()

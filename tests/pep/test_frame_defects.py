@@ -13,11 +13,11 @@ from capabilities.keys import jws, keys
 from capabilities.statements import checkpoint, observation, statement_form
 from capabilities.values.caps import DEFAULT as CAPS
 from msgspec.structs import replace
-from pep.perception.receiver import CONNECTIONS, Receiver
-from pep.perception.sensor_frames import FRAME_BYTES, Frame, Frames, Seen
+from pep.perception.receiver import CONNECTIONS, FrameReceiver
+from pep.perception.sensor_frames import FRAME_BYTES, SensorFrame, Frames, Seen
 from pep.pit import CellParameters, Robot, observed, standing_adult, surveyed
 from pep.rtde.robot.state_receiver import JointState
-from pep.world.held_object import Holding
+from pep.world.held_object import CommittedGrip
 from pep.world.world import CellPhysics
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
@@ -48,7 +48,7 @@ class Cell:
         stated = survey(self.clock.wall_s(), sensors=tuple(sorted(named)))
         cell = surveyed(stated, CellParameters(objects=()))
         self.rig.physics = CellPhysics(
-            holding=Holding(ARM, cell),
+            holding=CommittedGrip(ARM, cell),
             cell=cell,
             valid_until_s=stated.not_after,
             frames=self.frames,
@@ -58,7 +58,7 @@ class Cell:
         self.rig.build()
         self.holder = self.rig.agent()
         self.sequence, self.writers = 100, []
-        self.receiver = Receiver(self.frames, clock=self.clock, incident=self.incident)
+        self.receiver = FrameReceiver(self.frames, clock=self.clock, incident=self.incident)
 
     def incident(self, sensor, fault, detail, count):
         body = {"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count}
@@ -337,7 +337,7 @@ def test_the_connection_after_the_last_is_hung_up_on_and_the_view_stands(tmp_pat
         await cell.until(cell.incidents)
         assert cell.incidents() == [("", "TOO_MANY_SENDERS")]
         assert (await cell.move()).effect is Effect.PERMIT
-        assert isinstance(cell.frames.admit(cell.frame()), Frame)
+        assert isinstance(cell.frames.admit(cell.frame()), SensorFrame)
 
     played(tmp_path, scenario)
 

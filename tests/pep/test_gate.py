@@ -10,7 +10,7 @@ from capabilities.values.scope import Grant, Tier
 from capabilities.values.units import Quantity, Unit
 from pep.base.errors import ActuationRefusedError, JournalError, PepFault
 from pep.gate import gate as gate_module
-from pep.gate.gate import ATTEMPTS, Result
+from pep.gate.gate import ATTEMPTS, EffectResult
 from pep.world.sequence import Sequence
 from policies.evidence.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
 from policies.evidence.model import Effect, Obligation, ObligationKind
@@ -122,7 +122,7 @@ def test_what_the_watch_saw_is_in_the_record(rig):
         permit.spend(digest=permit.digest, stopped_ms=None)
         assert (permit.index_milli, permit.sighted) == (1_000, True)
         permit.watched = {"outcome": "world_changed", "q_at_stop_rad": (0.0, 1.0)}
-        return Result(value={"outcome": "world_changed"})
+        return EffectResult(value={"outcome": "world_changed"})
 
     run(rig, rig.call(rig.agent()), watched)
     (outcome,) = rig.records("outcome")
@@ -137,7 +137,7 @@ def test_reading_needs_no_physics(rig):
 
 
 async def _done():
-    return Result(value={})
+    return EffectResult(value={})
 
 
 CHEAP = {
@@ -328,7 +328,7 @@ def test_one_winner_among_many_threads(rig):
             thread.start()
         for thread in threads:
             thread.join()
-        return Result(value={})
+        return EffectResult(value={})
 
     run(rig, rig.call(rig.agent()), race)
     assert len(won) == 1
@@ -692,7 +692,7 @@ def test_only_an_arm_that_arrived_is_known_to_stand_at_its_target(rig, outcome, 
     rig.gate._sequence = Sequence(rig.clock)
 
     async def ends(permit):
-        return Result({"outcome": outcome}, failed=failed)
+        return EffectResult({"outcome": outcome}, failed=failed)
 
     run(rig, rig.call(rig.agent()), ends)
     rig.clock.advance(60_000)
@@ -705,7 +705,7 @@ def test_who_reads_the_state_asks_from_there(rig):
     rig.gate._sequence = Sequence(rig.clock)
 
     async def arrives(permit):
-        return Result({"outcome": "reached"})
+        return EffectResult({"outcome": "reached"})
 
     agent = rig.agent()
     run(rig, rig.call(agent), arrives)

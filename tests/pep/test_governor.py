@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pep.pit import CellParameters
-from pep.watch.governor import MARGIN, Governor, Offer, Pacing, Speeds
+from pep.watch.governor import MARGIN, Governor, Offer, Pacing, ReportedSpeeds
 
 CELL = CellParameters()
 PACING = Pacing.of(CELL)
@@ -39,7 +39,7 @@ class Rig:
         self.coming.append((self.now + self.wire_ms, fraction))
 
     def speeds(self):
-        return Speeds(self.slider, self.scaling, self.now)
+        return ReportedSpeeds(self.slider, self.scaling, self.now)
 
     def pass_ms(self, ms, step_ms=4):
         """The first thing that is wrong in that time, or ""; each step one look."""
@@ -276,7 +276,7 @@ def test_after_the_motion_the_slider_is_where_it_was():
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -0.1, 1.1])
 def test_a_slider_that_stood_nowhere_is_put_back_to_full_speed(wrong):
     rig = Rig()
-    rig.governor = Governor(rig, pacing=PACING, least=0.0, speeds=Speeds(wrong, 1.0, rig.now), now_ms=rig.now)
+    rig.governor = Governor(rig, pacing=PACING, least=0.0, speeds=ReportedSpeeds(wrong, 1.0, rig.now), now_ms=rig.now)
     slow(rig)
     assert rig.governor.end(now_ms=rig.now)
     assert rig.asked == [0.4 - MARGIN, 1.0]
@@ -312,10 +312,10 @@ def test_a_change_is_confirmed_once():
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, -0.1, 1.1])
 @pytest.mark.parametrize("first", [True, False])
 def test_what_is_no_speed_is_full_speed(wrong, first):
-    assert Speeds(*((wrong, 0.1) if first else (0.1, wrong)), 0).fastest == 1.0
+    assert ReportedSpeeds(*((wrong, 0.1) if first else (0.1, wrong)), 0).fastest == 1.0
     rig = Rig()
     slow(rig)
-    heard = Speeds(*((wrong, 0.1) if first else (0.1, wrong)), rig.now)
+    heard = ReportedSpeeds(*((wrong, 0.1) if first else (0.1, wrong)), rig.now)
     assert rig.governor.hear(heard, now_ms=rig.now) != ""
 
 

@@ -9,7 +9,7 @@ from capabilities.keys import keys
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.clock import SystemClock
 from pep.base.errors import PepFault
-from pep.provider.feed import BACKOFF_S, MOVING_PERIOD_S, Follower, MarkFile
+from pep.provider.feed import BACKOFF_S, MOVING_PERIOD_S, ProviderFollower, FeedMarkFile
 from tests.pep.kit import AUDIENCE, ISSUER, FakeIssuer, issuer_keys
 
 pytestmark = pytest.mark.real_time
@@ -30,9 +30,9 @@ class World:
         self.pulling, self.most_pulling = 0, 0
         self.hold = None
         self.answer = self.faithful
-        self.follower = Follower(
+        self.follower = ProviderFollower(
             httpx2.AsyncClient(transport=httpx2.MockTransport(self.handle)), issuer=ISSUER, audience=AUDIENCE,
-            trust=self.trust, caps=CAPS, clock=self.clock, mark=MarkFile(tmp / "feed.json"), incident=self.incidents.append,
+            trust=self.trust, caps=CAPS, clock=self.clock, mark=FeedMarkFile(tmp / "feed.json"), incident=self.incidents.append,
         )  # fmt: skip
 
     async def handle(self, request):

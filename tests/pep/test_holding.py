@@ -8,8 +8,8 @@ from pep.base.errors import PepFault, RobotError
 from pep.perception.sensor_frames import Seen
 from pep.pit import CellParameters, Robot, Sphere, Thing
 from pep.pit.scene.cell import Part
-from pep.rtde.robot.gripper import Grip
-from pep.world.held_object import Holding
+from pep.rtde.robot.gripper import GripResult
+from pep.world.held_object import CommittedGrip
 from pep.world.world import tool_position
 from ztpm.point import robot as composition
 
@@ -23,7 +23,7 @@ def between_the_fingers(name="part-1"):
 
 
 def test_a_known_part_between_the_fingers_is_held_with_its_mass():
-    holding = Holding(ARM, CELL)
+    holding = CommittedGrip(ARM, CELL)
     empty_kg, empty_model = holding.carried_kg, holding.robot.model_digest
     holding.closed_on(Q, [between_the_fingers(), Thing("far", "rigid", Sphere((2.0, 0.0, 0.0), 0.02), 0.0)])
     assert (holding.held.object, holding.held.mass_kg) == ("part-1", 0.4)
@@ -37,14 +37,14 @@ def test_a_known_part_between_the_fingers_is_held_with_its_mass():
 
 @pytest.mark.parametrize("shown", [[], [between_the_fingers("part-1"), between_the_fingers("part-2")]])
 def test_what_nobody_can_name_counts_as_the_whole_payload(shown):
-    holding = Holding(ARM, CELL)
+    holding = CommittedGrip(ARM, CELL)
     holding.closed_on(Q, shown)
     assert (holding.held.object, holding.held.mass_kg) == ("", None)
     assert holding.carried_kg == pytest.approx(ARM.model.payload_limit_kg)
 
 
 def test_an_unknown_part_that_is_mounted_counts_as_the_whole_payload():
-    holding = Holding(ARM, replace(CELL, payload_kg=None))
+    holding = CommittedGrip(ARM, replace(CELL, payload_kg=None))
     assert holding.carried_kg == pytest.approx(ARM.model.payload_limit_kg)
 
 
@@ -69,10 +69,10 @@ class Control:
 
 
 def test_the_controller_is_told_what_is_carried_whenever_that_changes():
-    holding, control = Holding(ARM, CELL), Control()
+    holding, control = CommittedGrip(ARM, CELL), Control()
     own = round(holding.carried_kg, 3)
     for something in (False, True, True, False, False):
-        grip = Grip(40_000, object=something, arrived=True)
+        grip = GripResult(40_000, object=something, arrived=True)
         asyncio.run(composition.committed(Physics(holding), control, holding, grip))
     assert control.told == [round(own + 0.4, 3), own]
 
@@ -89,7 +89,7 @@ def test_an_arm_that_says_nothing_holds_something_unknown(monkeypatch):
         def view(self):
             return Seen((), 0)
 
-    holding = Holding(ARM, CELL)
+    holding = CommittedGrip(ARM, CELL)
     physics = CellPhysics(holding=holding, cell=CELL, valid_until_s=2**40, frames=Frames(), state=Silent(), clock=None)
     with pytest.raises(RobotError):
         physics.grip_ended(on_something=True, arrived=True)
@@ -116,7 +116,7 @@ class Cell:
 
 
 def test_fingers_that_were_halted_while_opening_still_hold():
-    holding = Holding(ARM, CELL)
+    holding = CommittedGrip(ARM, CELL)
     cell = Cell(holding)
     assert cell.grip(on_something=False, arrived=False) is None  # empty, and halted on the way
     holding.closed_on(Q, [between_the_fingers()])
@@ -127,7 +127,7 @@ def test_fingers_that_were_halted_while_opening_still_hold():
 
 
 def test_fingers_that_were_halted_on_something_hold_it_whatever_it_is():
-    holding = Holding(ARM, CELL)
+    holding = CommittedGrip(ARM, CELL)
     assert Cell(holding).grip(on_something=True, arrived=False).mass_kg is None
 
 
@@ -145,7 +145,7 @@ class Fingers:
     ("word", "whole"), [(True, True), (False, False), (RobotError(PepFault.GRIPPER_UNREACHABLE, ""), False)]
 )
 def test_what_was_held_before_the_start_is_an_unknown_part(word, whole):
-    holding = Holding(ARM, CELL)
+    holding = CommittedGrip(ARM, CELL)
     composition.found_holding(holding, Fingers(word))
     assert (holding.carried_kg == pytest.approx(ARM.model.payload_limit_kg)) == whole
     assert (holding.held is not None) == whole

@@ -12,7 +12,7 @@ from capabilities.values.errors import Fault, FaultCode
 from pep.base.clock import SystemClock
 from pep.base.errors import ActuationRefusedError
 from pep.base.operations import MOVE_JOINT, SPEED_JOINT, digest_of
-from pep.base.ports import Rest
+from pep.base.ports import RemainingVerdict
 from pep.base.stop_model import STOP_DELAY_S, patience_s
 from pep.perception.sensor_frames import Seen
 from pep.pit import CellParameters, SpeedJ
@@ -24,12 +24,12 @@ from pep.rtde.motion.jog import Jog
 from pep.rtde.motion.permitted_control import PermittedControl
 from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.state_receiver import JointState, ReceivedState
-from pep.watch.watch import End, Limits, Watch
+from pep.watch.watch import MotionOutcome, WatchAges, Watch
 from policies.evidence.model import Request
 from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE
 from tests.sim_controller.cell import HOME
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 pytestmark = pytest.mark.e2e
@@ -42,7 +42,7 @@ THERE = (0.1, *HOME[1:])
 @pytest.fixture(scope="module")
 def controller():
     """One controller for those that leave it as it was."""
-    with Controller.start(joints=HOME) as one:
+    with SimulatedController.start(joints=HOME) as one:
         yield one
 
 
@@ -74,7 +74,10 @@ class Rig:
             audience=AUDIENCE,
             clock=self.clock,
         )
-        self.seen, self.rest = Seen((), 20), Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20)
+        self.seen, self.rest = (
+            Seen((), 20),
+            RemainingVerdict(holds=True, index_milli=900, cause="", fault="", age_ms=20),
+        )
         self.jog = Jog(self.drive, self.control, start_of=self.starts.get, clock=self.clock)
 
     def watching(self, permit, governor=None):
@@ -83,7 +86,7 @@ class Rig:
             permit,
             remaining=self,
             views=self,
-            limits=Limits(view_ms=150, judged_ms=2_000, look_ms=2_000),
+            limits=WatchAges(view_ms=150, judged_ms=2_000, look_ms=2_000),
             clock=self.clock,
             submit=submit,
         )
@@ -167,7 +170,7 @@ def test_it_ends_by_itself_inside_what_was_assessed_and_leaves_nothing_behind(co
     async def scenario(rig):
         start = rig.state.read()
         end = await rig.go(rig.permit())
-        assert (end.end, end.reason) == (End.ENDED, "")
+        assert (end.end, end.reason) == (MotionOutcome.ENDED, "")
         travelled = end.q_rad[0] - start.q_rad[0]
         envelope = stream_envelope(SpeedJ(start.q_rad, QD, 2.0, 0.5), CellParameters(), under_way=False)
         assert 0.02 < travelled < envelope.target[0] - start.q_rad[0]  # its time counts from before it is sent
@@ -184,7 +187,7 @@ def test_a_stop_ends_it_as_the_stop_model_says_and_the_script_lives_on(controlle
         at, speed = rig.q0, rig.speed
         stopped = await rig.drive.stop()
         end = await moving
-        assert stopped.end is end.end is End.STOPPED
+        assert stopped.end is end.end is MotionOutcome.STOPPED
         room = speed * (STOP_DELAY_S + 0.1) + speed**2 / (2 * STOP)  # 0.1 s: a loaded host reads late
         assert 0.0 <= rig.q0 - at <= room
         await usable(rig)
@@ -198,7 +201,7 @@ def test_lost_authority_ends_it(controller):
         await rig.moving(moving)
         rig.fault = Fault(FaultCode.REVOKED, "TOK-9")
         end = await moving
-        assert (end.end, end.reason) == (End.AUTHORITY_LOST, "REVOKED")
+        assert (end.end, end.reason) == (MotionOutcome.AUTHORITY_LOST, "REVOKED")
         await usable(rig)
 
     jogged(controller, scenario)
@@ -208,10 +211,10 @@ def test_a_world_that_changes_ends_it(controller):
     async def scenario(rig):
         moving = rig.go(rig.permit(duration=2.0), duration=2.0)
         await rig.moving(moving)
-        rig.rest = Rest(holds=False, index_milli=2_900, cause="person", fault="", age_ms=20)
+        rig.rest = RemainingVerdict(holds=False, index_milli=2_900, cause="person", fault="", age_ms=20)
         end = await moving
-        assert (end.end, end.reason) == (End.WORLD_CHANGED, "IMPACT_ROSE")
-        rig.rest = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20)
+        assert (end.end, end.reason) == (MotionOutcome.WORLD_CHANGED, "IMPACT_ROSE")
+        rig.rest = RemainingVerdict(holds=True, index_milli=900, cause="", fault="", age_ms=20)
         await usable(rig)
 
     jogged(controller, scenario)
@@ -227,7 +230,7 @@ def test_an_earlier_permit_that_falls_ends_a_stream_that_another_prolonged(contr
             await asyncio.sleep(0.005)
         first.standing = lambda: Fault(FaultCode.REVOKED, "TOK-9")
         ends = await asyncio.gather(moving, later)
-        assert {(end.end, end.reason) for end in ends} == {(End.AUTHORITY_LOST, "REVOKED")}
+        assert {(end.end, end.reason) for end in ends} == {(MotionOutcome.AUTHORITY_LOST, "REVOKED")}
         await usable(rig)
 
     jogged(controller, scenario)
@@ -263,7 +266,7 @@ def test_a_stream_that_nobody_looks_at_ends(controller):
         started.set()
         end = await moving
         rig.state.newest = newest
-        assert (end.end, end.reason) == (End.ROBOT_FAILED, "nobody looked")
+        assert (end.end, end.reason) == (MotionOutcome.ROBOT_FAILED, "nobody looked")
         assert end.q_rad[0] - at < 0.4 * 0.8  # by the end of its time it would have been twice as far
         await usable(rig)
 
@@ -285,7 +288,7 @@ def test_it_is_prolonged_by_the_same_agent_and_nobody_else(controller):
             assert raised.value.reason is Reason.BUSY
         second = rig.go(rig.permit("d", duration=1.0, here=False), duration=1.0)
         ends = await asyncio.gather(first, second)
-        assert [end.end for end in ends] == [End.ENDED, End.ENDED]
+        assert [end.end for end in ends] == [MotionOutcome.ENDED, MotionOutcome.ENDED]
         assert rig.q0 - start > 0.4 * 0.9
         assert not rig.jog.joins(request(QD), agent="robotic")
         await usable(rig)
@@ -348,9 +351,9 @@ def test_when_the_sender_stalls_the_controller_stops_the_arm_by_itself():
         assert rig.q0 - at <= 0.4 * (patience_s(STOP) + STOP_DELAY_S + 0.1) + 0.4**2 / (2 * STOP)
         assert not rig.control.isProgramRunning()
         enough.set()
-        assert (await moving).end is End.ROBOT_FAILED
+        assert (await moving).end is MotionOutcome.ROBOT_FAILED
 
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         jogged(controller, scenario)
 
 
@@ -360,7 +363,7 @@ def test_after_a_protective_stop_nothing_is_taken_up_again():
         await rig.moving(moving)
         controller.fault("protective_stop")
         end = await moving
-        assert end.end is End.ROBOT_FAILED
+        assert end.end is MotionOutcome.ROBOT_FAILED
         with socket.create_connection((controller.host, 29999)) as link, link.makefile("rwb") as dashboard:
 
             def ask(line):
@@ -376,7 +379,7 @@ def test_after_a_protective_stop_nothing_is_taken_up_again():
         assert not rig.control.isProgramRunning()
         assert rig.q0 == at
 
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         jogged(controller, lambda rig: scenario(rig, controller))
 
 

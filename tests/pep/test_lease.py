@@ -15,9 +15,19 @@ from capabilities.proof import session_opening
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.errors import Fault
 from pep.base.clock import SystemClock
-from pep.rtde.lease.lease import SILENCE_MS, Ending, Leases
-from pep.rtde.lease.lease_endpoint import LOSSLESS, Door
-from pep.rtde.lease.lease_messages import Beat, Bytes, Cutter, Open, Opened, Told, decode, delimited, encode
+from pep.rtde.lease.lease import SILENCE_MS, LeaseEnding, Leases
+from pep.rtde.lease.lease_endpoint import LOSSLESS, LeaseEndpoint
+from pep.rtde.lease.lease_messages import (
+    Beat,
+    Bytes,
+    SessionFrameSplitter,
+    Open,
+    Opened,
+    RefusalNotice,
+    decode,
+    delimited,
+    encode,
+)
 from pep.rtde.lease.lease_port import LeasePort
 from pep.rtde.robot.connections import UNREAD_BYTES
 from policies.words.reason_table import Reason
@@ -80,7 +90,7 @@ class House:
         self.leases = Leases()
         self.port = LeasePort(self.leases, self.robot, clock=rig.clock, begun=self._carried, ended=self._ended)
         self._told = ended
-        self.door = Door(
+        self.door = LeaseEndpoint(
             leases=self.leases, authority=rig.authority, clock=rig.clock, journal=rig.journal, caps=CAPS,
             url=URL, audience=AUDIENCE, signer=self.signer, port=0, lease_ms=2_000,
         )  # fmt: skip
@@ -225,7 +235,7 @@ def test_a_revoked_token_a_replayed_opening_and_a_long_body_open_nothing(tmp_pat
         holder = house.rig.agent()
         pending = house.begun(holder)
         assert (await house.post(holder, pending)).status_code == 201
-        house.port.end(Ending.CLOSED)
+        house.port.end(LeaseEnding.CLOSED)
         again = await house.post(holder, pending)
         assert (again.status_code, again.json()["reason"]) == (401, "REPLAYED")
         long = await house.http.post(URL, content=b"x" * 3_000, headers={"authorization": f"DPoP {holder.text}"})
@@ -257,7 +267,7 @@ def test_a_lease_that_nobody_carries_is_over(tmp_path):
         assert house.over == []
         house.rig.clock.advance(1)
         house.port.look()
-        assert house.over == [("robotic", Ending.SILENT)]
+        assert house.over == [("robotic", LeaseEnding.SILENT)]
         assert house.leases.current is None
 
     in_house(scenario, tmp_path, ManualClock())
@@ -285,7 +295,7 @@ def test_a_program_has_its_connections_side_by_side_and_what_it_says_first_is_no
         assert not house.robot.lines[1].gone
         ports.close()
         await until(lambda: over and house.over)
-        assert (over, house.over) == ([Ending.CLOSED], [("robotic", Ending.CLOSED)])
+        assert (over, house.over) == ([LeaseEnding.CLOSED], [("robotic", LeaseEnding.CLOSED)])
         assert house.robot.lines[1].gone
         assert await two.read() == b""
         with pytest.raises(OSError, match=r"."):
@@ -411,8 +421,8 @@ def test_the_gateways_end_is_the_programs(tmp_path):
         _, host, over = await house.program(house.rig.agent())
         reader, writer = await asyncio.open_connection(host, ECHO)
         await read(reader, 6)
-        house.port.end(Ending.AUTHORITY)
-        assert house.over == [("robotic", Ending.AUTHORITY)]
+        house.port.end(LeaseEnding.AUTHORITY)
+        assert house.over == [("robotic", LeaseEnding.AUTHORITY)]
         await until(lambda: over)
         assert await reader.read() == b""
         writer.close()
@@ -430,8 +440,8 @@ def test_a_line_that_breaks_at_the_end_keeps_no_other_from_it(tmp_path):
         broken = house.robot.lines[1]
         broken.left = {}.__getitem__  # raises
         with contextlib.suppress(TypeError):
-            house.port.end(Ending.AUTHORITY)
-        assert house.over == [("robotic", Ending.AUTHORITY)]
+            house.port.end(LeaseEnding.AUTHORITY)
+        assert house.over == [("robotic", LeaseEnding.AUTHORITY)]
         assert [line.gone for line in house.robot.lines] == [True, False, True]
         for _, writer in links:
             writer.close()
@@ -457,7 +467,7 @@ class Bare:
         return delimited(self.session.seal(encode(word), at=self.house.rig.clock.wall_s()))
 
     async def words(self, wanted):
-        cutter, found = Cutter(), []
+        cutter, found = SessionFrameSplitter(), []
         async with asyncio.timeout(10):
             while wanted not in found:
                 for frame in cutter.feed(await self.reader.read(65_536)):
@@ -478,7 +488,7 @@ def flipped(frame):
         lambda bare: b"\xff" * 8,
         lambda bare: bare.frame(Bytes(3, b"x")),  # a line that is not open
         lambda bare: bare.frame(Opened(3)),
-        lambda bare: bare.frame(Told(7, "BUSY: said I")),  # the gateway's word
+        lambda bare: bare.frame(RefusalNotice(7, "BUSY: said I")),  # the gateway's word
         lambda bare: b"".join(bare.frame(Open(n, ECHO)) for n in range(17)),
         lambda bare: (lambda frame: frame + frame)(bare.frame(Beat())),
     ],
@@ -490,7 +500,7 @@ def test_what_no_program_says_ends_the_lease(tmp_path, said):
             await bare.words(Opened(7))
             bare.writer.write(said(bare))
             await until(lambda: house.over)
-            assert house.over == [("robotic", Ending.MALFORMED)]
+            assert house.over == [("robotic", LeaseEnding.MALFORMED)]
             assert house.robot.lines[0].gone
             assert house.leases.current is None
 
@@ -503,7 +513,7 @@ def test_a_cut_connection_ends_it_at_once(tmp_path):
             bare.writer.write(bare.frame(Open(7, ECHO)))
             await bare.words(Opened(7))
         await until(lambda: house.over)
-        assert house.over == [("robotic", Ending.CUT)]
+        assert house.over == [("robotic", LeaseEnding.CUT)]
         assert house.robot.lines[0].gone
 
     in_house(scenario, tmp_path)
@@ -515,7 +525,7 @@ def test_a_silent_program_loses_it(tmp_path):
             began = time.monotonic()
             bare.writer.write(bare.frame(Open(7, ECHO)))
             await until(lambda: house.over)
-            assert house.over == [("robotic", Ending.SILENT)]
+            assert house.over == [("robotic", LeaseEnding.SILENT)]
             assert 1.5 <= time.monotonic() - began < 4.0
 
     in_house(scenario, tmp_path)
@@ -529,7 +539,7 @@ def test_a_program_whose_gateway_is_silent_ends_too(tmp_path):
         ports = ProgramPorts(opened, lease_id, clock=house.rig.clock, user=OWN, ended=over.append, told=over.append)
         await ports.begin(gateway=deaf.sockets[0].getsockname(), host=HOST, ports=())
         await until(lambda: over)
-        assert over == [Ending.SILENT]
+        assert over == [LeaseEnding.SILENT]
         deaf.close()
 
     in_house(scenario, tmp_path)

@@ -7,7 +7,7 @@ import textwrap
 import pytest
 from pep.base.clock import SystemClock
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
-from pep.rtde.lease.lease import Ending
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.robot.connections import PORTS
 from pep.rtde.script.control_script import allow_list, installed_body
@@ -123,7 +123,7 @@ def test_an_unmodified_program_runs_in_its_lease(controller, tmp_path):
             assert over == []
             ports.close()
             await until(lambda: over and house.over)
-            assert house.over == [("robotic", Ending.CLOSED)]
+            assert house.over == [("robotic", LeaseEnding.CLOSED)]
 
     asyncio.run(scenario())
 
@@ -156,7 +156,7 @@ def test_it_runs_when_each_of_its_commands_is_judged_and_its_lease_ends_with_its
             out, _ = await program.communicate()
             assert out.decode().splitlines()[-1].endswith(" True")
             await until(lambda: over and house.over)
-            assert (house.over, over) == ([("robotic", Ending.LEFT)], [Ending.LEFT])
+            assert (house.over, over) == ([("robotic", LeaseEnding.LEFT)], [LeaseEnding.LEFT])
             assert judge.asked[:3] == [("robotic", "MoveJ"), ("robotic", "SetDigitalOutputs"), ("robotic", "ServoJ")]
             assert judge.asked[3:] == [(None, "ServoJ")] * 99
         ports.close()

@@ -21,7 +21,7 @@ from pep.mcp.body_screen import screen
 from pep.mcp.dpop import WELL_KNOWN
 from pep.mcp.guard import DECISION_META, guard
 from pep.mcp.mapping import ARM_TOOLS
-from pep.rtde.motion.drive import End, MotionEnd
+from pep.rtde.motion.drive import MotionOutcome, MotionEnd
 from pep.rtde.robot.state_receiver import JointState
 from policies.evidence.evidence import ImpactFault
 from tests.hostile_bodies import HOSTILE_BODIES
@@ -50,11 +50,11 @@ class FakeArm:
         if self.hold is not None:
             self.hold.set()
             await asyncio.Event().wait()
-        return MotionEnd(End.REACHED, tuple(numbers[:6]))
+        return MotionEnd(MotionOutcome.REACHED, tuple(numbers[:6]))
 
     async def stop(self):
         self.stops += 1
-        return MotionEnd(End.STOPPED, ZERO)
+        return MotionEnd(MotionOutcome.STOPPED, ZERO)
 
     async def read_state(self):
         return JointState(ZERO, ZERO, 7, 1)

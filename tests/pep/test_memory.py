@@ -17,11 +17,11 @@ from msgspec import structs
 from pep.base.errors import PepError, PepFault
 from pep.context import memory as module
 from pep.context.collection import Incident
-from pep.context.high_water_marks import Mark
+from pep.context.high_water_marks import HighWaterMark
 from pep.context.json_value import plain
 from pep.context.memory import MARK_NAME, VALUE_BYTES, Memory, Written
-from pep.context.memory_rows import MemoryFault, Row
-from pep.context.stores.sqlite import MarksFile, MemoryFile
+from pep.context.memory_rows import MemoryFault, MemoryRow
+from pep.context.stores.sqlite import HighWaterMarkFile, MemoryFile
 from policies.evidence.content_readings import ItemKind
 from policies.words.labels import NOBODY, Integrity, Label, Source
 from tests.pep.kit import AUDIENCE, Feed, ManualClock, agent, full_scope, issuer_keys
@@ -58,7 +58,7 @@ class Desk:
         self.memory = Memory(
             **{
                 "rows": self.rows,
-                "marks": MarksFile(self.marks_path),
+                "marks": HighWaterMarkFile(self.marks_path),
                 "key": self.key,
                 "audience": AUDIENCE,
                 "verifier": self.verifier,
@@ -401,7 +401,12 @@ def test_an_older_row_once_more_behind_the_newer(desk):
 
 def test_rows_that_were_never_ours(desk):
     three(desk)
-    strange = [Row(0, "", b""), Row(2**62, "a.b.c", b"1"), Row(-5, "\ud800", b""), Row(4, "x" * 40_000, b"")]
+    strange = [
+        MemoryRow(0, "", b""),
+        MemoryRow(2**62, "a.b.c", b"1"),
+        MemoryRow(-5, "\ud800", b""),
+        MemoryRow(4, "x" * 40_000, b""),
+    ]
     rows = desk.rows.rows(most=9)
     desk.memory = desk.reopen(rows=Replaying([strange[0], *rows, *strange[1:]]))
     # Behind the newest that was ever written there is nothing to lose.
@@ -517,21 +522,24 @@ def test_marks_that_cannot_be_read_are_not_taken_for_none(desk, content):
     desk.write()
     desk.marks_path.write_bytes(content)
     with pytest.raises(PepError) as caught:
-        MarksFile(desk.marks_path)
+        HighWaterMarkFile(desk.marks_path)
     assert caught.value.code is PepFault.STATE_UNREADABLE
 
 
 def test_marks_are_by_name_and_on_disk(desk):
-    marks = MarksFile(desk.marks_path)
-    marks.write("manifest/document/a", Mark(3, "ab"))
-    marks.write(MARK_NAME, Mark(9, "cd"))
-    again = MarksFile(desk.marks_path)
-    assert (again.read("manifest/document/a"), again.read(MARK_NAME)) == (Mark(3, "ab"), Mark(9, "cd"))
-    assert again.read("another") == Mark(0, "")
+    marks = HighWaterMarkFile(desk.marks_path)
+    marks.write("manifest/document/a", HighWaterMark(3, "ab"))
+    marks.write(MARK_NAME, HighWaterMark(9, "cd"))
+    again = HighWaterMarkFile(desk.marks_path)
+    assert (again.read("manifest/document/a"), again.read(MARK_NAME)) == (
+        HighWaterMark(3, "ab"),
+        HighWaterMark(9, "cd"),
+    )
+    assert again.read("another") == HighWaterMark(0, "")
     desk.marks_path.unlink()
     desk.marks_path.mkdir()
     with pytest.raises(PepError) as caught:
-        again.write("x", Mark(1, ""))
+        again.write("x", HighWaterMark(1, ""))
     assert caught.value.code is PepFault.STATE_UNREADABLE
 
 

@@ -27,7 +27,7 @@ from tests.pep.test_tool_config import toml
 from tests.pit.scenes import HOME
 from tests.rtde.leased import leased_scope
 from tests.rtde.world import World
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 from ztpm.point import gateway_server
 from ztpm.point.simulator_check import ANSWER, PORT, QUESTION, recognise
 
@@ -183,7 +183,7 @@ def test_a_gate_enforces_unless_it_is_told_otherwise(tmp_path):
 
 
 def test_the_simulated_controller_is_recognised():
-    with Controller.start(joints=(0.0, -1.57, 1.57, -1.57, -1.57, 0.0)) as controller:
+    with SimulatedController.start(joints=(0.0, -1.57, 1.57, -1.57, -1.57, 0.0)) as controller:
         assert recognise(controller.host) == Simulated(controller.host)
 
 

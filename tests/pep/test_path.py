@@ -12,7 +12,7 @@ from pep.base.operations import MOVE_PATH, WAYPOINTS, padded, targets_of
 from pep.mcp.mapping import ARM_TOOLS, Misfit, to_request
 from pep.pit import JointPath
 from pep.rtde.command.limits import Ur3eLimits
-from pep.rtde.motion.drive import End
+from pep.rtde.motion.drive import MotionOutcome
 from pep.rtde.robot.state_receiver import JointState
 from pep.world.world import _motion
 from policies.evidence.model import Effect
@@ -153,7 +153,7 @@ def world():
 
 def test_it_goes_through_every_waypoint_in_order(world):
     end = driven(world, driving(world))
-    assert (end.end, end.q_rad[0]) == (End.REACHED, pytest.approx(0.5, abs=1e-3))
+    assert (end.end, end.q_rad[0]) == (MotionOutcome.REACHED, pytest.approx(0.5, abs=1e-3))
     assert world.targets == [0.3, 0.1, 0.5]
 
 
@@ -168,7 +168,7 @@ def test_a_stop_in_a_leg_ends_the_path(world):
     async def scenario(drive):
         return await in_the_second_leg(world, drive, drive.stop)
 
-    assert driven(world, scenario).end is End.STOPPED
+    assert driven(world, scenario).end is MotionOutcome.STOPPED
     assert world.targets == [0.3, 0.1]
     assert world.arm.target is None
 
@@ -181,7 +181,7 @@ def test_lost_authority_in_a_leg_ends_the_path(world):
         return await in_the_second_leg(world, drive, revoke)
 
     end = driven(world, scenario)
-    assert (end.end, end.reason) == (End.AUTHORITY_LOST, "REVOKED")
+    assert (end.end, end.reason) == (MotionOutcome.AUTHORITY_LOST, "REVOKED")
     assert world.targets == [0.3, 0.1]
 
 
@@ -192,7 +192,7 @@ def test_a_world_that_changes_in_a_leg_ends_the_path(world):
 
         return await in_the_second_leg(world, drive, change)
 
-    assert driven(world, scenario).end is End.WORLD_CHANGED
+    assert driven(world, scenario).end is MotionOutcome.WORLD_CHANGED
     assert world.targets == [0.3, 0.1]
 
 
@@ -206,7 +206,7 @@ def test_a_path_is_stopped_where_a_move_would_be_slowed(world):
 
     world.left = left
     end = driven(world, driving(world, timing=SLOW))
-    assert (end.end, end.changes, world.arm.sliders) == (End.WORLD_CHANGED, (), [])
+    assert (end.end, end.changes, world.arm.sliders) == (MotionOutcome.WORLD_CHANGED, (), [])
     assert set(asked_at) == {None}
 
 
@@ -218,7 +218,7 @@ def test_a_leg_that_the_controller_does_not_take_ends_the_path(world):
         return await moving
 
     end = driven(world, scenario)
-    assert end.end is End.ROBOT_FAILED
+    assert end.end is MotionOutcome.ROBOT_FAILED
     assert world.targets == [0.3, 0.1]
     assert world.arm.target is None
 

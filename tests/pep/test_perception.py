@@ -14,11 +14,20 @@ from msgspec.structs import replace
 from pep.base.errors import PepFault, RobotError
 from pep.mcp.mapping import ARM_TOOLS, to_request
 from pep.perception.consistency import contradicted
-from pep.perception.receiver import Receiver
-from pep.perception.sensor_frames import FRAME_BYTES, Distrusted, Frame, FrameFault, Frames, Rejected, Seen, Unseen
+from pep.perception.receiver import FrameReceiver
+from pep.perception.sensor_frames import (
+    FRAME_BYTES,
+    Distrusted,
+    SensorFrame,
+    FrameFault,
+    Frames,
+    RejectedFrame,
+    Seen,
+    Unseen,
+)
 from pep.pit import CellParameters, Robot, SceneError, observed, standing_adult
 from pep.rtde.robot.state_receiver import JointState
-from pep.world.held_object import Holding
+from pep.world.held_object import CommittedGrip
 from pep.world.world import CellPhysics
 from policies.evidence.evidence import ImpactReading
 from policies.words.reason_table import Reason
@@ -59,17 +68,17 @@ class World:
 
     def distrusted(self, text, fault):
         verdict = self.frames.admit(text)
-        assert isinstance(verdict, Rejected)
+        assert isinstance(verdict, RejectedFrame)
         assert verdict.fault is fault
         assert isinstance(self.frames.view(), Distrusted)
-        assert isinstance(self.admit(), Frame)
+        assert isinstance(self.admit(), SensorFrame)
         assert isinstance(self.frames.view(), Seen)
 
 
 @pytest.fixture
 def world():
     world = World()
-    assert isinstance(world.admit(), Frame)
+    assert isinstance(world.admit(), SensorFrame)
     return world
 
 
@@ -156,7 +165,7 @@ def test_a_frame_under_the_new_registration_is_believed_again(world):
     old = world.registry.known["camera-1"]
     world.registry.known = {"camera-1": dataclasses.replace(old, calibration="cd" * 32)}
     assert world.admit().fault is FrameFault.WRONG_CALIBRATION
-    assert isinstance(world.admit(calibration="cd" * 32), Frame)
+    assert isinstance(world.admit(calibration="cd" * 32), SensorFrame)
     assert isinstance(world.frames.view(), Seen)
 
 
@@ -173,7 +182,7 @@ def test_signed_by_another_registered_sensor(world):
 
 def test_replayed(world):
     text = world.text()
-    assert isinstance(world.frames.admit(text), Frame)
+    assert isinstance(world.frames.admit(text), SensorFrame)
     world.distrusted(text, FrameFault.NOT_NEWER)
 
 
@@ -186,7 +195,7 @@ def test_reordered(world):
 def test_an_earlier_boot_does_not_come_back(world):
     old = world.text()
     world.clock.advance(10)
-    assert isinstance(world.admit(boot_id="1" * 32, sequence=1), Frame)
+    assert isinstance(world.admit(boot_id="1" * 32, sequence=1), SensorFrame)
     verdict = world.frames.admit(old)
     assert verdict.fault is FrameFault.NOT_NEWER
     world.clock.advance(10)
@@ -195,7 +204,7 @@ def test_an_earlier_boot_does_not_come_back(world):
 
 def test_a_new_boot_continues(world):
     world.clock.advance(10)
-    assert isinstance(world.admit(boot_id="1" * 32, sequence=1), Frame)
+    assert isinstance(world.admit(boot_id="1" * 32, sequence=1), SensorFrame)
     assert isinstance(world.frames.view(), Seen)
 
 
@@ -253,7 +262,7 @@ def test_a_number_that_is_no_integer(world, value):
         {"typ": "ztpm-observation+jwt", "kid": keys.thumbprint(keys.public_raw(world.key))}, spoilt, world.key
     )
     verdict = world.frames.admit(signed.encode())
-    assert isinstance(verdict, Rejected)
+    assert isinstance(verdict, RejectedFrame)
     assert isinstance(world.frames.view(), Distrusted)
 
 
@@ -279,7 +288,7 @@ def received(world, *chunks, until):
     told = []
 
     async def scenario():
-        receiver = Receiver(world.frames, clock=world.clock, incident=lambda *what: told.append(what))
+        receiver = FrameReceiver(world.frames, clock=world.clock, incident=lambda *what: told.append(what))
         port = await receiver.listen("127.0.0.1", 0)
         _, writer = await asyncio.open_connection("127.0.0.1", port)
         for chunk in chunks:
@@ -316,7 +325,7 @@ def ended(world, *chunks):
     """Whether the receiver hangs up on a sender of these chunks."""
 
     async def scenario():
-        receiver = Receiver(world.frames, clock=world.clock, incident=lambda *what: None)
+        receiver = FrameReceiver(world.frames, clock=world.clock, incident=lambda *what: None)
         port = await receiver.listen("127.0.0.1", 0)
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         for chunk in chunks:
@@ -348,7 +357,7 @@ def test_invented_names_are_one_incident(world):
     told = []
 
     async def scenario():
-        receiver = Receiver(world.frames, clock=world.clock, incident=lambda *what: told.append(what))
+        receiver = FrameReceiver(world.frames, clock=world.clock, incident=lambda *what: told.append(what))
         port = await receiver.listen("127.0.0.1", 0)
         for frame in frames:
             reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -377,7 +386,7 @@ class Still:
 
 def physics(world, *, robot=None, valid_until_s=2**40):
     return CellPhysics(
-        holding=Holding(robot, CellParameters()),
+        holding=CommittedGrip(robot, CellParameters()),
         cell=CellParameters(),
         valid_until_s=valid_until_s,
         frames=world.frames,
@@ -591,7 +600,7 @@ class Standing:
 def left(world, q_rad=(0.0,) * 6, authorised_milli=1_000):
     patient = CellParameters(time_limit_s=60.0)  # a machine that does much else
     seen = CellPhysics(
-        holding=Holding(ARM, patient),
+        holding=CommittedGrip(ARM, patient),
         cell=patient,
         valid_until_s=2**40,
         frames=world.frames,
@@ -661,6 +670,6 @@ def test_summary_counts(world):
         at_s=0.0,
     )
     world.clock.advance(10)
-    assert isinstance(world.frames.admit(sensor.frame(captured_s=world.clock.wall_s()).encode()), Frame)
+    assert isinstance(world.frames.admit(sensor.frame(captured_s=world.clock.wall_s()).encode()), SensorFrame)
     summary = physics(world).summary()
     assert (summary["perception"], summary["people"], summary["objects"]) == ("fresh", 1, 1)

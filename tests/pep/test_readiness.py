@@ -13,19 +13,19 @@ from pep.base.clock import SystemClock
 from pep.base.errors import ConfigError, PepFault, RobotError
 from pep.pit import NOMINAL_ERROR_M, Calibration, CellParameters, Robot
 from pep.rtde.command import command_values as v
-from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.robot.dashboard import RemoteControl
 from pep.rtde.robot.primary_line import PrimaryLine
 from pep.rtde.robot.readiness import OWN_POSE_M, PLAYING, RobotReadiness
 from pep.rtde.robot.state_receiver import ReceivedState
-from pep.rtde.robot.telemetry import Posture, Telemetry
-from pep.world.held_object import Holding
+from pep.rtde.robot.telemetry import TelemetrySample, Telemetry
+from pep.world.held_object import CommittedGrip
 from pep.world.world import tool_position
 from policies.evidence.evidence import RobotReading
 from tests.pit.test_calibration import ARMS, NOMINAL, spelled
 from tests.rtde.test_own_lines import Served
 from tests.sim_controller.cell import HOME, until
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 from ztpm.point import robot as composition
 
 pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
@@ -37,7 +37,7 @@ READY = RobotReading(7, 1, True, True, 1_000, 1_000, True)
 
 @pytest.fixture
 def cell():
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller
 
 
@@ -45,9 +45,9 @@ class Held:
     """The readiness of the tools' own lines with everything behind it, and those lines, which a test may misuse."""
 
     def __init__(self, cell, parameters=None, robot=ROBOT):
-        holding = Holding(robot, parameters or CellParameters())
+        holding = CommittedGrip(robot, parameters or CellParameters())
         self.served = Served(
-            cell.host, Fitted((*robot.tool.tcp_m, 0.0, 0.0, 0.0), holding.carried_kg, holding.centre_m)
+            cell.host, ToolSetup((*robot.tool.tcp_m, 0.0, 0.0, 0.0), holding.carried_kg, holding.centre_m)
         )
         until(lambda: self.served.own.up)
         self.served.free = False  # what has been disturbed is not begun anew
@@ -331,7 +331,7 @@ def test_the_tool_is_where_the_model_has_it():
             self.pose = pose
 
         def read(self):
-            return Posture(q, (*self.pose, 0.0, 0.0, 0.0), offset, 1.0, 7, 1, 2, 0, 0.0)
+            return TelemetrySample(q, (*self.pose, 0.0, 0.0, 0.0), offset, 1.0, 7, 1, 2, 0, 0.0)
 
     def match(pose, pose_m=NOMINAL_ERROR_M):
         return RobotReadiness(

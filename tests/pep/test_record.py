@@ -15,7 +15,7 @@ from pep.base.clock import SystemClock
 from pep.base.errors import JournalError, PepFault
 from pep.gate import records
 from pep.journal.file_journal import FileJournal
-from pep.provider.journal_shipper import Shipper
+from pep.provider.journal_shipper import JournalShipper
 from tests.pep.kit import ISSUER, PEP, FakeIssuer, ManualClock, issuer_keys
 
 
@@ -232,7 +232,11 @@ class Ledger(FakeIssuer):
 def shipping(path):
     key = keys.generate()
     ledger, journal = Ledger(key), opened(path)
-    yield ledger, journal, Shipper(journal, ledger.client(), issuer=ISSUER, key=key, clock=ledger.clock, incident=print)
+    yield (
+        ledger,
+        journal,
+        JournalShipper(journal, ledger.client(), issuer=ISSUER, key=key, clock=ledger.clock, incident=print),
+    )
     journal.close()
 
 

@@ -6,11 +6,11 @@ import pytest
 from capabilities.statements import observation
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Tier
-from pep.perception.sensor_frames import Frame, Frames
+from pep.perception.sensor_frames import SensorFrame, Frames
 from pep.pit import CellParameters, Person, Region, Robot, Sphere, observed
 from pep.pit.assessment.readiness import compile_all
 from pep.rtde.robot.state_receiver import JointState
-from pep.world.held_object import Holding
+from pep.world.held_object import CommittedGrip
 from pep.world.world import CellPhysics
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
@@ -49,10 +49,10 @@ class Cell(Rig):
             people=tuple(observed(person) for person in people),
             objects=(),
         )
-        assert isinstance(frames.admit(observation.sign(seen, key).encode()), Frame)
+        assert isinstance(frames.admit(observation.sign(seen, key).encode()), SensorFrame)
         cell = CellParameters(time_limit_s=20.0)  # a loaded host is slow, and this is not about that
         self.physics = CellPhysics(
-            holding=Holding(ROBOT, cell),
+            holding=CommittedGrip(ROBOT, cell),
             cell=cell,
             valid_until_s=2**40,
             frames=frames,

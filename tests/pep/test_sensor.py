@@ -11,7 +11,7 @@ from capabilities.keys import keys
 from capabilities.statements import observation
 from capabilities.statements.observation import Convex
 from capabilities.values.caps import DEFAULT as CAPS
-from pep.perception.receiver import Receiver
+from pep.perception.receiver import FrameReceiver
 from pep.perception.sensor_frames import Frames, Seen
 from pep.pit import observed, standing_adult
 from tests.pep.kit import CALIBRATION, Registry
@@ -193,7 +193,7 @@ def test_two_simulated_sensors_in_one_process_push_what_they_see(tmp_path):
     told = []
 
     async def scenario():
-        receiver = Receiver(frames, clock=clock, incident=lambda *what: told.append(what))
+        receiver = FrameReceiver(frames, clock=clock, incident=lambda *what: told.append(what))
         port = await receiver.listen("127.0.0.1", 0)
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "ursim.sensor.sensor", *arguments, "--to", f"127.0.0.1:{port}",

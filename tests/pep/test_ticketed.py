@@ -5,7 +5,7 @@ import json
 import pytest
 from capabilities.keys import keys
 from capabilities.statements import ticket
-from capabilities.statements.ticket import Carried
+from capabilities.statements.ticket import RequestDigests
 from pep.base.clock import SystemClock
 from pep.journal.replay_cache import ReplayCache
 from pep.mcp.body_screen import BODY_BYTES
@@ -35,7 +35,7 @@ class Request:
 
     @property
     def carried(self):
-        return Carried.of(token=self.holder.text, proof=self.proof, body=self.body)
+        return RequestDigests.of(token=self.holder.text, proof=self.proof, body=self.body)
 
     def ticket(self, **changes):
         return self.house.ticket(self.carried, **changes)
@@ -131,7 +131,7 @@ def test_a_stolen_tool_server_cannot_change_a_call(house):
     async def scenario():
         request = Request(house)
         body = request.body.replace(b"0.5", b"1.0")
-        changed = Carried.of(token=request.holder.text, proof=request.proof, body=body)
+        changed = RequestDigests.of(token=request.holder.text, proof=request.proof, body=body)
         return await request.sent(body=body, ticket=house.ticket(changed))
 
     answer = house.run_behind(scenario)
@@ -145,7 +145,7 @@ def test_a_stolen_tool_server_cannot_change_the_method(house, method):
         request = Request(house)
         body = b"" if method != "PUT" else request.body
         proof = request.holder.proof(body, at=house.clock.wall_s())
-        carried = Carried.of(token=request.holder.text, proof=proof, body=body)
+        carried = RequestDigests.of(token=request.holder.text, proof=proof, body=body)
         return await request.sent(
             body=body, headers={**request.headers, "dpop": proof}, ticket=house.ticket(carried), method=method
         )
@@ -157,7 +157,9 @@ def test_a_stolen_tool_server_cannot_change_the_method(house, method):
 def test_a_stolen_tool_server_has_no_authority_of_its_own(house):
     async def scenario():
         body = json.dumps(call_body()).encode()
-        return await house.knock(body, HEADERS, ticket=house.ticket(Carried.of(token=None, proof=None, body=body)))
+        return await house.knock(
+            body, HEADERS, ticket=house.ticket(RequestDigests.of(token=None, proof=None, body=body))
+        )
 
     answer = house.run_behind(scenario)
     assert (answer.status_code, answer.json()["reason"]) == (401, "TOKEN_MISSING")
@@ -236,7 +238,7 @@ def test_a_header_twice(house, name):
 
 def test_a_body_that_is_too_large(house):
     body = b'{"x":"' + b"a" * BODY_BYTES + b'"}'
-    ticketed = house.ticket(Carried.of(token=None, proof=None, body=body))
+    ticketed = house.ticket(RequestDigests.of(token=None, proof=None, body=body))
     answer = house.run_behind(lambda: house.knock(body, HEADERS, ticket=ticketed))
     refused(house, answer, "BODY_TOO_LARGE", status=400)
     assert house.tickets._seen == set(), "refused before anything else was asked"
@@ -283,13 +285,15 @@ STOPS = {
     "no ticket": lambda house, body: None,
     "no ticket at all": lambda house, body: "x",
     "an old ticket": lambda house, body: house.ticket(
-        Carried.of(token=None, proof=None, body=body), at=house.clock.wall_s() - 9
+        RequestDigests.of(token=None, proof=None, body=body), at=house.clock.wall_s() - 9
     ),
     "a stranger's ticket": lambda house, body: house.ticket(
-        Carried.of(token=None, proof=None, body=body), key=keys.generate()
+        RequestDigests.of(token=None, proof=None, body=body), key=keys.generate()
     ),
-    "a ticket for something else": lambda house, body: house.ticket(Carried.of(token=None, proof=None, body=b"")),
-    "a good ticket": lambda house, body: house.ticket(Carried.of(token=None, proof=None, body=body)),
+    "a ticket for something else": lambda house, body: house.ticket(
+        RequestDigests.of(token=None, proof=None, body=b"")
+    ),
+    "a good ticket": lambda house, body: house.ticket(RequestDigests.of(token=None, proof=None, body=body)),
 }
 
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 
 import pytest
 from capabilities.values.errors import Fault, FaultCode
-from pep.base.ports import Rest
-from pep.perception.sensor_frames import Distrusted, FrameFault, Rejected, Seen, Unseen
+from pep.base.ports import RemainingVerdict
+from pep.perception.sensor_frames import Distrusted, FrameFault, RejectedFrame, Seen, Unseen
 from pep.pit import CellParameters
 from pep.request.permit import Permit
-from pep.watch.governor import Governor, Pacing, Speeds
-from pep.watch.watch import LOOK_MS, UNCHANGED_PERIOD_MS, Alarm, End, Limits, Watch
+from pep.watch.governor import Governor, Pacing, ReportedSpeeds
+from pep.watch.watch import LOOK_MS, UNCHANGED_PERIOD_MS, Alarm, MotionOutcome, WatchAges, Watch
 from policies.words.reason_table import Reason
 from tests.pep.kit import ManualClock
 
@@ -22,7 +22,7 @@ HERE = (0.0,) * 6
 TRANSIT_MS = 20
 FRAME_MS = 50
 AUTHORISED = 1_200
-LIMITS = Limits.of(CellParameters())
+LIMITS = WatchAges.of(CellParameters())
 PACING = Pacing.of(CellParameters())
 
 
@@ -80,7 +80,7 @@ class World:
         )
 
     def heard(self):
-        return Speeds(*self.speeds, self.clock.mono)
+        return ReportedSpeeds(*self.speeds, self.clock.mono)
 
     def set(self, fraction):
         self.slider.append(fraction)
@@ -118,7 +118,7 @@ class World:
         rest = self.rest()
         if isinstance(rest, Exception):
             raise rest
-        return Rest(**{"age_ms": self.age_ms, "shown": self.view().content, **rest})
+        return RemainingVerdict(**{"age_ms": self.age_ms, "shown": self.view().content, **rest})
 
     def submit(self, judge):
         """The judgement is made now, and known `slow_ms` later."""
@@ -174,7 +174,7 @@ def test_lost_authority_is_seen_at_the_next_look(code, sighted):
     assert world.run(1_000) is None
     world.fault, lost_ms = Fault(code, "TOK-9"), world.clock.mono
     alarm = world.run(1_000)
-    assert told(alarm) == (End.AUTHORITY_LOST, str(code))
+    assert told(alarm) == (MotionOutcome.AUTHORITY_LOST, str(code))
     assert alarm.seen_ms - lost_ms <= LOOK_MS
 
 
@@ -182,7 +182,7 @@ def test_a_silent_sensor_is_seen_when_its_last_frame_is_too_old(world):
     assert world.run(1_000) is None
     world.silent = True
     alarm = world.run(1_000)
-    assert told(alarm) == (End.WORLD_CHANGED, Reason.WATCH_BLIND)
+    assert told(alarm) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_BLIND)
     assert LIMITS.view_ms < world.age_ms <= LIMITS.view_ms + LOOK_MS
 
 
@@ -190,19 +190,19 @@ def test_the_age_of_a_view_counts_its_transit(world):
     world.silent, world.override = True, Seen((world.frame,), LIMITS.view_ms)
     assert world.step() is None
     world.override = Seen((world.frame,), LIMITS.view_ms + 1)
-    assert told(world.step()) == (End.WORLD_CHANGED, Reason.WATCH_BLIND)
+    assert told(world.step()) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_BLIND)
 
 
 def test_a_lost_view_is_blindness(world):
     world.override = Unseen()
-    assert told(world.step()) == (End.WORLD_CHANGED, Reason.WATCH_BLIND)
+    assert told(world.step()) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_BLIND)
 
 
 @pytest.mark.parametrize("sighted", [True, False])
 def test_a_frame_that_must_not_be_believed_ends_every_motion(sighted):
     world = World(sighted=sighted)
-    world.override = Distrusted(Rejected(FrameFault.UNTRUSTED, "camera-1"))
-    assert told(world.step()) == (End.WORLD_CHANGED, Reason.PERCEPTION_INVALID)
+    world.override = Distrusted(RejectedFrame(FrameFault.UNTRUSTED, "camera-1"))
+    assert told(world.step()) == (MotionOutcome.WORLD_CHANGED, Reason.PERCEPTION_INVALID)
 
 
 def test_an_index_above_the_authorised_one_is_seen_with_the_frame_that_shows_it(world):
@@ -210,7 +210,7 @@ def test_an_index_above_the_authorised_one_is_seen_with_the_frame_that_shows_it(
     changed_ms, world.walking = world.clock.mono, True
     world.rest = lambda: {"holds": False, "index_milli": 2_600, "cause": "person bob", "fault": ""}
     alarm = world.run(1_000)
-    assert told(alarm) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert told(alarm) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
     assert (alarm.index_milli, alarm.authorised_milli, alarm.what) == (2_600, AUTHORISED, "person bob")
     assert alarm.seen_ms - changed_ms <= FRAME_MS + 2 * LOOK_MS
 
@@ -254,12 +254,12 @@ def test_somebody_who_comes_and_goes_between_two_judgements_is_not_taken_for_nob
 @pytest.mark.parametrize("fault", [Reason.PERCEPTION_INVALID, Reason.PHYSICS_FAULT, Reason.ENGINES_DISAGREE])
 def test_a_fault_of_physics_is_no_index(world, fault):
     world.rest = lambda: {"holds": True, "index_milli": 0, "cause": "", "fault": str(fault)}
-    assert told(world.run(1_000)) == (End.WORLD_CHANGED, fault)
+    assert told(world.run(1_000)) == (MotionOutcome.WORLD_CHANGED, fault)
 
 
 def test_physics_that_breaks_is_a_fault(world):
     world.rest = lambda: ZeroDivisionError()
-    assert told(world.run(1_000)) == (End.WORLD_CHANGED, Reason.PHYSICS_FAULT)
+    assert told(world.run(1_000)) == (MotionOutcome.WORLD_CHANGED, Reason.PHYSICS_FAULT)
 
 
 def test_slow_physics_delays_no_look_at_authority():
@@ -267,7 +267,7 @@ def test_slow_physics_delays_no_look_at_authority():
     world.run(80)
     world.fault, lost_ms = Fault(FaultCode.REVOKED, "TOK-9"), world.clock.mono
     alarm = world.run(1_000)
-    assert told(alarm) == (End.AUTHORITY_LOST, "REVOKED")
+    assert told(alarm) == (MotionOutcome.AUTHORITY_LOST, "REVOKED")
     assert alarm.seen_ms - lost_ms <= LOOK_MS
 
 
@@ -275,7 +275,7 @@ def test_a_judgement_that_does_not_come_is_late():
     world = World(slow_ms=10_000)
     began_ms = world.clock.mono
     alarm = world.run(2_000)
-    assert told(alarm) == (End.WORLD_CHANGED, Reason.WATCH_LATE)
+    assert told(alarm) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_LATE)
     assert LIMITS.judged_ms < alarm.seen_ms - began_ms <= LIMITS.judged_ms + LOOK_MS
 
 
@@ -284,11 +284,11 @@ def test_a_judgement_of_frames_that_were_too_old_is_late(world):
     world.walking, older = True, Seen((Shown(1, 0, ("older",)),), 0).content
     judged = {"holds": True, "index_milli": 0, "cause": "", "fault": "", "age_ms": LIMITS.judged_ms + 1, "shown": older}
     world.rest = lambda: judged
-    assert told(world.run(500)) == (End.WORLD_CHANGED, Reason.WATCH_LATE)
+    assert told(world.run(500)) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_LATE)
 
 
 def test_a_motion_that_nobody_can_judge_does_not_last():
-    assert told(World(request=None).run(1_000)) == (End.WORLD_CHANGED, Reason.WATCH_LATE)
+    assert told(World(request=None).run(1_000)) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_LATE)
 
 
 def test_a_watch_that_looks_too_seldom_is_blind_itself(world):
@@ -296,12 +296,12 @@ def test_a_watch_that_looks_too_seldom_is_blind_itself(world):
     world.frame = Shown(99, world.clock.mono + LIMITS.look_ms)
     assert world.step(LIMITS.look_ms) is None
     world.frame = Shown(100, world.clock.mono + LIMITS.look_ms)
-    assert told(world.step(LIMITS.look_ms + 1)) == (End.WORLD_CHANGED, Reason.WATCH_LATE)
+    assert told(world.step(LIMITS.look_ms + 1)) == (MotionOutcome.WORLD_CHANGED, Reason.WATCH_LATE)
 
 
 def test_lost_authority_leads_a_late_look(world):
     world.fault = Fault(FaultCode.REVOKED, "TOK-9")
-    assert told(world.step(LIMITS.look_ms + 1)) == (End.AUTHORITY_LOST, "REVOKED")
+    assert told(world.step(LIMITS.look_ms + 1)) == (MotionOutcome.AUTHORITY_LOST, "REVOKED")
 
 
 def test_what_was_permitted_without_a_view_is_watched_for_what_can_be_seen():
@@ -313,12 +313,12 @@ def test_what_was_permitted_without_a_view_is_watched_for_what_can_be_seen():
     world.silent = False
     assert world.run(1_000) is None
     world.rest = lambda: {"holds": False, "index_milli": 3_500, "cause": "person bob", "fault": ""}
-    assert told(world.run(1_000)) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert told(world.run(1_000)) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
 
 
 def test_the_limits_are_those_of_the_stop_model():
     cell = CellParameters()
-    assert LIMITS == Limits(view_ms=150, judged_ms=210, look_ms=150)
+    assert LIMITS == WatchAges(view_ms=150, judged_ms=210, look_ms=150)
     assert LIMITS.judged_ms == (cell.watch_age_limit_s + cell.reaction_s) * 1000
 
 
@@ -338,18 +338,18 @@ def test_whatever_comes_when_it_is_seen_in_time(seed):
     match cause:
         case "authority":
             world.fault, bound_ms = Fault(FaultCode.REVOKED, "TOK-9"), 25
-            expected = (End.AUTHORITY_LOST, "REVOKED")
+            expected = (MotionOutcome.AUTHORITY_LOST, "REVOKED")
         case "blind":
             world.silent, bound_ms = True, LIMITS.view_ms + 25
-            expected = (End.WORLD_CHANGED, Reason.WATCH_BLIND)
+            expected = (MotionOutcome.WORLD_CHANGED, Reason.WATCH_BLIND)
         case "rose":
             world.rest = lambda: {"holds": False, "index_milli": 2_000, "cause": "", "fault": ""}
             # the judgement under way, the period or the next frame, the judgement that shows it, and a look
             bound_ms = 2 * world.slow_ms + FRAME_MS + 3 * 25
-            expected = (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+            expected = (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
         case _:
-            world.override, bound_ms = Distrusted(Rejected(FrameFault.UNTRUSTED, "")), 25
-            expected = (End.WORLD_CHANGED, Reason.PERCEPTION_INVALID)
+            world.override, bound_ms = Distrusted(RejectedFrame(FrameFault.UNTRUSTED, "")), 25
+            expected = (MotionOutcome.WORLD_CHANGED, Reason.PERCEPTION_INVALID)
     alarm = None
     while alarm is None and world.clock.mono - at_ms < 5_000:
         alarm = world.step(pause())
@@ -364,7 +364,7 @@ def test_without_a_governor_nothing_is_asked_about_other_speeds(world):
     world.run(500)
     assert set(world.runnings) == {None}
     world.rest = lambda: SLOWER
-    assert told(world.run(500)) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert told(world.run(500)) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
 
 
 def test_a_motion_that_may_go_slower_goes_on_and_is_judged_as_fast_as_it_is():
@@ -390,7 +390,7 @@ def test_a_motion_that_does_not_go_slower_ends_with_what_was_seen():
     assert world.run(500) is None
     world.rest, asked_ms = lambda: SLOWER, world.clock.mono
     alarm = world.run(2_000)
-    assert told(alarm) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert told(alarm) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
     assert "not slowed" in alarm.what
     assert alarm.seen_ms - asked_ms <= 350 + 2 * FRAME_MS
 
@@ -400,7 +400,7 @@ def test_no_speed_is_looked_for_where_there_is_none():
     assert world.run(500) is None
     world.rest = lambda: {**SLOWER, "pace": None}
     alarm = world.run(500)
-    assert told(alarm) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert told(alarm) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
     assert (alarm.index_milli, alarm.what) == (2_100, "person")
     assert world.slider == []
 
@@ -414,7 +414,7 @@ def test_an_arm_that_is_faster_again_than_it_was_slowed_to_ends():
     assert world.run(500) is None
     world.speeds = (0.41, 0.39)
     alarm = world.step()
-    assert told(alarm) == (End.WORLD_CHANGED, Reason.IMPACT_ROSE)
+    assert told(alarm) == (MotionOutcome.WORLD_CHANGED, Reason.IMPACT_ROSE)
     assert "faster" in alarm.what
 
 

@@ -11,7 +11,7 @@ import time
 import pytest
 from tests.pep.kit import AUDIENCE, HOST
 from tests.pep.test_cell import LEFT, PATIENT, RIGHT, controller, decided, in_cell  # noqa: F401 - a fixture
-from ztpm.stage.samples import Eyes
+from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stopping import read_stop
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
@@ -22,7 +22,7 @@ LOADED_S = 2.0
 
 @pytest.fixture
 def eyes(controller):
-    with Eyes(HOST) as eyes:
+    with StateRecorder(HOST) as eyes:
         yield eyes
 
 

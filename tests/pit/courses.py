@@ -11,7 +11,7 @@ from pep.pit import (
     Assessment,
     Capsule,
     Contact,
-    Held,
+    GrippedObject,
     JointLeg,
     JointPath,
     LineLeg,
@@ -25,7 +25,7 @@ from pep.pit.proof.proof_document import document
 from tests.pit.lines import placed, pose_of, random_hold, random_line, random_servo, random_start, random_way
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, random_bounds, random_move, random_scene
 
-PART = Held("part", Capsule((0.0, 0.0, 0.18), (0.0, 0.05, 0.2), 0.03), 0.4, blunt=True)
+PART = GrippedObject("part", Capsule((0.0, 0.0, 0.18), (0.0, 0.05, 0.2), 0.03), 0.4, blunt=True)
 PATIENT = replace(CELL, time_limit_s=60.0)  # other work on the machine is no part of these questions
 
 

@@ -7,7 +7,7 @@ import pinocchio
 from pep.pit import MoveL, ServoJ, SpeedL
 from pep.pit.scene.contact_limits import payload_kg
 from pep.pit.scene.pairs import pairs_of
-from pep.pit.second.second_engine import World
+from pep.pit.second.second_engine import SecondWorld
 from tests.pit import twin
 from tests.pit.scenes import CELL, HOME, ROBOT
 
@@ -109,7 +109,7 @@ class Sampled:
 
     def __init__(self, scene):
         self.pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-        self.world = World(ROBOT, scene, self.pairs)
+        self.world = SecondWorld(ROBOT, scene, self.pairs)
         self.mass = ROBOT.moving_mass_kg / 2 + ROBOT.tool.mass_kg + payload_kg(ROBOT, CELL)
         columns = [("person", str(r), 0.055, p) for p in scene.people for r, _ in p.regions]
         columns += [(o.kind, None, o.uncertainty_m + 0.005, None) for o in scene.objects]

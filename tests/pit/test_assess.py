@@ -27,7 +27,7 @@ from pep.pit import (
 )
 from pep.pit.assessment.assessment import Assessment
 from pep.pit.path.straight_path import GRID
-from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.obstacles import PairKind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.view import view_of
 from pep.pit.search.certify import VIOLATION_RESOLUTION_M
@@ -273,7 +273,7 @@ def test_a_zone_that_only_the_end_of_the_path_enters():
         return replace(empty(), zones=(Zone("press", Sphere(tuple(ahead.tolist()), radius), None),))
 
     pairs = pairs_of(ROBOT, scene(0.05), CELL, grown_m=0.0)
-    zone = np.flatnonzero(pairs.kind == pairs.code_of(Kind.HARD_ZONE))
+    zone = np.flatnonzero(pairs.kind == pairs.code_of(PairKind.HARD_ZONE))
     gap = float(path.clearance_at(pairs, GRID, zone).min())
     assert ask(scene(0.05 + gap - VIOLATION_RESOLUTION_M), move).violations == ()
     assert ask(scene(0.05 + gap + VIOLATION_RESOLUTION_M / 2), move).violations == ("zone",)

@@ -17,7 +17,7 @@ from pep.pit import (
     Capsule,
     Contact,
     GripperMove,
-    Held,
+    GrippedObject,
     JointLeg,
     JointPath,
     LineLeg,
@@ -245,7 +245,7 @@ def test_p13_every_age(name):
     assert wrong(lambda age: ask(age=age), name, plain) is None
 
 
-STICK = Held("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True)
+STICK = GrippedObject("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True)
 
 
 def test_p13_every_number_of_what_is_held():

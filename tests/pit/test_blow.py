@@ -9,7 +9,7 @@ from pep.pit.base.motion import profile_of
 from pep.pit.scene.contact_limits import contact_speed_m_s, effective_mass_kg
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
-from pep.pit.second.second_engine import World
+from pep.pit.second.second_engine import SecondWorld
 from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import (
     CELL,
@@ -38,7 +38,7 @@ def sampled(scene, move, samples=300):
     path, profile = NumpyPath(ROBOT, move), profile_of(move)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
     stop = stopping(CELL, perception_age_s=AGE, joint_speed_rad_s=profile.peak_rad_s)
-    world = World(ROBOT, scene, pairs)
+    world = SecondWorld(ROBOT, scene, pairs)
     regions = [(region, person) for person in scene.people for region, _ in person.regions]
     mass = effective_mass_kg(ROBOT, CELL)
     worst, tip, last = 0.0, 0.0, None

@@ -22,7 +22,7 @@ from pep.pit import (
     CellParameters,
     Contact,
     GripperMove,
-    Held,
+    GrippedObject,
     MoveJ,
     OutputSet,
     Person,
@@ -39,7 +39,7 @@ from pep.pit.base.motion import profile_of
 from pep.pit.base.tier import TIE
 from pep.pit.checker import (
     Code,
-    Refused,
+    Unverified,
     Verified,
     arm,
     check,
@@ -59,7 +59,7 @@ from pep.pit.path.straight_path import GRID
 from pep.pit.proof.proof_document import document, question_digest
 from pep.pit.proof.row_proofs import order_of
 from pep.pit.scene.contact_limits import harm_speed_m_s
-from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.obstacles import PairKind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.scene.view import view_of
@@ -96,7 +96,7 @@ from tests.pit.urdfs import random_arm
 pytestmark = pytest.mark.long
 
 AGE = 0.1
-STICK = Held("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True)
+STICK = GrippedObject("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True)
 SPEEDS = {0.25: 0.8, 0.5: 1.0, 1.05: 1.4, 2.0: 3.0, 3.0: 5.0}
 SCENES = {"C0": empty(), "C1": with_glass(), "C2": with_person()}
 
@@ -133,7 +133,7 @@ def verified(question):
 
 def refused(top):
     verdict = verify(seal(top))
-    assert isinstance(verdict, Refused), verdict
+    assert isinstance(verdict, Unverified), verdict
     return verdict.code
 
 
@@ -169,7 +169,7 @@ def random_question(rng):
     if rng.random() < 0.25:
         part = Capsule((0.0, 0.0, 0.18), (0.0, 0.05, 0.2), 0.03)
         mass = None if rng.random() < 0.1 else 0.4
-        arm_ = ROBOT.holding(Held("part", part, mass, blunt=bool(rng.random() < 0.5)))
+        arm_ = ROBOT.holding(GrippedObject("part", part, mass, blunt=bool(rng.random() < 0.5)))
     if rng.random() < 0.2:
         cell = replace(cell, payload_kg=1.0, stop_deceleration_rad_s2=4.0, person_speed_m_s=2.0, rigid_band_m=0.05)
     if rng.random() < 0.4 and scene.objects:
@@ -397,7 +397,7 @@ def test_each_kind_of_corruption_is_refused_for_its_own_reason(genuine):
                 continue
             fit += 1
             verdict = verify(bad)
-            assert isinstance(verdict, Refused), (name, k)
+            assert isinstance(verdict, Unverified), (name, k)
             assert codes is None or verdict.code in codes, (name, k, verdict)
         assert fit > 0, name
 
@@ -448,18 +448,18 @@ def test_no_document_breaks_the_checker(genuine):
         else:
             top = value
         verdict = verify(seal(top))
-        assert isinstance(verdict, Verified | Refused)
-        assert not (isinstance(verdict, Refused) and verdict.code is Code.CHECKER_FAILED), (k, where, verdict)
+        assert isinstance(verdict, Verified | Unverified)
+        assert not (isinstance(verdict, Unverified) and verdict.code is Code.CHECKER_FAILED), (k, where, verdict)
 
 
 def test_what_is_no_bytes_is_refused():
     for text in ("{}", None, 7, bytearray(b"{}"), b"", b"null", b"[]", b"{}", b'"v"', b"\xef\xbb\xbf{}"):
-        assert isinstance(verify(text), Refused)
+        assert isinstance(verify(text), Unverified)
 
 
 def test_a_failure_of_the_checker_itself_is_refused(monkeypatch, genuine):
     monkeypatch.setattr(check, "robot_of", lambda text: 1 / 0)
-    assert verify(genuine[0]) == Refused(Code.CHECKER_FAILED, "ZeroDivisionError")
+    assert verify(genuine[0]) == Unverified(Code.CHECKER_FAILED, "ZeroDivisionError")
 
 
 def test_work_is_bounded(monkeypatch, genuine):
@@ -469,13 +469,13 @@ def test_work_is_bounded(monkeypatch, genuine):
     _, top, retreat = proven(asked(scene, MoveJ(HOME, (0.0, HOME[1] - 0.1, *HOME[2:]), 0.2, 1.0)))
     assert top["proof"]["retreating"]
     monkeypatch.setattr(leg, "ROWS_MOST", 127)
-    assert verify(retreat) == Refused(Code.TOO_LARGE, "proof.retreating")
+    assert verify(retreat) == Unverified(Code.TOO_LARGE, "proof.retreating")
     monkeypatch.setattr(leg, "ROWS_MOST", 20)
-    assert verify(genuine[0]) == Refused(Code.TOO_LARGE, "proof.cover")
+    assert verify(genuine[0]) == Unverified(Code.TOO_LARGE, "proof.cover")
     monkeypatch.setattr(rows, "PAIRS_MOST", 5)
-    assert verify(genuine[0]) == Refused(Code.TOO_LARGE, "scene")
+    assert verify(genuine[0]) == Unverified(Code.TOO_LARGE, "scene")
     monkeypatch.setattr(check, "BYTES_MOST", 100)
-    assert verify(genuine[0]) == Refused(Code.TOO_LARGE, "document")
+    assert verify(genuine[0]) == Unverified(Code.TOO_LARGE, "document")
 
 
 def test_another_spelling_of_the_same_document_is_refused(genuine):
@@ -525,7 +525,9 @@ def test_pairs_rows_and_indices_are_those_of_the_room(seed):
     assert len(theirs) == len(ours)
     profile = profile_of(as_run(move, cell))
     stop = stopping(cell, perception_age_s=AGE, joint_speed_rad_s=profile.peak_rad_s)
-    timing = motion.Timing.of(motion.Run(move.start, move.target, move.speed_rad_s, *[move.acceleration_rad_s2] * 2))
+    timing = motion.Timing.of(
+        motion.CheckerRun(move.start, move.target, move.speed_rad_s, *[move.acceleration_rad_s2] * 2)
+    )
     their_laws = laws.Laws(their_robot, their_cell, their_view, peak_rad_s=timing.peak)
     assert timing.peak == pytest.approx(profile.peak_rad_s, rel=1e-12)
     touchable = 0
@@ -627,7 +629,7 @@ def test_laws_are_those_of_the_tables():
     rng = np.random.default_rng(83)
     _, top, _ = proven(asked(with_glass(), sweep()))
     cell, arm_ = question.cell_of(top["question"]["cell"]), robot.robot_of(top["question"]["model"])
-    view = question.View(AGE, 0.0, 0.0)
+    view = question.CheckerView(AGE, 0.0, 0.0)
     mass = ROBOT.moving_mass_kg / 2 + ROBOT.tool.mass_kg
     for _ in range(3000):
         omega, v = float(rng.uniform(0, 3)), float(rng.choice([0.0, rng.uniform(0, 2)]))
@@ -660,7 +662,7 @@ def test_ratios_are_those_of_the_room(held, payload):
         run = motion.run_of(top["question"]["motion"], question_.cell)
         timing, sweep_ = motion.Timing.of(run), arm.Sweep(question_.robot, run)
         ends = leg.intervals(top["proof"]["cut"], "proof.cut", most=check.CUT_MOST)
-        speeds = leg.Speeds(sweep_, timing, list(pairwise((0, *ends))))
+        speeds = leg.CheckerSpeedBounds(sweep_, timing, list(pairwise((0, *ends))))
         found = check._straight_ratios(question_.robot, run, timing) | leg.ratios(question_, speeds, 0.0)
         path = JointPath(arm_, as_run(move, cell))
         known = {each.name: each.ratio for each in Demands(path, cell).ratios(profile_of(as_run(move, cell)))}
@@ -716,7 +718,7 @@ def test_a_link_without_a_body_is_refused():
         pairs = {a: [b for b in others if b not in gone] for a, others in model["self_pairs"].items() if a not in gone}
         with pytest.raises(verdict.Refusal) as error:
             robot.robot_of(json.dumps(model | {"self_pairs": pairs}))
-        assert error.value.verdict == Refused(Code.MEMBER_WRONG, "model.capsules: a link has none")
+        assert error.value.verdict == Unverified(Code.MEMBER_WRONG, "model.capsules: a link has none")
 
 
 def test_a_cover_has_one_spelling():
@@ -786,7 +788,7 @@ def test_it_runs_without_anything_installed(tmp_path, genuine):
         "print(sorted(m for m in sys.modules if m.split('.')[0] in ('numpy', 'pinocchio', 'pydantic', 'rfc8785')))\n"
     )
     run = subprocess.run([sys.executable, "-I", "-S", "-c", program], capture_output=True, text=True, timeout=60)
-    assert run.stdout.split("\n")[:3] == ["Verified", "Refused", "[]"], run.stderr
+    assert run.stdout.split("\n")[:3] == ["Verified", "Unverified", "[]"], run.stderr
 
 
 # ---- the writer
@@ -842,4 +844,4 @@ def test_no_row_is_finer_than_it_must_be():
 
 def test_the_writer_and_the_checker_have_one_tie():
     assert (laws.TIE, check.GRID) == (TIE, GRID)
-    assert Kind.PERSON in check.VIOLABLE
+    assert PairKind.PERSON in check.VIOLABLE

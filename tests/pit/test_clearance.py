@@ -127,14 +127,14 @@ def test_coal_keeps_the_nearest_of_one_result():
 def test_one_pass_over_all_pairs_is_right_where_the_manager_is_not():
     """`computeDistances` keeps one result per pair: the smallest equals coal asked pair by pair."""
     rng = np.random.default_rng(13)
-    from pep.pit.second.second_engine import World
+    from pep.pit.second.second_engine import SecondWorld
 
     for _ in range(10):
         scene = random_scene(rng)
         pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
         move = random_move(rng)
         path = NumpyPath(ROBOT, move)
-        clearance, _ = World(ROBOT, scene, pairs).ask(path.q(0.5), np.zeros(6))
+        clearance, _ = SecondWorld(ROBOT, scene, pairs).ask(path.q(0.5), np.zeros(6))
         kernel = path.clearance_at(pairs, GRID // 2, np.arange(len(pairs)))
         assert np.abs(clearance - kernel).max() <= 2e-6
 
@@ -150,7 +150,7 @@ def test_the_second_engine_measures_things_where_they_are_now():
         moved = replace(scene, objects=(replace(first, shape=_lifted(first.shape)), *rest))
         seen = []
         for each in (scene, moved, scene):
-            world = straight_check.World(ROBOT, each, pairs_of(ROBOT, each, CELL, grown_m=0.0))
+            world = straight_check.SecondWorld(ROBOT, each, pairs_of(ROBOT, each, CELL, grown_m=0.0))
             seen.append(world.ask(q, np.ones(6))[0])
             # What is read again and again is where coal writes.
             told = [result.min_distance for result in world.stage.found.distanceResults]
@@ -161,7 +161,7 @@ def test_the_second_engine_measures_things_where_they_are_now():
         assert np.abs(seen[0] - seen[2]).max() <= 2e-6
         assert np.abs(seen[0] - seen[1]).max() > 1e-3
         collision_model.STAGES.of.cache_clear()
-        world = straight_check.World(ROBOT, moved, pairs_of(ROBOT, moved, CELL, grown_m=0.0))
+        world = straight_check.SecondWorld(ROBOT, moved, pairs_of(ROBOT, moved, CELL, grown_m=0.0))
         assert np.abs(world.ask(q, np.ones(6))[0] - seen[1]).max() <= 2e-6
 
 

@@ -71,7 +71,7 @@ from tests.pit.scenes import (
 )
 from tests.pit.test_bad_numbers import BAD, ask, matrix
 from tests.pit.test_clearance import placed
-from ztpm.picture.postures import Part, nearest
+from ztpm.picture.postures import PostureCapsule, nearest
 
 PATIENT = replace(CELL, time_limit_s=60.0)  # a slow machine is no fault here
 CUBE = tuple(itertools.product((-0.1, 0.1), repeat=3))
@@ -530,7 +530,7 @@ def test_p1_a_larger_radius_or_another_corner_never_lowers_the_clearance_index(s
 
 
 def test_mujoco_measures_the_same():
-    from evaluation.pit.mujoco_sampled import Measured
+    from evaluation.pit.mujoco_sampled import SampledByMujoco
     from evaluation.pit.question import Question
 
     rng = np.random.default_rng(2211)
@@ -540,7 +540,7 @@ def test_mujoco_measures_the_same():
         move = MoveJ(HOME, tuple(a + 0.1 for a in HOME), 0.5, 1.0)
         names = Question.__dataclass_fields__
         given_ = {"robot": ROBOT, "scene": scene, "motion": move, "cell": CELL}
-        measured = Measured(Question(**{name: given_.get(name) for name in names}))
+        measured = SampledByMujoco(Question(**{name: given_.get(name) for name in names}))
         pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
         path = NumpyPath(ROBOT, move)
         ours = min(path.clearance_at(pairs, GRID // 2, np.arange(len(pairs))))
@@ -581,7 +581,7 @@ def test_a_surveyed_polytope_stands_in_the_scene():
 
 
 def test_nearest_points_of_a_rounded_polytope():
-    part = Part("rod", 1, (0.5, -0.2, 0.0), (0.5, 0.2, 0.0), 0.05)
+    part = PostureCapsule("rod", 1, (0.5, -0.2, 0.0), (0.5, 0.2, 0.0), 0.05)
     near = nearest(part, Convex(CUBE, 0.02))
     assert near.clearance_m == pytest.approx(0.5 - 0.1 - 0.05 - 0.02)
     assert near.on_thing_m[0] == pytest.approx(0.12)

@@ -29,7 +29,7 @@ from pep.pit.base.pair_columns import (
 from pep.pit.base.tier import person_index, thing_index, zone_index
 from pep.pit.base.travel import Stopping
 from pep.pit.path.straight_path import CHORD, GRID
-from pep.pit.scene.obstacles import CODE, Kind
+from pep.pit.scene.obstacles import CODE, PairKind
 from pep.pit.search.kernel import coupling
 from pep.pit.search.kernel.arithmetic import body_poses, core_distance, index_law
 from pep.pit.search.kernel.arithmetic.body_poses import bends_of, no_nodes, pose, put
@@ -154,7 +154,7 @@ RADIUS_M, RADII_M, UNCERTAINTY_M, BAND_M, INTRUSION_M = 0.05, 0.12, 0.015, 0.4, 
 LAW = np.array([0.2, 0.15, 0.1, 1.6, 0.3, 0.05, 0.05])
 STOP = Stopping(reaction_s=LAW[REACTION], brake_s=LAW[BRAKE], travel_s=LAW[TRAVEL], person_speed_m_s=LAW[PERSON_SPEED])
 DECLARED_TIER = 3.0
-KINDS = {"rigid": CODE[Kind.RIGID], "person": PERSON, "zone": ZONE}
+KINDS = {"rigid": CODE[PairKind.RIGID], "person": PERSON, "zone": ZONE}
 
 
 class Parabola:

@@ -25,7 +25,7 @@ from pep.pit import (
 from pep.pit.assessment.dispatch import drive_of
 from pep.pit.checker import (
     Code,
-    Refused,
+    Unverified,
     Verified,
     check,
     leg,
@@ -49,7 +49,7 @@ from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.question import view_around
 from pep.pit.search.stream_course import speed_drive
-from pep.pit.search.timed_course import Drive, Nowhere, line_drive
+from pep.pit.search.timed_course import TimedCourse, Nowhere, line_drive
 from tests.pit.corruption import all_refused, seal
 from tests.pit.corruption_courses import EXPECTED, KINDS, Unfit, corrupted, made
 from tests.pit.courses import FORMS, PATIENT, courses_of, random_question, shifted, short_line, written
@@ -96,7 +96,7 @@ def texts(genuine):
 
 def refused(top):
     said = verify(seal(top))
-    assert isinstance(said, Refused), said
+    assert isinstance(said, Unverified), said
     return said.code
 
 
@@ -250,7 +250,7 @@ def test_each_kind_of_corrupted_course_is_refused_for_its_own_reason(texts, name
             continue
         fit += 1
         said = verify(bad)
-        assert isinstance(said, Refused), (name, k)
+        assert isinstance(said, Unverified), (name, k)
         assert said.code in EXPECTED[name], (name, k, said)
     assert fit > 0, name
 
@@ -267,8 +267,8 @@ def test_no_course_breaks_the_checker(texts):
         value = replaced(value, where, STRANGE[int(rng.integers(len(STRANGE)))])
         top = top | {name: value} if name != "motion" else top | {"question": top["question"] | {"motion": value}}
         said = verify(seal(top))
-        assert isinstance(said, Verified | Refused)
-        assert not (isinstance(said, Refused) and said.code is Code.CHECKER_FAILED), (k, where, said)
+        assert isinstance(said, Verified | Unverified)
+        assert not (isinstance(said, Unverified) and said.code is Code.CHECKER_FAILED), (k, where, said)
 
 
 def test_work_is_bounded(monkeypatch):
@@ -353,11 +353,11 @@ def test_levers_bound_how_a_jacobian_changes():
 def pieces_of(move):
     """The pieces of a line as the checker builds them from a document, with the room's drive."""
     drive = line_drive(ROBOT, move.start, move.target, speed_m_s=0.2, acceleration_m_s2=1.0, check_time=lambda: None)
-    assert isinstance(drive, Drive)
+    assert isinstance(drive, TimedCourse)
     way = Recorded(ROBOT, move.start, drive)
     cells = way.cells
     begin = (tuple(drive.twist.position.tolist()), tuple(map(tuple, drive.twist.rotation.tolist())))
-    theirs = twist.Twist(begin, tuple(drive.twist.line.tolist()), tuple(drive.twist.turn.tolist()))
+    theirs = twist.CheckerTwist(begin, tuple(drive.twist.line.tolist()), tuple(drive.twist.turn.tolist()))
     lever = Lever(ARM.tcp.levers)
     for k in range(len(cells)):
         middle = stance.stance(ARM, tuple(way.q(float(cells.mid[k]) / GRID).tolist()))
@@ -467,7 +467,7 @@ def test_courses_and_ratios_are_those_of_the_room(form):
             assert met == pytest.approx(float(leaf.clear_mid_m[0]), abs=1e-7)
             compared += 1
         effort = Effort(robot, drive, cell).ratios(profile)
-        speeds = leg.Speeds(whole.way, whole.timing, whole.cuts)
+        speeds = leg.CheckerSpeedBounds(whole.way, whole.timing, whole.cuts)
         found = whole.ratios | leg.ratios(question, speeds, whole.tool_speed)
         known = {each.name: each.ratio for each in effort if each.name != "torque"}
         assert found == pytest.approx(known, rel=1e-6)
@@ -543,15 +543,15 @@ def test_a_line_that_can_be_followed_is_not_blocked_and_one_that_cannot_is():
     for _ in range(5):
         start, way = random_start(rng), rng.uniform(-0.05, 0.05, 3)
         here = stance.stance(ARM, start)
-        line_ = twist.Twist(here.pose, tuple(way.tolist()), (0.0, 0.1, 0.0))
+        line_ = twist.CheckerTwist(here.pose, tuple(way.tolist()), (0.0, 0.1, 0.0))
         assert untraced_line.blocked(ARM, line_, here, 0, untraced_line.FINEST) is None
     here = stance.stance(ARM, HOME)
-    out = twist.Twist(here.pose, (2.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    out = twist.CheckerTwist(here.pose, (2.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     assert untraced_line.blocked(ARM, out, here, 0, GRID) == "singular"
     beside = (6.2831, *HOME[1:])
     there = stance.stance(ARM, beside)
     x, y, _ = there.pose[0]
-    ahead, back = (twist.Twist(there.pose, (-s * y, s * x, 0.0), (0.0, 0.0, 0.0)) for s in (1.0, -1.0))
+    ahead, back = (twist.CheckerTwist(there.pose, (-s * y, s * x, 0.0), (0.0, 0.0, 0.0)) for s in (1.0, -1.0))
     assert {untraced_line.blocked(ARM, each, there, 0, untraced_line.FINEST) for each in (ahead, back)} == {
         None,
         "joint_limit",
@@ -589,7 +589,7 @@ def test_a_motion_of_another_question_is_not_written_down():
 def test_a_servo_target_beyond_what_the_joints_can_is_refused():
     top = documents_of("servo")[0].top
     top["question"]["motion"]["target"] = [(3.0).hex()] * 6
-    assert verify(seal(top)) == Refused(Code.ANSWER_WRONG, "question.motion.target")
+    assert verify(seal(top)) == Unverified(Code.ANSWER_WRONG, "question.motion.target")
 
 
 def test_documents_stay_small(genuine):

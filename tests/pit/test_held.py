@@ -10,7 +10,7 @@ from pep.pit import (
     Box,
     Capsule,
     GripperMove,
-    Held,
+    GrippedObject,
     ModelError,
     MoveJ,
     Part,
@@ -31,7 +31,7 @@ from pep.pit.scene.grip_sightings import _capsule_around, without_held
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.scene import Region
 from pep.pit.search.certify import RESOLUTION
-from pep.pit.second.second_engine import World
+from pep.pit.second.second_engine import SecondWorld
 from policies.evidence.evidence import ImpactFault
 from tests.model.pit.demands import Demands
 from tests.model.pit.path import NumpyPath
@@ -52,7 +52,7 @@ from tests.pit.scenes import (
     with_person,
 )
 
-STICK = Held("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True)
+STICK = GrippedObject("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True)
 WITH_STICK = ROBOT.holding(STICK)
 FRESH = 0.1
 
@@ -112,7 +112,7 @@ def test_p12_the_engines_agree_on_a_carrying_robot():
         start = np.array([0.0, 0.0, 0.17])
         way = rng.standard_normal(3) * 0.06
         shape = Capsule(tuple((start - way).tolist()), tuple((start + way).tolist()), float(rng.uniform(0.01, 0.06)))
-        robot = ROBOT.holding(Held("part", shape, float(rng.uniform(0.05, 1.5))))
+        robot = ROBOT.holding(GrippedObject("part", shape, float(rng.uniform(0.05, 1.5))))
         answer = ask(robot, random_scene(rng, things=3, regions=2), random_move(rng))
         assert isinstance(answer, Assessment)
 
@@ -138,7 +138,7 @@ def test_bounds_hold_for_the_payload_in_every_sample():
         rows = np.flatnonzero([WITH_STICK.bodies[b].name == "payload" for b in pairs.body])
         assert {pairs.kind_of(int(row)).value for row in rows} == {"person", "rigid", "self"}
         low = np.arange(8, dtype=np.int64) * (GRID // 8)
-        world = World(WITH_STICK, scene, pairs)
+        world = SecondWorld(WITH_STICK, scene, pairs)
         times = np.linspace(0, profile.duration_s, 200)
         keys = np.array([profile.at(t)[0] for t in times])
         found = [world.ask(*at_time(path, profile, t)) for t in times]
@@ -152,7 +152,7 @@ def test_bounds_hold_for_the_payload_in_every_sample():
 
 
 def test_the_payload_may_meet_the_arm_itself():
-    long = ROBOT.holding(Held("bar", Capsule((0.0, -0.3, 0.17), (0.0, 0.3, 0.17), 0.02), 0.3, blunt=True))
+    long = ROBOT.holding(GrippedObject("bar", Capsule((0.0, -0.3, 0.17), (0.0, 0.3, 0.17), 0.02), 0.3, blunt=True))
     fold = MoveJ(HOME, (0.0, -1.62, 2.3, -1.2, -1.57, 0.0), 0.3, 1.0)
     assert "payload" in {c.link for c in ask(long, empty(), fold).contributions if c.kind == "self"}
 

@@ -13,7 +13,7 @@ from pep.pit.path.straight_path import GRID
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.stream_course import servo_drive, speed_drive
-from pep.pit.search.timed_course import Drive, Nowhere
+from pep.pit.search.timed_course import TimedCourse, Nowhere
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pit.lines import MODEL, Sampled, followed, placed, random_hold, random_line, random_servo, tool_jacobian
@@ -95,7 +95,7 @@ def test_the_course_of_a_held_tool_speed_goes_where_the_arm_goes():
     """Nominal stop at the very end: the course's own configurations, and then the joints' tangent."""
     motion = SpeedL(HOME, (0.05, -0.15, 0.02, 0, 0, 0), 0.8, 0.4)
     drive = speed_drive(ROBOT, motion, CELL, check_time=unhurried)
-    assert isinstance(drive, Drive)
+    assert isinstance(drive, TimedCourse)
     joints = driven_tool(motion, motion.duration_s + DELAY, step=0.001)
     course, stray = drive.course, drive.course.cells.stray.max(axis=0)
     places = np.linspace(0, 1, 400)

@@ -7,7 +7,7 @@ from pep.pit.base.motion import profile_of
 from pep.pit.base.tier import TIE
 from pep.pit.path.straight_path import GRID
 from pep.pit.scene.adult_body import standing_adult
-from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.obstacles import PairKind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.scene import Box, Capsule, Scene, Sphere, Thing, Workspace, Zone
 from pep.pit.scene.separation import stopping
@@ -270,7 +270,7 @@ def test_meant_contact_and_clear_room_follow_the_same_law():
     rng = np.random.default_rng(36)
     for _ in range(20):
         each = Asked(*drawn(rng))
-        rigid = np.flatnonzero(each.pairs.kind == each.pairs.code_of(Kind.RIGID))
+        rigid = np.flatnonzero(each.pairs.kind == each.pairs.code_of(PairKind.RIGID))
         each.pairs = each.pairs.meant(rigid)
         assert tier(each.certified(KERNEL).upper) == tier(each.certified(NUMPY).upper)
 

@@ -9,7 +9,7 @@ from pep.pit.base.tier import MOVING
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import VIOLATION_RESOLUTION_M
-from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, World
+from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, SecondWorld
 from pep.pit.second.straight_check import look
 from tests.model.pit.sight import look as twin_look
 from tests.pit.scenes import CELL, ROBOT, random_scene
@@ -25,7 +25,7 @@ def sights(rng, room, *, robot=ROBOT, wrong=0.0, since=0, upper=MOVING):
     scene = replace(random_scene(rng), people=(adult_at_distance(0.7, bearing_rad=0.4),), workspace=room)
     pairs = pairs_of(robot, scene, CELL, grown_m=0.0)
     places = [(rng.uniform(-2, 2, 6), rng.uniform(-1, 1, 6)) for _ in range(5)]
-    world = World(robot, scene, pairs)
+    world = SecondWorld(robot, scene, pairs)
     exact, _ = world.ask_all(places)
     kernel = exact[:MEASURED].copy()
     kernel[1, rng.integers(len(pairs))] += wrong

@@ -12,7 +12,7 @@ from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import RESOLUTION
 from pep.pit.search.engine import chosen
-from pep.pit.search.timed_course import Drive, Nowhere
+from pep.pit.search.timed_course import TimedCourse, Nowhere
 from tests.model.pit.course import NumpyCourse
 from tests.model.pit.engine import NUMPY
 from tests.model.pit.line import trace
@@ -168,7 +168,7 @@ class Asked:
     def __init__(self, rng, motion):
         self.scene = random_scene(rng, things=4, regions=4)
         self.drive = drive_of(ROBOT, motion, CELL, perception_age_s=0.1, check_time=unhurried)
-        assert isinstance(self.drive, Drive)
+        assert isinstance(self.drive, TimedCourse)
         self.kernel = self.drive.course
         self.numpy = NumpyCourse(ROBOT, self.kernel.cells, self.kernel.track)
         self.profile = self.drive.profile

@@ -6,7 +6,7 @@ from pep.pit.assessment.dispatch import drive_of
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import TURN_LEVER_M
 from pep.pit.search.course_limits import Effort
-from pep.pit.search.timed_course import Drive
+from pep.pit.search.timed_course import TimedCourse
 from tests.pit.lines import placed, random_hold, random_line, random_servo
 from tests.pit.scenes import CELL, ROBOT
 from tests.pit.test_held_tool_speeds import unhurried
@@ -56,7 +56,7 @@ def test_the_controller_takes_at_least_the_certified_time_for_a_turn():
 def test_a_line_as_the_controller_goes_it(seed):
     move = random_line(np.random.default_rng(7000 + seed))
     drive = drive_for(move)
-    assert isinstance(drive, Drive)
+    assert isinstance(drive, TimedCourse)
     assert drive.doubt is None
     plan = MoveTool(
         ARM, TCP, move.start, to_frame(move.target), speed_m_s=move.speed_m_s, acceleration_m_s2=move.acceleration_m_s2
@@ -81,7 +81,7 @@ def test_a_held_tool_speed_as_the_controller_goes_it(seed):
     while True:
         motion = random_hold(rng)
         drive = drive_for(motion)
-        if isinstance(drive, Drive) and drive.doubt is None:
+        if isinstance(drive, TimedCourse) and drive.doubt is None:
             break
     now = Kinetic(motion.start, STILL, STILL)
     plan = SpeedTool(ARM, TCP, now)
@@ -96,7 +96,7 @@ def test_a_servo_target_as_the_controller_goes_for_it(seed):
     rng = np.random.default_rng(7200 + seed)
     motion = random_servo(rng)
     drive = drive_for(motion)
-    assert isinstance(drive, Drive)
+    assert isinstance(drive, TimedCourse)
     plan = ServoJoints(ARM)
     plan.target, plan.lookahead_s = motion.target, motion.lookahead_s
     states = ticks(plan, Kinetic(motion.start, motion.qd_rad_s, STILL), 0.21 + motion.period_s + CELL.stop_delay_s)

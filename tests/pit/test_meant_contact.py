@@ -8,7 +8,7 @@ from pep.pit import (
     Capsule,
     CellParameters,
     Contact,
-    Held,
+    GrippedObject,
     MoveJ,
     Person,
     Region,
@@ -18,10 +18,10 @@ from pep.pit import (
     remaining,
 )
 from pep.pit.base.motion import profile_of
-from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.obstacles import PairKind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.meant_contact import gentle_rows
-from pep.pit.second.second_engine import World
+from pep.pit.second.second_engine import SecondWorld
 from tests.model.pit.path import NumpyPath
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, at_time, empty, random_scene, tcp
 
@@ -59,7 +59,7 @@ def test_placing_and_lifting_are_tier_two_with_the_grant_and_three_without(pan):
 def test_the_end_of_the_place_move_touches_within_what_the_arm_errs_by():
     path = NumpyPath(ROBOT, MoveJ(DOWN, DOWN, 1.0, 1.0))
     pairs = pairs_of(ROBOT, empty(), CELL, grown_m=0.0)
-    nearest = float(path.clearance_at(pairs, 0, np.flatnonzero(pairs.kind == pairs.code_of(Kind.RIGID))).min())
+    nearest = float(path.clearance_at(pairs, 0, np.flatnonzero(pairs.kind == pairs.code_of(PairKind.RIGID))).min())
     assert 0 <= nearest <= CELL.robot_uncertainty_m
 
 
@@ -136,7 +136,7 @@ def test_a_fragile_object_may_be_touched_too_and_a_zone_may_not():
 
 
 def test_payload_touches_by_its_own_contact():
-    held = ROBOT.holding(Held("cube", Sphere((0.0, 0.0, 0.19), 0.03), 0.2, blunt=True))
+    held = ROBOT.holding(GrippedObject("cube", Sphere((0.0, 0.0, 0.19), 0.03), 0.2, blunt=True))
     target = tuple(d + 0.36 * (u - d) for d, u in zip(DOWN, ABOVE, strict=True))
     move = place(target=target)
     touching = ask(move, robot=held)
@@ -177,7 +177,7 @@ def test_gentle_is_what_samples_say():
         path, profile = NumpyPath(ROBOT, move), profile_of(move)
         pairs = pairs_of(ROBOT, empty(), DECLARED, grown_m=0.0, touch=GRANTED)
         gentle = gentle_rows(path, pairs, profile, DECLARED, check_time=lambda: None)
-        world = World(ROBOT, empty(), pairs)
+        world = SecondWorld(ROBOT, empty(), pairs)
         rough = np.zeros(len(pairs), dtype=bool)
         for t in np.linspace(0, profile.duration_s, 300):
             clearance, speed = world.ask(*at_time(path, profile, t))

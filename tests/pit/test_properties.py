@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pep.pit import (
     Assessment,
     Box,
-    Held,
+    GrippedObject,
     JointLeg,
     JointPath,
     ModelError,
@@ -189,11 +189,11 @@ def test_p6_an_unknown_mass_counts_no_less_than_any_mass():
 
 def test_p6_an_unknown_part_counts_no_less_than_what_it_may_be():
     part = Sphere((0.0, 0.0, 0.2), 0.03)
-    unknown = ROBOT.holding(Held("part", part, None, blunt=False))
+    unknown = ROBOT.holding(GrippedObject("part", part, None, blunt=False))
     for _, scene, move in drawn(9, 4):
         answer = ask(scene, move, robot=unknown)
         for mass, blunt in itertools.product((0.05, 1.0, 2.0), (True, False)):
-            not_lower(answer, ask(scene, move, robot=ROBOT.holding(Held("part", part, mass, blunt=blunt))))
+            not_lower(answer, ask(scene, move, robot=ROBOT.holding(GrippedObject("part", part, mass, blunt=blunt))))
 
 
 def test_p6_a_person_of_whom_less_is_known_counts_no_less():

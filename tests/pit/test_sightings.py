@@ -9,10 +9,10 @@ from capabilities.statements import observation as wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
-from pep.perception.sensor_frames import Frame, Heard, Look
+from pep.perception.sensor_frames import SensorFrame, SensorStatus, Look
 from pep.pit import Assessment, GripperMove, Sphere, Thing, adult_at_distance, assess, gripped, scene_observed
 from pep.pit.assessment.remaining import Remaining, remaining
-from pep.pit.checker import Refused, Verified, verify
+from pep.pit.checker import Unverified, Verified, verify
 from pep.pit.proof.proof_document import document
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.scene.scene import CELL_FILE, SIGHTING_AGE_LIMIT_S
@@ -190,11 +190,14 @@ def test_several_sensors_each_keep_their_word():
 def test_a_look_is_as_old_as_its_oldest_sighting():
     body = wire.ObservedPerson("p", (("head", wire.Sphere((0, 0, 0), 1)),), 120)
     thing = wire.ObservedObject("t", "rigid", wire.Sphere((0, 0, 0), 1), 300)
-    frames = [Frame(frame("a", people=(body,)), 1000, 10, None), Frame(frame("b", objects=(thing,)), 950, 5, None)]
-    look = Look(tuple(Heard(each.observation.sensor, each, None) for each in frames), 1000)
+    frames = [
+        SensorFrame(frame("a", people=(body,)), 1000, 10, None),
+        SensorFrame(frame("b", objects=(thing,)), 950, 5, None),
+    ]
+    look = Look(tuple(SensorStatus(each.observation.sensor, each, None) for each in frames), 1000)
     assert look.age_ms(1000) == 55
     assert look.sighting_age_ms(1000) == 355
-    assert Look((Heard("a", None, None),), 1000).sighting_age_ms(1000) is None
+    assert Look((SensorStatus("a", None, None),), 1000).sighting_age_ms(1000) is None
 
 
 # ---- the proof
@@ -217,5 +220,5 @@ def test_a_younger_claim_is_not_what_was_proven():
     other = with_sighting(0.24)
     assert verdict.scene != other.digest
     assert isinstance(
-        verify(document(answer, **question).replace((0.25).hex().encode(), (0.3).hex().encode())), Refused
+        verify(document(answer, **question).replace((0.25).hex().encode(), (0.3).hex().encode())), Unverified
     )

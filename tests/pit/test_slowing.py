@@ -34,13 +34,13 @@ from pep.pit import (
 )
 from pep.pit.assessment.course_remaining import rests_of
 from pep.pit.assessment.slider_search import paced, steps
-from pep.pit.assessment.straight_remaining import Rest, slowed
+from pep.pit.assessment.straight_remaining import RemainingRun, slowed
 from pep.pit.base.motion import profile_of
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist, turn_of
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.question import as_run
-from pep.pit.second.second_engine import World
+from pep.pit.second.second_engine import SecondWorld
 from policies.evidence.evidence import ImpactFault
 from tests.model.pit.engine import NUMPY
 from tests.model.pit.path import NumpyPath
@@ -152,7 +152,7 @@ def test_at_that_speed_it_is_what_is_said_of_the_slowed_motion(seed):
 def person_index(scene, path, profile, times):
     """Highest index of people at these times of a profile, from the other engine and the slow twin."""
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-    world, mass = World(ROBOT, scene, pairs), ROBOT.moving_mass_kg / 2 + ROBOT.tool.mass_kg
+    world, mass = SecondWorld(ROBOT, scene, pairs), ROBOT.moving_mass_kg / 2 + ROBOT.tool.mass_kg
     who = [(p, region) for p in scene.people for region, _ in p.regions for _ in range(ROBOT.world_bodies)]
     worst = 1.0
     for t in times:
@@ -406,7 +406,9 @@ def test_what_can_just_be_reached_is_looked_at_to_its_end(at):
     """A hard zone that the fingers graze: inside what can be reached in time, or just beyond it."""
     x, y, z = tcp(along(FAST, at))
     press = replace(empty(), zones=(Zone("press", Sphere((x, y, z), 0.01), None),))
-    rest = Rest(ROBOT, as_run(FAST, PATIENT), PATIENT, at_rad=along(FAST, 0.1), authorised_milli=4000, check_time=int)
+    rest = RemainingRun(
+        ROBOT, as_run(FAST, PATIENT), PATIENT, at_rad=along(FAST, 0.1), authorised_milli=4000, check_time=int
+    )
     assert rest.prepare(press, AGE, NOTHING) is None
     for seconds in np.linspace(0.01, 1.6, 160):
         reached = rest.until(1.0, seconds) / GRID

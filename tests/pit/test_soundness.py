@@ -10,7 +10,7 @@ from pep.pit.path.straight_path import GRID
 from pep.pit.robot.model import Model
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.certify import RESOLUTION
-from pep.pit.second.second_engine import World
+from pep.pit.second.second_engine import SecondWorld
 from tests.model.pit.demands import Demands
 from tests.model.pit.path import NumpyPath
 from tests.pit import twin
@@ -38,7 +38,7 @@ def dense_index(scene, move, samples=500, since=0.0):
     """Highest index over times from path parameter `since` on, from the other engine and the slow twin; violations met."""
     path, profile = NumpyPath(ROBOT, move), profile_of(move)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
-    world = World(ROBOT, scene, pairs)
+    world = SecondWorld(ROBOT, scene, pairs)
     omega = profile.peak_rad_s
     mass = ROBOT.moving_mass_kg / 2 + ROBOT.tool.mass_kg
     worst, violated = 0.0, set()
@@ -220,7 +220,7 @@ def test_surface_speed_is_above_every_sample():
         path, profile = NumpyPath(ROBOT, move), profile_of(move)
         bound = Demands(path, CELL).surface_speed_m_s(profile)[: ROBOT.world_bodies]
         scene = Scene(objects=with_glass().objects)
-        world = World(ROBOT, scene, pairs_of(ROBOT, scene, CELL, grown_m=0.0))
+        world = SecondWorld(ROBOT, scene, pairs_of(ROBOT, scene, CELL, grown_m=0.0))
         seen = np.max(
             [
                 world.ask(*at_time(path, profile, t))[1][: ROBOT.world_bodies]

@@ -10,7 +10,7 @@ import rfc8785
 from pep.pit import MoveJ, SpeedJ, assess
 from pep.pit.base.motion import profile_of
 from pep.pit.base.tier import HIGHEST, ratio_index
-from pep.pit.checker import Code, Refused, Verified, verify
+from pep.pit.checker import Code, Unverified, Verified, verify
 from pep.pit.path.straight_path import GRID
 from pep.pit.proof.proof_document import document
 from pep.pit.search.arm_limits import speed_shares
@@ -146,4 +146,4 @@ def test_a_tightened_ratio_is_proven_by_its_certificate(seed):
     coarse["proof"]["cut"] = "0"
     del coarse["digest"]
     refused = verify(rfc8785.dumps(coarse | {"digest": hashlib.sha256(rfc8785.dumps(coarse)).hexdigest()}))
-    assert (type(refused), getattr(refused, "code", None)) == (Refused, Code.FLOOR_EXCEEDS)
+    assert (type(refused), getattr(refused, "code", None)) == (Unverified, Code.FLOOR_EXCEEDS)

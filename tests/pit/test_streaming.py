@@ -13,7 +13,7 @@ from pep.base.stop_model import patience_s
 from pep.pit import (
     Capsule,
     Contact,
-    Held,
+    GrippedObject,
     MoveJ,
     Person,
     Region,
@@ -32,7 +32,7 @@ from pep.pit.assessment.assessment import Assessment
 from pep.pit.assessment.stream import CONFIRMED_OF, Bounded, Stream
 from pep.pit.scene.separation import stopping
 from pep.pit.search.speed_envelope import stream_envelope
-from pep.pit.second.second_engine import World
+from pep.pit.second.second_engine import SecondWorld
 from policies.evidence.evidence import ImpactFault
 from tests.pit.lines import AGE, Sampled
 from tests.pit.scenes import (
@@ -414,7 +414,7 @@ def test_an_authority_that_is_none_settles_nothing(milli):
 
 
 def test_what_is_held_and_seen_in_the_gripper_is_no_obstacle_and_elsewhere_it_is():
-    robot = ROBOT.holding(Held("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True))
+    robot = ROBOT.holding(GrippedObject("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015), 0.3, blunt=True))
     data = robot.pinocchio.createData()
     pinocchio.forwardKinematics(robot.pinocchio, data, np.array(HOME))
     ends = [tuple(data.oMi[6].act(np.array((0.0, 0.0, z))).tolist()) for z in (0.16, 0.24)]
@@ -475,7 +475,7 @@ def test_workspace_zones_and_fragile_things_are_bounded():
 # ---- the second engine, and an installation without the first
 
 
-REAL = World.ask_all
+REAL = SecondWorld.ask_all
 
 
 def nearer(world, places):
@@ -487,7 +487,7 @@ def nearer(world, places):
 def test_a_disagreement_about_a_view_is_the_answer_until_the_next(monkeypatch):
     made = stream(empty())
     with monkeypatch.context() as broken:
-        broken.setattr(World, "ask_all", nearer)
+        broken.setattr(SecondWorld, "ask_all", nearer)
         made.see(empty(), age_s=AGE, at_rad=HOME)
     for _ in range(2):
         assert asked(made, servo()).reason == "ENGINES_DISAGREE"
@@ -503,14 +503,14 @@ def test_every_so_many_steps_the_second_engine_is_asked_where_the_step_begins(mo
         return REAL(world, places)
 
     with monkeypatch.context() as watched:
-        watched.setattr(World, "ask_all", told)
+        watched.setattr(SecondWorld, "ask_all", told)
         for _ in range(CONFIRMED_OF):
             assert isinstance(asked(made, servo()), Bounded)
     ((at, moving),) = calls[0]
     assert len(calls) == 1
     assert (tuple(at), tuple(moving)) == (HOME, SLOW)
     with monkeypatch.context() as broken:
-        broken.setattr(World, "ask_all", nearer)
+        broken.setattr(SecondWorld, "ask_all", nearer)
         for _ in range(CONFIRMED_OF - 1):
             assert isinstance(asked(made, servo()), Bounded)
         assert asked(made, servo()).reason == "ENGINES_DISAGREE"

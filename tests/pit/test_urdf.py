@@ -17,7 +17,7 @@ from pep.pit.robot.frames import angles_of
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.robot.outfit import Apart, Outfit
 from pep.pit.robot.self_clearance import proposed
-from pep.pit.robot.urdf import Ball, Block, Pose, Rod, described
+from pep.pit.robot.urdf import UrdfSphere, UrdfBox, Pose, UrdfCylinder, described
 from pep.pit.robot.urdf_robot import model_of, robot_of
 from tests.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, sweep, with_glass, with_person
 from tests.pit.urdfs import LIKE_UR3E, OUTFIT, STICK, capsule, inertial, joint, origin, random_arm, robot, ur3e
@@ -191,10 +191,10 @@ def test_a_capsule_contains_the_shape(seed):
     rim = np.stack([size[0] * np.cos(angle), size[0] * np.sin(angle), 0 * angle], axis=1)
     tips = [[0, 0, s * (size[1] / 2 + size[0])] for s in (-1, 1)]
     points = {
-        Block(tuple(size)): np.array(list(product((-0.5, 0.5), repeat=3))) * size,
-        Rod(size[0], size[1], rounded=False): np.concatenate([rim + [0, 0, s * size[1] / 2] for s in (-1, 1)]),
-        Rod(size[0], size[1], rounded=True): np.concatenate([rim + [0, 0, size[1] / 2], rim - [0, 0, size[1] / 2], tips]),
-        Ball(size[0]): np.concatenate([rim, rim[:, [2, 0, 1]], rim[:, [1, 2, 0]]]),
+        UrdfBox(tuple(size)): np.array(list(product((-0.5, 0.5), repeat=3))) * size,
+        UrdfCylinder(size[0], size[1], rounded=False): np.concatenate([rim + [0, 0, s * size[1] / 2] for s in (-1, 1)]),
+        UrdfCylinder(size[0], size[1], rounded=True): np.concatenate([rim + [0, 0, size[1] / 2], rim - [0, 0, size[1] / 2], tips]),
+        UrdfSphere(size[0]): np.concatenate([rim, rim[:, [2, 0, 1]], rim[:, [1, 2, 0]]]),
     }  # fmt: skip
     for shape, local in points.items():
         a, b, radius = capsule_around(pose, shape)
@@ -209,7 +209,7 @@ def test_a_capsule_contains_the_shape(seed):
 def test_the_smallest_capsule_is_found():
     """Against a scan of all capsules along the same line."""
     for half, across in ((0.1, 0.03), (0.01, 0.06), (0.05, 0.05), (1.0, 0.01)):
-        a, b, radius = capsule_around(Pose(), Rod(across, 2 * half, rounded=False))
+        a, b, radius = capsule_around(Pose(), UrdfCylinder(across, 2 * half, rounded=False))
 
         def volume(x, half=half, across=across):
             r = math.hypot(across, x)

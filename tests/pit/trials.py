@@ -8,7 +8,7 @@ import numpy as np
 from evaluation.pit.ruler import REACH_M, Ruler
 from pep.pit import JointPath, assess
 from pep.pit.base.errors import ProofError
-from pep.pit.checker import Code, Refused, Verified, verify
+from pep.pit.checker import Code, Unverified, Verified, verify
 from pep.pit.proof.proof_document import document
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.engine import chosen
@@ -264,5 +264,5 @@ def certified(question, answer, rng, number, found, fail):
             found.counts["coarser rows that prove it too"] += 1
             return
         found.counts["corrupted"] += 1
-        if not isinstance(refusal, Refused) or refusal.code is Code.CHECKER_FAILED:
+        if not isinstance(refusal, Unverified) or refusal.code is Code.CHECKER_FAILED:
             fail(f"{bad.kind}: {refusal}")

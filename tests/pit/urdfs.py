@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pinocchio
-from pep.pit.robot.model import Tool, ToolCapsule
+from pep.pit.robot.model import RobotTool, ToolCapsule
 from pep.pit.robot.outfit import Outfit
 from tests.pit.scenes import ROBOT
 
-STICK = Tool(
+STICK = RobotTool(
     name="stick",
     mass_kg=0.5,
     com_m=(0.0, 0.01, 0.05),

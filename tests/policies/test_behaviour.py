@@ -23,7 +23,7 @@ from policies.conduct.behaviour import (
     relearn,
     restore,
 )
-from policies.conduct.history import Baseline, Career
+from policies.conduct.history import Baseline, AgentHistory
 from policies.conduct.report import Report, ReportError
 from policies.evidence.conduct_readings import DRIFT, Feature
 from policies.words.parameters import PARAMETERS, Parameters
@@ -109,7 +109,7 @@ def test_a_rarer_false_alarm_is_a_higher_limit_up_to_the_end_of_what_a_set_may_s
     row, usual = PARAMETERS["behaviour_false_alarm_count"], (share,) * len(Watch)
     of = Baseline(reference([]), usual, (0,) * len(Watch))
     limits = [
-        Career(baseline=of).detector(watch, None, replace(P, behaviour_false_alarm_count=count)).limit
+        AgentHistory(baseline=of).detector(watch, None, replace(P, behaviour_false_alarm_count=count)).limit
         for count in (row.low, row.default, 400_000, row.high)
     ]
     assert limits == sorted(set(limits))
@@ -315,7 +315,7 @@ def test_a_person_may_let_the_work_be_learned_anew():
     state = learned(acts=300)
     assert restore(state, "worker", by="ann", at=T).careers["worker"].baseline is not None
     anew = relearn(state, "worker", by="ann", at=T)
-    assert anew.careers["worker"] == Career(restored_by="ann", restored_at=T)
+    assert anew.careers["worker"] == AgentHistory(restored_by="ann", restored_at=T)
 
 
 @pytest.mark.parametrize("verb", [restore, relearn])
@@ -336,7 +336,7 @@ def test_neither_agents_nor_enforcement_points_restore(verb, by):
 def test_duplicates_change_nothing(numbers):
     state = after(map(report, numbers))
     assert after(map(report, numbers), state) == state
-    assert state.careers.get("arm", Career()).acts == len(set(numbers))
+    assert state.careers.get("arm", AgentHistory()).acts == len(set(numbers))
 
 
 def test_the_future_does_not_count():

@@ -10,7 +10,7 @@ from policies.decision.combine import (
     SILENT,
     AllOf,
     Always,
-    Answer,
+    PolicyAnswer,
     AnyOf,
     Check,
     Not,
@@ -108,11 +108,11 @@ def test_what_a_predicate_cannot_hold_without():
 
 
 def denied(*findings):
-    return Answer(Effect.DENY, findings, grants=True)
+    return PolicyAnswer(Effect.DENY, findings, grants=True)
 
 
 def asked(*findings):
-    return Answer(Effect.DEFER, findings, grants=True)
+    return PolicyAnswer(Effect.DEFER, findings, grants=True)
 
 
 SCOPE, LIMIT, GATE = (
@@ -140,13 +140,13 @@ def test_deny_overrides_whatever_the_order(answers, effect, findings):
 
 def test_nothing_is_permitted_that_no_policy_grants():
     nobody = found("", Reason.NO_POLICY)
-    question = Answer(Effect.DEFER, (GATE,))
+    question = PolicyAnswer(Effect.DEFER, (GATE,))
     assert deny_overrides(()) == (Effect.DENY, (nobody,))
     assert deny_overrides((SILENT,)) == (Effect.DENY, (nobody,))
     assert deny_overrides((question,)) == (Effect.DENY, (nobody, GATE))
-    assert deny_overrides((Answer(Effect.DENY, (SCOPE,)),))[0] is Effect.DENY
+    assert deny_overrides((PolicyAnswer(Effect.DENY, (SCOPE,)),))[0] is Effect.DENY
     assert deny_overrides((question, PERMITS)) == (Effect.DEFER, (GATE,))
-    assert not Answer(Effect.DEFER).grants
+    assert not PolicyAnswer(Effect.DEFER).grants
     assert (SILENT.effect, SILENT.findings) == (None, ())
 
 

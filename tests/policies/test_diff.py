@@ -1,25 +1,33 @@
 """In what two sets differ: as texts, and in what they decide of cases."""
 
 import pytest
-from policies.evidence.case_json import Recorded
-from policies.explain.differences import Case, Change, Direction, Verdict, of_decisions, of_sets, unseen
+from policies.evidence.case_json import RecordedCase
+from policies.explain.differences import (
+    ComparedCase,
+    Change,
+    Direction,
+    ComparedDecision,
+    of_decisions,
+    of_sets,
+    unseen,
+)
 from tests.policies import world
 from tests.policies.test_load import GOOD, but
 
 from policies import SHIPPED, Effect, decide, load, load_shipped
 
-DENIED, PERMITTED = Verdict(Effect.DENY, "NO_POLICY"), Verdict(Effect.PERMIT, "PERMITTED")
+DENIED, PERMITTED = ComparedDecision(Effect.DENY, "NO_POLICY"), ComparedDecision(Effect.PERMIT, "PERMITTED")
 
 
 def recorded(given=None):
-    return Recorded(*world.asked(given))
+    return RecordedCase(*world.asked(given))
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_set_differs_in_nothing_from_itself(name):
     one = load_shipped(name)
     assert of_sets(one, one).same
-    found = of_decisions([Case("a", recorded())], one, one)
+    found = of_decisions([ComparedCase("a", recorded())], one, one)
     assert (found.direction, found.cases, found.moved) == (Direction.SAME, 1, ())
 
 
@@ -82,22 +90,27 @@ STRICT = GOOD.replace('"TEA-1"]', '"TEA-1", "CATP-3"]')
 
 
 def test_stricter_milder_mixed_and_otherwise():
-    low = Case("low", recorded({"evidence.trust.score_permille": 100, "evidence.tool.base_tier": 2}))
+    low = ComparedCase("low", recorded({"evidence.trust.score_permille": 100, "evidence.tool.base_tier": 2}))
     strict, mild = load(STRICT), load(GOOD)
     assert of_decisions([low], mild, strict).direction is Direction.STRICTER
     assert of_decisions([low], strict, mild).direction is Direction.MILDER
-    elsewhere = Case("elsewhere", recorded({"request.operation": "read_state"}))
+    elsewhere = ComparedCase("elsewhere", recorded({"request.operation": "read_state"}))
     moved = load(STRICT.replace('operations = "any"', 'operations = ["move_joint"]'))
     milder_there = load(GOOD.replace('operations = "any"', 'operations = ["move_joint"]'))
     assert of_decisions([low, elsewhere], mild, moved).direction is Direction.STRICTER
     only_reading = load(GOOD.replace('operations = "any"', 'operations = ["read_state"]'))
-    assert of_decisions([Case("a", recorded()), elsewhere], only_reading, milder_there).direction is Direction.MIXED
-    revoked = Case("revoked", recorded({"evidence.chain": {"fault": "REVOKED"}}))
+    assert (
+        of_decisions([ComparedCase("a", recorded()), elsewhere], only_reading, milder_there).direction
+        is Direction.MIXED
+    )
+    revoked = ComparedCase("revoked", recorded({"evidence.chain": {"fault": "REVOKED"}}))
     assert of_decisions([revoked], mild, only_reading).direction is Direction.OTHERWISE
 
 
 def test_each_class_has_its_count_and_first_examples():
-    cases = [Case(f"n{i}", recorded(), PERMITTED) for i in range(5)] + [Case("kept", recorded(), DENIED)]
+    cases = [ComparedCase(f"n{i}", recorded(), PERMITTED) for i in range(5)] + [
+        ComparedCase("kept", recorded(), DENIED)
+    ]
     nobody = load(GOOD.replace('operations = "any"', 'operations = ["stop"]'))
     found = of_decisions(cases, None, nobody)
     assert found.cases == 6
@@ -108,7 +121,9 @@ def test_each_class_has_its_count_and_first_examples():
 
 def test_an_approval_that_counted_counts_under_the_new_set_and_another_one_does_not():
     request, evidence, policies = world.approved(3)
-    old = Case("a", Recorded(request, evidence), Verdict.of(decide(request, evidence, policies)), policies.digest)
+    old = ComparedCase(
+        "a", RecordedCase(request, evidence), ComparedDecision.of(decide(request, evidence, policies)), policies.digest
+    )
     assert old.was.effect is Effect.PERMIT
     from importlib import resources
 
@@ -116,5 +131,5 @@ def test_an_approval_that_counted_counts_under_the_new_set_and_another_one_does_
     renamed = load(text.replace('name = "paper-default"', 'name = "mine"'))
     assert renamed.digest != policies.digest
     assert of_decisions([old], None, renamed).direction is Direction.SAME
-    void = Case("b", old.recorded, Verdict(Effect.DEFER, "APPROVAL_NOT_USABLE"), "0" * 64)
+    void = ComparedCase("b", old.recorded, ComparedDecision(Effect.DEFER, "APPROVAL_NOT_USABLE"), "0" * 64)
     assert of_decisions([void], None, renamed).direction is Direction.SAME

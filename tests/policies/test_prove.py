@@ -187,7 +187,9 @@ def test_unknown_primitives_do_not_soften_with_the_tier():
 
 def permits_instead_of_asking(policy, verdict, case):
     return (
-        combine.Answer(Effect.PERMIT, grants=True) if isinstance(verdict, Defers) else ORIGINAL(policy, verdict, case)
+        combine.PolicyAnswer(Effect.PERMIT, grants=True)
+        if isinstance(verdict, Defers)
+        else ORIGINAL(policy, verdict, case)
     )
 
 
@@ -195,7 +197,7 @@ ORIGINAL = pdp._permit
 SABOTAGE = {
     "a permit is enough": (pdp, "deny_overrides", lambda answers: (Effect.PERMIT, ()) if any(a.effect is Effect.PERMIT for a in answers) else combine.deny_overrides(answers)),
     "a deferral is forgotten": (pdp, "_permit", permits_instead_of_asking),
-    "nobody need grant": (pdp, "deny_overrides", lambda answers: combine.deny_overrides([*answers, combine.Answer(None, grants=True)])),
+    "nobody need grant": (pdp, "deny_overrides", lambda answers: combine.deny_overrides([*answers, combine.PolicyAnswer(None, grants=True)])),
     "any approval counts": (approval, "_differences", lambda *case: iter(())),
     "no age is too old": (identity, "age_within", lambda *case, **bounds: 0.0),
     "any trust is enough": (propagation.DynamicTrust, "_score", lambda primitive, score, case: Holds()),

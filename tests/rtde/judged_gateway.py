@@ -21,7 +21,7 @@ import pep.world.cell_stream
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
-from pep.rtde.line.lease_stop import Rung
+from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.script.control_script import allow_list, installed_body
 from pep.world.sequence import Sequence
 from tests.pep.kit import Still
@@ -60,7 +60,7 @@ class Desk:
 
     # the judge's stopper
     def stop(self, reason):
-        self.loop.call_soon_threadsafe(self.ports.stop, Rung.PROGRAM)
+        self.loop.call_soon_threadsafe(self.ports.stop, StopMeans.PROGRAM)
 
     @property
     def stopped_ms(self):

@@ -17,24 +17,24 @@ from pep.base.operations import (
     SET_TCP,
     SPEED_LINEAR,
 )
-from pep.base.ports import Rest
+from pep.base.ports import RemainingVerdict
 from pep.gate.motion_slot import Slot
 from pep.perception.sensor_frames import Seen
 from pep.rtde.command import command_values as v
 from pep.rtde.judge.command_judge import LeasedJudge
-from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
 from pep.rtde.lease.lease import Lease
 from pep.rtde.robot.state_receiver import JointState, Package
 from pep.rtde.wire.client_texts import fits
-from pep.watch.watch import Limits, Watch
+from pep.watch.watch import WatchAges, Watch
 from pep.world.cell_stream import Judged, Shown
 from policies.words.parameters import Parameters
 from tests.pep.kit import AUDIENCE, Rig, full_scope, reading
 
 HERE = (0.0,) * 6
 THERE = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
-FITTED = Fitted((0.0, 0.0, 0.163, 0.0, 0.0, 0.0), 0.925, (0.0, 0.0, 0.058))
+FITTED = ToolSetup((0.0, 0.0, 0.163, 0.0, 0.0, 0.0), 0.925, (0.0, 0.0, 0.058))
 LIMITS = {each.name: {one.parameter.name: one.bound for one in each.limits} for each in OPERATIONS}
 LEASED = (MOVE_LINEAR, SPEED_LINEAR, SERVO_JOINT, SET_SPEED_SLIDER, SET_PAYLOAD, SET_TCP)
 
@@ -189,7 +189,7 @@ class House(Rig):
 
     def __post_init__(self):
         self.arm, self.certifying, self.hurried = Arm(), Certifying(), []
-        self.rest = Rest(holds=True, index_milli=900, cause="", fault="", age_ms=20)
+        self.rest = RemainingVerdict(holds=True, index_milli=900, cause="", fault="", age_ms=20)
         self.seen, self.starts = Seen((), 20), HERE
         super().__post_init__()
         self.slot = Slot()
@@ -247,7 +247,7 @@ class House(Rig):
             permit,
             remaining=remaining,
             views=self,
-            limits=Limits(view_ms=150, judged_ms=5_000, look_ms=5_000),
+            limits=WatchAges(view_ms=150, judged_ms=5_000, look_ms=5_000),
             clock=self.clock,
             submit=self.submit,
         )

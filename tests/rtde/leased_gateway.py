@@ -14,7 +14,7 @@ from pathlib import Path
 
 from pep.base.clock import SystemClock
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
-from pep.rtde.lease.lease import Ending
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
 from pep.rtde.script.control_script import allow_list, installed_body
@@ -123,7 +123,7 @@ async def serve(listen, robot, file, judged=Judge):
     print("ready", flush=True)
     while line := (await lines.readline()).decode().strip():
         if line == "over":
-            ports.over(holding.lease, Ending.AUTHORITY)
+            ports.over(holding.lease, LeaseEnding.AUTHORITY)
             holding.closed(None)
         else:
             judge.manner = line

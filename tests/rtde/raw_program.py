@@ -6,7 +6,7 @@ import time
 
 from pep.rtde.robot.connections import REALTIME, RTDE
 from pep.rtde.wire.codec import Framer, Recipe, decode_answer, encode_request
-from pep.rtde.wire.messages import Kind, RequestProtocol, SetupInputs, SetupOutputs, Start, Values
+from pep.rtde.wire.messages import FrameKind, RequestProtocol, SetupInputs, SetupOutputs, Start, Values
 from pep.rtde.wire.recipes import EXTERNAL_WRENCH, control_recipes
 from pep.rtde.wire.variables import INPUTS
 from tests.sim_controller.cell import until, upload
@@ -41,7 +41,7 @@ class Raw:
 
     def newest(self):
         frames = self.framer.feed(self.link.recv(65_536))
-        return next((f.payload[1:] for f in reversed(frames) if f.kind is Kind.VALUES), b"")
+        return next((f.payload[1:] for f in reversed(frames) if f.kind is FrameKind.VALUES), b"")
 
     def say(self, *packages):
         """Each is the number of a recipe and the values in it."""
@@ -59,8 +59,8 @@ class Raw:
     def heard(self):
         """The text messages, and the newest `runtime_state`, of the next packages."""
         frames = self.framer.feed(self.link.recv(65_536))
-        told = [decode_answer(f, 2).text for f in frames if f.kind is Kind.TEXT]
-        states = [int.from_bytes(f.payload[1:5], "big") for f in frames if f.kind is Kind.VALUES]
+        told = [decode_answer(f, 2).text for f in frames if f.kind is FrameKind.TEXT]
+        states = [int.from_bytes(f.payload[1:5], "big") for f in frames if f.kind is FrameKind.VALUES]
         return told, states[-1:]
 
     def until(self, condition):
@@ -69,7 +69,7 @@ class Raw:
         while not condition():
             assert time.monotonic() < due
             frames = self.framer.feed(self.link.recv(65_536))
-            found += [struct.unpack(">Id", f.payload[1:13]) for f in frames if f.kind is Kind.VALUES]
+            found += [struct.unpack(">Id", f.payload[1:13]) for f in frames if f.kind is FrameKind.VALUES]
         return found
 
     def close(self):

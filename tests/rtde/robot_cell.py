@@ -10,22 +10,22 @@ from functools import partial
 
 from pep.pit import surveyed
 from pep.rtde.judge.command_judge import LeasedJudge
-from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
 from pep.rtde.robot.dashboard import RemoteControl
 from pep.rtde.robot.state_receiver import ReceivedState
 from pep.rtde.robot.telemetry import Telemetry
-from pep.watch.watch import Limits, Watch
+from pep.watch.watch import WatchAges, Watch
 from policies.words.parameters import Parameters
 from tests.pep import kit
 from tests.pep.kit import AUDIENCE
 from tests.pit.scenes import HOME, ROBOT
 from tests.rtde.world import CELL, World
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 from ztpm.point.robot import readiness
 
 TOOL = ROBOT.tool
-FITTED = Fitted((*TOOL.tcp_m, 0.0, 0.0, 0.0), TOOL.mass_kg, TOOL.com_m)
+FITTED = ToolSetup((*TOOL.tcp_m, 0.0, 0.0, 0.0), TOOL.mass_kg, TOOL.com_m)
 FRAMES_S = 0.05
 """Between two frames of the sensor."""
 
@@ -34,7 +34,7 @@ def controller(*, off_m=0.0):
     """One at home, whose installation has the model's tool, and what is said of it off by so much along the flange."""
     *xy, z = FITTED.centre_m
     payload, (*tcp_xy, tcp_z) = (FITTED.payload_kg, *xy, z - off_m), TOOL.tcp_m
-    return Controller.start(joints=HOME, tcp_m=(*tcp_xy, tcp_z - off_m), payload=payload)
+    return SimulatedController.start(joints=HOME, tcp_m=(*tcp_xy, tcp_z - off_m), payload=payload)
 
 
 class RobotCell(World):
@@ -60,7 +60,7 @@ class RobotCell(World):
         self.begin_stream(frozenset()).see(self.state.read().q_rad)
         self.seeing = asyncio.get_running_loop().create_task(self.see())
         watching = partial(
-            Watch, views=self.frames, limits=Limits.of(self.cell), clock=self.clock, submit=self.judging.submit
+            Watch, views=self.frames, limits=WatchAges.of(self.cell), clock=self.clock, submit=self.judging.submit
         )
         self.judge_ = LeasedJudge(
             gate=self.gate,

@@ -2,7 +2,7 @@
 
 from pep.rtde.command import command_values as v
 from pep.rtde.command.command_table import EVERY_CYCLE, decode, row_of
-from pep.rtde.command.register_image import Image
+from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.line.command_registers import DONE, READY
 
 LASTS = 3
@@ -13,13 +13,13 @@ class Script:
     """One run of it after another over the same registers."""
 
     def __init__(self, profile):
-        self.image = Image.blank(profile)
+        self.image = RegisterImage.blank(profile)
         self.said, self.inside, self.executing, self.running = 0, 0, False, False
         self.done = []
 
     def write(self, values):
         after = self.image.merge(values)
-        assert isinstance(after, Image)
+        assert isinstance(after, RegisterImage)
         self.image = after
 
     def start(self):
@@ -46,7 +46,7 @@ class Script:
 
     def _carry_out(self, command):
         self.done.append(command)
-        if command == v.End(v.Ending.PROGRAM):
+        if command == v.End(v.StopKind.PROGRAM):
             self.running = False
         elif isinstance(command, v.Stop) or (
             isinstance(command, v.Move) and not getattr(command, "asynchronous", False)

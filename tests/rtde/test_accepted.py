@@ -5,7 +5,7 @@ import socket
 
 import pytest
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
-from pep.rtde.lease.accepted_connection import Accepted
+from pep.rtde.lease.accepted_connection import AcceptedConnection
 from pep.rtde.line.gateway import ScriptPort, stop_text
 from pep.rtde.robot.connections import Upstream
 
@@ -29,7 +29,7 @@ class Heard:
         self.words.append(None)
 
 
-class Served(Accepted):
+class Served(AcceptedConnection):
     """A connection that is served at once, or later."""
 
     def __init__(self, *, at_once):

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from pep.rtde.command.command_table import encode
 from pep.rtde.command.command_values import MovePath
-from pep.rtde.line.effects import Ask, Withdraw
+from pep.rtde.line.effects import AskJudge, Withdraw
 from pep.rtde.line.gateway import GUESTS
 from pep.rtde.robot.connections import REALTIME, RTDE
 from pep.rtde.script.move_path import PathMove, Waypoint
@@ -275,7 +275,7 @@ def test_the_path_of_the_newest_script_is_what_is_asked_about():
     line.acts()
     line.write({"input_int_register_0": 0})
     (asked,) = line.say(MovePath(asynchronous=False))
-    assert isinstance(asked, Ask)
+    assert isinstance(asked, AskJudge)
     assert asked.question.path == (waypoint(0.2),)
 
 
@@ -290,6 +290,6 @@ def test_what_the_program_is_shown_is_nothing_that_the_gateway_goes_by():
     talk.write({"input_int_register_0": 0})
     talk.write(encode(MOVE, 0))
     acts = talk.line.take()
-    assert not [act for act in acts if isinstance(act, Ask)], (
+    assert not [act for act in acts if isinstance(act, AskJudge)], (
         "the script is in the move as far as our own connection says"
     )

@@ -6,9 +6,9 @@ import pytest
 from capabilities.proof.session_frames import End, Session
 from capabilities.values.caps import DEFAULT
 from pep.base.clock import SystemClock
-from pep.rtde.lease.lease import SILENCE_MS, Ending
-from pep.rtde.lease.lease_connection import Carrier
-from pep.rtde.lease.lease_messages import Bytes, Cutter, Open, Opened, Over, decode
+from pep.rtde.lease.lease import SILENCE_MS, LeaseEnding
+from pep.rtde.lease.lease_connection import LeaseConnection
+from pep.rtde.lease.lease_messages import Bytes, SessionFrameSplitter, Open, Opened, LeaseOver, decode
 
 KEYS = {True: (b"a" * 32, b"b" * 32), False: (b"b" * 32, b"a" * 32)}
 
@@ -46,7 +46,7 @@ class Wire(asyncio.Transport):
 
 def begun(*, asking, over=lambda _: None):
     """One end with an open line, and its wire."""
-    carrier = Carrier(
+    carrier = LeaseConnection(
         session(asking=asking),
         asking=asking,
         clock=SystemClock(),
@@ -68,7 +68,7 @@ def begun(*, asking, over=lambda _: None):
 def words(wire, *, asking):
     """What the other end makes of all that was written."""
     other, clock = session(asking=not asking), SystemClock()
-    opened = [other.open(frame, at=clock.wall_s()) for frame in Cutter().feed(b"".join(wire.writes))]
+    opened = [other.open(frame, at=clock.wall_s()) for frame in SessionFrameSplitter().feed(b"".join(wire.writes))]
     return [each if isinstance(each, End) else decode(each.body) for each in opened]
 
 
@@ -111,14 +111,14 @@ def test_what_was_said_before_the_end_is_written_before_it(later):
             carrier.say(word)
         if later:
             await asyncio.sleep(0.01)
-        carrier.close(Ending.AUTHORITY)
+        carrier.close(LeaseEnding.AUTHORITY)
         assert wire.ended
         found = words(wire, asking=False)
         assert [w for w in found if isinstance(w, Bytes)] == SAID
-        assert [type(w) for w in found[-2:]] == [Over, End]
+        assert [type(w) for w in found[-2:]] == [LeaseOver, End]
         await asyncio.sleep(0.01)
         assert len(words(wire, asking=False)) == len(found)
-        assert told == [Ending.AUTHORITY]
+        assert told == [LeaseEnding.AUTHORITY]
 
     asyncio.run(scenario())
 
@@ -132,8 +132,8 @@ def test_silence_is_noticed_when_it_has_lasted_and_not_a_beat_later():
             carrier._listen()
         carrier._heard_ms -= SILENCE_MS + 1
         carrier._listen()
-        assert told == [Ending.SILENT]
+        assert told == [LeaseEnding.SILENT]
         carrier._listen()
-        assert told == [Ending.SILENT]
+        assert told == [LeaseEnding.SILENT]
 
     asyncio.run(scenario())

@@ -16,13 +16,13 @@ import threading
 import pytest
 from pep.base.clock import SystemClock
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
-from pep.rtde.lease.lease import Ending
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import FRAME_BYTES, Gateway
 from pep.rtde.robot.connections import PORTS, PRIMARY, READ_ONLY, REALTIME, SECONDARY
 from pep.rtde.robot.state_receiver import STILL_RAD_S
 from pep.rtde.script.control_script import allow_list, installed_body
-from pep.rtde.wire.frame_splitter import LENGTH, Cutter
+from pep.rtde.wire.frame_splitter import LENGTH, FrameSplitter
 from pep.rtde.wire.recipes import control_recipes
 from tests.pep.kit import Rig
 from tests.pep.test_lease import OWN, House
@@ -33,7 +33,7 @@ from tests.rtde.relay import relay
 from tests.rtde.test_attacks import BREACHES
 from tests.rtde.test_leased_wire import AWAY, CYCLE_S
 from tests.sim_controller.cell import HOME, until, upload
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 from ztpm.program.program_ports import ProgramPorts
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -172,7 +172,7 @@ class Cell:
 def cell(tmp_path_factory):
     folder = tmp_path_factory.mktemp("channels")
     with (
-        Controller.start(joints=HOME) as robot,
+        SimulatedController.start(joints=HOME) as robot,
         relay(robot.host, folder / "said", PORTS) as towards,
         Cell(folder, robot, towards).serving() as cell,
     ):
@@ -213,7 +213,7 @@ def text(*lines):
 
 def frames(link, count):
     """So many frames of the port's stream of states have come from now on."""
-    cutter, seen = Cutter(LENGTH, FRAME_BYTES, itself=True), 0
+    cutter, seen = FrameSplitter(LENGTH, FRAME_BYTES, itself=True), 0
     while seen < count:
         content = link.recv(65_536)
         assert content
@@ -342,7 +342,7 @@ def test_a_violation_ends_its_connection_and_what_that_moved_and_nobody_elses(ce
         until(cell.still, deadline_s=1.0)
         assert one.ended()
         until(lambda: cell.house.leases.current is None)
-        assert cell.house.over[-1] == ("robotic", Ending.MALFORMED)
+        assert cell.house.over[-1] == ("robotic", LeaseEnding.MALFORMED)
         last_s = cell.eyes.getTimestamp()
         assert unbroken(stranger.until(lambda said: said["timestamp"] > last_s + UNMOVED_S))
 

@@ -21,14 +21,14 @@ from pep.rtde.command.io_commands import (
     SetSpeedSlider,
     decode_io,
 )
-from pep.rtde.command.register_image import Image
-from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, INT, Profile
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.command.register_image import RegisterImage
+from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, INT, WritableVariables
+from pep.rtde.wire.refusal import InputRefusal
 from pep.rtde.wire.variables import INPUTS, VariableType
 from policies.words.reason_codes import Reason
 
 OFFSETS = (0, 24)
-PROFILES = {offset: Profile.of(offset, control=True, io=True) for offset in OFFSETS}
+PROFILES = {offset: WritableVariables.of(offset, control=True, io=True) for offset in OFFSETS}
 NAN, INF = math.nan, math.inf
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
@@ -36,12 +36,12 @@ offsets = st.sampled_from(OFFSETS)
 
 
 def blank(offset=0):
-    return Image.blank(PROFILES[offset])
+    return RegisterImage.blank(PROFILES[offset])
 
 
 def image_of(command, offset=0):
     image = blank(offset).merge(encode(command, offset))
-    assert isinstance(image, Image)
+    assert isinstance(image, RegisterImage)
     return image
 
 
@@ -128,7 +128,7 @@ def test_ids_without_a_row_are_no_command():
     assert {5, 32, 99, 254, 13, 14, 22, 23, 48, 49, 50} <= undefined
     for number in (*undefined, -(2**31), 2**31 - 1):
         image = blank().merge({INT[0]: number})
-        assert decode(image) == Refused(Reason.TOOL_UNKNOWN, "command id")
+        assert decode(image) == InputRefusal(Reason.TOOL_UNKNOWN, "command id")
 
 
 def bad_values(row, offset):
@@ -205,7 +205,7 @@ def test_every_wrong_parameter_is_refused_with_its_reason_and_its_command(number
     tried = 0
     for name, value, reason in bad_values(row, offset):
         found = decode(image.merge({name: value}))
-        assert isinstance(found, Refused), (name, value)
+        assert isinstance(found, InputRefusal), (name, value)
         assert (found.reason, found.command) == (reason, number), (name, value)
         tried += 1
     assert bool(tried) == bool(READS[number, offset])
@@ -235,7 +235,7 @@ def test_a_stop_that_is_badly_said_is_known_for_a_stop():
     for row in (row for row in stops if row.fields and READS[row.id, 0]):
         for weak in (0.0, -1.0, NAN, INF):
             found = decode(image_of(good(row)).merge({DOUBLE[0]: weak}))
-            assert isinstance(found, Refused)
+            assert isinstance(found, InputRefusal)
             assert found.command == row.id
 
 
@@ -250,7 +250,7 @@ def test_the_reference_names_the_same_classes_and_ways_to_wait():
     assert ids(lambda r: r.command_class is CommandClass.CONTROL) == {0, 35, 62, 63}
     assert ids(lambda r: r.wait is Wait.AT_ONCE) == {0, 6, 9, 10, 11, 12, 24, 25, 26, 27, 38, 55, 58, *range(66, 72)}
     assert ids(lambda r: r.wait is Wait.PROGRAM_END) == {255}
-    assert row_of(v.End(v.Ending.JOG)).id == 42
+    assert row_of(v.End(v.StopKind.JOG)).id == 42
 
 
 # -------------------------------------------------------------------------------------- against the script that runs it
@@ -302,10 +302,10 @@ def test_nothing_that_a_client_writes_raises(data, offset):
     image = blank(offset)
     for package in data.draw(st.lists(packages(offset), max_size=6)):
         after = image.merge(package)
-        assert isinstance(after, Image)
-        assert isinstance(decode(after), v.Command | Refused)
-        assert isinstance(changes(image, after), Change | Refused)
-        assert isinstance(decode_io(after, package), tuple | Refused)
+        assert isinstance(after, RegisterImage)
+        assert isinstance(decode(after), v.Command | InputRefusal)
+        assert isinstance(changes(image, after), Change | InputRefusal)
+        assert isinstance(decode_io(after, package), tuple | InputRefusal)
         image = after
 
 
@@ -313,7 +313,7 @@ def test_nothing_that_a_client_writes_raises(data, offset):
 @given(st.data(), offsets)
 def test_a_refused_or_decoded_command_never_holds_what_is_not_finite(data, offset):
     found = decode(blank(offset).merge(data.draw(packages(offset))))
-    if isinstance(found, Refused):
+    if isinstance(found, InputRefusal):
         return
     for each in fields(found):
         value = getattr(found, each.name)
@@ -323,9 +323,9 @@ def test_a_refused_or_decoded_command_never_holds_what_is_not_finite(data, offse
 
 @pytest.mark.clause("RTDE-2")
 def test_an_image_takes_only_its_own_variables_in_their_types():
-    image = Image.blank(Profile.of(24, control=True, io=False))
+    image = RegisterImage.blank(WritableVariables.of(24, control=True, io=False))
     for name in (INT[0], DOUBLE[5], "speed_slider_mask", DOUBLE[47], "nonsense"):
-        assert image.merge({name: 0}) == Refused(Reason.TOOL_UNKNOWN, "a variable outside the profile")
+        assert image.merge({name: 0}) == InputRefusal(Reason.TOOL_UNKNOWN, "a variable outside the profile")
     for name, value, reason in (
         (INT[24], 1.0, Reason.PARAMETERS_WRONG),
         (INT[24], True, Reason.PARAMETERS_WRONG),
@@ -336,11 +336,11 @@ def test_an_image_takes_only_its_own_variables_in_their_types():
         (EXTERNAL_WRENCH, (0.0,) * 5 + (1,), Reason.PARAMETERS_WRONG),
         (EXTERNAL_WRENCH, 1.0, Reason.PARAMETERS_WRONG),
     ):
-        assert image.merge({name: value}) == Refused(reason, name)
-    outputs = Image.blank(Profile.of(0, control=False, io=True))
+        assert image.merge({name: value}) == InputRefusal(reason, name)
+    outputs = RegisterImage.blank(WritableVariables.of(0, control=False, io=True))
     assert outputs.merge({"standard_digital_output": 256}).reason is Reason.OUT_OF_RANGE
     assert outputs.merge({"speed_slider_mask": -1}).reason is Reason.OUT_OF_RANGE
-    assert isinstance(image.merge({DOUBLE[24]: NAN}), Image)
+    assert isinstance(image.merge({DOUBLE[24]: NAN}), RegisterImage)
 
 
 @pytest.mark.clause("RTDE-2")
@@ -352,7 +352,7 @@ def test_what_was_never_written_is_zero_and_what_was_stays():
     assert decode(servo) == v.ServoJ((0.0, 0.0, 0.0, 0.4, 0.0, 0.0), 0.002, 0.1, 300.0)
     assert servo.doubles(2, 2) == (0.0, 0.4)
     assert image.vector(EXTERNAL_WRENCH) == (0.0,) * 6
-    assert Image.blank(Profile.of(0, control=False, io=True)).vector(EXTERNAL_WRENCH) == (0.0,) * 6
+    assert RegisterImage.blank(WritableVariables.of(0, control=False, io=True)).vector(EXTERNAL_WRENCH) == (0.0,) * 6
 
 
 # -------------------------------------------------------------------------------------------------- what a package meant
@@ -363,7 +363,7 @@ SPEED = v.SpeedJ((0.1, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0, 0.0)
 
 def step(image, package):
     after = image.merge(package)
-    assert isinstance(after, Image)
+    assert isinstance(after, RegisterImage)
     return after, changes(image, after)
 
 
@@ -382,7 +382,7 @@ def test_parameters_of_a_live_command_drift_without_its_id():
     assert found == Commanded(SPEED)
     image, found = step(image, {DOUBLE[1]: 3.0})
     assert found == Drifted(v.SpeedJ((0.1, 3.0, 0.0, 0.0, 0.0, 0.0), 1.0, 0.0))
-    assert step(image, {DOUBLE[1]: NAN})[1] == Refused(Reason.NOT_FINITE, "speedJ: doubles from 0", 9)
+    assert step(image, {DOUBLE[1]: NAN})[1] == InputRefusal(Reason.NOT_FINITE, "speedJ: doubles from 0", 9)
     assert step(image, {DOUBLE[8]: 3.0})[1] == Staged((DOUBLE[8],))
 
 
@@ -399,7 +399,7 @@ def test_parameters_of_a_command_that_is_read_once_are_swapped_without_its_id():
     assert step(image, {DOUBLE[0]: 3.0})[1] == Swapped(
         v.MoveJ((3.0, 0.2, 0.3, 0.4, 0.5, 0.6), 1.0, 2.0, asynchronous=False)
     )
-    assert step(image, {INT[1]: 2})[1] == Refused(Reason.PARAMETERS_WRONG, "moveJ: integer 1", 1)
+    assert step(image, {INT[1]: 2})[1] == InputRefusal(Reason.PARAMETERS_WRONG, "moveJ: integer 1", 1)
 
 
 @pytest.mark.parametrize("number", sorted(set(ROWS) - {0}))
@@ -435,7 +435,7 @@ def test_one_command_in_the_place_of_another_is_a_new_one():
     assert found == Cleared()
     assert step(image, {INT[0]: 0})[1] == Unchanged()
     assert step(image, {INT[0]: 10})[1] == Commanded(v.SpeedL((9.0, *SPEED.qd_rad_s[1:]), 1.0, 0.0))
-    assert step(image, {INT[0]: 254})[1] == Refused(Reason.TOOL_UNKNOWN, "command id")
+    assert step(image, {INT[0]: 254})[1] == InputRefusal(Reason.TOOL_UNKNOWN, "command id")
 
 
 @settings(max_examples=200)
@@ -460,7 +460,7 @@ def test_outputs_count_by_their_mask_and_each_time_that_they_are_written():
         assert decode_io(after, {bank.value}) == (SetDigitalOutputs(bank, mask, levels & mask),)  # a staged mask
         assert decode_io(after.merge({f"{bank.value}_mask": 0}), package) == ()
     tool = image.merge({"tool_digital_output_mask": 4})
-    assert decode_io(tool, {"tool_digital_output"}) == Refused(Reason.OUT_OF_RANGE, "tool_digital_output_mask")
+    assert decode_io(tool, {"tool_digital_output"}) == InputRefusal(Reason.OUT_OF_RANGE, "tool_digital_output_mask")
 
 
 @pytest.mark.clause("RTDE-6")
@@ -478,9 +478,9 @@ def test_rubbish_under_no_mask_is_no_analog_output():
         SetAnalogOutput(1, Quantity.VOLTAGE, 0.25),
     )
     assert said(0, 3, NAN, INF) == ()
-    assert said(2, 0, 0.0, NAN) == Refused(Reason.NOT_FINITE, "standard_analog_output_1")
-    assert said(1, 0, 1.01, 0.0) == Refused(Reason.ROBOT_LIMIT, "standard_analog_output_0")
-    assert said(4, 0, 0.0, 0.0) == Refused(Reason.OUT_OF_RANGE, "standard_analog_output_mask")
+    assert said(2, 0, 0.0, NAN) == InputRefusal(Reason.NOT_FINITE, "standard_analog_output_1")
+    assert said(1, 0, 1.01, 0.0) == InputRefusal(Reason.ROBOT_LIMIT, "standard_analog_output_0")
+    assert said(4, 0, 0.0, 0.0) == InputRefusal(Reason.OUT_OF_RANGE, "standard_analog_output_mask")
 
 
 @pytest.mark.clause("RTDE-6")
@@ -492,15 +492,15 @@ def test_the_slider_the_free_registers_and_the_wrench(offset):
     slider = {"speed_slider_mask": 1, "speed_slider_fraction": 0.5}
     assert said(slider) == (SetSpeedSlider(0.5),)
     assert said(slider | {"speed_slider_mask": 0}) == ()
-    assert said(slider | {"speed_slider_mask": 2}) == Refused(Reason.OUT_OF_RANGE, "speed_slider_mask")
-    assert said(slider | {"speed_slider_fraction": NAN}) == Refused(Reason.NOT_FINITE, "speed_slider_fraction")
+    assert said(slider | {"speed_slider_mask": 2}) == InputRefusal(Reason.OUT_OF_RANGE, "speed_slider_mask")
+    assert said(slider | {"speed_slider_fraction": NAN}) == InputRefusal(Reason.NOT_FINITE, "speed_slider_fraction")
     for fraction in (1.0000001, -0.1):
         assert said(slider | {"speed_slider_fraction": fraction}).reason is Reason.ROBOT_LIMIT
     for register in range(offset + 18, offset + 23):
         assert said({INT[register]: -5}) == (SetInputInteger(register, -5),)
         assert said({DOUBLE[register]: 0.0}) == (SetInputDouble(register, 0.0),)
-        assert said({DOUBLE[register]: INF}) == Refused(Reason.NOT_FINITE, DOUBLE[register])
+        assert said({DOUBLE[register]: INF}) == InputRefusal(Reason.NOT_FINITE, DOUBLE[register])
     assert said({INT[offset + 23]: 49}) == ()
     wrench = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
     assert said({EXTERNAL_WRENCH: wrench}) == (v.SetExternalWrench(wrench),)
-    assert said({EXTERNAL_WRENCH: (NAN,) * 6}) == Refused(Reason.NOT_FINITE, EXTERNAL_WRENCH)
+    assert said({EXTERNAL_WRENCH: (NAN,) * 6}) == InputRefusal(Reason.NOT_FINITE, EXTERNAL_WRENCH)

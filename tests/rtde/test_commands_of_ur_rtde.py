@@ -17,11 +17,11 @@ from pep.rtde.command.io_commands import (
     SetSpeedSlider,
 )
 from pep.rtde.robot.dashboard import stop_program
-from pep.rtde.wire.recipes import Ignored, Profile, control_recipes, io_recipes
+from pep.rtde.wire.recipes import Ignored, WritableVariables, control_recipes, io_recipes
 from tests.rtde.heard import hear
 from tests.rtde.relay import relay
 from tests.sim_controller.cell import HOME, until
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")
@@ -49,7 +49,7 @@ CALLS = [
         *("forceMode", (POSE, AXES, X, 2, LIMITS)),
         v.ForceMode(POSE, tuple(map(bool, AXES)), X, 2, LIMITS),
     ),
-    ("forceModeStop", (), v.End(v.Ending.FORCE_MODE)),
+    ("forceModeStop", (), v.End(v.StopKind.FORCE_MODE)),
     ("zeroFtSensor", (), v.ZeroForceSensor()),
     ("speedJ", (X, 0.4, 0.02), v.SpeedJ(X, 0.4, 0.02)),
     ("speedStop", (9.0,), v.SpeedStop(9.0)),
@@ -62,7 +62,7 @@ CALLS = [
     ("servoC", (POSE, 0.2, 1.0, 0.01), v.ServoC(POSE, 0.2, 1.0, 0.01)),
     ("setPayload", (0.5, (0.01, 0.02, 0.03)), v.SetPayload(0.5, (0.01, 0.02, 0.03))),
     ("teachMode", (), v.TeachMode()),
-    ("endTeachMode", (), v.End(v.Ending.TEACH_MODE)),
+    ("endTeachMode", (), v.End(v.StopKind.TEACH_MODE)),
     ("forceModeSetDamping", (0.5,), v.SetForceDamping(0.5)),
     ("forceModeSetGainScaling", (1.5,), v.SetForceGain(1.5)),
     ("toolContact", (X,), v.ToolContact(X)),
@@ -81,13 +81,13 @@ CALLS = [
     ("poseTrans", (POSE, X), v.PoseTrans(POSE, X)),
     ("getTCPOffset", (), v.Read(v.Reading.TCP_OFFSET)),
     ("jogStart", (X, 1, 0.6, POSE), v.JogStart(X, v.JogFrame.TOOL, 0.6, POSE)),
-    ("jogStop", (), v.End(v.Ending.JOG)),
+    ("jogStop", (), v.End(v.StopKind.JOG)),
     ("getForwardKinematics", (), v.Read(v.Reading.FORWARD_KINEMATICS)),
     ("getForwardKinematics", (Q, X), v.ForwardKinematics(Q, X)),
     ("getForwardKinematics", (Q, (0.0,) * 6), Ignored(6, 100, 52)),  # a defect of the client
     ("isSteady", (), v.Read(v.Reading.STEADY)),
     ("freedriveMode", (AXES, X), v.FreedriveMode(tuple(map(bool, AXES)), X)),
-    ("endFreedriveMode", (), v.End(v.Ending.FREEDRIVE_MODE)),
+    ("endFreedriveMode", (), v.End(v.StopKind.FREEDRIVE_MODE)),
     ("getFreedriveStatus", (), v.Read(v.Reading.FREEDRIVE_STATUS)),
     ("setExternalForceTorque", (X,), Ignored(21, 52, 56)),  # a defect of the client
     ("ftRtdeInputEnable", (True, *SENSOR), v.ForceInput(True, *SENSOR)),
@@ -107,8 +107,8 @@ CALLS = [
     ("moveUntilContact", (X, Q, 1.2), v.MoveUntilContact(X, Q, 1.2)),
     ("moveJ", ([[*Q, 0.5, 0.5, 0.0]],), v.MovePath(asynchronous=False)),
     ("moveL", ([[*POSE, 0.5, 0.5, 0.0]], True), v.MovePath(asynchronous=True)),
-    ("stopScript", (), v.End(v.Ending.PROGRAM)),
-    ("triggerProtectiveStop", (), v.End(v.Ending.PROTECTIVE_STOP)),
+    ("stopScript", (), v.End(v.StopKind.PROGRAM)),
+    ("triggerProtectiveStop", (), v.End(v.StopKind.PROTECTIVE_STOP)),
 ]
 BY_THEMSELVES = {"isProgramRunning", "isConnected", "reuploadScript", "reconnect", "disconnect", "kickWatchdog"}
 BY_THEMSELVES |= {"initPeriod", "waitPeriod", "getAsyncOperationProgress", "getAsyncOperationProgressEx"}
@@ -121,7 +121,7 @@ def test_every_method_and_every_id_is_tried():
     assert methods == {name for name, _, _ in CALLS} | BY_THEMSELVES
     tried = {type(command) for _, _, command in CALLS} | {v.Clear, v.SetExternalWrench}
     assert {row.make for row in ROWS.values()} <= tried
-    for kind in (v.Reading, v.Ending):
+    for kind in (v.Reading, v.StopKind):
         assert {c.what for _, _, c in CALLS if isinstance(c, v.Read | v.End) and isinstance(c.what, kind)} == set(kind)
 
 
@@ -135,7 +135,7 @@ class Session:
         if upper:
             flags |= rtde_control.RTDEControlInterface.FLAG_UPPER_RANGE_REGISTERS
         self.control = rtde_control.RTDEControlInterface(between.host, flags=int(flags))
-        self.profile = Profile.of(24 if upper else 0, control=True, io=False)
+        self.profile = WritableVariables.of(24 if upper else 0, control=True, io=False)
 
     def said(self):
         return [found for said in self.between.said(RTDE) for found in hear(said, self.profile).changes]
@@ -170,7 +170,7 @@ class Session:
 
 @pytest.fixture(scope="module")
 def robot():
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller.host
 
 
@@ -187,7 +187,7 @@ def test_a_call_says_exactly_its_command(session, name, arguments, command):
     found = session.call(name, arguments, command)
     if isinstance(command, v.MovePath):
         # For a path the script is ended and sent again with the path in it.
-        assert found[0] == v.End(v.Ending.PROGRAM)
+        assert found[0] == v.End(v.StopKind.PROGRAM)
         found = found[1:]
     assert found == [command]
 
@@ -201,7 +201,7 @@ def test_the_client_sets_up_its_recipes_and_clears_before_anything(session):
 
 
 def test_the_upper_range_says_the_same(tmp_path):
-    with Controller.start(joints=HOME) as controller, relay(controller.host, tmp_path / "said") as between:
+    with SimulatedController.start(joints=HOME) as controller, relay(controller.host, tmp_path / "said") as between:
         upper = Session(controller.host, between, upper=True)
         try:
             assert tuple(hear(between.said(RTDE)[0], upper.profile).recipes) == control_recipes(24)
@@ -238,7 +238,7 @@ def test_each_output_call_says_exactly_its_output(robot, tmp_path, upper):
         calls.append(("setInputDoubleRegister", (register, 0.5), SetInputDouble(register, 0.5)))
     methods = {name for name in dir(rtde_io.RTDEIOInterface) if name[0].islower()}
     assert methods == {name for name, _, _ in calls} | {"isConnected", "reconnect", "disconnect"}
-    profile = Profile.of(offset, control=False, io=True)
+    profile = WritableVariables.of(offset, control=False, io=True)
     with relay(robot, tmp_path / "said") as between:
         client = rtde_io.RTDEIOInterface(between.host, False, upper)
         try:

@@ -15,7 +15,7 @@ from pep.rtde.script.control_script import (
     scripts_for,
 )
 from pep.rtde.script.move_path import MAX_LINE, MAX_WAYPOINTS, PathMove, Waypoint, render_path
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
 from tests.sim_controller.cell import HOME, upload
 
@@ -49,7 +49,7 @@ def recognise(scripts, program, size=4096):
 
 def refusal(scripts, program, size=4096):
     found = recognise(scripts, program, size)
-    assert isinstance(found, Refused), found
+    assert isinstance(found, InputRefusal), found
     return found.reason
 
 
@@ -124,7 +124,7 @@ def test_one_other_byte_anywhere_is_refused_as_soon_as_it_comes(scripts):
         if found is None:  # a tab in the place of the path: refused at the end of its line
             assert changed[place] == 0x09 or program[place : place + 1] in (b"0", b"2")
             found = recogniser.feed(bytes(changed[place + 1 :]))
-        assert isinstance(found, Refused), place
+        assert isinstance(found, InputRefusal), place
 
 
 def test_a_byte_left_out_or_put_in_is_refused(scripts):
@@ -132,8 +132,8 @@ def test_a_byte_left_out_or_put_in_is_refused(scripts):
     program = upload().encode()
     for place in random.Random(8).sample(range(len(program) - 1), 500):
         if program[place] != program[place + 1]:
-            assert isinstance(recognise(own, program[:place] + program[place + 1 :]), Refused), place
-        assert isinstance(recognise(own, program[:place] + b"\x01" + program[place:]), Refused), place
+            assert isinstance(recognise(own, program[:place] + program[place + 1 :]), InputRefusal), place
+        assert isinstance(recognise(own, program[:place] + b"\x01" + program[place:]), InputRefusal), place
 
 
 def test_each_byte_of_the_path_counts(scripts):
@@ -166,11 +166,11 @@ def test_an_extra_statement_is_refused_wherever_it_stands(scripts, statement):
     for at in range(0, len(lines), 37):
         program = "".join((*lines[:at], statement, *lines[at:])).encode()
         if program != upload().encode():
-            assert isinstance(recognise(own, program), Refused), at
+            assert isinstance(recognise(own, program), InputRefusal), at
     path = render_path(PATH).decode().splitlines(keepends=True)
     for at in range(len(path) + 1):
         found = recognise(own, with_path("".join((*path[:at], statement, *path[at:])).encode()))
-        assert isinstance(found, Refused), at
+        assert isinstance(found, InputRefusal), at
 
 
 def test_nothing_may_follow(scripts):
@@ -180,10 +180,10 @@ def test_nothing_may_follow(scripts):
         assert refusal(own, program + rest, 10**6) is Reason.TOOL_DEFINITION_CHANGED
         recogniser = Recogniser(own)
         assert isinstance(recogniser.feed(program), Upload)
-        assert isinstance(recogniser.feed(rest), Refused)
+        assert isinstance(recogniser.feed(rest), InputRefusal)
     assert recognise(own, program[:-1]) is None
     assert recognise(own, b"") is None
-    assert Recogniser(own).feed(b"stop program\n") == Refused(Reason.TOOL_DEFINITION_CHANGED, "control script")
+    assert Recogniser(own).feed(b"stop program\n") == InputRefusal(Reason.TOOL_DEFINITION_CHANGED, "control script")
 
 
 # ------------------------------------------------------------------------------------------------------------- the path
@@ -202,7 +202,7 @@ def test_numbers_that_are_none_are_refused(scripts, text):
     for old in (b"0.1", b"0.6", b"=2", b"=1", b"=0.03"):
         new = b"=" + text if old.startswith(b"=") else text
         found = recognise(own, with_path(signal(0) + MOVE.replace(old, new, 1)))
-        assert found == Refused(Reason.NOT_FINITE, "waypoint 0")
+        assert found == InputRefusal(Reason.NOT_FINITE, "waypoint 0")
 
 
 @pytest.mark.clause("RTDE-8")
@@ -213,7 +213,7 @@ def test_numbers_that_are_none_are_refused(scripts, text):
 )
 def test_a_number_has_one_text(scripts, text):
     found = recognise(scripts_for(11, scripts), with_path(signal(0) + MOVE.replace(b"0.1", text, 1)))
-    assert found == Refused(Reason.BODY_MALFORMED, "waypoint 0")
+    assert found == InputRefusal(Reason.BODY_MALFORMED, "waypoint 0")
 
 
 @pytest.mark.clause("RTDE-8")
@@ -226,7 +226,7 @@ def test_a_number_has_one_text(scripts, text):
 )
 def test_speed_acceleration_and_blend_are_what_the_client_would_send(scripts, old, new):
     found = recognise(scripts_for(11, scripts), with_path(signal(0) + MOVE.replace(old, new)))
-    assert found == Refused(Reason.ROBOT_LIMIT, "waypoint 0")
+    assert found == InputRefusal(Reason.ROBOT_LIMIT, "waypoint 0")
     linear = MOVE.replace(b"movej(", b"movel(p").replace(b"v=1", b"v=3.1")
     assert refusal(scripts_for(11, scripts), with_path(signal(0) + linear)) is Reason.ROBOT_LIMIT
 
@@ -304,7 +304,7 @@ def test_whatever_comes_never_raises(scripts, data):
     at = data.draw(st.integers(0, len(program)))
     recogniser.feed(program[:at])
     for piece in data.draw(st.lists(st.binary(max_size=200), max_size=5)):
-        assert isinstance(recogniser.feed(piece), Refused | Upload | None)
+        assert isinstance(recogniser.feed(piece), InputRefusal | Upload | None)
 
 
 # ------------------------------------------------------------------------------------------------- what ur_rtde writes
@@ -333,9 +333,9 @@ def test_our_text_of_a_path_is_ur_rtde_s_own():
 @pytest.mark.e2e
 def test_what_the_real_client_uploads_is_recognised(scripts, tmp_path):
     from tests.rtde.relay import relay
-    from ursim.ports.launch import Controller
+    from ursim.ports.launch import SimulatedController
 
-    with Controller.start(joints=HOME) as robot, relay(robot.host, tmp_path / "said") as between:
+    with SimulatedController.start(joints=HOME) as robot, relay(robot.host, tmp_path / "said") as between:
         control = rtde_control.RTDEControlInterface(between.host)
         try:
             joints = [*HOME[:5], 0.1]

@@ -5,21 +5,21 @@ import re
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pep.rtde.wire.dashboard_grammar import LINES, MAX_LINE, Argument, Line, LineClass, parse_line
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.dashboard_grammar import LINES, MAX_LINE, ArgumentKind, DashboardLine, LineClass, parse_line
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
 from tests.rtde.relay import relay
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 pytestmark = pytest.mark.clause("RTDE-10")
 
 ARGUMENTS = {
-    Argument.NONE: "",
-    Argument.FILE: "programs/pick_1.urp",
-    Argument.TEXT: "Done: 3 of 4.",
-    Argument.ROLE: "operator",
-    Argument.MODE: "manual",
-    Argument.REPORT: "system",
+    ArgumentKind.NONE: "",
+    ArgumentKind.FILE: "programs/pick_1.urp",
+    ArgumentKind.TEXT: "Done: 3 of 4.",
+    ArgumentKind.ROLE: "operator",
+    ArgumentKind.MODE: "manual",
+    ArgumentKind.REPORT: "system",
 }
 
 
@@ -32,16 +32,16 @@ def test_each_command_is_read_and_written_anew(words):
     row = LINES[words]
     line = line_of(row)
     found = parse_line(line)
-    assert found == Line(row, ARGUMENTS[row.argument])
+    assert found == DashboardLine(row, ARGUMENTS[row.argument])
     assert found.render() == line + b"\n"
     assert parse_line(line + b"\r") == found
     for other in (b" " + line, line + b" ", line.replace(b" ", b"  ") + b"\t", line + b"\n", line.upper() + b"!"):
-        assert isinstance(parse_line(other), Refused), other
-    if row.argument is Argument.NONE:
+        assert isinstance(parse_line(other), InputRefusal), other
+    if row.argument is ArgumentKind.NONE:
         assert parse_line(line + b" now").reason in (Reason.PARAMETERS_WRONG, Reason.TOOL_UNKNOWN)
     else:
-        assert parse_line(words.encode()) == Refused(Reason.PARAMETERS_WRONG, words)
-        assert parse_line(words.encode() + b" ") == Refused(Reason.PARAMETERS_WRONG, words)
+        assert parse_line(words.encode()) == InputRefusal(Reason.PARAMETERS_WRONG, words)
+        assert parse_line(words.encode() + b" ") == InputRefusal(Reason.PARAMETERS_WRONG, words)
 
 
 def test_the_classes_are_those_of_the_reference():
@@ -83,15 +83,15 @@ def test_no_line_carries_a_shell_s_characters(words):
     argument = ARGUMENTS[LINES[words].argument]
     for injection in INJECTIONS:
         for text in (f"{words} {injection}", f"{words} {argument}{injection}", f"{words} {injection}{argument}"):
-            assert isinstance(parse_line(text.encode("utf-8")), Refused), text
+            assert isinstance(parse_line(text.encode("utf-8")), InputRefusal), text
 
 
 def test_files_do_not_climb_and_lines_end():
     for name in ("../a", "a/../b", "/etc/passwd", "a//b", "a/", ".hidden", "a..b", "-", "-rf", "a/-b", "a b"):
-        assert parse_line(b"load " + name.encode()) == Refused(Reason.PARAMETERS_WRONG, "load"), name
+        assert parse_line(b"load " + name.encode()) == InputRefusal(Reason.PARAMETERS_WRONG, "load"), name
     assert parse_line(b"popup -x").reason is Reason.PARAMETERS_WRONG
     longest = b"popup " + b"a" * (MAX_LINE - 6)
-    assert isinstance(parse_line(longest), Line)
+    assert isinstance(parse_line(longest), DashboardLine)
     assert parse_line(longest + b"a").reason is Reason.BODY_TOO_LARGE
     assert parse_line(b"").reason is Reason.TOOL_UNKNOWN
     assert parse_line(b"reboot").reason is Reason.TOOL_UNKNOWN
@@ -109,7 +109,7 @@ SAFE = re.compile(rb"[A-Za-z0-9 .,:_/-]{1,256}\n")
 )
 def test_whatever_is_said_is_refused_or_says_itself_again(line):
     found = parse_line(line)
-    if isinstance(found, Line):
+    if isinstance(found, DashboardLine):
         assert SAFE.fullmatch(found.render())
         assert found.render() == line.removesuffix(b"\r") + b"\n"
         assert parse_line(found.render()[:-1]) == found
@@ -130,7 +130,7 @@ def test_every_line_of_the_dashboard_client_is_one_of_ours(tmp_path):
     dashboard_client = pytest.importorskip("dashboard_client", reason="ur_rtde is not installed")
     methods = {name for name in dir(dashboard_client.DashboardClient) if name[0].islower()}
     assert methods == {*ASKED, *NOT_TRIED}
-    with Controller.start() as robot, relay(robot.host, tmp_path / "said") as between:
+    with SimulatedController.start() as robot, relay(robot.host, tmp_path / "said") as between:
         client = dashboard_client.DashboardClient(between.host)
         client.connect()
         for name, arguments in ASKED.items():

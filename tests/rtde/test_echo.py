@@ -5,7 +5,7 @@ from collections import deque
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pep.rtde.line.register_echo import MOST, QUIET, Echo
+from pep.rtde.line.register_echo import MOST, QUIET, RegisterEcho
 
 pytestmark = pytest.mark.clause("RTDE-13")
 
@@ -20,7 +20,7 @@ IDS = st.sampled_from((0, 0, 1, 11, 28))
 )
 def test_the_newest_is_there_when_it_is_said_to_be(cycles, there, back, rest):
     """Writes are so many cycles on their way, and what is said of them so many on its own."""
-    echo, register, written = Echo(), (0, 0), 0  # what it holds, and the number of the write that brought it
+    echo, register, written = RegisterEcho(), (0, 0), 0  # what it holds, and the number of the write that brought it
     going, coming, newest = deque([]), deque([]), [0]
     for cycle, ids in enumerate([*cycles, *[[]] * rest]):
         for command in ids:
@@ -40,7 +40,7 @@ def test_the_newest_is_there_when_it_is_said_to_be(cycles, there, back, rest):
 
 
 def test_what_was_overwritten_is_not_waited_for_for_ever():
-    echo = Echo()
+    echo = RegisterEcho()
     echo.wrote(28)
     echo.wrote(0)
     for _ in range(QUIET):
@@ -51,7 +51,7 @@ def test_what_was_overwritten_is_not_waited_for_for_ever():
 
 
 def test_more_than_can_be_followed_is_believed_only_after_a_while():
-    echo = Echo()
+    echo = RegisterEcho()
     for _ in range(10 * MOST):
         echo.wrote(28)
         echo.wrote(0)

@@ -7,7 +7,7 @@ import struct
 import pytest
 from pep.rtde.command import command_values as v
 from pep.rtde.command.command_table import encode
-from pep.rtde.line.effects import Ask
+from pep.rtde.line.effects import AskJudge
 from pep.rtde.line.rtde_line import LeasedLine
 from pep.rtde.line.stream_update import Following
 from pep.rtde.wire.codec import Recipe, encode_request
@@ -62,7 +62,7 @@ class Side:
 
     def took(self, said):
         acts = self.line.take()
-        self.asked = next((act.question for act in acts if isinstance(act, Ask)), self.asked)
+        self.asked = next((act.question for act in acts if isinstance(act, AskJudge)), self.asked)
         self.told.append((said, [type(act).__name__ for act in acts], self.commands.denied, self.judge.seen[:]))
 
     def says(self, *packages, at_ms=5):

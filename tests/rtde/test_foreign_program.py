@@ -7,7 +7,7 @@ from pep.rtde.robot.connections import SECONDARY
 from pep.rtde.robot.state_receiver import ReceivedState
 from tests.rtde.leased_gateway import leased_gateway
 from tests.sim_controller.cell import HOME, until
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 
@@ -20,7 +20,7 @@ OTHERS = b"def other():\n  while True:\n    sync()\n  end\nend\n"
 
 def test_one_that_takes_the_place_of_ours_while_the_arm_stands_is_noticed(tmp_path):
     with (
-        Controller.start(joints=HOME) as controller,
+        SimulatedController.start(joints=HOME) as controller,
         leased_gateway(controller.host, tmp_path / "said") as gateway,
     ):
         state = ReceivedState(controller.host)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pep.rtde.command import command_values as v
 from pep.rtde.command.rounding import on_grid
-from pep.rtde.judge.command_requests import Asked, Fitted, asked_of, request_of
+from pep.rtde.judge.command_requests import CommandedOperation, ToolSetup, asked_of, request_of
 from policies.evidence.model import Request
 
 NUMBER = st.floats(-100, 100)
@@ -37,8 +37,8 @@ def test_every_request_is_one_of_whole_units(command):
     taken = on_grid(command)
     own = taken.pose_m_rad if isinstance(taken, v.SetTcp) else (0.0,) * 6
     held = (taken.mass_kg, taken.centre_m) if isinstance(taken, v.SetPayload) else (0.0, (0.0,) * 3)
-    asked = asked_of(taken, path=(), fitted=Fitted(own, *held))
-    assert isinstance(asked, Asked)
+    asked = asked_of(taken, path=(), fitted=ToolSetup(own, *held))
+    assert isinstance(asked, CommandedOperation)
     assert isinstance(request_of(asked, request_id="", audience="http://a/b", at=0.0), Request)
 
 

@@ -5,7 +5,7 @@ from contextlib import asynccontextmanager
 
 import pytest
 from pep.rtde.robot import reconnecting
-from pep.rtde.robot.reconnecting import Kept
+from pep.rtde.robot.reconnecting import ReconnectingConnection
 from pep.rtde.wire.messages import WireError, WireFault
 
 HOST = "127.0.0.1"
@@ -44,7 +44,7 @@ class Robot:
 class Client:
     def __init__(self, port):
         self.heard, self.lost, self.begun = [], 0, 0
-        self.kept = Kept(HOST, port, begin=self._begin, heard=self._heard, lost=self._lost)
+        self.kept = ReconnectingConnection(HOST, port, begin=self._begin, heard=self._heard, lost=self._lost)
 
     def _begin(self):
         self.begun += 1

@@ -7,22 +7,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pep.rtde.command import command_values as v
 from pep.rtde.command.command_table import EVERY_CYCLE, ROWS, CommandClass, decode, encode, row_of
-from pep.rtde.command.register_image import Image
+from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stop_rules import MODES, STOPS
-from pep.rtde.lease.lease import Ending
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.command_registers import DONE, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
-from pep.rtde.line.effects import PATIENCE_MS, Ask, Braked, Halt, Note, Refresh, Tell, Withdraw, Write
+from pep.rtde.line.effects import PATIENCE_MS, AskJudge, StopWritten, Halt, Note, Refresh, Tell, Withdraw, Write
 from pep.rtde.line.register_echo import QUIET
 from pep.rtde.script.move_path import PathMove, Waypoint
-from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, INT, Profile
+from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, INT, WritableVariables
 from policies.words.reason_table import Reason
 from tests.rtde.script_model import Script
 from tests.rtde.test_commands import of_row
 
 pytestmark = pytest.mark.clause("RTDE-11", "RTDE-12", "RTDE-13")
 
-PROFILE = Profile.of(0, control=True, io=False)
+PROFILE = WritableVariables.of(0, control=True, io=False)
 CLAIMED = PROFILE.names - {EXTERNAL_WRENCH}
 A = 8.0
 Q = (0.1, -1.5, 1.4, -1.3, -1.2, 0.2)
@@ -51,7 +51,7 @@ class Line:
     def __init__(self, *, running=True, claimed=CLAIMED, profile=PROFILE):
         self.profile = profile
         self.commands = LeasedCommands(profile, claimed, stop_deceleration_rad_s2=A)
-        self.at_ms, self.sent = 0, Image.blank(profile)
+        self.at_ms, self.sent = 0, RegisterImage.blank(profile)
         if running:
             self.commands.begin(PATH)
 
@@ -68,7 +68,7 @@ class Line:
         for act in acts:
             if isinstance(act, Write):
                 after = self.sent.merge(act.values)
-                assert isinstance(after, Image)
+                assert isinstance(after, RegisterImage)
                 self.sent = after
         return acts
 
@@ -77,13 +77,13 @@ class Line:
         found = []
         for act in acts:
             if isinstance(act, Write):
-                image = Image.blank(self.profile).merge(act.values)
+                image = RegisterImage.blank(self.profile).merge(act.values)
                 found.append(decode(image))
         return found
 
     def ask(self, command):
         (asked,) = self.say(command)
-        assert isinstance(asked, Ask)
+        assert isinstance(asked, AskJudge)
         return asked.question
 
     def forward(self, question, steps=None):
@@ -139,7 +139,9 @@ def test_what_moves_or_changes_waits_and_is_written_once_exactly_as_it_was_judge
     assert question.path == (PATH if number == 45 else ())
     sent, (written,) = line.forward(question)
     assert sent
-    assert written.values == {name: {**Image.blank(PROFILE).values, **encode(judged, 0)}[name] for name in CLAIMED}
+    assert written.values == {
+        name: {**RegisterImage.blank(PROFILE).values, **encode(judged, 0)}[name] for name in CLAIMED
+    }
     assert line.forward(question) == (False, [])
 
 
@@ -179,7 +181,7 @@ def test_stops_pass_at_once_and_none_is_weak(number, data):
     acts = line.say(command)
     (written,) = line.written(acts)
     assert type(written) is type(command)
-    assert Braked() in acts
+    assert StopWritten() in acts
     for name in ("deceleration", "deceleration_rad_s2", "deceleration_m_s2"):
         if hasattr(written, name):
             assert getattr(written, name) >= A
@@ -396,7 +398,7 @@ def test_the_end_of_the_script_and_of_the_connection_withdraw_and_end():
 
 def test_a_program_whose_lease_ends_hears_that_its_command_has_failed():
     line = Line().permitted(MOVE)
-    line.commands.leave(Ending.AUTHORITY)
+    line.commands.leave(LeaseEnding.AUTHORITY)
     acts = line.acts()
     assert line.commands.denied
     assert [act.text for act in acts if isinstance(act, Tell)] == ["LEASE_OVER: authority"]
@@ -477,7 +479,7 @@ def test_any_stop_of_a_stream_is_given_as_that_ends_it(stream, ends, asked):
     assert not line.commands.stopping
     acts = line.say(asked)
     assert line.written(acts) == [ends(12.0 if type(asked) is ends else 10.0)]
-    assert acts[-1] == Braked()
+    assert acts[-1] == StopWritten()
     assert steps.over == 1
     assert line.commands.stopping
     line.robot(line.sent.whole(0), DONE)
@@ -505,7 +507,7 @@ def test_a_stop_waits_for_a_script_that_has_not_seen_the_clear_of_what_it_did():
     line.robot(0, READY)
     acts = line.acts()
     assert line.written(acts) == [v.ServoStop(10.0)]
-    assert Braked() in acts
+    assert StopWritten() in acts
 
 
 def test_a_word_of_the_move_before_is_none_of_the_same_move_again():
@@ -533,7 +535,7 @@ def test_a_stop_of_two_kinds_of_streams_ends_the_program():
 
 def test_the_end_of_a_mode_beside_a_stream_is_given_as_it_is():
     line = Line().permitted(SERVO)
-    ending = v.End(v.Ending.FORCE_MODE)
+    ending = v.End(v.StopKind.FORCE_MODE)
     assert line.written(line.say(ending)) == [ending]
 
 
@@ -544,7 +546,7 @@ def test_a_stop_after_what_was_not_cleared_is_given_once_the_script_listens():
     line.robot(0, READY)
     acts = line.acts()
     assert line.written(acts) == [v.ServoStop(10.0)]
-    assert Braked() in acts
+    assert StopWritten() in acts
     line = Line().permitted(v.ServoC(Q, 0.1, 1.0, 0.0))
     line.say(v.ServoStop(9.0))
     assert Halt() in line.wait(TAKEN_MS + 1)
@@ -614,7 +616,7 @@ SOME += [
     v.ServoStop(0.1),
     v.Clear(),
 ]
-SOME += [v.Read(v.Reading.STEADY), v.SetWatchdog(1.0), v.StartContactDetection(Q), v.End(v.Ending.PROGRAM)]
+SOME += [v.Read(v.Reading.STEADY), v.SetWatchdog(1.0), v.StartContactDetection(Q), v.End(v.StopKind.PROGRAM)]
 words = st.one_of(
     st.sampled_from(SOME).map(lambda c: encode(c, 0)),
     st.sampled_from([{INT[0]: 254}, {INT[0]: 1}, {INT[0]: 9}, {INT[0]: 11}, {INT[0]: 0}, {DOUBLE[0]: math.nan}]),
@@ -657,7 +659,7 @@ def test_nothing_that_moves_reaches_the_script_but_what_the_judge_has_forwarded(
                 case Write(values):
                     script.write(values)
                     written.extend(c for c in line.written([act]) if moves(c))
-                case Ask(question):
+                case AskJudge(question):
                     waiting.append(question)
                 case Withdraw(question):
                     waiting.remove(question)

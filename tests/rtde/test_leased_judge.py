@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from capabilities.values.scope import Range, Tier
 from pep.people.deferral import AskState
-from pep.perception.sensor_frames import Distrusted, FrameFault, Rejected, Unseen
+from pep.perception.sensor_frames import Distrusted, FrameFault, RejectedFrame, Unseen
 from pep.rtde.command import command_values as v
 from pep.rtde.command import io_commands as io
 from pep.rtde.judge import command_judge, execution, stream_values
-from pep.world.cell_stream import Angles, Judged, Shown, Speeds
+from pep.world.cell_stream import JointAngles, Judged, Shown, JointSpeeds
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pep.kit import FailingJournal, reading
@@ -263,7 +263,10 @@ def test_an_expiry_in_the_middle_stops_the_arm(house):
     [
         (lambda h: setattr(h.feed, "age_ms", 2_001), "REVOCATION_VIEW_STALE"),
         (lambda h: setattr(h, "seen", Unseen()), "WATCH_BLIND"),
-        (lambda h: setattr(h, "seen", Distrusted(Rejected(FrameFault.UNTRUSTED, "camera-1"))), "PERCEPTION_INVALID"),
+        (
+            lambda h: setattr(h, "seen", Distrusted(RejectedFrame(FrameFault.UNTRUSTED, "camera-1"))),
+            "PERCEPTION_INVALID",
+        ),
         (lambda h: setattr(h, "rest", replace(h.rest, holds=False, index_milli=3_000)), "IMPACT_ROSE"),
     ],
 )
@@ -539,7 +542,7 @@ def test_values_of_a_stream_are_certified_one_by_one_and_on_record_by_their_dige
 
     streamed(house, SERVO, during)
     values = [value for value, _, _ in house.certifying.values]
-    assert Angles(exact.q_rad, 0.002, 0.1) in values
+    assert JointAngles(exact.q_rad, 0.002, 0.1) in values
     assert {authorised for *_, authorised in house.certifying.values} == {1_000}
     assert sum(r["body"]["values"] for r in house.records("stream-values")) == 3
     assert house.outcomes()[0]["result"]["outcome"] == "ended"
@@ -635,7 +638,7 @@ def test_a_value_outside_of_what_was_granted_ends_the_stream(house, says):
 @pytest.mark.clause("LSD-3")
 @pytest.mark.parametrize(
     ("command", "made"),
-    [(SERVO, lambda six: Angles(six, 0.002, 0.1)), (SPEEDS, lambda six: Speeds(six, 0.5))],
+    [(SERVO, lambda six: JointAngles(six, 0.002, 0.1)), (SPEEDS, lambda six: JointSpeeds(six, 0.5))],
     ids=["angles", "speeds"],
 )
 def test_a_value_that_follows_is_the_last_command_with_other_numbers(house, command, made):
@@ -655,7 +658,7 @@ def test_a_value_that_follows_is_the_last_command_with_other_numbers(house, comm
     streamed(house, command, during)
     values = [value for value, _, _ in house.certifying.values]
     assert made(six) in values
-    assert (Angles((0.12, *HERE[1:]), 0.002, 0.2) in values) is (command is SERVO)
+    assert (JointAngles((0.12, *HERE[1:]), 0.002, 0.2) in values) is (command is SERVO)
 
 
 @pytest.mark.clause("LSD-3")
@@ -677,7 +680,7 @@ def test_what_stands_is_asked_about_again_in_every_new_view(house):
     streamed(house, SPEEDS, during)
     outcome = house.outcomes()[0]
     assert (outcome["result"]["outcome"], outcome["watch"]["reason"]) == ("world_changed", "IMPACT_ROSE")
-    assert isinstance(house.certifying.values[0][0], Speeds)
+    assert isinstance(house.certifying.values[0][0], JointSpeeds)
 
 
 @pytest.mark.clause("LSD-3")

@@ -9,12 +9,12 @@ from pep.rtde.command.command_table import encode
 from pep.rtde.command.command_values import MoveJ, StopJ
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
 from pep.rtde.line.command_registers import WATCHDOG_HZ
-from pep.rtde.line.effects import Ask, Note, Tell, Withdraw
+from pep.rtde.line.effects import AskJudge, Note, Tell, Withdraw
 from pep.rtde.line.rtde_line import LeasedLine
 from pep.rtde.wire.codec import Framer, Recipe, decode_answer, decode_request, encode_answer, encode_request
 from pep.rtde.wire.messages import (
     InputsAnswer,
-    Message,
+    RtdeMessage,
     OutputsAnswer,
     Pause,
     PauseAnswer,
@@ -155,7 +155,7 @@ def test_a_refused_command_looks_like_a_program_that_has_ended_until_it_is_clear
     (asked,) = talk.line.take()
     talk.line.commands.deny(asked.question, Reason.ABOVE_CEILING, "too high")
     talk.settled()
-    assert talk.seen[-1] == Message("ABOVE_CEILING: too high", "ZTPM", 1)
+    assert talk.seen[-1] == RtdeMessage("ABOVE_CEILING: too high", "ZTPM", 1)
     assert [type(act) for act in talk.line.take()] == [Tell], "and beside the connection"
     shown = talk.package(timestamp=8.0)
     assert shown == {"runtime_state": 1, "robot_status_bits": 3, "timestamp": 8.0}, "and no lie about anything else"
@@ -220,7 +220,7 @@ def test_inputs_that_the_controller_refuses_are_not_had():
         Values(99, b"\0" * 4),
         Values(0, b""),
         RequestProtocol(1),
-        Message("go", "me", 3),
+        RtdeMessage("go", "me", 3),
     ],
 )
 def test_what_a_client_may_not_say_ends_the_connection(request_):
@@ -312,7 +312,7 @@ def test_an_output_that_is_asked_for_again_is_asked_for_once():
     talk = setting()
     for _ in range(3):
         talk.write({"standard_digital_output_mask": 8, "standard_digital_output": 8})
-    assert [type(act) for act in talk.line.take()] == [Ask]
+    assert [type(act) for act in talk.line.take()] == [AskJudge]
 
 
 @pytest.mark.parametrize(
@@ -374,7 +374,7 @@ def test_what_waits_has_a_bound_and_an_end():
         talk.write({"standard_digital_output_mask": 1 << output})
     talk.write({INT[18]: 1})
     *asked, noted, told = talk.line.take()
-    assert [type(act) for act in asked] == [Ask] * 8
+    assert [type(act) for act in asked] == [AskJudge] * 8
     assert (noted.refused.reason, noted.what) == (Reason.BUSY, "SetInputInteger")
     assert isinstance(told, Tell)
     talk.line.outputs.look(at_ms=60_001)

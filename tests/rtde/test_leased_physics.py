@@ -13,10 +13,10 @@ from pep.pit.robot.inverse_kinematics import solved, stance
 from pep.pit.robot.twist import Twist, turn_of
 from pep.rtde.command import command_values as v
 from pep.rtde.robot.state_receiver import JointState
-from pep.watch.watch import Limits, Watch
+from pep.watch.watch import WatchAges, Watch
 from pep.world.arrival import arrived
-from pep.world.cell_stream import Angles, CellStream, Judged, Speeds
-from pep.world.held_object import Holding
+from pep.world.cell_stream import JointAngles, CellStream, Judged, JointSpeeds
+from pep.world.held_object import CommittedGrip
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pit.scenes import FRONT, HOME, ROBOT
@@ -142,7 +142,7 @@ def test_what_is_permitted_goes_on_to_its_end_under_the_watch(world, command, ou
     world.at()
     Runner(world.arm)
     world.arrived = world.physics.arrived
-    limits = Limits(20_000, 20_000, 20_000)
+    limits = WatchAges(20_000, 20_000, 20_000)
     world.watching = lambda permit, *, remaining: Watch(
         permit,
         remaining=world.physics if remaining is world else remaining,
@@ -179,7 +179,7 @@ def at(qd=STILL):
 
 def test_faster_is_never_less_and_a_person_nearby_is_more(world):
     def asked(made, speed):
-        return made.judge(Speeds((speed, *STILL[1:]), 1.0), at(), authorised_milli=ANY, seed=SEED).index_milli
+        return made.judge(JointSpeeds((speed, *STILL[1:]), 1.0), at(), authorised_milli=ANY, seed=SEED).index_milli
 
     empty, crowded = stream(world), stream(world, NEAR)
     speeds = (0.0, 0.05, 0.1, 0.3, 0.6)
@@ -189,8 +189,8 @@ def test_faster_is_never_less_and_a_person_nearby_is_more(world):
 
 def test_how_the_arm_moves_now_counts_as_what_is_asked(world):
     made = stream(world)
-    slow = made.judge(Speeds(STILL, 1.0), at(), authorised_milli=ANY, seed=SEED)
-    fast = made.judge(Speeds(STILL, 1.0), at((0.6, *STILL[1:])), authorised_milli=ANY, seed=SEED)
+    slow = made.judge(JointSpeeds(STILL, 1.0), at(), authorised_milli=ANY, seed=SEED)
+    fast = made.judge(JointSpeeds(STILL, 1.0), at((0.6, *STILL[1:])), authorised_milli=ANY, seed=SEED)
     assert isinstance(slow, Judged)
     assert fast.index_milli > slow.index_milli
     assert fast.tcp_speed_m_s > 0.1
@@ -200,7 +200,7 @@ def test_speeds_that_the_arm_turns_to_are_judged_by_both_ways_at_once(world):
     made = stream(world)
 
     def asked(now):
-        found = made.judge(Speeds((0.2, *STILL[1:]), 1.0), at((now, *STILL[1:])), authorised_milli=ANY, seed=SEED)
+        found = made.judge(JointSpeeds((0.2, *STILL[1:]), 1.0), at((now, *STILL[1:])), authorised_milli=ANY, seed=SEED)
         return found.index_milli
 
     assert asked(0.1) == asked(0.0)  # it takes them up
@@ -210,16 +210,16 @@ def test_speeds_that_the_arm_turns_to_are_judged_by_both_ways_at_once(world):
 def test_a_value_that_takes_too_long_to_judge_is_a_fault(world, monkeypatch):
     monkeypatch.setattr("pep.world.cell_stream.STEP_S", 1e-6)
     made = stream(world)
-    settled = made.judge(Speeds((0.1, *STILL[1:]), 1.0), at(), authorised_milli=1_000, seed=SEED)
+    settled = made.judge(JointSpeeds((0.1, *STILL[1:]), 1.0), at(), authorised_milli=1_000, seed=SEED)
     assert isinstance(settled, Judged)
-    asked = made.judge(Speeds((0.1, *STILL[1:]), 1.0), at((-0.9, *STILL[1:])), authorised_milli=1_000, seed=SEED)
+    asked = made.judge(JointSpeeds((0.1, *STILL[1:]), 1.0), at((-0.9, *STILL[1:])), authorised_milli=1_000, seed=SEED)
     assert asked.reason == Reason.PHYSICS_FAULT
 
 
 def test_a_target_is_judged_by_the_speed_that_makes_for_it(world):
     made = stream(world)
     near, far = (
-        made.judge(Angles((HOME[0] + by, *HOME[1:]), 0.008, 0.1), at(), authorised_milli=ANY, seed=SEED)
+        made.judge(JointAngles((HOME[0] + by, *HOME[1:]), 0.008, 0.1), at(), authorised_milli=ANY, seed=SEED)
         for by in (0.001, 0.05)
     )
     assert near.index_milli < far.index_milli
@@ -227,11 +227,11 @@ def test_a_target_is_judged_by_the_speed_that_makes_for_it(world):
 
 def test_a_stream_with_another_part_is_another_stream(world):
     world.at()
-    holding = Holding(ROBOT, CELL)
+    holding = CommittedGrip(ROBOT, CELL)
     made = CellStream(holding=holding, cell=CELL, frames=world.frames, touch=frozenset(), clock=world.clock)
     made.see(HOME)
     holding.closed_on_unknown()
-    found = made.judge(Speeds(STILL, 1.0), at(), authorised_milli=ANY, seed=SEED)
+    found = made.judge(JointSpeeds(STILL, 1.0), at(), authorised_milli=ANY, seed=SEED)
     assert isinstance(found, ImpactFault)
     assert found.reason == Reason.PHYSICS_FAULT
 
@@ -248,7 +248,7 @@ def test_a_person_who_comes_ends_the_stream_that_stands(world):
         permit,
         remaining=remaining,
         views=world.frames,
-        limits=Limits(20_000, 20_000, 20_000),
+        limits=WatchAges(20_000, 20_000, 20_000),
         clock=world.clock,
         submit=world.submit,
     )

@@ -21,13 +21,20 @@ from pep.rtde.command import command_values as v
 from pep.rtde.command import io_commands as io
 from pep.rtde.command.command_table import ROWS, CommandClass, decode
 from pep.rtde.command.limits import Ur3eLimits
-from pep.rtde.command.register_image import Image
+from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stream_bounds import StreamBounds
-from pep.rtde.judge.command_requests import Asked, Fitted, Free, asked_of, request_of, stands_s
+from pep.rtde.judge.command_requests import (
+    CommandedOperation,
+    ToolSetup,
+    NoDecisionNeeded,
+    asked_of,
+    request_of,
+    stands_s,
+)
 from pep.rtde.script.move_path import PathMove, Waypoint
-from pep.rtde.wire.recipes import DOUBLE, INT, Profile
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.recipes import DOUBLE, INT, WritableVariables
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE
 
@@ -35,7 +42,7 @@ Q = (0.1, -1.2, 1.0, -1.1, -1.57, 0.2)
 POSE = (0.3, -0.1, 0.25, 0.0, 3.14, 0.1)
 X = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06)
 TCP, MASS, CENTRE = (0.0, 0.0, 0.163, 0.0, 0.0, 0.0), 0.925, (0.0, 0.0, 0.058)
-FITTED = Fitted(TCP, MASS, CENTRE)
+FITTED = ToolSetup(TCP, MASS, CENTRE)
 WAY = (Waypoint(PathMove.MOVEJ, False, Q, 0.5, 1.4, 0.0), Waypoint(PathMove.MOVEJ, False, X, 0.5, 1.4, 0.0))
 AXES = (True,) * 6
 
@@ -84,7 +91,7 @@ FREE = [
     v.StopL(2.0, False),
     v.SpeedStop(2.0),
     v.ServoStop(2.0),
-    *(v.End(what) for what in v.Ending),
+    *(v.End(what) for what in v.StopKind),
     *(v.Read(what) for what in v.Reading),
     v.ToolContact(X),
     v.JointHistory(1),
@@ -137,13 +144,13 @@ def test_what_an_operation_stands_for_is_asked_in_its_very_numbers(number):
 @pytest.mark.parametrize("command", NOT_GRANTED, ids=lambda c: type(c).__name__)
 def test_what_no_operation_stands_for_is_refused(command):
     found = asked(command)
-    assert isinstance(found, Refused)
+    assert isinstance(found, InputRefusal)
     assert found.reason is Reason.NOT_GRANTED
 
 
 @pytest.mark.parametrize("command", FREE, ids=lambda c: type(c).__name__)
 def test_what_stops_or_asks_needs_no_decision(command):
-    assert asked(command) == Free()
+    assert asked(command) == NoDecisionNeeded()
 
 
 @pytest.mark.parametrize(
@@ -169,7 +176,7 @@ def test_what_is_switched_without_a_command_is_asked_too(command, operation, num
 def test_a_tool_centre_point_may_be_said_again_and_not_changed(axis, by, taken):
     pose = (*TCP[:axis], TCP[axis] + by, *TCP[axis + 1 :])
     found = asked(v.SetTcp(pose))
-    assert isinstance(found, Asked) is taken
+    assert isinstance(found, CommandedOperation) is taken
     assert taken or found.reason is Reason.FRAMES_MISMATCH
 
 
@@ -187,7 +194,7 @@ def test_a_tool_centre_point_may_be_said_again_and_not_changed(axis, by, taken):
 )
 def test_a_payload_may_be_said_again_and_not_changed(mass, centre, taken):
     found = asked(v.SetPayload(mass, centre))
-    assert isinstance(found, Asked) is taken
+    assert isinstance(found, CommandedOperation) is taken
     assert taken or found.reason is Reason.PAYLOAD_MISMATCH
 
 
@@ -270,10 +277,10 @@ ODD = {
 def taken(command, parameter):
     """The integer that is asked for, or why nothing is."""
     found = asked(command if _io(command) else on_grid(command))
-    if isinstance(found, Refused):
+    if isinstance(found, InputRefusal):
         return found.reason
     made = request_of(found, request_id="r", audience=AUDIENCE, at=0.0)
-    if isinstance(made, Refused):
+    if isinstance(made, InputRefusal):
         return made.reason
     refused = Ur3eLimits().refuse(made)
     if refused is not None:
@@ -325,14 +332,14 @@ HARDLY = st.sampled_from((1e308, -1e308, -0.0, math.ulp(0.0), 1e-310, 0.0, 1.0, 
 )
 def test_nothing_that_a_client_can_write_breaks_what_is_asked(number, doubles, ints):
     written = {INT[0]: number, **dict(zip(INT[1:], ints, strict=False)), **dict(zip(DOUBLE, doubles, strict=False))}
-    command = decode(Image.blank(Profile.of(0, control=True, io=False)).merge(written))
-    if isinstance(command, Refused):
+    command = decode(RegisterImage.blank(WritableVariables.of(0, control=True, io=False)).merge(written))
+    if isinstance(command, InputRefusal):
         return
     found = asked(on_grid(command))
-    assert isinstance(found, Asked | Free | Refused)
-    if isinstance(found, Asked):
+    assert isinstance(found, CommandedOperation | NoDecisionNeeded | InputRefusal)
+    if isinstance(found, CommandedOperation):
         made = request_of(found, request_id="r", audience=AUDIENCE, at=0.0)
-        assert isinstance(made, Refused) or isinstance(Ur3eLimits().refuse(made), Refusal | None)
+        assert isinstance(made, InputRefusal) or isinstance(Ur3eLimits().refuse(made), Refusal | None)
 
 
 @pytest.mark.parametrize(

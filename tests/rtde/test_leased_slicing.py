@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from pep.pit import CellParameters, adult_at_distance
 from pep.rtde.command import command_values as v
-from pep.watch.watch import Limits, Watch
+from pep.watch.watch import WatchAges, Watch
 from pep.world.sequence import Sequence
 from policies.words.reason_table import Reason
 from tests.pep.test_slicing import HASTE, STEPS, base
@@ -70,7 +70,7 @@ class Remembering(World):
             permit,
             remaining=self.physics if remaining is self else remaining,
             views=self.frames,
-            limits=Limits(20_000, 20_000, 20_000),
+            limits=WatchAges(20_000, 20_000, 20_000),
             clock=self.clock,
             submit=self.judging.submit,
         )

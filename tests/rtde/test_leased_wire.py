@@ -18,7 +18,7 @@ from tests.rtde.leased_gateway import LATER_S, leased_gateway
 from tests.rtde.raw_program import Raw
 from tests.sim_controller.cell import HOME, until, upload
 from ursim.ports.controller import UNLOCK_AFTER_S
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")
@@ -77,7 +77,7 @@ class Here:
 @pytest.fixture(scope="module")
 def here(tmp_path_factory):
     with (
-        Controller.start(joints=HOME) as controller,
+        SimulatedController.start(joints=HOME) as controller,
         leased_gateway(controller.host, tmp_path_factory.mktemp("gateway") / "said") as gateway,
     ):
         state = ReceivedState(controller.host)

@@ -7,13 +7,13 @@ import pytest
 from pep.base.errors import JournalError, PepFault
 from pep.rtde.judge import line_refusals
 from pep.rtde.judge.line_refusals import MOST, LineRefusals
-from pep.rtde.lease.lease import Ending
-from pep.rtde.line.active_lease import Tenant
+from pep.rtde.lease.lease import LeaseEnding
+from pep.rtde.line.active_lease import ActiveLease
 from pep.rtde.line.conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
 from pep.rtde.line.effects import Halt, Note, Tell
-from pep.rtde.line.lease_stop import Rung
+from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.script.control_script import allow_list, installed_body
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 from tests.pep.kit import FailingJournal
 from tests.rtde.leased import played, until
@@ -21,8 +21,8 @@ from ztpm_idp.domain.ledger import RECORD_KINDS
 
 pytestmark = [pytest.mark.e2e, pytest.mark.clause("RTDE-17")]
 
-BUSY = Refused(Reason.BUSY, "the command before is not over")
-LIMIT = Refused(Reason.ROBOT_LIMIT, "acceleration", 1)
+BUSY = InputRefusal(Reason.BUSY, "the command before is not over")
+LIMIT = InputRefusal(Reason.ROBOT_LIMIT, "acceleration", 1)
 
 
 def written(house):
@@ -181,17 +181,17 @@ def test_a_stop_waits_for_no_word_and_no_record(broken):
 
     judge = SimpleNamespace(refused=breaks("noted"))
     ports = SimpleNamespace(deceleration=8.0, judge=judge, stop=lambda rung: done.append(rung))
-    tenant = Tenant(ports, SimpleNamespace())
+    tenant = ActiveLease(ports, SimpleNamespace())
     port = LeasedRtdePort(tenant, SimpleNamespace(tell=breaks("told")))
     port.line.take = lambda: [Note(BUSY, "moveJ"), Tell("BUSY: so", 1), Halt()]
     port.settle()
-    assert done == [Rung.PROGRAM, "noted", "told"]
+    assert done == [StopMeans.PROGRAM, "noted", "told"]
 
 
 def test_how_a_lease_is_over_reaches_what_tells_its_program():
     heard = []
-    tenant = Tenant(SimpleNamespace(deceleration=8.0), SimpleNamespace())
+    tenant = ActiveLease(SimpleNamespace(deceleration=8.0), SimpleNamespace())
     port = LeasedRtdePort(tenant, SimpleNamespace())
     port.line.commands = SimpleNamespace(leave=heard.append, take=list, stands=None)
-    tenant.end(Ending.AUTHORITY)
-    assert heard == [Ending.AUTHORITY]
+    tenant.end(LeaseEnding.AUTHORITY)
+    assert heard == [LeaseEnding.AUTHORITY]

@@ -12,7 +12,7 @@ from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.rtde.command import command_values as v
 from pep.rtde.command.command_table import encode
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
-from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.line.command_registers import DONE, READY
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.own.local_line import OFFSET, OwnCommands
@@ -22,12 +22,12 @@ from pep.rtde.robot.telemetry import Telemetry
 from pep.rtde.script.control_script import allow_list, installed_body
 from policies.words.reason_table import Reason
 from tests.sim_controller.cell import HOME, until
-from ursim.ports.launch import Controller
-from ztpm.stage.samples import Eyes
+from ursim.ports.launch import SimulatedController
+from ztpm.stage.samples import StateRecorder
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(60), pytest.mark.clause("LSD-9")]
 
-FITTED = Fitted((0.0, 0.0, 0.15, 0.0, 0.0, 0.0), 0.9, (0.0, 0.0, 0.05))
+FITTED = ToolSetup((0.0, 0.0, 0.15, 0.0, 0.0, 0.0), 0.9, (0.0, 0.0, 0.05))
 THERE = (0.4, *HOME[1:])
 
 
@@ -100,7 +100,7 @@ class Served:
 
 @pytest.fixture(scope="module")
 def robot():
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller
 
 
@@ -114,7 +114,7 @@ def served(robot):
 
 @pytest.fixture
 def eyes(robot):
-    with Eyes(robot.host) as eyes:
+    with StateRecorder(robot.host) as eyes:
         yield eyes
 
 

@@ -10,8 +10,8 @@ import pytest
 from capabilities.proof.session_frames import Session
 from capabilities.values.caps import DEFAULT
 from pep.base.clock import SystemClock
-from pep.rtde.lease.accepted_connection import Accepted
-from pep.rtde.lease.lease_connection import Carrier
+from pep.rtde.lease.accepted_connection import AcceptedConnection
+from pep.rtde.lease.lease_connection import LeaseConnection
 from pep.rtde.lease.lease_messages import Open, delimited, encode
 
 ROUNDS = 20
@@ -23,7 +23,7 @@ def unacknowledged(client):
     return struct.unpack("i", fcntl.ioctl(client.fileno(), termios.TIOCOUTQ, b"\0" * 4))[0]
 
 
-class Heard(Accepted):
+class Heard(AcceptedConnection):
     """A connection that is answered: from then on the system would wait with acknowledgements for the next answer."""
 
     def __init__(self, seen):
@@ -51,7 +51,7 @@ def carrier(seen):
         seen()
         carried.say_again()
 
-    class Answering(Carrier):
+    class Answering(LeaseConnection):
         def say_again(self):
             self._transport.write(b"answer")
 

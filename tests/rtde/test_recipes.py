@@ -5,8 +5,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pep.rtde.wire.codec import Recipe
 from pep.rtde.wire.messages import Values
-from pep.rtde.wire.recipes import DOUBLE, INT, MAX_RECIPES, Ignored, InputRecipes, Profile, control_recipes, io_recipes
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.recipes import (
+    DOUBLE,
+    INT,
+    MAX_RECIPES,
+    Ignored,
+    InputRecipes,
+    WritableVariables,
+    control_recipes,
+    io_recipes,
+)
+from pep.rtde.wire.refusal import InputRefusal
 from pep.rtde.wire.variables import INPUTS
 from policies.words.reason_codes import Reason
 
@@ -18,7 +27,7 @@ CONTROL = (72, 92, 176, 4, 76, 52, 36, 12, 8, 116, 4, 100, 68, 116, 8, 108, 76, 
 @pytest.mark.parametrize("offset", OFFSETS)
 @pytest.mark.clause("RTDE-1")
 def test_the_39_recipes_of_ur_rtde_are_taken_and_have_their_sizes(offset):
-    both = InputRecipes(Profile.of(offset, control=True, io=True))
+    both = InputRecipes(WritableVariables.of(offset, control=True, io=True))
     found = [both.set_up(names) for names in control_recipes(offset)]
     assert tuple(recipe.size for recipe in found) == CONTROL
     assert all(isinstance(both.set_up(names), Recipe) for names in io_recipes(offset))
@@ -33,7 +42,7 @@ def test_the_39_recipes_of_ur_rtde_are_taken_and_have_their_sizes(offset):
 @given(st.data(), st.sampled_from(OFFSETS), st.booleans())
 @pytest.mark.clause("RTDE-1")
 def test_any_choice_of_the_profile_is_a_recipe(data, offset, control):
-    profile = Profile.of(offset, control=control, io=not control)
+    profile = WritableVariables.of(offset, control=control, io=not control)
     names = data.draw(st.lists(st.sampled_from(sorted(profile.names)), min_size=1, unique=True))
     found = InputRecipes(profile).set_up(names)
     assert isinstance(found, Recipe)
@@ -42,7 +51,7 @@ def test_any_choice_of_the_profile_is_a_recipe(data, offset, control):
 
 @pytest.mark.clause("RTDE-1")
 def test_what_is_no_recipe():
-    recipes = InputRecipes(Profile.of(0, control=True, io=False))
+    recipes = InputRecipes(WritableVariables.of(0, control=True, io=False))
     assert recipes.set_up((INT[0], DOUBLE[0], INT[0])).reason is Reason.PARAMETERS_WRONG
     assert recipes.set_up(()).reason is Reason.PARAMETERS_WRONG
     for foreign in (INT[24], DOUBLE[18], "speed_slider_mask", "input_bit_register_64", "timestamp", "actual_q"):
@@ -55,7 +64,7 @@ def test_what_is_no_recipe():
 
 @pytest.mark.clause("RTDE-1")
 def test_there_are_no_more_recipes_than_numbers():
-    recipes = InputRecipes(Profile.of(0, control=True, io=False))
+    recipes = InputRecipes(WritableVariables.of(0, control=True, io=False))
     for _ in range(MAX_RECIPES):
         assert isinstance(recipes.set_up((INT[0],)), Recipe)
     assert recipes.set_up((INT[0],)).reason is Reason.BODY_TOO_LARGE
@@ -64,11 +73,11 @@ def test_there_are_no_more_recipes_than_numbers():
 
 @pytest.mark.clause("RTDE-1")
 def test_a_package_of_no_recipe_is_refused_and_one_of_another_length_ignored():
-    recipes = InputRecipes(Profile.of(0, control=True, io=False))
+    recipes = InputRecipes(WritableVariables.of(0, control=True, io=False))
     for names in control_recipes(0):
         recipes.set_up(names)
     for number in (None, 0, 24, 255):
-        assert isinstance(recipes.read(Values(number, bytes(4))), Refused)
+        assert isinstance(recipes.read(Values(number, bytes(4))), InputRefusal)
     assert recipes.read(Values(21, bytes(52))) == Ignored(21, 52, 56)  # ur_rtde's setExternalForceTorque
     assert recipes.read(Values(6, bytes(100))) == Ignored(6, 100, 52)  # its getForwardKinematics without a tool
     assert recipes.read(Values(4, b"")) == Ignored(4, 0, 4)

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.rtde.line.gateway import GUESTS, LINES, MAX_STOP, STOPS, Gateway, StatePorts
-from pep.rtde.line.lease_stop import Rung
+from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.line.relay import AT_ONCE, UNANSWERED, StateRelay
 from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
 from pep.rtde.robot.state_receiver import ReceivedState
@@ -24,7 +24,7 @@ from pep.rtde.wire.messages import (
     AskControlVersion,
     ControlVersion,
     InputsAnswer,
-    Message,
+    RtdeMessage,
     OutputsAnswer,
     Pause,
     PauseAnswer,
@@ -98,7 +98,7 @@ def test_answers_keep_the_order_of_their_requests():
 def test_packages_go_one_for_one():
     talk = Talk().streaming()
     assert read(talk.answer(package(1.0), package(2.0))) == [package(1.0), package(2.0)]
-    text = Message("hello", "robot", 3)
+    text = RtdeMessage("hello", "robot", 3)
     assert read(talk.answer(text)) == [text]
     talk.ask(Pause())
     assert read(talk.answer(package(3.0), PauseAnswer(True), text)) == [package(3.0), PauseAnswer(True)]
@@ -107,14 +107,14 @@ def test_packages_go_one_for_one():
 def test_a_text_during_set_up_is_kept_from_a_client_that_would_take_it_for_its_answer():
     talk = Talk().begun()
     talk.ask(SetupOutputs(("timestamp",), 500.0))
-    assert talk.answer(Message("hello", "robot", 3)) == b""
+    assert talk.answer(RtdeMessage("hello", "robot", 3)) == b""
 
 
 @pytest.mark.parametrize(
     "requests",
     [
         [Values(1, b"\0" * 4)],
-        [Message("go", "me", 3)],
+        [RtdeMessage("go", "me", 3)],
         [AskControlVersion()] * (UNANSWERED + 1),
         [AskControlVersion(), RequestProtocol(1)],
         [SetupInputs(("input_int_register_0",)), RequestProtocol(1)],
@@ -337,7 +337,7 @@ def test_anybody_stops_and_as_hard_as_the_cell_says(gateway, said):
                 until(lambda: max(map(abs, now().qd_rad_s)) < 1e-3)
             # 1 rad/s at 8 rad/s2 is 0.125 s; at 0.01 it would be 100 s
             assert time.monotonic() - asked < 2.0
-            assert STOPPINGS == [Rung.PROGRAM]
+            assert STOPPINGS == [StopMeans.PROGRAM]
             assert abs(now().q_rad[0] - target[0]) > 0.1
 
 
@@ -367,7 +367,7 @@ def test_the_dashboard_answers_questions_stops_and_nothing_else(gateway):
         assert STOPPINGS == []
         assert said(b"stop") in {"Stopped", "Failed to execute: stop"}
         assert said(b"pause") in {"Pausing program", "Failed to execute: pause"}
-        assert STOPPINGS == [Rung.DASHBOARD, Rung.REGISTERS]
+        assert STOPPINGS == [StopMeans.DASHBOARD, StopMeans.REGISTERS]
         assert said(b"play") == "Failed to execute: play"
         assert said(b"power on") == "Failed to execute: power on"
         assert said(b"unlock protective stop") == "Failed to execute: unlock protective stop"

@@ -10,7 +10,7 @@ from pep.rtde.script.move_path import PathMove, Waypoint
 from pep.rtde.script.statements import NAME, Sleep, StraightLine, TextMessage, WriteOutputDouble, WriteOutputInteger
 from pep.rtde.script.straight_line import MAX_STATEMENTS, MAX_TEXT, STATEMENTS, straight_line
 from pep.rtde.script.urscript import ProgramStream, parse
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
 from tests.sim_controller.cell import upload
 from ursim.ports.script_ports import compile_text
@@ -177,7 +177,7 @@ def test_anything_else_is_unknown(text):
 def test_what_a_statement_may_not_be_given(text, reason):
     for program in (text, f"def a():\n{text}\nend") if "def" not in text and text else (text,):
         found = straight_line(program)
-        assert isinstance(found, Refused)
+        assert isinstance(found, InputRefusal)
         assert found.reason is reason
 
 
@@ -243,6 +243,6 @@ words = st.sampled_from(
 @given(st.one_of(st.text(max_size=80), st.lists(words, max_size=40).map(" ".join)))
 def test_whatever_is_sent_never_raises(text):
     found = straight_line(text)
-    assert isinstance(found, StraightLine | Refused)
+    assert isinstance(found, StraightLine | InputRefusal)
     if isinstance(found, StraightLine):
         parse(found.render())

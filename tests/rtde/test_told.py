@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pep.rtde.wire.client_texts import CUT, TOLD_BYTES, fits, fitted, said, told
 from pep.rtde.wire.codec import Framer, decode_answer, encode_answer
-from pep.rtde.wire.messages import Message
+from pep.rtde.wire.messages import RtdeMessage
 from policies.words.reason_table import REASONS, Reason
 
 pytestmark = pytest.mark.clause("RTDE-17")
@@ -48,6 +48,6 @@ def test_the_reason_is_said_once(reason):
 
 def test_the_longest_is_a_text_message_of_the_wire():
     line = "A" * TOLD_BYTES
-    (frame,) = Framer(0xFFFF).feed(encode_answer(Message(line, "ZTPM", 1), 2))
-    assert decode_answer(frame, 2) == Message(line, "ZTPM", 1)
+    (frame,) = Framer(0xFFFF).feed(encode_answer(RtdeMessage(line, "ZTPM", 1), 2))
+    assert decode_answer(frame, 2) == RtdeMessage(line, "ZTPM", 1)
     assert not fits(line + "A")

@@ -2,11 +2,11 @@
 
 from capabilities.statements import observation
 from capabilities.values.caps import DEFAULT as CAPS
-from pep.perception.sensor_frames import Frame, Frames
+from pep.perception.sensor_frames import SensorFrame, Frames
 from pep.pit import CellParameters, observed
 from pep.rtde.robot.state_receiver import JointState
 from pep.world.cell_stream import CellStream
-from pep.world.held_object import Holding
+from pep.world.held_object import CommittedGrip
 from pep.world.world import CellPhysics
 from tests.pep.kit import CALIBRATION
 from tests.pit.scenes import HOME, ROBOT
@@ -44,7 +44,7 @@ class World(House):
 
     def holding(self):
         """The empty fingers."""
-        return Holding(ROBOT, self.cell)
+        return CommittedGrip(ROBOT, self.cell)
 
     def show(self, *people):
         self.sequence += 1
@@ -58,7 +58,7 @@ class World(House):
             people=tuple(observed(person) for person in people),
             objects=(),
         )
-        assert isinstance(self.frames.admit(observation.sign(seen, self.key).encode()), Frame)
+        assert isinstance(self.frames.admit(observation.sign(seen, self.key).encode()), SensorFrame)
 
     def begin_stream(self, touch):
         return CellStream(holding=self.holding(), cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)

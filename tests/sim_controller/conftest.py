@@ -1,6 +1,6 @@
 import pytest
 from tests.sim_controller.cell import HOME
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -9,7 +9,7 @@ rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not instal
 @pytest.fixture
 def cell():
     """A controller process on an address of its own."""
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller
     assert controller.process.returncode == 0
 

@@ -3,7 +3,7 @@
 import struct
 
 from pep.rtde.wire import primary_frames as f
-from pep.rtde.wire.frame_splitter import LENGTH, Cutter, LengthError
+from pep.rtde.wire.frame_splitter import LENGTH, FrameSplitter, LengthError
 from pep.rtde.wire.messages import WireError, WireFault
 from pep.rtde.wire.primary_state import PARTS, OtherPart
 from pep.rtde.wire.realtime_frames import REALTIME_SIZE, RealtimeState
@@ -13,7 +13,7 @@ class PrimaryFramer:
     """Of 30001 or 30002. Raises `WireError` as `PrimaryCutter`, and for a frame that contradicts itself."""
 
     def __init__(self):
-        self._cutter = f.PrimaryCutter()
+        self._cutter = f.PrimaryFrameSplitter()
 
     def feed(self, received):
         return [decoded(kind, body) for kind, body in self._cutter.feed(received)]
@@ -21,7 +21,7 @@ class PrimaryFramer:
 
 def decoded(kind, body):
     if kind == f.ROBOT_STATE:
-        return f.RobotState(tuple(parts(body)))
+        return f.PrimaryState(tuple(parts(body)))
     return f.decode_message(body) if kind == f.MESSAGE else f.OtherFrame(kind, body)
 
 
@@ -41,7 +41,7 @@ class RealtimeFramer:
     """Of 30003. Raises `WireError` for a length that is not `REALTIME_SIZE`."""
 
     def __init__(self):
-        self._cutter = Cutter(REALTIME_SIZE, REALTIME_SIZE, itself=True)
+        self._cutter = FrameSplitter(REALTIME_SIZE, REALTIME_SIZE, itself=True)
 
     def feed(self, received):
         try:

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pep.rtde.wire import codec as c
 from pep.rtde.wire import messages as m
-from pep.rtde.wire.codec import Frame, Framer, Recipe
-from pep.rtde.wire.messages import Kind, WireError, WireFault
+from pep.rtde.wire.codec import RtdeFrame, Framer, Recipe
+from pep.rtde.wire.messages import FrameKind, WireError, WireFault
 from pep.rtde.wire.variables import INPUTS, LAYOUT, OUTPUTS, VariableType
 
 words = st.lists(st.sampled_from(sorted(OUTPUTS)), min_size=1, max_size=20).map(tuple)
@@ -24,7 +24,7 @@ def requests(protocol):
     return st.one_of(
         st.builds(m.RequestProtocol, st.integers(0, 65535)),
         st.just(m.AskControlVersion()),
-        st.builds(m.Message, short, st.just("") if protocol == 1 else short, byte),
+        st.builds(m.RtdeMessage, short, st.just("") if protocol == 1 else short, byte),
         st.builds(m.SetupOutputs, words, st.none() if protocol == 1 else frequency),
         st.builds(m.SetupInputs, words),
         st.just(m.Start()),
@@ -38,7 +38,7 @@ def answers(protocol):
     return st.one_of(
         st.builds(m.ProtocolAnswer, flag),
         st.builds(m.ControlVersion, *[st.integers(0, 2**32 - 1)] * 4),
-        st.builds(m.Message, short, st.just("") if protocol == 1 else short, byte),
+        st.builds(m.RtdeMessage, short, st.just("") if protocol == 1 else short, byte),
         st.builds(m.OutputsAnswer, types, st.none() if protocol == 1 else byte),
         st.builds(m.InputsAnswer, types, byte),
         st.builds(m.StartAnswer, flag),
@@ -83,7 +83,7 @@ def test_any_bytes_are_messages_or_a_wire_error(protocol, pieces, framed):
     try:
         for piece in pieces:
             if framed:  # a good header over a bad payload reaches further in
-                piece = Frame(list(Kind)[len(piece) % len(Kind)], piece).encode()
+                piece = RtdeFrame(list(FrameKind)[len(piece) % len(FrameKind)], piece).encode()
             for frame in framer.feed(piece):
                 for decode, encode in ((c.decode_request, c.encode_request), (c.decode_answer, c.encode_answer)):
                     try:
@@ -139,31 +139,31 @@ def test_bad_frames(data, code):
 @pytest.mark.parametrize(
     ("kind", "payload", "code"),
     [
-        (Kind.PROTOCOL_VERSION, b"\0", WireFault.PAYLOAD),
-        (Kind.PROTOCOL_VERSION, b"\0\2\0", WireFault.PAYLOAD),
-        (Kind.START, b"\0", WireFault.PAYLOAD),
-        (Kind.VALUES, b"", WireFault.PAYLOAD),
-        (Kind.SETUP_OUTPUTS, b"\0" * 7, WireFault.PAYLOAD),
-        (Kind.SETUP_OUTPUTS, struct.pack(">d", math.nan) + b"a", WireFault.FREQUENCY),
-        (Kind.SETUP_OUTPUTS, struct.pack(">d", 1.0), WireFault.FIELD_LIST),
-        (Kind.SETUP_INPUTS, b"", WireFault.FIELD_LIST),
-        (Kind.SETUP_INPUTS, b",", WireFault.FIELD_LIST),
-        (Kind.SETUP_INPUTS, b"a,,b", WireFault.FIELD_LIST),
-        (Kind.SETUP_INPUTS, b"a,b,,", WireFault.FIELD_LIST),
-        (Kind.SETUP_INPUTS, b"a b", WireFault.FIELD_LIST),
-        (Kind.SETUP_INPUTS, "é".encode(), WireFault.FIELD_LIST),
-        (Kind.SETUP_INPUTS, b"a," * 257, WireFault.FIELD_LIST),
-        (Kind.SETUP_INPUTS, b"a" * 2049, WireFault.FIELD_LIST),
-        (Kind.TEXT, b"\5abc", WireFault.PAYLOAD),
-        (Kind.TEXT, b"\1a\0", WireFault.PAYLOAD),
+        (FrameKind.PROTOCOL_VERSION, b"\0", WireFault.PAYLOAD),
+        (FrameKind.PROTOCOL_VERSION, b"\0\2\0", WireFault.PAYLOAD),
+        (FrameKind.START, b"\0", WireFault.PAYLOAD),
+        (FrameKind.VALUES, b"", WireFault.PAYLOAD),
+        (FrameKind.SETUP_OUTPUTS, b"\0" * 7, WireFault.PAYLOAD),
+        (FrameKind.SETUP_OUTPUTS, struct.pack(">d", math.nan) + b"a", WireFault.FREQUENCY),
+        (FrameKind.SETUP_OUTPUTS, struct.pack(">d", 1.0), WireFault.FIELD_LIST),
+        (FrameKind.SETUP_INPUTS, b"", WireFault.FIELD_LIST),
+        (FrameKind.SETUP_INPUTS, b",", WireFault.FIELD_LIST),
+        (FrameKind.SETUP_INPUTS, b"a,,b", WireFault.FIELD_LIST),
+        (FrameKind.SETUP_INPUTS, b"a,b,,", WireFault.FIELD_LIST),
+        (FrameKind.SETUP_INPUTS, b"a b", WireFault.FIELD_LIST),
+        (FrameKind.SETUP_INPUTS, "é".encode(), WireFault.FIELD_LIST),
+        (FrameKind.SETUP_INPUTS, b"a," * 257, WireFault.FIELD_LIST),
+        (FrameKind.SETUP_INPUTS, b"a" * 2049, WireFault.FIELD_LIST),
+        (FrameKind.TEXT, b"\5abc", WireFault.PAYLOAD),
+        (FrameKind.TEXT, b"\1a\0", WireFault.PAYLOAD),
     ],
 )
 def test_bad_requests(kind, payload, code):
-    assert fault(c.decode_request, Frame(kind, payload), 2) is code
+    assert fault(c.decode_request, RtdeFrame(kind, payload), 2) is code
 
 
 def test_one_trailing_comma_is_allowed():
-    assert c.decode_request(Frame(Kind.SETUP_INPUTS, b"a,b,"), 2) == m.SetupInputs(("a", "b"))
+    assert c.decode_request(RtdeFrame(FrameKind.SETUP_INPUTS, b"a,b,"), 2) == m.SetupInputs(("a", "b"))
 
 
 def test_a_record_of_another_length_fits_no_recipe():

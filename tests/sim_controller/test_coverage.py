@@ -7,7 +7,7 @@ import time
 import pytest
 from pep.rtde.robot.gripper import RobotiqGripper
 from tests.sim_controller.cell import HOME, until
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")
@@ -202,7 +202,7 @@ def test_the_gripper_learns_its_stroke_and_a_stop_ends_that(cell):
 
 
 def test_the_gripper_says_whether_it_holds_something():
-    with Controller.start(joints=HOME, gripper_object_m=0.050) as cell:
+    with SimulatedController.start(joints=HOME, gripper_object_m=0.050) as cell:
         gripper = RobotiqGripper(cell.host)
         asked = {"speed_um_s": 150_000, "force_mn": 20_000, "stopped": lambda: False}
         gripper.activate()
@@ -215,7 +215,7 @@ def test_the_gripper_says_whether_it_holds_something():
 
 
 def test_the_stroke_of_activation_ends_at_what_lies_between_the_fingers():
-    with Controller.start(joints=HOME, gripper_object_m=0.050) as cell:
+    with SimulatedController.start(joints=HOME, gripper_object_m=0.050) as cell:
         widest = []
         assert ask(cell, "SET ACT 1") == "ack"
 

@@ -10,7 +10,7 @@ import time
 
 import pytest
 from tests.sim_controller.cell import HOME, until
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
@@ -75,7 +75,7 @@ def test_servoc_poisons_the_handshake(control, receive):
 @pytest.mark.parametrize("version", ["5.11", "5.22"])
 def test_the_upper_registers_work_below_5_23(version):
     """Defect 3 begins with PolyScope 5.23, which is not simulated."""
-    with Controller.start(joints=HOME, version=version) as cell:
+    with SimulatedController.start(joints=HOME, version=version) as cell:
         control = rtde_control.RTDEControlInterface(
             cell.host,
             500.0,

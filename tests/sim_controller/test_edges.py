@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from pep.rtde.wire import codec as c
 from pep.rtde.wire import messages as m
 from pep.rtde.wire.codec import Recipe
-from pep.rtde.wire.messages import Kind
+from pep.rtde.wire.messages import FrameKind
 from pep.rtde.wire.variables import INPUTS, OUTPUTS, VariableType
 from tests.sim_controller.cell import HOME, until, upload
 from tests.sim_controller.plain import Plain
-from ursim.ports.launch import Controller, LaunchError
+from ursim.ports.launch import SimulatedController, LaunchError
 
 pytestmark = pytest.mark.e2e
 
@@ -27,7 +27,7 @@ DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE, GRIPPER = 29999, 30001, 30002, 30
 @pytest.fixture(scope="module")
 def cell():
     """One controller for all of this: it must survive everything here."""
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller
         assert controller.process.poll() is None
     assert controller.process.returncode == 0
@@ -72,7 +72,7 @@ def test_protocol_one(cell):
 def test_the_trailing_comma_of_ur_rtde(cell):
     with Plain(cell.host) as client:
         payload = struct.pack(">d", 500.0) + b"timestamp,robot_mode,"
-        client.socket.sendall(c.Frame(Kind.SETUP_OUTPUTS, payload).encode())
+        client.socket.sendall(c.RtdeFrame(FrameKind.SETUP_OUTPUTS, payload).encode())
         assert client.next() == m.OutputsAnswer((VariableType.DOUBLE, VariableType.INT32), 1)
 
 
@@ -116,12 +116,14 @@ def test_inputs_are_written_without_a_start_and_a_wrong_length_is_ignored(cell):
         b"\0\4S\0",
         b"\0\3I",
         b"\0\6Ia,,",
-        c.Frame(Kind.SETUP_INPUTS, b"input_int_register_1,input_int_register_1").encode(),
-        c.Frame(Kind.SETUP_OUTPUTS, struct.pack(">d", float("nan")) + b"timestamp").encode(),
-        c.Frame(Kind.SETUP_OUTPUTS, struct.pack(">d", 500.0) + b"timestamp").encode() + b"\0\3S" + b"\0\5V\0\1",
-        c.Frame(Kind.SETUP_OUTPUTS, struct.pack(">d", 500.0) + b"timestamp").encode() * 2
+        c.RtdeFrame(FrameKind.SETUP_INPUTS, b"input_int_register_1,input_int_register_1").encode(),
+        c.RtdeFrame(FrameKind.SETUP_OUTPUTS, struct.pack(">d", float("nan")) + b"timestamp").encode(),
+        c.RtdeFrame(FrameKind.SETUP_OUTPUTS, struct.pack(">d", 500.0) + b"timestamp").encode()
         + b"\0\3S"
-        + c.Frame(Kind.SETUP_OUTPUTS, struct.pack(">d", 500.0) + b"timestamp").encode(),
+        + b"\0\5V\0\1",
+        c.RtdeFrame(FrameKind.SETUP_OUTPUTS, struct.pack(">d", 500.0) + b"timestamp").encode() * 2
+        + b"\0\3S"
+        + c.RtdeFrame(FrameKind.SETUP_OUTPUTS, struct.pack(">d", 500.0) + b"timestamp").encode(),
     ],
 )
 def test_a_broken_protocol_ends_that_connection_alone(cell, sent):
@@ -137,8 +139,8 @@ def test_a_broken_protocol_ends_that_connection_alone(cell, sent):
         st.one_of(
             st.binary(max_size=60),
             st.builds(
-                lambda kind, payload: c.Frame(kind, payload).encode(),
-                st.sampled_from(list(Kind)),
+                lambda kind, payload: c.RtdeFrame(kind, payload).encode(),
+                st.sampled_from(list(FrameKind)),
                 st.binary(max_size=60),
             ),
         ),
@@ -442,7 +444,7 @@ class Answers:
 
 
 def test_the_gripper_closes_in_the_time_its_speed_takes():
-    with Controller.start(joints=HOME, gripper_object_m=0.040) as cell, Answers(cell) as gripper:
+    with SimulatedController.start(joints=HOME, gripper_object_m=0.040) as cell, Answers(cell) as gripper:
         assert gripper.ask("GET STA") == "STA 0"
         assert gripper.ask("SET ACT 1") == "ack"
         assert gripper.ask("GET STA") == "STA 1"
@@ -487,7 +489,7 @@ def test_the_gripper_closes_in_the_time_its_speed_takes():
 
 def test_a_port_that_is_taken_is_named(cell):
     with pytest.raises(LaunchError):
-        Controller.start(host=cell.host)
+        SimulatedController.start(host=cell.host)
     told = subprocess.run(
         [sys.executable, "-m", "ursim", f"--host={cell.host}"], capture_output=True, text=True, timeout=30
     )
@@ -514,7 +516,7 @@ def test_settings_that_cannot_be_are_refused(options):
 
 
 def test_shutdown_ends_the_process_and_timing_is_reported():
-    with Controller.start(joints=HOME) as cell:
+    with SimulatedController.start(joints=HOME) as cell:
         with Lines(cell, DASHBOARD) as client:
             assert client.ask("shutdown") == "Shutting down"
         assert cell.process.wait(10) == 0

@@ -13,7 +13,7 @@ from pep.rtde.wire.variables import VariableType
 from tests.sim_controller.cell import HOME, until
 from tests.sim_controller.plain import Plain
 from ursim.ports.faults import FaultError, Faults
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 from ursim.ports.server import Settings, Simulator
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -41,7 +41,7 @@ class Stream(Plain):
 @pytest.fixture(scope="module")
 def cell():
     """One controller that is mended after every fault."""
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller
     assert controller.process.returncode == 0
 

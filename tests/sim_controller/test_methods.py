@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from tests.sim_controller.cell import HOME, until, upload
 from ursim.motion.arm import UR3E
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 np = pytest.importorskip("numpy")
 pinocchio = pytest.importorskip("pinocchio")
@@ -71,7 +71,7 @@ class Clients:
         self.start()
 
     def start(self):
-        self.cell = cell = Controller.start(joints=HOME, version=VERSION)
+        self.cell = cell = SimulatedController.start(joints=HOME, version=VERSION)
         self.receive = rtde_receive.RTDEReceiveInterface(cell.host)
         self.control = rtde_control.RTDEControlInterface(cell.host)
         self.io = rtde_io.RTDEIOInterface(cell.host)
@@ -830,7 +830,7 @@ def restart_safety(b):
 
 def test_a_shutdown_answers_and_ends():
     """The one method without a row: nothing is left of the controller after it."""
-    with Controller.start(joints=HOME) as cell:
+    with SimulatedController.start(joints=HOME) as cell:
         client = dashboard_client.DashboardClient(cell.host)
         client.connect()
         client.shutdown()

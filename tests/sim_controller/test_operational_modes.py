@@ -5,7 +5,7 @@ import struct
 
 import pytest
 from tests.sim_controller.cell import HOME, until
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 
@@ -21,7 +21,7 @@ NOT_REMOTE = "Command is not allowed due to safety reasons"
 
 @pytest.fixture(scope="module")
 def cell():
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller
     assert controller.process.returncode == 0
 

@@ -19,7 +19,7 @@ from ursim.motion.arm import Arm
 from ursim.motion.dynamics import acceleration
 from ursim.motion.motion import Kinetic
 from ursim.motion.spatial import IDENTITY
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 ARM = Arm.load()
 sixes = st.tuples(*[st.floats(-3.0, 3.0)] * 6)
@@ -70,7 +70,7 @@ def test_the_table_is_the_vendors():
 @pytest.mark.e2e
 @pytest.mark.parametrize("version", ["5.11", "5.22"])
 def test_every_output_of_the_version_and_no_younger_one(version):
-    with Controller.start(joints=HOME, version=version) as cell:
+    with SimulatedController.start(joints=HOME, version=version) as cell:
         with Plain(cell.host) as client:
             told = client.ask(m.AskControlVersion())
             assert f"{told.major}.{told.minor}" == version

@@ -58,8 +58,8 @@ CONTENTS = st.one_of(
     st.builds(f.OtherMessage, st.sampled_from([0, 1, 2, 5, 9, 99]), st.binary(max_size=30)),
 )
 FRAMES = st.one_of(
-    st.builds(f.RobotState, st.lists(PARTS, max_size=9).map(tuple)),
-    st.builds(f.Message, NUMBERS["Q"], NUMBERS["b"], CONTENTS),
+    st.builds(f.PrimaryState, st.lists(PARTS, max_size=9).map(tuple)),
+    st.builds(f.PrimaryMessage, NUMBERS["Q"], NUMBERS["b"], CONTENTS),
     st.builds(f.OtherFrame, st.integers(21, 255), st.binary(max_size=30)),
 )
 
@@ -161,11 +161,11 @@ def test_a_realtime_state_of_another_length_is_refused_at_once():
 
 def test_values_that_do_not_fit_are_refused():
     for frame in (
-        f.Message(0, 0, f.Key(2**31, 0, "", "")),
-        f.Message(0, 0, f.Key(0, 0, "x" * 256, "")),
-        f.RobotState((state.Additional(256, 0, 0),)),
-        f.RobotState((state.Joints(()),)),
-        f.RobotState((state.Cartesian((0.0,) * 5, (0.0,) * 6),)),
+        f.PrimaryMessage(0, 0, f.Key(2**31, 0, "", "")),
+        f.PrimaryMessage(0, 0, f.Key(0, 0, "x" * 256, "")),
+        f.PrimaryState((state.Additional(256, 0, 0),)),
+        f.PrimaryState((state.Joints(()),)),
+        f.PrimaryState((state.Cartesian((0.0,) * 5, (0.0,) * 6),)),
     ):
         with pytest.raises(WireError) as caught:
             f.encode_primary(frame)
@@ -175,5 +175,5 @@ def test_values_that_do_not_fit_are_refused():
 
 
 def test_the_mode_part_has_the_size_that_clients_know_it_by():
-    whole = f.RobotState((state.RobotMode(0, *[False] * 7, 7, 0, 1.0, 1.0, 1.0, 0),))
+    whole = f.PrimaryState((state.RobotMode(0, *[False] * 7, 7, 0, 1.0, 1.0, 1.0, 0),))
     assert struct.unpack_from(">iB", f.encode_primary(whole), 5) == (47, 0)

@@ -14,7 +14,7 @@ from tests.sim_controller.cell import HOME, TICK_S, Bench
 from ursim.motion.arm import Arm
 from ursim.motion.motion import ZERO, Kinetic
 from ursim.motion.spatial import IDENTITY, compose, from_vector, to_frame, to_vector, transpose
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 from ursim.ports.script_ports import compile_text
 from ursim.script.compiler import CompileError, CompileFault
 
@@ -271,7 +271,7 @@ def test_angles_come_back_from_a_rotation_vector():
 def test_urx_finds_its_state_behind_the_greeting_and_its_output_in_it(version):
     """Its way of reading: byte by byte to the first thing that looks like a state below 2000 bytes, in pieces of 1024."""
     with (
-        Controller.start(joints=HOME, version=version) as cell,
+        SimulatedController.start(joints=HOME, version=version) as cell,
         socket.create_connection((cell.host, 30002), 5) as port,
     ):
         held, deadline = b"", 200
@@ -312,7 +312,7 @@ def test_urx_finds_its_state_behind_the_greeting_and_its_output_in_it(version):
 @pytest.mark.e2e
 def test_the_gripper_acknowledges_with_three_bytes():
     """The URCap's preamble reads exactly three, and the Python clients of the gripper compare with exactly `ack`."""
-    with Controller.start(joints=HOME) as cell, socket.create_connection((cell.host, 63352), 5) as gripper:
+    with SimulatedController.start(joints=HOME) as cell, socket.create_connection((cell.host, 63352), 5) as gripper:
         for _ in range(3):
             gripper.sendall(b"SET ACT 0 ATR 0\n")
             assert gripper.recv(1024) == b"ack"

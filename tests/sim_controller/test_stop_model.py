@@ -5,7 +5,7 @@ from pep.pit import CellParameters
 from tests.sim_controller.cell import HOME, TICK_S
 from tests.sim_controller.test_programs import command, finish, ur_rtde
 from ursim.__main__ import _parser
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 from ursim.ports.server import Settings
 
 MODEL = CellParameters()
@@ -53,7 +53,7 @@ def test_a_weaker_stop_is_not(stop):
 
 def test_the_simulator_stops_by_itself_as_the_model_says():
     asked = _parser().parse_args(["--host", "127.0.0.1"])
-    launched = Controller.start.__func__.__kwdefaults__
+    launched = SimulatedController.start.__func__.__kwdefaults__
     assert {
         asked.stop_deceleration,
         Settings("127.0.0.1").stop_deceleration_rad_s2,

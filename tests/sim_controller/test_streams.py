@@ -12,7 +12,7 @@ from pep.rtde.wire.variables import OUTPUTS, VariableType
 from tests.sim_controller.cell import HOME, until
 from tests.sim_controller.framers import PrimaryFramer, RealtimeFramer
 from tests.sim_controller.plain import Plain
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 pytestmark = [pytest.mark.e2e, pytest.mark.xdist_group("cells")]
 
@@ -22,7 +22,7 @@ READ_ONLY = 10
 
 @pytest.fixture(scope="module")
 def cell():
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller
     assert controller.process.returncode == 0
 
@@ -52,7 +52,7 @@ class Reader:
         return self.waiting.pop(0)
 
     def state(self):
-        while not isinstance(frame := self.next(), f.RobotState):
+        while not isinstance(frame := self.next(), f.PrimaryState):
             pass
         return {type(part).__name__: part for part in frame.parts}
 
@@ -61,7 +61,7 @@ class Reader:
 
         def heard():
             frame = self.next()
-            return frame.content if isinstance(frame, f.Message) and isinstance(frame.content, kind) else None
+            return frame.content if isinstance(frame, f.PrimaryMessage) and isinstance(frame.content, kind) else None
 
         return until(heard, deadline_s, pause_s=0)
 
@@ -141,7 +141,7 @@ def test_the_secondary_port_tells_states_alone(cell):
         assert isinstance(client.next().content, f.Version)
         primary.send("def heard():\n sync()\nend\n")
         assert primary.told_of("heard") == f.Key(0, 0, "PROGRAM_XXX_STARTED", "heard")
-        assert all(isinstance(client.next(), f.RobotState) for _ in range(5))
+        assert all(isinstance(client.next(), f.PrimaryState) for _ in range(5))
         assert primary.told(f.Key) == f.Key(0, 0, "PROGRAM_XXX_STOPPED", "heard")
 
 
@@ -236,11 +236,11 @@ def test_a_protocol_that_does_not_exist_is_refused_and_the_old_one_stays(cell):
 
 def test_a_text_from_a_client_is_taken_and_a_broken_frame_is_told_in_one(cell):
     with Plain(cell.host) as client:
-        client.send(m.Message("hello", "a test", 3))
+        client.send(m.RtdeMessage("hello", "a test", 3))
         assert client.ask(m.AskControlVersion()).major == 5
         client.socket.sendall(b"\0\3U")
         told = client.next()
-        assert isinstance(told, m.Message)
+        assert isinstance(told, m.RtdeMessage)
         assert (told.source, told.level) == ("RTDE", 1)
         assert client.next() is None
 

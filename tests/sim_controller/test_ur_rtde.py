@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from tests.sim_controller.cell import HOME, until
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
@@ -266,7 +266,7 @@ def test_clients_connect_quickly(cell):
 
 @pytest.mark.parametrize("version", ["5.15", "5.22"])
 def test_younger_versions(version):
-    with Controller.start(joints=HOME, version=version) as cell:
+    with SimulatedController.start(joints=HOME, version=version) as cell:
         control = rtde_control.RTDEControlInterface(cell.host)
         receive = rtde_receive.RTDEReceiveInterface(cell.host)
         assert control.moveJ([0.1, *HOME[1:]], 1.0, 4.0)

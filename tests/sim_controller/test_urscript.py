@@ -139,18 +139,20 @@ expressions = st.recursive(
         st.builds(t.Unary, st.sampled_from(["-", "+", "not"]), inner),
         st.builds(t.Binary, st.sampled_from(sorted(LEVELS)), inner, inner),
         st.builds(t.Index, st.one_of(names.map(t.Name), inner), st.lists(inner, min_size=1, max_size=2).map(tuple)),
-        st.builds(t.Call, names, st.lists(inner, max_size=2).map(lambda x: tuple(t.Argument(None, v) for v in x))),
-        st.builds(t.Run, names, st.lists(inner, max_size=2).map(lambda x: (t.Argument("k", x[0]),) if x else ())),
+        st.builds(
+            t.FunctionCall, names, st.lists(inner, max_size=2).map(lambda x: tuple(t.Argument(None, v) for v in x))
+        ),
+        st.builds(t.RunThread, names, st.lists(inner, max_size=2).map(lambda x: (t.Argument("k", x[0]),) if x else ())),
     ),
     max_leaves=12,
 )
 statements = st.recursive(
     st.one_of(
         st.builds(t.Assign, st.sampled_from([None, "global", "local"]), names.map(t.Name), expressions),
-        st.builds(t.Evaluate, st.builds(t.Call, names, expressions.map(lambda v: (t.Argument(None, v),)))),
+        st.builds(t.Evaluate, st.builds(t.FunctionCall, names, expressions.map(lambda v: (t.Argument(None, v),)))),
         st.builds(t.Return, st.none() | expressions),
-        st.builds(t.End, st.sampled_from(["kill", "join"]), expressions),
-        st.builds(t.Mark, st.sampled_from(["pass", "halt", "enter_critical", "exit_critical"])),
+        st.builds(t.EndThread, st.sampled_from(["kill", "join"]), expressions),
+        st.builds(t.KeywordStatement, st.sampled_from(["pass", "halt", "enter_critical", "exit_critical"])),
         st.builds(t.Declare, st.sampled_from(["global", "local"]), names),
     ),
     lambda inner: st.one_of(

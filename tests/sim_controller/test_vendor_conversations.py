@@ -11,7 +11,7 @@ import struct
 import time
 
 import pytest
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 
 pytestmark = pytest.mark.e2e
 
@@ -32,7 +32,7 @@ FORMATS = {
 
 @pytest.fixture(scope="module")
 def cell():
-    with Controller.start(joints=HOME) as controller:
+    with SimulatedController.start(joints=HOME) as controller:
         yield controller
     assert controller.process.returncode == 0
 

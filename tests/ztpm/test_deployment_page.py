@@ -20,7 +20,7 @@ from pep.base.operations import MOVE_JOINT
 from pep.rtde.robot.connections import PORTS
 from pep.rtde.robot.gripper import PORT as GRIPPER_PORT
 from tests.pit.test_calibration import ARMS, spelled
-from ursim.ports.launch import Controller
+from ursim.ports.launch import SimulatedController
 from ztpm.base.layout import new_key
 from ztpm.cell import survey
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
@@ -120,7 +120,7 @@ def test_the_scope_is_one_for_the_first_move():
 @pytest.mark.e2e
 @pytest.mark.timeout(60)
 def test_the_first_program_moves_the_arm():
-    with Controller.start(joints=LEFT) as robot:
+    with SimulatedController.start(joints=LEFT) as robot:
         ran = subprocess.run(
             [sys.executable, "-c", PROGRAM, robot.host], capture_output=True, text=True, timeout=30, check=True
         )

@@ -11,7 +11,7 @@ import pytest
 import uvicorn
 from capabilities.keys import keys
 from pep.base.clock import SystemClock
-from pep.rtde.lease.lease import Ending
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.robot.connections import PORTS
 from policies.words.reason_table import REASONS, Reason
 from tests.pep.kit import AUDIENCE, HOST, PORT, Rig
@@ -93,7 +93,7 @@ def test_a_program_finds_the_robot_and_its_status_is_told(tmp_path):
         ended = await lend(await door.lease(), host, program(ASKS + "sys.exit(5)"), begun=nothing, told=unheard)
         assert (ended.early, ended.status) == (None, 5)
         await until(lambda: len(door.house.over) == 2)
-        assert {why for _, why in door.house.over} == {Ending.CLOSED}
+        assert {why for _, why in door.house.over} == {LeaseEnding.CLOSED}
         assert vacant(host)
 
     served(scenario, tmp_path)
@@ -137,9 +137,9 @@ def test_a_lease_that_ends_first_closes_the_programs_connections_and_is_told(tmp
             lend(await door.lease(), host, program(STAYS, "0.2"), begun=nothing, told=unheard)
         )
         await until(lambda: any(line.heard == b"hello" for line in door.house.robot.lines))
-        door.house.port.end(Ending.AUTHORITY)
+        door.house.port.end(LeaseEnding.AUTHORITY)
         ended = await running
-        assert (ended.early, ended.status) == (Ending.AUTHORITY, 7)
+        assert (ended.early, ended.status) == (LeaseEnding.AUTHORITY, 7)
 
     served(scenario, tmp_path)
 

@@ -12,12 +12,12 @@ from ztpm.base.peer import owner_of
 from ztpm.status.decisions import Decided, Decisions, OpenAsk
 from ztpm.status.markup import Markup, tag, text
 from ztpm.status.page import render
-from ztpm.status.picture import Known, Part, Picture
+from ztpm.status.picture import Known, Part, Snapshot
 from ztpm.status.server import StatusError, StatusServer
 
 HOST = "127.77.0.11"
 EVIL = "<script>alert(1)</script>\"'&\x1b[2J"
-PICTURE = Picture(
+PICTURE = Snapshot(
     at_ms=1_700_000_000_000,
     data="/cell",
     issuer="http://127.77.0.11:8700/ztpm",

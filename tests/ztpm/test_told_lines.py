@@ -4,7 +4,7 @@ import threading
 
 from hypothesis import given
 from hypothesis import strategies as st
-from ztpm.program.refusal_lines import DIFFERENT, NAME, SECOND_S, WAITING, Repeats, ToldLines
+from ztpm.program.refusal_lines import DIFFERENT, NAME, SECOND_S, WAITING, Repeats, RefusalLines
 
 BUSY, DENIED = "BUSY: one", "NOT_GRANTED: two"
 
@@ -59,7 +59,7 @@ def test_no_line_comes_twice_in_a_second_and_every_text_counts(told):
 
 def test_what_was_told_is_written_before_it_is_left():
     lines = []
-    with ToldLines(lines.append) as told:
+    with RefusalLines(lines.append) as told:
         for _ in range(3):
             told.tell(BUSY)
     assert lines == [f"{NAME}: {BUSY}", f"{NAME}: {BUSY} (2 more)"]
@@ -74,7 +74,7 @@ def test_who_tells_does_not_wait_for_who_reads():
         nobody.wait(30)
 
     def tells():
-        with ToldLines(stuck) as told:
+        with RefusalLines(stuck) as told:
             told.tell(BUSY)
             begun.wait(10)
             for n in range(2 * WAITING):
@@ -96,7 +96,7 @@ def test_a_count_is_said_when_its_second_is_over():
         if "more" in line:
             seen.set()
 
-    with ToldLines(write) as told:
+    with RefusalLines(write) as told:
         told.tell(BUSY)
         told.tell(BUSY)
         assert seen.wait(10), "though nothing else comes"

@@ -21,8 +21,8 @@ from tests.pep import kit
 from tests.pep.forwarding import DOOR, GATEWAY_PORT, URL, House, listening
 from tests.pep.kit import AUDIENCE, HOST, MOVE, PORT
 from tests.pep.test_mcp import call_body
-from ztpm.point.tool_proxy import ToolDoor
-from ztpm.point.tool_proxy_config import DoorConfig, read_door_config
+from ztpm.point.tool_proxy import ToolProxy
+from ztpm.point.tool_proxy_config import ToolProxyConfig, read_door_config
 
 ISSUER_PORT = PORT - 1
 PASSPHRASE = "secret words"
@@ -59,7 +59,7 @@ def toml(**changes):
 
 
 def test_the_good_one():
-    config = DoorConfig.from_toml(toml())
+    config = ToolProxyConfig.from_toml(toml())
     assert (config.gateway_url, config.port, config.policy) == (URL, PORT, "paper-default")
 
 
@@ -67,7 +67,7 @@ def test_the_good_one():
 def test_nothing_may_be_missing_or_of_another_type(key):
     for value in (None, "[]", "true", '""'):
         with pytest.raises(ConfigError) as raised:
-            DoorConfig.from_toml(toml(**{key: value}))
+            ToolProxyConfig.from_toml(toml(**{key: value}))
         assert raised.value.code is PepFault.CONFIG_INVALID
         assert raised.value.detail.startswith(key)
 
@@ -86,13 +86,13 @@ BAD = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_ones(name):
     with pytest.raises(ConfigError) as raised:
-        DoorConfig.from_toml(toml(**BAD[name]))
+        ToolProxyConfig.from_toml(toml(**BAD[name]))
     assert raised.value.code is PepFault.CONFIG_INVALID
     assert raised.value.detail.startswith(next(iter(BAD[name])))
 
 
 def test_a_gateway_on_another_machine_is_reached_by_tls():
-    config = DoorConfig.from_toml(toml(gateway_url='"https://robot.example/calls"'))
+    config = ToolProxyConfig.from_toml(toml(gateway_url='"https://robot.example/calls"'))
     assert config.gateway_url == "https://robot.example/calls"
 
 
@@ -243,7 +243,7 @@ def test_what_an_earlier_process_passed_on_is_not_passed_on_again(surroundings):
     name = "ab" * 32
 
     def made():
-        return ToolDoor(
+        return ToolProxy(
             read_door_config(cell.config),
             trust=cell.trust,
             key=cell.door_key,

@@ -25,7 +25,7 @@ class LaunchError(RuntimeError):
     """The controller did not become ready; the message holds what it said."""
 
 
-class Controller:
+class SimulatedController:
     """A running controller process; leaving the `with` block ends it.
 
     Attributes:
@@ -49,7 +49,7 @@ class Controller:
         gripper_object_m: float | None = None,
         tcp_m: Sequence[float] | None = None,
         payload: Sequence[float] | None = None,
-    ) -> Controller:
+    ) -> SimulatedController:
         """A controller that is ready to be connected to.
 
         Args:

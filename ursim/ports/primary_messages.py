@@ -26,7 +26,7 @@ _NONE: Final = (0.0, 0.0, 0.0)
 
 
 def _message(content: f.Content) -> bytes:
-    return f.encode_primary(f.Message(time.time_ns() // 1000, SOURCE, content))
+    return f.encode_primary(f.PrimaryMessage(time.time_ns() // 1000, SOURCE, content))
 
 
 def version_message(version: ControlVersion) -> bytes:
@@ -119,7 +119,7 @@ def state_message(robot: Robot) -> bytes:
         state.Force(robot.tool_force(), 0.0),
         state.Additional(0, 0, 0),
     )
-    return f.encode_primary(f.RobotState(parts))
+    return f.encode_primary(f.PrimaryState(parts))
 
 
 def realtime_message(robot: Robot) -> bytes:

@@ -11,14 +11,14 @@ from pep.rtde.wire.codec import HEADER, Framer, Recipe, decode_request, encode_a
 from pep.rtde.wire.messages import (
     AskControlVersion,
     ControlVersion,
+    FrameKind,
     InputsAnswer,
-    Kind,
-    Message,
     OutputsAnswer,
     Pause,
     PauseAnswer,
     ProtocolAnswer,
     RequestProtocol,
+    RtdeMessage,
     SetupInputs,
     SetupOutputs,
     Start,
@@ -51,7 +51,7 @@ class _Stream:
         self._wide = [kind in WIDTH for kind in recipe.types]
         self._recipe = recipe
         self._lead = b"" if number is None else bytes([number])
-        self._head = struct.pack(">HB", HEADER + len(self._lead) + recipe.size, Kind.VALUES) + self._lead
+        self._head = struct.pack(">HB", HEADER + len(self._lead) + recipe.size, FrameKind.VALUES) + self._lead
         self._per_tick = min(frequency_hz, RATE_HZ) / RATE_HZ if frequency_hz > 0.0 else 1.0  # ur_rtde asks -1: all
         self._first: int | None = None
         self._sent = -1
@@ -121,7 +121,7 @@ class RtdeServer:
                 for frame in framer.feed(received):
                     self._answer(client, decode_request(frame, client.protocol))
         except (WireError, _Refusal) as error:
-            connection.send(encode_answer(Message(str(error)[:200], "RTDE", 1), client.protocol))
+            connection.send(encode_answer(RtdeMessage(str(error)[:200], "RTDE", 1), client.protocol))
         finally:
             self._leave(client)
 
@@ -151,7 +151,7 @@ class RtdeServer:
         match request:
             case Values(recipe, packed):
                 self._write(client, recipe or 0, packed)
-            case Message():
+            case RtdeMessage():
                 pass
             case RequestProtocol(version):
                 accepted = version in (1, 2)

@@ -221,19 +221,19 @@ class _Writer:
                 self.block(body, level + 1)
             case t.Return(value):
                 self.put(level, "return" if value is None else f"return C({self.value(value)})")
-            case t.End("kill", thread):
+            case t.EndThread("kill", thread):
                 self.put(level, f"R.kill({self.value(thread)})")
-            case t.End("join", thread):
+            case t.EndThread("join", thread):
                 self.put(level, f"yield from R.join({self.value(thread)})")
-            case t.End():
+            case t.EndThread():
                 raise AssertionError(statement)
-            case t.Mark("halt"):
+            case t.KeywordStatement("halt"):
                 self.put(level, "R.halt()")
-            case t.Mark("enter_critical"):
+            case t.KeywordStatement("enter_critical"):
                 self.put(level, "R.enter()")
-            case t.Mark("exit_critical"):
+            case t.KeywordStatement("exit_critical"):
                 self.put(level, "R.leave()")
-            case t.Mark(word):
+            case t.KeywordStatement(word):
                 self.put(level, word)
             case _:
                 assert_never(statement)
@@ -281,9 +281,9 @@ class _Writer:
                 return f"b_get_digital_out({self.value(index)})"
             case t.Index(base, indices):
                 return f"{self.value(base)}[{', '.join(map(self.value, indices))}]"
-            case t.Call(function, arguments, line):
+            case t.FunctionCall(function, arguments, line):
                 return self.call(function, arguments, line)
-            case t.Run(function, arguments, line):
+            case t.RunThread(function, arguments, line):
                 definition = self.definitions.get(function)
                 if definition is None or definition.kind != "thread":
                     raise CompileError(CompileFault.FUNCTION_UNKNOWN, line, f"there is no thread {function}")

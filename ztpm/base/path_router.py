@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Receive, Scope, Send
 
 
-class ByPath:
+class PathRouter:
     """The app of a request's path.
 
     Args:

@@ -16,7 +16,7 @@ from capabilities.statements.revocation import NEVER_MS
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-    from pep.provider.feed import Follower
+    from pep.provider.feed import ProviderFollower
 
 
 async def serve_reports(report: Callable[[], Awaitable[dict[str, object]]]) -> None:
@@ -38,7 +38,7 @@ async def serve_reports(report: Callable[[], Awaitable[dict[str, object]]]) -> N
             sys.stdout.flush()
 
 
-def view_of(follower: Follower) -> dict[str, object]:
+def view_of(follower: ProviderFollower) -> dict[str, object]:
     """Epoch and age of the revocation view; None while there is none."""
     view = follower.view()
     return {"epoch": None, "age_ms": None} if view.age_ms >= NEVER_MS else {"epoch": view.epoch, "age_ms": view.age_ms}

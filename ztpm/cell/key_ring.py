@@ -17,14 +17,14 @@ from ztpm.base.layout import LayoutError, new_key, read_key, replace_private
 
 if TYPE_CHECKING:
     from capabilities.keys.windows import Role
-    from capabilities.rotation.rotation import KeyRing, Refused
+    from capabilities.rotation.rotation import KeyRing, RotationRefused
     from ztpm.base.layout import Layout
 
 
-class Step(Protocol):
+class RotationStep(Protocol):
     """A step of `capabilities.rotation.rotation` on one key."""
 
-    def __call__(self, ring: KeyRing, id_: str, *, at: int) -> KeyRing | Refused:
+    def __call__(self, ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
         """The ring after it."""
         ...
 
@@ -45,7 +45,9 @@ def read(layout: Layout) -> KeyRing:
     return ring_from_json(layout.key_ring.read_bytes())
 
 
-def prepare(layout: Layout, role: Role, algorithm: keys.Algorithm, *, passphrase: bytes, at: int) -> KeyRing | Refused:
+def prepare(
+    layout: Layout, role: Role, algorithm: keys.Algorithm, *, passphrase: bytes, at: int
+) -> KeyRing | RotationRefused:
     """A further key of a role is made, encrypted under the passphrase that opens the key that signs now.
 
     Args:
@@ -69,14 +71,14 @@ def prepare(layout: Layout, role: Role, algorithm: keys.Algorithm, *, passphrase
     path = layout.idp_key(f"{rotation.ID_STEM[role]}-{number}")
     # Asked with a key that is thrown away, so that no file is made for a step that is refused.
     asked = rotation.prepare(ring, role, keys.public_raw(keys.generate(algorithm)), at=at)
-    if isinstance(asked, rotation.Refused):
+    if isinstance(asked, rotation.RotationRefused):
         return asked
     path.unlink(missing_ok=True)  # of a step that was cut off: no ring names it
     made = new_key(path, passphrase, algorithm)
     return _written(layout, rotation.prepare(ring, role, keys.public_raw(made), at=at))
 
 
-def step(layout: Layout, verb: Step, id_: str, *, at: int) -> KeyRing | Refused:
+def step(layout: Layout, verb: RotationStep, id_: str, *, at: int) -> KeyRing | RotationRefused:
     """A key is activated, tainted or revoked. What is revoked loses no file: the operator may want to show it.
 
     Raises:
@@ -86,7 +88,7 @@ def step(layout: Layout, verb: Step, id_: str, *, at: int) -> KeyRing | Refused:
     return _written(layout, verb(read(layout), id_, at=at))
 
 
-def renew(layout: Layout, *, at: int) -> KeyRing | Refused:
+def renew(layout: Layout, *, at: int) -> KeyRing | RotationRefused:
     """The trust bundle of the same keys holds for its whole life from now on.
 
     Raises:
@@ -96,8 +98,8 @@ def renew(layout: Layout, *, at: int) -> KeyRing | Refused:
     return _written(layout, rotation.renew(read(layout), at=at))
 
 
-def _written(layout: Layout, answer: KeyRing | Refused) -> KeyRing | Refused:
-    if isinstance(answer, rotation.Refused):
+def _written(layout: Layout, answer: KeyRing | RotationRefused) -> KeyRing | RotationRefused:
+    if isinstance(answer, rotation.RotationRefused):
         return answer
     replace_private(layout.key_ring, ring_to_json(answer))
     replace_private(layout.trust, answer.bundle(DEFAULT).to_json())

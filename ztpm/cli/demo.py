@@ -13,7 +13,7 @@ from rich.table import Table
 from ztpm.cli.output import FAILURE, console, say_json
 
 if TYPE_CHECKING:
-    from ztpm.demo.run import Told
+    from ztpm.demo.run import StepReport
 
 
 def demo(
@@ -26,7 +26,7 @@ def demo(
     from ztpm.stage.live import stage
 
     started = time.perf_counter()
-    told: list[Told] = []
+    told: list[StepReport] = []
     if as_json:
         with stage() as on_stage:
             told.extend(play(on_stage, step) for step in STORY.steps)
@@ -54,14 +54,14 @@ def _median(values: list[float]) -> float | None:
     return round(sorted(values)[len(values) // 2], 1) if values else None
 
 
-def _rounded(step: Told) -> dict[str, object]:
+def _rounded(step: StepReport) -> dict[str, object]:
     return {**asdict(step), "latency_ms": round(step.latency_ms, 1), "moved_rad": round(step.moved_rad, 4)}
 
 
 COLOURS = {"PERMIT": "green", "DENY": "red", "DEFER": "yellow", "DONE": "blue"}
 
 
-def _table(told: list[Told]) -> Table:
+def _table(told: list[StepReport]) -> Table:
     table = Table(expand=True, show_lines=False, box=None, pad_edge=False)
     for heading, justify in (
         ("", "left"),

@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from capabilities.rotation.rotation import KeyRecord, KeyRing, Refused
+    from capabilities.rotation.rotation import KeyRecord, KeyRing, RotationRefused
     from ztpm.base.layout import Layout
-    from ztpm.cell.key_ring import Step
+    from ztpm.cell.key_ring import RotationStep
 
 app = typer.Typer(no_args_is_help=True, help="The identity provider's keys: list, prepare, activate, taint, revoke.")
 
 KeyId = Annotated[str, typer.Argument(metavar="KEY", help="As `ztpm keys list` shows it, e.g. root-2.")]
 
 
-class Of(StrEnum):
+class KeyRole(StrEnum):
     """The roles, as people say them."""
 
     ROOT = "root"
@@ -73,7 +73,7 @@ def list_(*, directory: CellDirectory = None, as_json: Json = False) -> None:
 
 @app.command("prepare")
 def prepare(
-    role: Annotated[Of, typer.Argument(help="What the key will sign.")],
+    role: Annotated[KeyRole, typer.Argument(help="What the key will sign.")],
     *,
     algorithm: Annotated[
         Curve, typer.Option(help="Root and attester keys are Ed25519 in this version.")
@@ -89,7 +89,7 @@ def prepare(
 
     layout = layout_of(directory, as_json=as_json)
     chosen = keys.Algorithm.P256 if algorithm is Curve.P256 else keys.Algorithm.ED25519
-    if algorithm is Curve.P256 and role in {Of.ROOT, Of.ATTESTER}:
+    if algorithm is Curve.P256 and role in {KeyRole.ROOT, KeyRole.ATTESTER}:
         fail("ALGORITHM", "what signs tokens is an Ed25519 key in this version", as_json=as_json, status=USAGE)
     passphrase = ask_passphrase(new=False, as_json=as_json)
     with _failures(as_json=as_json), _alone(layout, as_json=as_json):
@@ -131,18 +131,18 @@ def renew(*, directory: CellDirectory = None, as_json: Json = False) -> None:
         _tell(key_ring.renew(layout, at=int(time.time())), "", layout.trust, as_json=as_json)
 
 
-def _step(verb: Step, id_: str, layout: Layout, *, as_json: bool) -> None:
+def _step(verb: RotationStep, id_: str, layout: Layout, *, as_json: bool) -> None:
     from ztpm.cell import key_ring
 
     with _failures(as_json=as_json), _alone(layout, as_json=as_json):
         _tell(key_ring.step(layout, verb, id_, at=int(time.time())), id_, layout.trust, as_json=as_json)
 
 
-def _tell(answer: KeyRing | Refused, id_: str | None, trust: Path, *, as_json: bool) -> None:
+def _tell(answer: KeyRing | RotationRefused, id_: str | None, trust: Path, *, as_json: bool) -> None:
     """What was done to the key of this name; None: to the last one, "": to none."""
-    from capabilities.rotation.rotation import Refused
+    from capabilities.rotation.rotation import RotationRefused
 
-    if isinstance(answer, Refused):
+    if isinstance(answer, RotationRefused):
         fail(str(answer.why), answer.detail, as_json=as_json, status=DENY)
     record = answer.records[-1] if id_ is None else answer.find(id_)
     described = {**_described(answer), "trust_file": str(trust)}

@@ -104,7 +104,7 @@ def verify(
     With --scene and --motion the proof must also be of the question that these files ask.
     """
     from pep.pit.base.errors import PitError
-    from pep.pit.checker import Refused
+    from pep.pit.checker import Unverified
     from pep.pit.checker import verify as checked
     from ztpm.pit import Arm
 
@@ -114,7 +114,7 @@ def verify(
         verdict = checked(proof.read_bytes())
     except OSError as error:
         fail("UNREADABLE", f"{proof}: {type(error).__name__}", as_json=as_json, status=USAGE)
-    if isinstance(verdict, Refused):
+    if isinstance(verdict, Unverified):
         fail(str(verdict.code), verdict.place, as_json=as_json, status=DENY)
     if scene is not None and motion is not None:
         question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)

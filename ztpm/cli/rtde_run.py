@@ -15,7 +15,7 @@ from ztpm.cli.person import CellDirectory, Json, layout_of
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from ztpm.program.program_lease import Ended
+    from ztpm.program.program_lease import LeaseOutcome
 
 Gateway = Annotated[str, typer.Option(help="URL of the gateway's door (default: of the cell's own gateway).")]
 Audience = Annotated[str, typer.Option(help="Canonical URL of the cell, as the token names it (default: its own).")]
@@ -99,11 +99,11 @@ def _lent(
     address: str,
     directory: Path | None,
     as_json: bool,
-) -> Ended:
+) -> LeaseOutcome:
     import asyncio
 
     from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
-    from ztpm.program.refusal_lines import ToldLines, on_standard_error
+    from ztpm.program.refusal_lines import RefusalLines, on_standard_error
 
     text = read_token(token, as_json=as_json)
     key = key_of(agent, directory=directory, as_json=as_json)
@@ -119,7 +119,7 @@ def _lent(
         place = place_of(layout_of(directory, as_json=as_json), door=door, audience=audience, pep=pep)
         host = address or free_address()
         leased = open_lease(place.door, text, begin_lease(place, text, key))
-        with ToldLines(on_standard_error) as lines:
+        with RefusalLines(on_standard_error) as lines:
             return asyncio.run(lend(leased, host, command, begun=lambda: begun(host), told=lines.tell))
     except LeaseError as error:
         status = DENY if error.refused else USAGE if error.code in MISPLACED else FAILURE

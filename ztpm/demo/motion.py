@@ -6,7 +6,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Self
 
-from ztpm.stage.samples import Eyes
+from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import ACCELERATION_RAD_S2, WAIT_S, StageError, until
 from ztpm.stage.stopping import read_stop
 
@@ -32,7 +32,7 @@ class Motion:
     def __init__(
         self, stage: Stage, agent: str, *, to: tuple[float, ...], speed: float, token: str | None = None
     ) -> None:
-        self._eyes = Eyes(stage.cell.addresses.host)
+        self._eyes = StateRecorder(stage.cell.addresses.host)
         self._began_s = time.monotonic()
         self._caller = ThreadPoolExecutor(1, "call")
         self._start = self._eyes.now().q_rad

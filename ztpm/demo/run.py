@@ -38,7 +38,7 @@ class Expect:
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class StepObservation:
     """What a step did and saw.
 
     Attributes:
@@ -55,13 +55,13 @@ class Seen:
     ok: bool = True
 
     @classmethod
-    def answer(cls, told: str, answer: Answer, *, ok: bool = True) -> Seen:
+    def answer(cls, told: str, answer: Answer, *, ok: bool = True) -> StepObservation:
         """What an answer from the tool server says."""
         return cls(told, answer.decision, answer.reason, answer.tier, answer.latency_ms, ok)
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class StoryStep:
     """One step of the story: its id, what it must show, how it is done, what it needs first, how it is set up.
 
     What `prepare` moves and decides is no part of what the step shows.
@@ -69,13 +69,13 @@ class Step:
 
     id: str
     expect: Expect
-    play: Callable[[Stage], Seen]
+    play: Callable[[Stage], StepObservation]
     needs: tuple[str, ...] = ()
     prepare: Callable[[Stage], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class StepReport:
     """One played step, as reported."""
 
     id: str
@@ -92,7 +92,7 @@ class Told:
 class Story:
     """The steps, in order."""
 
-    steps: list[Step] = field(default_factory=list)
+    steps: list[StoryStep] = field(default_factory=list)
 
     def step(
         self,
@@ -101,16 +101,16 @@ class Story:
         *,
         needs: tuple[str, ...] = (),
         prepare: Callable[[Stage], None] | None = None,
-    ) -> Callable[[Callable[[Stage], Seen]], Callable[[Stage], Seen]]:
+    ) -> Callable[[Callable[[Stage], StepObservation]], Callable[[Stage], StepObservation]]:
         """Adds a step."""
 
-        def add(play: Callable[[Stage], Seen]) -> Callable[[Stage], Seen]:
-            self.steps.append(Step(name, expect, play, needs, prepare))
+        def add(play: Callable[[Stage], StepObservation]) -> Callable[[Stage], StepObservation]:
+            self.steps.append(StoryStep(name, expect, play, needs, prepare))
             return play
 
         return add
 
-    def only(self, names: frozenset[str] | None) -> list[Step]:
+    def only(self, names: frozenset[str] | None) -> list[StoryStep]:
         """The named steps and what they need, in order; all of them for None."""
         if names is None:
             return self.steps
@@ -124,7 +124,7 @@ class Story:
         return [step for step in self.steps if step.id in wanted]
 
 
-def play(on_stage: Stage, step: Step) -> Told:
+def play(on_stage: Stage, step: StoryStep) -> StepReport:
     """The step, played and judged. An exception is a step that is not as told."""
     started = time.perf_counter()
     try:
@@ -138,7 +138,7 @@ def play(on_stage: Stage, step: Step) -> Told:
         until(lambda: on_stage.still, "standstill")
     except Exception as error:  # noqa: BLE001 - the story goes on, and says what happened
         elapsed = (time.perf_counter() - started) * 1e3
-        return Told(
+        return StepReport(
             step.id, f"{type(error).__name__}: {error}"[:400], "NONE", "STEP_FAILED", None, elapsed, 0.0, ok=False
         )
     moved = max(abs(now - then) for now, then in zip(on_stage.joints, before, strict=True))
@@ -154,7 +154,7 @@ def play(on_stage: Stage, step: Step) -> Told:
         and expect.tier in (None, seen.tier)
         and (moved > MOVED_RAD) == expect.moves
     )
-    return Told(step.id, seen.told, seen.decision, seen.reason, seen.tier, seen.latency_ms, moved, ok)
+    return StepReport(step.id, seen.told, seen.decision, seen.reason, seen.tier, seen.latency_ms, moved, ok)
 
 
 def _verdict(row: dict[str, Any]) -> tuple[object, object]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.scene import Shape, Vector
     from policies.evidence.evidence import Contribution
-    from ztpm.picture.postures import Nearest, Part, Posture
+    from ztpm.picture.postures import Nearest, Posture, PostureCapsule
 
 STEPS: Final = 48
 """Instants that are drawn, start and end included; those of the witnesses are added."""
@@ -181,7 +181,7 @@ def _witness(
     return Witness(told, row, min(near, key=lambda n: n.clearance_m)) if near else None
 
 
-def _to_face(part: Part, low: Vector, high: Vector) -> Nearest:
+def _to_face(part: PostureCapsule, low: Vector, high: Vector) -> Nearest:
     """The part's point that is nearest to a face of the workspace, or farthest beyond one."""
     from ztpm.picture.postures import Nearest
 

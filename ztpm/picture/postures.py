@@ -38,13 +38,13 @@ if TYPE_CHECKING:
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.scene import Shape, Vector
-    from pep.pit.search.timed_course import Drive
+    from pep.pit.search.timed_course import TimedCourse
 
 APART_M: Final = 1e-9  # float64 rounding: nearer than this there is no direction, and the axes cross
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class PostureCapsule:
     """A capsule of the robot in the base frame: its name, its link (0 is the base), both ends and the radius, m."""
 
     name: str
@@ -60,7 +60,7 @@ class Posture:
 
     t_s: float
     q_rad: tuple[float, ...]
-    parts: tuple[Part, ...]
+    parts: tuple[PostureCapsule, ...]
     tcp_m: Vector
 
 
@@ -82,7 +82,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class MotionPostures:
     """A motion as its stretches, one after the other; none for what has nothing to do with the arm."""
 
     robot: Robot
@@ -118,12 +118,13 @@ class Route:
             return _vector(rotation[link] @ np.array(point) + origin[link])
 
         parts = tuple(
-            Part(c.name, c.link, placed(c.link, c.a_m), placed(c.link, c.b_m), c.radius_m) for c in self.robot.capsules
+            PostureCapsule(c.name, c.link, placed(c.link, c.a_m), placed(c.link, c.b_m), c.radius_m)
+            for c in self.robot.capsules
         )
         return Posture(t_s, tuple(q.tolist()), parts, placed(len(self.robot.model.joints), self.robot.tool.tcp_m))
 
 
-def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_age_s: float) -> Route:
+def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_age_s: float) -> MotionPostures:
     """The way of the arm.
 
     Args:
@@ -151,7 +152,7 @@ def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_a
             stretches = []
         case _:
             assert_never(motion)
-    return Route(robot, tuple(stretches))
+    return MotionPostures(robot, tuple(stretches))
 
 
 def _unhurried() -> None:
@@ -166,7 +167,7 @@ def _straight(run: Run) -> Stretch:
     return Stretch(profile.duration_s, lambda t: np.asarray(start + profile.at(t)[0] * way))
 
 
-def _driven(start: Joints, drive: Drive | Nowhere) -> Stretch:
+def _driven(start: Joints, drive: TimedCourse | Nowhere) -> Stretch:
     if isinstance(drive, Nowhere):
         return _still(start)
     course, profile = drive.course, drive.profile
@@ -177,7 +178,7 @@ def _still(q: Joints) -> Stretch:
     return Stretch(0.0, lambda _: np.array(q))
 
 
-def nearest(part: Part, shape: Shape) -> Nearest:
+def nearest(part: PostureCapsule, shape: Shape) -> Nearest:
     """Where the two surfaces are nearest."""
     a, b = np.array([part.a_m]), np.array([part.b_m])
     match shape:

@@ -21,7 +21,7 @@ from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.digital_outputs import DigitalOutputs
 from pep.rtde.robot.speed_slider import SpeedSlider
 from pep.watch.governor import Pacing
-from pep.watch.watch import Limits
+from pep.watch.watch import WatchAges
 from ztpm.point.robot import committed
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class ArmTools:
                 watch,
                 remaining=physics,
                 views=point.frames,
-                limits=Limits.of(point.cell),
+                limits=WatchAges.of(point.cell),
                 clock=point.clock,
                 submit=judging.submit,
             ),

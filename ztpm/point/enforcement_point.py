@@ -27,8 +27,8 @@ from pep.base.errors import PepError, PepFault
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
 from pep.mcp.deadline import DeadlineProtocol
-from pep.provider.feed import Follower, MarkFile
-from pep.provider.journal_shipper import Shipper
+from pep.provider.feed import FeedMarkFile, ProviderFollower
+from pep.provider.journal_shipper import JournalShipper
 from pep.request.authority import Authority
 from ztpm.base.incidents import Incidents
 from ztpm.base.report_server import serve_reports, view_of
@@ -58,7 +58,7 @@ CONNECTIONS: Final = 64
 """Callers at once; a cell has a handful of agents. The next are told 503."""
 
 
-class Opened(TypedDict):
+class EnforcementInputs(TypedDict):
     """What an enforcement point is made with besides its configuration: read, verified and in force."""
 
     trust: TrustBundle
@@ -67,7 +67,7 @@ class Opened(TypedDict):
     http: httpx2.AsyncClient
 
 
-def opened(config: PointConfig) -> Opened:
+def opened(config: PointConfig) -> EnforcementInputs:
     """What the configuration names.
 
     Raises:
@@ -75,7 +75,7 @@ def opened(config: PointConfig) -> Opened:
     """
     policies, trust, key = read_policies(config), read_trust(config), read_key(config)
     check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
-    return Opened(trust=trust, key=key, policies=policies, http=direct_http.async_client())
+    return EnforcementInputs(trust=trust, key=key, policies=policies, http=direct_http.async_client())
 
 
 class _Server(uvicorn.Server):
@@ -113,17 +113,17 @@ class EnforcementPoint:
         self.http = http
         self.ended = asyncio.Event()
         self.incidents = Incidents(self.clock)
-        self.follower = Follower(
+        self.follower = ProviderFollower(
             self.http,
             issuer=config.issuer,
             audience=config.audience,
             trust=trust,
             caps=CAPS,
             clock=self.clock,
-            mark=MarkFile(config.state_dir / "feed.json"),
+            mark=FeedMarkFile(config.state_dir / "feed.json"),
             incident=self._feed_incident,
         )
-        self.shipper = Shipper(
+        self.shipper = JournalShipper(
             self.journal,
             self.http,
             issuer=config.issuer,

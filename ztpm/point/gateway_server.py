@@ -33,24 +33,24 @@ from pep.gate.observe_only import Unwatched
 from pep.mcp.mapping import ARM_TOOLS
 from pep.mcp.ticket_layer import TicketLayer
 from pep.rtde.judge.command_judge import LeasedJudge
-from pep.rtde.judge.command_requests import Fitted
+from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
-from pep.rtde.lease.lease import Ending, Leases
-from pep.rtde.lease.lease_endpoint import Door
+from pep.rtde.lease.lease import LeaseEnding, Leases
+from pep.rtde.lease.lease_endpoint import LeaseEndpoint
 from pep.rtde.lease.lease_port import LeasePort
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
-from pep.rtde.line.lease_stop import Rung
+from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.motion.permitted_control import PermittedControl
 from pep.rtde.own.tool_lease import OwnLease, OwnLines
 from pep.rtde.robot.dashboard import RemoteControl
 from pep.rtde.robot.gripper import RobotiqGripper
 from pep.rtde.robot.telemetry import Telemetry
 from pep.rtde.script.control_script import allow_list, installed_body
-from pep.watch.watch import Limits, Watch
+from pep.watch.watch import Watch, WatchAges
 from pep.world.cell_stream import CellStream
 from policies.primitives.tools import RUNNING
-from ztpm.base.path_router import ByPath
+from ztpm.base.path_router import PathRouter
 from ztpm.point.arm_tools import ArmTools
 from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
@@ -69,8 +69,8 @@ if TYPE_CHECKING:
     from pep.gate.observe_only import Simulated
     from pep.rtde.judge.stream_values import Certifying
     from pep.rtde.lease.lease import Lease
-    from pep.rtde.robot.judge_port import Held, Holder
-    from pep.rtde.wire.refusal import Refused
+    from pep.rtde.robot.judge_port import PendingCommand, ProgramOwner
+    from pep.rtde.wire.refusal import InputRefusal
     from policies.decision.policy import PolicySet
     from policies.words.reason_table import Reason
 
@@ -172,7 +172,11 @@ class GatewayServer(RobotPoint):
                 remaining=self.physics,
                 certifying=self._stream,
                 watching=partial(
-                    watch, views=self.frames, limits=Limits.of(self.cell), clock=self.clock, submit=self.judging.submit
+                    watch,
+                    views=self.frames,
+                    limits=WatchAges.of(self.cell),
+                    clock=self.clock,
+                    submit=self.judging.submit,
                 ),
                 hurry=self.follower.hurry,
                 state=self.state,
@@ -192,7 +196,7 @@ class GatewayServer(RobotPoint):
         )
         self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, begun=self.gate.looked, ended=self._ended)
         self.gateway = Gateway(self.ports)
-        door = Door(
+        door = LeaseEndpoint(
             leases=self.leases,
             authority=self.authority,
             clock=self.clock,
@@ -218,7 +222,7 @@ class GatewayServer(RobotPoint):
             clock=self.clock,
             caps=CAPS,
         )
-        self.app = ByPath(calls, {urlsplit(config.url).path: door})
+        self.app = PathRouter(calls, {urlsplit(config.url).path: door})
         self._lease_ms = policies.parameters.lease_motion_ms
         self._tasks: list[asyncio.Task[object]] = []
         self._notes: set[asyncio.Task[None]] = set()
@@ -245,7 +249,7 @@ class GatewayServer(RobotPoint):
     async def stand(self) -> None:
         """The lease is over, and the arm stands still."""
         self.gateway.close()
-        await self._end(Ending.GATEWAY)
+        await self._end(LeaseEnding.GATEWAY)
         await self.tools.devices.stop()
         await self.carriages.close()
         await self.judging_commands.close()
@@ -266,15 +270,15 @@ class GatewayServer(RobotPoint):
 
     # ---- the judge of the ports, which are there before it
 
-    def judge(self, held: Held) -> None:
+    def judge(self, held: PendingCommand) -> None:
         """See `Judge.judge`."""
         (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).judge(held)
 
-    def withdrawn(self, held: Held) -> None:
+    def withdrawn(self, held: PendingCommand) -> None:
         """See `Judge.withdrawn`."""
         (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).withdrawn(held)
 
-    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+    def refused(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
         """See `Judge.refused`."""
         (self.own if isinstance(holder, OwnLease) else self.judging_commands).refused(holder, refused, what)
 
@@ -308,7 +312,7 @@ class GatewayServer(RobotPoint):
 
     # ---- the lease
 
-    def _left(self, holder: Holder, ending: Ending) -> None:
+    def _left(self, holder: ProgramOwner, ending: LeaseEnding) -> None:
         """The control connection of a lease has ended."""
         if isinstance(holder, OwnLease):
             self.own.give_way()
@@ -318,10 +322,10 @@ class GatewayServer(RobotPoint):
     def _stream(self, touch: frozenset[str]) -> Certifying:
         return self._certifier(holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
 
-    def _fitted(self) -> Fitted:
-        return Fitted((*self.robot.tool.tcp_m, 0.0, 0.0, 0.0), self.holding.carried_kg, self.holding.centre_m)
+    def _fitted(self) -> ToolSetup:
+        return ToolSetup((*self.robot.tool.tcp_m, 0.0, 0.0, 0.0), self.holding.carried_kg, self.holding.centre_m)
 
-    def _ended(self, lease: Lease, ending: Ending) -> None:
+    def _ended(self, lease: Lease, ending: LeaseEnding) -> None:
         self.ports.over(lease, ending)
         chain = lease.credentials.chain
         body = {
@@ -345,7 +349,7 @@ class GatewayServer(RobotPoint):
             try:
                 self.carriages.look()
                 if not self._stands():
-                    await self._end(Ending.AUTHORITY)
+                    await self._end(LeaseEnding.AUTHORITY)
             except Exception as error:  # noqa: BLE001 - who looks goes on looking
                 self.incidents.tell("leases", error)
 
@@ -360,7 +364,7 @@ class GatewayServer(RobotPoint):
         except Exception:  # noqa: BLE001 - a verification that breaks has not verified
             return False
 
-    async def _end(self, ending: Ending) -> None:
+    async def _end(self, ending: LeaseEnding) -> None:
         """The lease is over, if there is one, and its program knows."""
         lease = self.leases.current
         if lease is not None:
@@ -381,7 +385,7 @@ class _Stopper:
 
     def stop(self, reason: Reason) -> None:  # noqa: ARG002 - whoever asks has it on record
         """See `Stopper.stop`."""
-        self._loop.call_soon_threadsafe(self._ports.stop, Rung.PROGRAM)
+        self._loop.call_soon_threadsafe(self._ports.stop, StopMeans.PROGRAM)
 
     @property
     def stopped_ms(self) -> int | None:

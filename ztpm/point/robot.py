@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from pep.pit import Robot
     from pep.rtde.motion.permitted_control import PermittedControl
     from pep.rtde.robot.dashboard import RemoteControl
-    from pep.rtde.robot.gripper import Grip, RobotiqGripper
-    from pep.rtde.robot.readiness import Program
+    from pep.rtde.robot.gripper import GripResult, RobotiqGripper
+    from pep.rtde.robot.readiness import RunningProgram
     from pep.rtde.robot.telemetry import Telemetry
-    from pep.world.held_object import Holding
+    from pep.world.held_object import CommittedGrip
     from pep.world.world import CellPhysics
 
 PROGRAM_S: Final = 1.0
 """Longest wait for the controller to tell where its tool is; it takes some milliseconds."""
 
 
-def found_holding(holding: Holding, gripper: RobotiqGripper) -> None:
+def found_holding(holding: CommittedGrip, gripper: RobotiqGripper) -> None:
     """What the fingers hold since before this process began is known to be something, if they say so.
 
     A gripper that does not answer, or is not active, says nothing: it moves nothing either until it is made ready, and
@@ -44,11 +44,11 @@ def found_holding(holding: Holding, gripper: RobotiqGripper) -> None:
 def readiness(
     telemetry: Telemetry,
     remote: RemoteControl,
-    program: Program,
+    program: RunningProgram,
     commanding: Callable[[], bool],
     *,
     robot: Robot,
-    holding: Holding,
+    holding: CommittedGrip,
 ) -> RobotReadiness:
     """The robot's readiness, by connections beside the one that commands it.
 
@@ -84,7 +84,7 @@ def confirm_kinematics(readiness: RobotReadiness) -> None:
         raise ConfigError(PepFault.CONFIG_INVALID, "calibration_file: the controller has the tool elsewhere")
 
 
-async def committed(physics: CellPhysics, control: PermittedControl, holding: Holding, grip: Grip) -> None:
+async def committed(physics: CellPhysics, control: PermittedControl, holding: CommittedGrip, grip: GripResult) -> None:
     """What the gripper holds after a grip is committed, and the controller reckons with it.
 
     A controller that does not take the new payload contradicts what is committed, and TEA-5 denies every motion.

@@ -13,18 +13,18 @@ from pep.gate.gate import Gate
 from pep.gate.observe_only import Marked
 from pep.people.ask_composer import Asker
 from pep.people.asks import Asks
-from pep.perception.receiver import Receiver
+from pep.perception.receiver import FrameReceiver
 from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
 from pep.pit.assessment.readiness import compile_telling
-from pep.provider.ask_client import Asking
+from pep.provider.ask_client import AskClient
 from pep.rtde.command.limits import Ur3eLimits
 from pep.rtde.robot.state_receiver import ReceivedState
-from pep.world.held_object import Holding
+from pep.world.held_object import CommittedGrip
 from pep.world.sequence import Sequence
 from pep.world.world import CellPhysics
 from ztpm.point.cell_config import read_cell, read_robot
-from ztpm.point.enforcement_point import EnforcementPoint, Opened, opened
+from ztpm.point.enforcement_point import EnforcementInputs, EnforcementPoint, opened
 from ztpm.point.robot_report import report_of
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def _preparing(progress: object) -> None:
     sys.stdout.flush()
 
 
-class OpenedCell(Opened):
+class OpenedCell(EnforcementInputs):
     """What an enforcement point with a robot is made with besides its configuration: read, verified and in force."""
 
     survey: Cell
@@ -97,11 +97,11 @@ class RobotPoint(EnforcementPoint):
         self._unsafe_observe = unsafe_observe
         self.cell = surveyed(survey, config.cell)
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
-        self.receiver = Receiver(self.frames, clock=self.clock, incident=self._frame_incident)
+        self.receiver = FrameReceiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
         compile_telling(_preparing)  # before anybody may ask: minutes the very first time, a second from then on
         self.robot = read_robot(config, tool=survey.tool)
-        self.holding = Holding(self.robot, self.cell)
+        self.holding = CommittedGrip(self.robot, self.cell)
         self.physics = CellPhysics(
             holding=self.holding,
             cell=self.cell,
@@ -119,7 +119,7 @@ class RobotPoint(EnforcementPoint):
             approvers=self.follower,
             caps=CAPS,
         )
-        self.asking = Asking(
+        self.asking = AskClient(
             self.asks,
             self.http,
             asker=asker,

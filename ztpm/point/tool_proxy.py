@@ -18,7 +18,7 @@ from pep.mcp.forward import Forward, client
 from pep.mcp.mapping import ARM_TOOLS
 from pep.request.edge import Edge
 from ztpm.point.enforcement_point import EnforcementPoint, main_of, opened
-from ztpm.point.tool_proxy_config import DoorConfig, read_door_config
+from ztpm.point.tool_proxy_config import ToolProxyConfig, read_door_config
 
 if TYPE_CHECKING:
     import httpx2
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
 
 
-class ToolDoor(EnforcementPoint):
+class ToolProxy(EnforcementPoint):
     """All parts of one tool server without a robot, composed.
 
     Args:
@@ -41,7 +41,7 @@ class ToolDoor(EnforcementPoint):
 
     def __init__(
         self,
-        config: DoorConfig,
+        config: ToolProxyConfig,
         *,
         trust: TrustBundle,
         key: PrivateKey,
@@ -81,7 +81,7 @@ class ToolDoor(EnforcementPoint):
         await self._gateway.aclose()
 
 
-async def serve(config: DoorConfig, *, reports: bool = False) -> None:
+async def serve(config: ToolProxyConfig, *, reports: bool = False) -> None:
     """The tool server has run and ended; `reports` as for `EnforcementPoint.run`.
 
     Args:
@@ -91,7 +91,7 @@ async def serve(config: DoorConfig, *, reports: bool = False) -> None:
     Raises:
         PepError: when a part cannot be had; nothing was served then.
     """
-    server = ToolDoor(config, **opened(config))
+    server = ToolProxy(config, **opened(config))
     server.recover()
     await server.run(reports=reports)
 

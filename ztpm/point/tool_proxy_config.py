@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DoorConfig(PointConfig):
+class ToolProxyConfig(PointConfig):
     """`door.toml`, checked: the keys of every enforcement point, and this one.
 
     Attributes:
@@ -31,10 +31,10 @@ class DoorConfig(PointConfig):
         check_url("gateway_url", self.gateway_url)
 
 
-def read_door_config(path: Path) -> DoorConfig:
+def read_door_config(path: Path) -> ToolProxyConfig:
     """The configuration at `path`.
 
     Raises:
         ConfigError: `CONFIG_INVALID`.
     """
-    return DoorConfig.from_toml(read_text(path))
+    return ToolProxyConfig.from_toml(read_text(path))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from capabilities.rotation.succession import Seen, check_bundle
+from capabilities.rotation.succession import NewestBundle, check_bundle
 from capabilities.values.errors import Fault
 from pep.base.errors import ConfigError, PepFault
 from pep.base.files import replace_file
@@ -41,10 +41,10 @@ def check_mark(trust: TrustBundle, path: Path, *, at: float, caps: Caps) -> None
         raise ConfigError(PepFault.STATE_UNREADABLE, str(path)) from error
 
 
-def _read(path: Path, issuer: str) -> Seen | None:
+def _read(path: Path, issuer: str) -> NewestBundle | None:
     try:
         stored = json.loads(path.read_bytes())
-        seen = Seen(int(stored["version"]), bytes.fromhex(stored["digest"]))
+        seen = NewestBundle(int(stored["version"]), bytes.fromhex(stored["digest"]))
         return seen if stored["issuer"] == issuer else None
     except FileNotFoundError:
         return None

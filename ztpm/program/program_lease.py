@@ -23,7 +23,7 @@ from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.errors import CapabilityError, Fault
 from pep.base.clock import SystemClock
 from pep.base.thread_priority import goes_first
-from pep.rtde.lease.lease import ID_BYTES, Ending
+from pep.rtde.lease.lease import ID_BYTES, LeaseEnding
 from pep.rtde.lease.lease_endpoint import LOSSLESS
 from pep.rtde.robot.connections import PORTS
 from policies.words.reason_table import REASONS, Reason
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.proof.session_frames import Session
-    from capabilities.proof.session_opening import Pending
+    from capabilities.proof.session_opening import PendingSession
     from ztpm.base.layout import Layout
 
 VARIABLE: Final = "ZTPM_ROBOT"
@@ -71,7 +71,7 @@ class LeaseError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Leased:
+class OpenedLease:
     """A lease that is open and not carried yet.
 
     Attributes:
@@ -140,7 +140,7 @@ def free_address() -> str:
     return free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in PORTS))
 
 
-def begin_lease(place: Place, token: str, key: PrivateKey) -> Pending:
+def begin_lease(place: Place, token: str, key: PrivateKey) -> PendingSession:
     """A signed request for the lease. Whoever sends it needs the holder's key no more.
 
     Args:
@@ -161,7 +161,7 @@ def begin_lease(place: Place, token: str, key: PrivateKey) -> Pending:
     )
 
 
-def open_lease(door: str, token: str, pending: Pending) -> Leased:
+def open_lease(door: str, token: str, pending: PendingSession) -> OpenedLease:
     """The motion lease of one robot, if nobody else has it.
 
     Args:
@@ -187,11 +187,11 @@ def open_lease(door: str, token: str, pending: Pending) -> Leased:
     opened = session.conclude(pending, text.encode(), at=time.time(), most_missing=LOSSLESS, caps=CAPS)
     if isinstance(opened, Fault):
         raise LeaseError("GATEWAY_NOT_BELIEVED", f"{opened.clause} {opened.detail}".strip(), refused=False)
-    return Leased(bytes.fromhex(lease_id), opened, (urlsplit(door).hostname or "", port))
+    return OpenedLease(bytes.fromhex(lease_id), opened, (urlsplit(door).hostname or "", port))
 
 
 @dataclass(frozen=True, slots=True)
-class Ended:
+class LeaseOutcome:
     """How it ended.
 
     Attributes:
@@ -199,18 +199,18 @@ class Ended:
         status: the program's exit status, as a shell tells it; 0 where there was no program.
     """
 
-    early: Ending | None
+    early: LeaseEnding | None
     status: int
 
     @property
     def cut_short(self) -> bool:
         """Whether the lease was ended by another than the program, which closes its connections before it ends."""
-        return self.early not in {None, Ending.LEFT}
+        return self.early not in {None, LeaseEnding.LEFT}
 
 
 async def lend(
-    leased: Leased, host: str, command: Sequence[str], *, begun: Callable[[], None], told: Callable[[str], None]
-) -> Ended:
+    leased: OpenedLease, host: str, command: Sequence[str], *, begun: Callable[[], None], told: Callable[[str], None]
+) -> LeaseOutcome:
     """Serves the robot's ports at `host` until the lease or the program is over.
 
     A program is told where in `VARIABLE`, and wherever `PLACE` stands in its command; SIGTERM and SIGINT are passed on
@@ -229,7 +229,7 @@ async def lend(
         OSError: the gateway cannot be reached, the address cannot be had, or the program cannot be started.
     """
     loop = asyncio.get_running_loop()
-    over: asyncio.Future[Ending] = loop.create_future()
+    over: asyncio.Future[LeaseEnding] = loop.create_future()
     ports = ProgramPorts(
         leased.session, leased.id, clock=SystemClock(), user=os.getuid(), ended=over.set_result, told=told
     )
@@ -265,7 +265,7 @@ async def lend(
     finally:
         ports.close()
     status = 0 if program is None or program.returncode is None else program.returncode
-    return Ended(early, status if status >= 0 else KILLED - status)
+    return LeaseOutcome(early, status if status >= 0 else KILLED - status)
 
 
 def _refusal(reason: object, otherwise: str) -> tuple[str, str]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
-from pep.rtde.lease.accepted_connection import Accepted
-from pep.rtde.lease.lease_connection import Carrier
-from pep.rtde.lease.lease_messages import Bytes, CarriageError, Closed, Open, Opened, Refused, Told
+from pep.rtde.lease.accepted_connection import AcceptedConnection
+from pep.rtde.lease.lease_connection import LeaseConnection
+from pep.rtde.lease.lease_messages import Bytes, Closed, LeaseMessageError, Open, Opened, OpenRefused, RefusalNotice
 from pep.rtde.robot.connections import GONE, PORTS
 from pep.rtde.wire.client_texts import told
 from policies.words.reason_table import Reason
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from capabilities.proof.session_frames import Session
     from pep.base.ports import Clock
-    from pep.rtde.lease.lease import Ending
+    from pep.rtde.lease.lease import LeaseEnding
     from pep.rtde.lease.lease_messages import Word
 
 
@@ -45,14 +45,14 @@ class ProgramPorts:
         *,
         clock: Clock,
         user: int,
-        ended: Callable[[Ending], None],
+        ended: Callable[[LeaseEnding], None],
         told: Callable[[str], None],
     ) -> None:
         self._lease_id = lease_id
         self._user = user
         self._over = ended
         self._told = told
-        self._carrier = Carrier(
+        self._carrier = LeaseConnection(
             session, asking=True, clock=clock, heard=self._heard, ended=self._ended, flowing=self._flow
         )
         self._lines: dict[int, _Connection] = {}
@@ -89,7 +89,7 @@ class ProgramPorts:
         try:
             line = self._carrier.lines.free()
             self._carrier.say(Open(line, port))
-        except CarriageError:
+        except LeaseMessageError:
             return None
         self._lines[line] = connection
         return line
@@ -114,11 +114,11 @@ class ProgramPorts:
         match word:
             case Opened(line):
                 self._lines[line].opened()
-            case Refused(line, reason):
+            case OpenRefused(line, reason):
                 self._lines.pop(line).gone()
                 # One that is not known here is of a younger gateway.
                 self._told(told(Reason(reason)) if reason in Reason.__members__ else reason)
-            case Told(_, text):
+            case RefusalNotice(_, text):
                 self._told(text)
             case Bytes(line, content):
                 self._lines[line].send(content)
@@ -134,7 +134,7 @@ class ProgramPorts:
         for connection in self._lines.values():
             connection.pace()
 
-    def _ended(self, ending: Ending) -> None:
+    def _ended(self, ending: LeaseEnding) -> None:
         for server in self._servers:
             server.close()
         lines, self._lines = self._lines, {}
@@ -146,7 +146,7 @@ class ProgramPorts:
 class _First(asyncio.Protocol):
     """Says which lease this is, and leaves the connection to its carrier."""
 
-    def __init__(self, lease_id: bytes, carrier: Carrier) -> None:
+    def __init__(self, lease_id: bytes, carrier: LeaseConnection) -> None:
         self._lease_id = lease_id
         self._carrier = carrier
 
@@ -157,7 +157,7 @@ class _First(asyncio.Protocol):
         self._carrier.connection_made(transport)
 
 
-class _Connection(Accepted):
+class _Connection(AcceptedConnection):
     """One connection of the program to one port."""
 
     def __init__(self, ports: ProgramPorts, port: int) -> None:

@@ -88,7 +88,7 @@ def _counted(text: str, more: int) -> str:
     return f"{NAME}: {text} ({more} more)"
 
 
-class ToldLines:
+class RefusalLines:
     """Says them, from when it is entered until it is left.
 
     Args:

@@ -40,7 +40,7 @@ STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
 
 
-class EyesError(RuntimeError):
+class StateRecorderError(RuntimeError):
     """A controller that does not show itself."""
 
 
@@ -72,7 +72,7 @@ class Sample:
         return max(abs(speed) for speed in self.target_qd_rad_s)
 
 
-class Eyes:
+class StateRecorder:
     """Samples of one controller, kept from the moment this is made.
 
     Args:
@@ -86,7 +86,7 @@ class Eyes:
         try:
             self._link = socket.create_connection((host, PORT), timeout=TIMEOUT_S)
         except OSError as error:
-            raise EyesError(f"{host}: {type(error).__name__}") from error
+            raise StateRecorderError(f"{host}: {type(error).__name__}") from error
         self._framer = Framer(MAX_FRAME)
         self._lock = threading.Lock()
         self._samples: list[Sample] = []
@@ -99,14 +99,14 @@ class Eyes:
         self._link.sendall(encode_request(RequestProtocol(PROTOCOL), PROTOCOL))
         agreed = next(self._answers, None)
         if agreed != ProtocolAnswer(accepted=True):
-            raise EyesError("no RTDE of version 2")
+            raise StateRecorderError("no RTDE of version 2")
         self._link.sendall(encode_request(SetupOutputs(NAMES, FREQUENCY_HZ), PROTOCOL))
         outputs = next(self._answers, None)
         if not isinstance(outputs, OutputsAnswer):
-            raise EyesError("no outputs")
+            raise StateRecorderError("no outputs")
         self._link.sendall(encode_request(Start(), PROTOCOL))
         if next(self._answers, None) != StartAnswer(accepted=True):
-            raise EyesError("the stream did not start")
+            raise StateRecorderError("the stream did not start")
         return Recipe(NAMES, outputs.types)
 
     def _read(self) -> Iterator[Answer]:
@@ -143,7 +143,7 @@ class Eyes:
                 if self._samples and time.monotonic() - self._samples[-1].arrived_s < TIMEOUT_S:
                     return self._samples[-1]
             time.sleep(1 / FREQUENCY_HZ)
-        raise EyesError("the controller shows nothing")
+        raise StateRecorderError("the controller shows nothing")
 
     def since(self, arrived_s: float) -> list[Sample]:
         """The samples that arrived from then on; older ones are forgotten."""

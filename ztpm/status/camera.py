@@ -15,7 +15,7 @@ from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.errors import CapabilityError
 from ztpm.cell.cell import PROCESSES
 from ztpm.status.decisions import Decisions
-from ztpm.status.picture import Known, Part, Picture
+from ztpm.status.picture import Known, Part, Snapshot
 from ztpm_idp.client import direct_http
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ KEEP_S: Final = 0.5
 """A picture is shown again for this long, however often it is asked for."""
 
 
-class Camera:
+class SnapshotCollector:
     """Takes pictures. Any thread.
 
     Args:
@@ -62,9 +62,9 @@ class Camera:
         self._http = direct_http.client(ANSWER_S, transport)
         self._decisions = Decisions(cell.layout.gateway_journal)
         self._lock = threading.Lock()
-        self._kept: tuple[float, Picture] | None = None
+        self._kept: tuple[float, Snapshot] | None = None
 
-    def picture(self) -> Picture:
+    def picture(self) -> Snapshot:
         """How the cell stands, at most half a second ago."""
         with self._lock:
             if self._kept is None or self._clock() - self._kept[0] > KEEP_S:
@@ -72,7 +72,7 @@ class Camera:
                 self._kept = self._clock(), taken
             return self._kept[1]
 
-    def _take(self) -> Picture:
+    def _take(self) -> Snapshot:
         children, addresses = self._cell.children, self._cell.addresses
         incomplete = []
         gateway = children.get("gateway")
@@ -90,7 +90,7 @@ class Camera:
         except OSError as error:
             incomplete.append(f"The journal cannot be read: {type(error).__name__}.")
         now, at_ms = self._clock(), int(self._wall_s() * 1000)
-        return Picture(
+        return Snapshot(
             at_ms=at_ms,
             data=str(self._cell.layout.root),
             issuer=addresses.issuer,

@@ -13,7 +13,7 @@ from ztpm.status.markup import Markup, tag, text
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from ztpm.status.picture import Picture
+    from ztpm.status.picture import Snapshot
 
 REFRESH_S: Final = 2
 JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
@@ -51,7 +51,7 @@ p { margin: .35rem 0 } .dim { color: var(--dim) }
 """
 
 
-def render(picture: Picture) -> str:
+def render(picture: Snapshot) -> str:
     """The whole page as HTML."""
     head = tag(
         "head",
@@ -87,7 +87,7 @@ def _table(headings: Iterable[str], rows: Iterable[Iterable[object]], *, numbers
     return tag("table", tag("thead", line("th", headings)), tag("tbody", *(line("td", row) for row in rows)))
 
 
-def _asks(picture: Picture) -> Markup:
+def _asks(picture: Snapshot) -> Markup:
     if not picture.asks:
         return _section("People are asked", tag("p", "Nothing is open.", class_="dim"), wide=True)
     questions = []
@@ -113,7 +113,7 @@ def _asks(picture: Picture) -> Markup:
     return _section("People are asked", *questions, wide=True)
 
 
-def _parts(picture: Picture) -> Markup:
+def _parts(picture: Snapshot) -> Markup:
     rows = []
     for part in picture.parts:
         if part.pid is None:
@@ -185,7 +185,7 @@ def _view(view: dict[str, Any] | None) -> Markup:
     )
 
 
-def _agents(picture: Picture) -> Markup:
+def _agents(picture: Snapshot) -> Markup:
     if picture.agents is None:
         return _section("Agents", tag("p", "the registry does not answer", class_="bad"))
     if not picture.agents:
@@ -197,7 +197,7 @@ def _agents(picture: Picture) -> Markup:
 EFFECTS: Final = {"PERMIT": "good", "DENY": "bad", "DEFER": "wait"}
 
 
-def _decisions(picture: Picture) -> Markup:
+def _decisions(picture: Snapshot) -> Markup:
     if not picture.decisions:
         return _section("Last decisions", tag("p", "None yet.", class_="dim"), wide=True)
     rows = [

@@ -37,7 +37,7 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class Snapshot:
     """How a cell stands.
 
     Attributes:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from starlette.requests import Request
     from starlette.types import ASGIApp, Receive, Scope, Send
 
-    from ztpm.status.picture import Picture
+    from ztpm.status.picture import Snapshot
 
 HEADERS: Final = {
     "Content-Security-Policy": (
@@ -49,7 +49,7 @@ class StatusError(RuntimeError):
     """The page cannot be served."""
 
 
-def status_app(picture: Callable[[], Picture], *, host: str, port: int, owners: frozenset[int]) -> ASGIApp:
+def status_app(picture: Callable[[], Snapshot], *, host: str, port: int, owners: frozenset[int]) -> ASGIApp:
     """The app.
 
     Args:
@@ -118,7 +118,7 @@ class StatusServer:
         StatusError: when the port cannot be had.
     """
 
-    def __init__(self, picture: Callable[[], Picture], *, host: str, port: int) -> None:
+    def __init__(self, picture: Callable[[], Snapshot], *, host: str, port: int) -> None:
         self.url = f"http://{host}:{port}/"
         try:
             self._socket = socket.create_server((host, port))

@@ -464,7 +464,7 @@ class Operator(_Caller):
         """The opening is over."""
         self._post(f"/openings/{quote(opening_id, safe='')}/withdraw", {"reason": reason})
 
-    def _shown(self, ask_id: str) -> tuple[dict[str, Any], person_answers.Shown]:
+    def _shown(self, ask_id: str) -> tuple[dict[str, Any], person_answers.ShownAsk]:
         found = self._json(self._send("GET", f"/approvals/{quote(ask_id, safe='')}", b"", None))
         answer: dict[str, Any] = found if isinstance(found, dict) else {}
         try:

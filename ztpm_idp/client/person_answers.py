@@ -23,7 +23,7 @@ LIFETIME_S: Final = 120
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class ShownAsk:
     """An ask as read from its text, and the digest of that very text: what a vote will bind."""
 
     ask: Ask
@@ -49,7 +49,7 @@ DEFAULT_TERMS: Final = Terms()
 """Once, for 120 s, without seeing the cell."""
 
 
-def read(answer: dict[str, Any], ask_id: str) -> Shown:
+def read(answer: dict[str, Any], ask_id: str) -> ShownAsk:
     """The ask in the identity provider's answer, parsed strictly from its signed text.
 
     The key that must have signed it is the one the provider states. A provider that lies about it gains nothing: the
@@ -72,10 +72,10 @@ def read(answer: dict[str, Any], ask_id: str) -> Shown:
     shown = ask.open(text, {signer}, DEFAULT)
     if shown.ask_id != ask_id:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, "another ask")
-    return Shown(shown, vote.digest_of(text))
+    return ShownAsk(shown, vote.digest_of(text))
 
 
-def sign_vote(shown: Shown, answer: str, terms: Terms, key: PrivateKey, *, approver: str, at: int) -> str:
+def sign_vote(shown: ShownAsk, answer: str, terms: Terms, key: PrivateKey, *, approver: str, at: int) -> str:
     """The signed vote on what was shown.
 
     Args:

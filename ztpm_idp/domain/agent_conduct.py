@@ -12,7 +12,7 @@ from policies.conduct.trust import NOTHING_REPORTED, TrustState
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from policies.conduct.history import Career
+    from policies.conduct.history import AgentHistory
     from policies.conduct.report import Edge, Report
     from policies.evidence.conduct_readings import BehaviourReading
 
@@ -66,4 +66,4 @@ class Held:
     agents: Mapping[str, AgentConduct] = field(default_factory=lambda: MappingProxyType({}))
     open: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
     made: Mapping[str, Edge] = field(default_factory=lambda: MappingProxyType({}))
-    peers: Mapping[str, Mapping[str, Career]] = field(default_factory=lambda: MappingProxyType({}))
+    peers: Mapping[str, Mapping[str, AgentHistory]] = field(default_factory=lambda: MappingProxyType({}))

@@ -28,7 +28,7 @@ from ztpm_idp.domain.asks import (
 )
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import ApprovalActRefused, AskTaken, OpeningClosed, OpeningMade, VoteCast
-from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Standing
+from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPep, RegisteredPerson, Standing
 from ztpm_idp.domain.registry import active_person
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def take_ask(rules: Rules, state: State, command: TakeAsk, at_ms: int) -> Outcom
     refused = _Refusing("ask", "" if known is None else known.ask.ask_id, command.by, command.text, None)
     # 1. The caller is an enforcement point, now, and signed this ask itself.
     pep = state.parties.get(command.by)
-    if not isinstance(pep, Pep) or pep.standing is not Standing.ACTIVE:
+    if not isinstance(pep, RegisteredPep) or pep.standing is not Standing.ACTIVE:
         return refused(IdpCode.NOT_PERMITTED, "enforcement points ask")
     try:
         asked = asks.open(command.text, {pep.key}, rules.caps)
@@ -119,18 +119,18 @@ def _against_registry(rules: Rules, state: State, asked: Ask) -> tuple[Code, str
     if asked.issuer != rules.issuer:
         return IdpCode.ASK_CONTRADICTS_REGISTRY, "the ask is of another issuer's authority"
     match state.parties.get(asked.sponsor):
-        case Person(standing=Standing.ACTIVE, roles=roles) if PersonRole.SPONSOR in roles:
+        case RegisteredPerson(standing=Standing.ACTIVE, roles=roles) if PersonRole.SPONSOR in roles:
             pass
-        case Person():
+        case RegisteredPerson():
             return IdpCode.SPONSOR_INACTIVE, "the sponsor is not active"
         case _:
             return IdpCode.NOT_FOUND, "no such sponsor"
     match state.parties.get(asked.agent):
-        case Agent(standing=Standing.ACTIVE, thumbprint=thumbprint) if thumbprint == asked.agent_key:
+        case RegisteredAgent(standing=Standing.ACTIVE, thumbprint=thumbprint) if thumbprint == asked.agent_key:
             return None
-        case Agent(standing=Standing.ACTIVE):
+        case RegisteredAgent(standing=Standing.ACTIVE):
             return IdpCode.ASK_CONTRADICTS_REGISTRY, "the agent's key is another"
-        case Agent():
+        case RegisteredAgent():
             return IdpCode.AGENT_INACTIVE, "the agent is not active"
         case _:
             return IdpCode.NOT_FOUND, "no such agent"
@@ -285,9 +285,9 @@ def open_tier_4(rules: Rules, state: State, command: OpenTier4, at_ms: int) -> O
         return refused(IdpCode.OPENING_OUT_OF_TIME, f"not over, and for at most {OPENING_LIFETIME_S} s")
     # 4. It can match something: a slip would open nothing and seem to.
     match state.parties.get(opening.agent):
-        case Agent(standing=Standing.REVOKED):
+        case RegisteredAgent(standing=Standing.REVOKED):
             return refused(IdpCode.AGENT_INACTIVE, "the agent is revoked")
-        case Agent():
+        case RegisteredAgent():
             pass
         case _:
             return refused(IdpCode.NOT_FOUND, "no such agent")

@@ -15,7 +15,7 @@ from capabilities.values.chain import EvidenceKind
 from capabilities.values.errors import CapabilityError, FaultCode, StatementError
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import AgentAttested, NonceConsumed, NonceGiven
-from ztpm_idp.domain.parties import Agent, PersonRole, Standing
+from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, Standing
 from ztpm_idp.domain.registry import active_person
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ NO_REQUEST: Final = bytes(32)
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class AcceptedEvidence:
     """What evidence was accepted for.
 
     Attributes:
@@ -46,7 +46,7 @@ class Shown:
 def give_nonce(rules: Rules, state: State, command: GiveNonce, at_ms: int) -> Outcome:
     """To a registered agent that is not revoked, a bounded number at a time."""
     match state.parties.get(command.by):
-        case Agent(standing=Standing.REGISTERED | Standing.ACTIVE) as agent:
+        case RegisteredAgent(standing=Standing.REGISTERED | Standing.ACTIVE) as agent:
             pass
         case _:
             return Refusal(IdpCode.NOT_PERMITTED, "agents ask for nonces")
@@ -59,7 +59,7 @@ def give_nonce(rules: Rules, state: State, command: GiveNonce, at_ms: int) -> Ou
 def attest(rules: Rules, state: State, command: Attest, at_ms: int) -> Outcome:
     """By the agent itself, for itself; makes a registered agent active."""
     agent = state.parties.get(command.agent)
-    if command.by != command.agent or not isinstance(agent, Agent):
+    if command.by != command.agent or not isinstance(agent, RegisteredAgent):
         return Refusal(IdpCode.NOT_PERMITTED, "an agent attests itself")
     if agent.standing is Standing.REVOKED:
         return Refusal(IdpCode.AGENT_INACTIVE, "the agent is revoked")
@@ -70,23 +70,23 @@ def attest(rules: Rules, state: State, command: Attest, at_ms: int) -> Outcome:
     match found:
         case Refusal():
             return found
-        case Shown(spent=spent, kind=kind):
+        case AcceptedEvidence(spent=spent, kind=kind):
             return (spent, AgentAttested(agent.id, agent.software_digest, command.evidence, kind))
 
 
-def may_receive(state: State, id_: str) -> Agent | Refusal:
+def may_receive(state: State, id_: str) -> RegisteredAgent | Refusal:
     """The agent, when it may receive authority: registered, attested once, not revoked, with an active sponsor.
 
     The state must hold the agent and, when it is registered, its sponsor.
     """
     match state.parties.get(id_):
-        case Agent(standing=Standing.REVOKED):
+        case RegisteredAgent(standing=Standing.REVOKED):
             return Refusal(IdpCode.AGENT_INACTIVE, "the agent is revoked")
-        case Agent(standing=Standing.REGISTERED):
+        case RegisteredAgent(standing=Standing.REGISTERED):
             return Refusal(FaultCode.HOP_NOT_ATTESTED, "the agent has never been attested")
-        case Agent() as agent if active_person(state, agent.sponsor, PersonRole.SPONSOR) is None:
+        case RegisteredAgent() as agent if active_person(state, agent.sponsor, PersonRole.SPONSOR) is None:
             return Refusal(IdpCode.SPONSOR_INACTIVE, "the agent's sponsor is not active")
-        case Agent() as agent:
+        case RegisteredAgent() as agent:
             return agent
         case _:
             return Refusal(IdpCode.NOT_FOUND, "no such agent")
@@ -95,14 +95,14 @@ def may_receive(state: State, id_: str) -> Agent | Refusal:
 def judge(
     rules: Rules,
     state: State,
-    agent: Agent,
+    agent: RegisteredAgent,
     evidence: str,
     *,
     delegator: str,
     request_digest: bytes,
     purpose: str,
     at_ms: int,
-) -> Shown | Refusal:
+) -> AcceptedEvidence | Refusal:
     """The nonce that this evidence spends and the evidence's kind, or why it is refused.
 
     Evidence with a platform's token counts as kind `jwt` or not at all: it never falls back to kind `key`.
@@ -145,10 +145,12 @@ def judge(
     # 6. What the platform says, when it is asked to say anything, is of this very agent.
     if stated.workload and (unproven := _unproven(rules, agent, stated.workload, at_ms)) is not None:
         return unproven
-    return Shown(NonceConsumed(nonce.nonce, purpose), EvidenceKind.JWT if stated.workload else EvidenceKind.KEY)
+    return AcceptedEvidence(
+        NonceConsumed(nonce.nonce, purpose), EvidenceKind.JWT if stated.workload else EvidenceKind.KEY
+    )
 
 
-def _unproven(rules: Rules, agent: Agent, token: str, at_ms: int) -> Refusal | None:
+def _unproven(rules: Rules, agent: RegisteredAgent, token: str, at_ms: int) -> Refusal | None:
     """Why the platform's token does not prove this agent ([WLD-1] to [WLD-5])."""
     if rules.platform is None:
         return _invalid("this provider trusts no platform")

@@ -18,14 +18,14 @@ from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, ToolsB
 if TYPE_CHECKING:
     from capabilities.values.scope import Restriction, Scope
     from ztpm_idp.domain.events import SignedRequest
-    from ztpm_idp.domain.parties import Person, PersonRole, Tool
+    from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, RegisteredTool
 
 
 @dataclass(frozen=True, slots=True)
 class Initialise:
     """Put the first people into an empty store. Has no caller: it is run beside the store, never over the wire."""
 
-    people: tuple[Person, ...]
+    people: tuple[RegisteredPerson, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ class RegisterTool:
     """An administrator registers a tool, or a new definition of one."""
 
     by: str
-    tool: Tool
+    tool: RegisteredTool
 
 
 @dataclass(frozen=True, slots=True)

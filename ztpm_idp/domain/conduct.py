@@ -16,7 +16,7 @@ from policies.conduct.report import TEXT_MAX, Report, ReportError
 from policies.evidence.model import Effect
 from ztpm_idp.domain.agent_conduct import AgentConduct, Concerned, Published
 from ztpm_idp.domain.events import ConductObserved, PermitConcluded, PermitOpened
-from ztpm_idp.domain.parties import Agent
+from ztpm_idp.domain.parties import RegisteredAgent
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from policies.words.parameters import Parameters
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.events import Event, RecordTaken
-    from ztpm_idp.domain.parties import Pep
+    from ztpm_idp.domain.parties import RegisteredPep
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
 
@@ -57,7 +57,9 @@ def concerned(records: Iterable[Mapping[str, object]]) -> Concerned:
     return Concerned(frozenset(requests), frozenset(hops))
 
 
-def reported(rules: Rules, state: State, pep: Pep, taken: Iterable[RecordTaken], at_ms: int) -> tuple[Event, ...]:
+def reported(
+    rules: Rules, state: State, pep: RegisteredPep, taken: Iterable[RecordTaken], at_ms: int
+) -> tuple[Event, ...]:
     """What new records of an enforcement point's journal, in order, say of the agents that acted."""
     events: list[Event] = []
     reports, open_ = list[Report](), dict(state.held.open)
@@ -93,7 +95,7 @@ def _plain(name: str) -> bool:
     return len(name) <= TEXT_MAX and name.isprintable()
 
 
-def _ours(state: State, pep: Pep, found: journal_reports.Decided) -> bool:
+def _ours(state: State, pep: RegisteredPep, found: journal_reports.RecordedDecision) -> bool:
     """Whether it is of an audience of the enforcement point's, and of a hop that was made for just this edge."""
     if not _plain(found.report.request_id):
         return False
@@ -106,7 +108,7 @@ def observed(rules: Rules, state: State, reports: Iterable[Report], at_ms: int) 
     for report in reports:
         before = known.get(report.agent) or of(state, report.agent)
         party = state.parties.get(report.agent)
-        role = party.role if isinstance(party, Agent) else ""
+        role = party.role if isinstance(party, RegisteredAgent) else ""
         known[report.agent] = replace(
             before,
             trust=trust.observe(before.trust, report, parameters, now=now),

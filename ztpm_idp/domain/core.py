@@ -26,7 +26,7 @@ from ztpm_idp.domain.commands import (
     TakeAsk,
     TakeRecords,
 )
-from ztpm_idp.domain.parties import Sensor, Standing
+from ztpm_idp.domain.parties import RegisteredSensor, Standing
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import Command
@@ -90,7 +90,7 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
 def caller_refused(state: State, caller: str) -> Refusal | None:
     """Why this caller may do nothing at all: unknown, a sensor, or revoked since it proved who it is."""
     party = state.parties.get(caller)
-    if party is None or isinstance(party, Sensor):
+    if party is None or isinstance(party, RegisteredSensor):
         return Refusal(IdpCode.CALLER_UNKNOWN, "not registered")
     if party.standing is Standing.REVOKED:
         return Refusal(IdpCode.CALLER_INACTIVE, "revoked")

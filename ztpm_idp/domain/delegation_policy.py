@@ -18,7 +18,7 @@ from policies.evidence.model import Effect, ObligationKind, Point, Request
 from policies.words.reason_table import REASONS, Reason
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import Refusal
-from ztpm_idp.domain.parties import Agent
+from ztpm_idp.domain.parties import RegisteredAgent
 
 if TYPE_CHECKING:
     from capabilities.values.chain import Chain
@@ -86,7 +86,9 @@ def _trust(rules: Rules, state: State, chain: Chain, *, at: int) -> TrustReading
     if not _all_seen(state, chain):
         return NOT_COLLECTED
     agents = [hop.agent for hop in chain.hops]
-    stated = [party.trust_permille for agent in agents if isinstance(party := state.parties.get(agent), Agent)]
+    stated = [
+        party.trust_permille for agent in agents if isinstance(party := state.parties.get(agent), RegisteredAgent)
+    ]
     accounts = {
         edge: by_reporter for agent in agents for edge, by_reporter in conduct.of(state, agent).trust.accounts.items()
     }
@@ -97,4 +99,4 @@ def _trust(rules: Rules, state: State, chain: Chain, *, at: int) -> TrustReading
 
 def _all_seen(state: State, chain: Chain) -> bool:
     """Whether everything that is known of each holder was loaded: of one that was not, nothing is known to be well."""
-    return all(isinstance(state.parties.get(hop.agent), Agent) for hop in chain.hops)
+    return all(isinstance(state.parties.get(hop.agent), RegisteredAgent) for hop in chain.hops)

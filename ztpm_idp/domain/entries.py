@@ -32,7 +32,7 @@ from ztpm_idp.domain.events import (
     TrustStated,
     VoteCast,
 )
-from ztpm_idp.domain.parties import Agent, Pep, Person, Sensor, kind_of
+from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPep, RegisteredPerson, RegisteredSensor, kind_of
 
 if TYPE_CHECKING:
     from policies.evidence.model import Decision
@@ -140,9 +140,9 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
 def _party(party: Party) -> Json:
     common: Json = {"id": party.id, "key": thumbprint(party.key)}
     match party:
-        case Person(name=name, roles=roles):
+        case RegisteredPerson(name=name, roles=roles):
             return common | {"name": name, "roles": sorted(role.value for role in roles)}
-        case Agent():
+        case RegisteredAgent():
             return common | {
                 "software_digest": party.software_digest.hex(),
                 "model": party.model,
@@ -150,9 +150,9 @@ def _party(party: Party) -> Json:
                 "sponsor": party.sponsor,
                 "workload": party.workload,
             }
-        case Pep(audiences=audiences):
+        case RegisteredPep(audiences=audiences):
             return common | {"audiences": sorted(audiences)}
-        case Sensor():
+        case RegisteredSensor():
             return common | {
                 "calibration": party.calibration.hex(),
                 "transit_ms": party.transit_ms,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from policies.evidence.model import Decision
     from ztpm_idp.domain.agent_conduct import AgentConduct, Published
     from ztpm_idp.domain.asks import AskRecord, AskState, OpeningRecord, VoteRecord
-    from ztpm_idp.domain.parties import Party, Tool
+    from ztpm_idp.domain.parties import Party, RegisteredTool
 
 
 class RevocationKind(StrEnum):
@@ -48,7 +48,7 @@ class PartyRegistered:
 class ToolRegistered:
     """A tool has this definition from now on."""
 
-    tool: Tool
+    tool: RegisteredTool
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.commands import Delegate, Issue
     from ztpm_idp.domain.events import Event
-    from ztpm_idp.domain.parties import Agent
+    from ztpm_idp.domain.parties import RegisteredAgent
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
@@ -140,7 +140,7 @@ def _over(rules: Rules, scope: Scope, at_ms: int) -> Refusal | None:
 
 
 def _hop(
-    command: Issue | Delegate, agent: Agent, kind: EvidenceKind, *, delegator: str, sponsor: str, at_ms: int
+    command: Issue | Delegate, agent: RegisteredAgent, kind: EvidenceKind, *, delegator: str, sponsor: str, at_ms: int
 ) -> HopGrant:
     return HopGrant(
         hop_id=command.hop_id,

@@ -14,7 +14,7 @@ import rfc8785
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import RecordTaken
-from ztpm_idp.domain.parties import Pep, Standing
+from ztpm_idp.domain.parties import RegisteredPep, Standing
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import TakeRecords
@@ -78,7 +78,7 @@ def take_records(rules: Rules, state: State, command: TakeRecords, at_ms: int) -
     All or nothing: one refused record refuses the batch. What they say of agents' conduct counts with them.
     """
     pep = state.parties.get(command.by)
-    if not isinstance(pep, Pep) or pep.standing is not Standing.ACTIVE:
+    if not isinstance(pep, RegisteredPep) or pep.standing is not Standing.ACTIVE:
         return Refusal(IdpCode.NOT_PERMITTED, "enforcement points ship records")
     journal = state.journal
     if journal is None:  # the store loads it whenever it is wanted

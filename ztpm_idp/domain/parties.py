@@ -32,7 +32,7 @@ class Standing(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Person:
+class RegisteredPerson:
     """A human principal.
 
     Attributes:
@@ -52,7 +52,7 @@ class Person:
 
 
 @dataclass(frozen=True, slots=True)
-class Agent:
+class RegisteredAgent:
     """A software agent, vouched for by its sponsor.
 
     Attributes:
@@ -78,7 +78,7 @@ class Agent:
 
 
 @dataclass(frozen=True, slots=True)
-class Pep:
+class RegisteredPep:
     """An enforcement point and the audiences that it serves."""
 
     id: str
@@ -89,7 +89,7 @@ class Pep:
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class RegisteredSensor:
     """A sensor that signs what it sees.
 
     Attributes:
@@ -108,11 +108,11 @@ class Sensor:
     audience: str
 
 
-Party = Person | Agent | Pep | Sensor
+Party = RegisteredPerson | RegisteredAgent | RegisteredPep | RegisteredSensor
 
 
 @dataclass(frozen=True, slots=True)
-class Tool:
+class RegisteredTool:
     """A tool of an audience: its reviewed definition and the base tier of its operation."""
 
     audience: str
@@ -125,11 +125,11 @@ class Tool:
 def kind_of(party: Party) -> str:
     """The word for a party's kind, as the store and the ledger spell it."""
     match party:
-        case Person():
+        case RegisteredPerson():
             return "person"
-        case Agent():
+        case RegisteredAgent():
             return "agent"
-        case Pep():
+        case RegisteredPep():
             return "pep"
-        case Sensor():
+        case RegisteredSensor():
             return "sensor"

@@ -12,7 +12,14 @@ from policies.conduct.behaviour import RestoreError
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import AgentRestored, PartyRegistered, ToolRegistered, TrustStated
-from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing
+from ztpm_idp.domain.parties import (
+    PersonRole,
+    RegisteredAgent,
+    RegisteredPep,
+    RegisteredPerson,
+    RegisteredSensor,
+    Standing,
+)
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import (
@@ -39,10 +46,10 @@ TRUSTED_OF_ONE: Final = 128
 """Most agents for which one sponsor's trust is stated: an eighth of a snapshot's, so that none can fill it alone."""
 
 
-def active_person(state: State, id_: str, role: PersonRole) -> Person | None:
+def active_person(state: State, id_: str, role: PersonRole) -> RegisteredPerson | None:
     """The person, when registered, active and holding `role`."""
     match state.parties.get(id_):
-        case Person(standing=Standing.ACTIVE, roles=roles) as person if role in roles:
+        case RegisteredPerson(standing=Standing.ACTIVE, roles=roles) as person if role in roles:
             return person
         case _:
             return None
@@ -70,7 +77,9 @@ def register_person(rules: Rules, state: State, command: RegisterPerson) -> Outc
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers people")
     if PersonRole.APPROVER in command.roles and not state.crowd < snapshot.APPROVERS:
         return _full(f"{snapshot.APPROVERS} approvers")
-    person = Person(command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.name, command.roles)
+    person = RegisteredPerson(
+        command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.name, command.roles
+    )
     return _new_party(rules, state, person)
 
 
@@ -86,7 +95,7 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
         return Refusal(IdpCode.WORKLOAD_UNKNOWN, "the workload is of no platform that this provider trusts")
     if not state.crowd < AGENTS_OF_ONE:
         return _full(f"{AGENTS_OF_ONE} agents of one sponsor")
-    agent = Agent(
+    agent = RegisteredAgent(
         id=command.id,
         key=command.key,
         thumbprint=thumbprint(command.key),
@@ -108,7 +117,9 @@ def register_pep(rules: Rules, state: State, command: RegisterPep) -> Outcome:
     if not state.crowd < snapshot.PEPS:
         return _full(f"{snapshot.PEPS} enforcement points of one audience")
     return _new_party(
-        rules, state, Pep(command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.audiences)
+        rules,
+        state,
+        RegisteredPep(command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.audiences),
     )
 
 
@@ -118,7 +129,7 @@ def register_sensor(rules: Rules, state: State, command: RegisterSensor) -> Outc
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers sensors")
     if not state.crowd < snapshot.SENSORS:
         return _full(f"{snapshot.SENSORS} sensors of one audience")
-    sensor = Sensor(
+    sensor = RegisteredSensor(
         id=command.id,
         key=command.key,
         thumbprint=thumbprint(command.key),
@@ -144,13 +155,17 @@ def state_trust(state: State, command: StateTrust) -> Outcome:
     agent = state.parties.get(command.agent)
     admin = active_person(state, command.by, PersonRole.ADMIN) is not None
     match agent:
-        case Agent() if (admin or is_sponsor_of(state, command.by, agent)) and not state.crowd < TRUSTED_OF_ONE:
+        case RegisteredAgent() if (
+            admin or is_sponsor_of(state, command.by, agent)
+        ) and not state.crowd < TRUSTED_OF_ONE:
             return _full(f"trust in {TRUSTED_OF_ONE} agents of one sponsor")
-        case Agent() if (admin or is_sponsor_of(state, command.by, agent)) and not state.crowd_of_all < snapshot.AGENTS:
+        case RegisteredAgent() if (
+            admin or is_sponsor_of(state, command.by, agent)
+        ) and not state.crowd_of_all < snapshot.AGENTS:
             return _full(f"trust in {snapshot.AGENTS} agents")
-        case Agent() if admin or is_sponsor_of(state, command.by, agent):
+        case RegisteredAgent() if admin or is_sponsor_of(state, command.by, agent):
             return (TrustStated(agent.id, command.permille),)
-        case Agent() | None if not admin:
+        case RegisteredAgent() | None if not admin:
             return Refusal(IdpCode.NOT_PERMITTED, "the sponsor or an administrator states trust")
         case _:
             return Refusal(IdpCode.NOT_FOUND, "no such agent")
@@ -160,7 +175,7 @@ def restore_agent(rules: Rules, state: State, command: RestoreAgent, at_ms: int)
     """By the agent's sponsor or an administrator: who may end an agent may also say that it is all right again."""
     agent = state.parties.get(command.agent)
     admin = active_person(state, command.by, PersonRole.ADMIN) is not None
-    if not isinstance(agent, Agent):
+    if not isinstance(agent, RegisteredAgent):
         code = IdpCode.NOT_FOUND if admin else IdpCode.NOT_PERMITTED
         return Refusal(code, "no such agent" if admin else "the sponsor or an administrator restores an agent")
     if not admin and not is_sponsor_of(state, command.by, agent):
@@ -182,7 +197,7 @@ def _full(of_what: str) -> Refusal:
     return Refusal(IdpCode.REGISTRY_FULL, f"at most {of_what}")
 
 
-def is_sponsor_of(state: State, person: str, agent: Agent) -> bool:
+def is_sponsor_of(state: State, person: str, agent: RegisteredAgent) -> bool:
     """Whether the person answers for the agent, now."""
     return agent.sponsor == person and active_person(state, person, PersonRole.SPONSOR) is not None
 

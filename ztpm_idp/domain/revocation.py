@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, assert_never
 
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import RevocationKind, Revoked
-from ztpm_idp.domain.parties import Agent, Person, PersonRole, Standing
+from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPerson, Standing
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import Revoke
@@ -21,15 +21,15 @@ def revoke(state: State, command: Revoke) -> Outcome:
     """The revocation, with a person's also those of its agents; nothing happens again when it was made before."""
     caller = state.parties.get(command.by)
     match caller:
-        case Person(standing=Standing.ACTIVE, roles=roles) if PersonRole.ADMIN in roles:
+        case RegisteredPerson(standing=Standing.ACTIVE, roles=roles) if PersonRole.ADMIN in roles:
             missing = _missing_party(state, command)
             if missing is not None:
                 return missing
-        case Person(standing=Standing.ACTIVE, roles=roles) if PersonRole.SPONSOR in roles and _in_trees_of(
+        case RegisteredPerson(standing=Standing.ACTIVE, roles=roles) if PersonRole.SPONSOR in roles and _in_trees_of(
             state, command, caller.id
         ):
             pass
-        case Agent(standing=Standing.REGISTERED | Standing.ACTIVE) if _held_by(state, command, caller):
+        case RegisteredAgent(standing=Standing.REGISTERED | Standing.ACTIVE) if _held_by(state, command, caller):
             pass
         case _:
             return Refusal(IdpCode.NOT_PERMITTED, "not the caller's to revoke")
@@ -43,9 +43,9 @@ def revoke(state: State, command: Revoke) -> Outcome:
 def _missing_party(state: State, command: Revoke) -> Refusal | None:
     """An agent's or a person's id must be registered; any other is a slip that would protect nobody."""
     match command.kind:
-        case RevocationKind.AGENT if not isinstance(state.parties.get(command.id), Agent):
+        case RevocationKind.AGENT if not isinstance(state.parties.get(command.id), RegisteredAgent):
             return Refusal(IdpCode.NOT_FOUND, "no such agent")
-        case RevocationKind.SPONSOR if not isinstance(state.parties.get(command.id), Person):
+        case RevocationKind.SPONSOR if not isinstance(state.parties.get(command.id), RegisteredPerson):
             return Refusal(IdpCode.NOT_FOUND, "no such person")
         case _:
             return None
@@ -57,10 +57,12 @@ def _in_trees_of(state: State, command: Revoke, person: str) -> bool:
             return bool(state.hops) and all(hop.sponsor == person for hop in state.hops.values())
         case RevocationKind.AGENT:
             agent = state.parties.get(command.id)
-            return isinstance(agent, Agent) and agent.sponsor == person
+            return isinstance(agent, RegisteredAgent) and agent.sponsor == person
         case RevocationKind.KEY:
             owner = None if state.owner_of_thumbprint is None else state.parties.get(state.owner_of_thumbprint)
-            return owner is not None and (owner.id == person or (isinstance(owner, Agent) and owner.sponsor == person))
+            return owner is not None and (
+                owner.id == person or (isinstance(owner, RegisteredAgent) and owner.sponsor == person)
+            )
         case RevocationKind.SPONSOR:
             return command.id == person
         case RevocationKind.AUDIENCE:
@@ -69,7 +71,7 @@ def _in_trees_of(state: State, command: Revoke, person: str) -> bool:
             assert_never(command.kind)
 
 
-def _held_by(state: State, command: Revoke, agent: Agent) -> bool:
+def _held_by(state: State, command: Revoke, agent: RegisteredAgent) -> bool:
     match command.kind:
         case RevocationKind.TOKEN:
             # The whole token is what its first holder has and everything below.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.keys.keys import public_raw
 from capabilities.keys.windows import Role
-from capabilities.rotation.rotation import KeyRing, State
+from capabilities.rotation.rotation import KeyRing, KeyState
 from capabilities.rotation.rotation_json import ring_from_json
 from capabilities.values.errors import BadKeyError
 from ztpm_idp.keys.key_files import IdpKeys, SettingsError, load_key, token_key
@@ -47,7 +47,7 @@ def load(name: str, folder: Path, issuer: str, passphrase: str) -> IdpKeys:
         return key
 
     signing = {role: private(ring.active(role)) for role in Role}
-    former = [r for r in ring.records if r.role is Role.REGISTRY and r.state is State.RETIRED]
+    former = [r for r in ring.records if r.role is Role.REGISTRY and r.state is KeyState.RETIRED]
     return IdpKeys(
         root=token_key(SETTING, signing[Role.ROOT]),
         attester=token_key(SETTING, signing[Role.ATTESTER]),

@@ -10,7 +10,14 @@ from capabilities.statements import answers, checkpoint, conduct, registry, revo
 from capabilities.values.scope import Tier
 from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.parties import Agent, Pep, Person, PersonRole, Sensor, Standing
+from ztpm_idp.domain.parties import (
+    PersonRole,
+    RegisteredAgent,
+    RegisteredPep,
+    RegisteredPerson,
+    RegisteredSensor,
+    Standing,
+)
 from ztpm_idp.provider.problems import Problem
 
 if TYPE_CHECKING:
@@ -98,10 +105,10 @@ async def revocation_index(provider: Provider, heartbeat: Heartbeat, *, since: i
     return revocation.sign(index, provider.keys.feed)
 
 
-def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.Entry, ...]:
+def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.RevocationEntry, ...]:
     sizes = accumulate(_ENTRY_BYTES + len(id_) for _, _, id_ in found)
     return tuple(
-        revocation.Entry(epoch, kind, id_)
+        revocation.RevocationEntry(epoch, kind, id_)
         for (epoch, kind, id_), size in zip(found, sizes, strict=True)
         if size <= INDEX_BYTES
     )
@@ -161,10 +168,10 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
     async with provider.store.read() as view:
         counters = await view.counters()
         tools = await view.tools(audience)
-        sensors = [s for s in await view.all_parties("sensor") if isinstance(s, Sensor)]
-        agents = [a for a in await view.all_parties("agent") if isinstance(a, Agent)]
-        people = [p for p in await view.all_parties("person") if isinstance(p, Person)]
-        peps = [p for p in await view.all_parties("pep") if isinstance(p, Pep)]
+        sensors = [s for s in await view.all_parties("sensor") if isinstance(s, RegisteredSensor)]
+        agents = [a for a in await view.all_parties("agent") if isinstance(a, RegisteredAgent)]
+        people = [p for p in await view.all_parties("person") if isinstance(p, RegisteredPerson)]
+        peps = [p for p in await view.all_parties("pep") if isinstance(p, RegisteredPep)]
     snapshot = registry.RegistrySnapshot(
         issuer=provider.settings.issuer,
         version=counters.registry_version,

@@ -14,7 +14,7 @@ from ztpm_idp.domain import commands
 from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, Asked, AskState, stated
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import VoteCast
-from ztpm_idp.domain.parties import Pep, Person
+from ztpm_idp.domain.parties import RegisteredPep, RegisteredPerson
 from ztpm_idp.provider import ask_page, wire
 from ztpm_idp.provider.feed import answers_for
 from ztpm_idp.provider.problems import Problem
@@ -41,7 +41,7 @@ async def read_answers(request: Request, call: Caller) -> PlainTextResponse:
     """How the asks and openings of an audience stand, signed, echoing the nonce; for whoever serves the audience."""
     audience, nonce = query_of(request, "audience", "nonce")
     echoed = nonce_of(nonce)
-    if not isinstance(call.party, Pep) or audience not in call.party.audiences:
+    if not isinstance(call.party, RegisteredPep) or audience not in call.party.audiences:
         raise Problem(IdpCode.NOT_PERMITTED, "an enforcement point learns the answers to its own audiences")
     return PlainTextResponse(
         await answers_for(provider_of(request), audience=audience, nonce=echoed), headers=_UNSTORED
@@ -158,7 +158,7 @@ async def close_opening(request: Request, opening_id: str, call: Caller) -> dict
 
 
 def _only_people(call: Call) -> None:
-    if not isinstance(call.party, Person):
+    if not isinstance(call.party, RegisteredPerson):
         raise Problem(IdpCode.NOT_PERMITTED, "people read asks")
 
 

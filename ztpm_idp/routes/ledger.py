@@ -9,7 +9,7 @@ from fastapi.responses import StreamingResponse
 
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.parties import Person, PersonRole
+from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.feed import ledger_export
 from ztpm_idp.provider.problems import Problem
@@ -31,7 +31,7 @@ async def take_records(request: Request, call: Caller) -> dict[str, int]:
 async def export(request: Request, call: Caller) -> StreamingResponse:
     """Every entry as one JSON line, then the signed checkpoint."""
     match call.party:
-        case Person(roles=roles) if roles & {PersonRole.ADMIN, PersonRole.APPROVER}:
+        case RegisteredPerson(roles=roles) if roles & {PersonRole.ADMIN, PersonRole.APPROVER}:
             pass
         case _:
             raise Problem(IdpCode.NOT_PERMITTED)

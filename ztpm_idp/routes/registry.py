@@ -15,7 +15,7 @@ from capabilities.values.scope import Tier
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind
-from ztpm_idp.domain.parties import Agent, Tool
+from ztpm_idp.domain.parties import RegisteredAgent, RegisteredTool
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.feed import registry_snapshot
 from ztpm_idp.provider.problems import Problem
@@ -83,7 +83,7 @@ async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  
             "conduct": standings.get(a.id),
         }
         for a in found
-        if isinstance(a, Agent)
+        if isinstance(a, RegisteredAgent)
     ]
 
 
@@ -133,7 +133,9 @@ async def register_sensor(request: Request, call: Caller) -> dict[str, str]:
 async def register_tool(request: Request, call: Caller) -> dict[str, str]:
     """An administrator registers a tool's reviewed definition, or replaces it."""
     body = call.body(wire.ToolBody)
-    tool = Tool(body.audience, body.name, bytes.fromhex(body.definition_digest), body.operation, Tier(body.base_tier))
+    tool = RegisteredTool(
+        body.audience, body.name, bytes.fromhex(body.definition_digest), body.operation, Tier(body.base_tier)
+    )
     await provider_of(request).run(commands.RegisterTool(call.party.id, tool), actor=call.party.id)
     return {"name": body.name}
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
-    from policies.conduct.history import Career
+    from policies.conduct.history import AgentHistory
     from ztpm_idp.domain.agent_conduct import Concerned, Published
 
 ConductEvent = PermitOpened | PermitConcluded | ConductObserved | AgentRestored
@@ -125,7 +125,7 @@ class Conduct:
                 found[agent] = AgentConduct(_trust(trust), _behaviour(behaviour), restored_at)
         return found
 
-    async def _peers(self, agent: str) -> dict[str, Career]:
+    async def _peers(self, agent: str) -> dict[str, AgentHistory]:
         """What others do that live, of the same sponsor and role: who answers for one answers for what it is like."""
         other, own, c = t.agents.alias("other"), t.agents.alias("own"), t.conduct.c
         rows = await self._connection.execute(

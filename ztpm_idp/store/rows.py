@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any, assert_never
 import sqlalchemy as sa
 
 from ztpm_idp.domain.ledger import FIRST_PREV
-from ztpm_idp.domain.parties import Agent, Party, Pep, Person, PersonRole, Sensor, Standing, kind_of
+from ztpm_idp.domain.parties import (
+    Party,
+    PersonRole,
+    RegisteredAgent,
+    RegisteredPep,
+    RegisteredPerson,
+    RegisteredSensor,
+    Standing,
+    kind_of,
+)
 from ztpm_idp.store import schema as t
 
 if TYPE_CHECKING:
@@ -42,17 +51,21 @@ def party(row: sa.Row[Any]) -> Party:
     id_, key, thumbprint, standing = r["id"], bytes(r["key"]), r["thumbprint"], Standing(r["standing"])
     match r["kind"]:
         case "person":
-            return Person(id_, key, thumbprint, standing, r["name"], frozenset(PersonRole(x) for x in r["roles"]))
+            return RegisteredPerson(
+                id_, key, thumbprint, standing, r["name"], frozenset(PersonRole(x) for x in r["roles"])
+            )
         case "agent":
             digest = bytes(r["software_digest"])
-            return Agent(
+            return RegisteredAgent(
                 id_, key, thumbprint, standing, digest, r["model"], r["role"], r["sponsor"], r["trust_permille"],
                 r["workload"] or "",
             )  # fmt: skip
         case "pep":
-            return Pep(id_, key, thumbprint, standing, frozenset(r["audiences"]))
+            return RegisteredPep(id_, key, thumbprint, standing, frozenset(r["audiences"]))
         case "sensor":
-            return Sensor(id_, key, thumbprint, standing, bytes(r["calibration"]), r["transit_ms"], r["audience"])
+            return RegisteredSensor(
+                id_, key, thumbprint, standing, bytes(r["calibration"]), r["transit_ms"], r["audience"]
+            )
         case other:
             raise AssertionError(other)
 
@@ -68,9 +81,9 @@ def party_inserts(party: Party, at_ms: int) -> Sequence[sa.Insert]:
         registered_ms=at_ms,
     )
     match party:
-        case Person(name=name, roles=roles):
+        case RegisteredPerson(name=name, roles=roles):
             own = sa.insert(t.people).values(id=party.id, name=name, roles=sorted(role.value for role in roles))
-        case Agent():
+        case RegisteredAgent():
             own = sa.insert(t.agents).values(
                 id=party.id,
                 software_digest=party.software_digest,
@@ -79,11 +92,11 @@ def party_inserts(party: Party, at_ms: int) -> Sequence[sa.Insert]:
                 sponsor=party.sponsor,
                 workload=party.workload or None,
             )
-        case Pep(audiences=audiences):
+        case RegisteredPep(audiences=audiences):
             own = sa.insert(t.peps).values(
                 id=party.id, audiences=sorted(audiences), journal_seq=0, journal_head=FIRST_PREV
             )  # fmt: skip
-        case Sensor():
+        case RegisteredSensor():
             own = sa.insert(t.sensors).values(
                 id=party.id, calibration=party.calibration, transit_ms=party.transit_ms, audience=party.audience
             )  # fmt: skip

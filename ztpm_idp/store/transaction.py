@@ -31,7 +31,15 @@ from ztpm_idp.domain.events import (
     VoteCast,
 )
 from ztpm_idp.domain.ledger import seal
-from ztpm_idp.domain.parties import Agent, Party, Pep, Person, PersonRole, Sensor, Standing
+from ztpm_idp.domain.parties import (
+    Party,
+    PersonRole,
+    RegisteredAgent,
+    RegisteredPep,
+    RegisteredPerson,
+    RegisteredSensor,
+    Standing,
+)
 from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
 from ztpm_idp.store import counts, rows
 from ztpm_idp.store import schema as t
@@ -175,7 +183,7 @@ class Transaction:
     async def _parties(self, ids: frozenset[str]) -> dict[str, Party]:
         found = {p.id: p for p in await self._by_id(ids)}
         # Whoever judges an agent judges its sponsor too.
-        sponsors = {p.sponsor for p in found.values() if isinstance(p, Agent)} - found.keys()
+        sponsors = {p.sponsor for p in found.values() if isinstance(p, RegisteredAgent)} - found.keys()
         return found | {p.id: p for p in await self._by_id(sponsors)}
 
     async def _by_id(self, ids: Iterable[str]) -> list[Party]:
@@ -293,9 +301,9 @@ class Transaction:
                 for insert in rows.party_inserts(party, at_ms):
                     await self._connection.execute(insert)
                 match party:
-                    case Sensor() | Pep():
+                    case RegisteredSensor() | RegisteredPep():
                         await self._registry_changed()
-                    case Person(roles=roles) if PersonRole.APPROVER in roles:
+                    case RegisteredPerson(roles=roles) if PersonRole.APPROVER in roles:
                         await self._registry_changed()
                     case _:
                         pass

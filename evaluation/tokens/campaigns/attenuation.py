@@ -44,7 +44,7 @@ _LEAST_SPLIT: Final = 0.1
 
 
 @dataclass(slots=True)
-class Tally:
+class AttenuationTally:
     """What one run found.
 
     Attributes:
@@ -70,7 +70,7 @@ class Tally:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class AttenuationFigures:
     """What the campaign shows.
 
     Attributes:
@@ -79,7 +79,7 @@ class Figures:
     """
 
     count: int
-    tally: Tally
+    tally: AttenuationTally
 
     @property
     def missed(self) -> tuple[str, ...]:
@@ -158,13 +158,13 @@ class _Asked:
     verifier: Verifier
     of: Family
     chance: random.Random
-    found: Tally
+    found: AttenuationTally
 
 
-def explore(issuer: Issuer, count: int, seed: int, each: int) -> Tally:
+def explore(issuer: Issuer, count: int, seed: int, each: int) -> AttenuationTally:
     """What so many pairs show, so many of them of each chain; the dimensions take turns."""
     chance = random.Random(seed)  # noqa: S311 - draws, no secrets
-    found = Tally()
+    found = AttenuationTally()
     number = 0
     while number < count:
         verifier = issuer.verifier()
@@ -216,7 +216,7 @@ def _pair_of_lend(asked: _Asked, dimension: str, turn: int) -> None:
             keep(found.parted, f"issuing {lend}")
 
 
-def _compare(dimension: str, asked: object, answers: list[bool], expected: list[bool], found: Tally) -> None:
+def _compare(dimension: str, asked: object, answers: list[bool], expected: list[bool], found: AttenuationTally) -> None:
     found.pairs[dimension] += 1
     found.split[dimension] += len(set(answers)) > 1
     if answers != sorted(answers, reverse=True):  # once refused, refused to everybody below
@@ -248,11 +248,11 @@ def _forge(asked: _Asked, what: str) -> None:
 # --- all of it -------------------------------------------------------------------------------------------------------
 
 
-def _share(issuer_seed: str, count: int, seed: int, each: int) -> Tally:
+def _share(issuer_seed: str, count: int, seed: int, each: int) -> AttenuationTally:
     return explore(Issuer(issuer_seed), count, seed, each)
 
 
-def run(count: int = COUNT, seed: int = 1, *, processes: int = 2, each: int = EACH) -> Figures:
+def run(count: int = COUNT, seed: int = 1, *, processes: int = 2, each: int = EACH) -> AttenuationFigures:
     """The figures of the campaign.
 
     Args:
@@ -264,4 +264,4 @@ def run(count: int = COUNT, seed: int = 1, *, processes: int = 2, each: int = EA
     seeds = seeds_of(seed, processes)
     parts = zip(shares(count, processes), seeds, strict=True)
     work = [(f"attenuation {own}", share, own, each) for share, own in parts]
-    return Figures(count, total(together(_share, work)))
+    return AttenuationFigures(count, total(together(_share, work)))

@@ -15,7 +15,7 @@ SIZES: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class BlockKind:
     """One kind.
 
     Attributes:
@@ -54,9 +54,9 @@ def _strangers(count: int) -> str:
 
 
 STATEMENTS: Final = (
-    Kind("product of three", 140, lambda n: f"{_facts(n)} p($a, $b, $c) <- n($a), n($b), n($c), $a < 0;"),
-    Kind("product of four", 60, lambda n: f"{_facts(n)} p($a, $b, $c, $d) <- n($a), n($b), n($c), n($d), $a < 0;"),
-    Kind(
+    BlockKind("product of three", 140, lambda n: f"{_facts(n)} p($a, $b, $c) <- n($a), n($b), n($c), $a < 0;"),
+    BlockKind("product of four", 60, lambda n: f"{_facts(n)} p($a, $b, $c, $d) <- n($a), n($b), n($c), n($d), $a < 0;"),
+    BlockKind(
         "recursion",
         120,
         lambda n: (
@@ -64,23 +64,23 @@ STATEMENTS: Final = (
             + " r($a, $b) <- e($a, $b); r($a, $c) <- r($a, $b), r($b, $c);"
         ),
     ),
-    Kind("long chain", 150, lambda n: "p0(1); " + " ".join(f"p{i + 1}($x) <- p{i}($x);" for i in range(n))),
-    Kind("many facts", 400, _facts),
-    Kind("many checks", 200, lambda n: " ".join(f"check if n({i});" for i in range(n))),
-    Kind("wide fact", 900, lambda n: f"n({_numbers(n)});"),
-    Kind("reject over a product", 140, lambda n: f"{_facts(n)} reject if n($a), n($b), n($c), $a + $b + $c < 0;"),
-    Kind("check all over a product", 140, lambda n: f"{_facts(n)} check all n($a), n($b), n($c), $a >= 0;"),
-    Kind("many scopes", 60, lambda n: f"check if n($a) trusting {_strangers(n)};"),
+    BlockKind("long chain", 150, lambda n: "p0(1); " + " ".join(f"p{i + 1}($x) <- p{i}($x);" for i in range(n))),
+    BlockKind("many facts", 400, _facts),
+    BlockKind("many checks", 200, lambda n: " ".join(f"check if n({i});" for i in range(n))),
+    BlockKind("wide fact", 900, lambda n: f"n({_numbers(n)});"),
+    BlockKind("reject over a product", 140, lambda n: f"{_facts(n)} reject if n($a), n($b), n($c), $a + $b + $c < 0;"),
+    BlockKind("check all over a product", 140, lambda n: f"{_facts(n)} check all n($a), n($b), n($c), $a >= 0;"),
+    BlockKind("many scopes", 60, lambda n: f"check if n($a) trusting {_strangers(n)};"),
 )
 CONDITIONS: Final = (
-    Kind("big set", 900, lambda n: f"!{{{_numbers(n)}}}.contains(-1)"),
-    Kind("intersection", 350, lambda n: f"{{{_numbers(n)}}}.intersection({{{_numbers(n)}}}).length() > 0"),
-    Kind("union", 350, lambda n: f"{{{_numbers(n)}}}.union({{{_numbers(n)}}}).length() > 0"),
-    Kind("closures three deep", 200, lambda n: _loops(n, 3)),
-    Kind("closures four deep", 100, lambda n: _loops(n, 4)),
-    Kind("regex on a long text", 3_000, lambda n: f'!"{"a" * n}".matches("(a*)*(a*)*b")'),
-    Kind("large regex", 100, lambda n: f'"a".matches("((a{{{n}}}){{{n}}}){{{n}}}") || true'),
-    Kind("parentheses", 500, lambda n: f"{'(' * n}true{')' * n}"),
-    Kind("long sum", 400, lambda n: f"{' + '.join(['1'] * n)} > 0"),
-    Kind("long text", 200, lambda n: " + ".join(['"xxxxxxxxxxxxxxxx"'] * n) + ' != ""'),
+    BlockKind("big set", 900, lambda n: f"!{{{_numbers(n)}}}.contains(-1)"),
+    BlockKind("intersection", 350, lambda n: f"{{{_numbers(n)}}}.intersection({{{_numbers(n)}}}).length() > 0"),
+    BlockKind("union", 350, lambda n: f"{{{_numbers(n)}}}.union({{{_numbers(n)}}}).length() > 0"),
+    BlockKind("closures three deep", 200, lambda n: _loops(n, 3)),
+    BlockKind("closures four deep", 100, lambda n: _loops(n, 4)),
+    BlockKind("regex on a long text", 3_000, lambda n: f'!"{"a" * n}".matches("(a*)*(a*)*b")'),
+    BlockKind("large regex", 100, lambda n: f'"a".matches("((a{{{n}}}){{{n}}}){{{n}}}") || true'),
+    BlockKind("parentheses", 500, lambda n: f"{'(' * n}true{')' * n}"),
+    BlockKind("long sum", 400, lambda n: f"{' + '.join(['1'] * n)} > 0"),
+    BlockKind("long text", 200, lambda n: " + ".join(['"xxxxxxxxxxxxxxxx"'] * n) + ' != ""'),
 )

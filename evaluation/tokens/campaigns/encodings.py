@@ -33,7 +33,7 @@ _ALPHABET: Final = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz01234567
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class EncodingFigures:
     """What the campaign shows.
 
     Attributes:
@@ -185,7 +185,7 @@ FAMILIES: Final[dict[str, Callable[[bytes], Iterator[bytes]]]] = {
 TEXTS: Final = "texts"
 
 
-def run(seed: int = 1, *, every: int = 1) -> Figures:
+def run(seed: int = 1, *, every: int = 1) -> EncodingFigures:
     """The figures of the campaign.
 
     Args:
@@ -197,7 +197,9 @@ def run(seed: int = 1, *, every: int = 1) -> Figures:
     return search(tokens(issuer), lambda token: verified(verifier, token), every=every, offset=seed % every)
 
 
-def search(of: tuple[bytes, ...], ask: Callable[[bytes], Chain | Fault], *, every: int = 1, offset: int = 0) -> Figures:
+def search(
+    of: tuple[bytes, ...], ask: Callable[[bytes], Chain | Fault], *, every: int = 1, offset: int = 0
+) -> EncodingFigures:
     """What `ask` says to other spellings of these tokens.
 
     Args:
@@ -235,7 +237,7 @@ def search(of: tuple[bytes, ...], ask: Callable[[bytes], Chain | Fault], *, ever
         for text in texts(token):
             judge(TEXTS, text)
     good = good and all(isinstance(ask(token), Chain) for token in of)
-    return Figures(tried, codes, tuple(accepted), tuple(stray), good)
+    return EncodingFigures(tried, codes, tuple(accepted), tuple(stray), good)
 
 
 def _from_text(text: str, ask: Callable[[bytes], Chain | Fault]) -> Chain | Fault:

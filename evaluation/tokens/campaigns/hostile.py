@@ -17,7 +17,7 @@ from capabilities import Chain, Fault, FaultCode, Tier, Verifier
 from capabilities.keys import keys
 from capabilities.values.caps import DEFAULT
 from evaluation.harness.campaign import Campaign, Misses, Outcome, Settings
-from evaluation.tokens.campaigns.blocks import CONDITIONS, STATEMENTS, Kind
+from evaluation.tokens.campaigns.blocks import CONDITIONS, STATEMENTS, BlockKind
 from evaluation.tokens.peers import lending as tokens
 from evaluation.tokens.workload import OBJECT, SMALL, quantities
 
@@ -124,7 +124,7 @@ def crafted(*, every: int) -> Iterator[Hostile]:
         ("beside a check", lambda condition: _replaced(honest, _own_check(honest).rstrip(";") + f", {condition};")),
     )
     for form, write in forms:
-        chosen: list[tuple[Kind, int]] = [(kind, n) for kind in CONDITIONS for n in kind.sizes()][1::2][::every]
+        chosen: list[tuple[BlockKind, int]] = [(kind, n) for kind in CONDITIONS for n in kind.sizes()][1::2][::every]
         for kind, n in chosen:
             source = write(kind.write(n))
             yield Hostile(f"attester, {form}: {kind.name} {n}", _attested(parent, source), BY_ATTESTER)

@@ -45,7 +45,7 @@ TEXTS: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class InjectionFigures:
     """What the campaign shows.
 
     Attributes:
@@ -139,7 +139,7 @@ PLACES: Final[dict[str, Callable[[Issuer, str], Made]]] = {
 # --- the run ---------------------------------------------------------------------------------------------------------
 
 
-def run(seed: int = 1) -> Figures:
+def run(seed: int = 1) -> InjectionFigures:
     """The figures of the campaign; the seed is that of the keys."""
     issuer = Issuer(f"injection {seed}")
     carried: Counter[str] = Counter()
@@ -158,7 +158,7 @@ def run(seed: int = 1) -> Figures:
                 injected.append(f"{place} {text!r} {what}" if len(injected) < _KEPT else "")
             accepted = isinstance(verified(issuer.verifier(), made.token), Chain)
             (carried if accepted else refused)[place] += 1
-    return Figures(len(set(TEXTS)), dict(carried), dict(refused), tuple(injected))
+    return InjectionFigures(len(set(TEXTS)), dict(carried), dict(refused), tuple(injected))
 
 
 def _injected(issuer: Issuer, made: Made, text: str, likeness: list[dict[int, int]]) -> str:

@@ -38,7 +38,7 @@ class Clocks:
 
 
 @dataclass(slots=True)
-class Tally:
+class MutantTally:
     """What one run found.
 
     Attributes:
@@ -67,7 +67,7 @@ class Tally:
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
+class MutantFigures:
     """What the campaign shows.
 
     Attributes:
@@ -76,7 +76,7 @@ class Figures:
     """
 
     count: int
-    tally: Tally
+    tally: MutantTally
 
     @property
     def missed(self) -> tuple[str, ...]:
@@ -94,7 +94,7 @@ class Figures:
 # --- one process -----------------------------------------------------------------------------------------------------
 
 
-def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> Tally:
+def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> MutantTally:
     """What `ask` says to so many mutants, the kinds in turn.
 
     Args:
@@ -105,7 +105,7 @@ def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault],
         clocks: that each answer is timed with.
     """
     chance = random.Random(seed)  # noqa: S311 - draws, no secrets
-    found = Tally()
+    found = MutantTally()
     found.lost += _control(of, ask)
     before_mib, peak_mib = _memory_mib("VmRSS"), _memory_mib("VmHWM")
     for number in range(count):
@@ -123,10 +123,10 @@ def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault],
     return found
 
 
-def _judge(made: bytes, found: Tally, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> None:
+def _judge(made: bytes, found: MutantTally, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> None:
     took_ms, cpu_ms = _timed(made, found, ask, clocks)
     if took_ms > SLOWEST_MS:
-        aside = Tally()
+        aside = MutantTally()
         again = (_timed(made, aside, ask, clocks)[0] <= SLOWEST_MS for _ in range(_AGAIN))
         if cpu_ms <= SLOWEST_MS and any(again):
             found.paused += 1
@@ -136,7 +136,9 @@ def _judge(made: bytes, found: Tally, ask: Callable[[bytes], Chain | Fault], clo
     found.worst_cpu_ms = max(found.worst_cpu_ms, cpu_ms)
 
 
-def _timed(made: bytes, found: Tally, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> tuple[float, float]:
+def _timed(
+    made: bytes, found: MutantTally, ask: Callable[[bytes], Chain | Fault], clocks: Clocks
+) -> tuple[float, float]:
     """Milliseconds by the clock and of this thread; the answer is counted."""
     cpu, began = clocks.work_ns(), clocks.room_ns()
     try:
@@ -171,13 +173,13 @@ def _memory_mib(what: str) -> float:
 # --- all of it -------------------------------------------------------------------------------------------------------
 
 
-def _share(issuer_seed: str, count: int, seed: int) -> Tally:
+def _share(issuer_seed: str, count: int, seed: int) -> MutantTally:
     issuer = Issuer(issuer_seed)
     verifier = issuer.verifier()
     return hunt(pool(issuer), count, seed, lambda token: verified(verifier, token), Clocks())
 
 
-def run(count: int = COUNT, seed: int = 1, *, processes: int = 2) -> Figures:
+def run(count: int = COUNT, seed: int = 1, *, processes: int = 2) -> MutantFigures:
     """The figures of the campaign.
 
     Args:
@@ -186,4 +188,4 @@ def run(count: int = COUNT, seed: int = 1, *, processes: int = 2) -> Figures:
         processes: that share the work; with 1 it is done here.
     """
     drawn = zip(shares(count, processes), seeds_of(seed, processes), strict=True)
-    return Figures(count, total(together(_share, [(f"mutants {each}", share, each) for share, each in drawn])))
+    return MutantFigures(count, total(together(_share, [(f"mutants {each}", share, each) for share, each in drawn])))

@@ -37,7 +37,7 @@ REFUSED: Final = {
 
 
 @dataclass(slots=True)
-class Tally:
+class WycheproofTally:
     """What came of one file.
 
     Attributes:
@@ -93,14 +93,14 @@ def run(settings: Settings) -> Outcome | Skipped:
     )
 
 
-def tally(folder: Path, verify: Callable[[bytes, bytes, bytes], object]) -> dict[str, Tally]:
+def tally(folder: Path, verify: Callable[[bytes, bytes, bytes], object]) -> dict[str, WycheproofTally]:
     """Every file.
 
     Args:
         folder: with the five files.
         verify: true for a signature that holds: raw key, message, signature.
     """
-    found = {name: Tally() for name in INVALID}
+    found = {name: WycheproofTally() for name in INVALID}
     for group, case in _cases(folder / ED25519):
         held = _holds(verify, bytes.fromhex(group["publicKey"]["pk"]), case)
         found[ED25519].count(ED25519, case, accepted=held, why=None)

@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey,
 
 from evaluation.harness.absent import package
 from evaluation.harness.timing import Cell, Verdict
-from evaluation.tokens.cell import Kind, Of, Prepared, endless
+from evaluation.tokens.cell import Kind, Prepared, TokenKey, endless
 from evaluation.tokens.peers.plain import Ask, PlainPeer
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _EXPIRES: Final = 4_102_444_800
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class ActTokenCall:
     """One request with its proof."""
 
     token: str
@@ -114,21 +114,23 @@ class ActToken(PlainPeer):
         good = Ask(workload.operation, workload.named(workload.values))
         outside = Ask(workload.operation, workload.named(workload.outside))
 
-        def call(token: str, ask: Ask = good, key: Ed25519PrivateKey | None = None, over: Ask | None = None) -> Call:
-            return Call(token, self._prove(token, over or ask, key or self._holder), ask)
+        def call(
+            token: str, ask: Ask = good, key: Ed25519PrivateKey | None = None, over: Ask | None = None
+        ) -> ActTokenCall:
+            return ActTokenCall(token, self._prove(token, over or ask, key or self._holder), ask)
 
-        def fresh() -> Iterator[Call]:
+        def fresh() -> Iterator[ActTokenCall]:
             for token in pool:
                 yield call(token)
 
         stranger = Ed25519PrivateKey.generate()
-        wrong: dict[str, Callable[[], Call]] = {
+        wrong: dict[str, Callable[[], ActTokenCall]] = {
             "a value out of limits": lambda: call(pool[-1], outside),
             "a proof by another key": lambda: call(pool[-1], key=stranger),
             "a proof for another request": lambda: call(pool[-1], over=outside),
         }
         cell = Cell(
-            Of(self.name, workload.name, depth, Kind.COLD, proof=True),
+            TokenKey(self.name, workload.name, depth, Kind.COLD, proof=True),
             checks=self.checks + "; a DPoP proof over method, URL, token and body (not replay)",
             fresh=endless(fresh()),
             act=self._decide_proven,
@@ -148,7 +150,7 @@ class ActToken(PlainPeer):
         header = {"typ": "dpop+jwt", "jwk": _jwk(key.public_key())}
         return str(self._jwt.encode(claims, key, algorithm="EdDSA", headers=header))
 
-    def _decide_proven(self, call: Call) -> Verdict:
+    def _decide_proven(self, call: ActTokenCall) -> Verdict:
         claims = self._claims(call.token)
         if claims is None:
             return Verdict.REFUSED

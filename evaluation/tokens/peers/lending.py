@@ -56,7 +56,7 @@ DEEPEST: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class HeldToken:
     """A token and the private key of its leaf, 32 bytes."""
 
     token: bytes
@@ -198,7 +198,7 @@ def chain_of(token: bytes) -> Chain:
     return chain
 
 
-def lend(workload: Workload, depth: int, serial: int, *, varied: bool = False) -> Held:
+def lend(workload: Workload, depth: int, serial: int, *, varied: bool = False) -> HeldToken:
     """A token of this depth and the key of its leaf.
 
     Args:
@@ -214,10 +214,10 @@ def lend(workload: Workload, depth: int, serial: int, *, varied: bool = False) -
     token = mint(**first_of(workload, serial, limits=limits))
     for hop in range(1, depth + 1):
         token = delegate(token, **next_of(chain_of(token), restriction(workload, hop, limits), serial))
-    return Held(token, _seed(f"{serial}/{depth}"))
+    return HeldToken(token, _seed(f"{serial}/{depth}"))
 
 
-def lend_all(workload: Workload, depth: int, serials: range, varied: bool = False) -> list[Held] | Declined:  # noqa: FBT001, FBT002 - across processes
+def lend_all(workload: Workload, depth: int, serials: range, varied: bool = False) -> list[HeldToken] | Declined:  # noqa: FBT001, FBT002 - across processes
     """A token for each serial number, or why there is none."""
     try:
         return [lend(workload, depth, serial, varied=varied) for serial in serials]
@@ -226,7 +226,7 @@ def lend_all(workload: Workload, depth: int, serials: range, varied: bool = Fals
 
 
 @contextmanager
-def elsewhere() -> Iterator[Callable[[Workload, int, range, bool], list[Held] | Declined]]:
+def elsewhere() -> Iterator[Callable[[Workload, int, range, bool], list[HeldToken] | Declined]]:
     """`lend_all` in a fresh process, which lives as long as the block."""
     with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as pool:
         yield lambda *asked: pool.submit(lend_all, *asked).result()

@@ -24,7 +24,7 @@ from capabilities import (
 from capabilities.values.caps import DEFAULT
 from evaluation.harness.bench import Row
 from evaluation.harness.timing import Cell, Verdict
-from evaluation.tokens.cell import Kind, Of, Prepared, endless
+from evaluation.tokens.cell import Kind, Prepared, TokenKey, endless
 from evaluation.tokens.peers import lending as tokens
 from evaluation.tokens.peers import session as stream
 from evaluation.tokens.peers.lending import Declined
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from capabilities.values.units import Quantity
-    from evaluation.tokens.peers.lending import Held
+    from evaluation.tokens.peers.lending import HeldToken
     from evaluation.tokens.workload import Workload
 
 NAME: Final = "ztpm"
@@ -46,7 +46,7 @@ PROVEN: Final = "; a DPoP proof over method, URL, body and token (not replay: th
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class OurCall:
     """One request under one token.
 
     Attributes:
@@ -75,13 +75,13 @@ def forget() -> None:
                     clear()
 
 
-class Ours:
+class OurTokens:
     """See the module."""
 
     name = NAME
     version = metadata.version("ztpm")
 
-    def __init__(self, lend: Callable[[Workload, int, range, bool], list[Held] | Declined]) -> None:
+    def __init__(self, lend: Callable[[Workload, int, range, bool], list[HeldToken] | Declined]) -> None:
         self._lend = lend
         self._serials = 0
         self._proofs = 0
@@ -90,13 +90,15 @@ class Ours:
 
     def prepare(self, workload: Workload, depth: int, calls: int) -> Prepared:
         """Cells of one scope at one depth, each good for `calls` calls."""
-        cells: list[Cell[Of] | Row[Of]] = []
+        cells: list[Cell[TokenKey] | Row[TokenKey]] = []
         wanted = [(kind, proof) for kind in (Kind.COLD, Kind.NOVEL, Kind.FIRST) for proof in (False, True)]
         one = self._lend(workload, depth, self._next(1), False)  # noqa: FBT003 - across processes
         if isinstance(one, Declined):
             kinds = [*wanted, (Kind.WARM, False), (Kind.WARM, True), (Kind.STREAM, True)]
             why = f"refused: {one.code}"
-            return Prepared(tuple(Row(Of(NAME, workload.name, depth, k, proof=p), why=why) for k, p in kinds), None)
+            return Prepared(
+                tuple(Row(TokenKey(NAME, workload.name, depth, k, proof=p), why=why) for k, p in kinds), None
+            )
         for kind, proof in wanted:
             pool = self._lend(workload, depth, self._next(calls), kind is not Kind.COLD)
             assert not isinstance(pool, Declined)
@@ -112,10 +114,10 @@ class Ours:
 
     # --- deciding ----------------------------------------------------------------------------------------------------
 
-    def _decide(self, workload: Workload, *, proof: bool) -> Callable[[Call], Verdict]:
+    def _decide(self, workload: Workload, *, proof: bool) -> Callable[[OurCall], Verdict]:
         view, operation = self._view, workload.operation
 
-        def decide(call: Call) -> Verdict:
+        def decide(call: OurCall) -> Verdict:
             chain = call.verifier.verify(
                 call.token, at=tokens.NOW, audience=tokens.SERVER, view=view, lease_ms=tokens.LEASE_MS
             )
@@ -149,14 +151,14 @@ class Ours:
     def _call(
         self,
         workload: Workload,
-        held: Held,
+        held: HeldToken,
         *,
         proof: bool,
         verifier: Verifier,
         values: tuple[int, ...] | None = None,
         signer: Ed25519PrivateKey | None = None,
         body_of: tuple[int, ...] | None = None,
-    ) -> Call:
+    ) -> OurCall:
         """A request with a proof of its own; `signer` and `body_of` make the proof one of another key or body."""
         values = workload.values if values is None else values
         text, sent = token_to_text(held.token), body(workload, values)
@@ -172,11 +174,11 @@ class Ours:
                 at=tokens.NOW - 1,
                 jti=f"{self._proofs:022d}",
             )
-        return Call(verifier, held.token, text, made, sent, quantities(workload, values))
+        return OurCall(verifier, held.token, text, made, sent, quantities(workload, values))
 
     def _wrong(
-        self, workload: Workload, held: Held, *, proof: bool, verifier: Verifier
-    ) -> dict[str, Callable[[], Call]]:
+        self, workload: Workload, held: HeldToken, *, proof: bool, verifier: Verifier
+    ) -> dict[str, Callable[[], OurCall]]:
         wrong = {
             "a value out of limits": lambda: self._call(
                 workload, held, proof=proof, verifier=verifier, values=workload.outside
@@ -192,11 +194,13 @@ class Ours:
             )
         return wrong
 
-    def _unseen(self, workload: Workload, depth: int, kind: Kind, *, proof: bool, pool: list[Held]) -> Cell[Of]:
+    def _unseen(
+        self, workload: Workload, depth: int, kind: Kind, *, proof: bool, pool: list[HeldToken]
+    ) -> Cell[TokenKey]:
         """From bytes that were never seen: by a new verifier for each call of `FIRST`, else by one for all."""
         verifier = Verifier(self._trust, DEFAULT)
 
-        def calls() -> Iterator[Call]:
+        def calls() -> Iterator[OurCall]:
             for held in pool:
                 if kind is not Kind.FIRST:
                     yield self._call(workload, held, proof=proof, verifier=verifier)
@@ -207,22 +211,22 @@ class Ours:
 
         flipped = bytearray(pool[-1].token)
         flipped[len(flipped) // 2] ^= 1
-        spoiled = tokens.Held(bytes(flipped), pool[-1].seed)
+        spoiled = tokens.HeldToken(bytes(flipped), pool[-1].seed)
         wrong = self._wrong(workload, pool[-1], proof=proof, verifier=Verifier(self._trust, DEFAULT))
         wrong["one bit of the token"] = lambda: self._call(workload, spoiled, proof=proof, verifier=verifier)
         return Cell(
-            Of(NAME, workload.name, depth, kind, proof=proof),
+            TokenKey(NAME, workload.name, depth, kind, proof=proof),
             checks=CHECKS + (PROVEN if proof else ""),
             fresh=endless(calls()),
             act=self._decide(workload, proof=proof),
             wrong=wrong,
         )
 
-    def _seen(self, workload: Workload, depth: int, held: Held, *, proof: bool) -> Cell[Of]:
+    def _seen(self, workload: Workload, depth: int, held: HeldToken, *, proof: bool) -> Cell[TokenKey]:
         verifier = Verifier(self._trust, DEFAULT)
         fixed = self._call(workload, held, proof=False, verifier=verifier)
         return Cell(
-            Of(NAME, workload.name, depth, Kind.WARM, proof=proof),
+            TokenKey(NAME, workload.name, depth, Kind.WARM, proof=proof),
             checks="of the token once; times, audience, revocations, limits, tier" + (PROVEN if proof else ""),
             fresh=(lambda: self._call(workload, held, proof=True, verifier=verifier)) if proof else (lambda: fixed),
             act=self._decide(workload, proof=proof),
@@ -231,19 +235,19 @@ class Ours:
 
     # --- making ------------------------------------------------------------------------------------------------------
 
-    def _mint(self, workload: Workload) -> Cell[Of]:
+    def _mint(self, workload: Workload) -> Cell[TokenKey]:
         def act(asked: dict[str, Any]) -> bytes:
             return mint(**asked)
 
         return Cell(
-            Of(NAME, workload.name, 0, Kind.MINT, proof=False),
+            TokenKey(NAME, workload.name, 0, Kind.MINT, proof=False),
             checks="the scope is well formed, lifetimes, key roles",
             fresh=lambda: tokens.first_of(workload, self._next(1)[0]),
             act=act,
             judge=lambda token: self._grants(token, hops=1),
         )
 
-    def _attenuate(self, workload: Workload, depth: int) -> Cell[Of]:
+    def _attenuate(self, workload: Workload, depth: int) -> Cell[TokenKey]:
         """From a verified chain, as the identity provider does it: attestation and checking are its own steps."""
         serial = self._next(1)[0]
         parent = tokens.lend(workload, depth - 1, serial, varied=True).token
@@ -259,7 +263,7 @@ class Ours:
                 return None
 
         return Cell(
-            Of(NAME, workload.name, depth, Kind.ATTENUATE, proof=False),
+            TokenKey(NAME, workload.name, depth, Kind.ATTENUATE, proof=False),
             checks="signatures of the parent, strictly narrower, delegate, depth, lifetimes, key roles",
             fresh=lambda: asked(depth),
             act=act,

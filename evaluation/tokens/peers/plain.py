@@ -9,7 +9,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from evaluation.harness.timing import Cell, Verdict
-from evaluation.tokens.cell import Kind, Of, Prepared, endless
+from evaluation.tokens.cell import Kind, Prepared, TokenKey, endless
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -89,8 +89,8 @@ class PlainPeer(ABC):
 
         def cell(
             kind: Kind, checks: str, fresh: Callable[[], Any], act: Callable[[Any], Any], **other: Any
-        ) -> Cell[Of]:
-            return Cell(Of(self.name, workload.name, depth, kind, proof=False), checks, fresh, act, **other)
+        ) -> Cell[TokenKey]:
+            return Cell(TokenKey(self.name, workload.name, depth, kind, proof=False), checks, fresh, act, **other)
 
         def refused(token: Any) -> dict[str, Callable[[], tuple[Any, Ask]]]:
             return {why: partial(_pair, token, ask) for why, ask in wrong.items()}

@@ -13,7 +13,7 @@ from capabilities.proof import session_opening
 from capabilities.values.caps import DEFAULT
 from evaluation.harness.bench import Row
 from evaluation.harness.timing import Cell, Verdict
-from evaluation.tokens.cell import Kind, Of
+from evaluation.tokens.cell import Kind, TokenKey
 from evaluation.tokens.peers import lending as tokens
 from evaluation.tokens.workload import OBJECT, body, quantities
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from capabilities.proof.session_frames import Session
     from capabilities.statements.revocation import RevocationView
     from capabilities.values.units import Quantity
-    from evaluation.tokens.peers.lending import Held
+    from evaluation.tokens.peers.lending import HeldToken
     from evaluation.tokens.workload import Workload
 
 CHECKS: Final = (
@@ -39,12 +39,14 @@ class Frame:
     values: tuple[Quantity, ...]
 
 
-def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: RevocationView) -> Cell[Of] | Row[Of]:
+def cell(
+    peer: str, workload: Workload, depth: int, held: HeldToken, *, view: RevocationView
+) -> Cell[TokenKey] | Row[TokenKey]:
     """A cell of one open session; or a row that says that the package has no session form."""
     verifier = Verifier(tokens.trust(), DEFAULT)
     first = verifier.verify(held.token, at=tokens.NOW, audience=tokens.SERVER, view=view, lease_ms=tokens.LEASE_MS)
     if isinstance(first, Fault):
-        return Row(Of(peer, workload.name, depth, Kind.STREAM, proof=True), why=str(first.code))
+        return Row(TokenKey(peer, workload.name, depth, Kind.STREAM, proof=True), why=str(first.code))
     holder_end, verifier_end = _opened(held)
 
     def decide(given: Frame) -> Verdict:
@@ -85,7 +87,7 @@ def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: Revocat
         "a frame twice": again,
     }
     return Cell(
-        Of(peer, workload.name, depth, Kind.STREAM, proof=True),
+        TokenKey(peer, workload.name, depth, Kind.STREAM, proof=True),
         checks=CHECKS,
         fresh=lambda: sealed(workload.values),
         act=decide,
@@ -93,7 +95,7 @@ def cell(peer: str, workload: Workload, depth: int, held: Held, *, view: Revocat
     )
 
 
-def _opened(held: Held) -> tuple[Session, Session]:
+def _opened(held: HeldToken) -> tuple[Session, Session]:
     """Both ends of a session: the holder's, the verifier's."""
     key, text = Ed25519PrivateKey.from_private_bytes(held.seed), token_to_text(held.token)
     asked = session_opening.begin(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from evaluation.harness.absent import package
 from evaluation.harness.timing import Cell, Verdict
-from evaluation.tokens.cell import Kind, Of, Prepared, endless
+from evaluation.tokens.cell import Kind, Prepared, TokenKey, endless
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ SHORTER_S: Final = 300
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class TenuoCall:
     """One request: the chain on the wire and decoded, arguments and the proof for them, by an authorizer."""
 
     authorizer: Any
@@ -42,7 +42,7 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class TenuoToken:
     """A chain of warrants, the key of its leaf and its serial number."""
 
     chain: list[Any]
@@ -63,7 +63,7 @@ class Tenuo:
     def prepare(self, workload: Workload, depth: int, calls: int) -> Prepared:
         """Cells of one scope at one depth, each good for `calls` calls."""
         held = self._held(workload, depth)
-        cells: list[Cell[Of] | Row[Of]] = [
+        cells: list[Cell[TokenKey] | Row[TokenKey]] = [
             self._unseen(workload, depth, kind, proof=proof, calls=calls)
             for kind in (Kind.COLD, Kind.FIRST)
             for proof in (False, True)
@@ -97,7 +97,7 @@ class Tenuo:
             builder = builder.capability(tool, **limits)
         return builder.holder(holder.public_key).ttl(ttl_s).grant(key)
 
-    def _held(self, workload: Workload, depth: int) -> Held:
+    def _held(self, workload: Workload, depth: int) -> TenuoToken:
         serial = next(self._serials)
         key = self._tenuo.SigningKey.generate()
         chain = [self._first(self._tools(workload, 0, serial), key)]
@@ -105,21 +105,21 @@ class Tenuo:
             holder = self._tenuo.SigningKey.generate()
             chain.append(self._further(chain[-1], key, self._tools(workload, hop, serial), holder))
             key = holder
-        return Held(chain, key, serial)
+        return TenuoToken(chain, key, serial)
 
     # --- deciding ----------------------------------------------------------------------------------------------------
 
     def _call(
         self,
         workload: Workload,
-        held: Held,
+        held: TenuoToken,
         wire: tuple[bytes, ...],
         *,
         authorizer: Any,
         values: tuple[int, ...] | None = None,
         signer: Any = None,
         signed: tuple[int, ...] | None = None,
-    ) -> Call:
+    ) -> TenuoCall:
         """A request with a proof of its own; `signer` and `signed` make the proof one of another key or request."""
         arguments = workload.named(workload.values if values is None else values)
         over = arguments if signed is None else workload.named(signed)
@@ -128,12 +128,12 @@ class Tenuo:
         if signer is not None:  # a warrant signs for its own holder alone, so the stranger signs with one of its own
             leaf = self._first(self._tools(workload, 0, next(self._serials)), signer)
         proof = bytes(leaf.sign(key, workload.operation, over, int(time.time())))
-        return Call(authorizer, wire, held.chain, arguments, proof)
+        return TenuoCall(authorizer, wire, held.chain, arguments, proof)
 
-    def _decide(self, workload: Workload, *, proof: bool, seen: bool) -> Callable[[Call], Verdict]:
+    def _decide(self, workload: Workload, *, proof: bool, seen: bool) -> Callable[[TenuoCall], Verdict]:
         tool, refused, decode = workload.operation, self._tenuo.TenuoError, self._tenuo.Warrant.from_bytes
 
-        def decide(call: Call) -> Verdict:
+        def decide(call: TenuoCall) -> Verdict:
             try:
                 chain = call.chain if seen else [decode(raw) for raw in call.wire]
                 if proof:
@@ -148,9 +148,9 @@ class Tenuo:
         return decide
 
     def _wrong(
-        self, workload: Workload, held: Held, wire: tuple[bytes, ...], *, proof: bool, authorizer: Any
-    ) -> dict[str, Callable[[], Call]]:
-        def call(**other: Any) -> Call:
+        self, workload: Workload, held: TenuoToken, wire: tuple[bytes, ...], *, proof: bool, authorizer: Any
+    ) -> dict[str, Callable[[], TenuoCall]]:
+        def call(**other: Any) -> TenuoCall:
             return self._call(workload, held, wire, authorizer=authorizer, **other)
 
         wrong = {"a value out of limits": lambda: call(values=workload.outside)}
@@ -160,11 +160,11 @@ class Tenuo:
             wrong["a proof for another request"] = lambda: call(signed=workload.outside)
         return wrong
 
-    def _unseen(self, workload: Workload, depth: int, kind: Kind, *, proof: bool, calls: int) -> Cell[Of]:
+    def _unseen(self, workload: Workload, depth: int, kind: Kind, *, proof: bool, calls: int) -> Cell[TokenKey]:
         pool = [(held, _wire(held)) for held in (self._held(workload, depth) for _ in range(calls))]
         authorizer = self._authorizer()
 
-        def each() -> Iterator[Call]:
+        def each() -> Iterator[TenuoCall]:
             for held, wire in pool:
                 by = authorizer if kind is Kind.COLD else self._authorizer()
                 yield self._call(workload, held, wire, authorizer=by)
@@ -177,17 +177,17 @@ class Tenuo:
             workload, held, (*wire[:-1], bytes(flipped)), authorizer=authorizer
         )
         return Cell(
-            Of(NAME, workload.name, depth, kind, proof=proof),
+            TokenKey(NAME, workload.name, depth, kind, proof=proof),
             checks=CHECKS + (PROVEN if proof else UNPROVEN),
             fresh=endless(each()),
             act=self._decide(workload, proof=proof, seen=False),
             wrong=wrong,
         )
 
-    def _seen(self, workload: Workload, depth: int, held: Held, *, proof: bool) -> Cell[Of]:
+    def _seen(self, workload: Workload, depth: int, held: TenuoToken, *, proof: bool) -> Cell[TokenKey]:
         authorizer, wire = self._authorizer(), _wire(held)
         return Cell(
-            Of(NAME, workload.name, depth, Kind.WARM, proof=proof),
+            TokenKey(NAME, workload.name, depth, Kind.WARM, proof=proof),
             checks="decoded warrants; " + CHECKS + (PROVEN if proof else UNPROVEN),
             fresh=lambda: self._call(workload, held, wire, authorizer=authorizer),
             act=self._decide(workload, proof=proof, seen=True),
@@ -196,17 +196,17 @@ class Tenuo:
 
     # --- measured making ---------------------------------------------------------------------------------------------
 
-    def _mint(self, workload: Workload) -> Cell[Of]:
+    def _mint(self, workload: Workload) -> Cell[TokenKey]:
         key = self._tenuo.SigningKey.generate()
         return Cell(
-            Of(NAME, workload.name, 0, Kind.MINT, proof=False),
+            TokenKey(NAME, workload.name, 0, Kind.MINT, proof=False),
             checks="the builder's own",
             fresh=lambda: self._tools(workload, 0, next(self._serials)),
             act=lambda tools: self._first(tools, key),
             judge=lambda made: self._grants([made]),
         )
 
-    def _attenuate(self, workload: Workload, depth: int) -> Cell[Of]:
+    def _attenuate(self, workload: Workload, depth: int) -> Cell[TokenKey]:
         held = self._held(workload, depth - 1)
         serial = held.serial
         holder = self._tenuo.SigningKey.generate()
@@ -219,7 +219,7 @@ class Tenuo:
                 return None
 
         return Cell(
-            Of(NAME, workload.name, depth, Kind.ATTENUATE, proof=False),
+            TokenKey(NAME, workload.name, depth, Kind.ATTENUATE, proof=False),
             checks="narrowing against a decoded parent (not strictness)",
             fresh=lambda: self._tools(workload, depth, serial),
             act=act,
@@ -235,5 +235,5 @@ class Tenuo:
         return Verdict.ALLOWED
 
 
-def _wire(held: Held) -> tuple[bytes, ...]:
+def _wire(held: TenuoToken) -> tuple[bytes, ...]:
     return tuple(warrant.to_bytes() for warrant in held.chain)

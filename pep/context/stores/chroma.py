@@ -17,7 +17,7 @@ import numpy as np
 from chromadb.config import Settings
 from chromadb.utils.embedding_functions import register_embedding_function
 
-from pep.context.collection import Held
+from pep.context.collection import StoredContent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,11 +88,11 @@ class ChromaCollection:
     def __init__(self, chroma: ClientAPI, name: str, *, embedding: chromadb.EmbeddingFunction[Any]) -> None:
         self._collection = chroma.get_or_create_collection(name, embedding_function=embedding)
 
-    def nearest(self, query: str, *, most: int) -> Sequence[Held]:
+    def nearest(self, query: str, *, most: int) -> Sequence[StoredContent]:
         """At most `most` contents, the nearest first, as Chroma returns them."""
         answer = self._collection.query(query_texts=[query], n_results=most, include=["documents"])
         documents = answer["documents"] or [[]]
-        return [Held(id_, text) for id_, text in zip(answer["ids"][0], documents[0], strict=True)]
+        return [StoredContent(id_, text) for id_, text in zip(answer["ids"][0], documents[0], strict=True)]
 
     def ids(self, *, most: int) -> Sequence[str]:
         """At most `most` of its ids."""

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import PepError, PepFault
 from pep.base.files import replace_file
-from pep.context.high_water_marks import UNSEEN, Mark
+from pep.context.high_water_marks import UNSEEN, HighWaterMark
 from pep.context.memory import VALUE_BYTES
-from pep.context.memory_rows import Row
+from pep.context.memory_rows import MemoryRow
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,7 +55,7 @@ class MemoryFile:
         except (OSError, sqlite3.Error) as error:
             raise PepError(PepFault.STATE_UNREADABLE, str(path)) from error
 
-    def append(self, row: Row) -> None:
+    def append(self, row: MemoryRow) -> None:
         """The row survives a power cut.
 
         Raises:
@@ -64,13 +64,13 @@ class MemoryFile:
         with self._lock:
             self._database.execute("INSERT INTO memory VALUES (?, ?, ?)", (row.sequence, row.text, row.value))
 
-    def row(self, sequence: int) -> Row | None:
+    def row(self, sequence: int) -> MemoryRow | None:
         """The row at that place."""
         with self._lock:
             found = self._database.execute(f"{_READ} WHERE sequence = ? LIMIT 1", (sequence,)).fetchone()
         return None if found is None else _row(found)
 
-    def rows(self, *, most: int) -> list[Row]:
+    def rows(self, *, most: int) -> list[MemoryRow]:
         """At most `most` rows, in the order of their places."""
         with self._lock:
             found = self._database.execute(f"{_READ} ORDER BY sequence LIMIT ?", (most,)).fetchall()
@@ -82,16 +82,16 @@ class MemoryFile:
             self._database.close()
 
 
-def _row(found: tuple[object, ...]) -> Row:
+def _row(found: tuple[object, ...]) -> MemoryRow:
     sequence, text, value = found
-    return Row(
+    return MemoryRow(
         sequence if isinstance(sequence, int) else 0,
         text.decode("utf-8", "replace") if isinstance(text, bytes) else "",
         value if isinstance(value, bytes) else b"",
     )
 
 
-class MarksFile:
+class HighWaterMarkFile:
     """The `Marks` port on one file, replaced whole and synced.
 
     Args:
@@ -106,18 +106,20 @@ class MarksFile:
         self._lock = threading.Lock()
         try:
             stored = json.loads(path.read_bytes())
-            self._marks = {str(name): Mark(int(version), str(digest)) for name, (version, digest) in stored.items()}
+            self._marks = {
+                str(name): HighWaterMark(int(version), str(digest)) for name, (version, digest) in stored.items()
+            }
         except FileNotFoundError:
             self._marks = {}
         except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
             raise PepError(PepFault.STATE_UNREADABLE, str(path)) from error
 
-    def read(self, name: str) -> Mark:
+    def read(self, name: str) -> HighWaterMark:
         """The mark, `UNSEEN` when there never was one."""
         with self._lock:
             return self._marks.get(name, UNSEEN)
 
-    def write(self, name: str, mark: Mark) -> None:
+    def write(self, name: str, mark: HighWaterMark) -> None:
         """The mark survives a power cut.
 
         Raises:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from pep.pit.scene.view import View
     from pep.pit.search.arm_limits import Ratio
     from pep.pit.search.certify import Certified
-    from pep.pit.search.timed_course import Drive
+    from pep.pit.search.timed_course import TimedCourse
 
 DOUBTFUL: Final = 3.0  # PHY-18: index of what is not proven to its end
 SLOWEST_SHARE: Final = 0.02  # of the commanded speed; slower than this is of no use, so no lower tier is named
@@ -64,7 +64,7 @@ class DriveQuestion(MoveQuestion):
         robot: Robot,
         view: View,
         start: Joints,
-        drive: Drive | Nowhere,
+        drive: TimedCourse | Nowhere,
         cell: CellParameters,
         *,
         touch: frozenset[str],
@@ -172,7 +172,7 @@ class DriveQuestion(MoveQuestion):
         return highest_speed(falls, slowest=SLOWEST_SHARE * fastest, fastest=fastest)
 
 
-def _certificate(drive: Drive, certified: Certified) -> CourseCertificate:
+def _certificate(drive: TimedCourse, certified: Certified) -> CourseCertificate:
     leaves: Leaves = certified.leaves
     key, q = drive.course.known
     pair: NDArray[np.intp] = leaves.pair

@@ -10,13 +10,13 @@ import numpy as np
 from pep.pit.assessment.assessment import milli
 from pep.pit.assessment.course_assessment import DOUBTFUL, JOINT_LIMIT
 from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
-from pep.pit.assessment.straight_remaining import MOVES, OFF_PATH, Remaining, Rest, against, strays_m
+from pep.pit.assessment.straight_remaining import MOVES, OFF_PATH, Remaining, RemainingRun, against, strays_m
 from pep.pit.base.motion import STILL_RAD, JointPath, LinePath, MoveL, Run, ServoJ, SpeedL
 from pep.pit.base.tier import HIGHEST, MOVING
 from pep.pit.path.straight_path import GRID
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.question import as_run
-from pep.pit.search.timed_course import Drive, Nowhere
+from pep.pit.search.timed_course import Nowhere, TimedCourse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 PLACE_STEPS: Final = 8  # of a projection onto a course: it closes in quadratically
 
 
-class DriveRest(Rest):
+class RemainingCourse(RemainingRun):
     """What is left of a drive, from where the arm is."""
 
     def __init__(
         self,
         robot: Robot,
         start: Joints,
-        drive: Drive | Nowhere,
+        drive: TimedCourse | Nowhere,
         cell: CellParameters,
         *,
         at_rad: Joints,
@@ -72,7 +72,7 @@ class DriveRest(Rest):
 
     def _ask(self, profile: Profile, fraction: float, until: int) -> Remaining:
         """The steps of a straight run that depend on the speed."""
-        assert isinstance(self.drive, Drive)
+        assert isinstance(self.drive, TimedCourse)
         ratios = ((ratio.index, ratio.name) for ratio in self.effort.ratios(profile, stretched=fraction))
         return self.judge(
             self.course,
@@ -107,14 +107,14 @@ def _place(course: Course, at: Floats) -> float:
     return s
 
 
-class LegsRest:
+class RemainingLegs:
     """What is left of a path: of the first leg that the arm can be on, and all of every later one."""
 
-    def __init__(self, legs: Iterable[Rest], check_time: Callable[[], None]) -> None:
+    def __init__(self, legs: Iterable[RemainingRun], check_time: Callable[[], None]) -> None:
         """The legs in order; each is looked at only when it has to be."""
         self._legs = iter(legs)
         self.check_time = check_time  # of every leg that is asked
-        self._known: list[tuple[Rest, Remaining | None]] = []
+        self._known: list[tuple[RemainingRun, Remaining | None]] = []
 
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
         """The leg that the arm is on is prepared; those behind it will be when they are asked about."""
@@ -134,7 +134,7 @@ class LegsRest:
         """Likewise, of the legs that can be reached; each could be all that the time goes to."""
         return self._worst(lambda leg: (leg.near(fraction, seconds), leg.until(fraction, seconds) >= GRID))
 
-    def _worst(self, ask: Callable[[Rest], tuple[Remaining, bool]]) -> Remaining:
+    def _worst(self, ask: Callable[[RemainingRun], tuple[Remaining, bool]]) -> Remaining:
         """Of what `ask` says of each leg, as long as it also says that the next one counts."""
         found: list[Remaining] = []
         for leg, early in self._reached():
@@ -147,7 +147,7 @@ class LegsRest:
                 break
         return max(found, key=lambda answer: answer.index_milli)
 
-    def _reached(self) -> Iterator[tuple[Rest, Remaining | None]]:
+    def _reached(self) -> Iterator[tuple[RemainingRun, Remaining | None]]:
         """The leg that the arm is on and those behind it, prepared."""
         yield from self._known
         for leg in self._legs:
@@ -165,24 +165,24 @@ def rests_of(
     authorised_milli: int,
     age_s: float,
     check_time: Callable[[], None],
-) -> DriveRest | LegsRest:
+) -> RemainingCourse | RemainingLegs:
     """What is left of a motion that is no single straight run; see `remaining`."""
 
-    def of_drive(start: Joints, drive: Drive | Nowhere) -> DriveRest:
-        return DriveRest(
+    def of_drive(start: Joints, drive: TimedCourse | Nowhere) -> RemainingCourse:
+        return RemainingCourse(
             robot, start, drive, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time
         )
 
-    def of_run(run: Run) -> Rest:
-        return Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
+    def of_run(run: Run) -> RemainingRun:
+        return RemainingRun(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
 
     match motion:
         case MoveL() | SpeedL() | ServoJ():
             return of_drive(motion.start, drive_of(robot, motion, cell, perception_age_s=age_s, check_time=check_time))
         case JointPath():
-            return LegsRest((of_run(as_run(move, cell)) for move in joint_moves(motion)), check_time)
+            return RemainingLegs((of_run(as_run(move, cell)) for move in joint_moves(motion)), check_time)
         case LinePath():
             drives = line_drives(robot, motion, check_time=check_time)
-            return LegsRest((of_drive(start, drive) for start, drive in drives), check_time)
+            return RemainingLegs((of_drive(start, drive) for start, drive in drives), check_time)
         case _:
             assert_never(motion)

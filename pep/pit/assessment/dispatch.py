@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, assert_never
 
 from pep.pit.assessment.course_assessment import DriveQuestion
-from pep.pit.assessment.path_legs import Leg, as_one
+from pep.pit.assessment.path_legs import AssessedLeg, as_one
 from pep.pit.assessment.straight_assessment import MoveQuestion
 from pep.pit.base.motion import JointPath, LinePath, MoveJ, MoveL, ServoJ, SpeedL, profile_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.question import as_run
 from pep.pit.search.stream_course import servo_drive, speed_drive
-from pep.pit.search.timed_course import Drive, Nowhere, line_drive
+from pep.pit.search.timed_course import Nowhere, TimedCourse, line_drive
 from policies.evidence.evidence import ImpactFault
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def drive_of(
     robot: Robot, motion: Driven, cell: CellParameters, *, perception_age_s: float, check_time: Callable[[], None]
-) -> Drive | Nowhere:
+) -> TimedCourse | Nowhere:
     """The motion as a course with its timing.
 
     Raises:
@@ -83,7 +83,7 @@ class PathQuestion:
     def _seed(self, number: int) -> bytes:
         return self.seed + number.to_bytes(4, "big")  # 4 bytes: more legs than any path may have
 
-    def _joint_legs(self, path: JointPath) -> Iterator[Leg | ImpactFault]:
+    def _joint_legs(self, path: JointPath) -> Iterator[AssessedLeg | ImpactFault]:
         for number, move in enumerate(joint_moves(path)):
             run = as_run(move, self.cell)
             question = MoveQuestion(
@@ -96,9 +96,13 @@ class PathQuestion:
                 check_time=self.check_time,
             )
             answer, profile = question.answer(), profile_of(run)
-            yield answer if isinstance(answer, ImpactFault) else Leg(answer, profile.duration_s if profile else 0.0)
+            yield (
+                answer
+                if isinstance(answer, ImpactFault)
+                else AssessedLeg(answer, profile.duration_s if profile else 0.0)
+            )
 
-    def _line_legs(self, path: LinePath) -> Iterator[Leg | ImpactFault]:
+    def _line_legs(self, path: LinePath) -> Iterator[AssessedLeg | ImpactFault]:
         for number, (start, drive) in enumerate(line_drives(self.robot, path, check_time=self.check_time)):
             answer = DriveQuestion(
                 self.robot,
@@ -110,8 +114,8 @@ class PathQuestion:
                 seed=self._seed(number),
                 check_time=self.check_time,
             ).answer()
-            duration = drive.profile.duration_s if isinstance(drive, Drive) else 0.0
-            yield answer if isinstance(answer, ImpactFault) else Leg(answer, duration)
+            duration = drive.profile.duration_s if isinstance(drive, TimedCourse) else 0.0
+            yield answer if isinstance(answer, ImpactFault) else AssessedLeg(answer, duration)
 
 
 def joint_moves(path: JointPath) -> Iterator[MoveJ]:
@@ -124,7 +128,7 @@ def joint_moves(path: JointPath) -> Iterator[MoveJ]:
 
 def line_drives(
     robot: Robot, path: LinePath, *, check_time: Callable[[], None]
-) -> Iterator[tuple[Joints, Drive | Nowhere]]:
+) -> Iterator[tuple[Joints, TimedCourse | Nowhere]]:
     """Where each leg starts, and the leg; none after one that is not proven to its end."""
     start = path.start
     for leg in path.legs:
@@ -139,6 +143,6 @@ def line_drives(
         yield start, drive
         if drive.doubt is not None:
             return
-        if isinstance(drive, Drive):
+        if isinstance(drive, TimedCourse):
             a, b, c, d, e, f = drive.course.q(1.0).tolist()
             start = a, b, c, d, e, f

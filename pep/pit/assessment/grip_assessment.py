@@ -10,7 +10,7 @@ import numpy as np
 from pep.pit.base.motion import MoveJ
 from pep.pit.base.tier import HIGHEST, MOVING, ratio_index
 from pep.pit.scene.contact_limits import payload_kg
-from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.obstacles import PairKind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.engine import chosen
@@ -37,7 +37,7 @@ class GripCause:
 
 
 @dataclass(frozen=True, slots=True)
-class Grip:
+class GripImpact:
     """What a gripper move could do.
 
     Attributes:
@@ -49,7 +49,7 @@ class Grip:
     contact_ratio: float
 
 
-def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters) -> Grip | Disagreement:
+def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters) -> GripImpact | Disagreement:
     """What this gripper move could do in this view, or that the engines disagree on it."""
     tool = robot.tool
     asked = {
@@ -76,12 +76,12 @@ def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters
     for row in everything[np.isin([robot.bodies[b].name for b in pairs.body], list(fingers))].tolist():
         near = float(clearance[row] - pairs.uncertainty[row])
         kind, name = pairs.kind_of(row), pairs.name_of(row)
-        if kind is Kind.PERSON and near < float(stop.approach_m(pairs.intrusion[row])) + travel:
+        if kind is PairKind.PERSON and near < float(stop.approach_m(pairs.intrusion[row])) + travel:
             share = force_n / float(pairs.force_limit[row])
             index = HIGHEST if share > 1 and near <= travel else 2 + min(1.0, share)
             causes.append(GripCause(str(kind), index, name, float(clearance[row]), pairs.source_of(row)))
             ratio = max(ratio, speed_m_s / float(pairs.limit_speed[row]))
-        elif kind is Kind.FRAGILE and near <= cell.rigid_band_m:
+        elif kind is PairKind.FRAGILE and near <= cell.rigid_band_m:
             index = 1 + min(2.0, force_n / cell.fragile_break_force_n)
             causes.append(GripCause(str(kind), index, name, float(clearance[row]), pairs.source_of(row)))
-    return Grip(tuple(sorted(causes, key=lambda c: (-c.index, c.kind, c.object))), ratio)
+    return GripImpact(tuple(sorted(causes, key=lambda c: (-c.index, c.kind, c.object))), ratio)

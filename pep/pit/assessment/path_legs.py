@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Leg:
+class AssessedLeg:
     """One leg's answer and how long it takes."""
 
     answer: Assessment
@@ -37,7 +37,7 @@ class LegsCertificate(Certificate):
         return tuple(answer.certificate for answer in self.answers)
 
 
-def as_one(start: Joints, legs: Iterable[Leg | ImpactFault]) -> Assessment | ImpactFault:
+def as_one(start: Joints, legs: Iterable[AssessedLeg | ImpactFault]) -> Assessment | ImpactFault:
     """The answer for all legs, at least one: an appended leg never lowers it. A leg that is a fault makes it one.
 
     Legs are asked for one by one, and none after a fault.

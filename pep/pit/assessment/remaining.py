@@ -19,7 +19,16 @@ from pep.pit.assessment.grip_assessment import gripping
 from pep.pit.assessment.output_index import output_cause
 from pep.pit.assessment.readiness import compile_all
 from pep.pit.assessment.slider_search import paced
-from pep.pit.assessment.straight_remaining import FULL, OFF_PATH, PERCEPTION, Pace, Remaining, Rest, against, strays_m
+from pep.pit.assessment.straight_remaining import (
+    FULL,
+    OFF_PATH,
+    PERCEPTION,
+    Pace,
+    Remaining,
+    RemainingRun,
+    against,
+    strays_m,
+)
 from pep.pit.base.errors import MotionError, PitError
 from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
 from pep.pit.base.tier import HIGHEST
@@ -31,7 +40,7 @@ from policies.evidence.evidence import ImpactFault
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.pit.assessment.straight_remaining import Left
+    from pep.pit.assessment.straight_remaining import RemainingMotion
     from pep.pit.base.motion import Joints, Motion
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
@@ -119,7 +128,7 @@ def _remaining(
     if running is not None and not 0 < running <= FULL:
         raise MotionError("PARAMETERS_WRONG", "a fraction of the speed that is none")
 
-    def told(left: Left, *, stretches: bool) -> Remaining:
+    def told(left: RemainingMotion, *, stretches: bool) -> Remaining:
         """The answer; `stretches`: the slider changes nothing but how long the motion takes."""
         early = left.prepare(scene, age_s, touch)
         if early is not None:
@@ -129,7 +138,9 @@ def _remaining(
     match move:
         case MoveJ() | SpeedJ():
             run = as_run(move, cell)
-            rest = Rest(robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time)
+            rest = RemainingRun(
+                robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time
+            )
             return told(rest, stretches=isinstance(move, MoveJ))
         case MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath():
             rests = rests_of(

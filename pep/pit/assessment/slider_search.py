@@ -16,7 +16,7 @@ from pep.pit.base.errors import WorkLimitError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.pit.assessment.straight_remaining import Left
+    from pep.pit.assessment.straight_remaining import RemainingMotion
     from pep.pit.scene.cell import CellParameters
 
 TINY: Final = 1e-9  # of a step: rounding of a quotient
@@ -25,7 +25,7 @@ WHATEVER_THE_SPEED: Final = frozenset({JOINT_LIMIT, OFF_PATH, PERCEPTION})
 """What speaks against a motion at any speed."""
 
 
-def paced(left: Left, cell: CellParameters, running: float, *, spare: Callable[[], None]) -> Remaining:
+def paced(left: RemainingMotion, cell: CellParameters, running: float, *, spare: Callable[[], None]) -> Remaining:
     """Whether it holds at the speed that the arm has, and the highest one at which it would.
 
     Args:
@@ -51,7 +51,7 @@ def steps(cell: CellParameters, *, above: float, below: float) -> list[float]:
     return [each for each in settings if max(above, cell.slowest_fraction - TINY) < each < below - TINY]
 
 
-def _higher(left: Left, cell: CellParameters, found: Pace) -> Pace:
+def _higher(left: RemainingMotion, cell: CellParameters, found: Pace) -> Pace:
     """The highest speed from the one that is proven to hold on."""
     if not found.fraction < FULL - TINY:
         return found
@@ -59,7 +59,7 @@ def _higher(left: Left, cell: CellParameters, found: Pace) -> Pace:
     return _highest(left, faster, found)
 
 
-def _lower(left: Left, cell: CellParameters, running: float) -> Pace | None:
+def _lower(left: RemainingMotion, cell: CellParameters, running: float) -> Pace | None:
     """The highest speed below `running` to which the arm may slow down, or None when it has to stop."""
     slower = steps(cell, above=0.0, below=running)
     try:
@@ -75,7 +75,7 @@ def _lower(left: Left, cell: CellParameters, running: float) -> Pace | None:
     return replace(found, index_milli=max(found.index_milli, near.index_milli))
 
 
-def _highest(left: Left, fractions: list[float], found: Pace) -> Pace:
+def _highest(left: RemainingMotion, fractions: list[float], found: Pace) -> Pace:
     """The highest of these that holds, by bisection from the top: what does not, does not at any higher one (PHY-13).
 
     Where that is not so, a lower one is told; what is told is always proven.
@@ -92,7 +92,7 @@ def _highest(left: Left, fractions: list[float], found: Pace) -> Pace:
     return found
 
 
-def _proven(left: Left, fraction: float) -> Pace | None:
+def _proven(left: RemainingMotion, fraction: float) -> Pace | None:
     """This speed, when all that is left is proven to hold at it in time."""
     try:
         answer = left.at(fraction)

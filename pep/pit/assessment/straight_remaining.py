@@ -84,7 +84,7 @@ class Remaining:
     pace: Pace | None = None
 
 
-class Left(Protocol):
+class RemainingMotion(Protocol):
     """What is left of a motion whose timing the speed slider stretches."""
 
     check_time: Callable[[], None]
@@ -131,7 +131,7 @@ def reached_key(since: int, profile: Profile, seconds: float) -> int:
     return min(since + farther, GRID)
 
 
-class Rest:
+class RemainingRun:
     """What is left of one run, from where the arm is."""
 
     def __init__(

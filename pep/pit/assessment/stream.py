@@ -32,7 +32,7 @@ from pep.pit.search.kernel.step_bound import Settled, settle
 from pep.pit.search.kernel.step_envelope import JOINTS, SERVO, SPEED, STEP
 from pep.pit.search.question import refuse_nonsense, refuse_unreal
 from pep.pit.search.speed_envelope import stream_envelope
-from pep.pit.second.second_engine import SPEED_TOLERANCE_M_S, World
+from pep.pit.second.second_engine import SPEED_TOLERANCE_M_S, SecondWorld
 from pep.pit.second.straight_check import Disagreement, cross_check_rest, judged
 from policies.evidence.evidence import ImpactFault
 
@@ -232,7 +232,7 @@ class Stream:
         """What speaks against the bound where the step begins, by pinocchio and coal."""
         pairs = world.pairs.meant(np.flatnonzero(world.pairs.touchable))  # under whichever law the bound may be
         start, now = step[0], step[1]
-        clearance, speed = World(self._robot, world.scene, pairs).ask_all([(start, now)])
+        clearance, speed = SecondWorld(self._robot, world.scene, pairs).ask_all([(start, now)])
         speed = np.where(speed > SPEED_TOLERANCE_M_S, speed, 0.0)  # rounding moves what rests in its reference frame
         stop = stopping(self._cell, perception_age_s=age_s or 0.0, joint_speed_rad_s=float(np.abs(now).max()))
         bound = Certified(index, index, (), {}, _NO_LEAVES, np.zeros(0))

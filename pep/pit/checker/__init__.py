@@ -5,6 +5,6 @@ the clauses of docs/physics.md. It never raises, whatever bytes it is given.
 """
 
 from pep.pit.checker.check import verify
-from pep.pit.checker.verdict import Code, Refused, Verified
+from pep.pit.checker.verdict import Code, Unverified, Verified
 
-__all__ = ["Code", "Refused", "Verified", "verify"]
+__all__ = ["Code", "Unverified", "Verified", "verify"]

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pep.pit.checker.distances import Mat, Vec
-    from pep.pit.checker.motion import Run
-    from pep.pit.checker.robot import Body, Robot
+    from pep.pit.checker.motion import CheckerRun
+    from pep.pit.checker.robot import CheckerBody, CheckerRobot
 
 GRID: Final = 2**24  # parts of the path: an interval of the greatest depth has an exact middle
 SLACK: Final = 32  # 1 / (8 * 2^2): a curve leaves its chord by at most A h^2 / 8, and a third node halves h
@@ -24,7 +24,7 @@ Frames = tuple[list["Mat"], list["Vec"]]
 Pose = tuple["Vec", "Vec", float, float]  # both ends (metre), speed of the faster one and spin, per unit of s
 
 
-class Way(ABC):
+class CheckerRoute(ABC):
     """A robot on some way of its joints; every configuration and every body there is computed once.
 
     Attributes:
@@ -33,7 +33,7 @@ class Way(ABC):
 
     met_by: ClassVar[int] = 1
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: CheckerRobot) -> None:
         """Nothing is computed yet."""
         self.robot = robot
         # Bodies are named by their identity: all of them are the robot's, which is kept.
@@ -50,19 +50,19 @@ class Way(ABC):
         """Their derivative by s."""
 
     @abstractmethod
-    def sag(self, body: Body, low: int, high: int) -> float:
+    def sag(self, body: CheckerBody, low: int, high: int) -> float:
         """How far an end of the body can be from the chords between the interval's ends and middle, metre."""
 
     @abstractmethod
-    def rush(self, body: Body, low: int, high: int) -> float:
+    def rush(self, body: CheckerBody, low: int, high: int) -> float:
         """Bound on the body's surface speed on the interval, metre per unit of s."""
 
-    def stray(self, body: Body, low: int, high: int) -> float:
+    def stray(self, body: CheckerBody, low: int, high: int) -> float:
         """How far the body may be beside this way on the interval, metre; where it begins and ends it is on it."""
         del body, low, high
         return 0.0
 
-    def pose(self, body: Body, node: int) -> Pose:
+    def pose(self, body: CheckerBody, node: int) -> Pose:
         """The body at path parameter node / GRID, in the frame of its reference link."""
         key = (id(body), node)
         found = self._poses.get(key)
@@ -84,7 +84,7 @@ class Way(ABC):
         self._poses[key] = pose
         return pose
 
-    def _twist(self, body: Body, node: int) -> tuple[Vec, Vec]:
+    def _twist(self, body: CheckerBody, node: int) -> tuple[Vec, Vec]:
         """How the link turns as seen from the reference: the velocity of p is spin x p + moment."""
         key = (body.reference, body.link, node)
         found = self._twists.get(key)
@@ -107,10 +107,10 @@ class Way(ABC):
         return found
 
 
-class Sweep(Way):
+class Sweep(CheckerRoute):
     """A robot on a straight joint path."""
 
-    def __init__(self, robot: Robot, run: Run) -> None:
+    def __init__(self, robot: CheckerRobot, run: CheckerRun) -> None:
         """Nothing is computed yet."""
         super().__init__(robot)
         self._start, self._ways = run.start, run.ways
@@ -127,12 +127,12 @@ class Sweep(Way):
         del node
         return self._ways
 
-    def sag(self, body: Body, low: int, high: int) -> float:
+    def sag(self, body: CheckerBody, low: int, high: int) -> float:
         """How far an end of the body can be from the chords between the interval's ends and middle, metre."""
         h = (high - low) / GRID
         return self._bend(body)[0] * h * h / SLACK
 
-    def rush(self, body: Body, low: int, high: int) -> float:
+    def rush(self, body: CheckerBody, low: int, high: int) -> float:
         """Bound on the body's surface speed on the interval, metre per unit of s."""
         key = (id(body), low, high)
         if key not in self._rush:
@@ -145,14 +145,14 @@ class Sweep(Way):
             self._rush[key] = speed + body.radius * spin
         return self._rush[key]
 
-    def _bend(self, body: Body) -> tuple[float, float, float]:
+    def _bend(self, body: CheckerBody) -> tuple[float, float, float]:
         found = self._bends.get(id(body))
         if found is None:
             found = self._bends[id(body)] = bends(body, self._ways)
         return found
 
 
-def frames(robot: Robot, q: Sequence[float]) -> Frames:
+def frames(robot: CheckerRobot, q: Sequence[float]) -> Frames:
     """Rotation and origin of every link in the base frame at these joint angles (rad), link 0 first."""
     turns: list[Mat] = [IDENTITY]
     origins: list[Vec] = [ORIGIN]

@@ -6,22 +6,31 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from pep.pit.checker.arm import GRID, Sweep
-from pep.pit.checker.curved_motion import RECORD, Drive, Fixed
+from pep.pit.checker.curved_motion import RECORD, CheckerTimedCourse, FixedAnswer
 from pep.pit.checker.held_motion import held_speed, servo_target
 from pep.pit.checker.laws import HIGHEST, SAME, tier_of
-from pep.pit.checker.leg import Answer, Leg, Question, intervals, proven, rising
-from pep.pit.checker.motion import LEGS_MOST, STILL_RAD, Held, Line, Run, Servo, Timing, motion_of
+from pep.pit.checker.leg import CheckerAnswer, CheckerLeg, CheckerQuestion, intervals, proven, rising
+from pep.pit.checker.motion import (
+    LEGS_MOST,
+    STILL_RAD,
+    CheckerHeldSpeed,
+    CheckerLine,
+    CheckerRun,
+    CheckerServo,
+    Timing,
+    motion_of,
+)
 from pep.pit.checker.question import VIOLABLE, cell_of, latest_of, scene_of, view_of
 from pep.pit.checker.robot import robot_of
 from pep.pit.checker.rows import PAIRS_MOST
 from pep.pit.checker.text import BYTES_MOST, canonical, exact, listed, parsed, sha256, table, whole, word
 from pep.pit.checker.trace_pieces import PLACE
 from pep.pit.checker.traced_line import DOUBTFUL, followed_line
-from pep.pit.checker.verdict import Code, Refusal, Refused, Verified, need
+from pep.pit.checker.verdict import Code, Refusal, Unverified, Verified, need
 
 if TYPE_CHECKING:
-    from pep.pit.checker.motion import Curved, Motion
-    from pep.pit.checker.robot import Robot
+    from pep.pit.checker.motion import CheckerMotion, Curved
+    from pep.pit.checker.robot import CheckerRobot
     from pep.pit.checker.stance import Six
 
 VERSION: Final = "ztpm-pit-proof/1"
@@ -32,7 +41,7 @@ TORQUE_MOST: Final = 1e6  # a ratio larger than this is none
 WORDS_MOST: Final = len(VIOLABLE) + 2  # of violations: and joint_limit, and unreachable
 
 
-def verify(text: bytes) -> Verified | Refused:
+def verify(text: bytes) -> Verified | Unverified:
     """Whether this proof document proves what it claims. Never raises.
 
     Args:
@@ -43,7 +52,7 @@ def verify(text: bytes) -> Verified | Refused:
     except Refusal as refusal:
         return refusal.verdict
     except Exception as error:  # noqa: BLE001 - whatever breaks in here verifies nothing
-        return Refused(Code.CHECKER_FAILED, type(error).__name__)
+        return Unverified(Code.CHECKER_FAILED, type(error).__name__)
 
 
 def _verified(text: bytes) -> Verified:
@@ -86,25 +95,25 @@ def _spelling(value: Any) -> bytes:
         raise Refusal(Code.NOT_CANONICAL, "document") from error
 
 
-def _answer(claim: dict[str, Any], place: str) -> Answer:
+def _answer(claim: dict[str, Any], place: str) -> CheckerAnswer:
     words = listed(claim["violations"], f"{place}.violations", least=0, most=WORDS_MOST)
-    return Answer(
+    return CheckerAnswer(
         index=exact(claim["index"], f"{place}.index", low=0, high=HIGHEST),
         violations=rising([word(each, f"{place}.violations") for each in words], f"{place}.violations"),
         torque=exact(claim["torque"], f"{place}.torque", low=0, high=TORQUE_MOST),
     )
 
 
-def _question(asked: dict[str, Any]) -> Question:
+def _question(asked: dict[str, Any]) -> CheckerQuestion:
     robot, cell = robot_of(asked["model"]), cell_of(asked["cell"])
     scene, complete = scene_of(asked["scene"])
     place = "question.touch"
     touch = rising([word(each, place) for each in listed(asked["touch"], place, least=0, most=PAIRS_MOST)], place)
     view = view_of(asked["age_s"], cell, complete=complete, late_s=latest_of(scene))
-    return Question(robot, cell, view, scene, frozenset(touch))
+    return CheckerQuestion(robot, cell, view, scene, frozenset(touch))
 
 
-def _legs_proven(asked: Question, motion: Motion, answer: Answer, proof: Any) -> int:
+def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerAnswer, proof: Any) -> int:
     """How many rows were recomputed; each leg's proof holds, and the answer is that of the worst."""
     start = motion.start
     if not motion.path:
@@ -112,7 +121,7 @@ def _legs_proven(asked: Question, motion: Motion, answer: Answer, proof: Any) ->
     place = "proof.legs"
     legs = listed(table(proof, "proof", ("legs",))["legs"], place, least=1, most=LEGS_MOST)
     need(len(legs) <= len(motion.legs), Code.LEGS_WRONG, place)
-    claims: list[Answer] = []
+    claims: list[CheckerAnswer] = []
     rows = 0
     for number, (leg, value) in enumerate(zip(motion.legs, legs, strict=False)):
         row = table(value, place, ("answer", "proof"))
@@ -124,7 +133,7 @@ def _legs_proven(asked: Question, motion: Motion, answer: Answer, proof: Any) ->
         last = number == len(legs) - 1
         need(last if end is None else not last or len(legs) == len(motion.legs), Code.LEGS_WRONG, place)
         start = start if end is None else end
-    worst = Answer(
+    worst = CheckerAnswer(
         max(claim.index for claim in claims),
         sorted({each for claim in claims for each in claim.violations}),
         max(claim.torque for claim in claims),
@@ -134,17 +143,17 @@ def _legs_proven(asked: Question, motion: Motion, answer: Answer, proof: Any) ->
 
 
 def _leg_proven(
-    asked: Question, start: Six, motion: Run | Curved, answer: Answer, value: Any
+    asked: CheckerQuestion, start: Six, motion: CheckerRun | Curved, answer: CheckerAnswer, value: Any
 ) -> tuple[int, Six | None]:
     """How many rows were recomputed, and where the leg ends; None when it is not proven to its end."""
-    if isinstance(motion, Run):
+    if isinstance(motion, CheckerRun):
         return _straight_proven(asked, motion, answer, value), motion.target
     proof = table(value, "proof", (*NO_ROWS, "course"))
     row = table(proof["course"], PLACE, RECORD)
     drive = _drive(asked, start, motion, row)
-    if isinstance(drive, Fixed):
+    if isinstance(drive, FixedAnswer):
         index = max(drive.index, asked.view.floor if drive.doubt not in (None, "joint_limit") else 0.0)
-        wanted = Answer(index, sorted(drive.violations), 0.0)
+        wanted = CheckerAnswer(index, sorted(drive.violations), 0.0)
         need(answer == wanted, Code.ANSWER_WRONG, "answer")
         need({name: proof[name] for name in NO_ROWS} == NO_ROWS, Code.ANSWER_WRONG, "proof")
         return 0, start if drive.doubt is None else None
@@ -152,31 +161,31 @@ def _leg_proven(
     return rows, drive.end if drive.doubt is None else None
 
 
-def _drive(asked: Question, start: Six, motion: Curved, row: dict[str, Any]) -> Drive | Fixed:
+def _drive(asked: CheckerQuestion, start: Six, motion: Curved, row: dict[str, Any]) -> CheckerTimedCourse | FixedAnswer:
     match motion:
-        case Line():
+        case CheckerLine():
             return followed_line(asked.robot, start, motion, row)
-        case Held():
+        case CheckerHeldSpeed():
             return held_speed(asked.robot, asked.cell, start, motion, row)
-        case Servo():
+        case CheckerServo():
             return servo_target(asked.robot, asked.cell, start, motion, row, view=asked.view)
         case _:
             assert_never(motion)
 
 
-def _straight_proven(asked: Question, run: Run, answer: Answer, value: Any) -> int:
+def _straight_proven(asked: CheckerQuestion, run: CheckerRun, answer: CheckerAnswer, value: Any) -> int:
     robot = asked.robot
     proof = table(value, "proof", (*NO_PROOF,))
     # A way that is none, and a way through a joint limit, have one answer each and no rows.
     broken, returning = _joint_limits(run, robot)
     still = not max(abs(way) for way in run.ways) > STILL_RAD
     if still or broken:
-        wanted = Answer(0.0, [], 0.0) if still else Answer(HIGHEST, ["joint_limit"], 0.0)
+        wanted = CheckerAnswer(0.0, [], 0.0) if still else CheckerAnswer(HIGHEST, ["joint_limit"], 0.0)
         need(answer == wanted, Code.ANSWER_WRONG, "answer")
         need(proof == NO_PROOF, Code.ANSWER_WRONG, "proof")
         return 0
     timing = Timing.of(run)
-    leg = Leg(
+    leg = CheckerLeg(
         way=Sweep(robot, run),
         timing=timing,
         cuts=list(pairwise((0, *intervals(proof["cut"], "proof.cut", most=CUT_MOST)))),
@@ -187,7 +196,7 @@ def _straight_proven(asked: Question, run: Run, answer: Answer, value: Any) -> i
     return proven(asked, leg, answer, proof)
 
 
-def _straight_ratios(robot: Robot, run: Run, timing: Timing) -> dict[str, float]:
+def _straight_ratios(robot: CheckerRobot, run: CheckerRun, timing: Timing) -> dict[str, float]:
     way = max(map(abs, run.ways))
     shares = [abs(each) / way / limit for each, limit in zip(run.ways, robot.speed_limits, strict=True)]
     wanted = max(shares) * run.speed
@@ -198,7 +207,7 @@ def _straight_ratios(robot: Robot, run: Run, timing: Timing) -> dict[str, float]
     }
 
 
-def _driven(robot: Robot, drive: Drive) -> Leg:
+def _driven(robot: CheckerRobot, drive: CheckerTimedCourse) -> CheckerLeg:
     """A leg on a course: joint speeds are proven piece by piece, accelerations looked at in the middles (PHY-11)."""
     fast = accelerated = peak = 0.0
     for piece in drive.course.bounds:
@@ -208,7 +217,7 @@ def _driven(robot: Robot, drive: Drive) -> Leg:
             speed = (most + hurry) * rate
             peak, fast = max(peak, speed), max(fast, speed / limit)
             accelerated = max(accelerated, abs(first) * drive.push + abs(second) * rate * rate)
-    return Leg(
+    return CheckerLeg(
         way=drive.course,
         timing=drive.timing,
         cuts=[(piece.low, piece.high) for piece in drive.course.bounds],
@@ -220,7 +229,7 @@ def _driven(robot: Robot, drive: Drive) -> Leg:
     )
 
 
-def _joint_limits(run: Run, robot: Robot) -> tuple[bool, bool]:
+def _joint_limits(run: CheckerRun, robot: CheckerRobot) -> tuple[bool, bool]:
     """Whether the run breaks a joint limit (farther beyond one, or to the other one), and whether it comes back."""
     broken = returning = False
     for start, target, (low, high) in zip(run.start, run.target, robot.ranges, strict=True):

@@ -6,15 +6,15 @@ from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final
 
-from pep.pit.checker.arm import GRID, SLACK, Way
+from pep.pit.checker.arm import GRID, SLACK, CheckerRoute
 from pep.pit.checker.verdict import Code, Refusal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.robot import Body, Robot
+    from pep.pit.checker.robot import CheckerBody, CheckerRobot
     from pep.pit.checker.stance import Six
-    from pep.pit.checker.trace_pieces import Bounds
+    from pep.pit.checker.trace_pieces import CheckerPieceBounds
 
 UNBOUNDED: Final = 1e30  # rad per s^3: more than any other bound allows, where the second derivative jumps
 QUARTER: Final = 4  # the next of an interval's three nodes is at most a quarter of it away
@@ -45,13 +45,17 @@ class Tail:
         return tuple(q + on * d for q, d in zip(self.q, self.dq, strict=True)), tuple(share * d for d in self.dq)
 
 
-class Course(Way):
+class CheckerCourse(CheckerRoute):
     """A robot on a curved way, known at its nodes and bounded piece by piece."""
 
     met_by: ClassVar[int] = 2
 
     def __init__(
-        self, robot: Robot, bounds: Sequence[Bounds], nodes: dict[int, tuple[Six, Six]], tail: Tail | None
+        self,
+        robot: CheckerRobot,
+        bounds: Sequence[CheckerPieceBounds],
+        nodes: dict[int, tuple[Six, Six]],
+        tail: Tail | None,
     ) -> None:
         """Nothing is computed yet.
 
@@ -88,16 +92,16 @@ class Course(Way):
             raise Refusal(Code.NODE_MISSING, f"node {node}")
         return found
 
-    def sag(self, body: Body, low: int, high: int) -> float:
+    def sag(self, body: CheckerBody, low: int, high: int) -> float:
         """How far an end of the body can be from the chords between the interval's ends and middle, metre."""
         h = (high - low) / GRID
         return self._worst(body, low, high)[0] * h * h / SLACK + self.stray(body, low, high)
 
-    def stray(self, body: Body, low: int, high: int) -> float:
+    def stray(self, body: CheckerBody, low: int, high: int) -> float:
         """How far the body may be beside the course on the interval, metre."""
         return self._worst(body, low, high)[4] if low < high else 0.0
 
-    def rush(self, body: Body, low: int, high: int) -> float:
+    def rush(self, body: CheckerBody, low: int, high: int) -> float:
         """Bound on the body's surface speed on the interval, metre per unit of s.
 
         Between nodes by the chord lemma, or by the next node: whichever proves more.
@@ -109,7 +113,7 @@ class Course(Way):
         spin = max(pose[3] for pose in at) + min(spin_second * h * h / SLACK, spin_first * h / QUARTER) + spin_hurry
         return speed + body.radius * spin
 
-    def _worst(self, body: Body, low: int, high: int) -> tuple[float, ...]:
+    def _worst(self, body: CheckerBody, low: int, high: int) -> tuple[float, ...]:
         """The worst of the pieces that the interval meets."""
         first, last = bisect_right(self._highs, low), bisect_left(self._lows, high)
         key = (id(body), first, last)
@@ -119,7 +123,7 @@ class Course(Way):
             found = self._worst_of[key] = tuple(map(max, *rows)) if len(rows) > 1 else rows[0]
         return found
 
-    def _bends(self, body: Body, piece: int) -> tuple[float, ...]:
+    def _bends(self, body: CheckerBody, piece: int) -> tuple[float, ...]:
         """Bounds of a body on a piece.
 
         Second and third derivative of its ends, first and second of its spin, stray, hurry, and what hurries its spin.

@@ -13,10 +13,10 @@ from pep.pit.checker.verdict import Code, need
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.course import Course
+    from pep.pit.checker.course import CheckerCourse
     from pep.pit.checker.motion import Timing
-    from pep.pit.checker.robot import Robot
-    from pep.pit.checker.stance import Six, Stance
+    from pep.pit.checker.robot import CheckerRobot
+    from pep.pit.checker.stance import CheckerStance, Six
 
 RECORD: Final = ("doubt", "edges", "second", "third", "nodes", "until", "ahead", "angles", "seconds")
 NOT_TRACED: Final[dict[str, Any]] = {
@@ -28,7 +28,7 @@ NONE: Final[tuple[float, ...]] = (0.0,) * JOINTS
 
 
 @dataclass(frozen=True, slots=True)
-class Fixed:
+class FixedAnswer:
     """A motion whose answer is fixed: none at all, beyond a joint limit, or of which nothing is traced.
 
     Attributes:
@@ -43,7 +43,7 @@ class Fixed:
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class CheckerTimedCourse:
     """A course with its timing.
 
     Attributes:
@@ -55,7 +55,7 @@ class Drive:
         end: joint angles where it ends, when it is proven to there.
     """
 
-    course: Course
+    course: CheckerCourse
     timing: Timing
     push: float
     tool_speed: float
@@ -63,23 +63,23 @@ class Drive:
     end: Six
 
 
-def fixed(row: dict[str, Any], index: float, violations: tuple[str, ...], doubt: str | None) -> Fixed:
+def fixed(row: dict[str, Any], index: float, violations: tuple[str, ...], doubt: str | None) -> FixedAnswer:
     """A fixed answer, of which nothing is recorded.
 
     Raises:
         Refusal: something is.
     """
     need(row == NOT_TRACED | {"doubt": doubt} and type(row["until"]) is int, Code.ANSWER_WRONG, PLACE)
-    return Fixed(index, violations, doubt)
+    return FixedAnswer(index, violations, doubt)
 
 
-def beyond(robot: Robot, q: Sequence[float], around: Sequence[float] = NONE) -> bool:
+def beyond(robot: CheckerRobot, q: Sequence[float], around: Sequence[float] = NONE) -> bool:
     """Whether a joint may be beyond its range when each is within `around` of `q`, rad."""
     rows = zip(q, around, robot.ranges, strict=True)
     return not all(low <= angle - room and angle + room <= high for angle, room, (low, high) in rows)
 
 
-def standing(robot: Robot, q: Six) -> Stance:
+def standing(robot: CheckerRobot, q: Six) -> CheckerStance:
     """The arm where it stands.
 
     Raises:

@@ -30,7 +30,7 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class CheckerBox:
     """A box: centre, half edges (metre) and its own axes as rows."""
 
     center: Vec
@@ -53,7 +53,7 @@ class Polytope:
     corners: tuple[Vec, ...]
 
 
-Core = Segment | Block | Polytope | Face
+Core = Segment | CheckerBox | Polytope | Face
 
 
 def dot(a: Vec, b: Vec) -> float:
@@ -145,7 +145,7 @@ def _beyond(x: float, half: float) -> float:
     return x - half if x > half else x + half if x < -half else 0.0
 
 
-def from_block(a: Vec, b: Vec, block: Block) -> Vec:
+def from_block(a: Vec, b: Vec, block: CheckerBox) -> Vec:
     """The shortest vector from the box to segment ab.
 
     Along the segment the squared distance is convex and, between two crossings of face planes, a parabola: the first
@@ -244,12 +244,12 @@ def _foot(corners: list[Vec]) -> Vec | None:
             return None
 
 
-def reach(core: Segment | Block | Polytope, n: Vec) -> float:
+def reach(core: Segment | CheckerBox | Polytope, n: Vec) -> float:
     """How far the core reaches along the unit vector n."""
     match core:
         case Segment(a, b):
             return max(dot(a, n), dot(b, n))
-        case Block(center, half, (x, y, z)):
+        case CheckerBox(center, half, (x, y, z)):
             return dot(center, n) + half[0] * abs(dot(x, n)) + half[1] * abs(dot(y, n)) + half[2] * abs(dot(z, n))
         case Polytope(corners):
             return max(dot(corner, n) for corner in corners)

@@ -6,24 +6,24 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from pep.pit.checker.arm import GRID
-from pep.pit.checker.course import UNBOUNDED, Course, Tail
-from pep.pit.checker.curved_motion import NONE, NOT_TRACED, Drive, Fixed, beyond, fixed
+from pep.pit.checker.course import UNBOUNDED, CheckerCourse, Tail
+from pep.pit.checker.curved_motion import NONE, NOT_TRACED, CheckerTimedCourse, FixedAnswer, beyond, fixed
 from pep.pit.checker.laws import HIGHEST, SAME
 from pep.pit.checker.motion import Timing
 from pep.pit.checker.robot import JOINTS
 from pep.pit.checker.stance import LINEAR
 from pep.pit.checker.text import exact, whole
-from pep.pit.checker.trace_pieces import PLACE, Bounds
+from pep.pit.checker.trace_pieces import PLACE, CheckerPieceBounds
 from pep.pit.checker.traced_line import broken_off, size, tool_at, traced_until
-from pep.pit.checker.twist import Twist
+from pep.pit.checker.twist import CheckerTwist
 from pep.pit.checker.verdict import Code, need
 
 if TYPE_CHECKING:
-    from pep.pit.checker.motion import Held, Servo
-    from pep.pit.checker.question import Cell, View
-    from pep.pit.checker.robot import Robot
+    from pep.pit.checker.motion import CheckerHeldSpeed, CheckerServo
+    from pep.pit.checker.question import Cell, CheckerView
+    from pep.pit.checker.robot import CheckerRobot
     from pep.pit.checker.stance import Six
-    from pep.pit.checker.trace_pieces import Traced
+    from pep.pit.checker.trace_pieces import CheckerTracedLine
 
 AT_ONCE: Final = 1e12  # acceleration of what is under way already: it has its speed from the first instant
 LOOKAHEAD_LEAST_S: Final = 0.03  # PHY-20
@@ -32,7 +32,9 @@ ENVELOPE: Final = 8  # equal pieces on which the speeds of a servo target are bo
 LONGER: Final = 2.0  # PHY-48: times its hold; the course of a held speed that breaks off is no longer
 
 
-def held_speed(robot: Robot, cell: Cell, start: Six, motion: Held, row: dict[str, Any]) -> Drive | Fixed:
+def held_speed(
+    robot: CheckerRobot, cell: Cell, start: Six, motion: CheckerHeldSpeed, row: dict[str, Any]
+) -> CheckerTimedCourse | FixedAnswer:
     """A tool velocity from rest, held, and then the joints' stop along their tangent; s counts seconds at full speed.
 
     Raises:
@@ -48,7 +50,7 @@ def held_speed(robot: Robot, cell: Cell, start: Six, motion: Held, row: dict[str
     peak = min(1.0, up * held_s)
     seconds = exact(row["seconds"], f"{PLACE}.seconds", low=_way(up, held_s) * (1 - SAME))
     x, y, z, u, v, w = (seconds * part for part in motion.velocity)
-    twist = Twist(tool_at(robot, start), (x, y, z), (u, v, w))
+    twist = CheckerTwist(tool_at(robot, start), (x, y, z), (u, v, w))
     moves, turns = any(motion.velocity[:LINEAR]), any(motion.velocity[LINEAR:])
     uneven = "uneven_twist" if moves and turns else None
     # 1. One that cannot be followed to its end is a line that cannot.
@@ -76,14 +78,16 @@ def held_speed(robot: Robot, cell: Cell, start: Six, motion: Held, row: dict[str
     stopped, _ = tail.at(GRID)
     if beyond(robot, stopped, pieces[-1].stray):
         need(row["doubt"] == "joint_limit", Code.ANSWER_WRONG, f"{PLACE}.doubt")
-        return Fixed(HIGHEST, ("joint_limit",), "joint_limit")
+        return FixedAnswer(HIGHEST, ("joint_limit",), "joint_limit")
     need(row["doubt"] == uneven, Code.DOUBT_UNFOUNDED, f"{PLACE}.doubt")
     straight = tuple(map(abs, rate))
     hurry = tuple(most * window for most in bend)
-    pieces.append(Bounds(end, GRID, rate, NONE, straight, NONE, (UNBOUNDED,) * JOINTS, pieces[-1].stray, hurry))
+    pieces.append(
+        CheckerPieceBounds(end, GRID, rate, NONE, straight, NONE, (UNBOUNDED,) * JOINTS, pieces[-1].stray, hurry)
+    )
     braking = peak * peak / (2 * (1 - s_end) * seconds)
-    return Drive(
-        Course(robot, pieces, traced.rated(), tail),
+    return CheckerTimedCourse(
+        CheckerCourse(robot, pieces, traced.rated(), tail),
         Timing(seconds, 1.0, up, braking),
         max(up, braking) / seconds,
         size(motion.velocity[:LINEAR]),
@@ -98,7 +102,7 @@ def _way(up: float, until_s: float) -> float:
     return up * ramp * (until_s - 0.5 * ramp)
 
 
-def _strayed(traced: Traced, s_end: float, window: float) -> tuple[list[Bounds], Six]:
+def _strayed(traced: CheckerTracedLine, s_end: float, window: float) -> tuple[list[CheckerPieceBounds], Six]:
     """The pieces with what an earlier stop leaves them by, and how much the joints bend where it may take hold."""
     late = (s_end - window) * GRID
     bend = tuple(max(rows) for rows in zip(*(p.second for p in traced.pieces if p.high > late), strict=True))
@@ -117,8 +121,8 @@ def _strayed(traced: Traced, s_end: float, window: float) -> tuple[list[Bounds],
 
 
 def servo_target(
-    robot: Robot, cell: Cell, start: Six, motion: Servo, row: dict[str, Any], *, view: View
-) -> Drive | Fixed:
+    robot: CheckerRobot, cell: Cell, start: Six, motion: CheckerServo, row: dict[str, Any], *, view: CheckerView
+) -> CheckerTimedCourse | FixedAnswer:
     """Everywhere a servo target may take the arm until a stop after it has ended: all of it follows from the question.
 
     Raises:
@@ -146,7 +150,8 @@ def servo_target(
     need(row == NOT_TRACED and type(row["until"]) is int, Code.MEMBER_WRONG, PLACE)
     straight, step = tuple(map(abs, middle)), GRID // ENVELOPE
     pieces = [
-        Bounds(low, low + step, middle, NONE, straight, NONE, NONE, spread, spread) for low in range(0, GRID, step)
+        CheckerPieceBounds(low, low + step, middle, NONE, straight, NONE, NONE, spread, spread)
+        for low in range(0, GRID, step)
     ]
     timing = Timing(seconds, 1.0, AT_ONCE, braking)
-    return Drive(Course(robot, pieces, {}, tail), timing, braking / seconds, 0.0, None, start)
+    return CheckerTimedCourse(CheckerCourse(robot, pieces, {}, tail), timing, braking / seconds, 0.0, None, start)

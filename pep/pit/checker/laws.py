@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from pep.pit.checker.question import Cell, Obstacle, View
-    from pep.pit.checker.robot import Robot
+    from pep.pit.checker.question import Cell, CheckerView, Obstacle
+    from pep.pit.checker.robot import CheckerRobot
 
 MOVING: Final = 1.0  # PHY-6, PHY-7: any motion
 RETREAT: Final = 3.0  # PHY-6: a stuck arm's way out
@@ -26,7 +26,7 @@ N_PER_MM: Final = 1e3  # 1 N/mm in N/m
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class CheckerContactLimit:
     """Of a body region: force (N), pressure (N/cm2), spring (N/mm), mass (kg), factor for a short blow, sensitive."""
 
     force: float
@@ -39,20 +39,20 @@ class Limit:
 
 LIMITS: Final = {
     # ISO/TS 15066 table A.2 as N4 and N6 republish it; springs and masses N4
-    "head": Limit(65, 110, 75, 4.4, 1, sensitive=True),  # N4, N6: masticatory muscle, no factor
-    "neck": Limit(150, 140, 50, 1.2, 2, sensitive=True),  # N4, N6: neck muscle
-    "torso": Limit(140, 120, 25, 40, 2),  # N4, N6: sternum
-    "abdomen": Limit(110, 140, 10, 40, 2),  # N4, N6: abdominal muscle
-    "pelvis": Limit(180, 210, 25, 40, 2),  # N4, N6: pelvic bone
-    "upper_arm": Limit(150, 190, 30, 3, 2),  # N4, N6: deltoid
-    "lower_arm": Limit(160, 180, 40, 2, 2),  # N4, N6: forearm muscle
-    "hand": Limit(140, 190, 75, 0.6, 2),  # N4, N6: back of the other hand
-    "thigh": Limit(220, 220, 50, 75, 2),  # N4, N6: kneecap
-    "shin": Limit(130, 210, 60, 75, 2),  # N4, N6: calf muscle
+    "head": CheckerContactLimit(65, 110, 75, 4.4, 1, sensitive=True),  # N4, N6: masticatory muscle, no factor
+    "neck": CheckerContactLimit(150, 140, 50, 1.2, 2, sensitive=True),  # N4, N6: neck muscle
+    "torso": CheckerContactLimit(140, 120, 25, 40, 2),  # N4, N6: sternum
+    "abdomen": CheckerContactLimit(110, 140, 10, 40, 2),  # N4, N6: abdominal muscle
+    "pelvis": CheckerContactLimit(180, 210, 25, 40, 2),  # N4, N6: pelvic bone
+    "upper_arm": CheckerContactLimit(150, 190, 30, 3, 2),  # N4, N6: deltoid
+    "lower_arm": CheckerContactLimit(160, 180, 40, 2, 2),  # N4, N6: forearm muscle
+    "hand": CheckerContactLimit(140, 190, 75, 0.6, 2),  # N4, N6: back of the other hand
+    "thigh": CheckerContactLimit(220, 220, 50, 75, 2),  # N4, N6: kneecap
+    "shin": CheckerContactLimit(130, 210, 60, 75, 2),  # N4, N6: calf muscle
 }
 
 
-def carried_kg(robot: Robot, cell: Cell) -> float:
+def carried_kg(robot: CheckerRobot, cell: Cell) -> float:
     """PHY-14: what the cell says is always carried, and what is held; the whole payload where either is unknown."""
     held = 0.0 if robot.held is None else robot.held.mass_kg
     if cell.payload_kg is None or held is None:
@@ -60,7 +60,7 @@ def carried_kg(robot: Robot, cell: Cell) -> float:
     return cell.payload_kg + held
 
 
-def harm_speeds(robot: Robot, cell: Cell) -> dict[str, float]:
+def harm_speeds(robot: CheckerRobot, cell: Cell) -> dict[str, float]:
     """PHY-4, PHY-5: per region the speed from which a blow by this arm is likely to harm.
 
     The limit speed is that at which the energy of the blow, 1/2 mu v^2, is that of the region's spring at its limit,
@@ -84,7 +84,7 @@ def _share(x: float) -> float:
 class Laws:
     """The laws for one robot, cell, view and peak speed of the leading axis."""
 
-    def __init__(self, robot: Robot, cell: Cell, view: View, *, peak_rad_s: float) -> None:
+    def __init__(self, robot: CheckerRobot, cell: Cell, view: CheckerView, *, peak_rad_s: float) -> None:
         """Stopping times and harm speeds."""
         self._cell = cell
         ramp = peak_rad_s / cell.stop_deceleration_rad_s2

@@ -17,10 +17,10 @@ from pep.pit.checker.verdict import Code, Refusal, need
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.arm import Way
+    from pep.pit.checker.arm import CheckerRoute
     from pep.pit.checker.motion import Timing
-    from pep.pit.checker.question import Cell, View
-    from pep.pit.checker.robot import Body, Robot
+    from pep.pit.checker.question import Cell, CheckerView
+    from pep.pit.checker.robot import CheckerBody, CheckerRobot
 
 DEPTHS: Final = {digit: GRID >> depth for depth, digit in enumerate("0123456789abcdefghijklmn")}
 """Width of an interval by the digit of its depth; the narrowest still has an exact middle."""
@@ -31,18 +31,18 @@ RETREAT_CUT: Final = 128  # PHY-6: equal intervals on which a retreat is shown n
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class CheckerQuestion:
     """What was asked, but the motion."""
 
-    robot: Robot
+    robot: CheckerRobot
     cell: Cell
-    view: View
+    view: CheckerView
     scene: dict[str, Any]
     touch: frozenset[str]
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class CheckerAnswer:
     """What is claimed of one leg; `torque` is stated, the highest by its limit."""
 
     index: float
@@ -51,7 +51,7 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
+class CheckerLeg:
     """A leg that goes somewhere.
 
     Attributes:
@@ -66,7 +66,7 @@ class Leg:
         violations: that its doubt is.
     """
 
-    way: Way
+    way: CheckerRoute
     timing: Timing
     cuts: Sequence[tuple[int, int]]
     ratios: dict[str, float]
@@ -77,7 +77,7 @@ class Leg:
     violations: frozenset[str] = frozenset()
 
 
-def proven(asked: Question, leg: Leg, answer: Answer, proof: dict[str, Any]) -> int:
+def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof: dict[str, Any]) -> int:
     """How many rows were recomputed; each holds, and together they prove the leg's answer.
 
     Args:
@@ -91,7 +91,7 @@ def proven(asked: Question, leg: Leg, answer: Answer, proof: dict[str, Any]) -> 
     """
     robot, cell, way = asked.robot, asked.cell, leg.way
     # 1. What holds anyway: any motion, the view, a retreat, and what the arm itself is asked.
-    speeds = Speeds(way, leg.timing, leg.cuts)
+    speeds = CheckerSpeedBounds(way, leg.timing, leg.cuts)
     pairs = pairs_of(robot, obstacles_of(asked.scene, cell, asked.view, asked.touch), cell)
     retreating, meant = (_numbers(proof[name], f"proof.{name}", len(pairs)) for name in ("retreating", "meant"))
     retreats = bool(leg.returning or retreating)
@@ -177,20 +177,20 @@ def intervals(cover: Any, place: str, *, most: int) -> list[int]:
     return ends
 
 
-class Speeds:
+class CheckerSpeedBounds:
     """Proven bounds on a body's speed over the whole way, m/s."""
 
-    def __init__(self, way: Way, timing: Timing, cuts: Sequence[tuple[int, int]]) -> None:
+    def __init__(self, way: CheckerRoute, timing: Timing, cuts: Sequence[tuple[int, int]]) -> None:
         """On these intervals, which tile it."""
         self._way = way
         self._cuts = [(low, high, timing.highest(low / GRID, high / GRID)) for low, high in cuts]
 
-    def of(self, body: Body) -> float:
+    def of(self, body: CheckerBody) -> float:
         """Of this one."""
         return max(self._way.rush(body, low, high) * rate for low, high, rate in self._cuts)
 
 
-def ratios(asked: Question, speeds: Speeds, tool_speed: float) -> dict[str, float]:
+def ratios(asked: CheckerQuestion, speeds: CheckerSpeedBounds, tool_speed: float) -> dict[str, float]:
     """PHY-7: what any way asks of the arm by its limits; torque apart, which the document states.
 
     Args:
@@ -212,7 +212,7 @@ def ratios(asked: Question, speeds: Speeds, tool_speed: float) -> dict[str, floa
     }
 
 
-def _leads_away(way: Way, pair: Pair, cell: Cell) -> bool:
+def _leads_away(way: CheckerRoute, pair: Pair, cell: Cell) -> bool:
     """PHY-6: violated where the arm stands, and never nearer than before, or than the bound once that is reached."""
     below = pair.violated_below
     if below is None or not attained(way, pair, 0) < below + SAME:
@@ -225,7 +225,7 @@ def _leads_away(way: Way, pair: Pair, cell: Cell) -> bool:
     return True
 
 
-def _met(value: Any, way: Way, pairs: list[Pair], retreating: dict[int, None]) -> set[str]:
+def _met(value: Any, way: CheckerRoute, pairs: list[Pair], retreating: dict[int, None]) -> set[str]:
     """Kinds of the violations that are met, each where the proof names: at a configuration or in the middle of two."""
     place = "proof.met"
     kinds: list[str] = []

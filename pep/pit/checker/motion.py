@@ -32,7 +32,7 @@ Joints = tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class CheckerRun:
     """From rest at `start` to rest at `target`; speed, acceleration and braking are those of the leading axis."""
 
     start: Joints
@@ -48,7 +48,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class CheckerLine:
     """A straight line of the tool to the pose `target` (m, rotation vector in rad), from rest to rest.
 
     Attributes:
@@ -63,7 +63,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class CheckerHeldSpeed:
     """A tool velocity (m/s, then rad/s), reached at `acceleration` (of its largest part) and held for `duration_s`."""
 
     velocity: Joints
@@ -72,7 +72,7 @@ class Held:
 
 
 @dataclass(frozen=True, slots=True)
-class Servo:
+class CheckerServo:
     """One target of a stream: measured joint rates, joint angles to follow, when the next is due and the lookahead."""
 
     rates: Joints
@@ -81,11 +81,11 @@ class Servo:
     lookahead_s: float
 
 
-Curved = Line | Held | Servo
+Curved = CheckerLine | CheckerHeldSpeed | CheckerServo
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class CheckerMotion:
     """What is asked, leg by leg; a motion that is no path has one.
 
     Attributes:
@@ -95,11 +95,11 @@ class Motion:
     """
 
     start: Joints
-    legs: tuple[Run | Curved, ...]
+    legs: tuple[CheckerRun | Curved, ...]
     path: bool
 
 
-def motion_of(value: Any, cell: Cell) -> Motion:
+def motion_of(value: Any, cell: Cell) -> CheckerMotion:
     """The motion of the document, in this cell.
 
     Raises:
@@ -110,48 +110,52 @@ def motion_of(value: Any, cell: Cell) -> Motion:
     match word(value.get("form"), place):
         case "move_j" | "speed_j":
             run = run_of(value, cell)
-            return Motion(run.start, (run,), path=False)
+            return CheckerMotion(run.start, (run,), path=False)
         case "move_l":
             row = table(value, place, MOVE_L)
             stated = None if row["stated_start"] is None else _pose(row["stated_start"])
-            line = Line(_pose(row["target"]), _tool(row["speed_m_s"]), _tool(row["acceleration_m_s2"]), stated)
-            return Motion(_six(row["start"]), (line,), path=False)
+            line = CheckerLine(_pose(row["target"]), _tool(row["speed_m_s"]), _tool(row["acceleration_m_s2"]), stated)
+            return CheckerMotion(_six(row["start"]), (line,), path=False)
         case "speed_l":
             row = table(value, place, SPEED_L)
-            held = Held(_six(row["twist"], LARGEST), _tool(row["acceleration_m_s2"]), _tool(row["duration_s"]))
-            return Motion(_six(row["start"]), (held,), path=False)
+            held = CheckerHeldSpeed(
+                _six(row["twist"], LARGEST), _tool(row["acceleration_m_s2"]), _tool(row["duration_s"])
+            )
+            return CheckerMotion(_six(row["start"]), (held,), path=False)
         case "servo_j":
             row = table(value, place, SERVO_J)
-            servo = Servo(_six(row["qd_rad_s"]), _six(row["target"]), _tool(row["period_s"]), _tool(row["lookahead_s"]))
-            return Motion(_six(row["start"]), (servo,), path=False)
+            servo = CheckerServo(
+                _six(row["qd_rad_s"]), _six(row["target"]), _tool(row["period_s"]), _tool(row["lookahead_s"])
+            )
+            return CheckerMotion(_six(row["start"]), (servo,), path=False)
         case "joint_path":
             return _joint_path(table(value, place, PATH))
         case "line_path":
             row = table(value, place, PATH)
             legs = [table(leg, place, LINE_LEG) for leg in listed(row["legs"], place, least=1, most=LEGS_MOST)]
             lines = (
-                Line(_pose(leg["target"]), _tool(leg["speed_m_s"]), _tool(leg["acceleration_m_s2"]), None)
+                CheckerLine(_pose(leg["target"]), _tool(leg["speed_m_s"]), _tool(leg["acceleration_m_s2"]), None)
                 for leg in legs
             )
-            return Motion(_six(row["start"]), tuple(lines), path=True)
+            return CheckerMotion(_six(row["start"]), tuple(lines), path=True)
         case _:
             raise Refusal(Code.FORM_UNKNOWN, place)
 
 
-def _joint_path(row: dict[str, Any]) -> Motion:
+def _joint_path(row: dict[str, Any]) -> CheckerMotion:
     place = "question.motion"
     start = at = _six(row["start"])
-    legs: list[Run] = []
+    legs: list[CheckerRun] = []
     for each in listed(row["legs"], place, least=1, most=LEGS_MOST):
         leg = table(each, place, JOINT_LEG)
         acceleration = _rate(leg["acceleration_rad_s2"])
         target = _six(leg["target"])
-        legs.append(Run(at, target, _rate(leg["speed_rad_s"]), acceleration, acceleration))
+        legs.append(CheckerRun(at, target, _rate(leg["speed_rad_s"]), acceleration, acceleration))
         at = target
-    return Motion(start, tuple(legs), path=True)
+    return CheckerMotion(start, tuple(legs), path=True)
 
 
-def run_of(value: dict[str, Any], cell: Cell) -> Run:
+def run_of(value: dict[str, Any], cell: Cell) -> CheckerRun:
     """The straight run that a joint motion of the document is in this cell.
 
     Raises:
@@ -162,7 +166,9 @@ def run_of(value: dict[str, Any], cell: Cell) -> Run:
         case "move_j":
             row = table(value, place, MOVE_J)
             acceleration = _rate(row["acceleration_rad_s2"])
-            return Run(_six(row["start"]), _six(row["target"]), _rate(row["speed_rad_s"]), acceleration, acceleration)
+            return CheckerRun(
+                _six(row["start"]), _six(row["target"]), _rate(row["speed_rad_s"]), acceleration, acceleration
+            )
         case "speed_j":
             row = table(value, place, SPEED_J)
             start, speeds = _six(row["start"]), _six(row["qd_rad_s"])
@@ -171,11 +177,11 @@ def run_of(value: dict[str, Any], cell: Cell) -> Run:
             raise Refusal(Code.FORM_UNKNOWN, place)
 
 
-def _held_speed(start: Joints, speeds: Joints, acceleration: float, duration_s: float, cell: Cell) -> Run:
+def _held_speed(start: Joints, speeds: Joints, acceleration: float, duration_s: float, cell: Cell) -> CheckerRun:
     """PHY-16: ramp, hold, the delay until the stop takes hold, and the stop's own way."""
     leading = max(abs(speed) for speed in speeds)
     if leading == 0:
-        return Run(start, start, 0.0, acceleration, cell.stop_deceleration_rad_s2)
+        return CheckerRun(start, start, 0.0, acceleration, cell.stop_deceleration_rad_s2)
     time = duration_s + cell.stop_delay_s
     if leading >= acceleration * time:  # the ramp fills all of it
         peak = acceleration * time
@@ -185,7 +191,7 @@ def _held_speed(start: Joints, speeds: Joints, acceleration: float, duration_s: 
         way = peak * time - 0.5 * peak * peak / acceleration
     way += 0.5 * peak * peak / cell.stop_deceleration_rad_s2
     target = tuple(q + speed / leading * way for q, speed in zip(start, speeds, strict=True))
-    return Run(start, target, leading, acceleration, cell.stop_deceleration_rad_s2)
+    return CheckerRun(start, target, leading, acceleration, cell.stop_deceleration_rad_s2)
 
 
 def _six(value: Any, most: float = ANGLE_MOST_RAD) -> Joints:
@@ -225,7 +231,7 @@ class Timing:
         self._falls_from = max(1 - self.plateau**2 / self._down, 0.0)
 
     @staticmethod
-    def of(run: Run) -> Timing:
+    def of(run: CheckerRun) -> Timing:
         """Of a straight run that goes somewhere, by its leading axis."""
         return Timing(max(abs(way) for way in run.ways), run.speed, run.acceleration, run.braking)
 

@@ -17,8 +17,8 @@ from pep.pit.checker.stance import times
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.stance import Matrix, Six, Stance
-    from pep.pit.checker.twist import Twist
+    from pep.pit.checker.stance import CheckerStance, Matrix, Six
+    from pep.pit.checker.twist import CheckerTwist
 
 UP: Final = 1 + 1e-10  # far above float64 rounding of these sums
 OFF: Final = (
@@ -69,7 +69,7 @@ class Piece:
         dq, ddq: the joints' derivatives there.
     """
 
-    def __init__(self, lever: Lever, twist: Twist, middle: Stance, low: int, high: int) -> None:
+    def __init__(self, lever: Lever, twist: CheckerTwist, middle: CheckerStance, low: int, high: int) -> None:
         """The derivatives in the middle."""
         self.low, self.high, self.r = low, high, 0.5 * (high - low) / GRID
         self.middle, self._lever = middle, lever
@@ -119,7 +119,7 @@ class Piece:
         return at, tuple(half * most * UP + slip for most, slip in zip(a, self._slip, strict=True))
 
 
-def contraction(lever: Lever, node: Stance, within: Sequence[float]) -> float:
+def contraction(lever: Lever, node: CheckerStance, within: Sequence[float]) -> float:
     """How much Newton's map from `node` shrinks what is within twice `within` of it: below 1, one point solves a pose.
 
     Both points are at most `within` from a third one, joint by joint.

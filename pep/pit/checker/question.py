@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from pep.pit.checker.distances import Block, Core, Face, Polytope, Segment, Vec, cross, dot, minus
+from pep.pit.checker.distances import CheckerBox, Core, Face, Polytope, Segment, Vec, cross, dot, minus
 from pep.pit.checker.text import exact, listed, parsed, table, truth, vector, whole, word
 from pep.pit.checker.verdict import Code, need
 
@@ -101,7 +101,7 @@ def cell_of(value: Any) -> Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class CheckerView:
     """What the age of the view adds (PHY-8): to the reaction time (s), to where people may be (metre), to the index."""
 
     stopping_age_s: float
@@ -109,18 +109,18 @@ class View:
     floor: float
 
 
-def view_of(value: Any, cell: Cell, *, complete: bool, late_s: float) -> View:
+def view_of(value: Any, cell: Cell, *, complete: bool, late_s: float) -> CheckerView:
     """The view: fresh, stale beyond the age limit, or missing (no age, or the sensors did not see all).
 
     Stale, too, is one in which something was last seen `late_s` before and thus longer ago than that (PHY-23).
     """
     if value is None:
-        return View(0.0, 0.0, cell.unknown_floor)
+        return CheckerView(0.0, 0.0, cell.unknown_floor)
     age = exact(value, "question.age_s", low=0)
     if age > cell.perception_age_limit_s:
-        return View(age, cell.person_speed_m_s * age, cell.unknown_floor)
+        return CheckerView(age, cell.person_speed_m_s * age, cell.unknown_floor)
     whole_view = complete and age + late_s <= cell.perception_age_limit_s
-    return View(age, 0.0, 0.0 if whole_view else cell.unknown_floor)
+    return CheckerView(age, 0.0, 0.0 if whole_view else cell.unknown_floor)
 
 
 def latest_of(scene: dict[str, Any]) -> float:
@@ -172,7 +172,7 @@ def scene_of(text: str) -> tuple[dict[str, Any], bool]:
     return top, truth(top["complete"], "scene.complete")
 
 
-def obstacles_of(scene: dict[str, Any], cell: Cell, view: View, touch: frozenset[str]) -> list[Obstacle]:
+def obstacles_of(scene: dict[str, Any], cell: Cell, view: CheckerView, touch: frozenset[str]) -> list[Obstacle]:
     """People (region by region), objects and zones in the scene's order, then the six faces of the workspace."""
     found: list[Obstacle] = []
     for person in listed(scene["people"], "scene.people", least=0, most=PEOPLE_MOST):
@@ -266,7 +266,7 @@ def _shape(value: Any, place: str) -> tuple[Core, float]:
                 (2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)),
                 (2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z),
             )
-            return Block(vector(row["center_m"], place, _place), half, axes), 0.0
+            return CheckerBox(vector(row["center_m"], place, _place), half, axes), 0.0
 
 
 def _span(corners: tuple[Vec, ...]) -> bool:

@@ -23,7 +23,7 @@ SHAPES: Final = ("blunt", "wedge", "edge", "sheet")
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
+class CheckerBody:
     """A capsule of link `link` as seen from link `reference`: only the joints between the two move it.
 
     Attributes:
@@ -42,7 +42,7 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class CheckerGrippedObject:
     """What the gripper holds; mass None is unknown."""
 
     a: Vec
@@ -53,7 +53,7 @@ class Held:
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class CheckerRobot:
     """One arm, its tool and what that holds.
 
     Attributes:
@@ -74,12 +74,12 @@ class Robot:
     link_mass_kg: float
     tool_mass_kg: float
     blunt: bool
-    held: Held | None
-    moving: tuple[Body, ...]
-    apart: tuple[tuple[Body, Body], ...]
-    masses: tuple[tuple[Body, float], ...]
-    tcp: Body
-    elbow: Body
+    held: CheckerGrippedObject | None
+    moving: tuple[CheckerBody, ...]
+    apart: tuple[tuple[CheckerBody, CheckerBody], ...]
+    masses: tuple[tuple[CheckerBody, float], ...]
+    tcp: CheckerBody
+    elbow: CheckerBody
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class _Capsule:
     part: str
 
 
-def robot_of(text: str) -> Robot:
+def robot_of(text: str) -> CheckerRobot:
     """The robot.
 
     Raises:
@@ -123,7 +123,7 @@ def robot_of(text: str) -> Robot:
     need(len({c.name for c in capsules}) == len(capsules), Code.MEMBER_WRONG, "model.capsules: a name repeats")
     offsets = tuple(j.offset for j in joints)
 
-    def point(name: str, link: int, at: Vec) -> Body:
+    def point(name: str, link: int, at: Vec) -> CheckerBody:
         return _body(_Capsule(name, link, at, at, 0.0, ""), 0, offsets)
 
     tool_mass = decimal(tool.get("mass_kg"), "model.tools.mass_kg", low=0)
@@ -135,7 +135,7 @@ def robot_of(text: str) -> Robot:
         bx, by, bz = held.b
         middle = (0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz))
         masses.append((point("mass held", JOINTS, middle), limit if held.mass_kg is None else held.mass_kg))
-    return Robot(
+    return CheckerRobot(
         offsets=offsets,
         turns=tuple(j.turn for j in joints),
         ranges=tuple((j.lowest, j.highest) for j in joints),
@@ -204,11 +204,11 @@ def _capsule(row: Any, part: str) -> _Capsule:
     )
 
 
-def _held(row: Any) -> Held:
+def _held(row: Any) -> CheckerGrippedObject:
     place = "model.held"
     _, ends, radius, mass, blunt = listed(row, place, least=5, most=5)  # object, ends, radius, mass, blunt
     a, b = (vector(end, place) for end in listed(ends, place, least=2, most=2))
-    return Held(
+    return CheckerGrippedObject(
         a=a,
         b=b,
         radius=exact(radius, place, low=1e-6, high=SIZE_MOST_M),  # a body has an extent
@@ -217,7 +217,7 @@ def _held(row: Any) -> Held:
     )
 
 
-def _body(capsule: _Capsule, reference: int, offsets: Sequence[Vec]) -> Body:
+def _body(capsule: _Capsule, reference: int, offsets: Sequence[Vec]) -> CheckerBody:
     """Levers: from a joint's axis the next joint lies at a fixed distance, and the end no farther than the rest's sum.
 
     Both ends are inside the ball about their own link's origin, so one lever serves for both.
@@ -231,12 +231,12 @@ def _body(capsule: _Capsule, reference: int, offsets: Sequence[Vec]) -> Body:
             levers[joint - 1] = math.hypot(offsets[joint][0], offsets[joint][1]) + farthest
             farthest += length(offsets[joint])
     c = capsule
-    return Body(c.name, c.link, reference, c.a, c.b, c.radius, tuple(levers), c.part)
+    return CheckerBody(c.name, c.link, reference, c.a, c.b, c.radius, tuple(levers), c.part)
 
 
 def _apart(
     named: Any, capsules: Sequence[_Capsule], tools: Sequence[dict[str, Any]], offsets: Sequence[Vec]
-) -> tuple[tuple[Body, Body], ...]:
+) -> tuple[tuple[CheckerBody, CheckerBody], ...]:
     """What must stay apart: the pairs that the model names, and what is held with all that does not move with it."""
     place = "model.self_pairs"
     need(type(named) is dict and 0 < len(named) <= CAPSULES_MOST, Code.MEMBER_WRONG, place)
@@ -253,8 +253,8 @@ def _apart(
     if PAYLOAD in by_name:
         wanted += [(c.name, PAYLOAD) for c in capsules if c.link < JOINTS]
     need(len(wanted) <= PAIRS_MOST, Code.TOO_LARGE, place)
-    pairs: list[tuple[Body, Body]] = []
-    bodies: dict[tuple[str, int], Body] = {}
+    pairs: list[tuple[CheckerBody, CheckerBody]] = []
+    bodies: dict[tuple[str, int], CheckerBody] = {}
     for inner, outer in sorted(wanted):
         fixed = by_name[inner]
         need(fixed.link < by_name[outer].link, Code.MEMBER_WRONG, place)
@@ -287,7 +287,7 @@ def _about_z(angle: float) -> Mat:
     return ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))
 
 
-def bends(body: Body, ways: Sequence[float]) -> tuple[float, float, float]:
+def bends(body: CheckerBody, ways: Sequence[float]) -> tuple[float, float, float]:
     """Bounds over the whole path: second and third derivative of the body's ends, second of its spin (PHY-9).
 
     With S_k the sum of |dq| up to joint k: sum of lever_k (S_k^n - S_(k-1)^n); for the spin sum of |dq_k| S_(k-1)^2.

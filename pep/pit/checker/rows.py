@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from pep.pit.checker.arm import lowest
 from pep.pit.checker.distances import (
-    Block,
+    CheckerBox,
     Face,
     Polytope,
     Segment,
@@ -24,10 +24,10 @@ from pep.pit.checker.verdict import Code, need
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.arm import Pose, Way
+    from pep.pit.checker.arm import CheckerRoute, Pose
     from pep.pit.checker.distances import Vec
     from pep.pit.checker.question import Cell
-    from pep.pit.checker.robot import Body, Robot
+    from pep.pit.checker.robot import CheckerBody, CheckerRobot
 
 PAIRS_MOST: Final = 200_000  # of one question; bounds the work
 ROUNDING_M: Final = 1e-9  # far above float64 rounding of metre-sized sums, far below anything that matters
@@ -43,13 +43,13 @@ class Pair:
         touchable: the contact is declared and granted.
     """
 
-    body: Body
+    body: CheckerBody
     obstacle: Obstacle
     violated_below: float | None
     touchable: bool
 
 
-def pairs_of(robot: Robot, obstacles: Sequence[Obstacle], cell: Cell) -> list[Pair]:
+def pairs_of(robot: CheckerRobot, obstacles: Sequence[Obstacle], cell: Cell) -> list[Pair]:
     """Every pair, from the robot and the scene alone, so that none can be left out.
 
     Order: each obstacle with each moving capsule; what must stay apart on the arm itself; each face of the workspace
@@ -74,11 +74,11 @@ def pairs_of(robot: Robot, obstacles: Sequence[Obstacle], cell: Cell) -> list[Pa
     return world + own + [pair for each in obstacles if each.kind == "workspace" for pair in against(each)]
 
 
-def _gap(pose: Pose, core: Segment | Block | Polytope) -> Vec:
+def _gap(pose: Pose, core: Segment | CheckerBox | Polytope) -> Vec:
     match core:
         case Segment(a, b):
             return between_segments(pose[0], pose[1], a, b)
-        case Block():
+        case CheckerBox():
             return from_block(pose[0], pose[1], core)
         case Polytope():
             return from_polytope(pose[0], pose[1], core)
@@ -88,14 +88,14 @@ def _behind(pose: Pose, face: Face) -> float:
     return face.offset - max(dot(pose[0], face.normal), dot(pose[1], face.normal))
 
 
-def attained(way: Way, pair: Pair, node: int) -> float:
+def attained(way: CheckerRoute, pair: Pair, node: int) -> float:
     """The signed clearance at one configuration: core distance less both radii, metre."""
     pose, core = way.pose(pair.body, node), pair.obstacle.core
     apart = _behind(pose, core) if isinstance(core, Face) else length(_gap(pose, core))
     return apart - pair.body.radius - pair.obstacle.radius
 
 
-def met_at(way: Way, pair: Pair, low: int, high: int) -> float:
+def met_at(way: CheckerRoute, pair: Pair, low: int, high: int) -> float:
     """The signed clearance that is met in the middle of the interval, or beside it as far as the arm may be, metre."""
     stray = way.stray(pair.body, low, high)
     near = attained(way, pair, (low + high) // 2) - stray
@@ -103,7 +103,7 @@ def met_at(way: Way, pair: Pair, low: int, high: int) -> float:
     return near if isinstance(pair.obstacle.core, Face) else max(near, touching)
 
 
-def clearance(way: Way, pair: Pair, low: int, high: int) -> float:
+def clearance(way: CheckerRoute, pair: Pair, low: int, high: int) -> float:
     """A clearance that holds on the whole interval (PHY-9), metre.
 
     Along a fixed direction the axis stays within the sag of what it reaches at the ends and the middle; the direction

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pep.pit.checker.distances import Vec
-    from pep.pit.checker.robot import Robot
+    from pep.pit.checker.robot import CheckerRobot
     from pep.pit.checker.twist import Pose
 
 INVERSE_OFF: Final = 1e-9  # largest entry of 1 - G J that an inverse may leave: rounding, far from any singularity
@@ -25,7 +25,7 @@ Matrix = tuple[Six, ...]  # six rows of six
 
 
 @dataclass(frozen=True, slots=True)
-class Stance:
+class CheckerStance:
     """The arm at `q`.
 
     Attributes:
@@ -73,7 +73,7 @@ def times(matrix: Matrix, vector: Sequence[float]) -> Six:
     return tuple(r[0] * a + r[1] * b + r[2] * c + r[3] * d + r[4] * e + r[5] * f for r in matrix)
 
 
-def stance(robot: Robot, q: Sequence[float]) -> Stance | None:
+def stance(robot: CheckerRobot, q: Sequence[float]) -> CheckerStance | None:
     """The arm at `q`, or None where its Jacobian has no inverse worth the name."""
     turns, origins = frames(robot, q)
     point = plus(turned(turns[JOINTS], robot.tcp.a), origins[JOINTS])
@@ -83,7 +83,7 @@ def stance(robot: Robot, q: Sequence[float]) -> Stance | None:
     if found is None:
         return None
     gain = tuple((math.hypot(*row[:LINEAR]), math.hypot(*row[LINEAR:])) for row in found)
-    return Stance(tuple(q), (point, turns[JOINTS]), axes, tuple(origins[1:]), found, gain)
+    return CheckerStance(tuple(q), (point, turns[JOINTS]), axes, tuple(origins[1:]), found, gain)
 
 
 def inverse(matrix: Matrix) -> Matrix | None:

@@ -21,9 +21,9 @@ from pep.pit.checker.verdict import Code, need
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.robot import Robot
-    from pep.pit.checker.stance import Six, Stance
-    from pep.pit.checker.twist import Twist
+    from pep.pit.checker.robot import CheckerRobot
+    from pep.pit.checker.stance import CheckerStance, Six
+    from pep.pit.checker.twist import CheckerTwist
 
 PIECES_MOST: Final = 1024  # of one line; bounds the work
 NODES_MOST: Final = 50_000  # of one line; likewise
@@ -32,7 +32,7 @@ PLACE: Final = "proof.course"
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class CheckerPieceBounds:
     """What holds on one piece.
 
     Attributes:
@@ -55,7 +55,7 @@ class Bounds:
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class CourseRecord:
     """A course as a document records it.
 
     Attributes:
@@ -70,7 +70,7 @@ class Record:
     nodes: dict[int, Six]
 
 
-def record_of(row: dict[str, Any]) -> Record:
+def record_of(row: dict[str, Any]) -> CourseRecord:
     """The record.
 
     Raises:
@@ -92,14 +92,14 @@ def record_of(row: dict[str, Any]) -> Record:
         key = whole(key, PLACE, low=last + 1, high=GRID)
         nodes[key] = _six(q, low=-ANGLE_MOST_RAD, high=ANGLE_MOST_RAD)
         last = key
-    return Record(tuple(edges), second, third, nodes)
+    return CourseRecord(tuple(edges), second, third, nodes)
 
 
 def _six(value: Any, *, low: float, high: float) -> Six:
     return tuple(exact(item, PLACE, low=low, high=high) for item in listed(value, PLACE, least=JOINTS, most=JOINTS))
 
 
-class Traced:
+class CheckerTracedLine:
     """A line that was checked.
 
     Attributes:
@@ -107,21 +107,21 @@ class Traced:
         nodes: the arm at every recorded place.
     """
 
-    def __init__(self, robot: Robot, twist: Twist, start: Sequence[float], record: Record) -> None:
+    def __init__(self, robot: CheckerRobot, twist: CheckerTwist, start: Sequence[float], record: CourseRecord) -> None:
         """Every piece and every node holds.
 
         Raises:
             Refusal: one that does not.
         """
         self._robot, self._twist, self._lever = robot, twist, Lever(robot.tcp.levers)
-        self.nodes: dict[int, Stance] = {}
+        self.nodes: dict[int, CheckerStance] = {}
         need(record.edges[0] == 0 and record.nodes.get(0) == tuple(start), Code.NODE_OFF, "where the arm stands")
         for key, q in record.nodes.items():
             self.nodes[key] = self._on_line(key, q)
         need(max(record.nodes) <= record.edges[-1], Code.NODE_OFF, "a node beyond the pieces")
         keys = iter(sorted(record.nodes))
         key = next(keys)
-        self.pieces: list[Bounds] = []
+        self.pieces: list[CheckerPieceBounds] = []
         for number, (low, high) in enumerate(zip(record.edges, record.edges[1:], strict=False)):
             own = [low]
             while key < high:
@@ -136,7 +136,7 @@ class Traced:
         """Joint angles and their derivative by s at every node."""
         return {key: (node.q, node.rates(self._twist.rate)) for key, node in self.nodes.items()}
 
-    def _on_line(self, key: int, q: Six) -> Stance:
+    def _on_line(self, key: int, q: Six) -> CheckerStance:
         """The arm at `q`, whose tool is where the line has it."""
         here = stance(self._robot, q)
         need(here is not None, Code.NODE_OFF, f"node {key}: singular")
@@ -144,7 +144,7 @@ class Traced:
         need(max(map(abs, apart(self._twist.at(key / GRID), here.pose))) <= OFF, Code.NODE_OFF, f"node {key}")
         return here
 
-    def _bounded(self, number: int, record: Record, nodes: list[int]) -> Bounds:
+    def _bounded(self, number: int, record: CourseRecord, nodes: list[int]) -> CheckerPieceBounds:
         """The piece's bounds hold of themselves, and all its nodes are on the one path through its middle."""
         place, low, high = f"piece {number}", nodes[0], nodes[-1]
         a, b = record.second[number], record.third[number]
@@ -169,4 +169,4 @@ class Traced:
             slip = max(slip, off)
             linear, angular = self._lever.first((off,) * JOINTS, w)
             hurry = tuple(max(x, g * linear + h * angular) for x, (g, h) in zip(hurry, node.gain, strict=True))
-        return Bounds(low, high, piece.dq, piece.ddq, w, a, b, (slip,) * JOINTS, hurry)
+        return CheckerPieceBounds(low, high, piece.dq, piece.ddq, w, a, b, (slip,) * JOINTS, hurry)

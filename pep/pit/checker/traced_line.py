@@ -6,14 +6,14 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 from pep.pit.checker.arm import GRID, frames
-from pep.pit.checker.course import UNBOUNDED, Course, Tail
-from pep.pit.checker.curved_motion import NONE, Drive, Fixed, beyond, fixed, standing
+from pep.pit.checker.course import UNBOUNDED, CheckerCourse, Tail
+from pep.pit.checker.curved_motion import NONE, CheckerTimedCourse, FixedAnswer, beyond, fixed, standing
 from pep.pit.checker.distances import plus, turned
 from pep.pit.checker.laws import HIGHEST, SAME
 from pep.pit.checker.motion import STILL_RAD, Timing
 from pep.pit.checker.robot import JOINTS
 from pep.pit.checker.text import exact, listed, table, truth, whole, word
-from pep.pit.checker.trace_pieces import PLACE, Bounds, Traced, record_of
+from pep.pit.checker.trace_pieces import PLACE, CheckerPieceBounds, CheckerTracedLine, record_of
 from pep.pit.checker.twist import apart, between, turned_by
 from pep.pit.checker.untraced_line import FINEST, blocked
 from pep.pit.checker.verdict import Code, need
@@ -21,10 +21,10 @@ from pep.pit.checker.verdict import Code, need
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit.checker.motion import Joints, Line
-    from pep.pit.checker.robot import Robot
+    from pep.pit.checker.motion import CheckerLine, Joints
+    from pep.pit.checker.robot import CheckerRobot
     from pep.pit.checker.stance import Six
-    from pep.pit.checker.twist import Pose, Twist
+    from pep.pit.checker.twist import CheckerTwist, Pose
 
 DOUBTFUL: Final = 3.0  # PHY-18: index of what is not proven to its end
 HALF_TURN_RAD: Final = math.pi - 0.01  # PHY-18
@@ -36,7 +36,9 @@ ASKED_POSES: Final = 33  # PHY-18: poses of the rest for which joint angles are 
 REACHED: Final = 1e-4  # m and rad: so near, Newton's method would end there
 
 
-def followed_line(robot: Robot, start: Six, motion: Line, row: dict[str, Any]) -> Drive | Fixed:
+def followed_line(
+    robot: CheckerRobot, start: Six, motion: CheckerLine, row: dict[str, Any]
+) -> CheckerTimedCourse | FixedAnswer:
     """A line from rest to rest, as it is recorded.
 
     Raises:
@@ -61,7 +63,9 @@ def followed_line(robot: Robot, start: Six, motion: Line, row: dict[str, Any]) -
     if row["doubt"] is not None:
         return broken_off(robot, twist, start, row, timing=timing, push=push, tool_speed=tool)
     traced = traced_until(robot, twist, start, row, GRID)
-    return Drive(Course(robot, traced.pieces, traced.rated(), None), timing, push, tool, None, traced.nodes[GRID].q)
+    return CheckerTimedCourse(
+        CheckerCourse(robot, traced.pieces, traced.rated(), None), timing, push, tool, None, traced.nodes[GRID].q
+    )
 
 
 def size(vector: Sequence[float]) -> float:
@@ -69,7 +73,7 @@ def size(vector: Sequence[float]) -> float:
     return math.hypot(*vector)
 
 
-def tool_at(robot: Robot, q: Six) -> Pose:
+def tool_at(robot: CheckerRobot, q: Six) -> Pose:
     """Where the tool is."""
     turns, origins = frames(robot, q)
     return plus(turned(turns[JOINTS], robot.tcp.a), origins[JOINTS]), turns[JOINTS]
@@ -80,7 +84,9 @@ def _pose(six: Joints) -> Pose:
     return (x, y, z), turned_by((u, v, w))
 
 
-def traced_until(robot: Robot, twist: Twist, start: Six, row: dict[str, Any], until: int) -> Traced:
+def traced_until(
+    robot: CheckerRobot, twist: CheckerTwist, start: Six, row: dict[str, Any], until: int
+) -> CheckerTracedLine:
     """The recorded line, which is followed to this place inside all joint limits.
 
     Raises:
@@ -90,10 +96,10 @@ def traced_until(robot: Robot, twist: Twist, start: Six, row: dict[str, Any], un
     need(row["ahead"] is None and row["angles"] == [], Code.MEMBER_WRONG, PLACE)
     record = record_of(row)
     need(len(record.edges) > 1 and record.edges[-1] == until, Code.CELL_UNPROVEN, f"{PLACE}.edges")
-    return _inside(robot, Traced(robot, twist, start, record))
+    return _inside(robot, CheckerTracedLine(robot, twist, start, record))
 
 
-def _inside(robot: Robot, traced: Traced) -> Traced:
+def _inside(robot: CheckerRobot, traced: CheckerTracedLine) -> CheckerTracedLine:
     for number, piece in enumerate(traced.pieces):
         half = 0.5 * (piece.high - piece.low) / GRID
         middle = traced.nodes[(piece.low + piece.high) // 2].q
@@ -103,8 +109,15 @@ def _inside(robot: Robot, traced: Traced) -> Traced:
 
 
 def broken_off(
-    robot: Robot, twist: Twist, start: Six, row: dict[str, Any], *, timing: Timing, push: float, tool_speed: float
-) -> Drive | Fixed:
+    robot: CheckerRobot,
+    twist: CheckerTwist,
+    start: Six,
+    row: dict[str, Any],
+    *,
+    timing: Timing,
+    push: float,
+    tool_speed: float,
+) -> CheckerTimedCourse | FixedAnswer:
     """A line that is followed as far as it can be: that it goes no further is tried again, then the arm comes to rest.
 
     Raises:
@@ -119,7 +132,7 @@ def broken_off(
     # 1. The line as far as it goes, and the piece behind it where that is proven, but too fast.
     ends = (until, reach) if fast else (until,) if record.edges else ()
     need(record.edges[len(record.edges) - len(ends) :] == ends, Code.CELL_UNPROVEN, f"{PLACE}.edges")
-    traced = _inside(robot, Traced(robot, twist, start, record)) if record.edges else None
+    traced = _inside(robot, CheckerTracedLine(robot, twist, start, record)) if record.edges else None
     need(traced is not None or (until == 0 and not record.nodes), Code.CELL_UNPROVEN, f"{PLACE}.until")
     pieces = [] if traced is None else [piece for piece in traced.pieces if piece.high <= until]
     here = standing(robot, start) if traced is None else traced.nodes[until]
@@ -140,28 +153,32 @@ def broken_off(
         need(row["angles"] == [], Code.MEMBER_WRONG, f"{PLACE}.angles")
     # 3. What is left to answer.
     if doubt == "joint_limit":
-        return Fixed(HIGHEST, ("joint_limit",), doubt)
+        return FixedAnswer(HIGHEST, ("joint_limit",), doubt)
     if traced is None or not pieces:
-        return Fixed(DOUBTFUL, ("unreachable",) if doubt == "unreachable" else (), doubt)
+        return FixedAnswer(DOUBTFUL, ("unreachable",) if doubt == "unreachable" else (), doubt)
     width = min(FINEST, GRID - until)
     tail = Tail(until, here.q, here.rates(twist.rate), width / GRID)
     nodes = {key: each for key, each in traced.rated().items() if key <= until}
-    return Drive(Course(robot, [*pieces, *_fading(tail, width)], nodes, tail), timing, push, tool_speed, doubt, here.q)
+    return CheckerTimedCourse(
+        CheckerCourse(robot, [*pieces, *_fading(tail, width)], nodes, tail), timing, push, tool_speed, doubt, here.q
+    )
 
 
-def _fading(tail: Tail, width: int) -> list[Bounds]:
+def _fading(tail: Tail, width: int) -> list[CheckerPieceBounds]:
     """The bounds of a course that comes to rest within `width`, and stays there."""
     high, fade = tail.since + width, width / GRID
     sizes = tuple(map(abs, tail.dq))
     unbounded = (UNBOUNDED,) * JOINTS
     found = [
-        Bounds(tail.since, high, tail.dq, NONE, sizes, tuple(x / fade for x in sizes), unbounded, NONE, NONE),
-        Bounds(high, GRID, NONE, NONE, NONE, NONE, unbounded, NONE, NONE),
+        CheckerPieceBounds(
+            tail.since, high, tail.dq, NONE, sizes, tuple(x / fade for x in sizes), unbounded, NONE, NONE
+        ),
+        CheckerPieceBounds(high, GRID, NONE, NONE, NONE, NONE, unbounded, NONE, NONE),
     ]
     return found if high < GRID else found[:1]
 
 
-def _reachable(robot: Robot, twist: Twist, until: int, value: Any) -> None:
+def _reachable(robot: CheckerRobot, twist: CheckerTwist, until: int, value: Any) -> None:
     """Joint angles for each of the poses of the rest: none is out of reach, which would be a violation."""
     place = f"{PLACE}.angles"
     since = until / GRID

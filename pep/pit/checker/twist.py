@@ -47,7 +47,7 @@ def apart(goal: Pose, here: Pose) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Twist:
+class CheckerTwist:
     """After `s` the tool is `s * line` (m) farther and turned by `s * turn` (rad, in the base frame)."""
 
     begin: Pose
@@ -70,7 +70,7 @@ class Twist:
         return plus(self.begin[0], self.line, s), product(turned_by((s * x, s * y, s * z)), self.begin[1])
 
 
-def between(begin: Pose, goal: Pose) -> Twist:
+def between(begin: Pose, goal: Pose) -> CheckerTwist:
     """From one pose of the tool to another."""
     x, y, z, u, v, w = apart(goal, begin)
-    return Twist(begin, (x, y, z), (u, v, w))
+    return CheckerTwist(begin, (x, y, z), (u, v, w))

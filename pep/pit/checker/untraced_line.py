@@ -14,9 +14,9 @@ from pep.pit.checker.stance import stance
 from pep.pit.checker.twist import apart
 
 if TYPE_CHECKING:
-    from pep.pit.checker.robot import Robot
-    from pep.pit.checker.stance import Six, Stance
-    from pep.pit.checker.twist import Pose, Twist
+    from pep.pit.checker.robot import CheckerRobot
+    from pep.pit.checker.stance import CheckerStance, Six
+    from pep.pit.checker.twist import CheckerTwist, Pose
 
 FINEST: Final = GRID // 2**10  # PHY-18: what cannot be proven on so short a piece cannot be
 STEPS: Final = 12  # of Newton's method: it doubles the digits
@@ -31,7 +31,7 @@ INSIDE_RAD: Final = 1e-9  # from a joint's limit
 Blocked = Literal["singular", "joint_limit"]
 
 
-def blocked(robot: Robot, twist: Twist, here: Stance, low: int, high: int) -> Blocked | None:
+def blocked(robot: CheckerRobot, twist: CheckerTwist, here: CheckerStance, low: int, high: int) -> Blocked | None:
     """Why the line cannot be followed from `here`, at `low`, to `high`, in 1 / GRID; None where it well can."""
     lever, r = Lever(robot.tcp.levers), 0.5 * (high - low) / GRID
     rate = here.rates(twist.rate)
@@ -59,7 +59,7 @@ def blocked(robot: Robot, twist: Twist, here: Stance, low: int, high: int) -> Bl
     return None
 
 
-def _solved(robot: Robot, goal: Pose, near: Six) -> Stance | None:
+def _solved(robot: CheckerRobot, goal: Pose, near: Six) -> CheckerStance | None:
     """The arm with its tool at `goal`, by Newton's method from joint angles nearby."""
     q = near
     for _ in range(STEPS):

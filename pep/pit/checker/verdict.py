@@ -56,7 +56,7 @@ class Verified:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class Unverified:
     """Nothing is verified.
 
     Attributes:
@@ -74,7 +74,7 @@ class Refusal(Exception):  # noqa: N818 - no error of the program: it carries a 
     def __init__(self, code: Code, place: str) -> None:
         """The verdict that this becomes."""
         super().__init__(f"{code}: {place}")
-        self.verdict = Refused(code, place)
+        self.verdict = Unverified(code, place)
 
 
 def need(holds: bool, code: Code, place: str) -> None:  # noqa: FBT001 - an assertion with a verdict of its own

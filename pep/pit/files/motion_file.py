@@ -42,32 +42,32 @@ _POSE: Final = "_m_rad"  # position, m, then rotation vector, rad
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class MotionForm:
     """A motion that a file may state, and the units of those of its fields that do not name one."""
 
     made: type[Any]
     units: Mapping[str, str]
 
 
-KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
+KINDS: Final[Mapping[str, MotionForm]] = MappingProxyType(
     {
-        "move_j": Kind(MoveJ, {"start": _RAD, "target": _RAD}),
-        "move_l": Kind(MoveL, {"start": _RAD, "target": _POSE, "stated_start": _POSE}),
-        "joint_path": Kind(JointPath, {"start": _RAD}),
-        "line_path": Kind(LinePath, {"start": _RAD}),
-        "speed_j": Kind(SpeedJ, {"start": _RAD}),
-        "speed_l": Kind(SpeedL, {"start": _RAD, "twist": "_m_s_rad_s"}),
-        "servo_j": Kind(ServoJ, {"start": _RAD, "target": _RAD}),
-        "gripper": Kind(GripperMove, {"q": _RAD}),
-        "output": Kind(OutputSet, {}),
+        "move_j": MotionForm(MoveJ, {"start": _RAD, "target": _RAD}),
+        "move_l": MotionForm(MoveL, {"start": _RAD, "target": _POSE, "stated_start": _POSE}),
+        "joint_path": MotionForm(JointPath, {"start": _RAD}),
+        "line_path": MotionForm(LinePath, {"start": _RAD}),
+        "speed_j": MotionForm(SpeedJ, {"start": _RAD}),
+        "speed_l": MotionForm(SpeedL, {"start": _RAD, "twist": "_m_s_rad_s"}),
+        "servo_j": MotionForm(ServoJ, {"start": _RAD, "target": _RAD}),
+        "gripper": MotionForm(GripperMove, {"q": _RAD}),
+        "output": MotionForm(OutputSet, {}),
     }
 )
 """Every motion, under the word that a file's `kind` says."""
-_LEGS: Final = (Kind(JointLeg, {"target": _RAD}), Kind(LineLeg, {"target": _POSE}))
+_LEGS: Final = (MotionForm(JointLeg, {"target": _RAD}), MotionForm(LineLeg, {"target": _POSE}))
 """What a motion may be made of."""
 
 
-def _form(kind: Kind, heading: Mapping[str, Any]) -> Any:
+def _form(kind: MotionForm, heading: Mapping[str, Any]) -> Any:
     hints = get_type_hints(kind.made)
     members: dict[str, Any] = {
         f.name + kind.units.get(f.name, ""): (_told(hints[f.name]), ... if f.default is MISSING else f.default)
@@ -107,7 +107,7 @@ def motion_of(value: object) -> Motion:
     return made
 
 
-def _made(kind: Kind, stated: Any) -> Any:
+def _made(kind: MotionForm, stated: Any) -> Any:
     def plain(part: Any) -> Any:
         if not isinstance(part, tuple):
             return part

@@ -14,7 +14,7 @@ from pydantic import Field, TypeAdapter
 
 from pep.pit.base.strict import STRICT
 from pep.pit.files.plain_file import FileError, formed
-from pep.pit.robot.gripped_object import Held
+from pep.pit.robot.gripped_object import GrippedObject
 from pep.pit.scene.adult_body import adult_at_distance, standing_adult
 from pep.pit.scene.cell import CellParameters  # noqa: TC001 - pydantic reads the annotation at run time
 from pep.pit.scene.scene import (
@@ -171,7 +171,7 @@ class Situation:
     cell: CellParameters
     scene: Scene | None
     age_s: float | None
-    held: Held | None
+    held: GrippedObject | None
     touch: frozenset[str]
 
 
@@ -269,9 +269,9 @@ def _thing(seen: SeenObject, place: str, cell: CellParameters, source: str) -> T
     return Thing(seen.id, seen.kind, shape, uncertainty, seen.sensor or source, seen.age_s)
 
 
-def _held(stated: HeldObject) -> Held:
+def _held(stated: HeldObject) -> GrippedObject:
     shape = _round("scene.held", stated.capsule, stated.sphere)
-    return Held(stated.object, shape, stated.mass_kg, stated.blunt)
+    return GrippedObject(stated.object, shape, stated.mass_kg, stated.blunt)
 
 
 def _round(place: str, capsule: Capsule | None, sphere: Sphere | None) -> Capsule | Sphere:

@@ -38,7 +38,7 @@ ASKED_POSES: Final = 33  # poses of the rest at which any joint angles are sough
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trace:
+class LineTrace:
     """How far a line was traced.
 
     Attributes:

@@ -25,10 +25,10 @@ from pep.pit.search.timed_course import beyond, fastest_of
 
 if TYPE_CHECKING:
     from pep.pit.base.motion import Driven, Floats, Joints
-    from pep.pit.path.line_trace import Trace
+    from pep.pit.path.line_trace import LineTrace
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
-    from pep.pit.search.timed_course import Drive, Nowhere
+    from pep.pit.search.timed_course import Nowhere, TimedCourse
 
 NOT_TRACED: Final[dict[str, Any]] = {
     "doubt": None, "edges": [], "second": [], "third": [], "nodes": [], "until": 0, "ahead": None, "angles": [],
@@ -52,7 +52,7 @@ class Recorded(CompiledCourse):
         until: as far as it is a line of the tool, in 1 / GRID.
     """
 
-    def __init__(self, robot: Robot, start: Joints, drive: Drive) -> None:
+    def __init__(self, robot: Robot, start: Joints, drive: TimedCourse) -> None:
         """Spells the bounds of every piece of the line."""
         self.drive, self.start = drive, np.array(start)
         self.until = 0 if drive.twist is None else round(drive.line_until * GRID)
@@ -203,7 +203,7 @@ def _broken_off(
     raise ProofError("PHYSICS_FAULT", "no piece shows why the line breaks off")
 
 
-def _with_fast(record: dict[str, Any], until: int, found: Trace, start: Floats) -> dict[str, Any]:
+def _with_fast(record: dict[str, Any], until: int, found: LineTrace, start: Floats) -> dict[str, Any]:
     """The record with the piece on which a joint is too fast to prove anything of use."""
     cell = found.cells
     second = _spelt(_larger(cell.second, SPELT), BITS_OF_SECOND)

@@ -31,14 +31,14 @@ from pep.pit.base.motion import (
 from pep.pit.path.straight_path import GRID
 from pep.pit.proof.course_proof import SLACK, Recorded, followed, untraced
 from pep.pit.proof.motion_proof import hex_of, motion_text
-from pep.pit.proof.row_proofs import DIGITS, Claimed, Rows
+from pep.pit.proof.row_proofs import DIGITS, Claimed, ProofRows
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run, view_around
 from pep.pit.search.start_violations import joint_limits
-from pep.pit.search.timed_course import Drive
+from pep.pit.search.timed_course import TimedCourse
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -223,20 +223,20 @@ class _Prover:
         demands = engine.demands(path, self.cell)
         torque = next(each.ratio for each in demands.ratios(profile) if each.name == "torque")
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
-        rows = Rows(path, profile, stop, self._pairs(), cell=self.cell, slack=0.0)
+        rows = ProofRows(path, profile, stop, self._pairs(), cell=self.cell, slack=0.0)
         members = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs))).members
         met = [[pair, (low + high) // 2] for pair, low, high in members["met"]]
         return members | {"met": met, "cut": _cut(*demands.intervals(profile))}, torque
 
     def driven(
-        self, start: Joints, drive: Drive | Nowhere, motion: Driven | LineLeg, answer: Assessment
+        self, start: Joints, drive: TimedCourse | Nowhere, motion: Driven | LineLeg, answer: Assessment
     ) -> tuple[dict[str, Any], float]:
         """The proof of a curved motion's answer, and its torque ratio.
 
         Raises:
             ProofError: a held speed of which nothing could be traced.
         """
-        if not isinstance(drive, Drive):
+        if not isinstance(drive, TimedCourse):
             return NO_ROWS | {"course": untraced(self.robot, self.cell, start, drive, motion)}, 0.0
         way = Recorded(self.robot, start, drive)
         if drive.doubt == "joint_limit":
@@ -245,7 +245,7 @@ class _Prover:
         demands = Effort(self.robot, drive, self.cell).ratios(profile)
         joint = float(drive.joint_speeds_rad_s(profile).max())
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
-        rows = Rows(way, profile, stop, self._pairs(), cell=self.cell, slack=SLACK)
+        rows = ProofRows(way, profile, stop, self._pairs(), cell=self.cell, slack=SLACK)
         proven = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs)))
         torque = next(each.ratio for each in demands if each.name == "torque")
         return proven.members | {"course": followed(way, proven.places, motion)}, torque

@@ -11,7 +11,7 @@ from pep.pit.base.errors import ProofError
 from pep.pit.base.tier import TIE
 from pep.pit.path.course import Course
 from pep.pit.path.straight_path import GRID
-from pep.pit.scene.obstacles import VIOLABLE, Kind
+from pep.pit.scene.obstacles import VIOLABLE, PairKind
 from pep.pit.search.certify import ROWS_MOST, VIOLATION_RESOLUTION_M
 from pep.pit.search.meant_contact import gentle_rows
 from pep.pit.search.start_violations import RETREAT_CUT
@@ -58,7 +58,7 @@ class Proven:
 
 def order_of(robot: Robot, pairs: Pairs) -> list[int]:
     """Which of our pairs stands at each place of the certificate: those of the arm itself by names, others as ours."""
-    own = np.flatnonzero(pairs.kind == pairs.code_of(Kind.SELF)).tolist()
+    own = np.flatnonzero(pairs.kind == pairs.code_of(PairKind.SELF)).tolist()
     names = [(inner.name, robot.bodies[body].name) for body, inner in robot.self_pairs]
     ours = list(range(len(pairs)))
     if own:
@@ -66,7 +66,7 @@ def order_of(robot: Robot, pairs: Pairs) -> list[int]:
     return ours
 
 
-class Rows:
+class ProofRows:
     """The coarsest rows that prove an answer: from the whole way on, what does not suffice is halved."""
 
     def __init__(

@@ -18,12 +18,12 @@ import pinocchio
 import yaml
 
 from pep.pit.base.errors import ModelError
-from pep.pit.robot.model import JOINTS, Source, Vector, validated
+from pep.pit.robot.model import JOINTS, SourceFile, Vector, validated
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from pep.pit.robot.model import Joint, Model
+    from pep.pit.robot.model import Model, RobotJoint
 
 SIZE_LIMIT: Final = 16_384  # ours: characters; a file of the vendor's tool has about 1000
 LINKS: Final = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")  # U2: names in the file
@@ -109,11 +109,11 @@ def calibrated(model: Model, calibration: Calibration) -> Model:
         replace(joint, offset_m=own.offset_m, rpy_rad=own.rpy_rad)
         for joint, own in zip(model.joints, calibration.joints, strict=True)
     )
-    source = Source(CALIBRATION, calibration.sha256)
+    source = SourceFile(CALIBRATION, calibration.sha256)
     return validated(replace(model, joints=joints, derived_from=(*model.derived_from, source)))
 
 
-def _apart(joint: Joint, own: Placement) -> tuple[float, float]:
+def _apart(joint: RobotJoint, own: Placement) -> tuple[float, float]:
     """How far a joint's own place is from nominal: metre, and radian about whichever axis.
 
     Angles are compared as rotations: the same one has several spellings (roll pi, pitch pi, yaw pi is none at all).

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, assert_never
 import numpy as np
 import pinocchio
 
-from pep.pit.robot.urdf import Ball, Block, Rod
+from pep.pit.robot.urdf import UrdfBox, UrdfCylinder, UrdfSphere
 
 if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
@@ -28,14 +28,14 @@ def capsule_around(pose: Pose, shape: Shape) -> tuple[Floats, Floats, float]:
     """Both ends of the axis, in the frame that the pose is in, and the radius; metre."""
     rotation, center = pinocchio.rpy.rpyToMatrix(*pose.rpy_rad), np.array(pose.xyz_m)
     match shape:
-        case Ball(radius_m):
+        case UrdfSphere(radius_m):
             half, radius, along = 0.0, radius_m, rotation[:, 2]
-        case Rod(radius_m, length_m, True):
+        case UrdfCylinder(radius_m, length_m, True):
             half, radius, along = 0.5 * length_m, radius_m, rotation[:, 2]
-        case Rod(radius_m, length_m, _):
+        case UrdfCylinder(radius_m, length_m, _):
             half, radius = _shorter(0.5 * length_m, radius_m)
             along = rotation[:, 2]
-        case Block(size_m):
+        case UrdfBox(size_m):
             longest, across = _edges(size_m)
             half, radius = _shorter(0.5 * size_m[longest], across)
             along = rotation[:, longest]

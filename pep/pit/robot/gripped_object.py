@@ -19,7 +19,7 @@ SIZE_LIMIT_M: Final = 2.0  # a table-top arm holds nothing longer; a larger numb
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class GrippedObject:
     """An object in the gripper.
 
     Attributes:
@@ -52,7 +52,7 @@ class Held:
         (ax, ay, az), (bx, by, bz) = self.ends_m
         return (0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz))
 
-    def checked(self) -> Held:
+    def checked(self) -> GrippedObject:
         """The same, when it can be.
 
         Raises:

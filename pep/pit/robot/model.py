@@ -30,7 +30,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class RobotJoint:
     """One revolute joint, turning about its own z axis, and the link that it carries.
 
     Attributes:
@@ -91,7 +91,7 @@ class ToolCapsule:
 
 
 @dataclass(frozen=True, slots=True)
-class Tool:
+class RobotTool:
     """What is screwed to the flange.
 
     Attributes:
@@ -120,7 +120,7 @@ class Tool:
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class SourceFile:
     """A file beside the model's own from which some of its numbers were taken."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -142,11 +142,11 @@ class Model:
     name: str
     payload_limit_kg: float
     acceleration_limit_rad_s2: float
-    joints: tuple[Joint, ...]
+    joints: tuple[RobotJoint, ...]
     capsules: tuple[LinkCapsule, ...]
     self_pairs: dict[str, tuple[str, ...]]
-    tools: tuple[Tool, ...]
-    derived_from: tuple[Source, ...] = ()
+    tools: tuple[RobotTool, ...]
+    derived_from: tuple[SourceFile, ...] = ()
 
 
 def validated(model: Model) -> Model:
@@ -194,7 +194,7 @@ def validated(model: Model) -> Model:
     return model
 
 
-def _possible(joint: Joint) -> bool:
+def _possible(joint: RobotJoint) -> bool:
     """Whether some body has this tensor: its principal moments are positive, and none exceeds the other two."""
     if not max(map(abs, (*joint.inertia_kg_m2, *joint.inertia_products_kg_m2))) <= MASS_LIMIT_KG * SIZE_LIMIT_M**2:
         return False

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 from pep.pit.base.errors import ModelError
 from pep.pit.base.strict import STRICT, FormError, read_table, read_toml
-from pep.pit.robot.model import SCHEMA, Tool
+from pep.pit.robot.model import SCHEMA, RobotTool
 
 if TYPE_CHECKING:
     from pydantic import ConfigDict
@@ -53,7 +53,7 @@ class Outfit:
     flange: str
     payload_limit_kg: float
     acceleration_limit_rad_s2: float
-    tools: tuple[Tool, ...]
+    tools: tuple[RobotTool, ...]
     base: str = ""
     apart: tuple[Apart, ...] = ()
 

@@ -19,7 +19,7 @@ import pinocchio
 from pep.pit.base.errors import ModelError
 from pep.pit.base.strict import FormError, read_table, read_toml
 from pep.pit.robot.calibration import calibrated
-from pep.pit.robot.model import JOINTS, PAYLOAD, TOOL_PAIR, LinkCapsule, Model, Tool, Vector, read_back, validated
+from pep.pit.robot.model import JOINTS, PAYLOAD, TOOL_PAIR, LinkCapsule, Model, RobotTool, Vector, read_back, validated
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.robot.calibration import Calibration
-    from pep.pit.robot.gripped_object import Held
+    from pep.pit.robot.gripped_object import GrippedObject
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Robot:
     """
 
     model: Model
-    tool: Tool
+    tool: RobotTool
     model_digest: str
     capsules: tuple[LinkCapsule, ...]
     bodies: tuple[Body, ...]
@@ -76,7 +76,7 @@ class Robot:
     rotations: NDArray[np.float64] = field(repr=False)
     offsets: NDArray[np.float64] = field(repr=False)
     pinocchio: Any = field(repr=False)
-    held: Held | None = None
+    held: GrippedObject | None = None
 
     @staticmethod
     def load(name: str, *, tool: str = "robotiq_2f85", calibration: Calibration | None = None) -> Robot:
@@ -111,7 +111,7 @@ class Robot:
         """
         return _assemble(model, tool)
 
-    def holding(self, held: Held | None) -> Robot:
+    def holding(self, held: GrippedObject | None) -> Robot:
         """The same arm and tool with `held` in it, or with nothing.
 
         Raises:
@@ -190,11 +190,11 @@ def _load(name: str, tool: str, calibration: Calibration | None) -> Robot:
 
 
 @lru_cache(maxsize=64)  # what one cell holds in a day; a robot takes a millisecond to build
-def _holding(robot: Robot, held: Held | None) -> Robot:
+def _holding(robot: Robot, held: GrippedObject | None) -> Robot:
     return _assemble(robot.model, robot.tool.name, held)
 
 
-def _assemble(model: Model, tool_name: str, held: Held | None = None) -> Robot:
+def _assemble(model: Model, tool_name: str, held: GrippedObject | None = None) -> Robot:
     tool = next((t for t in model.tools if t.name == tool_name), None)
     if tool is None:
         raise ModelError("PHYSICS_FAULT", f"no tool named {tool_name}")
@@ -277,7 +277,7 @@ def _reach(body: Body, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
     return reach
 
 
-def _content(model: Model, tool: Tool, held: Held | None) -> str:
+def _content(model: Model, tool: RobotTool, held: GrippedObject | None) -> str:
     content = read_back(model) | {"mounted_tool": tool.name}
     if held is not None:
         ends = [[x.hex() for x in map(float, end)] for end in held.ends_m]
@@ -286,7 +286,7 @@ def _content(model: Model, tool: Tool, held: Held | None) -> str:
     return json.dumps(content, sort_keys=True, separators=(",", ":"))
 
 
-def _pinocchio(model: Model, tool: Tool, held: Held | None, rotations: NDArray[np.float64]) -> Any:
+def _pinocchio(model: Model, tool: RobotTool, held: GrippedObject | None, rotations: NDArray[np.float64]) -> Any:
     built = pinocchio.Model()
     built.name = model.name
     parent = 0

@@ -49,14 +49,14 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True)
-class Ball:
+class UrdfSphere:
     """A sphere about the origin of its pose."""
 
     radius_m: float
 
 
 @dataclass(frozen=True, slots=True)
-class Rod:
+class UrdfCylinder:
     """A cylinder along z about the origin of its pose; rounded: a capsule, whose caps come on top of the length."""
 
     radius_m: float
@@ -65,13 +65,13 @@ class Rod:
 
 
 @dataclass(frozen=True, slots=True)
-class Block:
+class UrdfBox:
     """A box about the origin of its pose, by its full edges."""
 
     size_m: Vector
 
 
-Shape: TypeAlias = Ball | Rod | Block
+Shape: TypeAlias = UrdfSphere | UrdfCylinder | UrdfBox
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ class Link:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class UrdfLimits:
     """What a revolute joint can do: rad, rad/s, Nm."""
 
     low_rad: float
@@ -107,7 +107,7 @@ class Limits:
 
 
 @dataclass(frozen=True, slots=True)
-class Hinge:
+class UrdfJoint:
     """A joint. Without limits it is fixed; otherwise it turns about `axis`, of length 1, in its own frame."""
 
     name: str
@@ -115,7 +115,7 @@ class Hinge:
     child: str
     pose: Pose
     axis: Vector
-    limits: Limits | None
+    limits: UrdfLimits | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,7 @@ class Description:
 
     name: str
     links: Mapping[str, Link]
-    joints: Mapping[str, Hinge]
+    joints: Mapping[str, UrdfJoint]
     sha256: str
 
 
@@ -193,16 +193,16 @@ def _shape(geometry: Element, link: str, *, capsules: bool) -> Shape:
             size = vector(shape, "size")
             if not min(size) > 0:
                 refuse(f"{link}: a box without inside")
-            return Block(size)
+            return UrdfBox(size)
         case "sphere":
             members(shape, attributes={"radius"})
-            return Ball(positive(shape, "radius"))
+            return UrdfSphere(positive(shape, "radius"))
         case "cylinder" | "capsule":
             rounded = shape.tag == "capsule"
             if rounded and not capsules:
                 refuse(f'{link}: a capsule counts from version="{CAPSULES_FROM}" on; other readers drop it here')
             members(shape, attributes={"radius", "length"})
-            return Rod(positive(shape, "radius"), positive(shape, "length"), rounded)
+            return UrdfCylinder(positive(shape, "radius"), positive(shape, "length"), rounded)
         case _:
             what = f"{link}: a mesh; enclose it in capsules, cylinders, spheres or boxes"
             raise ModelError("PHYSICS_FAULT", what)
@@ -220,7 +220,7 @@ def _inertial(element: Element) -> Inertial:
     return Inertial(_pose(element), mass_kg, (xx, xy, xz, yy, yz, zz))
 
 
-def _joint(element: Element) -> Hinge:
+def _joint(element: Element) -> UrdfJoint:
     read, unread = ("origin", "parent", "child", "axis", "limit"), ("dynamics", "calibration", "safety_controller")
     members(element, attributes={"name", "type"}, children=(*read, *unread))
     name, kind = name_of(element), element.attributes["type"]
@@ -234,12 +234,12 @@ def _joint(element: Element) -> Hinge:
     parent, child = ends
     pose, axis = _pose(element), _axis(element)
     if kind == "fixed":
-        return Hinge(name, parent, child, pose, axis, None)
+        return UrdfJoint(name, parent, child, pose, axis, None)
     limit = needed(element, "limit")
     members(limit, attributes={"lower", "upper", "velocity", "effort"})
     low, high = number(limit, "lower"), number(limit, "upper")
-    return Hinge(
-        name, parent, child, pose, axis, Limits(low, high, positive(limit, "velocity"), positive(limit, "effort"))
+    return UrdfJoint(
+        name, parent, child, pose, axis, UrdfLimits(low, high, positive(limit, "velocity"), positive(limit, "effort"))
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from pep.pit.base.errors import ModelError
 from pep.pit.robot.enclosing_capsule import capsule_around
 from pep.pit.robot.frames import angles_of, frame_on, inverse, matrix_of, upright, vector_of
-from pep.pit.robot.model import JOINTS, SCHEMA, Joint, LinkCapsule, Model, Source, validated
+from pep.pit.robot.model import JOINTS, SCHEMA, LinkCapsule, Model, RobotJoint, SourceFile, validated
 from pep.pit.robot.robot import Robot
 from pep.pit.robot.self_clearance import checked, watched
 from pep.pit.robot.urdf import described
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats
     from pep.pit.robot.outfit import Outfit
-    from pep.pit.robot.urdf import Description, Hinge, Inertial, Limits, Link
+    from pep.pit.robot.urdf import Description, Inertial, Link, UrdfJoint, UrdfLimits
 
 CAPSULES: Final = 64  # ours: of the arm; the UR3e has 11
 TURN_LIMIT_RAD: Final = 4 * math.pi  # ours: two turns either way; a larger number is in degrees
@@ -75,7 +75,7 @@ def model_of(description: Description, outfit: Outfit) -> Model:
             capsules=tuple(capsules),
             self_pairs=watched(capsules, outfit),
             tools=outfit.tools,
-            derived_from=(Source("urdf", description.sha256),),
+            derived_from=(SourceFile("urdf", description.sha256),),
         )
     )
 
@@ -94,8 +94,8 @@ class _Group:
         links: those that fixed joints hold together; the group's frame is the joint's.
     """
 
-    joint: Hinge
-    limits: Limits
+    joint: UrdfJoint
+    limits: UrdfLimits
     stands: Floats
     links: _Placed
 
@@ -103,7 +103,7 @@ class _Group:
 def _chain(description: Description, base: str) -> tuple[_Placed, list[_Group]]:
     """The fixed links, seen from the one that the controller calls its base, and six groups in a row."""
     links = description.links
-    above: dict[str, list[Hinge]] = {name: [] for name in links}
+    above: dict[str, list[UrdfJoint]] = {name: [] for name in links}
     hanging = set()
     for joint in description.joints.values():
         if joint.parent not in links or joint.child not in links or joint.child in hanging:
@@ -131,11 +131,11 @@ def _chain(description: Description, base: str) -> tuple[_Placed, list[_Group]]:
 
 
 def _held_together(
-    root: str, links: Mapping[str, Link], above: Mapping[str, list[Hinge]]
-) -> tuple[_Placed, list[tuple[Hinge, Limits, Floats]]]:
+    root: str, links: Mapping[str, Link], above: Mapping[str, list[UrdfJoint]]
+) -> tuple[_Placed, list[tuple[UrdfJoint, UrdfLimits, Floats]]]:
     """What fixed joints hold together with `root`, in its frame, and the moving joints that leave it."""
     members: _Placed = []
-    leaving: list[tuple[Hinge, Limits, Floats]] = []
+    leaving: list[tuple[UrdfJoint, UrdfLimits, Floats]] = []
     waiting = [(root, np.eye(4))]
     while waiting:
         name, frame = waiting.pop()
@@ -183,12 +183,12 @@ def _capsules(groups: list[_Placed], frames: list[Floats]) -> list[LinkCapsule]:
     return found
 
 
-def _joint(group: _Group, stands: Floats, back: Floats) -> Joint:
+def _joint(group: _Group, stands: Floats, back: Floats) -> RobotJoint:
     limits = group.limits
     if not max(-limits.low_rad, limits.high_rad) <= TURN_LIMIT_RAD:
         raise ModelError("PHYSICS_FAULT", f"{group.joint.name}: position limits")
     mass, com, tensor = _mass_of(group, back)
-    return Joint(
+    return RobotJoint(
         name=group.joint.name,
         offset_m=vector_of(stands[:3, 3]),
         rpy_rad=angles_of(stands[:3, :3]),

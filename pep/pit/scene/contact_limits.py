@@ -25,7 +25,7 @@ PER_MM: Final = 1e3  # 1 N/mm = 1e3 N/m
 
 
 @dataclass(frozen=True, slots=True)
-class Limit:
+class ContactLimit:
     """What a region bears.
 
     Attributes:
@@ -45,18 +45,18 @@ class Limit:
     sensitive: bool
 
 
-LIMITS: Final[dict[Region, Limit]] = {
+LIMITS: Final[dict[Region, ContactLimit]] = {
     # force and pressure: N4, N6 (table A.2); spring and mass: N4; the head is the face, its weakest part
-    Region.HEAD: Limit(65, 110, 75, 4.4, 1, sensitive=True),  # N4, N6: masticatory muscle; no transient factor
-    Region.NECK: Limit(150, 140, 50, 1.2, 2, sensitive=True),  # N4, N6: neck muscle
-    Region.TORSO: Limit(140, 120, 25, 40, 2, sensitive=False),  # N4, N6: chest, sternum
-    Region.ABDOMEN: Limit(110, 140, 10, 40, 2, sensitive=False),  # N4, N6: abdominal muscle
-    Region.PELVIS: Limit(180, 210, 25, 40, 2, sensitive=False),  # N4, N6: pelvic bone
-    Region.UPPER_ARM: Limit(150, 190, 30, 3, 2, sensitive=False),  # N4, N6: deltoid
-    Region.LOWER_ARM: Limit(160, 180, 40, 2, 2, sensitive=False),  # N4, N6: forearm muscle, arm nerve
-    Region.HAND: Limit(140, 190, 75, 0.6, 2, sensitive=False),  # N4, N6: back of the other hand
-    Region.THIGH: Limit(220, 220, 50, 75, 2, sensitive=False),  # N4, N6: kneecap
-    Region.SHIN: Limit(130, 210, 60, 75, 2, sensitive=False),  # N4, N6: calf muscle
+    Region.HEAD: ContactLimit(65, 110, 75, 4.4, 1, sensitive=True),  # N4, N6: masticatory muscle; no transient factor
+    Region.NECK: ContactLimit(150, 140, 50, 1.2, 2, sensitive=True),  # N4, N6: neck muscle
+    Region.TORSO: ContactLimit(140, 120, 25, 40, 2, sensitive=False),  # N4, N6: chest, sternum
+    Region.ABDOMEN: ContactLimit(110, 140, 10, 40, 2, sensitive=False),  # N4, N6: abdominal muscle
+    Region.PELVIS: ContactLimit(180, 210, 25, 40, 2, sensitive=False),  # N4, N6: pelvic bone
+    Region.UPPER_ARM: ContactLimit(150, 190, 30, 3, 2, sensitive=False),  # N4, N6: deltoid
+    Region.LOWER_ARM: ContactLimit(160, 180, 40, 2, 2, sensitive=False),  # N4, N6: forearm muscle, arm nerve
+    Region.HAND: ContactLimit(140, 190, 75, 0.6, 2, sensitive=False),  # N4, N6: back of the other hand
+    Region.THIGH: ContactLimit(220, 220, 50, 75, 2, sensitive=False),  # N4, N6: kneecap
+    Region.SHIN: ContactLimit(130, 210, 60, 75, 2, sensitive=False),  # N4, N6: calf muscle
 }
 
 

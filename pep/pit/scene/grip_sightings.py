@@ -16,7 +16,7 @@ import numpy as np
 from pep.pit.geometry.clearance import core_distance, segment_segment
 from pep.pit.geometry.solids import cores_of, rotation_of
 from pep.pit.robot.enclosing_capsule import capsule_around_points
-from pep.pit.robot.gripped_object import Held
+from pep.pit.robot.gripped_object import GrippedObject
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.scene.scene import Box, Capsule, Convex, Sphere
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from pep.pit.scene.scene import Scene, Shape, Thing, Vector
 
 
-def unknown_part(robot: Robot, cell: CellParameters) -> Held:
+def unknown_part(robot: Robot, cell: CellParameters) -> GrippedObject:
     """What to reckon with when the gripper holds something and nobody knows what: the whole payload, about the tip."""
-    return Held("", Sphere(robot.tool.tcp_m, cell.unknown_part_m), None)
+    return GrippedObject("", Sphere(robot.tool.tcp_m, cell.unknown_part_m), None)
 
 
-def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParameters) -> Held | None:
+def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParameters) -> GrippedObject | None:
     """The one object that is between the fingers, as held; None when there is none or more than one.
 
     Args:
@@ -65,7 +65,7 @@ def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParamet
     if thing.age_s > cell.perception_age_limit_s:
         return None  # where it was so long ago is not where it is gripped
     known = next((part for part in cell.parts if part.object == thing.id), None)
-    return Held(
+    return GrippedObject(
         object=thing.id,
         shape=Sphere(start, radius_m) if start == end else Capsule(start, end, radius_m),
         mass_kg=None if known is None else known.mass_kg,

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pep.pit.scene.scene import Scene, Workspace
 
 
-class Kind(StrEnum):
+class PairKind(StrEnum):
     """What a pair is about; also the `kind` of its contribution."""
 
     PERSON = "person"
@@ -50,10 +50,10 @@ class Kind(StrEnum):
     MEANT = "meant_contact"
 
 
-VIOLABLE: Final = (Kind.PERSON, Kind.SELF, Kind.WORKSPACE, Kind.HARD_ZONE)
+VIOLABLE: Final = (PairKind.PERSON, PairKind.SELF, PairKind.WORKSPACE, PairKind.HARD_ZONE)
 """Kinds whose attained negative clearance is denied whatever is authorised."""
 
-KINDS_IN_ORDER: Final = tuple(Kind)
+KINDS_IN_ORDER: Final = tuple(PairKind)
 CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
 NO_HARM: Final = np.inf  # of what is no person: no speed or force harms it in that sense
 NEVER: Final = -np.inf  # clearance below which a pair is a violation that cannot be one
@@ -140,7 +140,7 @@ def seen_in(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float) ->
         walked_m = grown_m + cell.person_speed_m_s * person.age_s  # PHY-23
         person_z = cell.person_uncertainty_m + cell.robot_uncertainty_m + walked_m
         intrusion = cell.intrusion_tracked_m if person.limbs_tracked else cell.intrusion_untracked_m
-        kinds += [CODE[Kind.PERSON]] * len(person.regions)
+        kinds += [CODE[PairKind.PERSON]] * len(person.regions)
         sources += [person.source] * len(person.regions)
         for region, _ in person.regions:
             names.append(f"{person.id}/{region}")
@@ -163,7 +163,7 @@ def seen_in(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float) ->
             declared=0.0 if zone.tier is None else float(zone.tier),
             violated_below=0.0 if hard else NEVER,
         )
-        kinds.append(CODE[Kind.HARD_ZONE if hard else Kind.ZONE])
+        kinds.append(CODE[PairKind.HARD_ZONE if hard else PairKind.ZONE])
         names.append(zone.id)
         sources.append(zone.source)
         laws.append(law)
@@ -171,7 +171,7 @@ def seen_in(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float) ->
 
 
 def _thing(what: str, uncertainty_m: float, cell: CellParameters) -> tuple[int, _Law]:
-    kind, band = (Kind.FRAGILE, cell.fragile_band_m) if what == "fragile" else (Kind.RIGID, cell.rigid_band_m)
+    kind, band = (PairKind.FRAGILE, cell.fragile_band_m) if what == "fragile" else (PairKind.RIGID, cell.rigid_band_m)
     return CODE[kind], _Law(uncertainty_m + cell.robot_uncertainty_m, band=band)
 
 
@@ -192,7 +192,7 @@ def own_of(robot: Robot, cell: CellParameters) -> tuple[NDArray[np.intp], Obstac
     solids = solids_of([Capsule(each.a_m, each.b_m, each.radius_m) for each in inner])
     count, names = len(inner), [each.name for each in inner]
     body = np.array([index for index, _ in robot.self_pairs], dtype=np.intp)
-    return body, Obstacles.of([CODE[Kind.SELF]] * count, names, [""] * count, [law] * count, solids)
+    return body, Obstacles.of([CODE[PairKind.SELF]] * count, names, [""] * count, [law] * count, solids)
 
 
 @lru_cache(maxsize=16)  # a cell has one room
@@ -201,5 +201,5 @@ def walls_of(workspace: Workspace | None, cell: CellParameters) -> Obstacles:
     planes = planes_of(workspace)
     law = _Law(cell.robot_uncertainty_m, band=cell.rigid_band_m, violated_below=0.0)
     count = len(planes)
-    kinds, names = [CODE[Kind.WORKSPACE]] * count, ["workspace"] * count
+    kinds, names = [CODE[PairKind.WORKSPACE]] * count, ["workspace"] * count
     return Obstacles.of(kinds, names, [""] * count, [law] * count, solids_of_planes(planes))

@@ -16,7 +16,7 @@ from pep.pit.geometry.clearance import NONE
 from pep.pit.geometry.solids import RADIUS, SOLID, Solids
 from pep.pit.robot.kinematics import layout
 from pep.pit.robot.model import PAYLOAD
-from pep.pit.scene.obstacles import CODE, KINDS_IN_ORDER, LAW_COLUMNS, Kind, groups_of, own_of, seen_in, walls_of
+from pep.pit.scene.obstacles import CODE, KINDS_IN_ORDER, LAW_COLUMNS, PairKind, groups_of, own_of, seen_in, walls_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -92,7 +92,7 @@ class Pairs:
         """How many groups."""
         return int(self.group.max(initial=-1)) + 1
 
-    def kind_of(self, row: int) -> Kind:
+    def kind_of(self, row: int) -> PairKind:
         """The kind of one pair."""
         return KINDS_IN_ORDER[int(self.kind[row])]
 
@@ -105,7 +105,7 @@ class Pairs:
         return self.sources[int(self.column[row])]
 
     @staticmethod
-    def code_of(kind: Kind) -> int:
+    def code_of(kind: PairKind) -> int:
         """The number that stands for `kind` in `kind`'s array."""
         return CODE[kind]
 
@@ -114,7 +114,7 @@ class Pairs:
         if not rows.size:
             return self
         kind = self.kind.copy()
-        kind[rows] = CODE[Kind.MEANT]
+        kind[rows] = CODE[PairKind.MEANT]
         return replace(
             self,
             kind=kind,
@@ -127,8 +127,8 @@ class Pairs:
         kind = self.kind[rows]
         result = thing_index(near, speed, band=self.band[rows], stop=stop)
         kinds = set(kind.tolist())
-        if CODE[Kind.PERSON] in kinds:
-            person = kind == CODE[Kind.PERSON]
+        if CODE[PairKind.PERSON] in kinds:
+            person = kind == CODE[PairKind.PERSON]
             who = rows[person]
             result[person] = person_index(
                 near[person],
@@ -140,11 +140,11 @@ class Pairs:
                 penetration_band=self.penetration_band,
                 stop=stop,
             )
-        if CODE[Kind.MEANT] in kinds:
-            meant = kind == CODE[Kind.MEANT]
+        if CODE[PairKind.MEANT] in kinds:
+            meant = kind == CODE[PairKind.MEANT]
             result[meant] = meant_index(result[meant], speed[meant], gentle=self.contact_speed)
-        if CODE[Kind.ZONE] in kinds:
-            zone = kind == CODE[Kind.ZONE]
+        if CODE[PairKind.ZONE] in kinds:
+            zone = kind == CODE[PairKind.ZONE]
             which = rows[zone]
             result[zone] = zone_index(
                 near[zone], speed[zone], band=self.band[which], declared=self.declared[which], stop=stop

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats
     from pep.pit.path.path import Leaves, Route
-    from pep.pit.scene.obstacles import Kind
+    from pep.pit.scene.obstacles import PairKind
     from pep.pit.scene.pairs import Pairs
 
 FIRST_CUT_LEAST: Final = 8  # intervals of the first cut; fewer only add a level
@@ -92,7 +92,7 @@ class Certified:
     upper: float
     attained: float
     witnesses: tuple[Witness, ...]
-    violated: dict[Kind, Witness]
+    violated: dict[PairKind, Witness]
     leaves: Leaves
     leaf_index: Floats
     slower: float | None = None

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats, Profile
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
-    from pep.pit.search.timed_course import Drive
+    from pep.pit.search.timed_course import TimedCourse
 
 
 class Effort:
     """What a drive demands: the parts that do not depend on its timing, computed once, then ratios for any profile."""
 
-    def __init__(self, robot: Robot, drive: Drive, cell: CellParameters) -> None:
+    def __init__(self, robot: Robot, drive: TimedCourse, cell: CellParameters) -> None:
         """Torque and speed terms of every cell."""
         self._robot, self._drive, self._cell = robot, drive, cell
         cells = drive.course.cells

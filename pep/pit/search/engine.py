@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Straight
     from pep.pit.path.course import Cells
     from pep.pit.path.course_angles import Track
-    from pep.pit.path.line_trace import Trace
+    from pep.pit.path.line_trace import LineTrace
     from pep.pit.robot.robot import Robot
     from pep.pit.robot.twist import Twist
     from pep.pit.scene.cell import CellParameters
@@ -40,7 +40,7 @@ class Engine:
     name: str
     path: Callable[[Robot, Straight], CompiledPath]
     demands: Callable[[CompiledPath, CellParameters], Demands]
-    trace: Callable[..., Trace]
+    trace: Callable[..., LineTrace]
     pose_exists: Callable[[Robot, Twist, int], bool]
     course: Callable[[Robot, Cells, Track], CompiledCourse]
 

@@ -15,13 +15,13 @@ from pep.pit.path.course_angles import Track
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist, tool_pose
 from pep.pit.search.engine import chosen
-from pep.pit.search.timed_course import Drive, Nowhere, begun, beyond, fastest_of, unbounded
+from pep.pit.search.timed_course import Nowhere, TimedCourse, begun, beyond, fastest_of, unbounded
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit.base.motion import Floats, ServoJ, SpeedL
-    from pep.pit.path.line_trace import Trace
+    from pep.pit.path.line_trace import LineTrace
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.search.kernel.compiled_course import CompiledCourse
@@ -72,7 +72,7 @@ class _Plan:
 
 def speed_drive(
     robot: Robot, motion: SpeedL, cell: CellParameters, *, check_time: Callable[[], None]
-) -> Drive | Nowhere:
+) -> TimedCourse | Nowhere:
     """A tool velocity from rest, held until its stop takes hold, and then the joints' own stop along their tangent.
 
     Everything is measured in seconds at full speed. The stop may take hold anywhere between the end of the hold and
@@ -92,7 +92,7 @@ def speed_drive(
     def twist_for(seconds: float) -> Twist:
         return Twist(position, rotation, seconds * full[:3], seconds * full[3:])
 
-    def as_far_as(seconds: float, found: Trace) -> Drive | Nowhere:
+    def as_far_as(seconds: float, found: LineTrace) -> TimedCourse | Nowhere:
         profile = Profile(seconds, 1.0, ramp.up, AT_ONCE)
         return begun(robot, twist_for(seconds), profile, found, ramp.up / seconds)
 
@@ -120,7 +120,7 @@ def speed_drive(
     doubt: Doubt | None = "uneven_twist" if full[:3].any() and full[3:].any() else None
     if beyond(robot, course.q(1.0), course.cells.stray[-1]):
         doubt = "joint_limit"
-    return Drive(
+    return TimedCourse(
         course,
         Profile(plan.seconds, 1.0, ramp.up, braking),
         (ramp.up / plan.seconds, braking / plan.seconds),
@@ -164,7 +164,9 @@ def _late(plan: _Plan) -> int:
     return max(0, math.floor((plan.end / GRID - plan.window) * STEPS)) * (GRID // STEPS)
 
 
-def _line_and_window(robot: Robot, twist: Twist, start: Floats, plan: _Plan, check_time: Callable[[], None]) -> Trace:
+def _line_and_window(
+    robot: Robot, twist: Twist, start: Floats, plan: _Plan, check_time: Callable[[], None]
+) -> LineTrace:
     """The line until the stop takes hold, in small pieces where it may: there the bending counts most."""
     late, fastest = _late(plan), fastest_of(robot, 1 / plan.seconds)
     cells, here = Cells.joined([]), start
@@ -186,7 +188,7 @@ def _line_and_window(robot: Robot, twist: Twist, start: Floats, plan: _Plan, che
     return replace(after, cells=Cells.joined([cells, after.cells]))
 
 
-def _stopped(robot: Robot, twist: Twist, line: Trace, plan: _Plan) -> CompiledCourse | Nowhere:
+def _stopped(robot: Robot, twist: Twist, line: LineTrace, plan: _Plan) -> CompiledCourse | Nowhere:
     """The line, and after it the joints' tangent; what an earlier stop leaves them by is their stray and hurry."""
     s_end, cells, dq = plan.end / GRID, line.cells, line.dq
     late = cells.high > _late(plan)
@@ -206,7 +208,7 @@ def _stopped(robot: Robot, twist: Twist, line: Trace, plan: _Plan) -> CompiledCo
     return chosen().course(robot, Cells.joined([cells, tail]), Track(twist, s_end, line.q, dq))
 
 
-def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_s: float) -> Drive | Nowhere:
+def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_s: float) -> TimedCourse | Nowhere:
     """Everywhere a servo target may take the arm until a stop after it has ended.
 
     Each joint's speed lies between the measured one and what makes for the target within the lookahead; it goes on for
@@ -239,4 +241,4 @@ def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_
         return Nowhere("joint_limit")
     profile = Profile(seconds, 1.0, AT_ONCE, braking)
     course = chosen().course(robot, cells, Track(None, 0.0, start, middle))
-    return Drive(course, profile, (braking / seconds, braking / seconds), slower=False)
+    return TimedCourse(course, profile, (braking / seconds, braking / seconds), slower=False)

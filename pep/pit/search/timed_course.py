@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit.base.motion import Floats, Joints, Pose
-    from pep.pit.path.line_trace import Trace
+    from pep.pit.path.line_trace import LineTrace
     from pep.pit.robot.robot import Robot
     from pep.pit.search.kernel.compiled_course import CompiledCourse
 
@@ -40,7 +40,7 @@ UNBOUNDED: Final = 1e30  # rad per s^3: more than any other bound allows, and no
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drive:
+class TimedCourse:
     """A course with its timing.
 
     Attributes:
@@ -110,7 +110,7 @@ def line_drive(
     acceleration_m_s2: float,
     stated: Pose | None = None,
     check_time: Check,
-) -> Drive | Nowhere:
+) -> TimedCourse | Nowhere:
     """A line of the tool from rest to rest.
 
     Raises:
@@ -132,7 +132,7 @@ def line_drive(
         return Nowhere("half_turn")
     tool = speed_m_s * float(np.linalg.norm(twist.line)) / twist.way_m
     drive = _traced(robot, twist, np.array(start), profile, check_time)
-    return replace(drive, tool_speed_m_s=tool) if isinstance(drive, Drive) else drive
+    return replace(drive, tool_speed_m_s=tool) if isinstance(drive, TimedCourse) else drive
 
 
 def fastest_of(robot: Robot, highest_rate: float) -> Floats:
@@ -140,7 +140,7 @@ def fastest_of(robot: Robot, highest_rate: float) -> Floats:
     return np.asarray(TOO_FAST * robot.speed_limits_rad_s / highest_rate)
 
 
-def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_time: Check) -> Drive | Nowhere:
+def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_time: Check) -> TimedCourse | Nowhere:
     """The line as a drive, or as much of it as can be proven."""
     fastest = fastest_of(robot, profile.peak_rad_s / profile.way_rad)
     found = chosen().trace(robot, twist, start, fastest=fastest, check_time=check_time)
@@ -148,10 +148,10 @@ def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_t
     if found.stuck is not None:
         return begun(robot, twist, profile, found, push)
     course = chosen().course(robot, found.cells, Track(twist, 1.0, found.q, found.dq))
-    return Drive(course, profile, (push, push))
+    return TimedCourse(course, profile, (push, push))
 
 
-def begun(robot: Robot, twist: Twist, profile: Profile, found: Trace, push: float) -> Drive | Nowhere:
+def begun(robot: Robot, twist: Twist, profile: Profile, found: LineTrace, push: float) -> TimedCourse | Nowhere:
     """What was proven of a line that gets stuck; from there the course comes to rest within one finest piece."""
     assert found.stuck is not None
     doubt: Doubt = found.stuck
@@ -170,7 +170,7 @@ def begun(robot: Robot, twist: Twist, profile: Profile, found: Trace, push: floa
         resting = straight_cells(q + 0.5 * fade * dq, still, low=found.reached + width, stray=still, hurry=still)
         cells.append(replace(resting, third=unbounded(resting)))
     course = chosen().course(robot, Cells.joined(cells), Track(twist, s_end, q, dq, fade))
-    return Drive(course, profile, (push, push), slower=False, doubt=doubt)
+    return TimedCourse(course, profile, (push, push), slower=False, doubt=doubt)
 
 
 def unbounded(cells: Cells) -> Floats:

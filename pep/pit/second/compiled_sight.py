@@ -22,7 +22,7 @@ from pep.pit.search.certify import VIOLATION_RESOLUTION_M
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry, lent
 from pep.pit.search.kernel.arithmetic.index_law import pair_index
 from pep.pit.search.kernel.compiled_path import field_of, law_of
-from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, INDEX_TOLERANCE, World
+from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, INDEX_TOLERANCE, SecondWorld
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -213,7 +213,7 @@ def confirmed(
 
 
 def sight(
-    world: World, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float
+    world: SecondWorld, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float
 ) -> tuple[Floats, Floats, bool, Whole]:
     """As `pep.pit.second.straight_check.look`: the last four of its `Sight`."""
     model, stage, pairs = world.robot.pinocchio, world.stage, world.pairs
@@ -257,4 +257,4 @@ def compile_all() -> None:
     scene, still = cell.surveyed, np.zeros((1, len(robot.model.joints)))
     pairs = pairs_of(robot, scene, cell, grown_m=0.0)
     stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=0.0)
-    sight(World(robot, scene, pairs), still, still, np.zeros((1, len(pairs))), stop=stop, since=0, upper=MOVING)
+    sight(SecondWorld(robot, scene, pairs), still, still, np.zeros((1, len(pairs))), stop=stop, since=0, upper=MOVING)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import pinocchio
 
-from pep.pit.second.second_engine import SPEED_TOLERANCE_M_S, World
+from pep.pit.second.second_engine import SPEED_TOLERANCE_M_S, SecondWorld
 from pep.pit.second.straight_check import Agreement, Disagreement, fractions, judged_where_near, look
 
 if TYPE_CHECKING:
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from pep.pit.scene.pairs import Pairs
     from pep.pit.scene.scene import Scene
     from pep.pit.search.certify import Certified
-    from pep.pit.search.timed_course import Drive
+    from pep.pit.search.timed_course import TimedCourse
 
 POSE_TOLERANCE: Final = 1e-8  # m and rad; Newton ends at 1e-11
 RATE_TOLERANCE: Final = 1e-6  # m and rad per unit of s, relative: two ways to the same velocity
 
 
 def drive_check(
-    drive: Drive,
+    drive: TimedCourse,
     pairs: Pairs,
     scene: Scene,
     stop: Stopping,
@@ -42,7 +42,7 @@ def drive_check(
 ) -> Agreement | Disagreement:
     """Ask pinocchio and coal about every pair at the witnesses and at the seeded places, as `cross_check` does."""
     course, profile = drive.course, drive.profile
-    world = World(course.robot, scene, pairs)
+    world = SecondWorld(course.robot, scene, pairs)
     every = np.arange(len(pairs))
     watched = [*certified.witnesses[:1], *certified.violated.values()]
     # By the path parameter at the witnesses, by time everywhere: two ways to the same places.

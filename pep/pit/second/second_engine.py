@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
     from pep.pit.base.travel import Stopping
     from pep.pit.robot.robot import Robot
-    from pep.pit.scene.obstacles import Kind
+    from pep.pit.scene.obstacles import PairKind
     from pep.pit.scene.pairs import Pairs
     from pep.pit.scene.scene import Scene
 
@@ -76,7 +76,7 @@ def doubted(
     speed: Floats,
     *,
     upper: float | Floats,
-    violated: Container[Kind],
+    violated: Container[PairKind],
 ) -> Doubted:
     """What speaks against an answer: of a clearance that is at least so much, no less does.
 
@@ -97,7 +97,7 @@ def doubted(
     return Doubted(~(index <= upper + INDEX_TOLERANCE), below)
 
 
-class World:
+class SecondWorld:
     """Robot and scene for pinocchio and coal; its pairs stand in the order of `Pairs`."""
 
     def __init__(self, robot: Robot, scene: Scene, pairs: Pairs) -> None:

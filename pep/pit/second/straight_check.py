@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from pep.pit.second.compiled_sight import sight
-from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, SPEED_TOLERANCE_M_S, Doubted, Sight, World, doubted
+from pep.pit.second.second_engine import DISTANCE_TOLERANCE_M, SPEED_TOLERANCE_M_S, Doubted, SecondWorld, Sight, doubted
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -67,7 +67,7 @@ def cross_check(
         rows: the pairs that `certified` speaks of.
         seed: digest of the command.
     """
-    world = World(path.robot, scene, pairs)
+    world = SecondWorld(path.robot, scene, pairs)
     watched: list[Witness] = [*certified.witnesses[:1], *certified.violated.values()]
     at = [profile.at(profile.time_of(w.s)) for w in watched]
     at += [profile.at(share * profile.duration_s) for share in fractions(seed)]  # nobody can foresee these places
@@ -86,7 +86,9 @@ def cross_check(
     return judged_where_near(world, sight, stop=stop, certified=certified, rows=rows)
 
 
-def look(world: World, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float) -> Sight:
+def look(
+    world: SecondWorld, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float
+) -> Sight:
     """What is seen at these places; coal measures at the first ones.
 
     Args:
@@ -102,7 +104,7 @@ def look(world: World, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping,
 
 
 def judged_where_near(
-    world: World, sight: Sight, *, stop: Stopping, certified: Certified, rows: NDArray[np.intp]
+    world: SecondWorld, sight: Sight, *, stop: Stopping, certified: Certified, rows: NDArray[np.intp]
 ) -> Agreement | Disagreement:
     """As `judged`, where only what the balls around both bodies do not settle needs a distance, and gets it.
 
@@ -144,7 +146,7 @@ def _told(found: Doubted, places: int) -> Agreement | Disagreement:
 
 def cross_check_rest(path: Path, pairs: Pairs, scene: Scene, clearance: Floats) -> Agreement | Disagreement:
     """Ask coal about every pair at the start of the path, where the kernel found `clearance`."""
-    found, _ = World(path.robot, scene, pairs).ask(path.q(0.0), np.zeros_like(path.delta))
+    found, _ = SecondWorld(path.robot, scene, pairs).ask(path.q(0.0), np.zeros_like(path.delta))
     if not (np.abs(found - clearance) <= DISTANCE_TOLERANCE_M).all():
         return Disagreement("clearance at rest")
     return Agreement(1)

@@ -36,14 +36,14 @@ from pep.rtde.command.fields import (
     WrongParameterError,
 )
 from pep.rtde.wire.recipes import EXTERNAL_WRENCH, INT, OFFSETS, Offset
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from pep.rtde.command.command_values import Command
-    from pep.rtde.command.register_image import Image
+    from pep.rtde.command.register_image import RegisterImage
     from pep.rtde.wire.codec import Value
 
 
@@ -87,7 +87,7 @@ MAX_HISTORY: Final = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class CommandRow:
     """One command.
 
     Attributes:
@@ -112,16 +112,18 @@ class Row:
         return self.id in EVERY_CYCLE
 
 
-def _row(number: int, name: str, kind: CommandClass, wait: Wait, make: Callable[..., Command], *layout: Field) -> Row:
-    return Row(number, name, kind, wait, make, layout)
+def _row(
+    number: int, name: str, kind: CommandClass, wait: Wait, make: Callable[..., Command], *layout: Field
+) -> CommandRow:
+    return CommandRow(number, name, kind, wait, make, layout)
 
 
-def _ask(name: str, wait: Wait, what: v.Reading) -> Row:
+def _ask(name: str, wait: Wait, what: v.Reading) -> CommandRow:
     return _row(what.value, name, G, wait, v.Read, Fixed(what))
 
 
-def _end(name: str, what: v.Ending) -> Row:
-    return _row(what.value, name, S, PROGRAM_END if what is v.Ending.PROGRAM else DONE, v.End, Fixed(what))
+def _end(name: str, what: v.StopKind) -> CommandRow:
+    return _row(what.value, name, S, PROGRAM_END if what is v.StopKind.PROGRAM else DONE, v.End, Fixed(what))
 
 
 FIRST, SECOND, THIRD = Numbers(0, 6), Numbers(6, 6), Numbers(12, 6)
@@ -139,7 +141,7 @@ _ROWS: Final = (
     _row(3, "moveL", M, DONE, v.MoveL, *_TOOL_MOVE),
     _row(4, "moveL_FK", M, DONE, v.MoveLFk, *_TOOL_MOVE),
     _row(6, "forceMode", M, AT_ONCE, v.ForceMode, FIRST, Flags(2), SECOND, Whole(1, 1, 3), THIRD),
-    _end("forceModeStop", v.Ending.FORCE_MODE),
+    _end("forceModeStop", v.StopKind.FORCE_MODE),
     _row(8, "zeroFtSensor", CFG, DONE, v.ZeroForceSensor),
     _row(9, "speedJ", M, AT_ONCE, v.SpeedJ, FIRST, Number(6, JOINT_ACCELERATION), Number(7, NOT_NEGATIVE)),
     _row(10, "speedL", M, AT_ONCE, v.SpeedL, FIRST, Number(6, TOOL_ACCELERATION), Number(7, NOT_NEGATIVE)),
@@ -152,7 +154,7 @@ _ROWS: Final = (
     _row(16, "servoStop", S, DONE, v.ServoStop, Number(0, POSITIVE)),
     _row(17, "setPayload", CFG, DONE, v.SetPayload, Number(0, NOT_NEGATIVE), Numbers(1, 3)),
     _row(18, "teachMode", M, DONE, v.TeachMode),
-    _end("endTeachMode", v.Ending.TEACH_MODE),
+    _end("endTeachMode", v.StopKind.TEACH_MODE),
     _row(20, "forceModeSetDamping", CFG, DONE, v.SetForceDamping, Number(0, FORCE_DAMPING)),
     _row(21, "forceModeSetGainScaling", CFG, DONE, v.SetForceGain, Number(0, FORCE_GAIN)),
     _row(24, "servoL", M, AT_ONCE, v.ServoL, *_SERVO),
@@ -162,7 +164,7 @@ _ROWS: Final = (
     _ask("getTargetWaypoint", DONE, v.Reading.TARGET_WAYPOINT),
     _row(29, "setTcp", CFG, DONE, v.SetTcp, FIRST),
     _row(30, "getInverseKinematics", G, DONE, v.InverseKinematics, *_INVERSE),
-    _end("triggerProtectiveStop", v.Ending.PROTECTIVE_STOP),
+    _end("triggerProtectiveStop", v.StopKind.PROTECTIVE_STOP),
     _row(33, "stopL", S, DONE, v.StopL, Number(0, POSITIVE), Flag(1)),
     _row(34, "stopJ", S, DONE, v.StopJ, Number(0, POSITIVE), Flag(1)),
     _row(35, "setWatchdog", CTL, DONE, v.SetWatchdog, Number(0, POSITIVE)),
@@ -172,7 +174,7 @@ _ROWS: Final = (
     _row(39, "poseTrans", G, DONE, v.PoseTrans, FIRST, SECOND),
     _ask("getTCPOffset", DONE, v.Reading.TCP_OFFSET),
     _row(41, "jogStart", M, DONE, v.JogStart, FIRST, FrameNumber(6), Number(7, POSITIVE), Numbers(8, 6)),
-    _end("jogStop", v.Ending.JOG),
+    _end("jogStop", v.StopKind.JOG),
     _ask("getForwardKinematics", DONE, v.Reading.FORWARD_KINEMATICS),
     _row(44, "getForwardKinematics", G, DONE, v.ForwardKinematics, FIRST, SECOND),
     _row(45, "movePath", M, DONE, v.MovePath, Flag(1)),
@@ -180,7 +182,7 @@ _ROWS: Final = (
     _ask("isSteady", DONE, v.Reading.STEADY),
     _row(51, "moveUntilContact", M, DONE, v.MoveUntilContact, FIRST, SECOND, Number(12, TOOL_ACCELERATION)),
     _row(52, "freedriveMode", M, DONE, v.FreedriveMode, Flags(1), FIRST),
-    _end("endFreedriveMode", v.Ending.FREEDRIVE_MODE),
+    _end("endFreedriveMode", v.StopKind.FREEDRIVE_MODE),
     _ask("getFreedriveStatus", DONE, v.Reading.FREEDRIVE_STATUS),
     _row(55, "setExternalForceTorque", CFG, AT_ONCE, v.SetExternalWrench, Vector(EXTERNAL_WRENCH)),
     _row(56, "ftRtdeInputEnable", CFG, DONE, v.ForceInput, *_SENSOR),
@@ -202,9 +204,9 @@ _ROWS: Final = (
     _ask("getTargetJointAccelerations", AT_ONCE, v.Reading.TARGET_JOINT_ACCELERATIONS),
     _ask("getJacobian", AT_ONCE, v.Reading.JACOBIAN),
     _ask("getJacobianTimeDerivative", AT_ONCE, v.Reading.JACOBIAN_TIME_DERIVATIVE),
-    _end("stopScript", v.Ending.PROGRAM),
+    _end("stopScript", v.StopKind.PROGRAM),
 )
-ROWS: Final[Mapping[int, Row]] = MappingProxyType({row.id: row for row in _ROWS})
+ROWS: Final[Mapping[int, CommandRow]] = MappingProxyType({row.id: row for row in _ROWS})
 """Every command by its id."""
 
 READS: Final[Mapping[tuple[int, Offset], frozenset[str]]] = MappingProxyType(
@@ -221,14 +223,14 @@ _MEMBERS: Final = {row.make: tuple(each.name for each in fields(cast("Any", row.
 _BY_TYPE: Final = {row.make: row for row in _ROWS if row.make not in (v.Read, v.End)}
 
 
-def row_of(command: Command) -> Row:
+def row_of(command: Command) -> CommandRow:
     """The row that a command is of."""
     if isinstance(command, v.Read | v.End):
         return ROWS[command.what.value]
     return _BY_TYPE[type(command)]
 
 
-def decode(image: Image) -> Command | Refused:
+def decode(image: RegisterImage) -> Command | InputRefusal:
     """The command that stands in an image; `Clear` when none does. Never raises.
 
     Returns:
@@ -238,11 +240,11 @@ def decode(image: Image) -> Command | Refused:
     """
     row = ROWS.get(image.whole(0))
     if row is None:
-        return Refused(Reason.TOOL_UNKNOWN, "command id")
+        return InputRefusal(Reason.TOOL_UNKNOWN, "command id")
     try:
         return row.make(*(field.read(image) for field in row.fields))
     except WrongParameterError as wrong:
-        return Refused(wrong.reason, f"{row.name}: {wrong.place}", row.id)
+        return InputRefusal(wrong.reason, f"{row.name}: {wrong.place}", row.id)
 
 
 def encode(command: Command, offset: Offset) -> dict[str, Value]:

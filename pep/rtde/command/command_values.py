@@ -218,7 +218,7 @@ class ServoStop:
     deceleration_m_s2: float
 
 
-class Ending(Enum):
+class StopKind(Enum):
     """Stops without parameters, by command id."""
 
     FORCE_MODE = 7
@@ -233,7 +233,7 @@ class Ending(Enum):
 class End:
     """Ends what its name says; the protective stop ends everything."""
 
-    what: Ending
+    what: StopKind
 
 
 # -------------------------------------------------------------------------- what later commands, and the robot, rely on

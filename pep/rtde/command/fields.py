@@ -15,7 +15,7 @@ from pep.rtde.wire.recipes import DOUBLE, INT
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
-    from pep.rtde.command.register_image import Image
+    from pep.rtde.command.register_image import RegisterImage
     from pep.rtde.wire.codec import Value
     from pep.rtde.wire.recipes import Offset
 
@@ -83,7 +83,7 @@ class Number:
         """The variables it lies in."""
         return (DOUBLE[offset + self.register],)
 
-    def read(self, image: Image) -> float:
+    def read(self, image: RegisterImage) -> float:
         """The number."""
         return judged(image.double(self.register), self.span, "double", self.register)
 
@@ -104,7 +104,7 @@ class Numbers:
         """The variables it lies in."""
         return DOUBLE[offset + self.first : offset + self.first + self.count]
 
-    def read(self, image: Image) -> tuple[float, ...]:
+    def read(self, image: RegisterImage) -> tuple[float, ...]:
         """The numbers."""
         values = image.doubles(self.first, self.count)
         if not all(map(math.isfinite, values)):
@@ -129,7 +129,7 @@ class Whole:
         """The variables it lies in."""
         return (INT[offset + self.register],)
 
-    def read(self, image: Image) -> int:
+    def read(self, image: RegisterImage) -> int:
         """The integer."""
         value = image.whole(self.register)
         if not self.low <= value <= self.high:
@@ -152,7 +152,7 @@ class Flag:
         """The variables it lies in."""
         return (INT[offset + self.register],)
 
-    def read(self, image: Image) -> bool:
+    def read(self, image: RegisterImage) -> bool:
         """Whether it is 1."""
         value = image.whole(self.register)
         if value not in (0, 1):
@@ -174,7 +174,7 @@ class Flags:
         """The variables it lies in."""
         return INT[offset + self.first : offset + self.first + 6]
 
-    def read(self, image: Image) -> tuple[bool, ...]:
+    def read(self, image: RegisterImage) -> tuple[bool, ...]:
         """Whether each is 1."""
         return tuple(Flag(self.first + axis).read(image) for axis in range(6))
 
@@ -194,7 +194,7 @@ class FrameNumber:
         """The variables it lies in."""
         return (DOUBLE[offset + self.register],)
 
-    def read(self, image: Image) -> JogFrame:
+    def read(self, image: RegisterImage) -> JogFrame:
         """The frame."""
         value = judged(image.double(self.register), ANY, "double", self.register)
         for frame in JogFrame:
@@ -219,7 +219,7 @@ class Vector:
         del offset
         return (self.name,)
 
-    def read(self, image: Image) -> tuple[float, ...]:
+    def read(self, image: RegisterImage) -> tuple[float, ...]:
         """The numbers."""
         values = image.vector(self.name)
         if not all(map(math.isfinite, values)):
@@ -244,7 +244,7 @@ class Fixed:
         del offset
         return ()
 
-    def read(self, image: Image) -> object:
+    def read(self, image: RegisterImage) -> object:
         """Always the same."""
         del image
         return self.value

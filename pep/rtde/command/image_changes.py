@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 from pep.rtde.command.command_table import READS, ROWS, decode
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 
 if TYPE_CHECKING:
     from pep.rtde.command.command_values import Command
-    from pep.rtde.command.register_image import Image
+    from pep.rtde.command.register_image import RegisterImage
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Staged:
 Change: TypeAlias = Unchanged | Cleared | Commanded | Drifted | Swapped | Staged
 
 
-def changes(before: Image, after: Image) -> Change | Refused:
+def changes(before: RegisterImage, after: RegisterImage) -> Change | InputRefusal:
     """What a package meant for the command.
 
     Args:
@@ -73,7 +73,7 @@ def changes(before: Image, after: Image) -> Change | Refused:
     if stands == 0 and was != 0:
         return Cleared()
     command = decode(after)
-    if isinstance(command, Refused):
+    if isinstance(command, InputRefusal):
         return command
     if stands != was:
         return Commanded(command)

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 from pep.rtde.command.command_values import SetExternalWrench
 from pep.rtde.command.fields import ANY, Span, Vector, WrongParameterError, judged
 from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, FIRST_FREE, INT, LAST_FREE, OFFSETS
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from pep.rtde.wire.variables import INPUTS
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from pep.rtde.command.register_image import Image
+    from pep.rtde.command.register_image import RegisterImage
     from pep.rtde.wire.codec import Value
     from pep.rtde.wire.recipes import Offset
 
@@ -110,7 +110,7 @@ _DIRECT: Final = {
 }
 
 
-def decode_io(image: Image, written: Collection[str]) -> tuple[IoCommand, ...] | Refused:
+def decode_io(image: RegisterImage, written: Collection[str]) -> tuple[IoCommand, ...] | InputRefusal:
     """What a package does by its variables alone; empty when it touches none of them. Never raises.
 
     Args:
@@ -125,7 +125,7 @@ def decode_io(image: Image, written: Collection[str]) -> tuple[IoCommand, ...] |
     try:
         return tuple(_said(image, written))
     except WrongParameterError as wrong:
-        return Refused(wrong.reason, wrong.place)
+        return InputRefusal(wrong.reason, wrong.place)
 
 
 MASKS: Final = (*(f"{bank.value}_mask" for bank in Bank), _ANALOG + "mask", _SLIDER + "mask")
@@ -170,7 +170,7 @@ def sets(command: IoCommand) -> frozenset[tuple[object, int]]:
             assert_never(command)
 
 
-def _said(image: Image, written: Collection[str]) -> Iterator[IoCommand]:
+def _said(image: RegisterImage, written: Collection[str]) -> Iterator[IoCommand]:
     def touched(*names: str) -> bool:
         return not set(names).isdisjoint(written)
 
@@ -199,7 +199,7 @@ def _said(image: Image, written: Collection[str]) -> Iterator[IoCommand]:
         yield SetExternalWrench((x, y, z, rx, ry, rz))
 
 
-def _bits(image: Image, name: str, width: int) -> int:
+def _bits(image: RegisterImage, name: str, width: int) -> int:
     mask = int(image.number(name))
     if mask >> width:
         raise WrongParameterError(Reason.OUT_OF_RANGE, name)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, assert_never
 
 from pep.rtde.wire.recipes import DOUBLE, INT
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from pep.rtde.wire.variables import INPUTS, WIDTH, VariableType
 from policies.words.reason_codes import Reason
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from pep.rtde.wire.codec import Value
-    from pep.rtde.wire.recipes import Profile
+    from pep.rtde.wire.recipes import WritableVariables
 
 
 @dataclass(frozen=True, slots=True)
-class Image:
+class RegisterImage:
     """Every input variable of a profile.
 
     Attributes:
@@ -33,15 +33,15 @@ class Image:
         values: of each of its variables.
     """
 
-    profile: Profile
+    profile: WritableVariables
     values: Mapping[str, Value]
 
     @classmethod
-    def blank(cls, profile: Profile) -> Image:
+    def blank(cls, profile: WritableVariables) -> RegisterImage:
         """All zeros."""
         return cls(profile, {name: _zero(INPUTS[name]) for name in profile.names})
 
-    def merge(self, package: Mapping[str, Value]) -> Image | Refused:
+    def merge(self, package: Mapping[str, Value]) -> RegisterImage | InputRefusal:
         """The image after `package`.
 
         Returns:
@@ -50,13 +50,13 @@ class Image:
         """
         for name, value in package.items():
             if name not in self.profile.names:
-                return Refused(Reason.TOOL_UNKNOWN, "a variable outside the profile")
+                return InputRefusal(Reason.TOOL_UNKNOWN, "a variable outside the profile")
             kind = INPUTS[name]
             # Nearly all are doubles, five thousand times a second.
             reason = None if kind is VariableType.DOUBLE and type(value) is float else _misfit(kind, value)
             if reason is not None:
-                return Refused(reason, name)
-        return Image(self.profile, {**self.values, **package})
+                return InputRefusal(reason, name)
+        return RegisterImage(self.profile, {**self.values, **package})
 
     def whole(self, register: int) -> int:
         """An integer register, counted from where the client's begin; 0 when the profile does not have it."""

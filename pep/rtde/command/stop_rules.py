@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, assert_never
 
-from pep.rtde.command.command_values import End, Ending, ServoStop, SpeedStop, StopJ, StopL
+from pep.rtde.command.command_values import End, ServoStop, SpeedStop, StopJ, StopKind, StopL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,16 +56,16 @@ def raised(stop: Stop, deceleration_rad_s2: float) -> Stop:
 _SPEED, _SERVO = SpeedStop(0.0), ServoStop(0.0)
 MODES: Final[Mapping[int, Stop]] = MappingProxyType(
     {
-        6: End(Ending.FORCE_MODE),
+        6: End(StopKind.FORCE_MODE),
         9: _SPEED,
         10: _SPEED,
         11: _SERVO,
         12: _SERVO,
-        18: End(Ending.TEACH_MODE),
+        18: End(StopKind.TEACH_MODE),
         24: _SERVO,
-        41: End(Ending.JOG),
-        52: End(Ending.FREEDRIVE_MODE),
-        66: End(Ending.PROGRAM),
+        41: End(StopKind.JOG),
+        52: End(StopKind.FREEDRIVE_MODE),
+        66: End(StopKind.PROGRAM),
     }
 )
 """What goes on after its command has been cleared, by command id, and the stop that ends it, still to be raised."""
@@ -79,7 +79,7 @@ STOPS: Final[Mapping[int, Stop]] = MappingProxyType(
         16: _SERVO,
         33: StopL(0.0, asynchronous=False),
         34: StopJ(0.0, asynchronous=False),
-        **{what.value: End(what) for what in Ending},
+        **{what.value: End(what) for what in StopKind},
     }
 )
 """Every stop by its id, for one that is badly said; still to be raised."""
@@ -87,7 +87,7 @@ STOPS: Final[Mapping[int, Stop]] = MappingProxyType(
 
 def ended_by(stop: Stop, modes: set[int]) -> set[int]:
     """Those of `modes` that a stop ends. `StopJ` and `StopL` end moves alone."""
-    if isinstance(stop, End) and stop.what in (Ending.PROGRAM, Ending.PROTECTIVE_STOP):
+    if isinstance(stop, End) and stop.what in (StopKind.PROGRAM, StopKind.PROTECTIVE_STOP):
         return set(modes)
     return {
         mode for mode in modes if type(MODES[mode]) is type(stop) and (not isinstance(stop, End) or MODES[mode] == stop)

@@ -19,11 +19,11 @@ from capabilities.values.chain import Chain
 from pep.base.errors import JournalError
 from pep.people.deferral import AskState
 from pep.request.call import Call
-from pep.rtde.judge.command_requests import Asked, Free, asked_of, request_of
-from pep.rtde.judge.execution import Case
+from pep.rtde.judge.command_requests import CommandedOperation, NoDecisionNeeded, asked_of, request_of
+from pep.rtde.judge.execution import ActiveCommand
 from pep.rtde.judge.line_refusals import LineRefusals, refusal_of
 from pep.rtde.wire.client_texts import told
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.evidence.evidence import ToolReading
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
     from pep.base.operations import Operation
     from pep.base.ports import Clock, Readiness, Registry
-    from pep.gate.gate import Answer, Gate
+    from pep.gate.gate import Gate, GateResult
     from pep.people.asks import Asks
-    from pep.rtde.judge.command_requests import Fitted
+    from pep.rtde.judge.command_requests import ToolSetup
     from pep.rtde.judge.execution import LeasedEffects, Prepared
-    from pep.rtde.robot.judge_port import Held, Holder, Stopper
+    from pep.rtde.robot.judge_port import PendingCommand, ProgramOwner, Stopper
     from policies.evidence.model import Decision
 
 HOLD_MS: Final = 60_000
@@ -74,7 +74,7 @@ class LeasedJudge:
         registry: Registry,
         readiness: Readiness,
         stopper: Stopper,
-        fitted: Callable[[], Fitted],
+        fitted: Callable[[], ToolSetup],
         audience: str,
         clock: Clock,
     ) -> None:
@@ -87,24 +87,24 @@ class LeasedJudge:
         self._fitted = fitted
         self._audience = audience
         self._clock = clock
-        self._cases: list[Case] = []
+        self._cases: list[ActiveCommand] = []
         self._line = LineRefusals(gate.record, clock)
 
-    def judge(self, held: Held) -> None:
+    def judge(self, held: PendingCommand) -> None:
         """See `Judge.judge`."""
         before = [case.task for case in self._cases if case.task is not None]
-        case = Case(held, held.command)
+        case = ActiveCommand(held, held.command)
         self._cases.append(case)
         case.task = asyncio.get_running_loop().create_task(self._judged(case, before))
 
-    def withdrawn(self, held: Held) -> None:
+    def withdrawn(self, held: PendingCommand) -> None:
         """See `Judge.withdrawn`. What was forwarded is watched to its end all the same."""
         for case in self._cases:
             if case.held == held and not case.forwarded and case.task is not None:
                 case.withdrawn = True
                 case.task.cancel()
 
-    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+    def refused(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
         """See `Judge.refused`."""
         self._line.note(holder, refused, what)
 
@@ -119,7 +119,7 @@ class LeasedJudge:
         await self._line.close()
         self._effects.close()
 
-    async def _judged(self, case: Case, before: list[asyncio.Task[None]]) -> None:
+    async def _judged(self, case: ActiveCommand, before: list[asyncio.Task[None]]) -> None:
         try:
             if before:
                 await asyncio.wait(before, timeout=SETTLES_S)
@@ -130,19 +130,19 @@ class LeasedJudge:
         finally:
             self._cases.remove(case)
 
-    async def _decide(self, case: Case) -> None:
+    async def _decide(self, case: ActiveCommand) -> None:
         held = case.held
         deadline_ms, waited_for = self._clock.monotonic_ms() + HOLD_MS, set[str]()
         while True:
             # Anew for each run of the gate: what the arm holds may have changed while people were asked.
             fitted = self._fitted()
             asked = asked_of(case.command, path=held.path, fitted=fitted)
-            if isinstance(asked, Free):
+            if isinstance(asked, NoDecisionNeeded):
                 case.forwarded = True
                 held.forward()
                 return
-            answer = asked if isinstance(asked, Refused) else await self._run(case, asked, fitted)
-            if isinstance(answer, Refused):
+            answer = asked if isinstance(asked, InputRefusal) else await self._run(case, asked, fitted)
+            if isinstance(answer, InputRefusal):
                 await self._refuse(held, answer)
                 return
             if case.forwarded or case.withdrawn:
@@ -157,11 +157,13 @@ class LeasedJudge:
                 held.deny(Reason.APPROVAL_TIMEOUT, told(Reason.APPROVAL_TIMEOUT))
                 return
 
-    async def _run(self, case: Case, asked: Asked, fitted: Fitted) -> Answer | Refused:
+    async def _run(
+        self, case: ActiveCommand, asked: CommandedOperation, fitted: ToolSetup
+    ) -> GateResult | InputRefusal:
         """One run of the gate, from now."""
         credentials = case.held.lease.credentials
         request = request_of(asked, request_id=secrets.token_hex(16), audience=self._audience, at=self._clock.wall_s())
-        if isinstance(request, Refused):
+        if isinstance(request, InputRefusal):
             return request
         call = Call(
             request=request,
@@ -175,7 +177,7 @@ class LeasedJudge:
         if asked.stream and isinstance(credentials.chain, Chain):
             # Before it is decided: a view takes longer to tell than a verdict lasts.
             found = await self._effects.prepare(credentials.chain, request)
-            if isinstance(found, Refused):
+            if isinstance(found, InputRefusal):
                 return found
             prepared = found
 
@@ -199,7 +201,7 @@ class LeasedJudge:
             await asyncio.sleep(LOOK_S)
         return True
 
-    async def _refuse(self, held: Held, refused: Refused) -> None:
+    async def _refuse(self, held: PendingCommand, refused: InputRefusal) -> None:
         """Denied before there was a request to decide; that is on record."""
         body = refusal_of(held.lease, refused, type(held.command).__name__, clock=self._clock)
         with suppress(JournalError):  # refused either way

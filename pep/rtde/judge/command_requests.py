@@ -33,7 +33,7 @@ from pep.rtde.command import command_values as v
 from pep.rtde.command import io_commands as io
 from pep.rtde.command.limits import OFFSET_M, OFFSET_RAD
 from pep.rtde.script.move_path import PathMove
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.evidence.model import Point, Request
 from policies.words.reason_codes import Reason
 
@@ -54,7 +54,7 @@ _KEPT: Final = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class ToolSetup:
     """What arm and controller have to agree on for a pose, or a weight, to mean the same to both.
 
     Attributes:
@@ -69,12 +69,12 @@ class Fitted:
 
 
 @dataclass(frozen=True, slots=True)
-class Free:
+class NoDecisionNeeded:
     """Needs no decision: it stops, asks, or clears."""
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class CommandedOperation:
     """What a command would do.
 
     Attributes:
@@ -108,7 +108,9 @@ class Asked:
 _ROUNDED: Final = frozenset({Unit.MICRORADIAN, Unit.MICRORADIAN_PER_SECOND, Unit.MICRORADIAN_PER_SECOND2})
 
 
-def asked_of(command: Command | IoCommand, *, path: Sequence[Waypoint], fitted: Fitted) -> Asked | Free | Refused:
+def asked_of(
+    command: Command | IoCommand, *, path: Sequence[Waypoint], fitted: ToolSetup
+) -> CommandedOperation | NoDecisionNeeded | InputRefusal:
     """What a command is a request for.
 
     Args:
@@ -124,7 +126,7 @@ def asked_of(command: Command | IoCommand, *, path: Sequence[Waypoint], fitted: 
     if isinstance(command, v.Held):  # first, since it is asked five hundred times a second
         return _streamed(command)
     if isinstance(command, v.Clear | v.Stop | v.Question):
-        return Free()
+        return NoDecisionNeeded()
     if isinstance(command, v.Move):
         return _moved(command, path)
     if isinstance(command, v.Setting):
@@ -142,18 +144,18 @@ def stands_s(time_s: float) -> float:
     return max(time_s, least) if time_s > 0 else most
 
 
-def _moved(command: v.Move, path: Sequence[Waypoint]) -> Asked | Refused:
+def _moved(command: v.Move, path: Sequence[Waypoint]) -> CommandedOperation | InputRefusal:
     match command:
         case v.MoveJ(q, speed, acceleration, _):
-            return Asked(MOVE_JOINT, (*q, speed, acceleration))
+            return CommandedOperation(MOVE_JOINT, (*q, speed, acceleration))
         case v.MoveL(pose, speed, acceleration, _):
-            return Asked(MOVE_LINEAR, (*pose, speed, acceleration))
+            return CommandedOperation(MOVE_LINEAR, (*pose, speed, acceleration))
         case v.MovePath():
             return _path(path)
         case v.MoveJIk() | v.MoveLFk():
-            return Refused(Reason.NOT_GRANTED, _UNSAID)
+            return InputRefusal(Reason.NOT_GRANTED, _UNSAID)
         case v.MoveUntilContact():
-            return Refused(Reason.NOT_GRANTED, _NONE)
+            return InputRefusal(Reason.NOT_GRANTED, _NONE)
         case _:
             assert_never(command)
 
@@ -162,7 +164,7 @@ _NONE: Final = "no operation stands for it"
 _UNSAID: Final = "the controller, not the command, says which joint angles its pose has"
 
 
-def _path(path: Sequence[Waypoint]) -> Asked | Refused:
+def _path(path: Sequence[Waypoint]) -> CommandedOperation | InputRefusal:
     """A path of joint moves at one speed from rest to rest: what `move_path` can say."""
     first = path[0] if path else None
     even = first is not None and all(
@@ -171,40 +173,40 @@ def _path(path: Sequence[Waypoint]) -> Asked | Refused:
         for each in path
     )
     if first is None or not even or len(path) > WAYPOINTS:
-        return Refused(Reason.PARAMETERS_WRONG, f"1 to {WAYPOINTS} joint moves at one speed without blends")
+        return InputRefusal(Reason.PARAMETERS_WRONG, f"1 to {WAYPOINTS} joint moves at one speed without blends")
     angles = (angle for point in padded([each.target for each in path]) for angle in point)
-    return Asked(MOVE_PATH, (*angles, first.speed, first.acceleration))
+    return CommandedOperation(MOVE_PATH, (*angles, first.speed, first.acceleration))
 
 
-def _streamed(command: v.Held) -> Asked | Refused:
+def _streamed(command: v.Held) -> CommandedOperation | InputRefusal:
     match command:
         case v.SpeedJ(qd, acceleration, time_s):
-            return Asked(SPEED_JOINT, (*qd, acceleration, stands_s(time_s)))
+            return CommandedOperation(SPEED_JOINT, (*qd, acceleration, stands_s(time_s)))
         case v.SpeedL(xd, acceleration, time_s):
-            return Asked(SPEED_LINEAR, (*xd, acceleration, stands_s(time_s)))
+            return CommandedOperation(SPEED_LINEAR, (*xd, acceleration, stands_s(time_s)))
         case v.ServoJ(q, time_s, lookahead_s, gain):
-            return Asked(SERVO_JOINT, (*q, time_s, lookahead_s, gain))
+            return CommandedOperation(SERVO_JOINT, (*q, time_s, lookahead_s, gain))
         case v.ServoL():
-            return Refused(Reason.NOT_GRANTED, _UNSAID)
+            return InputRefusal(Reason.NOT_GRANTED, _UNSAID)
         case v.ServoC() | v.DirectTorque() | v.JogStart() | v.ForceMode() | v.TeachMode() | v.FreedriveMode():
-            return Refused(Reason.NOT_GRANTED, _NONE)
+            return InputRefusal(Reason.NOT_GRANTED, _NONE)
         case _:
             assert_never(command)
 
 
-def _set(command: v.Setting, fitted: Fitted) -> Asked | Refused:
+def _set(command: v.Setting, fitted: ToolSetup) -> CommandedOperation | InputRefusal:
     """What poses and weights mean may be said again, not changed: the model would be another one."""
     match command:
         case v.SetTcp(pose):
             own = fitted.tcp_m_rad
             if not (math.dist(pose[:3], own[:3]) <= OFFSET_M and math.dist(pose[3:], own[3:]) <= OFFSET_RAD):
-                return Refused(Reason.FRAMES_MISMATCH, "another tool centre point than the model's")
-            return Asked(SET_TCP, pose)
+                return InputRefusal(Reason.FRAMES_MISMATCH, "another tool centre point than the model's")
+            return CommandedOperation(SET_TCP, pose)
         case v.SetPayload(mass_kg, centre_m):
             same = nearest(mass_kg, Unit.GRAM) == nearest(fitted.payload_kg, Unit.GRAM)
             if not (same and (centre_m == _KEPT or math.dist(centre_m, fitted.centre_m) <= CENTRE_M)):
-                return Refused(Reason.PAYLOAD_MISMATCH, "another payload than the committed one")
-            return Asked(SET_PAYLOAD, (mass_kg, *centre_m))
+                return InputRefusal(Reason.PAYLOAD_MISMATCH, "another payload than the committed one")
+            return CommandedOperation(SET_PAYLOAD, (mass_kg, *centre_m))
         case (
             v.ZeroForceSensor()
             | v.SetTargetPayload()
@@ -218,17 +220,17 @@ def _set(command: v.Setting, fitted: Fitted) -> Asked | Refused:
             | v.StartContactDetection()
             | v.StopContactDetection()
         ):
-            return Refused(Reason.NOT_GRANTED, _NONE)
+            return InputRefusal(Reason.NOT_GRANTED, _NONE)
         case _:
             assert_never(command)
 
 
-def _switched(command: IoCommand) -> Asked | Refused:
+def _switched(command: IoCommand) -> CommandedOperation | InputRefusal:
     match command:
         case io.SetDigitalOutputs(io.Bank.STANDARD, mask, levels) if mask.bit_count() == 1:
-            return Asked(SET_DIGITAL_OUTPUT, (mask.bit_length() - 1, int(levels != 0)))
+            return CommandedOperation(SET_DIGITAL_OUTPUT, (mask.bit_length() - 1, int(levels != 0)))
         case io.SetSpeedSlider(fraction):
-            return Asked(SET_SPEED_SLIDER, (fraction,))
+            return CommandedOperation(SET_SPEED_SLIDER, (fraction,))
         case (
             io.SetDigitalOutputs()
             | io.SetAnalogOutput()
@@ -236,12 +238,12 @@ def _switched(command: IoCommand) -> Asked | Refused:
             | io.SetInputDouble()
             | v.SetExternalWrench()
         ):
-            return Refused(Reason.NOT_GRANTED, _NONE)
+            return InputRefusal(Reason.NOT_GRANTED, _NONE)
         case _:
             assert_never(command)
 
 
-def request_of(asked: Asked, *, request_id: str, audience: str, at: float) -> Request | Refused:
+def request_of(asked: CommandedOperation, *, request_id: str, audience: str, at: float) -> Request | InputRefusal:
     """The request, in integers.
 
     Args:
@@ -259,5 +261,5 @@ def request_of(asked: Asked, *, request_id: str, audience: str, at: float) -> Re
         try:
             values.append(Quantity(parameter.name, parameter.unit, parse(number, parameter.unit)))
         except QuantityError as error:
-            return Refused(Reason(error.code), f"{parameter.name}: {error.detail}")
+            return InputRefusal(Reason(error.code), f"{parameter.name}: {error.detail}")
     return Request(request_id, POINTS, audience, operation.object, operation.name, tuple(values), at)

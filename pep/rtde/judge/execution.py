@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from pep.base.errors import ActuationRefusedError, JournalError
-from pep.base.operations import Kind, Moves, digest_of, touchable
+from pep.base.operations import Moves, OperationKind, digest_of, touchable
 from pep.base.thread_priority import goes_first
-from pep.gate.gate import Result
+from pep.gate.gate import EffectResult
 from pep.rtde.command.stream_bounds import StreamBounds
-from pep.rtde.judge.motion_follower import Flow, Follower, Spell, Way
+from pep.rtde.judge.motion_follower import MotionFollower, StreamProgress, TargetProgress, TimedProgress
 from pep.rtde.judge.stream_values import LATE_MS, LeasedStream, envelope
-from pep.rtde.robot.newest_state import Heard
+from pep.rtde.robot.newest_state import NewestState
 from pep.rtde.wire.client_texts import told
-from pep.rtde.wire.refusal import Refused
-from pep.watch.watch import End
+from pep.rtde.wire.refusal import InputRefusal
+from pep.watch.watch import MotionOutcome
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 
     from capabilities.values.chain import Chain
     from capabilities.values.scope import Grant
-    from pep.base.ports import Clock, Remaining
+    from pep.base.ports import Clock, RemainingImpact
     from pep.request.permit import Permit
     from pep.rtde.command.command_values import Command
     from pep.rtde.command.io_commands import IoCommand
-    from pep.rtde.judge.command_requests import Asked, Fitted
-    from pep.rtde.judge.motion_follower import Course
+    from pep.rtde.judge.command_requests import CommandedOperation, ToolSetup
+    from pep.rtde.judge.motion_follower import MotionProgress
     from pep.rtde.judge.stream_values import Certifying
     from pep.rtde.motion.drive_ports import Hurry
     from pep.rtde.motion.stop_ladder import MotionEnd
-    from pep.rtde.robot.judge_port import Held, Stopper
+    from pep.rtde.robot.judge_port import PendingCommand, Stopper
     from pep.rtde.robot.state_receiver import RobotState
     from pep.watch.watch import Watch
     from policies.evidence.model import Request
@@ -45,7 +45,7 @@ BATCH_S: Final = 1.0
 """How often the digest of a stream's values goes on record."""
 
 
-class Acts(Protocol):
+class AssessedMotions(Protocol):
     """What the effects ask of the physics: `pep.world.world.CellPhysics`."""
 
     def start_of(self, request_id: str) -> tuple[float, ...] | None:
@@ -57,10 +57,10 @@ class Acts(Protocol):
         ...
 
 
-class Watching(Protocol):
+class WatchStarter(Protocol):
     """Begins the watch over what a permit allows."""
 
-    def __call__(self, permit: Permit, *, remaining: Remaining) -> Watch:
+    def __call__(self, permit: Permit, *, remaining: RemainingImpact) -> Watch:
         """The watch; `remaining` judges what is left."""
         ...
 
@@ -74,7 +74,7 @@ class Recording(Protocol):
 
 
 @dataclass(eq=False, slots=True)
-class Case:
+class ActiveCommand:
     """A command that is being decided, or carried out.
 
     Attributes:
@@ -85,7 +85,7 @@ class Case:
         task: that decides it.
     """
 
-    held: Held
+    held: PendingCommand
     command: Command | IoCommand
     withdrawn: bool = False
     forwarded: bool = False
@@ -120,10 +120,10 @@ class LeasedEffects:
     def __init__(
         self,
         *,
-        acts: Acts,
-        remaining: Remaining,
+        acts: AssessedMotions,
+        remaining: RemainingImpact,
         certifying: Callable[[frozenset[str]], Certifying],
-        watching: Watching,
+        watching: WatchStarter,
         hurry: Hurry,
         state: RobotState,
         stopper: Stopper,
@@ -146,7 +146,7 @@ class LeasedEffects:
         self._looks = ThreadPoolExecutor(1, "leased look")
         self._watch = ThreadPoolExecutor(1, "leased watch", initializer=goes_first)
 
-    async def prepare(self, chain: Chain, request: Request) -> Prepared | Refused | None:
+    async def prepare(self, chain: Chain, request: Request) -> Prepared | InputRefusal | None:
         """A stream under that chain, shown the world as it is; None where the chain does not grant it.
 
         Args:
@@ -163,16 +163,21 @@ class LeasedEffects:
 
         shown = await asyncio.get_running_loop().run_in_executor(self._looks, show)
         if isinstance(shown, ImpactFault):
-            return Refused(Reason(shown.reason), shown.detail)
+            return InputRefusal(Reason(shown.reason), shown.detail)
         try:
             await self._record("stream", envelope(request, chain, grant))
         except JournalError:
-            return Refused(Reason.RECORD_FAILED, "the envelope of the stream")
+            return InputRefusal(Reason.RECORD_FAILED, "the envelope of the stream")
         return Prepared(grant, certifying)
 
     async def carry_out(
-        self, case: Case, asked: Asked, prepared: Prepared | None, fitted: Fitted, permit: Permit
-    ) -> Result:
+        self,
+        case: ActiveCommand,
+        asked: CommandedOperation,
+        prepared: Prepared | None,
+        fitted: ToolSetup,
+        permit: Permit,
+    ) -> EffectResult:
         """The command was forwarded, and what it began has ended. The effect of a gate's run.
 
         Args:
@@ -189,10 +194,10 @@ class LeasedEffects:
         held = case.held
         if permit.request is None:
             raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "no command of this permit")
-        if asked.operation.kind is not Kind.MOTION:
+        if asked.operation.kind is not OperationKind.MOTION:
             self._send(case, asked, permit, None)
-            return Result({"outcome": "sent"})
-        arm = await asyncio.get_running_loop().run_in_executor(self._looks, Heard, self._state, self._clock)
+            return EffectResult({"outcome": "sent"})
+        arm = await asyncio.get_running_loop().run_in_executor(self._looks, NewestState, self._state, self._clock)
         permit.begins(assessed_rad=self._acts.start_of(permit.request_id), at_rad=arm.state.q_rad)
         stream = self._begun(held, asked, prepared, fitted, permit=permit, arm=arm)
         watch = self._watching(permit, remaining=self._remaining if stream is None else stream)
@@ -202,17 +207,17 @@ class LeasedEffects:
             self._course(asked, permit.request, stream), stream, arm, watch, permit=permit, held=held
         )
         told = {"outcome": str(end.end), "q_rad": list(end.q_rad), "reason": end.reason}
-        return Result(told, failed=end.end is End.ROBOT_FAILED)
+        return EffectResult(told, failed=end.end is MotionOutcome.ROBOT_FAILED)
 
     def _begun(
         self,
-        held: Held,
-        asked: Asked,
+        held: PendingCommand,
+        asked: CommandedOperation,
         prepared: Prepared | None,
-        fitted: Fitted,
+        fitted: ToolSetup,
         *,
         permit: Permit,
-        arm: Heard,
+        arm: NewestState,
     ) -> LeasedStream | None:
         """The stream that this opens, its first value certified; None for what is none."""
         if not asked.stream:
@@ -234,7 +239,9 @@ class LeasedEffects:
             raise ActuationRefusedError(reason, "the first value of the stream")
         return stream
 
-    def _send(self, case: Case, asked: Asked, permit: Permit, stream: LeasedStream | None) -> None:
+    def _send(
+        self, case: ActiveCommand, asked: CommandedOperation, permit: Permit, stream: LeasedStream | None
+    ) -> None:
         """The permit is spent and the command sent: nothing comes in between, both are on the event loop."""
         if case.withdrawn:
             # A cancelled task may go on: what it waited for was there at the same moment.
@@ -247,23 +254,23 @@ class LeasedEffects:
         if not case.forwarded:
             raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "the program waits no longer")
 
-    def _course(self, asked: Asked, request: Request, stream: LeasedStream | None) -> Course:
+    def _course(self, asked: CommandedOperation, request: Request, stream: LeasedStream | None) -> MotionProgress:
         if stream is not None:
-            return Flow(stream, self._clock)
+            return StreamProgress(stream, self._clock)
         if asked.operation.moves is Moves.AT_TOOL_SPEED:
-            return Spell(request.values[-1].value + LATE_MS, self._clock)
+            return TimedProgress(request.values[-1].value + LATE_MS, self._clock)
         request_id = request.request_id
-        return Way(lambda q_rad: self._acts.arrived(request_id, q_rad))
+        return TargetProgress(lambda q_rad: self._acts.arrived(request_id, q_rad))
 
     async def _followed(
         self,
-        course: Course,
+        course: MotionProgress,
         stream: LeasedStream | None,
-        arm: Heard,
+        arm: NewestState,
         watch: Watch,
         *,
         permit: Permit,
-        held: Held,
+        held: PendingCommand,
     ) -> MotionEnd:
         """How it has ended. Whoever waits for that and goes leaves the arm stopped."""
         loop = asyncio.get_running_loop()
@@ -271,7 +278,7 @@ class LeasedEffects:
         def brake(reason: Reason) -> None:
             loop.call_soon_threadsafe(held.stop, reason, told(reason))
 
-        follower = Follower(
+        follower = MotionFollower(
             arm, watch, permit, brake=brake, stopper=self._stopper, newest=self._state.newest, clock=self._clock
         )
         self._hurry(moving=True)
@@ -285,7 +292,7 @@ class LeasedEffects:
             follower.leave()
             self._hurry(moving=False)
 
-    async def _kept(self, stream: LeasedStream | None, held: Held) -> None:
+    async def _kept(self, stream: LeasedStream | None, held: PendingCommand) -> None:
         """The values of the stream are on record; without a record there are no more of them."""
         batch = None if stream is None else stream.batch()
         if batch is None:

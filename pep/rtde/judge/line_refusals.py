@@ -17,8 +17,8 @@ from pep.gate import records
 if TYPE_CHECKING:
     from pep.base.ports import Clock
     from pep.rtde.judge.execution import Recording
-    from pep.rtde.robot.judge_port import Holder
-    from pep.rtde.wire.refusal import Refused
+    from pep.rtde.robot.judge_port import ProgramOwner
+    from pep.rtde.wire.refusal import InputRefusal
 
 MOST: Final = 4
 """Records in a second, of one lease."""
@@ -37,10 +37,10 @@ class _Second:
         timer: at its end.
     """
 
-    holder: Holder
+    holder: ProgramOwner
     timer: asyncio.TimerHandle
     records: int = 0
-    newest: tuple[Refused, str] | None = None
+    newest: tuple[InputRefusal, str] | None = None
     without: int = 0
 
 
@@ -58,7 +58,7 @@ class LineRefusals:
         self._seconds: dict[int, _Second] = {}  # by what the holder is, which may have no hash
         self._tasks: set[asyncio.Task[None]] = set()
 
-    def note(self, holder: Holder, refused: Refused, what: str) -> None:
+    def note(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
         """It goes on record, or is counted there, within a second. Returns at once.
 
         Args:
@@ -81,7 +81,7 @@ class LineRefusals:
             self._count(second)
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    def _begun(self, holder: Holder) -> _Second:
+    def _begun(self, holder: ProgramOwner) -> _Second:
         timer = asyncio.get_running_loop().call_later(SECOND_S, self._over, id(holder))
         second = self._seconds[id(holder)] = _Second(holder, timer)
         return second
@@ -101,19 +101,21 @@ class LineRefusals:
             second.newest, more, second.without = None, second.without - 1, 0
             self._write(second, refused, what, more=more)
 
-    def _write(self, second: _Second, refused: Refused, what: str, *, more: int) -> None:
+    def _write(self, second: _Second, refused: InputRefusal, what: str, *, more: int) -> None:
         second.records += 1
         task = asyncio.get_running_loop().create_task(self._written(second.holder, refused, what, more))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _written(self, holder: Holder, refused: Refused, what: str, more: int) -> None:
+    async def _written(self, holder: ProgramOwner, refused: InputRefusal, what: str, more: int) -> None:
         # Refused either way. A gate that has ended takes no record.
         with suppress(JournalError, RuntimeError):
             await self._record("refusal", refusal_of(holder, refused, what, clock=self._clock, more=more))
 
 
-def refusal_of(holder: Holder, refused: Refused, what: str, *, clock: Clock, more: int = 0) -> dict[str, object]:
+def refusal_of(
+    holder: ProgramOwner, refused: InputRefusal, what: str, *, clock: Clock, more: int = 0
+) -> dict[str, object]:
     """The record of something that a program was refused before there was a request to decide.
 
     Args:

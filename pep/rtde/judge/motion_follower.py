@@ -15,7 +15,7 @@ from pep.base.errors import PepFault
 from pep.base.stop_model import ESCALATE_MS, SAFE_MODES
 from pep.rtde.motion.stop_ladder import MotionEnd, Stop
 from pep.rtde.robot.newest_state import SILENCE_MS
-from pep.watch.watch import PAUSE_S, End
+from pep.watch.watch import PAUSE_S, MotionOutcome
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pep.request.permit import Permit
     from pep.rtde.judge.stream_values import LeasedStream
     from pep.rtde.robot.judge_port import Stopper
-    from pep.rtde.robot.newest_state import Heard
+    from pep.rtde.robot.newest_state import NewestState
     from pep.rtde.robot.state_receiver import JointState, Package
     from pep.watch.watch import Alarm, Watch
 
@@ -35,11 +35,11 @@ RESTS_MS: Final = 300
 """An arm that has stood for so long on its way will not go on: between the legs of a path it stands for some cycles."""
 
 
-Over: TypeAlias = tuple[End, Reason | None]
+Over: TypeAlias = tuple[MotionOutcome, Reason | None]
 """How a motion is over, and why it has to be stopped; None where it is not to be."""
 
 
-class Course(Protocol):
+class MotionProgress(Protocol):
     """When what was sent is over."""
 
     def look(self, state: JointState) -> Over | None:
@@ -52,7 +52,7 @@ class Course(Protocol):
         ...
 
 
-class Way:
+class TargetProgress:
     """A motion with a place to go to.
 
     Args:
@@ -66,10 +66,10 @@ class Way:
 
     def look(self, state: JointState) -> Over | None:
         """Reached, once it stands there."""
-        return (End.REACHED, None) if state.still and self._arrived(state.q_rad) else None
+        return (MotionOutcome.REACHED, None) if state.still and self._arrived(state.q_rad) else None
 
 
-class Spell:
+class TimedProgress:
     """A motion that lasts for a time, and is ended by us.
 
     Args:
@@ -85,10 +85,10 @@ class Spell:
 
     def look(self, state: JointState) -> Over | None:  # noqa: ARG002 - the port's own form
         """Ended, once the time is over."""
-        return (End.ENDED, Reason.VERDICT_EXPIRED) if self._clock.monotonic_ms() >= self._until_ms else None
+        return (MotionOutcome.ENDED, Reason.VERDICT_EXPIRED) if self._clock.monotonic_ms() >= self._until_ms else None
 
 
-class Flow:
+class StreamProgress:
     """A stream: as long as its values come and are taken.
 
     Args:
@@ -106,18 +106,18 @@ class Flow:
         """Stopped, where a value was not taken; ended, by its time or by its program, which has stopped it then."""
         stream = self._stream
         if stream.lost is not None:
-            return End.STOPPED, stream.lost
+            return MotionOutcome.STOPPED, stream.lost
         if stream.over:
-            return End.ENDED, Reason.VERDICT_EXPIRED
+            return MotionOutcome.ENDED, Reason.VERDICT_EXPIRED
         if stream.ended_ms is None:
             return None
         if state.still:
-            return End.ENDED, None
+            return MotionOutcome.ENDED, None
         late = self._clock.monotonic_ms() - stream.ended_ms > ESCALATE_MS
-        return (End.ENDED, Reason.VERDICT_EXPIRED) if late else None
+        return (MotionOutcome.ENDED, Reason.VERDICT_EXPIRED) if late else None
 
 
-class Follower:
+class MotionFollower:
     """Follows one motion. `follow` blocks: on a thread of its own.
 
     Args:
@@ -132,7 +132,7 @@ class Follower:
 
     def __init__(
         self,
-        arm: Heard,
+        arm: NewestState,
         watch: Watch,
         permit: Permit,
         *,
@@ -154,7 +154,7 @@ class Follower:
         """Nobody waits for the end any more: the arm is stopped."""
         self._gone.set()
 
-    def follow(self, course: Course) -> MotionEnd:
+    def follow(self, course: MotionProgress) -> MotionEnd:
         """How the motion has ended; the arm stands, or is past our stopping it.
 
         Args:
@@ -166,7 +166,7 @@ class Follower:
             self._stopper.stop(Reason.EFFECT_FAILED)
             raise
 
-    def _follow(self, course: Course) -> MotionEnd:
+    def _follow(self, course: MotionProgress) -> MotionEnd:
         arm = self._arm
         moving_ms, moved = self._clock.monotonic_ms(), False
         while True:
@@ -181,22 +181,22 @@ class Follower:
                 return self._stand(Reason.VERDICT_EXPIRED)
             if arm.silent_ms > SILENCE_MS:
                 self._stand(Reason.EVIDENCE_MISSING)
-                return MotionEnd(End.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
+                return MotionEnd(MotionOutcome.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
             if state.safety_mode not in SAFE_MODES:
                 where = self._stand(Reason.ROBOT_SAFETY_STOP).q_rad
-                return MotionEnd(End.ROBOT_FAILED, where, f"safety mode {state.safety_mode}")
+                return MotionEnd(MotionOutcome.ROBOT_FAILED, where, f"safety mode {state.safety_mode}")
             # Only what the robot said after it was told to move can say how that went.
             if fresh and (over := course.look(state)) is not None:
                 how, why = over
-                end = MotionEnd(End.STOPPED, state.q_rad) if why is None else self._stand(why)
-                return MotionEnd(how, end.q_rad) if end.end is End.STOPPED else end
+                end = MotionEnd(MotionOutcome.STOPPED, state.q_rad) if why is None else self._stand(why)
+                return MotionEnd(how, end.q_rad) if end.end is MotionOutcome.STOPPED else end
             stopped_ms = self._stopper.stopped_ms
             if fresh and stopped_ms is not None and stopped_ms >= self._permit.since_ms:
                 return self._until_still(stopped_ms)
             patience_ms = RESTS_MS if moved else BEGINS_MS
             if not course.stands and now_ms - moving_ms > patience_ms:
                 # Whatever the controller still has in mind, it is not begun later behind our back.
-                return MotionEnd(End.ROBOT_FAILED, self._stand(Reason.EFFECT_FAILED).q_rad, f"moved {moved}")
+                return MotionEnd(MotionOutcome.ROBOT_FAILED, self._stand(Reason.EFFECT_FAILED).q_rad, f"moved {moved}")
             time.sleep(PAUSE_S)
 
     def _until_still(self, since_ms: int) -> MotionEnd:
@@ -204,7 +204,7 @@ class Follower:
         while self._clock.monotonic_ms() - since_ms <= ESCALATE_MS:
             state = self._newest().state
             if state is not None and state.still:
-                return MotionEnd(End.STOPPED, state.q_rad)
+                return MotionEnd(MotionOutcome.STOPPED, state.q_rad)
             time.sleep(PAUSE_S)
         return self._stand(Reason.VERDICT_EXPIRED)
 
@@ -220,6 +220,6 @@ class Follower:
 
     def _alarmed(self, alarm: Alarm, state: JointState) -> MotionEnd:
         end = self._stand(Reason(alarm.reason))
-        stood = end.q_rad if end.end is End.STOPPED else None
+        stood = end.q_rad if end.end is MotionOutcome.STOPPED else None
         self._permit.watched = alarm.told(at_rad=state.q_rad, stood_rad=stood)
-        return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is End.STOPPED else end
+        return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is MotionOutcome.STOPPED else end

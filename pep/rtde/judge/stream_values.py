@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.values.algebra import bound_to_json
 from capabilities.values.units import Unit
-from pep.base.ports import Rest
+from pep.base.ports import RemainingVerdict
 from pep.rtde.command import command_values as v
-from pep.rtde.judge.command_requests import Asked, asked_of, stands_s
-from pep.world.cell_stream import Angles, Judged, Shown, Speeds
+from pep.rtde.judge.command_requests import CommandedOperation, asked_of, stands_s
+from pep.world.cell_stream import JointAngles, JointSpeeds, Judged, Shown
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from pep.request.permit import Permit
     from pep.rtde.command.command_values import Command, Six
     from pep.rtde.command.stream_bounds import StreamBounds
-    from pep.rtde.judge.command_requests import Fitted
+    from pep.rtde.judge.command_requests import ToolSetup
     from pep.rtde.robot.judge_port import Stopper
-    from pep.rtde.robot.newest_state import Heard
+    from pep.rtde.robot.newest_state import NewestState
     from pep.rtde.robot.state_receiver import JointState
     from pep.world.cell_stream import Value
     from policies.evidence.model import Request
@@ -86,8 +86,8 @@ class LeasedStream:
         *,
         bounds: StreamBounds,
         parameters: Parameters,
-        fitted: Fitted,
-        arm: Heard,
+        fitted: ToolSetup,
+        arm: NewestState,
         stopper: Stopper,
         clock: Clock,
     ) -> None:
@@ -113,7 +113,7 @@ class LeasedStream:
     def step(self, command: Command) -> Reason | None:
         """See `Steps.step`. A value that is not taken ends the stream for good."""
         asked = asked_of(command, path=(), fitted=self._fitted)
-        if isinstance(asked, Asked) and asked.operation == self._bounds.operation:
+        if isinstance(asked, CommandedOperation) and asked.operation == self._bounds.operation:
             self._form = _Form.of(command, asked.numbers)
             return self.follow(asked.numbers[:_SIX])  # type: ignore[arg-type]  # these are six
         self._form = None
@@ -211,15 +211,17 @@ class LeasedStream:
         authorised_milli: int,
         touch: frozenset[str],  # noqa: ARG002 - it was given when the stream began
         running: float | None,  # noqa: ARG002 - nothing slows a stream down
-    ) -> Rest:
+    ) -> RemainingVerdict:
         """Whether the value that stands may go on standing, on the newest view: `pep.base.ports.Remaining`."""
         shown = self._certifying.see(state_q_rad)
         if isinstance(shown, ImpactFault):
-            return Rest(holds=False, index_milli=None, cause=shown.detail, fault=str(_reason(shown)), age_ms=None)
+            return RemainingVerdict(
+                holds=False, index_milli=None, cause=shown.detail, fault=str(_reason(shown)), age_ms=None
+            )
         stands = self._stands
         reason = None if stands is None else self._certified(stands[0], authorised_milli)
         fault = "" if reason in (None, Reason.IMPACT_ROSE) else str(reason)
-        return Rest(
+        return RemainingVerdict(
             holds=reason is None,
             index_milli=None,
             cause="" if reason is None else str(reason),
@@ -282,10 +284,10 @@ class _Form:
         rest = numbers[_SIX:]
         match command:
             case v.ServoJ(_, time_s, lookahead_s, _):
-                return cls(rest, lambda q_rad: Angles(q_rad, time_s, lookahead_s), None)
+                return cls(rest, lambda q_rad: JointAngles(q_rad, time_s, lookahead_s), None)
             case v.SpeedJ(_, acceleration_rad_s2, time_s):
                 stands_ms = round(stands_s(time_s) * Unit.MILLISECOND.per_si)
-                return cls(rest, lambda qd_rad_s: Speeds(qd_rad_s, acceleration_rad_s2), stands_ms)
+                return cls(rest, lambda qd_rad_s: JointSpeeds(qd_rad_s, acceleration_rad_s2), stands_ms)
             case _:
                 raise AssertionError(f"{type(command).__name__} is no stream")
 

@@ -10,20 +10,20 @@ from pep.rtde.robot.connections import UNREAD_BYTES
 from pep.rtde.robot.quick_ack import acknowledge
 
 if TYPE_CHECKING:
-    from pep.rtde.robot.connections import Line
+    from pep.rtde.robot.connections import ProgramConnection
 
 CHUNK: Final = 65_536
 
 
-class Accepted(asyncio.Protocol):
+class AcceptedConnection(asyncio.Protocol):
     """One connection; also the way back to its client. What comes before it is served is kept."""
 
     def __init__(self) -> None:
-        self._line: Line | None = None
+        self._line: ProgramConnection | None = None
         self._early: list[bytes] = []
         self._left = False
 
-    def begin(self, line: Line) -> None:
+    def begin(self, line: ProgramConnection) -> None:
         """`line` serves it from now on."""
         self._line = line
         early, self._early = self._early, []

@@ -27,7 +27,7 @@ LEASE_OVER: Final = "LEASE_OVER"
 """What a program is told then, with the ending."""
 
 
-class Ending(StrEnum):
+class LeaseEnding(StrEnum):
     """Why a lease is over; the record's word."""
 
     CLOSED = "closed"

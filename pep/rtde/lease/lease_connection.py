@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Final
 from capabilities.proof.session_frames import End
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault
-from pep.rtde.lease.lease import BEAT_MS, SILENCE_MS, Ending
+from pep.rtde.lease.lease import BEAT_MS, SILENCE_MS, LeaseEnding
 from pep.rtde.lease.lease_messages import (
     HEAD_BYTES,
     Beat,
     Bytes,
-    CarriageError,
-    Cutter,
-    Lines,
-    Over,
+    LeaseMessageError,
+    LeaseOver,
+    OpenLines,
+    SessionFrameSplitter,
     decode,
     delimited,
     encode,
@@ -38,7 +38,7 @@ MOST_BYTES: Final = DEFAULT.frame_bytes - HEAD_BYTES
 """Bytes of a connection in one word."""
 
 
-class Carrier(asyncio.Protocol):
+class LeaseConnection(asyncio.Protocol):
     """One end.
 
     Args:
@@ -58,27 +58,27 @@ class Carrier(asyncio.Protocol):
         asking: bool,
         clock: Clock,
         heard: Callable[[Word], None],
-        ended: Callable[[Ending], None],
+        ended: Callable[[LeaseEnding], None],
         flowing: Callable[[bool], None],
     ) -> None:
         self._session = session
         self._asking = asking
-        self._lines = Lines(asking=asking)
+        self._lines = OpenLines(asking=asking)
         self._clock = clock
         self._heard = heard
         self._ended = ended
         self._flowing = flowing
-        self._cutter = Cutter()
+        self._cutter = SessionFrameSplitter()
         self._transport: asyncio.Transport | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._silence: asyncio.TimerHandle | None = None
         self._heard_ms = clock.monotonic_ms()
-        self._why = Ending.CLOSED
+        self._why = LeaseEnding.CLOSED
         self._over = False
         self._unsent: list[bytes] = []
 
     @property
-    def lines(self) -> Lines:
+    def lines(self) -> OpenLines:
         """Which lines are open. To be looked at, not to be told anything."""
         return self._lines
 
@@ -95,11 +95,11 @@ class Carrier(asyncio.Protocol):
         if not self._over and self._lines.said(word):
             self._send(self._session.seal(encode(word), at=self._clock.wall_s()))
 
-    def close(self, ending: Ending = Ending.CLOSED) -> None:
+    def close(self, ending: LeaseEnding = LeaseEnding.CLOSED) -> None:
         """End it, and say so to the other end; the gateway says why."""
         if not self._over:
             if not self._asking:
-                self.say(Over(ending.name))
+                self.say(LeaseOver(ending.name))
             self._send(self._session.close(at=self._clock.wall_s()))
         self._end(ending)
 
@@ -119,8 +119,8 @@ class Carrier(asyncio.Protocol):
                 self._take(frame)
                 if self._over:
                     return
-        except CarriageError:
-            self.close(Ending.MALFORMED)
+        except LeaseMessageError:
+            self.close(LeaseEnding.MALFORMED)
         finally:
             if self._transport is not None and not self._asking:
                 acknowledge(self._transport)  # commands; nobody waits for what goes the other way
@@ -131,7 +131,7 @@ class Carrier(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
         """Gone without a word."""
-        self._end(Ending.CUT)
+        self._end(LeaseEnding.CUT)
 
     def pause_writing(self) -> None:
         """The other end reads too slowly."""
@@ -146,7 +146,7 @@ class Carrier(asyncio.Protocol):
     def _take(self, frame: bytes) -> None:
         match self._session.open(frame, at=self._clock.wall_s()):
             case Fault():
-                self.close(Ending.MALFORMED)
+                self.close(LeaseEnding.MALFORMED)
             case End():
                 self._end(self._why)
             case message:
@@ -154,14 +154,14 @@ class Carrier(asyncio.Protocol):
                 word = decode(message.body)
                 if not self._lines.heard(word):
                     return
-                if isinstance(word, Over):
+                if isinstance(word, LeaseOver):
                     # A reason that is not known here is one of a younger gateway.
-                    self._why = Ending.__members__.get(word.reason, Ending.GATEWAY)
+                    self._why = LeaseEnding.__members__.get(word.reason, LeaseEnding.GATEWAY)
                 self._heard(word)
 
     def _send(self, frame: bytes | Fault) -> None:
         if isinstance(frame, Fault):  # the session's time is over
-            self._end(Ending.AUTHORITY)
+            self._end(LeaseEnding.AUTHORITY)
         else:
             self._unsent.append(delimited(frame))
             if self._asking:
@@ -187,11 +187,11 @@ class Carrier(asyncio.Protocol):
             return
         left_ms = SILENCE_MS - (self._clock.monotonic_ms() - self._heard_ms)
         if left_ms < 0:
-            self.close(Ending.SILENT)
+            self.close(LeaseEnding.SILENT)
         else:
             self._silence = asyncio.get_running_loop().call_later((left_ms + 1) / 1000, self._listen)
 
-    def _end(self, ending: Ending) -> None:
+    def _end(self, ending: LeaseEnding) -> None:
         if self._over:
             return
         self._flush()

@@ -28,7 +28,7 @@ from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault
 from pep.base.errors import JournalError
 from pep.gate import records
-from pep.request.authority import Presented
+from pep.request.authority import PresentedRequest
 from pep.rtde.lease.lease import ID_BYTES, Lease
 from policies.words.reason_table import Reason
 
@@ -49,7 +49,7 @@ LOSSLESS: Final = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class LeaseEndpoint:
     """What the door needs.
 
     Attributes:
@@ -90,7 +90,7 @@ class Door:
             return await self._refuse(413, Reason.BODY_TOO_LARGE, None)
         token, proof = _one(request, "authorization"), _one(request, "dpop")
         scheme, _, text = (token or "").partition(" ")
-        presented = Presented(
+        presented = PresentedRequest(
             token=text if scheme.lower() == "dpop" and text else None,
             proof=proof,
             method=session_opening.METHOD,
@@ -133,7 +133,7 @@ class Door:
         return _denied(status, reason)
 
     def _opened(
-        self, body: bytes, presented: Presented, credentials: Credentials, chain: Chain
+        self, body: bytes, presented: PresentedRequest, credentials: Credentials, chain: Chain
     ) -> tuple[Lease, str] | Fault:
         assert presented.token is not None
         assert presented.proof is not None

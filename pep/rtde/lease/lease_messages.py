@@ -32,7 +32,7 @@ _WORD: Final = struct.Struct(">BB")
 _PORT_BYTES: Final = 2
 
 
-class CarriageFault(StrEnum):
+class LeaseMessageFault(StrEnum):
     """What ends a lease that is carried so."""
 
     MALFORMED = "CARRIAGE_MALFORMED"
@@ -41,10 +41,10 @@ class CarriageFault(StrEnum):
     TOO_MANY = "CARRIAGE_TOO_MANY"
 
 
-class CarriageError(ValueError):
+class LeaseMessageError(ValueError):
     """Bytes that are no word, or a word that has no meaning here; `code` says why."""
 
-    def __init__(self, code: CarriageFault, detail: str) -> None:
+    def __init__(self, code: LeaseMessageFault, detail: str) -> None:
         super().__init__(detail)
         self.code = code
 
@@ -70,7 +70,7 @@ class Opened:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class OpenRefused:
     """Gateway's: it is not, for this reason code."""
 
     line: int
@@ -93,7 +93,7 @@ class Closed:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class RefusalNotice:
     """Gateway's: why something that came on the line was refused, or waits. For people: nothing follows from it."""
 
     line: int
@@ -101,13 +101,13 @@ class Told:
 
 
 @dataclass(frozen=True, slots=True)
-class Over:
+class LeaseOver:
     """Gateway's: the lease ends now, for this reason. Nothing follows but the end of the session."""
 
     reason: str
 
 
-Word: TypeAlias = Beat | Open | Opened | Refused | Bytes | Closed | Told | Over
+Word: TypeAlias = Beat | Open | Opened | OpenRefused | Bytes | Closed | RefusalNotice | LeaseOver
 
 
 class _Kind(IntEnum):
@@ -135,29 +135,29 @@ def encode(word: Word) -> bytes:
     match word:
         case Bytes(line, content):  # first, since nearly every word is one
             if not content:
-                raise CarriageError(CarriageFault.MALFORMED, "no bytes")
+                raise LeaseMessageError(LeaseMessageFault.MALFORMED, "no bytes")
             return _packed(_BYTES, line) + content
         case Beat():
             return _packed(_Kind.BEAT, 0)
         case Open(line, port):
             if not 0 < port <= 0xFFFF:
-                raise CarriageError(CarriageFault.MALFORMED, f"port {port}")
+                raise LeaseMessageError(LeaseMessageFault.MALFORMED, f"port {port}")
             return _packed(_Kind.OPEN, line) + port.to_bytes(_PORT_BYTES, "big")
         case Opened(line):
             return _packed(_Kind.OPENED, line)
-        case Refused(line, reason):
+        case OpenRefused(line, reason):
             if not _is_code(reason):
-                raise CarriageError(CarriageFault.MALFORMED, "no reason code")
+                raise LeaseMessageError(LeaseMessageFault.MALFORMED, "no reason code")
             return _packed(_Kind.REFUSED, line) + reason.encode()
         case Closed(line):
             return _packed(_Kind.CLOSED, line)
-        case Told(line, text):
+        case RefusalNotice(line, text):
             if not fits(text):
-                raise CarriageError(CarriageFault.MALFORMED, "no text that fits")
+                raise LeaseMessageError(LeaseMessageFault.MALFORMED, "no text that fits")
             return _packed(_Kind.TOLD, line) + text.encode()
-        case Over(reason):
+        case LeaseOver(reason):
             if not _is_code(reason):
-                raise CarriageError(CarriageFault.MALFORMED, "no reason code")
+                raise LeaseMessageError(LeaseMessageFault.MALFORMED, "no reason code")
             return _packed(_Kind.OVER, 0) + reason.encode()
         case _:
             assert_never(word)
@@ -170,7 +170,7 @@ def decode(message: bytes) -> Word:
         CarriageError: it says none.
     """
     if len(message) < HEAD_BYTES:
-        raise CarriageError(CarriageFault.MALFORMED, "cut short")
+        raise LeaseMessageError(LeaseMessageFault.MALFORMED, "cut short")
     kind, line = _WORD.unpack_from(message)
     rest = message[HEAD_BYTES:]
     if kind == _BYTES and rest:
@@ -183,20 +183,20 @@ def decode(message: bytes) -> Word:
         case _Kind.OPENED, 0:
             return Opened(line)
         case _Kind.REFUSED, _ if rest.isascii() and _is_code(rest.decode()):
-            return Refused(line, rest.decode())
+            return OpenRefused(line, rest.decode())
         case _Kind.CLOSED, 0:
             return Closed(line)
         case _Kind.TOLD, length if length <= TOLD_BYTES and rest.isascii() and fits(rest.decode()):
-            return Told(line, rest.decode())
+            return RefusalNotice(line, rest.decode())
         case _Kind.OVER, _ if line == 0 and rest.isascii() and _is_code(rest.decode()):
-            return Over(rest.decode())
+            return LeaseOver(rest.decode())
         case _:
-            raise CarriageError(CarriageFault.MALFORMED, f"no word of kind {kind} with {len(rest)} bytes")
+            raise LeaseMessageError(LeaseMessageFault.MALFORMED, f"no word of kind {kind} with {len(rest)} bytes")
 
 
 def _packed(kind: int, line: int) -> bytes:
     if not 0 <= line <= 0xFF:
-        raise CarriageError(CarriageFault.MALFORMED, f"line {line}")
+        raise LeaseMessageError(LeaseMessageFault.MALFORMED, f"line {line}")
     return _WORD.pack(kind, line)
 
 
@@ -205,7 +205,7 @@ def _is_code(reason: str) -> bool:
     return plain and 0 < len(reason) <= REASON_BYTES
 
 
-class Lines:
+class OpenLines:
     """Which lines are open, at either end of a lease: what may be said next, and nothing else.
 
     A number is used again only after both ends have closed its line, so that bytes under way never reach the next
@@ -246,7 +246,7 @@ class Lines:
         for line in range(CONNECTIONS):
             if line not in self._state:
                 return line
-        raise CarriageError(CarriageFault.TOO_MANY, f"{CONNECTIONS} lines are in use")
+        raise LeaseMessageError(LeaseMessageFault.TOO_MANY, f"{CONNECTIONS} lines are in use")
 
     def said(self, word: Word) -> bool:
         """This end says `word`; whether it is still worth saying: the other end may have closed the line just now.
@@ -269,26 +269,26 @@ class Lines:
             return True
         if isinstance(word, Beat):
             return True
-        if isinstance(word, Over):
+        if isinstance(word, LeaseOver):
             if own is self._asking:
-                raise CarriageError(CarriageFault.OUT_OF_PLACE, "the program's side ends it without a word")
+                raise LeaseMessageError(LeaseMessageFault.OUT_OF_PLACE, "the program's side ends it without a word")
             return True
         state, asks = self._state.get(word.line), own is self._asking
         closing, other = (_Line.CLOSING, _Line.LEAVING) if own else (_Line.LEAVING, _Line.CLOSING)
         match word:
             case Open() if asks and state is None:
                 if len(self._state) >= CONNECTIONS:
-                    raise CarriageError(CarriageFault.TOO_MANY, f"more than {CONNECTIONS} lines")
+                    raise LeaseMessageError(LeaseMessageFault.TOO_MANY, f"more than {CONNECTIONS} lines")
                 self._becomes(word.line, _Line.ASKED)
                 return True
             case Opened() if not asks and state is _Line.ASKED:
                 self._becomes(word.line, _Line.OPEN)
                 return True
-            case Refused() if not asks and state is _Line.ASKED:
+            case OpenRefused() if not asks and state is _Line.ASKED:
                 self._becomes(word.line, None)
                 return True
             # Of what came before either end closed the line, too.
-            case Told() if not asks and state in (_Line.OPEN, other):
+            case RefusalNotice() if not asks and state in (_Line.OPEN, other):
                 return True
             case Bytes() if state is other:  # they crossed the closing of the end that no longer wants them
                 return False
@@ -299,7 +299,7 @@ class Lines:
                 self._becomes(word.line, None)
                 return True
             case _:
-                raise CarriageError(CarriageFault.OUT_OF_PLACE, f"{type(word).__name__} on line {word.line}")
+                raise LeaseMessageError(LeaseMessageFault.OUT_OF_PLACE, f"{type(word).__name__} on line {word.line}")
 
 
 class _Line(StrEnum):
@@ -311,7 +311,7 @@ class _Line(StrEnum):
     """The other end has closed it."""
 
 
-class Cutter:
+class SessionFrameSplitter:
     """Cuts a byte stream into the session's frames, however it was torn: each after its length in four bytes.
 
     Args:
@@ -319,7 +319,7 @@ class Cutter:
     """
 
     def __init__(self, caps: Caps = DEFAULT) -> None:
-        self._cutter = frame_splitter.Cutter(OVERHEAD_BYTES, caps.frame_bytes + OVERHEAD_BYTES, itself=False)
+        self._cutter = frame_splitter.FrameSplitter(OVERHEAD_BYTES, caps.frame_bytes + OVERHEAD_BYTES, itself=False)
 
     def feed(self, received: bytes) -> list[bytes]:
         """The frames completed by `received`, in order.
@@ -330,7 +330,7 @@ class Cutter:
         try:
             return [piece[frame_splitter.LENGTH :] for piece in self._cutter.feed(received)]
         except frame_splitter.LengthError as error:
-            raise CarriageError(CarriageFault.TOO_LONG, f"a frame of {error.length} bytes") from error
+            raise LeaseMessageError(LeaseMessageFault.TOO_LONG, f"a frame of {error.length} bytes") from error
 
 
 def delimited(frame: bytes) -> bytes:

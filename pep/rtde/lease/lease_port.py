@@ -11,9 +11,9 @@ import asyncio
 import contextlib
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.lease.lease import ID_BYTES, Ending
-from pep.rtde.lease.lease_connection import Carrier
-from pep.rtde.lease.lease_messages import Bytes, Closed, Open, Opened, Refused, Told
+from pep.rtde.lease.lease import ID_BYTES, LeaseEnding
+from pep.rtde.lease.lease_connection import LeaseConnection
+from pep.rtde.lease.lease_messages import Bytes, Closed, Open, Opened, OpenRefused, RefusalNotice
 from pep.rtde.robot.connections import GONE
 from policies.words.reason_table import Reason
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
     from pep.rtde.lease.lease import Lease, Leases
     from pep.rtde.lease.lease_messages import Word
-    from pep.rtde.robot.connections import Line, Ports
+    from pep.rtde.robot.connections import Ports, ProgramConnection
 
 PATIENCE_S: Final = 1.0
 """For the id."""
@@ -47,7 +47,7 @@ class LeasePort:
         *,
         clock: Clock,
         begun: Callable[[], None],
-        ended: Callable[[Lease, Ending], None],
+        ended: Callable[[Lease, LeaseEnding], None],
     ) -> None:
         self._leases = leases
         self._ports = ports
@@ -65,7 +65,7 @@ class LeasePort:
         """
         self._server = await asyncio.get_running_loop().create_server(lambda: _Door(self._carry), host, port)
 
-    def end(self, ending: Ending) -> None:
+    def end(self, ending: LeaseEnding) -> None:
         """The open lease is over, if there is one."""
         held, lease = self._held, self._leases.current
         if held is not None:
@@ -76,21 +76,21 @@ class LeasePort:
     def look(self) -> None:
         """End a lease whose holder has not brought a carriage in time. Those that are carried look after themselves."""
         if self._held is None and self._leases.silent(at_ms=self._clock.monotonic_ms()):
-            self.end(Ending.SILENT)
+            self.end(LeaseEnding.SILENT)
 
     async def close(self) -> None:
         """Nobody is let in any more, and the lease is over."""
         if self._server is not None:
             self._server.close()
-        self.end(Ending.GATEWAY)
+        self.end(LeaseEnding.GATEWAY)
 
-    def over(self, lease: Lease, ending: Ending) -> None:
+    def over(self, lease: Lease, ending: LeaseEnding) -> None:
         """The carriage of that lease has ended."""
         self._held = None
         if self._leases.end(lease):
             self._ended(lease, ending)
 
-    def _carry(self, lease_id: bytes) -> Carrier | None:
+    def _carry(self, lease_id: bytes) -> LeaseConnection | None:
         lease = self._leases.carry(lease_id, at_ms=self._clock.monotonic_ms())
         if lease is None:
             return None
@@ -102,7 +102,7 @@ class LeasePort:
 class _Door(asyncio.Protocol):
     """A connection that has not said which lease it carries."""
 
-    def __init__(self, carry: Callable[[bytes], Carrier | None]) -> None:
+    def __init__(self, carry: Callable[[bytes], LeaseConnection | None]) -> None:
         self._carry = carry
         self._said = b""
 
@@ -136,11 +136,11 @@ class _Carried:
         self._lease = lease
         self._ports = ports
         self._port = port
-        self._lines: dict[int, Line] = {}
+        self._lines: dict[int, ProgramConnection] = {}
         self._opening: set[asyncio.Task[None]] = set()
         self._ended = False
         self.flowing = True
-        self.carrier = Carrier(
+        self.carrier = LeaseConnection(
             lease.session, asking=False, clock=clock, heard=self._heard, ended=self._over, flowing=self._flow
         )
 
@@ -163,7 +163,7 @@ class _Carried:
         back = _Back(self, number)
         served = await self._ports.open(self._lease, port, back)
         if isinstance(served, Reason):
-            self.carrier.say(Refused(number, served))
+            self.carrier.say(OpenRefused(number, served))
         elif self._ended:
             served.left()
         else:
@@ -181,7 +181,7 @@ class _Carried:
     def _flow(self, flowing: bool) -> None:  # noqa: FBT001 - the carrier's callback
         self.flowing = flowing
 
-    def _over(self, ending: Ending) -> None:
+    def _over(self, ending: LeaseEnding) -> None:
         self._ended = True
         lines, self._lines = self._lines, {}
         with contextlib.ExitStack() as rest:  # each, whatever becomes of another
@@ -223,4 +223,4 @@ class _Back:
     def tell(self, text: str) -> None:
         # Nothing is kept for who does not read: the program itself has its answer.
         if not self._closed and self._carried.flowing and self._number in self._carried.carrier.lines.open:
-            self._carried.carrier.say(Told(self._number, text))
+            self._carried.carrier.say(RefusalNotice(self._number, text))

@@ -5,19 +5,19 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, Final, Protocol
 
-from pep.rtde.line.control_program import ControlProgram, Phase, Turn
-from pep.rtde.line.lease_stop import Rung
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.line.control_program import ControlProgram, ControlStep, Phase
+from pep.rtde.line.lease_stop import StopMeans
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from pep.base.ports import Clock
-    from pep.rtde.lease.lease import Ending
-    from pep.rtde.line.lease_stop import Ladder
+    from pep.rtde.lease.lease import LeaseEnding
+    from pep.rtde.line.lease_stop import LeaseStopLadder
     from pep.rtde.line.rtde_line import LeasedLine
     from pep.rtde.robot.connections import Upstream
-    from pep.rtde.robot.judge_port import Holder, Judge
-    from pep.rtde.robot.state_stream import Feed, Sample
+    from pep.rtde.robot.judge_port import Judge, ProgramOwner
+    from pep.rtde.robot.state_stream import Sample, StateStream
     from pep.rtde.script.control_script import Upload
 
 REWRITE_MS: Final = 20
@@ -38,17 +38,17 @@ class CommandPort(Protocol):
     def settle(self) -> None:
         """Carry out the effects that the line has decided."""
 
-    def leave(self, ending: Ending) -> None:
+    def leave(self, ending: LeaseEnding) -> None:
         """Tell the client that the lease is over."""
 
     def look(self, at_ms: int) -> None:
         """Let time pass."""
 
-    def lose(self, ending: Ending) -> None:
+    def lose(self, ending: LeaseEnding) -> None:
         """End the connection, and the lease with it."""
 
 
-class ScriptPort(Protocol):
+class UploadPort(Protocol):
     """A connection on which the lease's program uploads its control script."""
 
     @property
@@ -61,30 +61,30 @@ class Controller(Protocol):
 
     clock: Clock
     judge: Judge
-    feed: Feed
-    ladder: Ladder
+    feed: StateStream
+    ladder: LeaseStopLadder
     deceleration: float
 
-    def stop(self, rung: Rung) -> None:
+    def stop(self, rung: StopMeans) -> None:
         """Begin to stop the arm, from that rung of the ladder on."""
 
-    def closed(self, lease: Holder, ending: Ending) -> None:
+    def closed(self, lease: ProgramOwner, ending: LeaseEnding) -> None:
         """End the lease for that reason."""
 
-    def note(self, rung: Rung) -> None:
+    def note(self, rung: StopMeans) -> None:
         """Count a stop that came past the ladder."""
 
 
-class Tenant:
+class ActiveLease:
     """One lease: its control line, its control script, and who sends that."""
 
-    def __init__(self, ports: Controller, lease: Holder) -> None:
+    def __init__(self, ports: Controller, lease: ProgramOwner) -> None:
         self.ports = ports
         self.lease = lease
         self.program = ControlProgram()
         self.control: CommandPort | None = None
         self.lines: set[CommandPort] = set()
-        self._sender: ScriptPort | None = None
+        self._sender: UploadPort | None = None
         self._over = False
 
     @property
@@ -101,21 +101,21 @@ class Tenant:
         self.control = port
         return True
 
-    def uploaded(self, port: ScriptPort, upload: Upload) -> Refused | None:
+    def uploaded(self, port: UploadPort, upload: Upload) -> InputRefusal | None:
         """The program's control script came on that line; why it goes no further, if it does not."""
         commands = None if self.control is None else self.control.line.commands
         if commands is None or commands.offset != upload.script.offset:
-            return Refused(Reason.NOT_GRANTED, "a control script without its registers")
+            return InputRefusal(Reason.NOT_GRANTED, "a control script without its registers")
         if self._sender is not None and self._sender is not port and self.program.starting:
-            return Refused(Reason.BUSY, "another control script")
-        self.ports.stop(Rung.PROGRAM)
+            return InputRefusal(Reason.BUSY, "another control script")
+        self.ports.stop(StopMeans.PROGRAM)
         self.script_over(Reason.BUSY)
         self._sender = port
         self.program.begin(upload, at_ms=self.ports.clock.monotonic_ms())
         self._show()
         return None
 
-    def left(self, port: ScriptPort) -> None:
+    def left(self, port: UploadPort) -> None:
         """That line is gone."""
         if self._sender is port:
             self._sender = None
@@ -127,7 +127,7 @@ class Tenant:
             self.control.line.commands.end(reason)
             self._show()
 
-    def end(self, ending: Ending) -> None:
+    def end(self, ending: LeaseEnding) -> None:
         """The lease is over, or its control line gone: the arm is being stopped."""
         if self._over:
             return
@@ -137,10 +137,10 @@ class Tenant:
                 line.leave(ending)
         finally:  # whatever a line is in: the arm is stopped
             if self.program.sent:
-                self.ports.stop(Rung.PROGRAM)
+                self.ports.stop(StopMeans.PROGRAM)
             self.program.end()
 
-    def lost(self, ending: Ending) -> None:
+    def lost(self, ending: LeaseEnding) -> None:
         """The control line is gone, and with it the lease."""
         if not self._over:
             try:
@@ -148,7 +148,7 @@ class Tenant:
             finally:
                 self.ports.closed(self.lease, ending)
 
-    def note(self, refused: Refused, what: str) -> None:
+    def note(self, refused: InputRefusal, what: str) -> None:
         """What a line of it has refused by itself goes on record; it is refused either way."""
         with contextlib.suppress(Exception):
             self.ports.judge.refused(self.lease, refused, what)
@@ -173,28 +173,28 @@ class Tenant:
         for line in tuple(self.lines):
             line.look(at_ms)
 
-    def _turn(self, turn: Turn | None, sample: Sample) -> None:
+    def _turn(self, turn: ControlStep | None, sample: Sample) -> None:
         if turn is None or self.control is None or self.control.line.commands is None:
             return
         commands, upload = self.control.line.commands, self.program.upload
         match turn:
-            case Turn.SEND if upload is not None and self._sender is not None:
+            case ControlStep.SEND if upload is not None and self._sender is not None:
                 self._sender.robot.send(upload.render())
-            case Turn.ARM:
+            case ControlStep.ARM:
                 commands.arm()
-            case Turn.CLEAR:
+            case ControlStep.CLEAR:
                 commands.disarm()
-            case Turn.BEGIN if upload is not None:
+            case ControlStep.BEGIN if upload is not None:
                 commands.begin(upload.path)
-            case Turn.END:
+            case ControlStep.END:
                 commands.end(Reason.ROBOT_NOT_RUNNING)
                 if sample.runtime_state in PAUSED:
-                    self.ports.stop(Rung.DASHBOARD)  # nobody lets it go on behind our back
+                    self.ports.stop(StopMeans.DASHBOARD)  # nobody lets it go on behind our back
             case _:
                 self.control.line.tell(f"{Reason.EFFECT_FAILED}: the control script was not started")
                 commands.end(Reason.EFFECT_FAILED)
                 self.program.end()
-                self.ports.stop(Rung.DASHBOARD)
+                self.ports.stop(StopMeans.DASHBOARD)
         self._show()
 
     def _show(self) -> None:

@@ -14,29 +14,29 @@ from typing import TYPE_CHECKING, Final
 from pep.rtde.command import command_values as v
 from pep.rtde.command.command_table import EVERY_CYCLE, ROWS, CommandClass, Wait, decode, encode, row_of
 from pep.rtde.command.image_changes import Cleared, Commanded, Drifted, Staged, Swapped, Unchanged, changes
-from pep.rtde.command.register_image import Image
+from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stop_rules import MODES, STOPS, ended_by, of_stream, raised
-from pep.rtde.lease.lease import LEASE_OVER, Ending
+from pep.rtde.lease.lease import LEASE_OVER, LeaseEnding
 from pep.rtde.line.effects import (
     ERROR,
     INFORMATION,
     PATIENCE_MS,
     Act,
-    Ask,
-    Braked,
+    AskJudge,
+    CommandQuestion,
     Halt,
     Note,
-    Question,
     Refresh,
+    StopWritten,
     Tell,
     Withdraw,
     Write,
 )
-from pep.rtde.line.register_echo import QUIET, Echo
+from pep.rtde.line.register_echo import QUIET, RegisterEcho
 from pep.rtde.wire.client_texts import said, told
 from pep.rtde.wire.recipes import DOUBLE, INT
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from pep.rtde.robot.judge_port import Steps
     from pep.rtde.script.move_path import Waypoint
     from pep.rtde.wire.codec import Value
-    from pep.rtde.wire.recipes import Offset, Profile
+    from pep.rtde.wire.recipes import Offset, WritableVariables
 
 READY, DONE = 1, 2
 """What the control script says in its output register 0."""
@@ -69,25 +69,27 @@ class LeasedCommands:
         stands: a value of a stream that goes on, where the controller has nothing newer but what follows it; else None.
     """
 
-    def __init__(self, profile: Profile, claimed: Collection[str], *, stop_deceleration_rad_s2: float) -> None:
+    def __init__(
+        self, profile: WritableVariables, claimed: Collection[str], *, stop_deceleration_rad_s2: float
+    ) -> None:
         self._claimed = frozenset(claimed)
         self._deceleration = stop_deceleration_rad_s2
-        self._blank = self._client = Image.blank(profile)
+        self._blank = self._client = RegisterImage.blank(profile)
         self._later: v.Six | None = None  # first doubles that the client has written since
         self._zeros = {name: value for name, value in self._blank.values.items() if name in self._claimed}
         self._acts: list[Act] = []
         self._running = self._left = False
         self._path: tuple[Waypoint, ...] = ()
-        self._held: Question | None = None
+        self._held: CommandQuestion | None = None
         self._held_ms = 0
-        self._last: Question | None = None  # forwarded
+        self._last: CommandQuestion | None = None  # forwarded
         self._stream: tuple[int, Steps | None] | None = None
         self._modes: set[int] = set()
         self._sent = 0  # id that the controller has
         # A command that the script carries out once, until the script is seen idle; whether it may still be in it.
         self._once: int | None = None
         self._inside = False
-        self._echo = Echo()
+        self._echo = RegisterEcho()
         self._quiet = 0
         self._stop_next: tuple[Stop, int | None] | None = None  # and since when it has waited for the script
         self._wanted_ms: float | None = None  # the program's own watchdog
@@ -119,7 +121,7 @@ class LeasedCommands:
         """Our control script runs, with that path in it, and listens to us alone."""
         self._running, self._path = True, path
         self._sent, self._once, self._inside, self.stands = 0, None, False, None
-        self._echo = Echo()
+        self._echo = RegisterEcho()
         self._stop_next = None
         self._modes.clear()
         if self.denied:
@@ -144,7 +146,7 @@ class LeasedCommands:
         self._once, self._inside, self._stop_next = None, False, None
         self._wanted_ms = None
 
-    def leave(self, ending: Ending = Ending.LEFT) -> None:
+    def leave(self, ending: LeaseEnding = LeaseEnding.LEFT) -> None:
         """The program has gone, or its lease is over so: what goes on is stopped, and nothing is asked any more.
 
         A program that is still there hears that its command has failed: without its connection it would wait for that.
@@ -181,9 +183,9 @@ class LeasedCommands:
                 self._drifted(command)
             case Swapped(command):
                 if not isinstance(command, v.Stop):  # a stop is carried out as it was first said
-                    changed = Refused(Reason.NOT_WHAT_WAS_DECIDED, "it was changed after it was given")
+                    changed = InputRefusal(Reason.NOT_WHAT_WAS_DECIDED, "it was changed after it was given")
                     self._refuse(changed, row_of(command).name)
-            case Refused() as refused:
+            case InputRefusal() as refused:
                 self._misread(refused, at_ms)
 
     def follow(self, six: v.Six, *, at_ms: int) -> bool:
@@ -201,7 +203,7 @@ class LeasedCommands:
         self._wrote_ms = at_ms
         return self._certain(self.stands, six)
 
-    def _merged(self, values: Mapping[str, Value]) -> Image:
+    def _merged(self, values: Mapping[str, Value]) -> RegisterImage:
         """What the client has written until now."""
         six, self._later = self._later, None
         if six is not None:
@@ -209,17 +211,17 @@ class LeasedCommands:
         if not values:
             return self._client
         after = self._client.merge(values)
-        if isinstance(after, Refused):  # a recipe is of the profile's variables, and types are the wire's
+        if isinstance(after, InputRefusal):  # a recipe is of the profile's variables, and types are the wire's
             raise TypeError(after.place)
         self._client = after
         return after
 
-    def _again(self, image: Image) -> None:
+    def _again(self, image: RegisterImage) -> None:
         """The program says the same once more: a stream goes on, and whoever judges its values hears that."""
         if self._stream is None or self._stream[1] is None or self._held is not None or self.denied:
             return
         command = decode(image)
-        if not isinstance(command, Refused) and row_of(command).id == self._stream[0]:
+        if not isinstance(command, InputRefusal) and row_of(command).id == self._stream[0]:
             self._step(command)
 
     def _cleared(self) -> None:
@@ -230,7 +232,7 @@ class LeasedCommands:
         if self._sent and not (self._sent in STOPS and self._inside):
             self._blanked()
 
-    def _misread(self, refused: Refused, at_ms: int) -> None:
+    def _misread(self, refused: InputRefusal, at_ms: int) -> None:
         if refused.command is not None and refused.command in STOPS:
             self._stop(STOPS[refused.command], at_ms)
         else:
@@ -245,12 +247,12 @@ class LeasedCommands:
         elif self.denied:
             pass  # told already; a clear ends that
         elif not self._running:
-            self._refuse(Refused(Reason.ROBOT_NOT_RUNNING, NO_SCRIPT), row.name)
+            self._refuse(InputRefusal(Reason.ROBOT_NOT_RUNNING, NO_SCRIPT), row.name)
         elif self._busy or (before and before not in EVERY_CYCLE and not row.every_cycle):
             # The script would carry this one out late.
-            self._refuse(Refused(Reason.BUSY, "the command before is not over"), row.name)
+            self._refuse(InputRefusal(Reason.BUSY, "the command before is not over"), row.name)
         elif not self._claimed.issuperset(encode(command, self.offset)):
-            self._refuse(Refused(Reason.NOT_GRANTED, "its registers were not set up"), row.name)
+            self._refuse(InputRefusal(Reason.NOT_GRANTED, "its registers were not set up"), row.name)
         elif isinstance(command, v.SetWatchdog):
             # The script has one watchdog, and it is ours; the program's is kept here.
             self._wanted_ms, self._wrote_ms = 1000.0 / command.least_hz, at_ms
@@ -260,9 +262,9 @@ class LeasedCommands:
         elif self._stream is not None and self._stream[0] == row.id:
             self._step(command)
         else:
-            self._held = Question(on_grid(command), self._path if isinstance(command, v.MovePath) else ())
+            self._held = CommandQuestion(on_grid(command), self._path if isinstance(command, v.MovePath) else ())
             self._held_ms = at_ms
-            self._acts.append(Ask(self._held))
+            self._acts.append(AskJudge(self._held))
 
     def _drifted(self, command: Command) -> None:
         row = row_of(command)
@@ -290,14 +292,14 @@ class LeasedCommands:
         try:
             reason = steps.step(command) if six is None else steps.follow(six)
         except Exception:  # noqa: BLE001 - a judgement that breaks has not permitted
-            self._refuse(Refused(Reason.POLICY_ERROR, "the judgement broke"), row_of(command).name)
+            self._refuse(InputRefusal(Reason.POLICY_ERROR, "the judgement broke"), row_of(command).name)
             return False
         if reason is not None:
             self._break_off()
             self._deny(reason, told(reason, row_of(command).name))  # on record with the stream
         return reason is None
 
-    def _refuse(self, refused: Refused, what: str) -> None:
+    def _refuse(self, refused: InputRefusal, what: str) -> None:
         """What the program says is not taken, and that goes on record: nobody else was asked."""
         self._break_off()
         if not self.denied:
@@ -312,7 +314,7 @@ class LeasedCommands:
 
     # ---- the judge
 
-    def forward(self, question: Question, steps: Steps | None, *, at_ms: int) -> bool:
+    def forward(self, question: CommandQuestion, steps: Steps | None, *, at_ms: int) -> bool:
         """Whether it was written."""
         if question is not self._held:
             return False
@@ -329,7 +331,7 @@ class LeasedCommands:
         if row.every_cycle:
             self._stream = (row.id, steps)
             latest = decode(self._merged({}))
-            if isinstance(latest, Refused):
+            if isinstance(latest, InputRefusal):
                 self._misread(latest, at_ms)
             elif on_grid(latest) != command:
                 self._drifted(latest)
@@ -337,13 +339,13 @@ class LeasedCommands:
             steps.ended()
         return True
 
-    def deny(self, question: Question, reason: Reason, told: str) -> None:
+    def deny(self, question: CommandQuestion, reason: Reason, told: str) -> None:
         """The program is told that it failed."""
         if question is self._held:
             self._held = None
             self._deny(reason, told)
 
-    def defer(self, question: Question, told: str) -> None:
+    def defer(self, question: CommandQuestion, told: str) -> None:
         """The program is told that it waits. One that would not wait, but go on as if it moved, has failed instead."""
         if question is not self._held:
             return
@@ -354,7 +356,7 @@ class LeasedCommands:
         else:
             self._acts.append(Tell(told, INFORMATION))
 
-    def stop(self, question: Question, reason: Reason, told: str) -> None:
+    def stop(self, question: CommandQuestion, reason: Reason, told: str) -> None:
         """What was forwarded last is stopped, and the program told why."""
         if question is self._last and self._running:
             self._brake()
@@ -380,7 +382,7 @@ class LeasedCommands:
                 stop, _ = self._stop_next
                 self._stop_next = None
                 self._write(stop)
-                self._acts.append(Braked())
+                self._acts.append(StopWritten())
 
     def look(self, *, at_ms: int) -> None:
         """What time alone brings about."""
@@ -417,7 +419,7 @@ class LeasedCommands:
             self._halt()  # nobody reads the registers, or the script is in the midst of a move
         elif self._once is None:
             self._write(stop)
-            self._acts.append(Braked())
+            self._acts.append(StopWritten())
         elif self._inside:
             if ended_by(stop, self._modes):
                 self._stop_next = (stop, None)  # after the one that it is in
@@ -436,7 +438,7 @@ class LeasedCommands:
             self._halt()
         else:
             self._write(raised(ends.pop() if ends else STOPS[34], self._deceleration))
-            self._acts.append(Braked())
+            self._acts.append(StopWritten())
 
     def _halt(self) -> None:
         self._end_stream()
@@ -486,7 +488,7 @@ class LeasedCommands:
 
 
 NO_SCRIPT: Final = "no control script runs: call reuploadScript()"
-_FOLLOWS: Final = Refused(Reason.NOT_WHAT_WAS_DECIDED, "no other value may follow")
+_FOLLOWS: Final = InputRefusal(Reason.NOT_WHAT_WAS_DECIDED, "no other value may follow")
 
 
 def brake_registers(offset: Offset) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ class Phase(Enum):
     RUNNING = "running"
 
 
-class Turn(Enum):
+class ControlStep(Enum):
     """What is to be done."""
 
     SEND = "send"
@@ -96,42 +96,42 @@ class ControlProgram:
         """The controller may have told something that was not heard."""
         self._disturbed = self.sent
 
-    def look(self, sample: Sample, *, at_ms: int) -> Turn | None:
+    def look(self, sample: Sample, *, at_ms: int) -> ControlStep | None:
         """What the newest package brings about."""
         if self.upload is None:
             return None
         command, said = sample.registers[self.upload.script.offset]
         playing = sample.runtime_state == PLAYING and not self._disturbed
-        turn: Turn | None = None
+        turn: ControlStep | None = None
         match self.phase:
             case Phase.WAITING if sample.runtime_state == STOPPED and command == 0:
                 self._begun = self._disturbed = False
-                turn = self._go(Phase.SENT, at_ms, Turn.SEND)
+                turn = self._go(Phase.SENT, at_ms, ControlStep.SEND)
             # Only a script that has been idle is seen to have done something: the last one's word may still stand.
             case Phase.SENT if playing and said == READY:
-                turn = self._go(Phase.ARMING, at_ms, Turn.ARM)
+                turn = self._go(Phase.ARMING, at_ms, ControlStep.ARM)
             case Phase.ARMING if playing and command == ARM and said == DONE:
-                turn = self._go(Phase.CLEARING, at_ms, Turn.CLEAR)
+                turn = self._go(Phase.CLEARING, at_ms, ControlStep.CLEAR)
             case Phase.CLEARING if playing and self._begun and command == 0 and said == READY:
-                turn = self._go(Phase.RUNNING, at_ms, Turn.BEGIN)
+                turn = self._go(Phase.RUNNING, at_ms, ControlStep.BEGIN)
             case Phase.ARMING | Phase.CLEARING if not playing:
                 self.end()
-                turn = Turn.FAIL
+                turn = ControlStep.FAIL
             case Phase.RUNNING if not playing:
                 self.end()
-                turn = Turn.END
+                turn = ControlStep.END
             case _:
                 turn = self.late(at_ms=at_ms)
         return turn
 
-    def late(self, *, at_ms: int) -> Turn | None:
+    def late(self, *, at_ms: int) -> ControlStep | None:
         """What time alone brings about."""
         limit_ms = WAIT_MS if self.phase is Phase.WAITING else START_MS
         if self.starting and at_ms - self._since_ms > limit_ms:
             self.end()
-            return Turn.FAIL
+            return ControlStep.FAIL
         return None
 
-    def _go(self, phase: Phase, at_ms: int, turn: Turn | None = None) -> Turn | None:
+    def _go(self, phase: Phase, at_ms: int, turn: ControlStep | None = None) -> ControlStep | None:
         self.phase, self._since_ms = phase, at_ms
         return turn

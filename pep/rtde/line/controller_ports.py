@@ -11,17 +11,17 @@ import contextlib
 from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import PepFault, RobotError
-from pep.rtde.lease.lease import Ending
-from pep.rtde.line.active_lease import Tenant
+from pep.rtde.lease.lease import LeaseEnding
+from pep.rtde.line.active_lease import ActiveLease
 from pep.rtde.line.control_program import Phase
 from pep.rtde.line.conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
 from pep.rtde.line.gateway import StatePorts, stop_text
-from pep.rtde.line.lease_stop import STOPPED, Ladder, Rung
+from pep.rtde.line.lease_stop import STOPPED, LeaseStopLadder, StopMeans
 from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
 from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.newest_state import SILENCE_MS
 from pep.rtde.robot.primary_line import PrimaryLine
-from pep.rtde.robot.state_stream import FRESH_MS, Feed
+from pep.rtde.robot.state_stream import FRESH_MS, StateStream
 from pep.rtde.script.control_script import scripts_for
 from policies.words.reason_table import Reason
 
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from pep.base.ports import Clock
     from pep.rtde.robot import connections
-    from pep.rtde.robot.connections import Back
-    from pep.rtde.robot.judge_port import Holder, Judge
+    from pep.rtde.robot.connections import ReplyChannel
+    from pep.rtde.robot.judge_port import Judge, ProgramOwner
     from pep.rtde.robot.state_stream import Sample
     from pep.rtde.script.control_script import ControlScript
     from pep.rtde.wire.primary_frames import Key
@@ -68,7 +68,7 @@ class LeasedPorts:
         scripts: Sequence[ControlScript],
         stop_deceleration_rad_s2: float,
         clock: Clock,
-        closed: Callable[[Holder, Ending], None],
+        closed: Callable[[ProgramOwner, LeaseEnding], None],
         stopped: Callable[[], None] = lambda: None,
     ) -> None:
         self.robot = robot
@@ -80,13 +80,15 @@ class LeasedPorts:
         self._stopped = stopped
         self._anybody = StatePorts(robot, stop_deceleration_rad_s2=stop_deceleration_rad_s2, stopping=self.note)
         self._stop_text = stop_text(stop_deceleration_rad_s2)
-        self.feed = Feed(robot, clock=clock, heard=self._heard)
-        self.ladder = Ladder()
+        self.feed = StateStream(robot, clock=clock, heard=self._heard)
+        self.ladder = LeaseStopLadder()
         self.stopped_ms: int | None = None
         self._primary = PrimaryLine(robot, clock=clock, told=self._told, lost=self._unheard)
         self._tasks: set[asyncio.Task[None]] = set()
-        self._tenant: Tenant | None = None
-        self._past: Holder | None = None  # the lease that was over last; its connections may be there a little longer
+        self._tenant: ActiveLease | None = None
+        self._past: ProgramOwner | None = (
+            None  # the lease that was over last; its connections may be there a little longer
+        )
 
     async def begin(self) -> None:
         """The controller is listened to from now on; returns once it has said something.
@@ -119,13 +121,15 @@ class LeasedPorts:
     def close(self) -> None:
         """Nobody is served any more."""
         if self._tenant is not None:
-            self._tenant.end(Ending.GATEWAY)
+            self._tenant.end(LeaseEnding.GATEWAY)
         self.feed.close()
         self._primary.close()
         for task in self._tasks:
             task.cancel()
 
-    async def open(self, lease: Holder | None, port: int, back: Back) -> connections.Line | Reason:
+    async def open(
+        self, lease: ProgramOwner | None, port: int, back: ReplyChannel
+    ) -> connections.ProgramConnection | Reason:
         """A connection to that port."""
         if lease is None or port not in (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE):
             return await self._anybody.open(lease, port, back)
@@ -136,8 +140,8 @@ class LeasedPorts:
         tenant = self._tenant
         if tenant is None or tenant.lease is not lease:
             if tenant is not None:
-                tenant.end(Ending.CLOSED)
-            tenant = self._tenant = Tenant(self, lease)
+                tenant.end(LeaseEnding.CLOSED)
+            tenant = self._tenant = ActiveLease(self, lease)
         line: LeasedRtdePort | LeasedScriptPort | LeasedDashboardPort
         if port == RTDE:
             line = LeasedRtdePort(tenant, back)
@@ -150,7 +154,7 @@ class LeasedPorts:
             line.left()
         return refused or line
 
-    def over(self, lease: Holder, ending: Ending) -> None:
+    def over(self, lease: ProgramOwner, ending: LeaseEnding) -> None:
         """The lease is over: the arm is being stopped when this returns, and it opens nothing any more."""
         self._past = lease
         tenant = self._tenant
@@ -160,29 +164,29 @@ class LeasedPorts:
 
     # ---- stopping
 
-    def stop(self, rung: Rung) -> None:
+    def stop(self, rung: StopMeans) -> None:
         """The arm is being stopped, this way or a harder one."""
         self.stopped_ms = self.clock.monotonic_ms()
         newest, tenant = self.feed.newest, self._tenant
         known = newest is not None and self.feed.silent_ms() <= FRESH_MS
         idle = known and newest is not None and newest.still and newest.runtime_state == STOPPED
-        if rung is Rung.PROGRAM and idle and (tenant is None or not tenant.program.sent):
+        if rung is StopMeans.PROGRAM and idle and (tenant is None or not tenant.program.sent):
             if tenant is not None:
                 tenant.script_over(Reason.ROBOT_NOT_RUNNING)
             return
         if self.ladder.begin(rung, newest=newest, at_ms=self.clock.monotonic_ms()):
             self._take(rung)
 
-    def note(self, rung: Rung) -> None:
+    def note(self, rung: StopMeans) -> None:
         """Somebody has sent such a stop past us: it counts, and a harder one follows where it does not help."""
         self.stopped_ms = self.clock.monotonic_ms()
         self._stopped()
         self.ladder.begin(rung, newest=self.feed.newest, at_ms=self.stopped_ms)
 
-    def _take(self, rung: Rung) -> None:
-        if rung is Rung.REGISTERS:
+    def _take(self, rung: StopMeans) -> None:
+        if rung is StopMeans.REGISTERS:
             return
-        if rung is Rung.PROGRAM and self._primary.connected:
+        if rung is StopMeans.PROGRAM and self._primary.connected:
             self._primary.send(self._stop_text)
         else:
             self._do(self._stop_by_dashboard())
@@ -230,7 +234,7 @@ class LeasedPorts:
             tenant = self._tenant
             if tenant is not None:
                 if tenant.control is not None and self.feed.silent_ms() > SILENCE_MS:
-                    tenant.control.lose(Ending.ROBOT)
+                    tenant.control.lose(LeaseEnding.ROBOT)
                 tenant.look(at_ms)
         finally:
             self._climb(at_ms)

@@ -6,10 +6,10 @@ import contextlib
 import math
 from typing import TYPE_CHECKING
 
-from pep.rtde.lease.lease import Ending
-from pep.rtde.line.effects import Ask, Braked, Halt, Note, Tell, Withdraw
+from pep.rtde.lease.lease import LeaseEnding
+from pep.rtde.line.effects import AskJudge, Halt, Note, StopWritten, Tell, Withdraw
 from pep.rtde.line.gateway import DashboardPort, StreamPort
-from pep.rtde.line.lease_stop import Rung
+from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.line.rtde_line import LeasedLine
 from pep.rtde.line.script_uploads import LeasedScripts
 from pep.rtde.robot.connections import Conversation
@@ -17,7 +17,7 @@ from pep.rtde.robot.state_stream import FRESH_MS
 from pep.rtde.script.control_script import Upload
 from pep.rtde.wire.client_texts import said
 from pep.rtde.wire.messages import WireError
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
     from pep.rtde.command.command_values import Command
     from pep.rtde.command.io_commands import IoCommand
-    from pep.rtde.line.active_lease import Tenant
-    from pep.rtde.line.effects import Act, Question
-    from pep.rtde.line.relay import Said
-    from pep.rtde.robot.connections import Back
-    from pep.rtde.robot.judge_port import Holder, Steps
+    from pep.rtde.line.active_lease import ActiveLease
+    from pep.rtde.line.effects import Act, CommandQuestion
+    from pep.rtde.line.relay import OutgoingFrames
+    from pep.rtde.robot.connections import ReplyChannel
+    from pep.rtde.robot.judge_port import ProgramOwner, Steps
     from pep.rtde.script.control_script import ControlScript
     from pep.rtde.script.move_path import Waypoint
 
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 class LeasedRtdePort(Conversation):
     """Serves RTDE: the shell of `LeasedLine`."""
 
-    def __init__(self, tenant: Tenant, back: Back) -> None:
+    def __init__(self, tenant: ActiveLease, back: ReplyChannel) -> None:
         super().__init__(back)
         self._tenant = tenant
         self.line = LeasedLine(lambda: tenant.claim(self), stop_deceleration_rad_s2=tenant.ports.deceleration)
         self.wrote_ms = 0
-        self._asked: dict[Question, _Held] = {}
+        self._asked: dict[CommandQuestion, _Held] = {}
         self._over = False
         tenant.lines.add(self)
 
@@ -54,18 +54,18 @@ class LeasedRtdePort(Conversation):
         try:
             said = self.line.said(content, slider=slider, at_ms=self._now())
         except WireError:
-            self.lose(Ending.MALFORMED)
+            self.lose(LeaseEnding.MALFORMED)
             return
         self._send(said)
 
     def left(self) -> None:
         """The program has closed it, or the lease is over."""
         try:
-            self._gone_from(Ending.LEFT)
+            self._gone_from(LeaseEnding.LEFT)
         finally:
             super().left()
 
-    def lose(self, ending: Ending) -> None:
+    def lose(self, ending: LeaseEnding) -> None:
         """It cannot go on, and where it is the one that commands, nor can the lease."""
         try:
             self._gone_from(ending)
@@ -76,7 +76,7 @@ class LeasedRtdePort(Conversation):
         """What has come together is sent, and the rest done."""
         self._send(self.line.settle())
 
-    def leave(self, ending: Ending = Ending.LEFT) -> None:
+    def leave(self, ending: LeaseEnding = LeaseEnding.LEFT) -> None:
         """The lease is over: what it moves is stopped, and nothing of it goes further.
 
         Args:
@@ -92,7 +92,7 @@ class LeasedRtdePort(Conversation):
             part.look(at_ms=at_ms)
         self.settle()
 
-    def answer(self, question: Question, steps: Steps | None) -> bool:
+    def answer(self, question: CommandQuestion, steps: Steps | None) -> bool:
         """The judge permits it; whether it was sent."""
         self._asked.pop(question, None)
         if self.line.commands is not None:
@@ -102,7 +102,7 @@ class LeasedRtdePort(Conversation):
         self.settle()
         return sent
 
-    def refuse(self, question: Question, reason: Reason, told: str) -> None:
+    def refuse(self, question: CommandQuestion, reason: Reason, told: str) -> None:
         """The judge does not."""
         self._asked.pop(question, None)
         for part in self.line.parts:
@@ -113,15 +113,15 @@ class LeasedRtdePort(Conversation):
         try:
             said = self.line.answered(content)
         except WireError:
-            self.lose(Ending.ROBOT)
+            self.lose(LeaseEnding.ROBOT)
             return
         self._send(said)
 
     def _gone(self) -> None:
-        self._gone_from(Ending.ROBOT)
+        self._gone_from(LeaseEnding.ROBOT)
         super()._gone()
 
-    def _gone_from(self, ending: Ending) -> None:
+    def _gone_from(self, ending: LeaseEnding) -> None:
         self._over = True
         self._tenant.lines.discard(self)
         try:
@@ -131,7 +131,7 @@ class LeasedRtdePort(Conversation):
                 self._tenant.lost(ending)
                 self._tenant.control = None
 
-    def _send(self, said: Said) -> None:
+    def _send(self, said: OutgoingFrames) -> None:
         if said.to_robot:
             self.robot.send(said.to_robot)
             self.wrote_ms = self._now()
@@ -140,7 +140,7 @@ class LeasedRtdePort(Conversation):
         ports, acts = self._tenant.ports, self.line.take()
         for act in acts:
             match act:
-                case Ask(question):
+                case AskJudge(question):
                     held = self._asked[question] = _Held(self, question, self._tenant.lease)
                     try:
                         ports.judge.judge(held)
@@ -150,10 +150,10 @@ class LeasedRtdePort(Conversation):
                     if (asked := self._asked.pop(question, None)) is not None:  # else it was answered in between
                         with contextlib.suppress(Exception):
                             ports.judge.withdrawn(asked)
-                case Braked():
-                    ports.stop(Rung.REGISTERS)
+                case StopWritten():
+                    ports.stop(StopMeans.REGISTERS)
                 case Halt():
-                    ports.stop(Rung.PROGRAM)
+                    ports.stop(StopMeans.PROGRAM)
                 case Tell() | Note():
                     pass
                 case _:
@@ -182,7 +182,7 @@ class LeasedRtdePort(Conversation):
 class _Held:
     """A question, as the judge has it."""
 
-    def __init__(self, port: LeasedRtdePort, question: Question, lease: Holder) -> None:
+    def __init__(self, port: LeasedRtdePort, question: CommandQuestion, lease: ProgramOwner) -> None:
         self._port = port
         self._question = question
         self._lease = lease
@@ -196,7 +196,7 @@ class _Held:
         return self._question.path
 
     @property
-    def lease(self) -> Holder:
+    def lease(self) -> ProgramOwner:
         return self._lease
 
     def forward(self, steps: Steps | None = None) -> bool:
@@ -219,7 +219,7 @@ class _Held:
 class LeasedScriptPort(StreamPort):
     """Serves a script port: the stream of states, and the programs of `LeasedScripts`."""
 
-    def __init__(self, tenant: Tenant, back: Back, scripts: Sequence[ControlScript]) -> None:
+    def __init__(self, tenant: ActiveLease, back: ReplyChannel, scripts: Sequence[ControlScript]) -> None:
         super().__init__(back)
         self._tenant = tenant
         self._programs = LeasedScripts(scripts)
@@ -227,12 +227,12 @@ class LeasedScriptPort(StreamPort):
     def received(self, content: bytes) -> None:
         """The program sent these bytes."""
         found = self._programs.feed(content)
-        if isinstance(found, Refused):
+        if isinstance(found, InputRefusal):
             self._refuse(found)
             return
         for program in found:
             if not isinstance(program, Upload):
-                self._tenant.ports.stop(Rung.PROGRAM)
+                self._tenant.ports.stop(StopMeans.PROGRAM)
             elif (refused := self._tenant.uploaded(self, program)) is not None:
                 self._refuse(refused)
 
@@ -241,7 +241,7 @@ class LeasedScriptPort(StreamPort):
         self._tenant.left(self)
         super().left()
 
-    def _refuse(self, refused: Refused) -> None:
+    def _refuse(self, refused: InputRefusal) -> None:
         """Told where the program listens, and closed."""
         _refuse(self._tenant, self._back, refused, "script")
         self._tenant.left(self)
@@ -251,15 +251,15 @@ class LeasedScriptPort(StreamPort):
 class LeasedDashboardPort(DashboardPort):
     """Serves the dashboard as for anybody, and tells the program what was refused."""
 
-    def __init__(self, tenant: Tenant, back: Back) -> None:
+    def __init__(self, tenant: ActiveLease, back: ReplyChannel) -> None:
         super().__init__(back, stopping=tenant.ports.note)
         self._tenant = tenant
 
     def _refused(self, words: str) -> None:
-        _refuse(self._tenant, self._back, Refused(Reason.NOT_GRANTED, words), "dashboard")
+        _refuse(self._tenant, self._back, InputRefusal(Reason.NOT_GRANTED, words), "dashboard")
 
 
-def _refuse(tenant: Tenant, back: Back, refused: Refused, what: str) -> None:
+def _refuse(tenant: ActiveLease, back: ReplyChannel, refused: InputRefusal, what: str) -> None:
     """On record, and told on the line that commands; whoever runs the program hears of it without such a line, too."""
     tenant.note(refused, what)
     text = said(refused.reason, f"{what}: {refused.place}")

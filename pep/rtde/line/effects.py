@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from pep.rtde.command.io_commands import IoCommand
     from pep.rtde.script.move_path import Waypoint
     from pep.rtde.wire.codec import Value
-    from pep.rtde.wire.refusal import Refused
+    from pep.rtde.wire.refusal import InputRefusal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Question:
+class CommandQuestion:
     """A command that waits for its decision; each is itself alone.
 
     Attributes:
@@ -36,17 +36,17 @@ class Write:
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class AskJudge:
     """The judge is asked."""
 
-    question: Question
+    question: CommandQuestion
 
 
 @dataclass(frozen=True, slots=True)
 class Withdraw:
     """The judge is told that nobody waits any more."""
 
-    question: Question
+    question: CommandQuestion
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ class Note:
         what: was refused: the name of a command.
     """
 
-    refused: Refused
+    refused: InputRefusal
     what: str
 
 
@@ -76,7 +76,7 @@ class Refresh:
 
 
 @dataclass(frozen=True, slots=True)
-class Braked:
+class StopWritten:
     """A stop was written to the registers: whether the arm obeys is to be watched."""
 
 
@@ -85,7 +85,7 @@ class Halt:
     """No register stops the arm: the control script is to be replaced by a program that does."""
 
 
-Act: TypeAlias = Write | Ask | Withdraw | Tell | Note | Refresh | Braked | Halt
+Act: TypeAlias = Write | AskJudge | Withdraw | Tell | Note | Refresh | StopWritten | Halt
 
 ERROR, INFORMATION = 1, 3  # levels of an RTDE text message
 PATIENCE_MS: Final = 60_000

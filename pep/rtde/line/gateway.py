@@ -10,25 +10,25 @@ from collections import Counter
 from typing import TYPE_CHECKING, Final, assert_never
 
 from pep.rtde.command.command_values import StopJ, StopL
-from pep.rtde.lease.accepted_connection import Accepted
-from pep.rtde.line.lease_stop import Rung
+from pep.rtde.lease.accepted_connection import AcceptedConnection
+from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.line.relay import StateRelay
 from pep.rtde.robot.connections import DASHBOARD, PORTS, PRIMARY, READ_ONLY, REALTIME, RTDE, SECONDARY, Conversation
 from pep.rtde.script.statements import StraightLine
 from pep.rtde.script.straight_line import straight_line
 from pep.rtde.script.urscript import ProgramStream, ScriptError
 from pep.rtde.wire.dashboard_grammar import MAX_LINE, LineClass, parse_line
-from pep.rtde.wire.frame_splitter import LENGTH, Cutter, LengthError
+from pep.rtde.wire.frame_splitter import LENGTH, FrameSplitter, LengthError
 from pep.rtde.wire.messages import WireError
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.rtde.robot import connections
-    from pep.rtde.robot.connections import Back, Ports
-    from pep.rtde.wire.dashboard_grammar import Line
+    from pep.rtde.robot.connections import Ports, ReplyChannel
+    from pep.rtde.wire.dashboard_grammar import DashboardLine
 
 MAX_STOP: Final = 4_096
 """Characters of a program that only stops."""
@@ -44,7 +44,7 @@ LINES: Final = 64
 """Of the dashboard, in one piece: each takes time, and nobody asks so much before an answer."""
 STOPS: Final = 8
 """Programs in one piece."""
-STOPPING: Final = {"stop": Rung.DASHBOARD, "pause": Rung.REGISTERS, "power off": Rung.DASHBOARD}
+STOPPING: Final = {"stop": StopMeans.DASHBOARD, "pause": StopMeans.REGISTERS, "power off": StopMeans.DASHBOARD}
 """Lines that stop the arm, and how hard the least stop is that they must come to."""
 
 
@@ -55,7 +55,7 @@ class StatePort(Conversation):
         back: the way back to the client.
     """
 
-    def __init__(self, back: Back) -> None:
+    def __init__(self, back: ReplyChannel) -> None:
         super().__init__(back)
         self._relay = StateRelay()
 
@@ -89,7 +89,7 @@ class DashboardPort(Conversation):
         stopping: is told of each stop.
     """
 
-    def __init__(self, back: Back, *, stopping: Callable[[Rung], None]) -> None:
+    def __init__(self, back: ReplyChannel, *, stopping: Callable[[StopMeans], None]) -> None:
         super().__init__(back)
         self._stopping = stopping
         self._asked, self._said = bytearray(), bytearray()
@@ -108,9 +108,9 @@ class DashboardPort(Conversation):
         if len(self._asked) > MAX_LINE:
             self.end()
 
-    def _answers(self, line: Line | Refused) -> bool:
+    def _answers(self, line: DashboardLine | InputRefusal) -> bool:
         """Whether the conversation goes on. What is refused is told in the dashboard's own way, without the text."""
-        if isinstance(line, Refused):
+        if isinstance(line, InputRefusal):
             self._back.send(b"could not understand\n")
             return True
         match line.row.line_class:
@@ -149,9 +149,9 @@ class StreamPort(Conversation):
         back: the way back to the client.
     """
 
-    def __init__(self, back: Back) -> None:
+    def __init__(self, back: ReplyChannel) -> None:
         super().__init__(back)
-        self._cutter = Cutter(LENGTH, FRAME_BYTES, itself=True)
+        self._cutter = FrameSplitter(LENGTH, FRAME_BYTES, itself=True)
 
     def received(self, content: bytes) -> None:
         """Dropped, as a controller drops it."""
@@ -190,7 +190,9 @@ class ScriptPort(StreamPort):
         stopping: is told of each stop.
     """
 
-    def __init__(self, back: Back, *, stop_deceleration_rad_s2: float, stopping: Callable[[Rung], None]) -> None:
+    def __init__(
+        self, back: ReplyChannel, *, stop_deceleration_rad_s2: float, stopping: Callable[[StopMeans], None]
+    ) -> None:
         super().__init__(back)
         self._stopping = stopping
         self._programs = ProgramStream(MAX_STOP)
@@ -208,7 +210,7 @@ class ScriptPort(StreamPort):
                 self.end()
                 return
             self.robot.send(self._stop)
-            self._stopping(Rung.PROGRAM)
+            self._stopping(StopMeans.PROGRAM)
         if len(programs) > STOPS:
             self.end()
 
@@ -223,13 +225,13 @@ class StatePorts:
     """
 
     def __init__(
-        self, robot: str, *, stop_deceleration_rad_s2: float, stopping: Callable[[Rung], None] = lambda _: None
+        self, robot: str, *, stop_deceleration_rad_s2: float, stopping: Callable[[StopMeans], None] = lambda _: None
     ) -> None:
         self._robot = robot
         self._deceleration = stop_deceleration_rad_s2
         self._stopping = stopping
 
-    async def open(self, lease: object, port: int, back: Back) -> connections.Line | Reason:  # noqa: ARG002 - the port's own form
+    async def open(self, lease: object, port: int, back: ReplyChannel) -> connections.ProgramConnection | Reason:  # noqa: ARG002 - the port's own form
         """A connection to that port."""
         line: StatePort | DashboardPort | ScriptPort | StreamPort
         if port == RTDE:
@@ -296,7 +298,7 @@ class Gateway:
             guest.close()
 
 
-class _Guest(Accepted):
+class _Guest(AcceptedConnection):
     """A client without a lease."""
 
     def __init__(self, gateway: Gateway, ports: Ports, port: int) -> None:

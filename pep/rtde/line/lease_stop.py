@@ -21,7 +21,7 @@ OBEYS_MS: Final = round(1000 * STOP_DELAY_S) + 40
 """An arm that is no slower then has not heard the registers: the brakes' delay, and a little."""
 
 
-class Rung(Enum):
+class StopMeans(Enum):
     """One way to stop the arm."""
 
     REGISTERS = "registers"
@@ -32,11 +32,11 @@ class Rung(Enum):
     """Whatever runs is ended."""
 
 
-class Ladder:
+class LeaseStopLadder:
     """The stops of one robot, and how far up they have gone."""
 
     def __init__(self) -> None:
-        self._rung: Rung | None = None
+        self._rung: StopMeans | None = None
         self._since_ms = 0
         self._speed = 0.0
 
@@ -45,14 +45,14 @@ class Ladder:
         """Whether no stop is under way: the arm was seen to stand."""
         return self._rung is None
 
-    def begin(self, rung: Rung, *, newest: Sample | None, at_ms: int) -> bool:
+    def begin(self, rung: StopMeans, *, newest: Sample | None, at_ms: int) -> bool:
         """A stop is under way; whether its rung is to be taken now. A lower one than before changes nothing."""
         if self._rung is not None and _ORDER.index(rung) <= _ORDER.index(self._rung):
             return False
         self._take(rung, newest, at_ms)
         return True
 
-    def look(self, newest: Sample | None, *, at_ms: int, carried_out: bool = True) -> Rung | None:
+    def look(self, newest: Sample | None, *, at_ms: int, carried_out: bool = True) -> StopMeans | None:
         """The rung that is to be taken now; None when there is none. What was said before the stop tells nothing.
 
         Args:
@@ -68,10 +68,10 @@ class Ladder:
             return None
         waited_ms = at_ms - self._since_ms
         failed = waited_ms > ESCALATE_MS
-        if self._rung is Rung.REGISTERS and waited_ms > OBEYS_MS:
+        if self._rung is StopMeans.REGISTERS and waited_ms > OBEYS_MS:
             failed = failed or not heard or newest is None or newest.speed_rad_s >= self._speed
-        if self._rung is not Rung.REGISTERS and heard and newest is not None:
-            failed = failed or (newest.safety_mode not in SAFE_MODES and self._rung is not Rung.DASHBOARD)
+        if self._rung is not StopMeans.REGISTERS and heard and newest is not None:
+            failed = failed or (newest.safety_mode not in SAFE_MODES and self._rung is not StopMeans.DASHBOARD)
         if not failed:
             return None
         self._take(_ORDER[min(_ORDER.index(self._rung) + 1, len(_ORDER) - 1)], newest, at_ms)
@@ -80,11 +80,11 @@ class Ladder:
     def _done(self, newest: Sample, *, carried_out: bool) -> bool:
         # A stop by register leaves the script running, and its threads until it has carried the stop out.
         # One that is paused is not ended: somebody could let it go on.
-        return carried_out if self._rung is Rung.REGISTERS else newest.runtime_state == STOPPED
+        return carried_out if self._rung is StopMeans.REGISTERS else newest.runtime_state == STOPPED
 
-    def _take(self, rung: Rung, newest: Sample | None, at_ms: int) -> None:
+    def _take(self, rung: StopMeans, newest: Sample | None, at_ms: int) -> None:
         self._rung, self._since_ms = rung, at_ms
         self._speed = 0.0 if newest is None else newest.speed_rad_s
 
 
-_ORDER: Final = (Rung.REGISTERS, Rung.PROGRAM, Rung.DASHBOARD)
+_ORDER: Final = (StopMeans.REGISTERS, StopMeans.PROGRAM, StopMeans.DASHBOARD)

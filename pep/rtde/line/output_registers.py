@@ -10,18 +10,29 @@ from typing import TYPE_CHECKING, Final
 
 from pep.rtde.command.command_values import SetExternalWrench
 from pep.rtde.command.io_commands import MASKS, IoCommand, SetSpeedSlider, decode_io, encode_io, sets
-from pep.rtde.command.register_image import Image
-from pep.rtde.lease.lease import Ending
-from pep.rtde.line.effects import ERROR, INFORMATION, PATIENCE_MS, Act, Ask, Note, Question, Tell, Withdraw, Write
+from pep.rtde.command.register_image import RegisterImage
+from pep.rtde.lease.lease import LeaseEnding
+from pep.rtde.line.effects import (
+    ERROR,
+    INFORMATION,
+    PATIENCE_MS,
+    Act,
+    AskJudge,
+    CommandQuestion,
+    Note,
+    Tell,
+    Withdraw,
+    Write,
+)
 from pep.rtde.wire.client_texts import said
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from pep.rtde.wire.codec import Value
-    from pep.rtde.wire.recipes import Profile
+    from pep.rtde.wire.recipes import WritableVariables
 
 WAITING: Final = 8
 """Outputs that may wait for their decisions."""
@@ -35,11 +46,11 @@ class LeasedOutputs:
         claimed: the variables that it has from the controller.
     """
 
-    def __init__(self, profile: Profile, claimed: Collection[str]) -> None:
+    def __init__(self, profile: WritableVariables, claimed: Collection[str]) -> None:
         self._claimed = frozenset(claimed)
-        self._client = self._sent = Image.blank(profile)
+        self._client = self._sent = RegisterImage.blank(profile)
         self._acts: list[Act] = []
-        self._held: dict[Question, int] = {}
+        self._held: dict[CommandQuestion, int] = {}
 
     def take(self) -> list[Act]:
         """What follows from all that was said since the last time, in order."""
@@ -55,11 +66,11 @@ class LeasedOutputs:
             at_ms: monotonic time.
         """
         after = self._client.merge(values)
-        if isinstance(after, Refused):  # a recipe is of the profile's variables, and types are the wire's
+        if isinstance(after, InputRefusal):  # a recipe is of the profile's variables, and types are the wire's
             raise TypeError(after.place)
         self._client = after
         commands = decode_io(after, values)
-        if isinstance(commands, Refused):
+        if isinstance(commands, InputRefusal):
             self._refuse(commands, "output")
             return
         for command in commands:
@@ -67,17 +78,17 @@ class LeasedOutputs:
                 continue  # it is being decided
             self._supersede(command)
             if isinstance(command, SetExternalWrench) or not self._claimed.issuperset(self._written(command)):
-                self._refuse(Refused(Reason.NOT_GRANTED, "its registers were not set up"), type(command).__name__)
+                self._refuse(InputRefusal(Reason.NOT_GRANTED, "its registers were not set up"), type(command).__name__)
             elif isinstance(command, SetSpeedSlider) and command.fraction == slider:
                 pass  # it stands there; written again it could raise what somebody lowers in this moment
             elif isinstance(command, SetSpeedSlider) and command.fraction < slider:
                 self._write(command)
             elif len(self._held) >= WAITING:
-                self._refuse(Refused(Reason.BUSY, "so many wait already"), type(command).__name__)
+                self._refuse(InputRefusal(Reason.BUSY, "so many wait already"), type(command).__name__)
             else:
-                question = Question(command)
+                question = CommandQuestion(command)
                 self._held[question] = at_ms
-                self._acts.append(Ask(question))
+                self._acts.append(AskJudge(question))
 
     def _supersede(self, command: IoCommand) -> None:
         """What waits and would set the same is not wanted any more, however it is decided."""
@@ -85,7 +96,7 @@ class LeasedOutputs:
             del self._held[question]
             self._acts.append(Withdraw(question))
 
-    def forward(self, question: Question) -> bool:
+    def forward(self, question: CommandQuestion) -> bool:
         """Whether it was written."""
         if self._held.pop(question, None) is None:
             return False
@@ -93,12 +104,12 @@ class LeasedOutputs:
         self._write(question.command)
         return True
 
-    def deny(self, question: Question, reason: Reason, told: str) -> None:
+    def deny(self, question: CommandQuestion, reason: Reason, told: str) -> None:
         """The program is told."""
         if self._held.pop(question, None) is not None:
             self._tell(reason, told)
 
-    def defer(self, question: Question, told: str) -> None:
+    def defer(self, question: CommandQuestion, told: str) -> None:
         """The program is told that it is not set yet."""
         if question in self._held:
             self._acts.append(Tell(told, INFORMATION))
@@ -110,7 +121,7 @@ class LeasedOutputs:
             self._acts.append(Withdraw(question))
             self._tell(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
 
-    def leave(self, ending: Ending = Ending.LEFT) -> None:  # noqa: ARG002 - as of commands
+    def leave(self, ending: LeaseEnding = LeaseEnding.LEFT) -> None:  # noqa: ARG002 - as of commands
         """The program has gone, or its lease is over."""
         self._acts += map(Withdraw, self._held)
         self._held.clear()
@@ -121,11 +132,11 @@ class LeasedOutputs:
     def _write(self, command: IoCommand) -> None:
         values = {**dict.fromkeys(MASKS, 0), **self._written(command)}
         after = self._sent.merge(values)
-        assert isinstance(after, Image)
+        assert isinstance(after, RegisterImage)
         self._sent = after
         self._acts.append(Write({name: value for name, value in after.values.items() if name in self._claimed}))
 
-    def _refuse(self, refused: Refused, what: str) -> None:
+    def _refuse(self, refused: InputRefusal, what: str) -> None:
         """Nobody else was asked, so it goes on record."""
         self._acts.append(Note(refused, what))
         self._tell(refused.reason, f"{what}: {refused.place}")

@@ -16,7 +16,7 @@ MOST: Final = 32
 """Ids that are followed one by one."""
 
 
-class Echo:
+class RegisterEcho:
     """Command ids that were written, and those that came back."""
 
     def __init__(self) -> None:

@@ -16,12 +16,12 @@ from pep.rtde.wire.messages import (
     AskControlVersion,
     ControlVersion,
     InputsAnswer,
-    Message,
     OutputsAnswer,
     Pause,
     PauseAnswer,
     ProtocolAnswer,
     RequestProtocol,
+    RtdeMessage,
     SetupInputs,
     SetupOutputs,
     Start,
@@ -33,7 +33,7 @@ from pep.rtde.wire.messages import (
 from pep.rtde.wire.variables import INPUTS, VariableType
 
 if TYPE_CHECKING:
-    from pep.rtde.wire.codec import Frame
+    from pep.rtde.wire.codec import RtdeFrame
     from pep.rtde.wire.messages import Answer, Request
 
 SetUpAnswer: TypeAlias = ProtocolAnswer | ControlVersion | OutputsAnswer | InputsAnswer | StartAnswer | PauseAnswer
@@ -45,7 +45,7 @@ RECIPES: Final = 255
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class OutgoingFrames:
     """What is to be sent now, each in whole frames."""
 
     to_robot: bytes = b""
@@ -91,8 +91,8 @@ class Relay:
             while self._waiting and isinstance(self._waiting[0], InputsAnswer):
                 self._to_client += encode_answer(self._waiting.popleft(), self._protocol)  # type: ignore[arg-type]
 
-    def _said(self) -> Said:
-        said = Said(bytes(self._to_robot), bytes(self._to_client))
+    def _said(self) -> OutgoingFrames:
+        said = OutgoingFrames(bytes(self._to_robot), bytes(self._to_client))
         self._to_robot.clear()
         self._to_client.clear()
         return said
@@ -146,13 +146,13 @@ class Relay:
                 self._set_up = True
             case AskControlVersion():
                 pass
-            case Values() | Message():
+            case Values() | RtdeMessage():
                 raise WireError(WireFault.KIND, "what no client library says")
             case _:
                 assert_never(request)
         return None
 
-    def _passed(self, frame: Frame) -> bytes:
+    def _passed(self, frame: RtdeFrame) -> bytes:
         """What the client is told of a frame."""
         answer = decode_answer(frame, self._protocol)
         match answer:
@@ -162,7 +162,7 @@ class Relay:
                     raise WireError(WireFault.PAYLOAD, "values of no recipe")
                 shown = self._shown(answer)
                 return frame.encode() if shown is answer else encode_answer(shown, self._protocol)
-            case Message():
+            case RtdeMessage():
                 # Before the stream begins a client takes the next frame for its answer, whatever it is.
                 return encode_answer(answer, self._protocol) if self._started else b""
             case _:
@@ -203,7 +203,7 @@ def belongs_to_others(names: tuple[str, ...]) -> InputsAnswer:
 class StateRelay(Relay):
     """A connection without a lease."""
 
-    def asked(self, received: bytes) -> Said:
+    def asked(self, received: bytes) -> OutgoingFrames:
         """The client sent these bytes.
 
         Raises:
@@ -213,7 +213,7 @@ class StateRelay(Relay):
         self._hear(received, most=AT_ONCE)
         return self._said()
 
-    def answered(self, received: bytes) -> Said:
+    def answered(self, received: bytes) -> OutgoingFrames:
         """The controller sent these bytes.
 
         Raises:

@@ -14,17 +14,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.command.register_image import Image
+from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.line.command_registers import LeasedCommands, brake_registers
 from pep.rtde.line.effects import ERROR, Act, Refresh, Tell, Write
 from pep.rtde.line.output_registers import LeasedOutputs
-from pep.rtde.line.relay import OwnInputs, Relay, Said, belongs_to_others
+from pep.rtde.line.relay import OutgoingFrames, OwnInputs, Relay, belongs_to_others
 from pep.rtde.line.stream_update import Following
 from pep.rtde.wire.client_texts import fitted
 from pep.rtde.wire.codec import Recipe, encode_answer, encode_request
-from pep.rtde.wire.messages import Message, OutputsAnswer, SetupInputs, Start, Values, WireError, WireFault
-from pep.rtde.wire.recipes import EXTERNAL_WRENCH, OFFSETS, Ignored, InputRecipes, Profile
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.messages import OutputsAnswer, RtdeMessage, SetupInputs, Start, Values, WireError, WireFault
+from pep.rtde.wire.recipes import EXTERNAL_WRENCH, OFFSETS, Ignored, InputRecipes, WritableVariables
+from pep.rtde.wire.refusal import InputRefusal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +39,9 @@ RUNNING_BIT: Final = 2
 """Of `robot_status_bits`: a program runs."""
 SOURCE: Final = "ZTPM"
 _PROFILES: Final = tuple(
-    (Profile.of(offset, control=control, io=not control), control) for control in (True, False) for offset in OFFSETS
+    (WritableVariables.of(offset, control=control, io=not control), control)
+    for control in (True, False)
+    for offset in OFFSETS
 )
 
 
@@ -56,7 +58,7 @@ class LeasedLine(Relay):
         self._claim = claim
         self._deceleration = stop_deceleration_rad_s2
         self._inputs_had: InputRecipes | None = None
-        self._profile: Profile | None = None
+        self._profile: WritableVariables | None = None
         self._controls = False
         self._own: tuple[int, Recipe] | None = None
         self._unwritten: list[dict[str, Value]] = []
@@ -81,7 +83,7 @@ class LeasedLine(Relay):
 
     # ---- bytes
 
-    def said(self, received: bytes, *, slider: float, at_ms: int) -> Said:
+    def said(self, received: bytes, *, slider: float, at_ms: int) -> OutgoingFrames:
         """The client sent these bytes.
 
         Args:
@@ -103,14 +105,14 @@ class LeasedLine(Relay):
             match self._inputs_had.read(package):
                 case Ignored():
                     pass
-                case Refused() as refused:
+                case InputRefusal() as refused:
                     raise WireError(WireFault.PAYLOAD, refused.place)
                 case values:
                     self._last_had = package
                     self._package(values, slider, at_ms)
         return self.settle()
 
-    def answered(self, received: bytes) -> Said:
+    def answered(self, received: bytes) -> OutgoingFrames:
         """The controller sent these bytes.
 
         Raises:
@@ -119,7 +121,7 @@ class LeasedLine(Relay):
         self._hear_robot(received)
         return self.settle()
 
-    def settle(self) -> Said:
+    def settle(self) -> OutgoingFrames:
         """What is to be sent now, of all that was said and answered; the other acts are in `take`."""
         for part in self.parts:
             for act in part.take():
@@ -169,7 +171,7 @@ class LeasedLine(Relay):
                 package, recipe, frame=frame, own=self._own[1], command=commands.stands, offset=commands.offset
             )
 
-    def _next(self, received: bytes, at_ms: int) -> Said | None:
+    def _next(self, received: bytes, at_ms: int) -> OutgoingFrames | None:
         """The next value of what stands is judged, and written if it may be; None where it is anything else."""
         following, commands = self._following, self.commands
         if following is None or commands is None or commands.stands is None or self._from_client.pending:
@@ -241,7 +243,7 @@ class LeasedLine(Relay):
             names = tuple(dict.fromkeys((*brake_registers(self._profile.offset), *names)))
             self.commands = LeasedCommands(self._profile, names, stop_deceleration_rad_s2=self._deceleration)
             # What an earlier client left in the registers is over.
-            blank = Image.blank(self._profile).values
+            blank = RegisterImage.blank(self._profile).values
             self._unwritten.append({name: blank[name] for name in names})
         else:
             self.outputs = LeasedOutputs(self._profile, names)
@@ -268,7 +270,7 @@ class LeasedLine(Relay):
     def _tell(self, text: str, level: int) -> None:
         text = fitted(text)
         if self._started:  # before that a client takes the next frame for its answer, whatever it is
-            self._to_client += encode_answer(Message(text, SOURCE, level), self._protocol)
+            self._to_client += encode_answer(RtdeMessage(text, SOURCE, level), self._protocol)
         self._rest.append(Tell(text, level))
 
     def _shown(self, values: Values) -> Values:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 from pep.rtde.line.gateway import MAX_STOP, only_stops
 from pep.rtde.script.control_script import Recogniser, Upload
 from pep.rtde.script.urscript import ProgramStream, ScriptError
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class LeasedScripts:
         self._beginning = bytearray()  # of the program, for as long as it may be one that only stops
         self._others: ProgramStream | None = None
 
-    def feed(self, received: bytes) -> list[Upload | OnlyStops] | Refused:
+    def feed(self, received: bytes) -> list[Upload | OnlyStops] | InputRefusal:
         """The programs completed by `received`; refused for what is neither, as soon as that is known."""
         if self._others is not None:
             return self._stops(received)
@@ -50,7 +50,7 @@ class LeasedScripts:
             return [found]
         if len(self._beginning) <= MAX_STOP:
             self._beginning += received
-        if isinstance(found, Refused):
+        if isinstance(found, InputRefusal):
             if len(self._beginning) > MAX_STOP:
                 return found
             # No control script begins so: from here on the connection is one for stops.
@@ -58,12 +58,12 @@ class LeasedScripts:
             return self._stops(bytes(self._beginning))
         return []
 
-    def _stops(self, received: bytes) -> list[Upload | OnlyStops] | Refused:
+    def _stops(self, received: bytes) -> list[Upload | OnlyStops] | InputRefusal:
         assert self._others is not None
         try:
             programs = self._others.feed(received.decode("ascii"))
         except (ScriptError, UnicodeDecodeError):
-            return Refused(Reason.BODY_MALFORMED, "program")
+            return InputRefusal(Reason.BODY_MALFORMED, "program")
         if not all(map(only_stops, programs)):
-            return Refused(Reason.TOOL_UNKNOWN, "program")
+            return InputRefusal(Reason.TOOL_UNKNOWN, "program")
         return [ONLY_STOPS] * len(programs)

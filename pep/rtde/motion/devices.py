@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pep.rtde.motion.drive import Drive, MotionEnd
     from pep.rtde.motion.jog import Jog
     from pep.rtde.robot.digital_outputs import DigitalOutputs
-    from pep.rtde.robot.gripper import Grip
+    from pep.rtde.robot.gripper import GripResult
     from pep.rtde.robot.state_receiver import JointState
     from policies.evidence.model import Request
 
@@ -36,7 +36,7 @@ class Devices:
     drive: Drive
     jog: Jog
     outputs: DigitalOutputs
-    gripped: Callable[[Grip], Awaitable[None]]
+    gripped: Callable[[GripResult], Awaitable[None]]
 
     def reserve(self, request_id: str) -> bool:
         """True when nothing acts and the slot is now this request's."""
@@ -50,7 +50,9 @@ class Devices:
         """The slot is free again, if it was this request's."""
         self.drive.release(request_id)
 
-    async def act(self, operation: Operation, numbers: Sequence[float], permit: Permit) -> MotionEnd | Grip | None:
+    async def act(
+        self, operation: Operation, numbers: Sequence[float], permit: Permit
+    ) -> MotionEnd | GripResult | None:
         """See `pep.mcp.arm_server.ArmDriver.act`; what is held after a move of the fingers is committed."""
         match operation.moves:
             case Moves.TO_JOINTS:

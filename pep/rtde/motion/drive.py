@@ -21,9 +21,9 @@ from pep.base.stop_model import SAFE_MODES
 from pep.gate.motion_slot import Slot
 from pep.rtde.motion.governed_move import ARRIVED_RAD, SpeedControl, least_fraction, put_back
 from pep.rtde.motion.stop_ladder import STOP_LIMIT_MS, MotionEnd, StopLadder
-from pep.rtde.robot.newest_state import SILENCE_MS, Heard
+from pep.rtde.robot.newest_state import SILENCE_MS, NewestState
 from pep.watch.governor import FULL
-from pep.watch.watch import PAUSE_S, End
+from pep.watch.watch import PAUSE_S, MotionOutcome
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
     from pep.base.ports import Clock
     from pep.request.permit import Permit
-    from pep.rtde.motion.drive_ports import Gripper, Hurry, Watching
+    from pep.rtde.motion.drive_ports import GovernedWatchStarter, Gripper, Hurry
     from pep.rtde.motion.permitted_control import PermittedControl
-    from pep.rtde.robot.gripper import Grip
+    from pep.rtde.robot.gripper import GripResult
     from pep.rtde.robot.state_receiver import JointState, RobotState
     from pep.watch.governor import Governor
     from pep.watch.watch import Alarm
 
-__all__ = ["Drive", "End", "MotionEnd"]
+__all__ = ["Drive", "MotionEnd", "MotionOutcome"]
 
 STARTS_MS: Final = 1_000
 """A motion that has not begun by then will not begin."""
@@ -76,7 +76,7 @@ class Drive:
         gripper: Gripper,
         dashboard_stop: Callable[[], None],
         start_of: Callable[[str], tuple[float, ...] | None],
-        watching: Watching,
+        watching: GovernedWatchStarter,
         hurry: Hurry,
         audience: str,
         clock: Clock,
@@ -197,7 +197,7 @@ class Drive:
         least: float | None,
     ) -> MotionEnd:
         """The move followed to its end, its speed governed, and the speed slider back where it was."""
-        arm = Heard(self._state, self._clock)
+        arm = NewestState(self._state, self._clock)
         governor: Governor | None = None
         if self._speed is not None and least is not None:
             governor = self._speed.governor(arm, least=least, clock=self._clock)
@@ -220,7 +220,7 @@ class Drive:
         permit: Permit,
         gone: threading.Event,
         *,
-        arm: Heard,
+        arm: NewestState,
         governor: Governor | None,
     ) -> MotionEnd:
         """Look at the arm until it has arrived or stands still for another reason. On the watch's thread."""
@@ -242,14 +242,14 @@ class Drive:
                 return self.end_by(alarm, permit, arm.state, sending)
             if arm.silent_ms > SILENCE_MS:
                 self.stand(sending)
-                return MotionEnd(End.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
+                return MotionEnd(MotionOutcome.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
             # Only what the robot said after it was told to move can say how that went.
             if limit_ms and fresh:
                 now = self._clock.monotonic_ms()
                 lasted_ms += (now - looked_ms) * (FULL if governor is None else governor.ordered)
                 looked_ms = now
                 end = self._judge(arm.state, targets[leg], permit, lasted_ms=lasted_ms, limit_ms=limit_ms, moved=moved)
-                if end is not None and (end.end is not End.REACHED or leg + 1 == len(targets)):
+                if end is not None and (end.end is not MotionOutcome.REACHED or leg + 1 == len(targets)):
                     return end
                 if end is not None:
                     leg, limit_ms, moved = leg + 1, 0, False
@@ -260,7 +260,7 @@ class Drive:
         """A later leg of a path was not sent: after a stop, or the controller did not take it."""
         stopped = self._stopped(permit)
         end = self.stand()
-        return end if stopped else MotionEnd(End.ROBOT_FAILED, end.q_rad, "a leg was not taken")
+        return end if stopped else MotionEnd(MotionOutcome.ROBOT_FAILED, end.q_rad, "a leg was not taken")
 
     def _stopped(self, permit: Permit) -> bool:
         stopped_ms = self._control.stopped_ms
@@ -278,18 +278,18 @@ class Drive:
     ) -> MotionEnd | None:
         """How the motion has ended, by the robot's own word; None while it goes on. Times are those of full speed."""
         if state.still and _near(state.q_rad, target, ARRIVED_RAD):
-            return MotionEnd(End.REACHED, state.q_rad)
+            return MotionEnd(MotionOutcome.REACHED, state.q_rad)
         if state.still and self._stopped(permit):
-            return MotionEnd(End.STOPPED, state.q_rad)
+            return MotionEnd(MotionOutcome.STOPPED, state.q_rad)
         if state.still and (lasted_ms > STARTS_MS or state.safety_mode not in SAFE_MODES):
             # Whatever the controller still has in mind, it is not begun later behind our back.
             end = self.stand()
-            return MotionEnd(End.ROBOT_FAILED, end.q_rad, f"safety mode {state.safety_mode}, moved {moved}")
+            return MotionEnd(MotionOutcome.ROBOT_FAILED, end.q_rad, f"safety mode {state.safety_mode}, moved {moved}")
         if lasted_ms > limit_ms:
-            return MotionEnd(End.ROBOT_FAILED, self.stand().q_rad, "too slow")
+            return MotionEnd(MotionOutcome.ROBOT_FAILED, self.stand().q_rad, "too slow")
         return None
 
-    async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> Grip:
+    async def gripper_move(self, width_m: float, speed_m_s: float, force_n: float, permit: Permit) -> GripResult:
         """The fingers have moved, or why they have not.
 
         Args:
@@ -303,7 +303,7 @@ class Drive:
             RobotError: the gripper does not answer, or the robot could not be read before sending.
         """
 
-        def move(stopped: Callable[[], bool]) -> Grip:
+        def move(stopped: Callable[[], bool]) -> GripResult:
             width, speed = parse(width_m, Unit.MICROMETRE), parse(speed_m_s, Unit.MICROMETRE_PER_SECOND)
             force = parse(force_n, Unit.MILLINEWTON)
             return self._gripper.move(width_um=width, speed_um_s=speed, force_mn=force, stopped=stopped)
@@ -311,7 +311,7 @@ class Drive:
         digest = digest_of(GRIPPER_MOVE, (width_m, speed_m_s, force_n), audience=self._audience)
         return await self._with_fingers(move, digest, permit)
 
-    async def gripper_activate(self, permit: Permit) -> Grip:
+    async def gripper_activate(self, permit: Permit) -> GripResult:
         """The gripper is ready, or why it is not; its fingers have closed and opened once.
 
         Args:
@@ -324,7 +324,9 @@ class Drive:
         digest = digest_of(GRIPPER_ACTIVATE, (), audience=self._audience)
         return await self._with_fingers(lambda stopped: self._gripper.activate(stopped=stopped), digest, permit)
 
-    async def _with_fingers(self, act: Callable[[Callable[[], bool]], Grip], digest: str, permit: Permit) -> Grip:
+    async def _with_fingers(
+        self, act: Callable[[Callable[[], bool]], GripResult], digest: str, permit: Permit
+    ) -> GripResult:
         # Counted before the permit is spent: a stop before that voids the permit, and one after it changes the count.
         stops = self._control.stops
         permit.spend(digest=digest, stopped_ms=self._control.stopped_ms)
@@ -332,20 +334,20 @@ class Drive:
         def stopped() -> bool:
             return self._control.stops != stops
 
-        def send() -> Grip:
+        def send() -> GripResult:
             if stopped():
                 permit.refusal = Reason.VERDICT_EXPIRED
                 raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "a stop came before it was sent")
             return act(stopped)
 
         grip = await self.watched(lambda gone: self._follow_fingers(send, permit, gone), permit)
-        if grip.end is not End.REACHED or grip.arrived:
+        if grip.end is not MotionOutcome.REACHED or grip.arrived:
             return grip
-        return replace(grip, end=End.STOPPED if stopped() else End.ROBOT_FAILED)
+        return replace(grip, end=MotionOutcome.STOPPED if stopped() else MotionOutcome.ROBOT_FAILED)
 
-    def _follow_fingers(self, send: Callable[[], Grip], permit: Permit, gone: threading.Event) -> Grip:
+    def _follow_fingers(self, send: Callable[[], GripResult], permit: Permit, gone: threading.Event) -> GripResult:
         """Watch until the fingers have moved. On the watch's thread; the resting arm's angles place the fingers."""
-        arm = Heard(self._state, self._clock)
+        arm = NewestState(self._state, self._clock)
         sending = self._fingers.submit(send)
         watch = self.watching(permit)
         alarm: Alarm | None = None
@@ -397,9 +399,9 @@ class Drive:
             sending: as for `stand`.
         """
         end = self.stand(sending)
-        stood = end.q_rad if end.end is End.STOPPED else None
+        stood = end.q_rad if end.end is MotionOutcome.STOPPED else None
         permit.watched = alarm.told(at_rad=state.q_rad, stood_rad=stood)
-        return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is End.STOPPED else end
+        return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is MotionOutcome.STOPPED else end
 
     async def watched(self, follow: Callable[[threading.Event], T], permit: Permit) -> T:
         """What `follow` says on the watch's thread; neither a caller that goes away nor an error leaves it moving."""
@@ -442,13 +444,13 @@ class Drive:
 
     # -- looking
 
-    def heard(self) -> Heard:
+    def heard(self) -> NewestState:
         """What the robot has said last, from now on.
 
         Raises:
             RobotError: it says nothing.
         """
-        return Heard(self._state, self._clock)
+        return NewestState(self._state, self._clock)
 
     async def read_state(self) -> JointState:
         """The robot's state now.

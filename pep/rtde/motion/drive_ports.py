@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.request.permit import Permit
-    from pep.rtde.robot.gripper import Grip
+    from pep.rtde.robot.gripper import GripResult
     from pep.watch.governor import Governor
     from pep.watch.watch import Watch
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 class Gripper(Protocol):
     """What the drive needs of a gripper."""
 
-    def move(self, *, width_um: int, speed_um_s: int, force_mn: int, stopped: Callable[[], bool]) -> Grip:
+    def move(self, *, width_um: int, speed_um_s: int, force_mn: int, stopped: Callable[[], bool]) -> GripResult:
         """The fingers have moved; from when `stopped` says so, they do not move."""
         ...
 
-    def activate(self, *, stopped: Callable[[], bool]) -> Grip:
+    def activate(self, *, stopped: Callable[[], bool]) -> GripResult:
         """The gripper is ready; from when `stopped` says so, the fingers do not move."""
         ...
 
@@ -37,7 +37,7 @@ class Hurry(Protocol):
         ...
 
 
-class Watching(Protocol):
+class GovernedWatchStarter(Protocol):
     """Begins the watch over what a permit allows."""
 
     def __call__(self, permit: Permit, *, governor: Governor | None = None) -> Watch:

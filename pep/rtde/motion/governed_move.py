@@ -13,7 +13,7 @@ from pep.watch.governor import Governor
 
 if TYPE_CHECKING:
     from pep.base.ports import Clock
-    from pep.rtde.robot.newest_state import Heard
+    from pep.rtde.robot.newest_state import NewestState
     from pep.watch.governor import Pacing, Slider
 
 ARRIVED_RAD: Final = 1e-3
@@ -38,7 +38,7 @@ class SpeedControl:
     slider: Slider
     pacing: Pacing
 
-    def governor(self, arm: Heard, *, least: float, clock: Clock) -> Governor:
+    def governor(self, arm: NewestState, *, least: float, clock: Clock) -> Governor:
         """Of a motion that is about to begin; `least` is the fraction of its speed below which it is stopped."""
         now = clock.monotonic_ms()
         return Governor(self.slider, pacing=self.pacing, least=least, speeds=arm.speeds, now_ms=now)
@@ -55,7 +55,7 @@ def least_fraction(speed_rad_s: float, acceleration_rad_s2: float) -> float:
     )
 
 
-def put_back(governor: Governor, arm: Heard, *, clock: Clock) -> None:
+def put_back(governor: Governor, arm: NewestState, *, clock: Clock) -> None:
     """The speed slider is where it was, unless the arm may still move or the robot does not say so."""
     arm.look()
     if arm.silent_ms > SILENCE_MS or not arm.state.still:

@@ -19,7 +19,7 @@ from pep.base.operations import SPEED_JOINT
 from pep.base.stop_model import ESCALATE_MS, SAFE_MODES
 from pep.rtde.motion.stop_ladder import STOP_LIMIT_MS, MotionEnd
 from pep.rtde.robot.newest_state import SILENCE_MS
-from pep.watch.watch import PAUSE_S, End
+from pep.watch.watch import PAUSE_S, MotionOutcome
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pep.request.permit import Permit
     from pep.rtde.motion.drive import Drive
     from pep.rtde.motion.permitted_control import PermittedControl
-    from pep.rtde.robot.newest_state import Heard
+    from pep.rtde.robot.newest_state import NewestState
     from policies.evidence.model import Request
 
 SEND_S: Final = 0.02
@@ -139,7 +139,7 @@ class Jog:
         stream = _Stream(
             permit.agent, _integers(numbers)[:-1], [permit], loop.create_future(), self._clock.monotonic_ms()
         )
-        end = MotionEnd(End.STOPPED, ())
+        end = MotionEnd(MotionOutcome.STOPPED, ())
         try:
             end = await self._drive.watched(lambda gone: self._follow(stream, numbers, gone), permit)
         finally:
@@ -177,13 +177,13 @@ class Jog:
                 standing_ms = now
                 fault = _fallen(stream.permits[:-1])
                 if fault is not None:
-                    return MotionEnd(End.AUTHORITY_LOST, self._stand(holding).q_rad, str(fault.code))
+                    return MotionEnd(MotionOutcome.AUTHORITY_LOST, self._stand(holding).q_rad, str(fault.code))
             if arm.silent_ms > SILENCE_MS:
                 self._stand(holding)
-                return MotionEnd(End.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
+                return MotionEnd(MotionOutcome.ROBOT_FAILED, (), str(PepFault.ROBOT_STALLED))
             if arm.state.safety_mode not in SAFE_MODES:
                 mode = arm.state.safety_mode
-                return MotionEnd(End.ROBOT_FAILED, self._stand(holding).q_rad, f"safety mode {mode}")
+                return MotionEnd(MotionOutcome.ROBOT_FAILED, self._stand(holding).q_rad, f"safety mode {mode}")
             wait((holding,), timeout=PAUSE_S)
         return self._ended(stream, arm, holding.result())
 
@@ -196,17 +196,17 @@ class Jog:
         wait((holding,), timeout=STOP_LIMIT_MS / 1000)
         return end
 
-    def _ended(self, stream: _Stream, arm: Heard, why: str) -> MotionEnd:
+    def _ended(self, stream: _Stream, arm: NewestState, why: str) -> MotionEnd:
         """The stream is over; once the arm stands, how."""
         ended_ms = arm.sent()
         while self._clock.monotonic_ms() - ended_ms <= ESCALATE_MS and arm.silent_ms <= SILENCE_MS:
             if arm.look() and arm.state.still:
                 stopped_ms = self._control.stopped_ms
                 if stopped_ms is not None and stopped_ms >= stream.permits[0].since_ms:
-                    return MotionEnd(End.STOPPED, arm.state.q_rad)
-                return MotionEnd(End.ROBOT_FAILED if why else End.ENDED, arm.state.q_rad, why)
+                    return MotionEnd(MotionOutcome.STOPPED, arm.state.q_rad)
+                return MotionEnd(MotionOutcome.ROBOT_FAILED if why else MotionOutcome.ENDED, arm.state.q_rad, why)
             time.sleep(PAUSE_S)
-        return MotionEnd(End.ROBOT_FAILED, self._drive.stand().q_rad, why or "still moving after its end")
+        return MotionEnd(MotionOutcome.ROBOT_FAILED, self._drive.stand().q_rad, why or "still moving after its end")
 
     def _hold(self, stream: _Stream) -> str:
         """Sends until the end, in a thread of its own; "" when the time was over, else why it ended before."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from pep.base.stop_model import ESCALATE_MS, SAFE_MODES
 from pep.rtde.motion.brake import Brake
-from pep.watch.watch import End
+from pep.watch.watch import MotionOutcome
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +35,7 @@ class MotionEnd:
         changes: of its speed on the way, in order.
     """
 
-    end: End
+    end: MotionOutcome
     q_rad: tuple[float, ...]
     reason: str = ""
     changes: tuple[Change, ...] = ()
@@ -118,8 +118,8 @@ class Stop:
             self._escalated = True
             self._escalate()
         if heard and package.state is not None and package.state.still and (given or self._escalated):
-            return MotionEnd(End.STOPPED, package.state.q_rad)
+            return MotionEnd(MotionOutcome.STOPPED, package.state.q_rad)
         if waited_ms > STOP_LIMIT_MS:
             where = package.state.q_rad if heard and package.state is not None else ()
-            return MotionEnd(End.ROBOT_FAILED, where, "no standstill was seen")
+            return MotionEnd(MotionOutcome.ROBOT_FAILED, where, "no standstill was seen")
         return None

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from pep.rtde.command.command_values import Command
     from pep.rtde.command.io_commands import IoCommand
-    from pep.rtde.robot.connections import Line, Ports
-    from pep.rtde.robot.judge_port import Holder
+    from pep.rtde.robot.connections import Ports, ProgramConnection
+    from pep.rtde.robot.judge_port import ProgramOwner
     from pep.rtde.wire.codec import Value
 
 OFFSET: Final = OFFSETS[0]
@@ -65,11 +65,11 @@ class OwnLine:
         """What is about to be said: the judge permits that, once, and nothing else."""
         self.refused = False
         self._waiting: dict[asyncio.Future[None], Callable[[], bool]] = {}
-        self._line: Line | None = None
+        self._line: ProgramConnection | None = None
         self.gone = False
         """Whether its port has closed it, or it has left."""
 
-    async def open(self, ports: Ports, lease: Holder) -> None:
+    async def open(self, ports: Ports, lease: ProgramOwner) -> None:
         """Packages come, and what is written is taken.
 
         Raises:

@@ -17,8 +17,8 @@ from pep.request.authority import NOBODY
 from pep.rtde.command import command_values as v
 from pep.rtde.command.io_commands import IoCommand
 from pep.rtde.command.rounding import on_grid
-from pep.rtde.lease.lease import Ending
-from pep.rtde.line.lease_stop import Rung
+from pep.rtde.lease.lease import LeaseEnding
+from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.own.control import OwnControl, OwnOutputs
 from pep.rtde.own.local_line import DONE_S, OFFSET, READY_S, OwnCommands, OwnSwitches
 from pep.rtde.robot.connections import SECONDARY
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
     from pep.request.authority import Credentials
     from pep.rtde.command.command_values import Command
-    from pep.rtde.judge.command_requests import Fitted
+    from pep.rtde.judge.command_requests import ToolSetup
     from pep.rtde.line.controller_ports import LeasedPorts
-    from pep.rtde.robot.connections import Line
-    from pep.rtde.robot.judge_port import Held, Holder
-    from pep.rtde.wire.refusal import Refused
+    from pep.rtde.robot.connections import ProgramConnection
+    from pep.rtde.robot.judge_port import PendingCommand, ProgramOwner
+    from pep.rtde.wire.refusal import InputRefusal
 
 STARTS_S: Final = 6.5
 """Longest wait for the control script to run: the controller's own limits (2 s and 4 s), and a little."""
@@ -62,7 +62,7 @@ class _Script:
     """The way back from the script port: what the controller streams there is for nobody."""
 
     def __init__(self) -> None:
-        self.line: Line | None = None
+        self.line: ProgramConnection | None = None
 
     def send(self, content: bytes) -> None:
         """Dropped."""
@@ -94,7 +94,7 @@ class OwnLines:
         self,
         ports: LeasedPorts,
         *,
-        fitted: Callable[[], Fitted],
+        fitted: Callable[[], ToolSetup],
         free: Callable[[], bool],
         able: Callable[[], bool],
         failed: Callable[[Exception], None],
@@ -132,7 +132,7 @@ class OwnLines:
         lease, self._lease, self._up = self._lease, None, False
         if lease is None:
             return
-        self._ports.over(lease, Ending.CLOSED)
+        self._ports.over(lease, LeaseEnding.CLOSED)
         self._commands.leave()
         self._switches.leave()
         if self._script.line is not None:
@@ -194,7 +194,7 @@ class OwnLines:
         line.say(command)
         return not line.refused
 
-    def judge(self, held: Held) -> None:
+    def judge(self, held: PendingCommand) -> None:
         """See `pep.rtde.robot.judge_port.Judge`: what a permit was spent for, and nothing else."""
         line = self._switches if isinstance(held.command, IoCommand) else self._commands
         expected, line.expected = line.expected, None
@@ -203,15 +203,15 @@ class OwnLines:
         line.refused = True
         held.deny(Reason.NOT_WHAT_WAS_DECIDED, "no permit")
 
-    def withdrawn(self, held: Held) -> None:
+    def withdrawn(self, held: PendingCommand) -> None:
         """See `pep.rtde.robot.judge_port.Judge`: each was answered at once."""
 
-    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+    def refused(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
         """See `pep.rtde.robot.judge_port.Judge`: what a permit was shown for has an outcome on record."""
 
     async def stop(self) -> None:
         """Whatever moves the arm is being ended, whoever it is of."""
-        self._ports.stop(Rung.PROGRAM)
+        self._ports.stop(StopMeans.PROGRAM)
 
     async def end(self) -> None:
         """As `give_way`, and for good."""

@@ -10,7 +10,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.rtde.robot.judge_port import Holder
+    from pep.rtde.robot.judge_port import ProgramOwner
 
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
 READ_ONLY: Final = (30011, 30012, 30013)
@@ -39,7 +39,7 @@ def leave(transport: asyncio.Transport) -> None:
         transport.close()
 
 
-class Line(Protocol):
+class ProgramConnection(Protocol):
     """What serves one line of a program, as one of the controller's ports would."""
 
     def received(self, content: bytes) -> None:
@@ -64,7 +64,7 @@ class _Gone:
 GONE: Final = _Gone()
 
 
-class Back(Protocol):
+class ReplyChannel(Protocol):
     """The way back to the program."""
 
     def send(self, content: bytes) -> None:
@@ -87,7 +87,7 @@ class Back(Protocol):
 class Ports(Protocol):
     """All ports of the controller."""
 
-    async def open(self, lease: Holder | None, port: int, back: Back) -> Line | Reason:
+    async def open(self, lease: ProgramOwner | None, port: int, back: ReplyChannel) -> ProgramConnection | Reason:
         """A connection to that port, for the holder of that lease or for anybody; or why there is none.
 
         What is sent before it returns is not lost.
@@ -157,7 +157,7 @@ class Conversation:
         back: the way back to the client.
     """
 
-    def __init__(self, back: Back) -> None:
+    def __init__(self, back: ReplyChannel) -> None:
         self._back = back
         self.robot = Upstream(self._heard, self._gone)
 

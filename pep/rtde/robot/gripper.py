@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import PepFault, RobotError
 from pep.base.operations import FINGER_SPEED_UM_S, GRIP_MN, STROKE_UM
-from pep.watch.watch import End
+from pep.watch.watch import MotionOutcome
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +31,7 @@ BY_OBJECT: Final = (1, 2)  # G1: OBJ register, stopped by an object while openin
 
 
 @dataclass(frozen=True, slots=True)
-class Grip:
+class GripResult:
     """The end of a gripper move.
 
     Attributes:
@@ -45,7 +45,7 @@ class Grip:
     width_um: int
     object: bool
     arrived: bool
-    end: End = End.REACHED
+    end: MotionOutcome = MotionOutcome.REACHED
     reason: str = ""
 
 
@@ -59,7 +59,7 @@ class RobotiqGripper:
     def __init__(self, host: str) -> None:
         self._host = host
 
-    def move(self, *, width_um: int, speed_um_s: int, force_mn: int, stopped: Callable[[], bool]) -> Grip:
+    def move(self, *, width_um: int, speed_um_s: int, force_mn: int, stopped: Callable[[], bool]) -> GripResult:
         """The fingers have moved to `width_um`, or against something, or stand where they were when a stop came.
 
         Args:
@@ -92,11 +92,11 @@ class RobotiqGripper:
                     settled_at, position = time.monotonic(), here
                 # Right after a command the gripper still reports the end of the move before it.
                 elif time.monotonic() - settled_at >= SETTLED_S:
-                    return Grip(self._width(link), state in BY_OBJECT, arrived=True)
+                    return GripResult(self._width(link), state in BY_OBJECT, arrived=True)
             self._set(link, GTO=0)
-            return Grip(self._width(link), object=False, arrived=False)
+            return GripResult(self._width(link), object=False, arrived=False)
 
-    def activate(self, *, stopped: Callable[[], bool] = lambda: False) -> Grip:
+    def activate(self, *, stopped: Callable[[], bool] = lambda: False) -> GripResult:
         """The gripper is ready to move, or without power to its fingers when a stop came. They close and open once.
 
         Args:
@@ -115,10 +115,10 @@ class RobotiqGripper:
                 if stopped() or time.monotonic() > deadline:
                     self._set(link, ACT=0)
                     if stopped():
-                        return Grip(self._width(link), object=False, arrived=False)
+                        return GripResult(self._width(link), object=False, arrived=False)
                     raise RobotError(PepFault.GRIPPER_INACTIVE, "not ready in time")
                 time.sleep(POLL_S)
-            return Grip(self._width(link), object=False, arrived=True)
+            return GripResult(self._width(link), object=False, arrived=True)
 
     def holds(self) -> bool:
         """Whether an active gripper's fingers are stopped by something now.

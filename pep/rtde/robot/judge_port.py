@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pep.rtde.command.command_values import Command, Six
     from pep.rtde.command.io_commands import IoCommand
     from pep.rtde.script.move_path import Waypoint
-    from pep.rtde.wire.refusal import Refused
+    from pep.rtde.wire.refusal import InputRefusal
     from policies.words.reason_table import Reason
 
 
@@ -36,7 +36,7 @@ class Steps(Protocol):
         ...
 
 
-class Holder(Protocol):
+class ProgramOwner(Protocol):
     """Whose program it is: a lease, or the gateway's own tools."""
 
     @property
@@ -45,7 +45,7 @@ class Holder(Protocol):
         ...
 
 
-class Held(Protocol):
+class PendingCommand(Protocol):
     """A command that waits for its decision. Nothing of it has reached the controller. Answered once."""
 
     @property
@@ -59,7 +59,7 @@ class Held(Protocol):
         ...
 
     @property
-    def lease(self) -> Holder:
+    def lease(self) -> ProgramOwner:
         """By whose authority."""
         ...
 
@@ -94,15 +94,15 @@ class Held(Protocol):
 class Judge(Protocol):
     """Decides about commands that move the arm, let it be moved, switch something or change what a command means."""
 
-    def judge(self, held: Held) -> None:
+    def judge(self, held: PendingCommand) -> None:
         """Begins to decide, and returns; the answer is given through `held`."""
         ...
 
-    def withdrawn(self, held: Held) -> None:
+    def withdrawn(self, held: PendingCommand) -> None:
         """The program no longer waits for the answer: it cleared the command, or has gone."""
         ...
 
-    def refused(self, holder: Holder, refused: Refused, what: str) -> None:
+    def refused(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
         """The line has refused something without asking; it goes on record. Returns at once.
 
         Args:

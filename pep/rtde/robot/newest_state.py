@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from pep.watch.governor import Speeds
+from pep.watch.governor import ReportedSpeeds
 
 if TYPE_CHECKING:
     from pep.base.ports import Clock
@@ -14,7 +14,7 @@ SILENCE_MS: Final = 300
 """A moving arm that says nothing for this long is stopped."""
 
 
-class Heard:
+class NewestState:
     """What the robot has said last, and for how long it has said nothing.
 
     Raises:
@@ -42,9 +42,9 @@ class Heard:
         return self._clock.monotonic_ms()
 
     @property
-    def speeds(self) -> Speeds:
+    def speeds(self) -> ReportedSpeeds:
         """What it has said of its speed."""
-        return Speeds(self.state.slider, self.state.scaling, self._heard_ms)
+        return ReportedSpeeds(self.state.slider, self.state.scaling, self._heard_ms)
 
     @property
     def silent_ms(self) -> int:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 from pep.rtde.robot.connections import PRIMARY
 from pep.rtde.robot.program import HEARD_S, event_of
-from pep.rtde.robot.reconnecting import Kept
-from pep.rtde.wire.primary_frames import PrimaryCutter
+from pep.rtde.robot.reconnecting import ReconnectingConnection
+from pep.rtde.wire.primary_frames import PrimaryFrameSplitter
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,8 +35,8 @@ class PrimaryLine:
         self._clock = clock
         self._told = told
         self._tell_lost = lost
-        self._robot = Kept(host, PRIMARY, begin=self._begin, heard=self._heard, lost=self._lost)
-        self._cutter = PrimaryCutter()
+        self._robot = ReconnectingConnection(host, PRIMARY, begin=self._begin, heard=self._heard, lost=self._lost)
+        self._cutter = PrimaryFrameSplitter()
         self._heard_ms: int | None = None
 
     async def begin(self) -> None:
@@ -62,7 +62,7 @@ class PrimaryLine:
         self._robot.send(program)
 
     def _begin(self) -> bytes:
-        self._cutter = PrimaryCutter()
+        self._cutter = PrimaryFrameSplitter()
         return b""
 
     def _heard(self, content: bytes) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from pep.rtde.robot.dashboard import RemoteControl
-    from pep.rtde.robot.telemetry import Posture, Telemetry
+    from pep.rtde.robot.telemetry import Telemetry, TelemetrySample
 
 PLAYING: Final = 2  # RTDE runtime_state
 UNDEFINED = 11  # RTDE safety_mode of a robot that says nothing
@@ -25,7 +25,7 @@ OWN_POSE_M: Final = 0.0003
 from every other one, and from nominal, in 94 of 100 poses, and each motion asks again."""
 
 
-class Program(Protocol):
+class RunningProgram(Protocol):
     """What the controller runs."""
 
     def undisturbed(self) -> bool:
@@ -58,7 +58,7 @@ class RobotReadiness:
         *,
         telemetry: Telemetry,
         remote: RemoteControl,
-        program: Program,
+        program: RunningProgram,
         commanding: Callable[[], bool],
         tool_position: Callable[[Sequence[float]], Sequence[float]],
         tcp_m: Sequence[float],
@@ -118,10 +118,10 @@ class RobotReadiness:
             if time.monotonic() >= until_s:
                 raise ConfigError(PepFault.CONFIG_INVALID, "the controller has another tool than the model")
 
-    def equipped(self, posture: Posture) -> bool:
+    def equipped(self, posture: TelemetrySample) -> bool:
         """Whether the controller reckons with our tool."""
         offset_m, offset_rad = posture.tcp_offset[:3], posture.tcp_offset[3:]
         return math.dist(offset_m, self._tcp_m) <= OFFSET_M and math.hypot(*offset_rad) <= OFFSET_RAD
 
-    def _in_place(self, posture: Posture) -> bool:
+    def _in_place(self, posture: TelemetrySample) -> bool:
         return math.dist(posture.tool_pose[:3], self._tool_position(posture.q_rad)) <= self._pose_m

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-class Kept:
+class ReconnectingConnection:
     """One connection after the other.
 
     Args:

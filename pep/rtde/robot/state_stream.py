@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.robot.connections import RTDE
-from pep.rtde.robot.reconnecting import Kept
+from pep.rtde.robot.reconnecting import ReconnectingConnection
 from pep.rtde.robot.state_receiver import STILL_RAD_S
 from pep.rtde.wire.subscription import Subscription
 
@@ -54,7 +54,7 @@ class Sample:
         return self.speed_rad_s < STILL_RAD_S
 
 
-class Feed:
+class StateStream:
     """The newest package. It comes back by itself when the connection is lost.
 
     Args:
@@ -66,7 +66,7 @@ class Feed:
     def __init__(self, host: str, *, clock: Clock, heard: Callable[[Sample], None]) -> None:
         self._clock = clock
         self._tell = heard
-        self._robot = Kept(host, RTDE, begin=self._begin, heard=self._heard, lost=lambda: None)
+        self._robot = ReconnectingConnection(host, RTDE, begin=self._begin, heard=self._heard, lost=lambda: None)
         self._subscription = Subscription(_NAMES, RATE_HZ)
         self._came = asyncio.Event()
         self.newest: Sample | None = None

@@ -28,7 +28,7 @@ _NAMES: Final = (
 
 
 @dataclass(frozen=True, slots=True)
-class Posture:
+class TelemetrySample:
     """One package.
 
     Attributes:
@@ -60,12 +60,12 @@ class Telemetry:
     """
 
     def __init__(self, host: str) -> None:
-        self._newest: Posture | None = None
+        self._newest: TelemetrySample | None = None
         self._came = threading.Condition()
         self._listener = Listener("telemetry", host, PORT, self._talk)
         self._listener.start()
 
-    def read(self) -> Posture:
+    def read(self) -> TelemetrySample:
         """The newest package.
 
         Raises:
@@ -76,7 +76,7 @@ class Telemetry:
             raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
         return newest
 
-    def next(self) -> Posture:
+    def next(self) -> TelemetrySample:
         """A package that arrives after this call has begun, waited for at most 100 ms.
 
         Raises:
@@ -105,7 +105,7 @@ class Telemetry:
             return  # no package at all: the one before it grows too old
         robot_mode, safety_mode, runtime_state, output_bits = (int(_number(values[name])) for name in _NAMES[4:])
         with self._came:
-            self._newest = Posture(
+            self._newest = TelemetrySample(
                 q_rad=joints,
                 tool_pose=pose,
                 tcp_offset=offset,

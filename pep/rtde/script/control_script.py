@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 from pep.base.errors import ConfigError, PepFault
 from pep.rtde.script.move_path import MAX_LINE, PathBlock, render_path
 from pep.rtde.wire.recipes import OFFSETS
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def _script(since: int, offset: Offset, body: str) -> ControlScript:
     return ControlScript(since, offset, (head + mark).encode(), tail.encode())
 
 
-_CHANGED: Final = Refused(Reason.TOOL_DEFINITION_CHANGED, "control script")
+_CHANGED: Final = InputRefusal(Reason.TOOL_DEFINITION_CHANGED, "control script")
 
 
 class _Follower:
@@ -161,7 +161,7 @@ class _Follower:
         self._line = b""  # of the path, not yet complete
         self.depth = 0
 
-    def feed(self, received: bytes) -> Upload | Refused | None:
+    def feed(self, received: bytes) -> Upload | InputRefusal | None:
         agreed = _agreed(self._script.head, self._head, received)
         self._head += agreed
         self.depth += agreed
@@ -172,7 +172,7 @@ class _Follower:
         while received and not self._tail and (self._line or received.startswith(b"\t")):
             line, end, received = (self._line + received).partition(b"\n")
             if len(line) > MAX_LINE:
-                return Refused(Reason.BODY_MALFORMED, "path")
+                return InputRefusal(Reason.BODY_MALFORMED, "path")
             if not end:
                 self._line = line
                 return None
@@ -184,7 +184,7 @@ class _Follower:
         if not received:
             return None
         if not self._path.complete:
-            return Refused(Reason.BODY_MALFORMED, "path")
+            return InputRefusal(Reason.BODY_MALFORMED, "path")
         agreed = _agreed(self._script.tail, self._tail, received)
         self._tail += agreed
         self.depth += agreed
@@ -210,9 +210,9 @@ class Recogniser:
 
     def __init__(self, scripts: Sequence[ControlScript]) -> None:
         self._followers = [_Follower(script) for script in scripts]
-        self._over: Refused | None = None
+        self._over: InputRefusal | None = None
 
-    def feed(self, received: bytes) -> Upload | Refused | None:
+    def feed(self, received: bytes) -> Upload | InputRefusal | None:
         """What the program is, as soon as that is known; None while more is needed.
 
         Returns:
@@ -232,5 +232,5 @@ class Recogniser:
         if self._followers:
             return None
         # The script that agreed for longest says what is wrong.
-        _, self._over = max(((f.depth, a) for f, a in answers if isinstance(a, Refused)), key=lambda pair: pair[0])
+        _, self._over = max(((f.depth, a) for f, a in answers if isinstance(a, InputRefusal)), key=lambda pair: pair[0])
         return self._over

@@ -13,7 +13,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.command.fields import BLEND, JOINT_ACCELERATION, JOINT_SPEED, TOOL_ACCELERATION, TOOL_SPEED
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
@@ -78,40 +78,40 @@ class PathBlock:
         """Whether it may end here: each announced waypoint has come."""
         return not self._announced
 
-    def line(self, line: bytes) -> Refused | None:
+    def line(self, line: bytes) -> InputRefusal | None:
         """Takes the next line, without its end; refused when ur_rtde would not write it, or we do not take it."""
         place = f"waypoint {len(self.waypoints)}"
         if not self._announced:
             found = _SIGNAL.fullmatch(line)
             if found is None or int(found[1]) != len(self.waypoints):
-                return Refused(Reason.BODY_MALFORMED, place)
+                return InputRefusal(Reason.BODY_MALFORMED, place)
             if len(self.waypoints) == MAX_WAYPOINTS:
-                return Refused(Reason.BODY_TOO_LARGE, place)
+                return InputRefusal(Reason.BODY_TOO_LARGE, place)
             self._announced = True
             return None
         waypoint = _waypoint(line, place)
-        if isinstance(waypoint, Refused):
+        if isinstance(waypoint, InputRefusal):
             return waypoint
         self.waypoints.append(waypoint)
         self._announced = False
         return None
 
 
-def _waypoint(line: bytes, place: str) -> Waypoint | Refused:
+def _waypoint(line: bytes, place: str) -> Waypoint | InputRefusal:
     found = _MOVE.fullmatch(line)
     if found is None:
-        return Refused(Reason.BODY_MALFORMED, place)
+        return InputRefusal(Reason.BODY_MALFORMED, place)
     verb, pose, *texts = (group.decode("ascii") for group in found.groups())
     numbers = []
     for text in texts:
         try:
             number = float(text)
         except ValueError:
-            return Refused(Reason.BODY_MALFORMED, place)
+            return InputRefusal(Reason.BODY_MALFORMED, place)
         if not math.isfinite(number):
-            return Refused(Reason.NOT_FINITE, place)
+            return InputRefusal(Reason.NOT_FINITE, place)
         if _written(number) != text:
-            return Refused(Reason.BODY_MALFORMED, place)
+            return InputRefusal(Reason.BODY_MALFORMED, place)
         numbers.append(number)
     x, y, z, rx, ry, rz, acceleration, speed, blend_m = numbers
     move = PathMove(verb)
@@ -122,7 +122,7 @@ def _waypoint(line: bytes, place: str) -> Waypoint | Refused:
         (blend_m, BLEND),
     ):
         if not span.low <= value <= span.high:
-            return Refused(Reason.ROBOT_LIMIT, place)
+            return InputRefusal(Reason.ROBOT_LIMIT, place)
     return Waypoint(move, bool(pose), (x, y, z, rx, ry, rz), speed, acceleration, blend_m)
 
 

@@ -12,21 +12,21 @@ from pep.rtde.script.syntax_tree import (
     Assign,
     Binary,
     Boolean,
-    Call,
     Declare,
     Definition,
-    End,
+    EndThread,
     Evaluate,
+    FunctionCall,
     If,
     Index,
     Integer,
+    KeywordStatement,
     ListLiteral,
-    Mark,
     Name,
     PoseLiteral,
     Real,
     Return,
-    Run,
+    RunThread,
     Text,
     Unary,
     While,
@@ -73,9 +73,9 @@ def _write(statement: Statement, level: int, out: list[str]) -> None:
             out.append(pad + "end")
         case Return(value):
             out.append(pad + "return" + ("" if value is None else " " + render_expression(value)))
-        case End(verb, thread):
+        case EndThread(verb, thread):
             out.append(f"{pad}{verb} {render_expression(thread)}")
-        case Mark(word):
+        case KeywordStatement(word):
             out.append(pad + word)
         case Definition(kind, name, parameters, body):
             shown = ", ".join(
@@ -125,9 +125,9 @@ def _bare(expression: Expression) -> tuple[str, int]:
             return f"{_show(left, level)} {operator} {_show(right, level + 1)}", level
         case Index(base, indices):
             return f"{_show(base, POSTFIX_LEVEL)}[{', '.join(_show(index, 0) for index in indices)}]", POSTFIX_LEVEL
-        case Call(function, arguments):
+        case FunctionCall(function, arguments):
             return f"{function}({_render_arguments(arguments)})", top
-        case Run(function, arguments):
+        case RunThread(function, arguments):
             return f"run {function}({_render_arguments(arguments)})", top
         case _:
             assert_never(expression)

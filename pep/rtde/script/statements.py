@@ -15,10 +15,10 @@ from pep.rtde.script.script_text import render
 from pep.rtde.script.syntax_tree import (
     Argument,
     Boolean,
-    Call,
     Definition,
     Evaluate,
     Expression,
+    FunctionCall,
     Integer,
     ListLiteral,
     PoseLiteral,
@@ -79,12 +79,12 @@ class StraightLine:
         return render(Program((Definition("def", NAME, (), body),)))
 
 
-def _call(statement: Statement) -> Call:
+def _call(statement: Statement) -> FunctionCall:
     match statement:
         case Waypoint(move, is_pose, target, speed, acceleration, blend_m):
             items = tuple(map(_literal, target))
             named = (("a", acceleration), ("v", speed), ("r", blend_m))
-            return Call(
+            return FunctionCall(
                 move.value,
                 (
                     Argument(None, PoseLiteral(items) if is_pose else ListLiteral(items)),
@@ -116,8 +116,8 @@ _DIGITAL: Final = {
 }
 
 
-def _plain(function: str, *values: Expression) -> Call:
-    return Call(function, tuple(Argument(None, value) for value in values))
+def _plain(function: str, *values: Expression) -> FunctionCall:
+    return FunctionCall(function, tuple(Argument(None, value) for value in values))
 
 
 def _literal(value: float) -> Expression:

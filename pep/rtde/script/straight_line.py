@@ -31,9 +31,9 @@ from pep.rtde.script.statements import Sleep, StraightLine, TextMessage, WriteOu
 from pep.rtde.script.syntax_tree import (
     Binary,
     Boolean,
-    Call,
     Definition,
     Evaluate,
+    FunctionCall,
     Integer,
     ListLiteral,
     PoseLiteral,
@@ -42,7 +42,7 @@ from pep.rtde.script.syntax_tree import (
     Unary,
 )
 from pep.rtde.script.urscript import ScriptError, parse
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ STATEMENTS: Final = frozenset(_FORMS)
 """The functions that a program may call."""
 
 
-def straight_line(text: str) -> StraightLine | Refused:
+def straight_line(text: str) -> StraightLine | InputRefusal:
     """The statements of a program. Never raises.
 
     Args:
@@ -239,41 +239,41 @@ def straight_line(text: str) -> StraightLine | Refused:
         what a call is given.
     """
     if len(text) > MAX_TEXT:
-        return Refused(Reason.BODY_TOO_LARGE, "program")
+        return InputRefusal(Reason.BODY_TOO_LARGE, "program")
     try:
         tree = parse(text)
     except ScriptError as error:
-        return Refused(Reason.BODY_MALFORMED, f"line {error.line}")
+        return InputRefusal(Reason.BODY_MALFORMED, f"line {error.line}")
     nodes: Sequence[Node] = tree.statements
     if len(nodes) == 1 and isinstance(nodes[0], Definition):
         program = nodes[0]
         if program.kind != "def" or program.parameters:
-            return Refused(Reason.TOOL_UNKNOWN, f"line {program.line}")
+            return InputRefusal(Reason.TOOL_UNKNOWN, f"line {program.line}")
         nodes = program.body
     if not nodes:
-        return Refused(Reason.BODY_MALFORMED, "an empty program")
+        return InputRefusal(Reason.BODY_MALFORMED, "an empty program")
     if len(nodes) > MAX_STATEMENTS:
-        return Refused(Reason.BODY_TOO_LARGE, "program")
+        return InputRefusal(Reason.BODY_TOO_LARGE, "program")
     found = []
     for node in nodes:
         statement = _statement(node)
-        if isinstance(statement, Refused):
+        if isinstance(statement, InputRefusal):
             return statement
         found.append(statement)
     return StraightLine(tuple(found))
 
 
-def _statement(node: Node) -> Statement | Refused:
+def _statement(node: Node) -> Statement | InputRefusal:
     place = f"line {node.line}"
-    if not isinstance(node, Evaluate) or not isinstance(node.expression, Call):
-        return Refused(Reason.TOOL_UNKNOWN, place)
+    if not isinstance(node, Evaluate) or not isinstance(node.expression, FunctionCall):
+        return InputRefusal(Reason.TOOL_UNKNOWN, place)
     form = _FORMS.get(node.expression.function)
     if form is None:
-        return Refused(Reason.TOOL_UNKNOWN, place)
+        return InputRefusal(Reason.TOOL_UNKNOWN, place)
     try:
         return form.make(*_bound(form, node.expression.arguments))
     except WrongParameterError as wrong:
-        return Refused(wrong.reason, f"{place}: {wrong.place}")
+        return InputRefusal(wrong.reason, f"{place}: {wrong.place}")
 
 
 def _bound(form: _Form, arguments: Sequence[Argument]) -> list[object]:

@@ -93,7 +93,7 @@ class Argument:
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
+class FunctionCall:
     """`function(arguments)`."""
 
     function: str
@@ -102,7 +102,7 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class RunThread:
     """`run thread(arguments)`: starts a thread; its value is the handle."""
 
     function: str
@@ -111,7 +111,18 @@ class Run:
 
 
 Expression: TypeAlias = (
-    Integer | Real | Text | Boolean | Name | ListLiteral | PoseLiteral | Unary | Binary | Index | Call | Run
+    Integer
+    | Real
+    | Text
+    | Boolean
+    | Name
+    | ListLiteral
+    | PoseLiteral
+    | Unary
+    | Binary
+    | Index
+    | FunctionCall
+    | RunThread
 )
 
 
@@ -138,7 +149,7 @@ class Declare:
 class Evaluate:
     """A call or a thread start for its effect."""
 
-    expression: Call | Run
+    expression: FunctionCall | RunThread
     line: int = field(default=0, compare=False)
 
 
@@ -177,7 +188,7 @@ class Return:
 
 
 @dataclass(frozen=True, slots=True)
-class End:
+class EndThread:
     """`kill thread` or `join thread`."""
 
     verb: Literal["kill", "join"]
@@ -186,7 +197,7 @@ class End:
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class KeywordStatement:
     """A statement of one word."""
 
     word: Literal["break", "continue", "pass", "halt", "enter_critical", "exit_critical"]
@@ -212,7 +223,7 @@ class Definition:
     line: int = field(default=0, compare=False)
 
 
-Statement: TypeAlias = Assign | Declare | Evaluate | If | While | Return | End | Mark | Definition
+Statement: TypeAlias = Assign | Declare | Evaluate | If | While | Return | EndThread | KeywordStatement | Definition
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,24 +23,24 @@ from pep.rtde.script.syntax_tree import (
     Binary,
     Boolean,
     Branch,
-    Call,
     Declare,
     Definition,
-    End,
+    EndThread,
     Evaluate,
     Expression,
+    FunctionCall,
     If,
     Index,
     Integer,
+    KeywordStatement,
     ListLiteral,
-    Mark,
     Name,
     Parameter,
     PoseLiteral,
     Program,
     Real,
     Return,
-    Run,
+    RunThread,
     Statement,
     Text,
     Unary,
@@ -212,10 +212,10 @@ class _Parser:
                 return Return(None if bare else self.expression(), line)
             case "break" | "continue" | "pass" | "halt" | "enter_critical" | "exit_critical" as word:
                 self.take()
-                return Mark(word, line)
+                return KeywordStatement(word, line)
             case "kill" | "join" as verb:
                 self.take()
-                return End(verb, self.expression(), line)
+                return EndThread(verb, self.expression(), line)
             case "global" | "local" as scope:
                 self.take()
                 name = self.identifier()
@@ -267,7 +267,7 @@ class _Parser:
             if not isinstance(expression, Name | Index):
                 raise self.wrong("only a variable or an element of one can be assigned")
             return Assign(None, expression, self.expression(), line)
-        if not isinstance(expression, Call | Run):
+        if not isinstance(expression, FunctionCall | RunThread):
             raise ScriptError(ScriptFault.SYNTAX, line, "a value alone is no statement")
         return Evaluate(expression, line)
 
@@ -362,11 +362,11 @@ class _Parser:
         if token.text in ("True", "False"):
             return Boolean(token.text == "True")
         if token.text == "run":
-            return Run(self.identifier(), self.arguments(), token.line)
+            return RunThread(self.identifier(), self.arguments(), token.line)
         if token.text in KEYWORDS:
             raise ScriptError(ScriptFault.SYNTAX, token.line, f"no value starts with {token.text!r}")
         if self.sees("(") and self.same_line():
-            return Call(token.text, self.arguments(), token.line)
+            return FunctionCall(token.text, self.arguments(), token.line)
         if token.text == "p" and self.sees("[") and self.same_line():
             self.take()
             items = self.items("]", least=1)  # six make a pose; fewer index a variable that happens to be called p

@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 from pep.rtde.wire.messages import (
     AskControlVersion,
     ControlVersion,
+    FrameKind,
     InputsAnswer,
-    Kind,
-    Message,
     OutputsAnswer,
     Pause,
     PauseAnswer,
     ProtocolAnswer,
     RequestProtocol,
+    RtdeMessage,
     SetupInputs,
     SetupOutputs,
     Start,
@@ -52,10 +52,10 @@ Value: TypeAlias = int | float | bool | tuple[float, ...] | tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
+class RtdeFrame:
     """One frame, its payload not yet read."""
 
-    kind: Kind
+    kind: FrameKind
     payload: bytes
 
     def encode(self) -> bytes:
@@ -77,7 +77,7 @@ class Framer:
         self._limit = limit
         self._held = bytearray()
 
-    def feed(self, received: bytes) -> list[Frame]:
+    def feed(self, received: bytes) -> list[RtdeFrame]:
         """The frames completed by `received`, in order.
 
         Raises:
@@ -86,7 +86,7 @@ class Framer:
         """
         held = self._held
         held += received
-        found: list[Frame] = []
+        found: list[RtdeFrame] = []
         at = 0
         while len(held) - at >= HEADER:
             size, number = struct.unpack_from(">HB", held, at)
@@ -99,7 +99,7 @@ class Framer:
                 raise WireError(WireFault.KIND, f"a frame of kind {number}")
             if len(held) - at < size:
                 break
-            found.append(Frame(kind, bytes(held[at + HEADER : at + size])))
+            found.append(RtdeFrame(kind, bytes(held[at + HEADER : at + size])))
             at += size
         del held[:at]
         return found
@@ -110,13 +110,13 @@ class Framer:
         return len(self._held)
 
 
-_KINDS: Final = {int(kind): kind for kind in Kind}
+_KINDS: Final = {int(kind): kind for kind in FrameKind}
 
 
 # ------------------------------------------------------------------------------------------------------------- messages
 
 
-def decode_request(frame: Frame, protocol: int) -> Request:
+def decode_request(frame: RtdeFrame, protocol: int) -> Request:
     """What a client says with `frame` under protocol version 1 or 2.
 
     Raises:
@@ -126,16 +126,16 @@ def decode_request(frame: Frame, protocol: int) -> Request:
     """
     payload = frame.payload
     match frame.kind:
-        case Kind.VALUES:  # first, since nearly every frame is one
+        case FrameKind.VALUES:  # first, since nearly every frame is one
             return _decode_values(payload, numbered=True)
-        case Kind.PROTOCOL_VERSION:
+        case FrameKind.PROTOCOL_VERSION:
             return RequestProtocol(_unpack(">H", payload)[0])
-        case Kind.CONTROL_VERSION:
+        case FrameKind.CONTROL_VERSION:
             _unpack(">", payload)
             return AskControlVersion()
-        case Kind.TEXT:
+        case FrameKind.TEXT:
             return _decode_text(payload, protocol)
-        case Kind.SETUP_OUTPUTS:
+        case FrameKind.SETUP_OUTPUTS:
             if protocol == 1:
                 return SetupOutputs(_decode_names(payload), None)
             if len(payload) < 8:
@@ -144,12 +144,12 @@ def decode_request(frame: Frame, protocol: int) -> Request:
             if not math.isfinite(frequency):
                 raise WireError(WireFault.FREQUENCY, "a frequency that is no number")
             return SetupOutputs(_decode_names(payload[8:]), frequency)
-        case Kind.SETUP_INPUTS:
+        case FrameKind.SETUP_INPUTS:
             return SetupInputs(_decode_names(payload))
-        case Kind.START:
+        case FrameKind.START:
             _unpack(">", payload)
             return Start()
-        case Kind.PAUSE:
+        case FrameKind.PAUSE:
             _unpack(">", payload)
             return Pause()
         case _:
@@ -160,28 +160,28 @@ def encode_request(request: Request, protocol: int) -> bytes:
     """The frame that says `request`; field lists are written without a trailing comma."""
     match request:
         case RequestProtocol(version):
-            frame = Frame(Kind.PROTOCOL_VERSION, _pack(">H", version))
+            frame = RtdeFrame(FrameKind.PROTOCOL_VERSION, _pack(">H", version))
         case AskControlVersion():
-            frame = Frame(Kind.CONTROL_VERSION, b"")
-        case Message():
-            frame = Frame(Kind.TEXT, _encode_text(request, protocol))
+            frame = RtdeFrame(FrameKind.CONTROL_VERSION, b"")
+        case RtdeMessage():
+            frame = RtdeFrame(FrameKind.TEXT, _encode_text(request, protocol))
         case Values():
-            frame = Frame(Kind.VALUES, _encode_values(request))
+            frame = RtdeFrame(FrameKind.VALUES, _encode_values(request))
         case SetupOutputs(names, frequency):
             lead = b"" if protocol == 1 else _pack(">d", frequency)
-            frame = Frame(Kind.SETUP_OUTPUTS, lead + _encode_names(names))
+            frame = RtdeFrame(FrameKind.SETUP_OUTPUTS, lead + _encode_names(names))
         case SetupInputs(names):
-            frame = Frame(Kind.SETUP_INPUTS, _encode_names(names))
+            frame = RtdeFrame(FrameKind.SETUP_INPUTS, _encode_names(names))
         case Start():
-            frame = Frame(Kind.START, b"")
+            frame = RtdeFrame(FrameKind.START, b"")
         case Pause():
-            frame = Frame(Kind.PAUSE, b"")
+            frame = RtdeFrame(FrameKind.PAUSE, b"")
         case _:
             assert_never(request)
     return frame.encode()
 
 
-def decode_answer(frame: Frame, protocol: int) -> Answer:
+def decode_answer(frame: RtdeFrame, protocol: int) -> Answer:
     """What a controller says with `frame` under protocol version 1 or 2.
 
     Raises:
@@ -189,26 +189,26 @@ def decode_answer(frame: Frame, protocol: int) -> Answer:
     """
     payload = frame.payload
     match frame.kind:
-        case Kind.VALUES:
+        case FrameKind.VALUES:
             return _decode_values(payload, numbered=protocol != 1)
-        case Kind.PROTOCOL_VERSION:
+        case FrameKind.PROTOCOL_VERSION:
             return ProtocolAnswer(_decode_flag(payload))
-        case Kind.CONTROL_VERSION:
+        case FrameKind.CONTROL_VERSION:
             return ControlVersion(*_unpack(">4I", payload))
-        case Kind.TEXT:
+        case FrameKind.TEXT:
             return _decode_text(payload, protocol)
-        case Kind.SETUP_OUTPUTS if protocol == 1:
+        case FrameKind.SETUP_OUTPUTS if protocol == 1:
             return OutputsAnswer(_decode_types(payload), None)
-        case Kind.SETUP_OUTPUTS | Kind.SETUP_INPUTS:
+        case FrameKind.SETUP_OUTPUTS | FrameKind.SETUP_INPUTS:
             if not payload:
                 raise WireError(WireFault.PAYLOAD, "an answer without a recipe id")
             types = _decode_types(payload[1:])
-            if frame.kind is Kind.SETUP_OUTPUTS:
+            if frame.kind is FrameKind.SETUP_OUTPUTS:
                 return OutputsAnswer(types, payload[0])
             return InputsAnswer(types, payload[0])
-        case Kind.START:
+        case FrameKind.START:
             return StartAnswer(_decode_flag(payload))
-        case Kind.PAUSE:
+        case FrameKind.PAUSE:
             return PauseAnswer(_decode_flag(payload))
         case _:
             assert_never(frame.kind)
@@ -218,21 +218,23 @@ def encode_answer(answer: Answer, protocol: int) -> bytes:
     """The frame that says `answer`."""
     match answer:
         case ProtocolAnswer(accepted):
-            frame = Frame(Kind.PROTOCOL_VERSION, bytes([accepted]))
+            frame = RtdeFrame(FrameKind.PROTOCOL_VERSION, bytes([accepted]))
         case ControlVersion(major, minor, bugfix, build):
-            frame = Frame(Kind.CONTROL_VERSION, _pack(">4I", major, minor, bugfix, build))
-        case Message():
-            frame = Frame(Kind.TEXT, _encode_text(answer, protocol))
+            frame = RtdeFrame(FrameKind.CONTROL_VERSION, _pack(">4I", major, minor, bugfix, build))
+        case RtdeMessage():
+            frame = RtdeFrame(FrameKind.TEXT, _encode_text(answer, protocol))
         case Values():
-            frame = Frame(Kind.VALUES, _encode_values(answer))
+            frame = RtdeFrame(FrameKind.VALUES, _encode_values(answer))
         case OutputsAnswer(types, recipe):
-            frame = Frame(Kind.SETUP_OUTPUTS, (b"" if recipe is None else _pack(">B", recipe)) + _encode_names(types))
+            frame = RtdeFrame(
+                FrameKind.SETUP_OUTPUTS, (b"" if recipe is None else _pack(">B", recipe)) + _encode_names(types)
+            )
         case InputsAnswer(types, recipe):
-            frame = Frame(Kind.SETUP_INPUTS, _pack(">B", recipe) + _encode_names(types))
+            frame = RtdeFrame(FrameKind.SETUP_INPUTS, _pack(">B", recipe) + _encode_names(types))
         case StartAnswer(accepted):
-            frame = Frame(Kind.START, bytes([accepted]))
+            frame = RtdeFrame(FrameKind.START, bytes([accepted]))
         case PauseAnswer(accepted):
-            frame = Frame(Kind.PAUSE, bytes([accepted]))
+            frame = RtdeFrame(FrameKind.PAUSE, bytes([accepted]))
         case _:
             assert_never(answer)
     return frame.encode()
@@ -387,11 +389,11 @@ def _encode_values(values: Values) -> bytes:
     return values.packed if values.recipe is None else _pack(">B", values.recipe) + values.packed
 
 
-def _decode_text(payload: bytes, protocol: int) -> Message:
+def _decode_text(payload: bytes, protocol: int) -> RtdeMessage:
     if protocol == 1:
         if not payload:
             raise WireError(WireFault.PAYLOAD, "a text message without a level")
-        return Message(payload[1:].decode("utf-8", "replace"), "", payload[0])
+        return RtdeMessage(payload[1:].decode("utf-8", "replace"), "", payload[0])
     parts: list[str] = []
     at = 0
     for _ in range(2):
@@ -401,10 +403,10 @@ def _decode_text(payload: bytes, protocol: int) -> Message:
         at += 1 + payload[at]
     if at + 1 != len(payload):
         raise WireError(WireFault.PAYLOAD, "a text message that does not end with its level")
-    return Message(parts[0], parts[1], payload[at])
+    return RtdeMessage(parts[0], parts[1], payload[at])
 
 
-def _encode_text(message: Message, protocol: int) -> bytes:
+def _encode_text(message: RtdeMessage, protocol: int) -> bytes:
     if protocol == 1:
         return _pack(">B", message.level) + message.text.encode()
     text, source = message.text.encode(), message.source.encode()

@@ -12,7 +12,7 @@ from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class LineClass(Enum):
     """Answered here; the connection ends."""
 
 
-class Argument(Enum):
+class ArgumentKind(Enum):
     """What may stand behind the words; never what a shell takes for an option, or a way up."""
 
     NONE = r""
@@ -62,11 +62,11 @@ class LineRow:
 
     words: str
     line_class: LineClass
-    argument: Argument = Argument.NONE
+    argument: ArgumentKind = ArgumentKind.NONE
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class DashboardLine:
     """What a client's line says.
 
     Attributes:
@@ -104,22 +104,22 @@ _ROWS: Final = (
     LineRow("is in remote control", _READ),
     LineRow("get serial number", _READ),
     LineRow("get robot model", _READ),
-    LineRow("popup", _DECIDE, Argument.TEXT),
-    LineRow("addToLog", _DECIDE, Argument.TEXT),
+    LineRow("popup", _DECIDE, ArgumentKind.TEXT),
+    LineRow("addToLog", _DECIDE, ArgumentKind.TEXT),
     LineRow("power on", _DECIDE),
     LineRow("brake release", _DECIDE),
     LineRow("unlock protective stop", _HUMAN),
     LineRow("close safety popup", _HUMAN),
     LineRow("restart safety", _HUMAN),
     LineRow("play", _DENY),
-    LineRow("load", _DENY, Argument.FILE),
-    LineRow("load installation", _DENY, Argument.FILE),
+    LineRow("load", _DENY, ArgumentKind.FILE),
+    LineRow("load installation", _DENY, ArgumentKind.FILE),
     LineRow("shutdown", _DENY),
-    LineRow("setUserRole", _DENY, Argument.ROLE),
-    LineRow("set operational mode", _DENY, Argument.MODE),
+    LineRow("setUserRole", _DENY, ArgumentKind.ROLE),
+    LineRow("set operational mode", _DENY, ArgumentKind.MODE),
     LineRow("clear operational mode", _DENY),
-    LineRow("generate flight report", _DENY, Argument.REPORT),
-    LineRow("generate support file", _DENY, Argument.FILE),
+    LineRow("generate flight report", _DENY, ArgumentKind.REPORT),
+    LineRow("generate support file", _DENY, ArgumentKind.FILE),
     LineRow("saveLog", _DENY),
     LineRow("quit", LineClass.LOCAL),
 )
@@ -129,7 +129,7 @@ LINES: Final[Mapping[str, LineRow]] = MappingProxyType({row.words: row for row i
 _BY_LENGTH: Final = sorted(_ROWS, key=lambda row: -len(row.words))
 
 
-def parse_line(line: bytes) -> Line | Refused:
+def parse_line(line: bytes) -> DashboardLine | InputRefusal:
     """What a line says. Never raises.
 
     Args:
@@ -140,15 +140,15 @@ def parse_line(line: bytes) -> Line | Refused:
         `PARAMETERS_WRONG` for an argument that is missing, too much, or of other characters than the row's.
     """
     if len(line) > MAX_LINE:
-        return Refused(Reason.BODY_TOO_LARGE, "dashboard line")
+        return InputRefusal(Reason.BODY_TOO_LARGE, "dashboard line")
     text = line.removesuffix(b"\r").decode("latin-1")
     for row in _BY_LENGTH:
         if text != row.words and not text.startswith(row.words + " "):
             continue
-        if row.argument is Argument.NONE:
+        if row.argument is ArgumentKind.NONE:
             if text == row.words:
-                return Line(row, "")
+                return DashboardLine(row, "")
         elif re.fullmatch(row.argument.value, argument := text[len(row.words) + 1 :]):
-            return Line(row, argument)
-        return Refused(Reason.PARAMETERS_WRONG, row.words)
-    return Refused(Reason.TOOL_UNKNOWN, "dashboard line")
+            return DashboardLine(row, argument)
+        return InputRefusal(Reason.PARAMETERS_WRONG, row.words)
+    return InputRefusal(Reason.TOOL_UNKNOWN, "dashboard line")

@@ -16,7 +16,7 @@ class LengthError(ValueError):
         self.length = length
 
 
-class Cutter:
+class FrameSplitter:
     """One stream.
 
     Args:

@@ -35,7 +35,7 @@ class WireError(ValueError):
         self.code = code
 
 
-class Kind(IntEnum):
+class FrameKind(IntEnum):
     """The type byte of a frame."""
 
     PROTOCOL_VERSION = ord("V")
@@ -78,7 +78,7 @@ class ControlVersion:
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class RtdeMessage:
     """Either side: a text for people. Level 0 exception, 1 error, 2 warning, 3 information; version 1 has no source."""
 
     text: str
@@ -149,7 +149,9 @@ class Values:
     packed: bytes
 
 
-Request: TypeAlias = RequestProtocol | AskControlVersion | Message | SetupOutputs | SetupInputs | Start | Pause | Values
+Request: TypeAlias = (
+    RequestProtocol | AskControlVersion | RtdeMessage | SetupOutputs | SetupInputs | Start | Pause | Values
+)
 Answer: TypeAlias = (
-    ProtocolAnswer | ControlVersion | Message | OutputsAnswer | InputsAnswer | StartAnswer | PauseAnswer | Values
+    ProtocolAnswer | ControlVersion | RtdeMessage | OutputsAnswer | InputsAnswer | StartAnswer | PauseAnswer | Values
 )

@@ -13,7 +13,7 @@ import struct
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
-from pep.rtde.wire.frame_splitter import LENGTH, Cutter, LengthError
+from pep.rtde.wire.frame_splitter import LENGTH, FrameSplitter, LengthError
 from pep.rtde.wire.messages import WireError, WireFault
 from pep.rtde.wire.primary_state import PARTS, OtherPart, Part
 
@@ -24,7 +24,7 @@ READ_ONLY: Final = 210  # error code that answers a script where none is taken
 
 
 @dataclass(frozen=True, slots=True)
-class RobotState:
+class PrimaryState:
     """What both interfaces send ten times a second."""
 
     parts: tuple[Part, ...]
@@ -88,7 +88,7 @@ Content: TypeAlias = Version | ErrorCode | Key | RuntimeException | OtherMessage
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class PrimaryMessage:
     """What the controller tells, at its own microseconds."""
 
     timestamp_us: int
@@ -104,14 +104,14 @@ class OtherFrame:
     body: bytes
 
 
-PrimaryFrame: TypeAlias = RobotState | Message | OtherFrame
+PrimaryFrame: TypeAlias = PrimaryState | PrimaryMessage | OtherFrame
 
 
-class PrimaryCutter:
+class PrimaryFrameSplitter:
     """Cuts the bytes of 30001 or 30002, however they were torn, into kinds and bodies that nobody has read yet."""
 
     def __init__(self) -> None:
-        self._cutter = Cutter(HEADER, MAX_FRAME, itself=True)
+        self._cutter = FrameSplitter(HEADER, MAX_FRAME, itself=True)
 
     def feed(self, received: bytes) -> list[tuple[int, bytes]]:
         """Those completed by `received`, in order.
@@ -134,16 +134,16 @@ def encode_primary(frame: PrimaryFrame) -> bytes:
         WireError: a value that does not fit its field.
     """
     match frame:
-        case RobotState(parts):
+        case PrimaryState(parts):
             return _framed(ROBOT_STATE, b"".join(_encode_part(part) for part in parts))
-        case Message(timestamp, source, content):
+        case PrimaryMessage(timestamp, source, content):
             kind, body = _encode_content(content)
             return _framed(MESSAGE, _pack(">Qbb", timestamp, source, kind) + body)
         case OtherFrame(kind, body):
             return _framed(kind, body)
 
 
-def decode_message(body: bytes) -> Message:
+def decode_message(body: bytes) -> PrimaryMessage:
     """The message of a frame of kind `MESSAGE`.
 
     Raises:
@@ -152,7 +152,7 @@ def decode_message(body: bytes) -> Message:
     if len(body) < 10:
         raise WireError(WireFault.PAYLOAD, "a message without its kind")
     timestamp, source, sort = struct.unpack_from(">Qbb", body)
-    return Message(timestamp, source, _decode_content(sort, body[10:]))
+    return PrimaryMessage(timestamp, source, _decode_content(sort, body[10:]))
 
 
 def _encode_part(part: Part) -> bytes:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
 from pep.rtde.wire.codec import Recipe
-from pep.rtde.wire.refusal import Refused
+from pep.rtde.wire.refusal import InputRefusal
 from pep.rtde.wire.variables import INPUTS
 from policies.words.reason_codes import Reason
 
@@ -72,7 +72,7 @@ def io_recipes(offset: Offset) -> tuple[tuple[str, ...], ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Profile:
+class WritableVariables:
     """What one client may write.
 
     Attributes:
@@ -84,7 +84,7 @@ class Profile:
     names: frozenset[str]
 
     @classmethod
-    def of(cls, offset: Offset, *, control: bool, io: bool) -> Profile:
+    def of(cls, offset: Offset, *, control: bool, io: bool) -> WritableVariables:
         """The variables of ur_rtde's control interface, of its IO interface, or of both."""
         recipes = (*(control_recipes(offset) if control else ()), *(io_recipes(offset) if io else ()))
         return cls(offset, frozenset(name for recipe in recipes for name in recipe))
@@ -106,11 +106,11 @@ class InputRecipes:
         profile: what they may be made of.
     """
 
-    def __init__(self, profile: Profile) -> None:
+    def __init__(self, profile: WritableVariables) -> None:
         self._profile = profile
         self._recipes: list[Recipe] = []
 
-    def set_up(self, names: Sequence[str]) -> Recipe | Refused:
+    def set_up(self, names: Sequence[str]) -> Recipe | InputRefusal:
         """The client's next recipe.
 
         Args:
@@ -127,14 +127,14 @@ class InputRecipes:
         self._recipes.append(recipe)
         return recipe
 
-    def refusal(self, names: Sequence[str]) -> Refused | None:
+    def refusal(self, names: Sequence[str]) -> InputRefusal | None:
         """Why the client may not have that recipe; None when it may."""
         if len(self._recipes) >= MAX_RECIPES:
-            return Refused(Reason.BODY_TOO_LARGE, "input recipes")
+            return InputRefusal(Reason.BODY_TOO_LARGE, "input recipes")
         if not names or len(set(names)) != len(names):
-            return Refused(Reason.PARAMETERS_WRONG, "a variable twice, or none at all")
+            return InputRefusal(Reason.PARAMETERS_WRONG, "a variable twice, or none at all")
         if not self._profile.names.issuperset(names):
-            return Refused(Reason.TOOL_UNKNOWN, "a variable outside the profile")
+            return InputRefusal(Reason.TOOL_UNKNOWN, "a variable outside the profile")
         return None
 
     @property
@@ -147,11 +147,11 @@ class InputRecipes:
         number = values.recipe
         return self._recipes[number - 1] if number is not None and 1 <= number <= len(self._recipes) else None
 
-    def read(self, values: Values) -> dict[str, Value] | Ignored | Refused:
+    def read(self, values: Values) -> dict[str, Value] | Ignored | InputRefusal:
         """What a package writes, by name; refused as `TOOL_UNKNOWN` when it is of no recipe."""
         number, recipe = values.recipe, self.recipe(values)
         if recipe is None or number is None:
-            return Refused(Reason.TOOL_UNKNOWN, "a package of no recipe")
+            return InputRefusal(Reason.TOOL_UNKNOWN, "a package of no recipe")
         if len(values.packed) != recipe.size:
             return Ignored(number, len(values.packed), recipe.size)
         return recipe.unpack(values.packed)

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class InputRefusal:
     """What a client said is not taken.
 
     Attributes:

@@ -12,10 +12,10 @@ from pep.rtde.wire.messages import (
     AskControlVersion,
     ControlVersion,
     InputsAnswer,
-    Message,
     OutputsAnswer,
     ProtocolAnswer,
     RequestProtocol,
+    RtdeMessage,
     SetupInputs,
     SetupOutputs,
     Start,
@@ -77,7 +77,7 @@ class Subscription:
         for frame in self._framer.feed(received):
             answer = decode_answer(frame, self._protocol)
             match self._asked, answer:
-                case _, Message():
+                case _, RtdeMessage():
                     continue
                 case Start(), Values(number, packed):
                     # A package of another recipe is none of ours.

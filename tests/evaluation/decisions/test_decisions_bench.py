@@ -7,8 +7,8 @@ from importlib import resources
 
 import pytest
 from evaluation.decisions.engine import Said
-from evaluation.decisions.ours import Ours, Recorded
-from evaluation.decisions.rules import NoPlainFormError, Of, Op
+from evaluation.decisions.ours import OurDecisions, Recorded
+from evaluation.decisions.rules import NoPlainFormError, OtherFact, Op
 from evaluation.harness.absent import AbsentError
 from evaluation.harness.bench import Row
 from evaluation.harness.timing import QUICK, WrongAnswerError
@@ -35,7 +35,7 @@ def test_every_engine_answers_as_we_do_whatever_is_broken(shipped, name):
     needs(name)
     policies = SETS[shipped]
     engine = bench.OTHERS[name](rules.compiled(policies, cases.POINTS))
-    assert bench.agree([Ours(policies), engine], policies) > 75
+    assert bench.agree([OurDecisions(policies), engine], policies) > 75
 
 
 # --- nothing in the rules is beyond the cases: a clause that no case breaks could be wrong in every language -----------
@@ -45,7 +45,7 @@ def holds(atom, given):
     if atom.fact not in given:
         return True
     value = given[atom.fact]
-    other = given[atom.against.name] if isinstance(atom.against, Of) else atom.against
+    other = given[atom.against.name] if isinstance(atom.against, OtherFact) else atom.against
     match atom.op:
         case Op.EQUAL:
             return value == other
@@ -98,7 +98,7 @@ def test_every_guard_lets_something_through_and_keeps_something_out(shipped):
             assert {all(holds(atom, given) for atom in rule.guard) for given in (move, stop)} == {True, False}, rule
 
 
-class Liar(Ours):
+class Liar(OurDecisions):
     """Answers as we do, but for one thing."""
 
     def __init__(self, policies, lie):
@@ -121,9 +121,9 @@ class Liar(Ours):
 )
 def test_an_engine_that_answers_otherwise_is_not_measured(lie):
     policies = SETS[bench.SHIPPED]
-    assert bench.agree([Ours(policies), Liar(policies, lambda said, _: said)], policies)
+    assert bench.agree([OurDecisions(policies), Liar(policies, lambda said, _: said)], policies)
     with pytest.raises(WrongAnswerError):
-        bench.agree([Ours(policies), Liar(policies, lie)], policies)
+        bench.agree([OurDecisions(policies), Liar(policies, lie)], policies)
 
 
 # --- what is given ---------------------------------------------------------------------------------------------------
@@ -131,7 +131,7 @@ def test_an_engine_that_answers_otherwise_is_not_measured(lie):
 
 def test_the_cases_have_the_effects_that_they_are_named_for():
     policies = SETS[bench.SHIPPED]
-    ours = Ours(policies)
+    ours = OurDecisions(policies)
     assert [ours.read(ours.ask(ours.ready(c.situation(policies)))).effect for c in cases.CASES] == [
         Effect.PERMIT, Effect.DENY, Effect.DEFER, Effect.PERMIT
     ]  # fmt: skip
@@ -197,7 +197,7 @@ def absent(_):
 @pytest.fixture(scope="module")
 def result():
     def made(given):
-        return Ours(SETS[bench.SHIPPED])
+        return OurDecisions(SETS[bench.SHIPPED])
 
     return bench.BENCH.run(QUICK, seed=1, told=lambda _: None, others={"another": made, "absent": absent})
 
@@ -211,12 +211,12 @@ def test_an_engine_that_is_not_installed_is_a_row_that_says_so(result):
 def test_without_any_other_engine_ours_is_measured_alone():
     alone = bench.BENCH.run(QUICK, seed=1, told=lambda _: None, others={"absent": absent}).to_json()
     assert alone["ratios"] == dict.fromkeys(bench.RATIOS)
-    assert {row["peer"] for row in alone["rows"] if row["case"]} == {Ours.name, Recorded.name}
+    assert {row["peer"] for row in alone["rows"] if row["case"]} == {OurDecisions.name, Recorded.name}
 
 
 def test_a_ratio_is_of_the_calls_in_which_the_two_took_turns_in_the_worst_case():
     def row(peer, case, beside, us):
-        return Row(bench.Of(peer, case, beside), p50_us=us, min_us=us / 2, p99_us=us, n=1)
+        return Row(bench.DecisionKey(peer, case, beside), p50_us=us, min_us=us / 2, p99_us=us, n=1)
 
     rows = (
         row("ztpm", "move", "cedarpy", 10.0),
@@ -225,7 +225,7 @@ def test_a_ratio_is_of_the_calls_in_which_the_two_took_turns_in_the_worst_case()
         row("cedarpy", "stop", "cedarpy", 60.0),
         row("ztpm", "move", "casbin", 999.0),
         row("casbin", "move", "casbin", 1_000.0),
-        Row(bench.Of("regopy"), why="not installed"),
+        Row(bench.DecisionKey("regopy"), why="not installed"),
     )
     assert bench.by_case(rows, "p50_us")["vs_cedarpy"] == {"move": 0.1, "stop": 0.5}
     assert bench.ratios(rows, {}, "p50_us") == {
@@ -253,7 +253,7 @@ def test_the_command_prints_one_object_with_every_measured_row():
     assert {"vs_cedarpy", "vs_casbin", "vs_regopy"} <= found["ratios"].keys()
     assert all(value is not None for value in found["ratios"].values())
     measured = {(row["peer"], row["case"]) for row in found["rows"]}
-    names = {Ours.name, Recorded.name, *bench.OTHERS}
+    names = {OurDecisions.name, Recorded.name, *bench.OTHERS}
     assert measured == {(peer, case.name) for peer in names for case in cases.CASES}
     for row in found["rows"]:
         assert 0 < row["min_us"] <= row["p99_us"]

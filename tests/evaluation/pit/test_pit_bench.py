@@ -11,12 +11,12 @@ from evaluation.harness.absent import AbsentError
 from evaluation.harness.bench import Bench, Result, Row
 from evaluation.harness.timing import Plan, WrongAnswerError
 from evaluation.pit.bench import AMONG_20, SERVO_STEP, SPEED_STEP
-from evaluation.pit.cells import ASSESS, KERNEL, RULER, STREAM, Of
+from evaluation.pit.cells import ASSESS, KERNEL, RULER, STREAM, PitKey
 from evaluation.pit.truth import legs_truth, ready
 from pep.pit import MoveL, assess
 from pep.pit.assessment.dispatch import drive_of
 from pep.pit.path.straight_path import GRID
-from pep.pit.scene.obstacles import Kind
+from pep.pit.scene.obstacles import PairKind
 from pep.pit.scene.pairs import pairs_of
 from typer.testing import CliRunner
 
@@ -106,7 +106,7 @@ def test_of_eight_lines_seven_are_proven_to_their_end_and_meet_nothing():
         drive = drive_of(each.robot, each.motion, each.cell, perception_age_s=0.1, check_time=lambda: None)
         doubts.append(drive.doubt)
         pairs = pairs_of(each.robot, replace(each.scene, people=()), each.cell, grown_m=0.0)
-        things = np.flatnonzero(pairs.kind == pairs.code_of(Kind.RIGID))
+        things = np.flatnonzero(pairs.kind == pairs.code_of(PairKind.RIGID))
         assert len(things) == 4 * each.robot.world_bodies
         for s in np.linspace(0, 1, 9):
             assert drive.course.clearance_at(pairs, int(s * GRID), things).min() > workload.ROOM_M
@@ -150,7 +150,7 @@ def test_a_sequence_is_as_bad_as_its_worst_leg():
 
 def row(peer, load, p50, p99=None):
     figures = {"p50_us": p50, "first_us": p50 + 200.0, "min_us": p50, "p99_us": p99 or 2 * p50}
-    return bench.wanted(Row(Of(peer, load), **figures, n=10))
+    return bench.wanted(Row(PitKey(peer, load), **figures, n=10))
 
 
 def ratios(rows):
@@ -183,7 +183,7 @@ def test_ratios():
 def test_a_target_is_met_by_both_figures_or_missed():
     assert [each.more["met"] for each in ROWS] == ["", "", "", "", "met", "missed"]
     assert row(STREAM, SPEED_STEP, 10.0, 150.0).more["met"] == "missed"
-    assert bench.wanted(Row(Of("MuJoCo"), why="not installed")).more["met"] == ""
+    assert bench.wanted(Row(PitKey("MuJoCo"), why="not installed")).more["met"] == ""
 
 
 def test_the_ratios_are_the_last_line_and_everything_is_in_the_json(monkeypatch):
@@ -212,7 +212,7 @@ def test_a_peer_that_is_not_installed_is_a_row_that_says_so(monkeypatch):
     monkeypatch.setattr(bench, "package", absent)
     monkeypatch.setattr(bench, "_groups", lambda *a, mujoco: ([], []) if not mujoco else pytest.fail("is not there"))
     result = bench.BENCH.run(Plan(1, 1), seed=1, told=lambda what: None)
-    assert [each.of for each in result.rows] == [Of(mujoco_sampled.NAME)]
+    assert [each.of for each in result.rows] == [PitKey(mujoco_sampled.NAME)]
 
 
 @pytest.mark.skipif(importlib.util.find_spec("matplotlib") is None, reason="matplotlib is not installed")

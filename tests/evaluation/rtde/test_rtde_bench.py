@@ -1,7 +1,7 @@
 """The benchmark of the gateway: what its tap reads, and the figures that it tells."""
 
 import pytest
-from evaluation.rtde.bench import Result, Row, StreamBrokenError, row_of, summary, tables
+from evaluation.rtde.bench import StreamResult, StreamRow, StreamBrokenError, row_of, summary, tables
 from evaluation.rtde.tap import _values
 from pep.rtde.wire.codec import Recipe, encode_request
 from pep.rtde.wire.messages import RequestProtocol, SetupInputs, Values
@@ -27,11 +27,11 @@ def test_each_value_has_the_time_of_the_piece_that_completed_it():
 
 
 def test_what_is_added_is_the_difference_and_what_was_skipped_anyway_is_not_counted():
-    direct = Row("direct", 1_000, 0, 4, 40.0, 30.0, 100.0, 500.0)
-    relayed = Row("relays", 1_000, 0, 4, 90.0, 70.0, 250.0, 500.0)
-    policy = Row("policy", 1_000, 20, 3, 40_000.0, 180.0, 900.0, 2_000.0)
-    whole = Row("whole", 1_000, 25, 6, 50_000.0, 230.0, 1_900.0, 9_000.0)
-    result = Result((direct, relayed, policy, whole), physics_us=40.0, seconds=1.0, machine={})
+    direct = StreamRow("direct", 1_000, 0, 4, 40.0, 30.0, 100.0, 500.0)
+    relayed = StreamRow("relays", 1_000, 0, 4, 90.0, 70.0, 250.0, 500.0)
+    policy = StreamRow("policy", 1_000, 20, 3, 40_000.0, 180.0, 900.0, 2_000.0)
+    whole = StreamRow("whole", 1_000, 25, 6, 50_000.0, 230.0, 1_900.0, 9_000.0)
+    result = StreamResult((direct, relayed, policy, whole), physics_us=40.0, seconds=1.0, machine={})
     told = result.to_json()
     assert told["added_ms"] == {"p50": 0.15, "p99": 0.8}
     assert told["relays_ms"] == {"p50": 0.04, "p99": 0.15}

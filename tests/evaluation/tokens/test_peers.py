@@ -8,11 +8,11 @@ import pytest
 from evaluation.harness.bench import Row
 from evaluation.harness.timing import Cell, WrongAnswerError
 from evaluation.tokens.bench import BENCH, PEERS
-from evaluation.tokens.cell import Kind, Of
+from evaluation.tokens.cell import Kind, TokenKey
 from evaluation.tokens.peers import lending as tokens
 from evaluation.tokens.peers import ours
 from evaluation.tokens.peers import session as stream
-from evaluation.tokens.peers.ours import Ours
+from evaluation.tokens.peers.ours import OurTokens
 from evaluation.tokens.workload import REALISTIC, SMALL, WORKLOADS
 
 from capabilities import Chain, Verifier, inspect_token
@@ -24,14 +24,14 @@ PACKAGES = {"tenuo": "tenuo", "aip": "aip_token", "biscuit": "biscuit_auth", "ma
 CALLS = 3
 
 
-def measured(prepared) -> list[Cell[Of]]:
+def measured(prepared) -> list[Cell[TokenKey]]:
     return [one for one in prepared.cells if isinstance(one, Cell)]
 
 
 @pytest.mark.parametrize("depth", [0, 1, 3])
 @pytest.mark.parametrize("workload", WORKLOADS, ids=lambda workload: workload.name)
 def test_our_cells(workload, depth):
-    prepared = Ours(tokens.lend_all).prepare(workload, depth, CALLS)
+    prepared = OurTokens(tokens.lend_all).prepare(workload, depth, CALLS)
     cells = measured(prepared)
     for one in cells:
         timing.prove(one)
@@ -81,7 +81,7 @@ def test_a_frame_is_asked_for_right_and_for_wrong(monkeypatch):
 
 
 def proven(workload=SMALL) -> None:
-    for one in measured(Ours(tokens.lend_all).prepare(workload, 1, CALLS)):
+    for one in measured(OurTokens(tokens.lend_all).prepare(workload, 1, CALLS)):
         timing.prove(one)
 
 
@@ -127,7 +127,7 @@ def test_no_token_is_used_twice_and_no_two_are_alike():
         asked.append(serials)
         return tokens.lend_all(workload, depth, serials, varied)
 
-    one = Ours(lend)
+    one = OurTokens(lend)
     for workload in WORKLOADS:
         one.prepare(workload, 1, CALLS)
     serials = [serial for some in asked for serial in some]
@@ -144,7 +144,7 @@ def test_no_token_is_used_twice_and_no_two_are_alike():
 
 
 def test_a_cold_call_has_a_token_of_its_own_and_one_verifier_for_all():
-    cells = measured(Ours(tokens.lend_all).prepare(SMALL, 0, CALLS))
+    cells = measured(OurTokens(tokens.lend_all).prepare(SMALL, 0, CALLS))
     (cold,) = [one for one in cells if (one.of.kind, one.of.proof) == (Kind.COLD, True)]
     calls = [cold.fresh() for _ in range(CALLS)]
     assert len({call.token for call in calls}) == len({call.proof for call in calls}) == CALLS
@@ -155,7 +155,7 @@ def test_a_cold_call_has_a_token_of_its_own_and_one_verifier_for_all():
 
 @pytest.mark.parametrize(("kind", "scopes"), [(Kind.COLD, 1), (Kind.NOVEL, CALLS), (Kind.FIRST, CALLS)])
 def test_cold_calls_have_the_limits_of_others_and_novel_ones_have_not(kind, scopes):
-    cells = measured(Ours(tokens.lend_all).prepare(SMALL, 1, CALLS))
+    cells = measured(OurTokens(tokens.lend_all).prepare(SMALL, 1, CALLS))
     (one,) = [each for each in cells if (each.of.kind, each.of.proof) == (kind, False)]
     described = [inspect_token(one.fresh().token, tokens.trust()) for _ in range(CALLS)]
     assert len({str(token["hops"][-1]["scope"]["grants"]) for token in described}) == scopes
@@ -163,7 +163,7 @@ def test_cold_calls_have_the_limits_of_others_and_novel_ones_have_not(kind, scop
 
 
 def test_a_first_call_finds_nothing_remembered():
-    cells = measured(Ours(tokens.lend_all).prepare(SMALL, 0, CALLS))
+    cells = measured(OurTokens(tokens.lend_all).prepare(SMALL, 0, CALLS))
     (first,) = [one for one in cells if (one.of.kind, one.of.proof) == (Kind.FIRST, True)]
     caches = [
         member
@@ -197,7 +197,7 @@ def test_what_forgets_is_measured_apart_from_what_remembers(monkeypatch):
 
 
 def test_every_warm_call_has_a_proof_of_its_own():
-    cells = measured(Ours(tokens.lend_all).prepare(SMALL, 0, CALLS))
+    cells = measured(OurTokens(tokens.lend_all).prepare(SMALL, 0, CALLS))
     (warm,) = [one for one in cells if (one.of.kind, one.of.proof) == (Kind.WARM, True)]
     assert len({warm.fresh().proof for _ in range(20)}) == 20
 
@@ -213,7 +213,7 @@ def test_tokens_are_made_in_another_process():
 
 
 def test_a_depth_that_the_profile_refuses_is_a_row_that_says_so():
-    peer = Ours(lambda *_: tokens.Declined("TOKEN_TOO_LARGE"))
+    peer = OurTokens(lambda *_: tokens.Declined("TOKEN_TOO_LARGE"))
     prepared = peer.prepare(REALISTIC, 8, CALLS)
     assert prepared.bytes is None
     assert all(isinstance(one, Row) and "TOKEN_TOO_LARGE" in one.why for one in prepared.cells)

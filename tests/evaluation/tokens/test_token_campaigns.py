@@ -89,7 +89,7 @@ def test_issued_tokens_are_no_mutants(pool):
 def test_a_mutant_that_gets_through_is_seen(pool, ask, failing):
     found = mutants.hunt(pool, 1_000, 1, lambda token: ask(token, honest(pool.issued)), mutants.Clocks())
     assert getattr(found, failing)
-    assert mutants.Figures(1_000, found).missed
+    assert mutants.MutantFigures(1_000, found).missed
 
 
 def test_a_panic_is_a_stray_exception_and_an_interrupt_is_none(pool):
@@ -141,12 +141,12 @@ class Watch:
     ],
 )
 def test_a_slow_mutant_is_told_from_a_pause(pool, turns, slow, paused):
-    watch, found = Watch(), mutants.Tally()
+    watch, found = Watch(), mutants.MutantTally()
     mutants._judge(b"?", found, watch.taking(honest(pool.issued), *turns), watch.clocks)
     assert (found.slow, found.paused) == (slow, paused)
     assert (found.worst_ms, found.worst_cpu_ms) == turns[0]
     found.tried["random"] += 1
-    assert bool(mutants.Figures(1, found).missed) is bool(slow)
+    assert bool(mutants.MutantFigures(1, found).missed) is bool(slow)
     assert sum(found.codes.values()) == 1  # tried again, counted once
 
 
@@ -155,7 +155,7 @@ def test_memory_that_grows_is_seen(pool):
     ask = honest(pool.issued)
     found = mutants.hunt(pool, 40, 1, lambda token: kept.append(b"x" * 2_000_000) or ask(token), mutants.Clocks())
     assert found.growth_mib > mutants.GROWTH_MIB
-    assert mutants.Figures(40, found).missed
+    assert mutants.MutantFigures(40, found).missed
 
 
 def test_a_peak_of_before_is_no_growth(pool):
@@ -166,15 +166,15 @@ def test_a_peak_of_before_is_no_growth(pool):
 
 def test_a_failure_is_told_whole():
     """Mutants come of random draws: the seed does not bring one back, so the report has to have it."""
-    tally = mutants.Tally(accepted=["ab" * 3_000, "cd"], stray=["Panic ef"])
-    told = mutants.Figures(1, tally).missed
+    tally = mutants.MutantTally(accepted=["ab" * 3_000, "cd"], stray=["Panic ef"])
+    told = mutants.MutantFigures(1, tally).missed
     assert f"2 accepted, the first: {'ab' * 3_000}" in told
     assert "1 stray exceptions, the first: Panic ef" in told
 
 
 def test_too_few_mutants_meet_no_bar():
-    assert mutants.Figures(0, mutants.Tally()).missed
-    assert mutants.Figures(5, mutants.Tally()).missed
+    assert mutants.MutantFigures(0, mutants.MutantTally()).missed
+    assert mutants.MutantFigures(5, mutants.MutantTally()).missed
 
 
 def test_a_tree_of_fields_is_the_message():
@@ -301,11 +301,11 @@ def test_the_bar_is_of_every_dimension():
     figures = attenuation.run(400, seed=6, processes=1, each=100)
     tally = figures.tally
     few = replace(tally, pairs=tally.pairs | {"sets": 0})
-    assert attenuation.Figures(400, few).missed
+    assert attenuation.AttenuationFigures(400, few).missed
     one_sided = replace(tally, split=tally.split | {"ceiling": 0})
-    assert attenuation.Figures(400, one_sided).missed
+    assert attenuation.AttenuationFigures(400, one_sided).missed
     for failing in ("widened", "parted", "wrong"):
-        assert attenuation.Figures(400, replace(tally, **{failing: ["x"]})).missed
+        assert attenuation.AttenuationFigures(400, replace(tally, **{failing: ["x"]})).missed
 
 
 def patched(monkeypatch, module, name, change):
@@ -417,7 +417,7 @@ def test_a_text_that_comes_back_as_another_is_seen(monkeypatch):
 
 
 def test_a_child_that_is_allowed_more_is_seen():
-    found = attenuation.Tally()
+    found = attenuation.AttenuationTally()
     attenuation._compare("sets", "?", [True, False, False], [True, False, False], found)
     assert (found.split["sets"], found.widened, found.parted) == (1, [], [])
     attenuation._compare("sets", "?", [True, False, True], [True, False, False], found)

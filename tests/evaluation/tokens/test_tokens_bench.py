@@ -11,7 +11,7 @@ import pytest
 from evaluation.harness.bench import Bench, Result, Row
 from evaluation.harness.machine import machine
 from evaluation.harness.timing import QUICK
-from evaluation.tokens.cell import Of
+from evaluation.tokens.cell import TokenKey
 from typer.testing import CliRunner
 
 from evaluation import cli
@@ -31,7 +31,7 @@ RATIOS = {
 
 
 def row(peer: str, depth: int, kind: str, us: float, *, scope: str = "realistic", proof: bool = True) -> Row:
-    return Row(Of(peer, scope, depth, kind, proof), p50_us=us, min_us=us / 2, p99_us=us * 3, n=10, checks="all")
+    return Row(TokenKey(peer, scope, depth, kind, proof), p50_us=us, min_us=us / 2, p99_us=us * 3, n=10, checks="all")
 
 
 ROWS = (
@@ -47,7 +47,7 @@ ROWS = (
     row("ztpm", 3, "novel", 400.0),
     row("ztpm", 3, "first", 1_000.0),
     row("tenuo", 3, "first", 250.0),
-    Row(Of("aip"), why="not installed: x"),
+    Row(TokenKey("aip"), why="not installed: x"),
 )
 SIZES = [
     {"peer": peer, "scope": scope, "depth": depth, "bytes": size}

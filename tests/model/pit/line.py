@@ -22,7 +22,7 @@ from pep.pit.path.line_trace import (
     ROUNDS,
     SLACK,
     Stuck,
-    Trace,
+    LineTrace,
 )
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.inverse_kinematics import EXACT, Stance, reaching, solved, stance
@@ -74,7 +74,7 @@ def trace(
     pieces: int = FIRST_PIECES,
     fastest: Floats,
     check_time: Callable[[], None],
-) -> Trace:
+) -> LineTrace:
     """The joints' path under `twist` between `since` and `until`, in 1 / GRID, as far as it can be proven.
 
     Args:
@@ -111,9 +111,9 @@ def trace(
     return _traced(twist, done, until, here, None)
 
 
-def _traced(twist: Twist, done: list[Cells], reached: int, end: Stance, stuck: Stuck | None) -> Trace:
+def _traced(twist: Twist, done: list[Cells], reached: int, end: Stance, stuck: Stuck | None) -> LineTrace:
     dq = _solution(end.jacobian, twist.rate)
-    return Trace(Cells.joined(done), reached, end.q, np.zeros_like(end.q) if dq is None else dq, stuck)
+    return LineTrace(Cells.joined(done), reached, end.q, np.zeros_like(end.q) if dq is None else dq, stuck)
 
 
 def _piece(robot: Robot, twist: Twist, here: Stance, low: int, high: int) -> tuple[Cells, Stance] | Stuck:

@@ -10,7 +10,7 @@ from pep.pit.base.errors import WorkLimitError
 from pep.pit.base.tier import HIGHEST, TIE, tier_of
 from pep.pit.path.path import Leaves
 from pep.pit.path.straight_path import GRID
-from pep.pit.scene.obstacles import VIOLABLE, Kind
+from pep.pit.scene.obstacles import VIOLABLE, PairKind
 from pep.pit.search.certify import (
     BLOW_DEPTH,
     BLOW_RESOLUTION,
@@ -134,7 +134,7 @@ class _Found:
         """Nothing was met yet."""
         self.pairs = pairs
         self.best = 0.0
-        self.violated: dict[Kind, Witness] = {}
+        self.violated: dict[PairKind, Witness] = {}
         self._by_obstacle: dict[int, Witness] = {}
 
     def at_rest(self, path: Route, rows: NDArray[np.intp]) -> None:
@@ -224,7 +224,7 @@ def fits(
 
 def blow_ratio(path: Route, pairs: Pairs, profile: Profile, stop: Stopping, *, check_time: Callable[[], None]) -> float:
     """Proven: no body region that the arm could meet on this path is met at more than this share of its limit speed."""
-    rows = np.flatnonzero(pairs.kind == pairs.code_of(Kind.PERSON))
+    rows = np.flatnonzero(pairs.kind == pairs.code_of(PairKind.PERSON))
     if not rows.size:
         return 0.0
     leaves = first_cut(path, pairs, rows)

@@ -8,7 +8,7 @@ import asyncio
 import os
 import sys
 
-from pep.rtde.line.active_lease import Tenant
+from pep.rtde.line.active_lease import ActiveLease
 from pep.rtde.line.command_registers import LeasedCommands
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.rtde_line import LeasedLine
@@ -38,13 +38,13 @@ def no_record():
 
 def breaking():
     """Something is raised on the event loop, again and again."""
-    heard = Tenant.heard
+    heard = ActiveLease.heard
 
     def raising(self, sample, at_ms):
         heard(self, sample, at_ms)
         asyncio.get_running_loop().call_soon(lambda: 1 / 0)
 
-    Tenant.heard = raising
+    ActiveLease.heard = raising
 
 
 def stale_rewrites():

@@ -8,7 +8,7 @@ import time
 from pep.rtde.command.command_table import ROWS
 from pep.rtde.robot.connections import REALTIME
 from pep.rtde.wire.codec import Recipe, encode_request
-from pep.rtde.wire.messages import InputsAnswer, Message, SetupInputs, SetupOutputs, Start, Values
+from pep.rtde.wire.messages import InputsAnswer, RtdeMessage, SetupInputs, SetupOutputs, Start, Values
 from pep.rtde.wire.recipes import control_recipes
 from pep.rtde.wire.variables import INPUTS
 from tests.rtde.campaign.rule import ACCELERATION_RAD_S2, BOX_RAD, HOME, SERVO_RAD, SPEED_RAD_S, STREAM_RAD_S
@@ -102,7 +102,7 @@ class Hostile(Plain):
             answer = self.next()
             if isinstance(answer, Values):
                 self.runtime = self.outputs.unpack(answer.packed)["runtime_state"]
-            elif isinstance(answer, Message):
+            elif isinstance(answer, RtdeMessage):
                 self.told.append(answer.text)
 
     def playing(self, wait_s):

@@ -22,7 +22,7 @@ from tests.rtde.campaign.figures import Figures, share
 from tests.rtde.relay import relay
 from ztpm.base.layout import write_private
 from ztpm.stage.lending import sweep_scope
-from ztpm.stage.samples import Eyes
+from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import StageError, until
 from ztpm.stage.stopping import BAR_S, model_rad, read_stop
 
@@ -102,7 +102,7 @@ class Cell:
             self.relay = ends.enter_context(relay(host, folder / "relay", (*PORTS, GRIPPER_PORT)))
         self.start_gateway(again=self.relay is not None)
         self.house.agent("mover", SPEED_JOINT, SERVO_JOINT, MOVE_LINEAR)
-        self.eyes = ends.enter_context(Eyes(self.house.cell.addresses.host))
+        self.eyes = ends.enter_context(StateRecorder(self.house.cell.addresses.host))
         go_first(self.house.cell.robot.popen.pid)
 
     def start_gateway(self, *, again=True):

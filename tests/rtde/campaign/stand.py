@@ -9,8 +9,8 @@ import time
 from pep.rtde.robot.dashboard import stop_program
 from tests.rtde.campaign.rule import HOME
 from tests.rtde.leased_gateway import leased_gateway
-from ursim.ports.launch import Controller
-from ztpm.stage.samples import Eyes
+from ursim.ports.launch import SimulatedController
+from ztpm.stage.samples import StateRecorder
 
 STANDS_S = 3.0
 """Ours: a stop that took longer was none."""
@@ -61,7 +61,7 @@ class Stand:
         stop_program(self.gateway.host)
 
 
-class Seen(Eyes):
+class Seen(StateRecorder):
     """Eyes that forget only what they are told to."""
 
     def after(self, arrived_s):
@@ -93,7 +93,7 @@ def stand(folder, module="tests.rtde.campaign.rule"):
     errors.touch()
     with contextlib.ExitStack() as ends:
         with complaining_to(errors):
-            controller = ends.enter_context(Controller.start(joints=HOME))
+            controller = ends.enter_context(SimulatedController.start(joints=HOME))
         file = ends.enter_context(errors.open("ab"))
         gateway = ends.enter_context(leased_gateway(controller.host, folder / "permits", module, errors=file))
         yield Stand(controller, gateway, ends.enter_context(Seen(controller.host)), errors)

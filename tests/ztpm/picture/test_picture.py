@@ -37,7 +37,7 @@ from ztpm.picture.bodies import extent, triangles_of
 from ztpm.picture.page import page
 from ztpm.picture.picture import picture, to_plain
 from ztpm.picture.png import level_azimuth
-from ztpm.picture.postures import Part, nearest, route_of
+from ztpm.picture.postures import PostureCapsule, nearest, route_of
 from ztpm.picture.surface import capsule, cut, normals_of, surface_of
 from ztpm.pit import Arm, asked
 
@@ -126,7 +126,7 @@ def test_a_motion_begins_at_its_start_and_ends_at_its_target():
     ],
 )
 def test_nearest_points(shape, on_part, on_thing, clearance):
-    found = nearest(Part("tube", 1, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.1), shape)
+    found = nearest(PostureCapsule("tube", 1, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 0.1), shape)
     assert found.clearance_m == pytest.approx(clearance)
     assert found.on_part_m[2] == pytest.approx(on_part[2])
     assert found.on_thing_m[2] == pytest.approx(on_thing[2])

@@ -110,7 +110,7 @@ def schema(
 
 def operations() -> tuple[Known, ...]:
     """Every operation that this version knows: those of the robot, those of admission, and delegating."""
-    from pep.base.operations import OPERATIONS, Kind
+    from pep.base.operations import OPERATIONS, OperationKind
     from pep.context.admission import OBJECT, OPERATION_OF
     from policies import Point
     from policies.evidence.content_readings import ItemKind
@@ -124,7 +124,7 @@ def operations() -> tuple[Known, ...]:
                 each.object,
                 each.name,
                 sending if each.arguments is None else acting,
-                moves=each.kind in (Kind.MOTION, Kind.SWITCH),
+                moves=each.kind in (OperationKind.MOTION, OperationKind.SWITCH),
             )
             for each in OPERATIONS
         ),

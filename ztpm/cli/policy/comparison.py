@@ -19,7 +19,7 @@ from ztpm.cli.policy.policy_set import about, open_set
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from policies.explain.differences import Case, Comparison, SetChange
+    from policies.explain.differences import ComparedCase, Comparison, SetChange
     from ztpm.cli.policy.replay import Replayed
 
 RECORDED: Final = "sets/cases.ndjson.xz"
@@ -88,17 +88,17 @@ def simulate(
     _tell(found, drawn)
 
 
-def _afresh(case: Case) -> Case:
+def _afresh(case: ComparedCase) -> ComparedCase:
     """A case of a journal for two sets, neither of which decided it."""
     return replace(case, was=None)
 
 
 def _compared(compare: Callable[[], Comparison], path: Path | None, *, as_json: bool) -> Comparison:
-    from ztpm.cli.policy.replay import PastError
+    from ztpm.cli.policy.replay import ReplayError
 
     try:
         return compare()
-    except PastError as error:
+    except ReplayError as error:
         fail(error.code, f"{path}: {error}", as_json=as_json)
     except OSError as error:
         fail("UNREADABLE", f"{path}: {error}", as_json=as_json)

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from policies.decision.policy import PolicySet
-    from policies.evidence.case_json import Recorded
+    from policies.evidence.case_json import RecordedCase
     from policies.evidence.model import Finding
-    from policies.explain.explanation import Asked, Explanation, Said
-    from ztpm.cli.policy.replay import Past
+    from policies.explain.explanation import Explanation, PolicyExplanation, PredicateVerdict
+    from ztpm.cli.policy.replay import RecordedDecision
 
 COLOURS: Final = {
     "PERMIT": "green", "holds": "green", "DENY": "bold red", "fails": "red", "raises": "red",
@@ -66,7 +66,7 @@ def explain(
         console.print(Text(_beside(past, policies.digest)))
 
 
-def _case(path: Path, *, as_json: bool) -> Recorded:
+def _case(path: Path, *, as_json: bool) -> RecordedCase:
     from capabilities.values.strict_json import JsonError, read
     from policies import PolicyError
     from policies.evidence import case_json
@@ -84,19 +84,19 @@ def _case(path: Path, *, as_json: bool) -> Recorded:
         fail("UNREADABLE", f"{path}: {error}", as_json=as_json)
 
 
-def _past(path: Path, record: str, *, as_json: bool) -> tuple[Past, Recorded]:
-    from ztpm.cli.policy.replay import PastError, find
+def _past(path: Path, record: str, *, as_json: bool) -> tuple[RecordedDecision, RecordedCase]:
+    from ztpm.cli.policy.replay import ReplayError, find
 
     try:
         past = find(path, record)
         return past, past.recorded()
-    except PastError as error:
+    except ReplayError as error:
         fail(error.code, f"{path}: {error}", as_json=as_json)
     except OSError as error:
         fail("UNREADABLE", f"{path}: {error}", as_json=as_json)
 
 
-def _suggested(recorded: Recorded, found: Explanation, policies: PolicySet) -> list[dict[str, object]]:
+def _suggested(recorded: RecordedCase, found: Explanation, policies: PolicySet) -> list[dict[str, object]]:
     """What would change the answer, the nearest to hand first; each that can be supposed was decided again."""
     from pep.gate.records import jsonable
     from policies.explain.remedies import remedies
@@ -113,7 +113,7 @@ def _suggested(recorded: Recorded, found: Explanation, policies: PolicySet) -> l
     ]
 
 
-def _then(past: Past | None) -> dict[str, object] | None:
+def _then(past: RecordedDecision | None) -> dict[str, object] | None:
     """What was recorded then, for whoever compares it with now."""
     if past is None:
         return None
@@ -125,7 +125,7 @@ def _then(past: Past | None) -> dict[str, object] | None:
     }  # fmt: skip
 
 
-def _beside(past: Past, digest: str) -> str:
+def _beside(past: RecordedDecision, digest: str) -> str:
     decision = past.body["decision"]
     then = f"{decision.get('effect')} {decision.get('reason')}"
     whose = " (the gate's own, beside what the policies say)" if decision.get("by") == "gate" else ""
@@ -166,7 +166,7 @@ def to_plain(found: Explanation) -> dict[str, object]:
     }
 
 
-def _said(said: Said) -> dict[str, object]:
+def _said(said: PolicyExplanation) -> dict[str, object]:
     return {
         "id": said.policy.id,
         "effect": str(said.policy.effect),
@@ -182,7 +182,7 @@ def _said(said: Said) -> dict[str, object]:
     }
 
 
-def _asked(asked: Asked) -> dict[str, object]:
+def _asked(asked: PredicateVerdict) -> dict[str, object]:
     return {
         "what": asked.what,
         "verdict": asked.verdict,
@@ -231,7 +231,7 @@ def _tree(found: Explanation, suggested: list[dict[str, object]]) -> Tree:
     return tree
 
 
-def _add_policy(tree: Tree, said: Said) -> None:
+def _add_policy(tree: Tree, said: PolicyExplanation) -> None:
     opinion = "no opinion" if said.effect is None else str(said.effect)
     label = Text(plain(said.policy.id), style="bold")
     bound = "" if said.policy.pit_bound is None else f", PITBound {int(said.policy.pit_bound)}"
@@ -256,14 +256,14 @@ def _add_policy(tree: Tree, said: Said) -> None:
             _add_finding(branch, finding, "so it says")
 
 
-def _leaves(asked: Asked) -> Iterator[Finding]:
+def _leaves(asked: PredicateVerdict) -> Iterator[Finding]:
     """Every finding that the tree of the predicate shows."""
     yield from asked.findings
     for part in asked.parts:
         yield from _leaves(part)
 
 
-def _add_asked(tree: Tree, asked: Asked) -> None:
+def _add_asked(tree: Tree, asked: PredicateVerdict) -> None:
     label = Text(f"{asked.what} ").append_text(_styled(asked.verdict))
     values = " ".join(f"{name}={value}" for name, value in asked.parameters)
     branch = tree.add(label.append(f"  {values}" if values else "", style="dim"))

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class OpenedPolicySet:
     """A set that loads, with the names of the parameters that its text states."""
 
     policies: PolicySet
     stated: frozenset[str]
 
 
-def open_set(source: str, *, as_json: bool) -> Opened:
+def open_set(source: str, *, as_json: bool) -> OpenedPolicySet:
     """The set that `source` names: a shipped one, or a TOML file.
 
     Ends the command with a `PolicyFault`, or with `UNREADABLE` when there is no such file.
@@ -46,7 +46,7 @@ def open_set(source: str, *, as_json: bool) -> Opened:
         _refuse(source, str(error.code), error.detail, error.where, as_json)
     except (OSError, UnicodeDecodeError) as error:
         _refuse(source, "UNREADABLE", str(error), "", as_json)
-    return Opened(policies, frozenset(tomllib.loads(text).get("parameters", {})))
+    return OpenedPolicySet(policies, frozenset(tomllib.loads(text).get("parameters", {})))
 
 
 def about(policies: PolicySet) -> dict[str, object]:

@@ -14,7 +14,7 @@ from pep.gate.records import GATE
 from pep.journal.file_journal import record_hash
 from policies.evidence import case_json
 from policies.evidence.model import Effect
-from policies.explain.differences import Case, Verdict
+from policies.explain.differences import ComparedCase, ComparedDecision
 from policies.words.errors import PolicyError
 from policies.words.reason_table import Reason
 from ztpm_idp.ledger_file import LINE_BYTES, LINE_DEPTH
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from policies.evidence.case_json import Recorded
+    from policies.evidence.case_json import RecordedCase
 
 UNANSWERED: Final = frozenset({Reason.APPROVAL_TIMEOUT, Reason.ASK_BUDGET_SPENT})
 """Denials of the gate that end a DEFER of the policies: nobody answered, or nobody could be asked."""
 
 
-class PastError(Exception):
+class ReplayError(Exception):
     """A file of the past that cannot be read.
 
     Attributes:
@@ -42,7 +42,7 @@ class PastError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Past:
+class RecordedDecision:
     """One decision as it was recorded.
 
     Attributes:
@@ -69,7 +69,7 @@ class Past:
         """By which it is found again."""
         return f"{self.pep} {self.seq}: {self.request_id}"
 
-    def recorded(self) -> Recorded:
+    def recorded(self) -> RecordedCase:
         """The request and evidence.
 
         Raises:
@@ -77,17 +77,17 @@ class Past:
                 other evidence, else the fault of `policies.evidence.case_json`.
         """
         if "form" not in self.body:
-            raise PastError("NO_REPLAY", "the record does not hold what its decision was made of")
+            raise ReplayError("NO_REPLAY", "the record does not hold what its decision was made of")
         try:
             found = case_json.read({key: self.body.get(key) for key in ("form", "request", "evidence")})
         except PolicyError as error:
-            raise PastError(str(error.code), str(error)) from error
+            raise ReplayError(str(error.code), str(error)) from error
         stated = self._decision().get("evidence_digest")
         if stated and stated != found.evidence.digest:
-            raise PastError("EVIDENCE_DIFFERS", "the digest of the evidence is of other evidence")
+            raise ReplayError("EVIDENCE_DIFFERS", "the digest of the evidence is of other evidence")
         return found
 
-    def verdict(self) -> Verdict | None:
+    def verdict(self) -> ComparedDecision | None:
         """What the policies decided then; None for a denial that is the gate's own.
 
         Raises:
@@ -96,11 +96,11 @@ class Past:
         decision = self._decision()
         try:
             if decision.get("by") != GATE:
-                return Verdict(Effect(decision["effect"]), str(decision["reason"]))
+                return ComparedDecision(Effect(decision["effect"]), str(decision["reason"]))
             if decision["reason"] in UNANSWERED:
-                return Verdict(Effect.DEFER, str(decision["findings"][1]["reason"]))
+                return ComparedDecision(Effect.DEFER, str(decision["findings"][1]["reason"]))
         except (KeyError, ValueError, TypeError, IndexError):
-            raise PastError("LINE_MALFORMED", f"line {self.line}: no decision") from None
+            raise ReplayError("LINE_MALFORMED", f"line {self.line}: no decision") from None
         return None
 
     @property
@@ -118,7 +118,7 @@ class Past:
         return decision if isinstance(decision, dict) else {}
 
 
-def decisions(path: Path) -> Iterator[Past]:
+def decisions(path: Path) -> Iterator[RecordedDecision]:
     """Every decision of a journal or an exported ledger, in the file's order.
 
     A last line without its end is one that is being written, and is left out.
@@ -131,19 +131,19 @@ def decisions(path: Path) -> Iterator[Past]:
         for number, line in enumerate(iter(lambda: file.readline(LINE_BYTES + 2), b""), start=1):
             if not line.endswith(b"\n"):
                 if len(line) > LINE_BYTES:
-                    raise PastError("LINE_MALFORMED", f"line {number}: TOO_LARGE")
+                    raise ReplayError("LINE_MALFORMED", f"line {number}: TOO_LARGE")
                 return
             found = _decision_of(line[:-1], number)
             if found is not None:
                 yield found
 
 
-def _decision_of(line: bytes, number: int) -> Past | None:
+def _decision_of(line: bytes, number: int) -> RecordedDecision | None:
     """The decision of a line; None for anything else that a journal or ledger holds."""
     try:
         entry: Any = read(line, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH)
     except JsonError as error:
-        raise PastError("LINE_MALFORMED", f"line {number}: {error.detail}") from error
+        raise ReplayError("LINE_MALFORMED", f"line {number}: {error.detail}") from error
     digest = record_hash(line)
     try:
         if "checkpoint" in entry:
@@ -155,12 +155,14 @@ def _decision_of(line: bytes, number: int) -> Past | None:
             digest = record_hash(rfc8785.dumps(entry))
         if entry["kind"] != "decision":
             return None
-        return Past(number, int(entry["seq"]), str(entry["pep"]), int(entry["at_ms"]), digest, {**entry["body"]})
+        return RecordedDecision(
+            number, int(entry["seq"]), str(entry["pep"]), int(entry["at_ms"]), digest, {**entry["body"]}
+        )
     except (KeyError, TypeError, ValueError):
-        raise PastError("LINE_MALFORMED", f"line {number}: no record") from None
+        raise ReplayError("LINE_MALFORMED", f"line {number}: no record") from None
 
 
-def find(path: Path, record: str) -> Past:
+def find(path: Path, record: str) -> RecordedDecision:
     """The decision with this request id or record hash; of several of one request the newest.
 
     Raises:
@@ -172,7 +174,7 @@ def find(path: Path, record: str) -> Past:
         if record and record in (past.request_id, past.digest):
             found = past
     if found is None:
-        raise PastError("NO_DECISION", f"no decision about request or record {record!r}")
+        raise ReplayError("NO_DECISION", f"no decision about request or record {record!r}")
     return found
 
 
@@ -188,7 +190,7 @@ class Replayed:
     own: dict[str, int] = field(default_factory=dict)
     unread: dict[str, int] = field(default_factory=dict)
 
-    def cases(self, path: Path, *, since_ms: int = 0) -> Iterator[Case]:
+    def cases(self, path: Path, *, since_ms: int = 0) -> Iterator[ComparedCase]:
         """Every decision since then that can be decided again.
 
         Raises:
@@ -203,13 +205,13 @@ class Replayed:
                 continue
             try:
                 recorded = past.recorded()
-            except PastError as error:
+            except ReplayError as error:
                 self.unread[error.code] = self.unread.get(error.code, 0) + 1
                 continue
-            yield Case(past.name, recorded, verdict, past.policy_digest)
+            yield ComparedCase(past.name, recorded, verdict, past.policy_digest)
 
 
-def written_cases(path: Path) -> Iterator[Case]:
+def written_cases(path: Path) -> Iterator[ComparedCase]:
     """Cases that somebody wrote down: a document (`ztpm policy schema`) a line; a name ending in .xz is unpacked.
 
     Raises:
@@ -221,10 +223,10 @@ def written_cases(path: Path) -> Iterator[Case]:
             for number, line in enumerate(file, start=1):
                 document = read(line, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH)
                 recorded = case_json.read(document)
-                yield Case(f"line {number}: {recorded.request.object}/{recorded.request.operation}", recorded)
+                yield ComparedCase(f"line {number}: {recorded.request.object}/{recorded.request.operation}", recorded)
         except JsonError as error:
-            raise PastError("LINE_MALFORMED", str(error)) from error
+            raise ReplayError("LINE_MALFORMED", str(error)) from error
         except PolicyError as error:
-            raise PastError(str(error.code), str(error)) from error
+            raise ReplayError(str(error.code), str(error)) from error
         except lzma.LZMAError as error:
-            raise PastError("LINE_MALFORMED", "not xz") from error
+            raise ReplayError("LINE_MALFORMED", "not xz") from error

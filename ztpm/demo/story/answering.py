@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.values.scope import Tier
 from ztpm.demo.forgeries import ballot, posted_vote
-from ztpm.demo.run import Expect, Seen, Story
+from ztpm.demo.run import Expect, StepObservation, Story
 from ztpm.demo.story.lending import outcome
 from ztpm.stage.lending import lent
 from ztpm.stage.scene import PERSON_AXIS_M, front, person
@@ -78,7 +78,7 @@ def retry(stage: Stage, agent: str, target: tuple[float, ...], speed: float, *, 
 @ANSWERING.step(
     "approved-moves", Expect("PERMIT", "PERMITTED", 3, moves=True), needs=DELEGATED, prepare=beside_a_person
 )
-def _approved(stage: Stage) -> Seen:
+def _approved(stage: Stage) -> StepObservation:
     question = asked(stage, "robotic", FAR, SLOWLY_RAD_S)
     approve(stage, "alice", question)
     answer = retry(stage, "robotic", FAR, SLOWLY_RAD_S, waiting=question.reason)
@@ -86,28 +86,30 @@ def _approved(stage: Stage) -> Seen:
         f"{question.decision} at tier {question.tier}; alice approved exactly this move, "
         f"and the arm made it once ({outcome(answer)})"
     )
-    return Seen.answer(told, answer, ok=question.tier == 3 and outcome(answer) == "reached")
+    return StepObservation.answer(told, answer, ok=question.tier == 3 and outcome(answer) == "reached")
 
 
 @ANSWERING.step(
     "approval-used-up", Expect("DEFER", "APPROVAL_USED", 3), needs=("approved-moves",), prepare=beside_a_person
 )
-def _used_up(stage: Stage) -> Seen:
+def _used_up(stage: Stage) -> StepObservation:
     answer = stage.move("robotic", to=FAR, speed=SLOWLY_RAD_S)
-    return Seen.answer("the same move a second time: the approval was for one, so people are asked again", answer)
+    return StepObservation.answer(
+        "the same move a second time: the approval was for one, so people are asked again", answer
+    )
 
 
 @ANSWERING.step(
     "approval-changed-world", Expect("DEFER", "APPROVAL_NOT_USABLE", 3), needs=DELEGATED, prepare=beside_a_person
 )
-def _changed_world(stage: Stage) -> Seen:
+def _changed_world(stage: Stage) -> StepObservation:
     question = asked(stage, "robotic", FAR, 0.28)
     approve(stage, "alice", question)
     x, y = front(PERSON_AXIS_M)
     stage.scene(people=[person("person-1", x, y), person("person-2", x - 0.1, y + 0.45)])
     answer = retry(stage, "robotic", FAR, 0.28, waiting=question.reason)
     told = "alice approved a move beside one person; then a second one entered: the approval is not for this world"
-    return Seen.answer(told, answer)
+    return StepObservation.answer(told, answer)
 
 
 @ANSWERING.step(
@@ -116,7 +118,7 @@ def _changed_world(stage: Stage) -> Seen:
     needs=DELEGATED,
     prepare=beside_a_person,
 )
-def _agent_votes(stage: Stage) -> Seen:
+def _agent_votes(stage: Stage) -> StepObservation:
     question = asked(stage, "robotic", FAR, 0.26)
     ask_id = str(question.content["ask_id"])
     until(lambda: any(row["ask_id"] == ask_id for row in stage.person("alice").approvals()), "the question")
@@ -127,7 +129,7 @@ def _agent_votes(stage: Stage) -> Seen:
     after = stage.move("robotic", to=FAR, speed=0.26)
     told = f"the agent voted for itself, then in alice's name: {own.status} {own.code}, {forged.status} {forged.code}"
     ok = {own.status, forged.status} <= {400, 401, 403} and after.decision == "DEFER"
-    return Seen(told, "DENY" if own.status >= 400 else "PERMIT", own.code, None, latency, ok=ok)
+    return StepObservation(told, "DENY" if own.status >= 400 else "PERMIT", own.code, None, latency, ok=ok)
 
 
 def maintainer(stage: Stage) -> None:
@@ -142,10 +144,10 @@ def maintainer(stage: Stage) -> None:
 
 
 @ANSWERING.step("zone-denied", Expect("DENY", "TIER_SAFETY_CRITICAL", 4), needs=DELEGATED, prepare=maintainer)
-def _zone(stage: Stage) -> Seen:
+def _zone(stage: Stage) -> StepObservation:
     answer = stage.move("maintainer", to=IN_THE_ZONE, speed=1.0)
     told = "into the zone that the signed cell file declares tier 4: nobody opened it, so nobody is even asked"
-    return Seen.answer(told, answer, ok="ask_id" not in answer.content)
+    return StepObservation.answer(told, answer, ok="ask_id" not in answer.content)
 
 
 def opened(stage: Stage) -> None:
@@ -163,7 +165,7 @@ def open_once(stage: Stage) -> None:
 
 
 @ANSWERING.step("one-of-two-refused", Expect("DEFER", "TIER_SAFETY_CRITICAL", 4), needs=DELEGATED, prepare=opened)
-def _one_of_two(stage: Stage) -> Seen:
+def _one_of_two(stage: Stage) -> StepObservation:
     question = deferred_once_open(stage, 0.9)
     approve(stage, "alice", question)
     known: list[Answer] = []
@@ -174,7 +176,7 @@ def _one_of_two(stage: Stage) -> Seen:
 
     until(voted, "alice's vote in the PEP's evidence")
     told = "carol opened it and alice approved: one of two different people, and the arm stands"
-    return Seen.answer(told, known[0])
+    return StepObservation.answer(told, known[0])
 
 
 def out_of_the_zone(stage: Stage) -> None:
@@ -198,7 +200,7 @@ def deferred_once_open(stage: Stage, speed: float) -> Answer:
 @ANSWERING.step(
     "dual-authorised", Expect("PERMIT", "PERMITTED", 4, moves=True), needs=("one-of-two-refused",), prepare=maintainer
 )
-def _dual(stage: Stage) -> Seen:
+def _dual(stage: Stage) -> StepObservation:
     question = deferred_once_open(stage, 1.0)
     for name in ("alice", "carol"):
         approve(stage, name, question)
@@ -207,4 +209,4 @@ def _dual(stage: Stage) -> Seen:
         "opened beforehand, approved by the sponsor and by carol, who is not: "
         f"the arm moved into the zone ({outcome(answer)})"
     )
-    return Seen.answer(told, answer, ok=outcome(answer) == "reached")
+    return StepObservation.answer(told, answer, ok=outcome(answer) == "reached")

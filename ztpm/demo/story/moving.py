@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from ztpm.demo.forgeries import forged_frame
 from ztpm.demo.motion import Motion
-from ztpm.demo.run import Expect, Seen, Story
+from ztpm.demo.run import Expect, StepObservation, Story
 from ztpm.demo.story.answering import FAR, approve, asked, beside_a_person, out_of_the_zone, retry
 from ztpm.demo.story.lending import outcome, poll_refusal
 from ztpm.stage.lending import SLOWER, arm_only, hand_down, hop_id
@@ -49,7 +49,7 @@ def at_left(stage: Stage) -> None:
 
 
 @MOVING.step("stale-world-deferred", Expect("DEFER", "TIER_NEEDS_APPROVAL", 3), needs=DELEGATED, prepare=at_left)
-def _stale_world(stage: Stage) -> Seen:
+def _stale_world(stage: Stage) -> StepObservation:
     stage.cell.sensor.tell({"pause": True})
     try:
         until(lambda: stage.perception() == "stale", "a view that grew old")
@@ -59,11 +59,11 @@ def _stale_world(stage: Stage) -> Seen:
         until(lambda: stage.perception() == "fresh", "a fresh view")
     said = answer.content.get("perception")
     told = f"the sensor fell silent: the view is {said}, and nobody knows who stands there now; people must decide"
-    return Seen.answer(told, answer, ok=said in {"stale", "missing"})
+    return StepObservation.answer(told, answer, ok=said in {"stale", "missing"})
 
 
 @MOVING.step("forged-frame-refused", Expect("DENY", "PERCEPTION_INVALID"), needs=DELEGATED, prepare=at_left)
-def _forged_frame(stage: Stage) -> Seen:
+def _forged_frame(stage: Stage) -> StepObservation:
     stage.cell.sensor.tell({"pause": True})
     try:
         forged_frame(stage)
@@ -73,7 +73,7 @@ def _forged_frame(stage: Stage) -> Seen:
         stage.cell.sensor.tell({"pause": False})
         until(lambda: stage.perception() == "fresh", "a fresh view")
     told = "a frame of an empty cell in the sensor's name, signed by another key: a fault, which nobody can approve"
-    return Seen.answer(told, answer, ok=answer.tier is None and "ask_id" not in answer.content)
+    return StepObservation.answer(told, answer, ok=answer.tier is None and "ask_id" not in answer.content)
 
 
 def above_the_table(stage: Stage) -> None:
@@ -83,7 +83,7 @@ def above_the_table(stage: Stage) -> None:
 
 
 @MOVING.step("place-on-table", Expect("PERMIT", "PERMITTED", 2, moves=True), needs=DELEGATED, prepare=above_the_table)
-def _place(stage: Stage) -> Seen:
+def _place(stage: Stage) -> StepObservation:
     untouched = stage.move("robotic", to=ON_TABLE, speed=DOWN_RAD_S)
     answer = stage.move("orchestrator", to=ON_TABLE, speed=DOWN_RAD_S)
     told = (
@@ -91,11 +91,11 @@ def _place(stage: Stage) -> Seen:
         f"{answer.decision} at tier {answer.tier} for the one that was ({outcome(answer)})"
     )
     ok = (untouched.decision, untouched.tier, outcome(answer)) == ("DEFER", 3, "reached")
-    return Seen.answer(told, answer, ok=ok)
+    return StepObservation.answer(told, answer, ok=ok)
 
 
 @MOVING.step("human-enters-stops", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED, prepare=at_left)
-def _walks_in(stage: Stage) -> Seen:
+def _walks_in(stage: Stage) -> StepObservation:
     with Motion(stage, "robotic", to=RIGHT, speed=SPEED_RAD_S) as motion:
         motion.under_way(UNDER_WAY_RAD)
         t0 = time.monotonic()
@@ -103,7 +103,7 @@ def _walks_in(stage: Stage) -> Seen:
         answer = motion.answer()
         stop = motion.stop_after(t0)
     told = f"a person walked in: {figures(stop)}; {outcome(answer)}"
-    return Seen.answer(told, answer, ok=outcome(answer) == "world_changed IMPACT_ROSE" and stop.within_model)
+    return StepObservation.answer(told, answer, ok=outcome(answer) == "world_changed IMPACT_ROSE" and stop.within_model)
 
 
 def figures(stop: Stopped) -> str:
@@ -115,7 +115,7 @@ def figures(stop: Stopped) -> str:
 
 
 @MOVING.step("revoke-in-motion", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED, prepare=at_left)
-def _revoked_in_motion(stage: Stage) -> Seen:
+def _revoked_in_motion(stage: Stage) -> StepObservation:
     token = hand_down(stage, "vision", arm_only(speed_high=SLOWER - 2), keep_as="in-motion")
     with Motion(stage, "vision", to=RIGHT, speed=SPEED_RAD_S, token=token) as motion:
         motion.under_way(UNDER_WAY_RAD)
@@ -124,11 +124,11 @@ def _revoked_in_motion(stage: Stage) -> Seen:
         answer = motion.answer()
         stop = motion.stop_after(t0)
     told = f"alice revoked the hop while the arm moved: {figures(stop)}"
-    return Seen.answer(told, answer, ok=outcome(answer) == "authority_lost REVOKED" and stop.within_model)
+    return StepObservation.answer(told, answer, ok=outcome(answer) == "authority_lost REVOKED" and stop.within_model)
 
 
 @MOVING.step("idp-killed-in-motion", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED, prepare=at_left)
-def _idp_killed(stage: Stage) -> Seen:
+def _idp_killed(stage: Stage) -> StepObservation:
     with Motion(stage, "robotic", to=RIGHT, speed=SLOW_RAD_S) as motion:
         motion.under_way(UNDER_WAY_RAD)
         t0 = time.monotonic()
@@ -139,11 +139,13 @@ def _idp_killed(stage: Stage) -> Seen:
     until(lambda: stage.move("robotic", to=stage.rounded_joints).decision == "PERMIT", "authority back")
     told = f"the identity provider was killed: the arm went on for {stop.reaction_s:.2f} s, until the lease ended"
     in_time = LEASE_S - FEED_S < stop.reaction_s < LEASE_S + BAR_S
-    return Seen.answer(told, answer, ok=outcome(answer) == "authority_lost REVOCATION_VIEW_STALE" and in_time)
+    return StepObservation.answer(
+        told, answer, ok=outcome(answer) == "authority_lost REVOCATION_VIEW_STALE" and in_time
+    )
 
 
 @MOVING.step("restart-keeps", Expect("PERMIT", "PERMITTED", 3, moves=True), needs=DELEGATED, prepare=beside_a_person)
-def _restart(stage: Stage) -> Seen:
+def _restart(stage: Stage) -> StepObservation:
     target = FAR
     token = hand_down(stage, "vision", arm_only(speed_high=SLOWER - 3), keep_as="restart")
     stage.person("alice").revoke("hop", hop_id(stage, token), reason="demonstration")
@@ -164,4 +166,4 @@ def _restart(stage: Stage) -> Seen:
         f"{revoked.reason}, alice's vote from before moved the arm once, the ledger verifies"
     )
     ok = revoked.reason == "REVOKED" and isinstance(ledger, Verified)
-    return Seen.answer(told, answer, ok=ok)
+    return StepObservation.answer(told, answer, ok=ok)

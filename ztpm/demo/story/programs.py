@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Final
 from pep.rtde.lease.lease import ID_BYTES
 from pep.rtde.robot.connections import RTDE, SECONDARY
 from ztpm.demo.program import Program
-from ztpm.demo.run import Expect, Seen, Story
+from ztpm.demo.run import Expect, StepObservation, Story
 from ztpm.demo.story.moving import UNDER_WAY_RAD, at_left, figures
 from ztpm.stage.lending import LIFETIME_S, sweep_scope
-from ztpm.stage.samples import Eyes
+from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import ACCELERATION_RAD_S2, LEFT, RIGHT, SPEED_RAD_S, WAIT_S, StageError, until
 from ztpm.stage.stopping import read_stop
 
@@ -64,7 +64,7 @@ def behind_the_gateway(stage: Stage) -> None:
     needs=("revoke-in-motion",),
     prepare=behind_the_gateway,
 )
-def _raw(stage: Stage) -> Seen:
+def _raw(stage: Stage) -> StepObservation:
     from rtde_control import RTDEControlInterface
     from rtde_receive import RTDEReceiveInterface
 
@@ -82,7 +82,7 @@ def _raw(stage: Stage) -> Seen:
         for _ in range(STATES):
             script.recv(65_536)
     told = "without a lease the robot's state is there, ur_rtde's control is 'already in use', a script is not heard"
-    return Seen(told, "DENY", "IN_USE", ok=IN_USE in said and len(seen) == len(LEFT))
+    return StepObservation(told, "DENY", "IN_USE", ok=IN_USE in said and len(seen) == len(LEFT))
 
 
 def _ends(link: socket.socket) -> bool:
@@ -103,14 +103,14 @@ def _ends(link: socket.socket) -> bool:
     needs=("rtde-raw-denied",),
     prepare=behind_the_gateway,
 )
-def _leased(stage: Stage) -> Seen:
+def _leased(stage: Stage) -> StepObservation:
     with Program(stage, AGENT, to=RIGHT, speed=SPEED_RAD_S, acceleration=ACCELERATION_RAD_S2) as program:
         program.said()
         program.go()
         said, status = program.said(), program.status()
     until(lambda: _recorded(stage, "lease-ended"), "the end of the lease on record")
     told = "an unmodified ur_rtde program under `ztpm rtde run` moved the arm, decided command by command"
-    return Seen(told, "PERMIT", "PERMITTED", ok=(said, status) == ("moved", 0))
+    return StepObservation(told, "PERMIT", "PERMITTED", ok=(said, status) == ("moved", 0))
 
 
 def _recorded(stage: Stage, kind: str) -> bool:
@@ -120,7 +120,7 @@ def _recorded(stage: Stage, kind: str) -> bool:
 @PROGRAMS.step(
     "rtde-hijack-refused", Expect("DENY", "LEASE_HELD"), needs=("rtde-raw-denied",), prepare=behind_the_gateway
 )
-def _hijacked(stage: Stage) -> Seen:
+def _hijacked(stage: Stage) -> StepObservation:
     addresses = stage.cell.addresses
     with Program(stage, AGENT, to=stage.rounded_joints, speed=SPEED_RAD_S, acceleration=ACCELERATION_RAD_S2) as holder:
         other_user = _attempts(holder.said())
@@ -131,7 +131,7 @@ def _hijacked(stage: Stage) -> Seen:
             guessed = _ends(link)
     told = "while a program holds the lease, a second one is told LEASE_HELD, a guessed lease is hung up on"
     told += ", and another user's process at the program's own address too" if os.geteuid() == 0 else ""
-    return Seen(told, "DENY", "LEASE_HELD", ok=(refused, guessed, other_user) == (3, True, 0))
+    return StepObservation(told, "DENY", "LEASE_HELD", ok=(refused, guessed, other_user) == (3, True, 0))
 
 
 def _attempts(host: str) -> int:
@@ -148,8 +148,8 @@ def _attempts(host: str) -> int:
     needs=("rtde-raw-denied",),
     prepare=behind_the_gateway,
 )
-def _killed(stage: Stage) -> Seen:
-    eyes = Eyes(stage.cell.addresses.host)
+def _killed(stage: Stage) -> StepObservation:
+    eyes = StateRecorder(stage.cell.addresses.host)
     try:
         began_s, start = time.monotonic(), eyes.now().q_rad
         away = LEFT if abs(start[0] - RIGHT[0]) < abs(start[0] - LEFT[0]) else RIGHT
@@ -166,4 +166,4 @@ def _killed(stage: Stage) -> Seen:
     if stop is None:
         raise StageError("no stop was seen")
     told = f"the gateway was killed while its program moved the arm: {figures(stop)}"
-    return Seen(told, "PERMIT", "PERMITTED", ok=stop.within_model and stop.within_bar)
+    return StepObservation(told, "PERMIT", "PERMITTED", ok=stop.within_model and stop.within_bar)

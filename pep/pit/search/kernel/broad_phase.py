@@ -54,9 +54,9 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.body_poses import Arm, Nodes
-    from pep.pit.search.kernel.arithmetic.pair_rows import Field, Way
+    from pep.pit.search.kernel.arithmetic.pair_rows import Field, StraightPath
     from pep.pit.search.kernel.interval_tree import Tree
-    from pep.pit.search.kernel.search_columns import Rows
+    from pep.pit.search.kernel.search_columns import SearchRows
 
     Whole = NDArray[np.int64]
 
@@ -196,7 +196,9 @@ def _near(swept: Floats, cut: int, balls: Floats, pairs: Whole, near: Whole, spa
 
 
 @compiled
-def first_rows(tree: Tree, way: Way, table: Floats, field: Field, pairs: Whole, law: Floats, rows: Rows) -> None:
+def first_rows(
+    tree: Tree, way: StraightPath, table: Floats, field: Field, pairs: Whole, law: Floats, rows: SearchRows
+) -> None:
     """The rows of the first cut, but for those far apart, each known by its balls; there is room for all."""
     count, numbers, whole, balls = pairs.shape[0], field.numbers, field.whole, field.balls
     spans, rates, nodes = tree.spans, tree.rates, tree.nodes

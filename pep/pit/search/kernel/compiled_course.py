@@ -15,7 +15,7 @@ from pep.pit.base.motion import Profile
 from pep.pit.base.tier import MOVING
 from pep.pit.path.course import Cells, Course
 from pep.pit.path.course_angles import Track
-from pep.pit.path.line_trace import ASKED_POSES, FIRST_PIECES, Stuck, Trace
+from pep.pit.path.line_trace import ASKED_POSES, FIRST_PIECES, LineTrace, Stuck
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.inverse_kinematics import search_starts
 from pep.pit.robot.robot import Robot
@@ -29,7 +29,7 @@ from pep.pit.search.kernel.arithmetic import bending, course_poses, line_pieces
 from pep.pit.search.kernel.arithmetic.joint_torques import masses_of, torques
 from pep.pit.search.kernel.arithmetic.reachable_pose import reachable
 from pep.pit.search.kernel.arithmetic.row_table import BOUND
-from pep.pit.search.kernel.arithmetic.tool_pose import Line, Wrist
+from pep.pit.search.kernel.arithmetic.tool_pose import KernelTwist, Wrist
 from pep.pit.search.kernel.compiled_path import arm_of, law_of, leaves_of, packed, table_of, timing_of
 
 if TYPE_CHECKING:
@@ -47,18 +47,18 @@ if TYPE_CHECKING:
 
 _STUCK: Final[dict[int, Stuck]] = {line_pieces.SINGULAR: "singular", line_pieces.JOINT_LIMIT: "joint_limit"}
 _NOWHERE: Final = -1.0  # where a line ends that is none: no place is before it
-_POINTS: Final = Line(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+_POINTS: Final = KernelTwist(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
 
 
 @lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
-def _tool_of(robot: Robot) -> line_pieces.Tool:
+def _tool_of(robot: Robot) -> line_pieces.TracedArm:
     wrist = Wrist(np.array(robot.rotations), np.array(robot.offsets), np.array(robot.tool.tcp_m, dtype=float))
     lowest, highest = robot.position_ranges_rad
-    return line_pieces.Tool(wrist, robot.reach[robot.body_index("tcp")].copy(), lowest.copy(), highest.copy())
+    return line_pieces.TracedArm(wrist, robot.reach[robot.body_index("tcp")].copy(), lowest.copy(), highest.copy())
 
 
-def _line_of(twist: Twist) -> Line:
-    return Line(*(np.ascontiguousarray(part, dtype=float) for part in _parts(twist)))
+def _line_of(twist: Twist) -> KernelTwist:
+    return KernelTwist(*(np.ascontiguousarray(part, dtype=float) for part in _parts(twist)))
 
 
 def _parts(twist: Twist) -> tuple[Floats, Floats, Floats, Floats]:
@@ -75,7 +75,7 @@ def trace(
     pieces: int = FIRST_PIECES,
     fastest: Floats,
     check_time: Check,
-) -> Trace:
+) -> LineTrace:
     """The joints' path under `twist` between `since` and `until`, in 1 / GRID, as far as it can be proven.
 
     Args:
@@ -94,7 +94,7 @@ def trace(
     check_time()
     q, dq, ddq, first, second, third, stray = found.rows.transpose(1, 0, 2)
     cells = Cells(found.low, found.high, q, dq, ddq, first, second, third, stray, np.zeros_like(stray))
-    return Trace(cells, found.reached, found.q, found.dq, _STUCK.get(found.stuck))
+    return LineTrace(cells, found.reached, found.q, found.dq, _STUCK.get(found.stuck))
 
 
 def pose_exists(robot: Robot, twist: Twist, since: int) -> bool:
@@ -116,7 +116,7 @@ class CompiledCourse(Course):
         )
         twist, until = track.twist, track.until
         line, until = (_POINTS, _NOWHERE) if twist is None else (_line_of(twist), until)
-        along = course_poses.Track(line, until, np.array(track.q), np.array(track.dq), track.fade)
+        along = course_poses.KernelTrack(line, until, np.array(track.q), np.array(track.dq), track.fade)
         low, high = np.ascontiguousarray(cells.low), np.ascontiguousarray(cells.high)
         self._curve = course_poses.Curve(arm, wrist, low, high, held, bending.bends_of(arm, held), along)
         self._held = course_poses.nothing_known(len(robot.bodies))
@@ -128,7 +128,7 @@ class CompiledCourse(Course):
             self._packed = pairs, packed(pairs)
         return self._packed[1]
 
-    def _keep(self, held: course_poses.Known) -> None:
+    def _keep(self, held: course_poses.CurveConfigurations) -> None:
         """The configurations known by now.
 
         Raises:
@@ -241,7 +241,7 @@ class CompiledCourse(Course):
         return float(proven)
 
 
-def _witnesses(found: course_search.Found) -> list[Witness]:
+def _witnesses(found: course_search.CurveMet) -> list[Witness]:
     met = zip(*(column.tolist() for column in found), strict=True)
     return [Witness(key, pair, index, gap, speed) for index, gap, speed, key, pair in met if pair >= 0]
 

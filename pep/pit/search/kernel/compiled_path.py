@@ -21,17 +21,17 @@ from pep.pit.path.straight_path import GRID, Path
 from pep.pit.robot.kinematics import layout
 from pep.pit.robot.robot import Robot
 from pep.pit.scene.cell import CellParameters
-from pep.pit.scene.obstacles import KINDS_IN_ORDER, Kind
+from pep.pit.scene.obstacles import KINDS_IN_ORDER, PairKind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import BLOW_DEPTH, BLOW_RESOLUTION, FIRST_CUT_LEAST, ROWS_MOST, Fit, Slower
 from pep.pit.search.kernel.arithmetic.body_poses import Arm, bends_of, blocks_of
-from pep.pit.search.kernel.arithmetic.pair_rows import Field, Way, balls_of
+from pep.pit.search.kernel.arithmetic.pair_rows import Field, StraightPath, balls_of
 from pep.pit.search.kernel.arithmetic.place_clearance import clearances
 from pep.pit.search.kernel.arithmetic.row_table import Rows
 from pep.pit.search.kernel.scratch import ASKED, room_for
 from pep.pit.search.kernel.search_columns import KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
-from pep.pit.search.kernel.straight_answer import Answer, Found
+from pep.pit.search.kernel.straight_answer import StraightCertified, StraightFindings
 from pep.pit.search.kernel.straight_calls import certify
 from pep.pit.search.kernel.straight_halving import blow, examined, fits, met_at, nothing_known, rushes
 
@@ -46,13 +46,17 @@ if TYPE_CHECKING:
     from pep.pit.path.path import Keys
     from pep.pit.scene.pairs import Pairs
     from pep.pit.search.kernel.scratch import Room
-    from pep.pit.search.kernel.straight_halving import Known
+    from pep.pit.search.kernel.straight_halving import StraightConfigurations
 
 _ASKED: Final = struct.Struct(f"{ASKED}d")
 _AS_FAST: Final = Slower(0.0, 0.0, 0.0, 0.0)  # where no slower speed is looked for
 PACKS_KEPT: Final = 16  # some scenes' pairs, and those of slower speeds: 80 kB each
 
-_CODED: Final = {pair_columns.PERSON: Kind.PERSON, pair_columns.ZONE: Kind.ZONE, pair_columns.MEANT: Kind.MEANT}
+_CODED: Final = {
+    pair_columns.PERSON: PairKind.PERSON,
+    pair_columns.ZONE: PairKind.ZONE,
+    pair_columns.MEANT: PairKind.MEANT,
+}
 if any(KINDS_IN_ORDER[code] is not kind for code, kind in _CODED.items()) or len(KINDS_IN_ORDER) != KINDS:
     raise ImportError("the kernel's codes of kinds are not those of the pairs")
 
@@ -128,8 +132,8 @@ class CompiledPath(Path):
         self._arm = arm_of(robot)
 
     @cached_property
-    def _way(self) -> Way:
-        return Way(self._arm, self.start, self.delta, bends_of(self._arm, self.delta))
+    def _way(self) -> StraightPath:
+        return StraightPath(self._arm, self.start, self.delta, bends_of(self._arm, self.delta))
 
     @cached_property
     def asked(self) -> Floats:
@@ -137,7 +141,7 @@ class CompiledPath(Path):
         return np.concatenate([self.start, self.delta])
 
     @cached_property
-    def _held(self) -> Known:
+    def _held(self) -> StraightConfigurations:
         return nothing_known(len(self.robot.bodies))
 
     def packed(self, pairs: Pairs) -> Field:
@@ -175,7 +179,7 @@ class CompiledPath(Path):
         check_time: Callable[[], None],
         told: bool = True,
         slower: Slower | None = None,
-    ) -> Answer:
+    ) -> StraightCertified:
         """The proven index of these pairs on this path, by branch and bound.
 
         Args:
@@ -204,8 +208,8 @@ class CompiledPath(Path):
         check_time()
         if status == TOO_MANY:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
-        return Answer(
-            Found(pairs, rows, many, broken, found),
+        return StraightCertified(
+            StraightFindings(pairs, rows, many, broken, found),
             upper=upper,
             attained=attained,
             slower=None if falls == NOBODY else falls,

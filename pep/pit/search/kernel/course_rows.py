@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats
-    from pep.pit.search.kernel.arithmetic.course_poses import Curve, Known
+    from pep.pit.search.kernel.arithmetic.course_poses import Curve, CurveConfigurations
     from pep.pit.search.kernel.arithmetic.pair_rows import Field
 
     Whole = NDArray[np.int64]
@@ -88,7 +88,7 @@ def _intervals(asked: Whole) -> int:
 
 
 @entry
-def examined(known: Known, curve: Curve, field: Field, asked: Whole) -> tuple[Known, Rows]:
+def examined(known: CurveConfigurations, curve: Curve, field: Field, asked: Whole) -> tuple[CurveConfigurations, Rows]:
     """The rows (LOW, HIGH, PAIR) of `asked` examined, and the configurations known by then."""
     count = asked.shape[0]
     rows, room = room_for(count), np.empty((BENDS, curve.arm.link.shape[0]))
@@ -121,8 +121,8 @@ def examined(known: Known, curve: Curve, field: Field, asked: Whole) -> tuple[Kn
 
 @entry
 def fits(
-    known: Known, curve: Curve, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
-) -> tuple[Known, bool, Rows]:
+    known: CurveConfigurations, curve: Curve, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
+) -> tuple[CurveConfigurations, bool, Rows]:
     """Whether it is proven that no row exceeds `index` (see `CompiledPath.fits`), and the rows as far as halved."""
     kept, used, laws, kinds = room_for(2 * leaves.whole.shape[0]), 0, field.numbers, field.whole
     for depth in range(LOWER_DEPTH + 1):
@@ -139,7 +139,7 @@ def fits(
 
 @entry
 def blow(
-    known: Known,
+    known: CurveConfigurations,
     curve: Curve,
     field: Field,
     people: Whole,
@@ -148,7 +148,7 @@ def blow(
     first: int,
     depths: int,
     resolution: float,
-) -> tuple[Known, float]:
+) -> tuple[CurveConfigurations, float]:
     """Proven highest share of a body region's limit speed on this course (PHY-4).
 
     A row whose speed alone proves no more than is met anyway, or that its balls prove to be out of reach, is settled
@@ -215,7 +215,7 @@ def blow(
 
 
 @entry
-def rushes(known: Known, curve: Curve, low: Whole, high: Whole) -> tuple[Known, Floats]:
+def rushes(known: CurveConfigurations, curve: Curve, low: Whole, high: Whole) -> tuple[CurveConfigurations, Floats]:
     """Bound on the surface speed per unit of ds/dt of every body on each interval, shape (intervals, bodies).
 
     Of bodies that are seen from the arm itself it is the rough one: nobody asks how fast the arm passes itself.
@@ -241,7 +241,9 @@ def rushes(known: Known, curve: Curve, low: Whole, high: Whole) -> tuple[Known, 
 
 
 @entry
-def met_at(known: Known, curve: Curve, field: Field, key: int, pair: Whole) -> tuple[Known, Floats, Floats]:
+def met_at(
+    known: CurveConfigurations, curve: Curve, field: Field, key: int, pair: Whole
+) -> tuple[CurveConfigurations, Floats, Floats]:
     """Signed clearance and surface speed per unit of ds/dt of these pairs at one configuration of the course itself."""
     known = with_room(known, 1)
     at, nodes, arm = row_of(known, key, curve), known.nodes, curve.arm

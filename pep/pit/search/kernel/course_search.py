@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats
-    from pep.pit.search.kernel.arithmetic.course_poses import Curve, Known
+    from pep.pit.search.kernel.arithmetic.course_poses import Curve, CurveConfigurations
     from pep.pit.search.kernel.arithmetic.pair_rows import Field
     from pep.pit.search.kernel.arithmetic.row_table import Rows
 
@@ -53,7 +53,7 @@ TOO_MANY: Final = 1
 SPARE: Final = 256  # leaves beyond the first cut for which there is room at first
 
 
-class Found(NamedTuple):
+class CurveMet(NamedTuple):
     """Places that were met, one per group of pairs or per kind; `pair` is -1 where none was.
 
     Attributes:
@@ -67,14 +67,14 @@ class Found(NamedTuple):
     pair: Whole
 
 
-class Answer(NamedTuple):
+class CurveOutcome(NamedTuple):
     """The outcome: `ANSWERED` or `TOO_MANY`, the proven and the attained index, witnesses, violations, leaves."""
 
     status: int
     upper: float
     attained: float
-    witnesses: Found
-    violated: Found
+    witnesses: CurveMet
+    violated: CurveMet
     leaves: Rows
 
 
@@ -105,14 +105,14 @@ class Sought(NamedTuple):
 
 
 @compiled
-def _none_found(count: int) -> Found:
-    return Found(
+def _none_found(count: int) -> CurveMet:
+    return CurveMet(
         np.zeros(count), np.full(count, math.inf), np.zeros(count), np.zeros(count, np.int64), np.full(count, -1)
     )
 
 
 @compiled
-def _note(found: Found, at: int, index: float, clearance: float, speed: float, key: int, pair: int) -> None:
+def _note(found: CurveMet, at: int, index: float, clearance: float, speed: float, key: int, pair: int) -> None:
     """The place stands there when it is higher than what stands, or as high and nearer."""
     if found.pair[at] >= 0:
         known = found.impact[at]
@@ -123,7 +123,7 @@ def _note(found: Found, at: int, index: float, clearance: float, speed: float, k
 
 
 @compiled
-def _at_rest(known: Known, curve: Curve, pairs: Whole, sought: Sought, violated: Found) -> None:
+def _at_rest(known: CurveConfigurations, curve: Curve, pairs: Whole, sought: Sought, violated: CurveMet) -> None:
     """Violations at both ends of the course, where the arm stands and no middle ever lies."""
     numbers, whole = sought.numbers, sought.whole
     nodes = known.nodes
@@ -146,7 +146,7 @@ def _at_rest(known: Known, curve: Curve, pairs: Whole, sought: Sought, violated:
 
 @compiled
 def _first_level(
-    known: Known, curve: Curve, pairs: Whole, first: int, sought: Sought, leaves: Rows
+    known: CurveConfigurations, curve: Curve, pairs: Whole, first: int, sought: Sought, leaves: Rows
 ) -> tuple[Level, int]:
     """The first cut without the pairs that are far apart, which are leaves. The tight loop: plain numbers, no views."""
     count, step, arm = pairs.shape[0], GRID // first, curve.arm
@@ -196,7 +196,7 @@ def _first_level(
 
 
 @compiled
-def _probe(known: Known, curve: Curve, level: Level, sought: Sought, witnesses: Found) -> float:
+def _probe(known: CurveConfigurations, curve: Curve, level: Level, sought: Sought, witnesses: CurveMet) -> float:
     """The highest index that is met where, on each interval, something of each obstacle comes nearest by its balls.
 
     So every obstacle has a witness, and there is a good guess of the answer before anything is proven.
@@ -234,13 +234,13 @@ def _probe(known: Known, curve: Curve, level: Level, sought: Sought, witnesses: 
 
 @compiled
 def _middles(
-    known: Known,
+    known: CurveConfigurations,
     curve: Curve,
     level: Level,
     sought: Sought,
     best: float,
-    witnesses: Found,
-    violated: Found,
+    witnesses: CurveMet,
+    violated: CurveMet,
     leaves: Rows,
     done: int,
 ) -> tuple[float, int]:
@@ -302,12 +302,12 @@ def _middles(
 
 @compiled
 def _proofs(
-    known: Known,
+    known: CurveConfigurations,
     curve: Curve,
     level: Level,
     sought: Sought,
     best: float,
-    violated: Found,
+    violated: CurveMet,
     leaves: Rows,
     done: int,
     last: bool,
@@ -387,7 +387,7 @@ def _halved(level: Level, kept: Whole, begin: Whole) -> Level:
 
 @entry
 def certify(
-    known: Known,
+    known: CurveConfigurations,
     curve: Curve,
     field: Field,
     pairs: Whole,
@@ -396,7 +396,7 @@ def certify(
     law: Floats,
     floor: float,
     first: int,
-) -> tuple[Known, Answer]:
+) -> tuple[CurveConfigurations, CurveOutcome]:
     """The proven index of these pairs on this course.
 
     Args:
@@ -411,7 +411,7 @@ def certify(
     witnesses, violated = _none_found(groups), _none_found(KINDS)
     leaves = room_for(pairs.shape[0] * first + SPARE)
     if pairs.shape[0] * first > ROWS_MOST:
-        return known, Answer(TOO_MANY, floor, floor, witnesses, violated, copied(leaves, 0))
+        return known, CurveOutcome(TOO_MANY, floor, floor, witnesses, violated, copied(leaves, 0))
     room = np.empty((BENDS, curve.arm.link.shape[0]))
     sought = Sought(field.numbers, field.whole, profile, law, room)
     known = with_room(known, 3 * first)
@@ -422,7 +422,7 @@ def certify(
         rows = level.begin[-1]
         examined += rows
         if examined > ROWS_MOST:
-            return known, Answer(TOO_MANY, upper, best, witnesses, violated, copied(leaves, done))
+            return known, CurveOutcome(TOO_MANY, upper, best, witnesses, violated, copied(leaves, done))
         leaves = with_space(leaves, done, rows)
         known = with_room(known, 3 * level.low.shape[0])
         best, done = _middles(known, curve, level, sought, best, witnesses, violated, leaves, done)
@@ -433,4 +433,4 @@ def certify(
         if begin[-1] == 0:
             break
         level = _halved(level, kept, begin)
-    return known, Answer(ANSWERED, max(best, upper), best, witnesses, violated, copied(leaves, done))
+    return known, CurveOutcome(ANSWERED, max(best, upper), best, witnesses, violated, copied(leaves, done))

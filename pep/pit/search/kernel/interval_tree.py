@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.body_poses import Nodes
-    from pep.pit.search.kernel.arithmetic.pair_rows import Way
+    from pep.pit.search.kernel.arithmetic.pair_rows import StraightPath
 
     Whole = NDArray[np.int64]
 
@@ -68,7 +68,7 @@ class Tree(NamedTuple):
 
 
 @lent
-def plant(tree: Tree, way: Way, profile: Floats) -> None:
+def plant(tree: Tree, way: StraightPath, profile: Floats) -> None:
     """The tree is the first cut, in equal spans; the arm stands in their middles."""
     tree.counts[NODES] = 0
     step, spans, rates = GRID // FIRST, tree.spans, tree.rates
@@ -93,7 +93,7 @@ def _node_at(tree: Tree, key: int) -> int:
 
 
 @lent
-def stand(tree: Tree, way: Way, node: int) -> None:
+def stand(tree: Tree, way: StraightPath, node: int) -> None:
     """The links stand there; no body is placed yet."""
     s = tree.key[node] / GRID
     for joint in range(tree.q.shape[0]):
@@ -133,7 +133,7 @@ def is_full(tree: Tree) -> bool:
 
 
 @lent
-def halve(tree: Tree, way: Way, profile: Floats, span: int) -> int:
+def halve(tree: Tree, way: StraightPath, profile: Floats, span: int) -> int:
     """The first half of the span, which the second follows; there is room for them."""
     spans = tree.spans
     if spans[span, LEFT] != WHOLE_LEAF:

@@ -15,7 +15,7 @@ from pep.pit.search.kernel.arithmetic.body_poses import LINKS, Nodes
 from pep.pit.search.kernel.arithmetic.compilation import compiled
 from pep.pit.search.kernel.arithmetic.heap import Heap
 from pep.pit.search.kernel.interval_tree import RATES, SPAN, Tree
-from pep.pit.search.kernel.search_columns import ROW_NUMBERS, ROW_WHOLE, STAGES_IN_DOUBT, STOP, Rows
+from pep.pit.search.kernel.search_columns import ROW_NUMBERS, ROW_WHOLE, STAGES_IN_DOUBT, STOP, SearchRows
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -56,7 +56,7 @@ def room_for(bodies: int, joints: int, rows: int) -> Room:
 
 
 @compiled
-def laid_out(room: Room, bodies: int, joints: int) -> tuple[Tree, Rows, Heap]:
+def laid_out(room: Room, bodies: int, joints: int) -> tuple[Tree, SearchRows, Heap]:
     """An empty tree, no rows and an empty heap in this room, which was made for such an arm."""
     count, rows, numbers, whole, flags = NODES_FIRST, room.rows, room.numbers, room.whole, room.flags
     whole[:COUNTERS] = 0
@@ -86,6 +86,6 @@ def laid_out(room: Room, bodies: int, joints: int) -> tuple[Tree, Rows, Heap]:
     nodes = Nodes(frames, turning, ends, speed, swerve, spin, known)
     return (
         Tree(nodes, key, posed, spans, rates, whole[3:5], q),
-        Rows(row_whole, row_numbers, doubts, whole[0:2]),
+        SearchRows(row_whole, row_numbers, doubts, whole[0:2]),
         Heap(heap_key, heap_row, whole[2:3]),
     )

@@ -88,7 +88,7 @@ STOP: Final = 4
 LEVEL_LOWEST: Final = 12  # spans of 1 / 4096 of the path: enough for 1 % of the speed
 
 
-class Rows(NamedTuple):
+class SearchRows(NamedTuple):
     """Rows, of which the first `used[0]` are in use; those in doubt about a violation, of which `used[1]` are."""
 
     whole: Whole
@@ -98,7 +98,7 @@ class Rows(NamedTuple):
 
 
 @compiled
-def with_room(rows: Rows, room: int) -> Rows:
+def with_room(rows: SearchRows, room: int) -> SearchRows:
     """The same rows with room for so many at least."""
     if rows.whole.shape[0] >= room:
         return rows
@@ -106,7 +106,7 @@ def with_room(rows: Rows, room: int) -> Rows:
     doubts, count, in_doubt = np.empty(STAGES_IN_DOUBT * 2 * room, np.int64), rows.used[0], rows.used[1]
     whole[:count], numbers[:count] = rows.whole[:count], rows.numbers[:count]
     doubts[:in_doubt] = rows.doubts[:in_doubt]
-    return Rows(whole, numbers, doubts, rows.used)
+    return SearchRows(whole, numbers, doubts, rows.used)
 
 
 class Met(NamedTuple):

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats
-    from pep.pit.scene.obstacles import Kind
+    from pep.pit.scene.obstacles import PairKind
     from pep.pit.scene.pairs import Pairs
 
 
-class Found(NamedTuple):
+class StraightFindings(NamedTuple):
     """What `kernel.straight.certify` found, and what it was asked about.
 
     Attributes:
@@ -38,14 +38,14 @@ class Found(NamedTuple):
     found: Floats
 
 
-class Answer(Certified):
+class StraightCertified(Certified):
     """As `Certified`; only what was looked at row by row is a leaf, the rest of the proof is known to be far apart."""
 
-    def __init__(self, found: Found, *, upper: float, attained: float, slower: float | None) -> None:
+    def __init__(self, found: StraightFindings, *, upper: float, attained: float, slower: float | None) -> None:
         """Nothing is made of the arrays yet."""
         vars(self).update(_found=found, upper=upper, attained=attained, slower=slower)
 
-    _found: Found
+    _found: StraightFindings
     upper: float
     attained: float
     slower: float | None
@@ -56,7 +56,7 @@ class Answer(Certified):
         return _witnesses(self._found.found[: self._found.told])
 
     @cached_property
-    def violated(self) -> dict[Kind, Witness]:
+    def violated(self) -> dict[PairKind, Witness]:
         """As `Certified.violated`."""
         pairs, _, told, broken, found = self._found
         return {pairs.kind_of(w.pair): w for w in _witnesses(found[told : told + broken])}

@@ -25,7 +25,7 @@ from pep.pit.search.kernel.arithmetic.body_poses import arm_in, bends_of
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry
 from pep.pit.search.kernel.arithmetic.heap import push
 from pep.pit.search.kernel.arithmetic.index_law import pair_index
-from pep.pit.search.kernel.arithmetic.pair_rows import Field, Way
+from pep.pit.search.kernel.arithmetic.pair_rows import Field, StraightPath
 from pep.pit.search.kernel.interval_tree import HIGHEST_RATE, SPANS, rate
 from pep.pit.search.kernel.scratch import Room, laid_out
 from pep.pit.search.kernel.search_columns import (
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.heap import Heap
     from pep.pit.search.kernel.interval_tree import Tree
-    from pep.pit.search.kernel.search_columns import Rows
+    from pep.pit.search.kernel.search_columns import SearchRows
 
     Whole = NDArray[np.int64]
 
@@ -82,9 +82,9 @@ def _timed(profile: Floats, law: Floats, stop: Floats, speed: float) -> tuple[Fl
 @compiled
 def _slower(
     tree: Tree,
-    rows: Rows,
+    rows: SearchRows,
     heap: Heap,
-    way: Way,
+    way: StraightPath,
     table: Floats,
     field: Field,
     profile: Floats,
@@ -187,7 +187,7 @@ def certify(
     profile, at = numbers[at : at + PROFILE], at + PROFILE
     law, at = numbers[at : at + LAW], at + LAW
     stop = numbers[at : at + STOP]
-    way = Way(arm, start, delta, bends_of(arm, delta))
+    way = StraightPath(arm, start, delta, bends_of(arm, delta))
     table = table_of(arm, way.bends)
     met = Met(none_met(groups), none_met(KINDS), np.empty((groups, looks), np.int64))
     tree, rows, heap = laid_out(Room(numbers, whole, flags, room), table.shape[0], joints)

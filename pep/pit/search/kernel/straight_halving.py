@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.body_poses import Nodes
-    from pep.pit.search.kernel.arithmetic.pair_rows import Field, Way
+    from pep.pit.search.kernel.arithmetic.pair_rows import Field, StraightPath
     from pep.pit.search.kernel.arithmetic.row_table import Rows
 
     Whole = NDArray[np.int64]
@@ -54,7 +54,7 @@ SPREAD: Final = 0x9E3779B1  # 2^32 by the golden ratio: neighbouring keys land f
 FREE: Final = -1
 
 
-class Known(NamedTuple):
+class StraightConfigurations(NamedTuple):
     """The configurations that were computed: their nodes, and by key which row. At most half of the places are used."""
 
     nodes: Nodes
@@ -64,9 +64,11 @@ class Known(NamedTuple):
 
 
 @entry
-def nothing_known(bodies: int) -> Known:
+def nothing_known(bodies: int) -> StraightConfigurations:
     """No configuration."""
-    return Known(no_nodes(FIRST // 2, bodies), np.full(FIRST, FREE), np.full(FIRST, FREE), np.zeros(1, np.int64))
+    return StraightConfigurations(
+        no_nodes(FIRST // 2, bodies), np.full(FIRST, FREE), np.full(FIRST, FREE), np.zeros(1, np.int64)
+    )
 
 
 @lent
@@ -79,7 +81,7 @@ def _place_of(table: Whole, key: int) -> int:
 
 
 @compiled
-def with_key(known: Known, key: int, way: Way) -> Known:
+def with_key(known: StraightConfigurations, key: int, way: StraightPath) -> StraightConfigurations:
     """The same with the configuration at `key`."""
     at = _place_of(known.key, key)
     if known.key[at] == key:
@@ -91,15 +93,17 @@ def with_key(known: Known, key: int, way: Way) -> Known:
             if known.key[old] != FREE:
                 to = _place_of(keys, known.key[old])
                 keys[to], rows[to] = known.key[old], known.row[old]
-        known = Known(known.nodes, keys, rows, known.used)
+        known = StraightConfigurations(known.nodes, keys, rows, known.used)
         at = _place_of(known.key, key)
     known.key[at], known.row[at] = key, row
     known.used[0] = row + 1
-    return Known(configuration(known.nodes, row, way, key), known.key, known.row, known.used)
+    return StraightConfigurations(configuration(known.nodes, row, way, key), known.key, known.row, known.used)
 
 
 @entry
-def examined(known: Known, way: Way, field: Field, asked: Whole) -> tuple[Known, Rows]:
+def examined(
+    known: StraightConfigurations, way: StraightPath, field: Field, asked: Whole
+) -> tuple[StraightConfigurations, Rows]:
     """The rows (LOW, HIGH, PAIR) of `asked` examined, and the configurations known by then."""
     stand = np.empty((asked.shape[0], 3), np.int64)
     for row in range(asked.shape[0]):
@@ -117,8 +121,14 @@ def examined(known: Known, way: Way, field: Field, asked: Whole) -> tuple[Known,
 
 @entry
 def fits(
-    known: Known, way: Way, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
-) -> tuple[Known, bool, Rows]:
+    known: StraightConfigurations,
+    way: StraightPath,
+    field: Field,
+    leaves: Rows,
+    profile: Floats,
+    law: Floats,
+    index: float,
+) -> tuple[StraightConfigurations, bool, Rows]:
     """Whether it is proven that no row exceeds `index` (see `CompiledPath.fits`), and the rows as far as halved."""
     kept, used, laws, kinds = room_for(2 * leaves.whole.shape[0]), 0, field.numbers, field.whole
     for depth in range(LOWER_DEPTH + 1):
@@ -135,8 +145,8 @@ def fits(
 
 @entry
 def blow(
-    known: Known,
-    way: Way,
+    known: StraightConfigurations,
+    way: StraightPath,
     field: Field,
     people: Whole,
     profile: Floats,
@@ -144,7 +154,7 @@ def blow(
     first: int,
     depths: int,
     resolution: float,
-) -> tuple[Known, float]:
+) -> tuple[StraightConfigurations, float]:
     """Proven highest share of a body region's limit speed on this path (PHY-4)."""
     asked, used = np.empty((people.shape[0] * first, WHOLES), np.int64), 0
     width = 1.0 / first
@@ -190,7 +200,9 @@ def blow(
 
 
 @entry
-def rushes(known: Known, way: Way, low: Whole, high: Whole) -> tuple[Known, Floats]:
+def rushes(
+    known: StraightConfigurations, way: StraightPath, low: Whole, high: Whole
+) -> tuple[StraightConfigurations, Floats]:
     """Bound on the surface speed per unit of ds/dt of every body on each interval, shape (intervals, bodies).
 
     Of bodies that are seen from the arm itself it is the rough one: nobody asks how fast the arm passes itself.
@@ -228,7 +240,9 @@ def rushes(known: Known, way: Way, low: Whole, high: Whole) -> tuple[Known, Floa
 
 
 @entry
-def met_at(known: Known, way: Way, field: Field, key: int, pair: Whole) -> tuple[Known, Floats, Floats]:
+def met_at(
+    known: StraightConfigurations, way: StraightPath, field: Field, key: int, pair: Whole
+) -> tuple[StraightConfigurations, Floats, Floats]:
     """Signed clearance and surface speed per unit of ds/dt of these pairs at one configuration."""
     known = with_key(known, key, way)
     at = known.row[_place_of(known.key, key)]

@@ -83,9 +83,9 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.core_distance import Gap
     from pep.pit.search.kernel.arithmetic.heap import Heap
-    from pep.pit.search.kernel.arithmetic.pair_rows import Field, Way
+    from pep.pit.search.kernel.arithmetic.pair_rows import Field, StraightPath
     from pep.pit.search.kernel.interval_tree import Tree
-    from pep.pit.search.kernel.search_columns import Met, Rows
+    from pep.pit.search.kernel.search_columns import Met, SearchRows
 
     Whole = NDArray[np.int64]
 
@@ -121,10 +121,10 @@ def _by_nodes(
 @lent
 def explored(
     tree: Tree,
-    way: Way,
+    way: StraightPath,
     table: Floats,
     field: Field,
-    rows: Rows,
+    rows: SearchRows,
     heap: Heap,
     profile: Floats,
     law: Floats,
@@ -324,7 +324,7 @@ def _tops(whole: Whole, numbers: Floats, kinds: Whole, top: Whole, count: int, l
 
 
 @lent
-def _at_rest(tree: Tree, way: Way, field: Field, rows: Rows, violated: Floats) -> None:
+def _at_rest(tree: Tree, way: StraightPath, field: Field, rows: SearchRows, violated: Floats) -> None:
     """Violations at both ends of the path, where the arm stands and no middle ever lies."""
     whole, numbers, spans, nodes, posed = rows.whole, rows.numbers, tree.spans, tree.nodes, tree.posed
     laws, kinds, ends = field.numbers, field.whole, tree.nodes.ends
@@ -348,7 +348,7 @@ def _at_rest(tree: Tree, way: Way, field: Field, rows: Rows, violated: Floats) -
 
 
 @lent
-def leaf_count(rows: Rows) -> int:
+def leaf_count(rows: SearchRows) -> int:
     """How many rows were not halved."""
     whole, count = rows.whole, 0
     for row in range(rows.used[0]):
@@ -357,7 +357,7 @@ def leaf_count(rows: Rows) -> int:
 
 
 @lent
-def leaves_of(tree: Tree, rows: Rows, leaves: Floats, since: int) -> float:
+def leaves_of(tree: Tree, rows: SearchRows, leaves: Floats, since: int) -> float:
     """The rows that were not halved stand in `leaves` from `since` on; the highest index of those."""
     whole, numbers, spans, upper, at = rows.whole, rows.numbers, tree.spans, 0.0, since
     for row in range(rows.used[0]):
@@ -375,9 +375,9 @@ def leaves_of(tree: Tree, rows: Rows, leaves: Floats, since: int) -> float:
 @compiled
 def searched(
     tree: Tree,
-    rows: Rows,
+    rows: SearchRows,
     heap: Heap,
-    way: Way,
+    way: StraightPath,
     table: Floats,
     field: Field,
     pairs: Whole,
@@ -386,7 +386,7 @@ def searched(
     floor: float,
     looks: int,
     met: Met,
-) -> tuple[Tree, Rows, Heap, int, float]:
+) -> tuple[Tree, SearchRows, Heap, int, float]:
     """The rows of these pairs on this path, settled; there is room for those of the first cut.
 
     Returns:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.body_poses import Arm, Nodes
-    from pep.pit.search.kernel.arithmetic.tool_pose import Line, Stand, Wrist
+    from pep.pit.search.kernel.arithmetic.tool_pose import KernelTwist, Stand, Wrist
 
     Whole = NDArray[np.int64]
 
@@ -28,10 +28,10 @@ USED: Final = 0  # of the counts: configurations
 LOST: Final = 1  # of the counts: those that Newton's method did not find again
 
 
-class Track(NamedTuple):
+class KernelTrack(NamedTuple):
     """As `pep.pit.path.course_angles.Track`; `until` is below 0 where there is no line."""
 
-    line: Line
+    line: KernelTwist
     until: float
     q: Floats
     dq: Floats
@@ -55,10 +55,10 @@ class Curve(NamedTuple):
     high: Whole
     cells: Floats
     bends: Floats
-    track: Track
+    track: KernelTrack
 
 
-class Known(NamedTuple):
+class CurveConfigurations(NamedTuple):
     """The configurations that were computed: by key which row. At most half of the places are used.
 
     Attributes:
@@ -80,10 +80,10 @@ class Known(NamedTuple):
 
 
 @entry
-def nothing_known(bodies: int) -> Known:
+def nothing_known(bodies: int) -> CurveConfigurations:
     """No configuration."""
     half = PLACES // 2
-    return Known(
+    return CurveConfigurations(
         no_nodes(half, bodies), np.empty((half, JOINTS)), np.empty(half, np.int64), np.full(PLACES, FREE),
         np.full(PLACES, FREE), np.zeros(2, np.int64), no_stand(), np.empty((11, JOINTS)),
     )  # fmt: skip
@@ -99,7 +99,7 @@ def _place_of(table: Whole, key: int) -> int:
 
 
 @compiled
-def with_room(known: Known, count: int) -> Known:
+def with_room(known: CurveConfigurations, count: int) -> CurveConfigurations:
     """The same with room for at least so many more configurations."""
     used = known.counts[USED]
     if 2 * (used + count) < known.key.shape[0]:
@@ -115,11 +115,11 @@ def with_room(known: Known, count: int) -> Known:
     for each in range(used):
         at = _place_of(key, keys[each])
         key[at], row[at] = keys[each], each
-    return Known(nodes, q, keys, key, row, known.counts, known.stand, known.room)
+    return CurveConfigurations(nodes, q, keys, key, row, known.counts, known.stand, known.room)
 
 
 @compiled
-def _go_to(curve: Curve, key: float, known: Known, q: Floats, dq: Floats) -> None:
+def _go_to(curve: Curve, key: float, known: CurveConfigurations, q: Floats, dq: Floats) -> None:
     """`q` and `dq` (6,) are the joint angles at `key` and their derivative by s; no numbers where they are lost."""
     track, s = curve.track, key / GRID
     if not s <= track.until:
@@ -149,7 +149,7 @@ def _go_to(curve: Curve, key: float, known: Known, q: Floats, dq: Floats) -> Non
 
 
 @compiled
-def row_of(known: Known, key: int, curve: Curve) -> int:
+def row_of(known: CurveConfigurations, key: int, curve: Curve) -> int:
     """Which row the configuration at `key` has; it is computed where it is not known, and there is room for it."""
     at = _place_of(known.key, key)
     if known.key[at] == key:
@@ -164,12 +164,12 @@ def row_of(known: Known, key: int, curve: Curve) -> int:
 
 
 @compiled
-def rows_of(known: Known, low: int, high: int, curve: Curve) -> tuple[int, int, int]:
+def rows_of(known: CurveConfigurations, low: int, high: int, curve: Curve) -> tuple[int, int, int]:
     """Which rows the configurations at both ends and in the middle have; there is room for them."""
     return row_of(known, low, curve), row_of(known, (low + high) // 2, curve), row_of(known, high, curve)
 
 
 @entry
-def placed(known: Known, curve: Curve, s: float, q: Floats, dq: Floats) -> None:
+def placed(known: CurveConfigurations, curve: Curve, s: float, q: Floats, dq: Floats) -> None:
     """`q` and `dq` (6,) are the joint angles at any `s` and their derivative by s; no row is kept."""
     _go_to(curve, s * GRID, known, q, dq)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
 
 
-class Bounds(NamedTuple):
+class PieceBounds(NamedTuple):
     """What is known of a piece: derivatives in its middle, and what bounds them on the whole of it, each (6,).
 
     Attributes:
@@ -38,9 +38,9 @@ class Bounds(NamedTuple):
 
 
 @compiled
-def no_bounds() -> Bounds:
+def no_bounds() -> PieceBounds:
     """Room, and nothing known."""
-    return Bounds(
+    return PieceBounds(
         np.empty(JOINTS),
         np.empty(JOINTS),
         np.empty(JOINTS),
@@ -122,7 +122,7 @@ def _follows(
 
 
 @compiled
-def prove_derivatives(reach: Floats, bounds: Bounds, r: float, fastest: float, hardest: float) -> bool:
+def prove_derivatives(reach: Floats, bounds: PieceBounds, r: float, fastest: float, hardest: float) -> bool:
     """The first three derivatives are bounded within `r` of the middle; False where nothing is proven.
 
     Args:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats
-    from pep.pit.search.kernel.arithmetic.line_piece import Bounds
-    from pep.pit.search.kernel.arithmetic.tool_pose import Line, Stand, Wrist
+    from pep.pit.search.kernel.arithmetic.line_piece import PieceBounds
+    from pep.pit.search.kernel.arithmetic.tool_pose import KernelTwist, Stand, Wrist
 
     Whole = NDArray[np.int64]
 
@@ -28,7 +28,7 @@ JOINT_LIMIT: Final = 2
 FIRST: Final = 128  # room for pieces at first; most lines need some dozens
 
 
-class Tool(NamedTuple):
+class TracedArm(NamedTuple):
     """What a trace needs of the arm.
 
     Attributes:
@@ -43,7 +43,7 @@ class Tool(NamedTuple):
     highest: Floats
 
 
-class Traced(NamedTuple):
+class TracedLine(NamedTuple):
     """A line as far as traced: its pieces as in `pep.pit.path.course.Cells`, and the arm's stance at their end.
 
     Attributes:
@@ -79,7 +79,7 @@ class _Desk(NamedTuple):
     middle: Stand
     inverse: Floats
     bend: Floats
-    bounds: Bounds
+    bounds: PieceBounds
     room: Floats
     near: Floats
     within: Floats
@@ -106,8 +106,8 @@ def _largest(vector: Floats) -> float:
 
 @compiled
 def _piece(
-    tool: Tool, line: Line, rate: Floats, here: Stand, back: Floats, low: int, high: int, ahead: Stand, on: Floats,
-    desk: _Desk, row: Floats,
+    tool: TracedArm, line: KernelTwist, rate: Floats, here: Stand, back: Floats, low: int, high: int, ahead: Stand,
+    on: Floats, desk: _Desk, row: Floats,
 ) -> int:  # fmt: skip
     """The piece [low, high] is proven: `row` is what holds on it, `ahead` the arm at its end with its inverse `on`.
 
@@ -180,7 +180,7 @@ def _piece(
 
 
 @compiled
-def _rate_of(line: Line) -> Floats:
+def _rate_of(line: KernelTwist) -> Floats:
     rate = np.empty(JOINTS)
     for i in range(3):
         rate[i], rate[3 + i] = line.line[i], line.turn[i]
@@ -188,7 +188,9 @@ def _rate_of(line: Line) -> Floats:
 
 
 @entry
-def traced(tool: Tool, line: Line, start: Floats, since: int, until: int, pieces: int, fastest: Floats) -> Traced:
+def traced(
+    tool: TracedArm, line: KernelTwist, start: Floats, since: int, until: int, pieces: int, fastest: Floats
+) -> TracedLine:
     """The joints' path under the line from `since` to `until` as far as it can be proven."""
     rate = _rate_of(line)
     desk = _Desk(
@@ -239,7 +241,7 @@ def traced(tool: Tool, line: Line, start: Floats, since: int, until: int, pieces
     dq = np.zeros(JOINTS)
     if known:
         _times(back, rate, dq)
-    return Traced(low[:done].copy(), high[:done].copy(), rows[:done].copy(), reached, here.q.copy(), dq, stuck)
+    return TracedLine(low[:done].copy(), high[:done].copy(), rows[:done].copy(), reached, here.q.copy(), dq, stuck)
 
 
 @compiled

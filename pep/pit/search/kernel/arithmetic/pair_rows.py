@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     Whole = NDArray[np.int64]
 
 
-class Way(NamedTuple):
+class StraightPath(NamedTuple):
     """A straight joint path of one arm: where it starts and where to, rad, and how strongly its bodies bend."""
 
     arm: Arm
@@ -77,7 +77,7 @@ class Field(NamedTuple):
 
 
 @compiled
-def configuration(nodes: Nodes, used: int, way: Way, key: int) -> Nodes:
+def configuration(nodes: Nodes, used: int, way: StraightPath, key: int) -> Nodes:
     """The nodes with the configuration at `key` in row `used`."""
     if used >= nodes.speed.shape[0]:
         nodes = more_nodes(nodes)
@@ -107,7 +107,7 @@ def balls_of(numbers: Floats, whole: Whole, warn_band: float) -> Floats:
 
 
 @lent
-def rush_at_most(way: Way, body: int, width: float) -> float:
+def rush_at_most(way: StraightPath, body: int, width: float) -> float:
     """A bound on the body's surface speed per unit of ds/dt on such an interval that needs no configuration."""
     bend = width * width / CHORD
     speed = way.bends.first[body] + way.bends.third[body] * bend
@@ -115,7 +115,7 @@ def rush_at_most(way: Way, body: int, width: float) -> float:
 
 
 @lent
-def strays_at_most(way: Way, body: int, width: float) -> float:
+def strays_at_most(way: StraightPath, body: int, width: float) -> float:
     """How far any part of the body's axis is from where it is in the middle of an interval of that width, metre.
 
     Its levers bound the way in half the interval. The sag is added, so that no clearance found from this is above what
@@ -134,7 +134,7 @@ def ball_gap(ends: Floats, at: int, body: int, half: Floats, numbers: Floats, pa
 
 
 @compiled
-def examine(nodes: Nodes, way: Way, field: Field, asked: Whole, stand: Whole) -> Rows:
+def examine(nodes: Nodes, way: StraightPath, field: Field, asked: Whole, stand: Whole) -> Rows:
     """What is proven on each row's interval and attained in its middle.
 
     Args:
@@ -170,7 +170,7 @@ def examine(nodes: Nodes, way: Way, field: Field, asked: Whole, stand: Whole) ->
 
 
 @compiled
-def meets(nodes: Nodes, at: int, way: Way, field: Field, pair: Whole) -> tuple[Floats, Floats]:
+def meets(nodes: Nodes, at: int, way: StraightPath, field: Field, pair: Whole) -> tuple[Floats, Floats]:
     """Signed clearance and surface speed per unit of ds/dt of each of these pairs at one configuration."""
     count = pair.shape[0]
     clearance, rush = np.empty(count), np.empty(count)

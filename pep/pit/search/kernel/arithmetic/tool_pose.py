@@ -29,7 +29,7 @@ class Wrist(NamedTuple):
     tcp: Floats
 
 
-class Line(NamedTuple):
+class KernelTwist(NamedTuple):
     """A constant twist, as `pep.pit.robot.twist.Twist`: where it begins and its rates by s."""
 
     position: Floats
@@ -184,7 +184,7 @@ def turn_between(goal: Floats, here: Floats, error: Floats) -> None:
 
 
 @compiled
-def goal_at(line: Line, s: float, position: Floats, rotation: Floats, room: Floats) -> None:
+def goal_at(line: KernelTwist, s: float, position: Floats, rotation: Floats, room: Floats) -> None:
     """The line's pose at `s` stands in `position` (3,) and `rotation` (3, 3); `room` is (3, 3)."""
     turn_by(s * line.turn[0], s * line.turn[1], s * line.turn[2], room)
     for i in range(3):
@@ -258,7 +258,7 @@ def inverted(matrix: Floats, inverse: Floats, room: Floats) -> bool:
 
 
 @compiled
-def solved(wrist: Wrist, line: Line, s: float, stand: Stand, room: Floats) -> bool:
+def solved(wrist: Wrist, line: KernelTwist, s: float, stand: Stand, room: Floats) -> bool:
     """`stand` is the arm with its tool where `line` is at `s`, reached from its joint angles; False when it is not.
 
     Args:
