@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from capabilities.statements import trust_bundle as signed
+from capabilities.statements import trust as signed
 from ztpm_idp.routes.caller import heartbeat_of, provider_of
 
 router = APIRouter()
