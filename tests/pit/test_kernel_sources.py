@@ -1,8 +1,10 @@
 """Machine code that is kept is found by what it was made from: by that, and by nothing else."""
 
+import pickle
 import types
 
 import pytest
+from pep.pit.search.kernel.arithmetic import compilation
 from pep.pit.search.kernel.arithmetic.code_digest import digest_of
 from pep.pit.search.kernel.arithmetic.compilation import ENTRIES, compiled
 
@@ -89,3 +91,14 @@ def test_a_constant_of_another_module_counts(monkeypatch):
     before = digest_of(straight_halving.examined.py_func)
     monkeypatch.setattr(core_distance, "ROUNDING_M", core_distance.ROUNDING_M * 2)
     assert digest_of(straight_halving.examined.py_func) != before
+
+
+def test_an_index_of_types_that_are_gone_is_as_none(tmp_path):
+    """A named tuple was renamed: what was compiled for the old one is compiled anew, and no start fails for it."""
+    files = compilation._Files(cache_path=str(tmp_path), filename_base="entry", source_stamp="digest")
+    files.save(("a key",), {"machine": "code"})
+    index = tmp_path / "entry.nbi"
+    assert files.load(("a key",)) == {"machine": "code"}
+    version = index.read_bytes()[: -len(pickle.dumps(("digest", {("a key",): "entry.1.nbc"}), protocol=-1))]
+    index.write_bytes(version + b"cpep.pit.search.kernel.arithmetic.compilation\nGone\n.")
+    assert files.load(("a key",)) is None

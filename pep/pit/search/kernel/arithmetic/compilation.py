@@ -34,6 +34,17 @@ ENTRIES: Final[list[Any]] = []
 _made: Final = partial(njit, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
 
+class _Files(IndexDataCacheFile):
+    """Index and machine code of one function; an index of types that are gone is as none, and compiled anew."""
+
+    def _load_index(self) -> Any:
+        try:
+            found: Any = super()  # numba is not typed
+            return found._load_index()  # noqa: SLF001 - numba has no other door
+        except Exception:  # noqa: BLE001 - unpickling raises as the types that it names see fit
+            return {}
+
+
 class _Kept(FunctionCache):
     """Machine code on disk, found by what it was made from.
 
@@ -45,7 +56,7 @@ class _Kept(FunctionCache):
         function, place = self._py_func, Path(self._cache_path)
         whose, digest = f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}", digest_of(function)
         name = f"{whose}-{digest[:NAMED]}.py{sys.version_info[0]}{sys.version_info[1]}"
-        made: Any = IndexDataCacheFile  # numba is not typed
+        made: Any = _Files
         return made(cache_path=str(place), filename_base=name, source_stamp=digest)
 
     @_cache_file.setter
