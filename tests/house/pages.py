@@ -30,8 +30,9 @@ def own() -> list[Path]:
 
 
 def prose(text: str) -> list[str]:
-    """The lines of a page outside code blocks and tables; an HTML comment may be long."""
-    return [line for line in BLOCK.sub("", text).splitlines() if not line.startswith(("|", "<!--"))]
+    """The lines of a page outside tables and code blocks, indented ones too; an HTML comment may be long."""
+    lines = BLOCK.sub("", text).splitlines()
+    return [line for line in lines if not line.startswith("    ") and not line.lstrip().startswith(("|", "<!--"))]
 
 
 def rows(text: str, *heading: str) -> list[list[str]]:

@@ -50,3 +50,14 @@ def test_every_command_on_a_page_is_one_of_the_command_line() -> None:
                 pages.assert_command(words)
             except AssertionError as error:
                 pytest.fail(f"{name}: {error}")
+
+
+def test_lines_of_prose_are_short_on_every_page() -> None:
+    """At most 120 characters; where a link leads is not counted."""
+    long = [
+        f"{page.relative_to(pages.TOP)}: {line[:60]}"
+        for page in pages.pages()
+        for line in pages.prose(page.read_text("utf-8"))
+        if len(re.sub(r"\]\([^)]*\)", "]", line)) > 120
+    ]
+    assert long == []
