@@ -13,7 +13,7 @@ from capabilities.keys.trust import TrustBundle
 from capabilities.keys.windows import Role
 from capabilities.rotation.rotation import KeyState
 from capabilities.rotation.succession import check_bundle, succeed
-from capabilities.statements import trust_bundle as trust_statement
+from capabilities.statements import trust as trust_statement
 from capabilities.values.caps import DEFAULT
 from tests.cli.conftest import PASSPHRASE
 from ztpm.base.layout import Layout

@@ -272,8 +272,7 @@ def pep_sees_no_zones():
 @defect
 def pep_takes_one_for_two():
     """Tier 4 is content with one person, who may be the sponsor."""
-    import dataclasses
-
+    from msgspec import structs
     from pep.people import deferral
     from policies.decision import approval
 
@@ -281,7 +280,7 @@ def pep_takes_one_for_two():
     approval.APPROVERS_OF_TIER = {}
 
     def tally(ballots, asked, registered):
-        return honest(ballots, dataclasses.replace(asked, approvers=1), registered)
+        return honest(ballots, structs.replace(asked, approvers=1), registered)
 
     deferral.tally = tally
 
