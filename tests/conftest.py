@@ -77,24 +77,11 @@ def draws_more(item):
     return item.get_closest_marker("long") is not None and seed >= SEEDS
 
 
-GROUPS = {"rtde": "wires", "sim_controller": "wires", "ursim": "wires", "pep": "arms"}
-"""The groups by folder; `cells` is that of any other. A file that would make one group the longest names another itself."""
-
-
-def group_of(item):
-    """The group of a test in which real time passes: its own mark, or that of its folder."""
-    mark = item.get_closest_marker("xdist_group")
-    if mark is not None:
-        return mark.args[0]
-    folders = item.path.relative_to(item.config.rootpath).parts
-    return next((group for folder, group in GROUPS.items() if folder in folders), "cells")
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Tests in which real time passes run in few groups, with `--dist loadgroup`: those of a group one after the other.
+    """Tests in which real time passes run one after the other, on one worker, with `--dist loadgroup`.
 
-    They wait for most of their time. A few at once need one processor together, and more would be late for one another.
+    Beside each other they are late: three at once on two processors changed what steps of the demo saw.
 
     One that fails is begun once more, and the summary counts it: a shared machine may stand still for longer than an
     arm's watch allows. What fails by itself fails twice; how often deadlines are missed is for campaigns to say.
@@ -108,8 +95,7 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=later)
     for item in items:
         if in_real_time(item):
-            if item.get_closest_marker("xdist_group") is None:
-                item.add_marker(pytest.mark.xdist_group(group_of(item)))
+            item.add_marker(pytest.mark.xdist_group("e2e"))
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 

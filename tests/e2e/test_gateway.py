@@ -30,7 +30,7 @@ from ztpm.stage.stage import LEFT, Stage, until
 from ztpm.stage.stopping import read_stop
 
 # As long as all other tests with whole cells together.
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180), pytest.mark.xdist_group("arms")]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
 
 NO_WAY = dict.fromkeys(("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY"), "http://127.0.0.1:9")
 """Proxies that no part of a cell may use."""

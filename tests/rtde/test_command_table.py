@@ -50,7 +50,6 @@ pytestmark = [
     pytest.mark.e2e,
     pytest.mark.timeout(120),
     pytest.mark.clause("RTDE-12", "RTDE-13", "LSD-1"),
-    pytest.mark.xdist_group("arms"),
 ]
 
 THERE, AWAY, FAR = (0.1, *HOME[1:]), (0.3, *HOME[1:]), (0.5, *HOME[1:])

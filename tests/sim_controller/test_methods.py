@@ -20,7 +20,7 @@ rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not instal
 rtde_io = pytest.importorskip("rtde_io", reason="ur_rtde is not installed")
 dashboard_client = pytest.importorskip("dashboard_client", reason="ur_rtde is not installed")
 
-pytestmark = [pytest.mark.e2e, pytest.mark.xdist_group("cells")]
+pytestmark = [pytest.mark.e2e]
 
 VERSION = "5.22"
 STOPPED, PLAYING, PAUSED = 1, 2, 4

@@ -14,7 +14,7 @@ from tests.sim_controller.framers import PrimaryFramer, RealtimeFramer
 from tests.sim_controller.plain import Plain
 from ursim.ports.launch import SimulatedController
 
-pytestmark = [pytest.mark.e2e, pytest.mark.xdist_group("cells")]
+pytestmark = [pytest.mark.e2e]
 
 PRIMARY, SECONDARY, REALTIME, RTDE, DASHBOARD = 30001, 30002, 30003, 30004, 29999
 READ_ONLY = 10

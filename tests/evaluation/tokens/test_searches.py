@@ -44,5 +44,10 @@ def test_what_is_missed_is_told(campaign, module, monkeypatch):
     real = module.run
     monkeypatch.setattr(searches, "QUICK_MUTANTS", 50)
     monkeypatch.setattr(searches, "QUICK_PAIRS", 1_500)
-    monkeypatch.setattr(module, "run", lambda count, seed: module.Figures(count + 1, real(count, seed).tally))
+
+    def more_wanted(count, seed):
+        found = real(count, seed)
+        return type(found)(count + 1, found.tally)
+
+    monkeypatch.setattr(module, "run", more_wanted)
     assert not campaign.run(SETTINGS).met
