@@ -3,7 +3,6 @@
 The program writes into an image of its own; what the controller has is another one, and only this module writes it.
 Questions, ends of modes and stops pass; everything else waits for the judge, and what was judged is written out whole.
 A stop is raised to the cell's, and stays until the script has carried it out, whatever the program writes meanwhile.
-
 Pure: packages, the controller's word, the judge's answers and the time are arguments; what follows is a list of acts.
 """
 
