@@ -46,7 +46,7 @@ def sources():
     """SHA-256 (hex) of all that an answer or a trial depends on: what was tried with other sources was not tried."""
     top = Path(__file__).parents[2]
     own = [Path(__file__).with_name(f"{name}.py") for name in OWN]
-    parts = (*(top / "pep" / "pit").rglob("*"), *own, top / "evaluation" / "bench" / "pit" / "ruler.py")
+    parts = (*(top / "pep" / "pit").rglob("*"), *own, top / "evaluation" / "pit" / "ruler.py")
     texts = [part.read_bytes() for part in sorted(parts) if part.suffix in (".py", ".toml")]
     return hashlib.sha256(b"".join(hashlib.sha256(text).digest() for text in texts)).hexdigest()
 

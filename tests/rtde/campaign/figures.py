@@ -49,7 +49,13 @@ def sources(kind):
     """SHA-256 (hex) of what a trial of that kind depends on: what was tried with other sources was not tried."""
     top, own = Path(__file__).parents[3], Path(__file__).parent
     shared = [own / f"{name}.py" for name in (kind, "hostile", "rule", "stand", "twin")]
-    parts = [*(top / "pep").rglob("*.py"), *top.glob("ztpm/*.py"), *shared, own.parent / "leased_gateway.py"]
+    parts = [
+        *(top / "pep").rglob("*.py"),
+        *(top / "ztpm").rglob("*.py"),
+        *(top / "ursim").rglob("*.py"),
+        *shared,
+        own.parent / "leased_gateway.py",
+    ]
     return hashlib.sha256(b"".join(hashlib.sha256(part.read_bytes()).digest() for part in sorted(parts))).hexdigest()
 
 
