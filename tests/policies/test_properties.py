@@ -471,7 +471,8 @@ def test_canonical_texts_of_different_values_differ():
 
 SCRIPT = """
 import hashlib, random, sys
-from policies import decide, canonical
+from policies import decide
+from policies.words import canonical
 from tests.model import triples
 pick = random.Random(int(sys.argv[1])).choice
 told = hashlib.sha256()
