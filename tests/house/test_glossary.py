@@ -108,7 +108,3 @@ def test_the_words_stand_in_order_with_one_sentence_each() -> None:
     assert len(set(listed)) == len(listed)
     assert [word for word, meaning in table if not re.fullmatch(r"[A-Z][^!?]*\.", meaning) or ". " in meaning] == []
     assert set(refused().values()) <= {"*none*", *listed}
-
-
-def test_prose_is_at_most_120_wide() -> None:
-    assert [line for line in pages.prose(PAGE) if len(line) > 120] == []

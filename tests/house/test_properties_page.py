@@ -53,11 +53,6 @@ def test_every_command_that_a_page_names_exists(page: str) -> None:
         assert target in targets, target
 
 
-@pytest.mark.parametrize("page", LEAST)
-def test_prose_lines_are_short(page: str) -> None:
-    assert [line for line in pages.prose(text(page)) if len(line) > 120] == []
-
-
 def test_every_promise_has_a_mechanism_and_a_test() -> None:
     promised = pages.rows(text(SECURITY), "promise", "mechanism", "test that shows it")
     assert len(promised) > 50
