@@ -52,28 +52,32 @@ def offered() -> set[str]:
     return {name for name, _ in found}
 
 
-def delayed(file: Path) -> Iterator[str]:
-    """Modules that a file imports by a text: by `package` or by `import_module`."""
+def delayed(file: Path) -> Iterator[tuple[str, str]]:
+    """Modules that a file imports by a text, each with its distribution: by `package` or by `import_module`."""
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
             called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
             if called in {"package", "import_module"}:
-                yield str(node.args[0].value).split(".")[0]
+                module, distribution = node.args[0].value.split(".")[0], node.args[-1]
+                named = called == "package" and isinstance(distribution, ast.Constant)
+                yield module, distribution.value if named else ELSEWHERE.get(module, module)
 
 
 def test_every_import_is_in_an_extra(offered: set[str]) -> None:
     graph = grimp.build_graph(*OWN, include_external_packages=True, cache_dir=None)
     own = {module for module in graph.modules if module == "evaluation" or module.startswith("evaluation.")}
     reached = set().union(*(graph.find_upstream_modules(module) for module in own))
-    imported = {module for module in reached if graph.is_module_squashed(module)}
+    external = {module for module in reached if graph.is_module_squashed(module)}
+    imported = {module: ELSEWHERE.get(module, module) for module in external}
     for file in (TOP / "evaluation").rglob("*.py"):
-        imported |= set(delayed(file))
-    imported -= set(sys.stdlib_module_names) | {"__future__"}
-    assert {"typer", "numpy", "z3", "mujoco", "tenuo", "matplotlib"} <= imported
+        imported |= delayed(file)
+    for standard in (*sys.stdlib_module_names, "__future__"):
+        imported.pop(standard, None)
+    assert {"typer", "numpy", "z3", "mujoco", "tenuo", "matplotlib"} <= imported.keys()
     distributions = packages_distributions()
     missing = {
         module
-        for module in imported
-        if not {plain(name) for name in distributions.get(module, [ELSEWHERE.get(module, module)])} & offered
+        for module, distribution in imported.items()
+        if not {plain(name) for name in distributions.get(module, [distribution])} & offered
     }
     assert not missing
