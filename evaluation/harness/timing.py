@@ -181,7 +181,8 @@ def _demand(cell: Cell[K], verdict: object, what: str, *right: Verdict) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """No collection of garbage while it lasts; what lives already is not looked at again."""
+    """Garbage is not collected meanwhile, and objects that a program has frozen before stay so afterwards."""
+    frozen = gc.get_freeze_count()
     gc.collect()
     gc.freeze()
     gc.disable()
@@ -189,4 +190,5 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         gc.enable()
-        gc.unfreeze()
+        if not frozen:
+            gc.unfreeze()

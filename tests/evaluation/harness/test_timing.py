@@ -129,8 +129,11 @@ def test_a_peer_that_gives_up_is_asked_again_but_not_for_ever():
 
 
 @pytest.mark.parametrize("outcome", [Verdict.ALLOWED, Verdict.REFUSED])
-def test_garbage_is_not_collected_meanwhile_and_is_again_afterwards(outcome):
-    seen = []
+@pytest.mark.parametrize("frozen", [0, 1])
+def test_garbage_is_not_collected_meanwhile_and_is_again_afterwards(outcome, frozen, monkeypatch):
+    seen, thawed = [], []
+    monkeypatch.setattr(gc, "get_freeze_count", lambda: frozen)
+    monkeypatch.setattr(gc, "unfreeze", lambda: thawed.append(True))  # the suite's own objects stay frozen
 
     def act(_: object) -> Verdict:
         seen.append(gc.isenabled())
@@ -142,7 +145,7 @@ def test_garbage_is_not_collected_meanwhile_and_is_again_afterwards(outcome):
         assert outcome is Verdict.REFUSED
     assert set(seen) == {False}
     assert gc.isenabled()
-    assert gc.get_freeze_count() == 0
+    assert bool(thawed) is not bool(frozen), "as it was before"
 
 
 def test_a_plan_needs_no_more_inputs_than_it_says():
