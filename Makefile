@@ -47,10 +47,10 @@ campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in
 	$(RUN) pytest -q --campaign -m "campaign or hypothesis"
 
 soundness:  ## 100,000 motions and scenes against MuJoCo, their certificates and corrupted ones; goes on where it was ended
-	uv run --extra all --extra bench --group dev python -m tests.pit.campaign --ledger .soundness
+	uv run --extra all --extra bench --group dev python -m tests.pep.pit.campaign --ledger .soundness
 
 rtde-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended
-	$(RUN) python -m tests.rtde.campaign --ledger .rtde-campaign
+	$(RUN) python -m tests.pep.rtde.campaign --ledger .rtde-campaign
 
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation

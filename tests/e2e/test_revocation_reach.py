@@ -15,7 +15,7 @@ import threading
 import time
 
 import pytest
-from tests.idp.test_process import Process
+from tests.ztpm_idp.test_process import Process
 
 pytestmark = pytest.mark.e2e
 TIMES = 100

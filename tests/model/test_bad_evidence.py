@@ -13,7 +13,7 @@ import pytest
 from capabilities.values.errors import Fault, FaultCode
 from policies.primitives.base import Holds
 from tests.policies import world
-from tests.policies.test_primitives import primitive, set_of
+from tests.policies.primitives.test_primitives import primitive, set_of
 
 from policies import NOT_COLLECTED, ROWS, Effect, ImpactFault, decide
 

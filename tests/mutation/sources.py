@@ -15,14 +15,14 @@ BESIDE = ("approval", "shape", "labels", "obligations")
 """Those whose score is told beside it."""
 
 TESTS = [
-    "tests/policies/test_primitives.py",
+    "tests/policies/primitives/test_primitives.py",
     "tests/policies/test_properties.py",
-    "tests/policies/test_approval.py",
-    "tests/policies/test_labels.py",
-    "tests/policies/test_obligations.py",
-    "tests/policies/test_combine.py",
-    "tests/policies/test_tiers.py",
-    "tests/policies/test_decision.py",
+    "tests/policies/decision/test_approval.py",
+    "tests/policies/words/test_labels.py",
+    "tests/policies/decision/test_obligations.py",
+    "tests/policies/decision/test_combine.py",
+    "tests/policies/evidence/test_tiers.py",
+    "tests/policies/decision/test_decision.py",
     "tests/policies/test_default_set.py",
     "tests/model/test_twin.py",
     "tests/model/test_bad_evidence.py",

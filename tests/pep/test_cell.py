@@ -11,7 +11,6 @@ import threading
 
 import httpx2
 import pytest
-from capabilities.keys import keys
 from capabilities.statements.registry import PartyEntry, SensorEntry, ToolEntry
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
@@ -19,19 +18,21 @@ from pep.base.clock import SystemClock
 from pep.gate.observe_only import OBSERVED
 from pep.mcp.arm_server import tool_definitions
 from pep.mcp.guard import DECISION_META
-from pep.pit import CellParameters, Output
 from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.state_receiver import ReceivedState
 from pep.rtde.robot.telemetry import Telemetry
 from policies.decision.load import load_shipped
 from policies.evidence.tiers import FRESH
 from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
-from tests.pep.test_mcp import Signed
+from tests.pep.mcp.test_mcp import Signed
 from ztpm.point.gateway_config import GatewayConfig
 from ztpm.point.gateway_server import GatewayServer
 from ztpm.point.simulator_check import recognise
 from ztpm.point.tool_proxy import ToolProxy
 from ztpm.point.tool_proxy_config import ToolProxyConfig
+
+from capabilities.keys import keys
+from pep.pit import CellParameters, Output
 
 GATEWAY_HOST = HOST.rpartition(".")[0] + ".10"
 """Where the gateway has the controller's ports."""

@@ -13,15 +13,15 @@ from capabilities.values.chain import Chain
 from capabilities.values.scope import Grant, Tier
 from pep.journal.file_journal import FileJournal
 from pep.mcp.mapping import ARM_TOOLS, to_request
-from pep.provider.feed import ProviderFollower, FeedMarkFile
+from pep.provider.feed import FeedMarkFile, ProviderFollower
 from pep.provider.journal_shipper import JournalShipper
 from pep.request.authority import PresentedRequest
 from pep.request.call import Call
 from policies.conduct.report import Edge
 from policies.evidence.evidence import ToolReading
 from policies.evidence.model import Effect
-from tests.idp.world import AUDIENCE, ISSUER, World
 from tests.pep.kit import ManualClock, Rig
+from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
 
 READ = ARM_TOOLS["read_state"]
 

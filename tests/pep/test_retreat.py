@@ -3,11 +3,9 @@
 import asyncio
 
 import pytest
-from capabilities.statements import observation
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Tier
-from pep.perception.sensor_frames import SensorFrame, Frames
-from pep.pit import CellParameters, Person, Region, Robot, Sphere, observed
+from pep.perception.sensor_frames import Frames, SensorFrame
 from pep.pit.assessment.readiness import compile_all
 from pep.rtde.robot.state_receiver import JointState
 from pep.world.held_object import CommittedGrip
@@ -15,7 +13,10 @@ from pep.world.world import CellPhysics
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
 from tests.pep.kit import CALIBRATION, Rig
-from tests.pit.scenes import HOME, tcp
+from tests.pep.pit.scenes import HOME, tcp
+
+from capabilities.statements import observation
+from pep.pit import CellParameters, Person, Region, Robot, Sphere, observed
 
 ROBOT = Robot.load("ur3e")
 SLOW = {"speed_rad_s": 0.2, "acceleration_rad_s2": 1.0}

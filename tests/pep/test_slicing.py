@@ -3,13 +3,14 @@
 import asyncio
 
 import pytest
-from pep.pit import Person, Region, Sphere, adult_at_distance
 from pep.world.sequence import WINDOW_MS
 from pep.world.world import tool_position
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
+from tests.pep.pit.scenes import FRONT, ROBOT
 from tests.pep.test_retreat import Cell, Standing
-from tests.pit.scenes import FRONT, ROBOT
+
+from pep.pit import Person, Region, Sphere, adult_at_distance
 
 REST = (-1.62, 1.25, -1.2, -1.57, 0.0)
 STEPS = 12

@@ -7,7 +7,6 @@ from collections import Counter
 
 import pytest
 import rfc8785
-from capabilities.values import bounds
 from capabilities.values.algebra import COUNTED, apply, hop, meet, narrows, stated
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, ScopeError
@@ -18,7 +17,7 @@ from capabilities.values.well_formed import well_formed, well_formed_restriction
 from evaluation.tokens.campaigns import hop_laws, laws
 from hypothesis import given, seed, settings
 from hypothesis import strategies as st
-from tests.capabilities.drawn import (
+from tests.properties.drawn import (
     UNIVERSE,
     bounds_near,
     edges,
@@ -30,7 +29,9 @@ from tests.capabilities.drawn import (
     restrictions,
     scopes,
 )
-from tests.capabilities.drawn import bounds as any_bounds
+from tests.properties.drawn import bounds as any_bounds
+
+from capabilities.values import bounds
 
 pytestmark = pytest.mark.long
 

@@ -10,24 +10,25 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
-from capabilities.keys import keys
-from capabilities.rotation import rotation
-from capabilities.statements import cell
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope_json import scope_from_json
 from pep.base.errors import PepFault
 from pep.base.operations import MOVE_JOINT
 from pep.rtde.robot.connections import PORTS
 from pep.rtde.robot.gripper import PORT as GRIPPER_PORT
-from tests.pit.test_calibration import ARMS, spelled
+from tests.pep.pit.robot.test_calibration import ARMS, spelled
 from ursim.ports.launch import SimulatedController
 from ztpm.base.layout import new_key
-from ztpm.cell import survey
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.point.cell_config import read_cell, read_key, read_policies, read_robot, read_trust
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.stage.stage import LEFT
+
+from capabilities.keys import keys
+from capabilities.rotation import rotation
+from capabilities.statements import cell
+from ztpm.cell import survey
 
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
 

@@ -41,7 +41,7 @@ Outcome = tuple["Event", ...] | Refusal
 
 AGENTS_OF_ONE: Final = 256
 """Most living agents of one sponsor. They end with it in one transaction, while no heartbeat is sent: 256 took 80 ms on
-two loaded cores (`tests/idp/test_bounds.py` prints it), and a moving arm may go 2 s without."""
+two loaded cores (`tests/ztpm_idp/domain/test_bounds.py` prints it), and a moving arm may go 2 s without."""
 TRUSTED_OF_ONE: Final = 128
 """Most agents for which one sponsor's trust is stated: an eighth of a snapshot's, so that none can fill it alone."""
 

@@ -15,6 +15,17 @@ import numpy as np
 import pinocchio
 import pytest
 from docs import generate
+from pep.pit.geometry.hull import hull_of
+from tests.pep.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
+from ztpm.picture.bodies import extent, triangles_of
+from ztpm.picture.page import page
+from ztpm.picture.picture import picture, to_plain
+from ztpm.picture.png import level_azimuth
+from ztpm.picture.postures import PostureCapsule, nearest, route_of
+from ztpm.picture.surface import capsule, cut, normals_of, surface_of
+from ztpm.pit import Arm, asked
+
+import ztpm
 from pep.pit import (
     Box,
     Capsule,
@@ -31,17 +42,6 @@ from pep.pit import (
     SpeedL,
     Sphere,
 )
-from pep.pit.geometry.hull import hull_of
-from tests.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
-from ztpm.picture.bodies import extent, triangles_of
-from ztpm.picture.page import page
-from ztpm.picture.picture import picture, to_plain
-from ztpm.picture.png import level_azimuth
-from ztpm.picture.postures import PostureCapsule, nearest, route_of
-from ztpm.picture.surface import capsule, cut, normals_of, surface_of
-from ztpm.pit import Arm, asked
-
-import ztpm
 
 EXAMPLES = Path(generate.__file__).parent / "examples"
 CHROMIUM = shutil.which("chromium")

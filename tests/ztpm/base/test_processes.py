@@ -1,0 +1,159 @@
+"""Children: they end with their parent, answer questions, and are not buried in them."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from ztpm.base.processes import Child, ChildError
+from ztpm.preparing import WIPED, Preparing
+
+TOP = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Writes a module that children can run."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(TOP), os.environ.get("PYTHONPATH", "")]))
+
+    def write(text):
+        (tmp_path / "a_child.py").write_text(text)
+        return "a_child"
+
+    return write
+
+
+READY = "import json, sys, time, os\nprint(json.dumps({'ready': True, 'argv': sys.argv[1:], 'name': __name__}), flush=True)\n"
+
+
+def gone(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except FileNotFoundError:
+        return True
+
+
+def until(seen, limit_s=20):
+    deadline = time.monotonic() + limit_s
+    while not seen():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_the_tether_changes_nothing_for_the_module(module):
+    child = Child.start("a child", module(READY + "sys.stdin.read()"), "--an", "argument", environment={})
+    try:
+        assert child.ready == {"ready": True, "argv": ["--an", "argument"], "name": "__main__"}
+        assert child.alive
+    finally:
+        child.stop()
+    assert not child.alive
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_child_ends_with_its_parent_however_that_ends(module, tmp_path, number):
+    module(READY + "time.sleep(100)")
+    code = (
+        "from ztpm.base.processes import Child; import time\n"
+        "child = Child.start('a child', 'a_child', environment={})\n"
+        "print(child.popen.pid, flush=True); time.sleep(100)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, cwd=tmp_path)
+    with parent:
+        pid = int(parent.stdout.readline())
+        assert not gone(pid)
+        parent.send_signal(number)
+    until(lambda: gone(pid))
+
+
+def test_a_parent_that_is_gone_already_starts_nothing():
+    done = subprocess.run(
+        [sys.executable, "-m", "ztpm.base.parent_watch", "1" if os.getppid() != 1 else "2", "this"],
+        capture_output=True,
+        timeout=30,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (1, b"")
+
+
+def test_the_wait_for_a_child_ends_when_it_is_told_to(module):
+    ended = threading.Event()
+    threading.Timer(0.5, ended.set).start()
+    started = time.monotonic()
+    with pytest.raises(ChildError):
+        Child.start("silent", module("import time\ntime.sleep(100)"), environment={}, ended=ended.is_set)
+    assert time.monotonic() - started < 10
+
+
+ANSWERS = READY + (
+    "for line in sys.stdin:\n"
+    "    asked = json.loads(line)\n"
+    "    if asked == 'die': os._exit(3)\n"
+    "    print('a word', flush=True)\n"
+    "    print(json.dumps({'answer': {'to': asked}}), flush=True)\n"
+)
+
+
+def test_answers_are_no_output_and_output_is_no_answer(module):
+    child = Child.start("a child", module(ANSWERS), environment={})
+    try:
+        assert [child.ask(n, timeout_s=10) for n in (1, 2)] == [{"to": 1}, {"to": 2}]
+        until(lambda: list(child.output).count("a word") == 2)
+        assert not any("answer" in line for line in child.output)
+        assert child.ask("die", timeout_s=10) is None
+        until(lambda: not child.alive)
+        assert child.ask(1, timeout_s=0.1) is None
+    finally:
+        child.stop()
+
+
+def test_a_child_that_stands_still_is_asked_once(module):
+    child = Child.start("a child", module(ANSWERS), environment={})
+    try:
+        child.pause()
+        assert [child.ask(n, timeout_s=0.01) for n in range(50)] == [None] * 50
+        child.resume()
+        # The one question that was sent is answered; the next answer is to the next question.
+        until(lambda: child.ask("late", timeout_s=5) is not None)
+        assert child.ask("now", timeout_s=10) == {"to": "now"}
+        assert list(child.output).count("a word") <= 3
+    finally:
+        child.stop()
+
+
+def test_a_child_that_falls_silent_before_it_ends_is_not_waited_for(module):
+    """The ends of its pipes come before its exit status does, on a loaded machine by much."""
+    text = "import os, time\nos.close(1)\nos.close(2)\ntime.sleep(0.5)\nos._exit(3)\n"
+    began = time.monotonic()
+    with pytest.raises(ChildError):
+        Child.start("a child", module(text), environment={})
+    assert time.monotonic() - began < 20
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_child_that_prepares_is_waited_for_as_long_as_it_says_so(module, monkeypatch):
+    """Its words are shown, and are no output of a child that fails."""
+    monkeypatch.setattr("ztpm.base.processes.READY_S", 5.0)
+    text = (
+        "import json, sys, time\n"
+        "for number in range(4):\n"
+        "    time.sleep(2)\n"
+        "    print(json.dumps({'preparing': number}), flush=True)\n"
+    )
+    stream = Terminal()
+    ready = text + "print(json.dumps({'ready': True}), flush=True)\nsys.stdin.read()\n"
+    child = Child.start("a child", module(ready), environment={}, preparing=Preparing(stream))
+    child.stop()
+    assert [each for each in stream.getvalue().split(WIPED) if each] == ["0", "1", "2", "3"]
+    with pytest.raises(ChildError) as failed:
+        Child.start("a child", module(text), environment={}, preparing=Preparing(Terminal()))
+    assert "preparing" not in str(failed.value)

@@ -1,0 +1,247 @@
+"""`ztpm approvals`: what is shown is what is bound, and every end of a command has its status and its code."""
+
+import pytest
+from capabilities.values.scope import Tier
+from capabilities.values.units import Quantity, Unit
+from ztpm.base.layout import new_key
+
+from capabilities.keys import keys
+from capabilities.statements import ask
+from ztpm_idp.client import ClientError
+
+ID, DIGEST = "0123456789abcdef" * 2, "ab" * 32
+SHOWN = {
+    "ask_id": ID,
+    "nonce": "1" * 32,
+    "pep": "cell-1",
+    "audience": "http://127.77.0.9:8800/mcp",
+    "issuer": "http://127.77.0.9:8700/ztpm",
+    "sponsor": "alice",
+    "token_id": "token-of-alice",
+    "agent": "mover",
+    "agent_key": "k" * 43,
+    "object": "ur3e",
+    "operation": "move_joint",
+    "values": [{"name": "q0", "unit": "urad", "value": -600_000}],
+    "request_digest": "11" * 32,
+    "start_urad": [1, 2, 3, 4, 5, 6],
+    "model_digest": "22" * 32,
+    "policy_digest": "33" * 32,
+    "scene_digest": "44" * 32,
+    "tier": 3,
+    "index_milli": 2_345,
+    "reasons": ["TIER_NEEDS_APPROVAL"],
+    "contributors": [
+        {
+            "kind": "person",
+            "link": "wrist_3",
+            "object": "p1",
+            "index_milli": 2_345,
+            "clearance_um": 312_000,
+            "speed_um_s": 240_000,
+            "source": "camera-1",
+        }
+    ],
+    "perception": "fresh",
+    "perception_age_ms": 40,
+    "approvers": 1,
+    "opening_id": "",
+    "asked_at": 1_700_000_000,
+    "expires_at": 1_700_000_060,
+}
+ASKED = {"ask": "text", "shown": SHOWN, "ask_digest": DIGEST, "state": "open", "votes": [], "expires_at": 1_700_000_060}
+
+
+def test_the_double_shows_an_ask_of_the_real_form():
+    """What the commands are tested with has every member that a signed ask has, and no other."""
+    assert tuple(SHOWN) == ask.NAMES
+    stated = {**SHOWN, "tier": Tier(3), "values": (Quantity("q0", Unit.MICRORADIAN, -600_000),)}
+    stated["contributors"] = tuple(ask.Contributor(**c) for c in SHOWN["contributors"])
+    stated["start_urad"], stated["reasons"] = tuple(SHOWN["start_urad"]), tuple(SHOWN["reasons"])
+    assert str(Unit.MICRORADIAN) == SHOWN["values"][0]["unit"]
+    ask.sign(ask.Ask(**stated), keys.generate())
+
+
+@pytest.fixture
+def who(cell):
+    return ("--data", cell.root, "--as", "bob")
+
+
+COMMANDS = {
+    "list": (["list"], "approvals", []),
+    "show": (["show", ID], "approval", ASKED),
+    "approve": (["approve", ID, "--yes"], "approve", {"ask_id": ID, "state": "granted"}),
+    "deny": (["deny", ID], "deny", {"ask_id": ID, "state": "denied"}),
+    "withdraw": (["withdraw", ID], "withdraw", {"ask_id": ID, "state": "withdrawn"}),
+    "open": (["open", "--agent", "mover", "--operation", "move_joint"], "open_tier_4", "f" * 32),
+    "openings": (["openings"], "openings", []),
+    "close": (["close", ID, "--reason", "done"], "close_opening", None),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help(run, command):
+    told = run("approvals", command, "--help")
+    assert told.status == 0
+    assert "--as" in told.out and "--json" in told.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("flags", [(), ("--json",)])
+def test_done(run, who, double, command, flags):
+    arguments, method, answer = COMMANDS[command]
+    double.answers = {"approval": ASKED, method: answer}
+    told = run("approvals", *arguments, *who, *flags)
+    assert told.status == 0, told.err
+    assert double.asked[-1][0] == method
+    if flags:
+        assert told.json["ok"] is True
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (ClientError("ASK_UNKNOWN", 404), 3),
+        (ClientError("NOT_PERMITTED", 403, "an agent approves nothing"), 3),
+        (ClientError("ASK_ANSWERED", 409), 3),
+        (ClientError("CALLER_UNKNOWN", 401), 3),
+        (ClientError("UNREACHABLE", 0, "ConnectError"), 1),
+        (ClientError("STORE_UNAVAILABLE", 503), 1),
+        (ClientError("ANSWER_MALFORMED", 200), 1),
+    ],
+)
+def test_refused(run, who, double, command, error, status):
+    arguments, method, _ = COMMANDS[command]
+    double.answers = {"approval": ASKED, method: error}
+    told = run("approvals", *arguments, *who)
+    assert (told.status, told.err.partition(":")[0]) == (status, error.code)
+    told = run("approvals", *arguments, *who, "--json")
+    assert (told.status, told.json["ok"], told.json["code"]) == (status, False, error.code)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_usage(run, who, cell, tmp_path, monkeypatch, double, command):
+    arguments, *_ = COMMANDS[command]
+
+    def code(*options):
+        told = run("approvals", *arguments, *options, "--json")
+        assert told.status == 2
+        return told.json["code"]
+
+    assert code("--data", cell.root, "--as", "mallory") == "OPERATOR_UNKNOWN"
+    assert code("--data", cell.root, "--as", "../cell/pep") == "NAME_MALFORMED"
+    assert code("--data", tmp_path, "--as", "bob") == "NOT_A_CELL"
+    key = cell.operator_key("bob")
+    assert code("--as", "bob", "--key", key) == "WHICH_KEY"
+    remote = ("--as", "bob", "--issuer", "http://127.0.0.1:1/ztpm", *["--audience", "x"] * (command == "open"))
+    assert code(*remote) == "WHICH_KEY"
+    assert code("--data", cell.root, *remote, "--key", key) == "WHICH_KEY"
+    readable = tmp_path / "bob.key"
+    readable.write_bytes(key.read_bytes())
+    readable.chmod(0o644)
+    assert code(*remote, "--key", readable) == "KEYS_UNREADABLE"
+    monkeypatch.setenv("ZTPM_PASSPHRASE", "not the passphrase")
+    assert code("--data", cell.root, "--as", "bob") == "PASSPHRASE_WRONG"
+    monkeypatch.delenv("ZTPM_PASSPHRASE")
+    assert code("--data", cell.root, "--as", "bob") == "PASSPHRASE_MISSING"
+    assert run("approvals", *arguments).status == 2  # nobody is named
+    assert double.asked == []
+
+
+@pytest.mark.parametrize("command", ["show", "approve", "deny", "withdraw", "close"])
+def test_ids_are_checked_before_anything_is_opened(run, who, double, command):
+    arguments = [a if a != ID else "../" + ID for a in COMMANDS[command][0]]
+    told = run("approvals", *arguments, *who, "--json")
+    assert (told.status, told.json["code"], double.asked) == (2, "ID_MALFORMED", [])
+
+
+def test_show_shows_every_member_that_the_vote_binds(run, who, double):
+    double.answers = {"approval": ASKED}
+    told = run("approvals", "show", ID, *who)
+    for member in SHOWN:
+        assert member in told.out
+    for shown in (
+        "mover",
+        "move_joint",
+        "q0 = -600000 urad",
+        "2.345",
+        "312 mm",
+        "240 mm/s",
+        "camera-1",
+        "TIER_NEEDS_APPROVAL",
+        DIGEST,
+        "11" * 32,
+    ):
+        assert shown in told.out
+    assert run("approvals", "show", ID, *who, "--json").json["shown"] == SHOWN
+
+
+def test_what_an_agent_wrote_does_not_speak_to_the_terminal(run, who, double):
+    double.answers = {"approval": {**ASKED, "shown": {**SHOWN, "agent": "mover\x1b[2J[red]x[/]"}}}
+    out = run("approvals", "show", ID, *who).out
+    assert "\x1b" not in out and "[red]x[/]" in out
+
+
+def test_approve_shows_asks_and_binds_what_was_shown(run, who, double):
+    double.answers = {"approval": ASKED, "approve": {"state": "granted"}}
+    told = run(
+        "approvals", "approve", ID, *who, "--uses", 2, "--minutes", 1, "--seconds", 30, "--sees-clear", answer="y\n"
+    )
+    assert told.status == 0
+    assert DIGEST in told.out
+    assert double.asked == [
+        ("approval", (ID,), {}),
+        ("approve", (ID,), {"uses": 2, "lifetime_s": 90, "sees_clear": True, "shown": DIGEST}),
+    ]
+
+
+@pytest.mark.parametrize("answer", ["n\n", "\n"])
+def test_what_is_not_confirmed_is_not_signed(run, who, double, answer):
+    double.answers = {"approval": ASKED}
+    told = run("approvals", "approve", ID, *who, answer=answer)
+    assert (told.status, [name for name, *_ in double.asked]) == (1, ["approval"])
+    assert "NOT_CONFIRMED" in told.err
+    told = run("approvals", "approve", ID, *who, "--json")
+    assert (told.status, told.json["code"]) == (2, "NOT_CONFIRMED")
+
+
+def test_defaults_are_those_of_the_design(run, who, double):
+    double.answers = {"approval": ASKED, "approve": {"state": "granted"}, "open_tier_4": "f" * 32}
+    run("approvals", "approve", ID, *who, "--yes")
+    assert double.asked[-1][2] == {"uses": 1, "lifetime_s": 120, "sees_clear": False, "shown": DIGEST}
+    run("approvals", "open", "--agent", "mover", "--operation", "move_joint", *who)
+    assert double.asked[-1][2] == {
+        "audience": "http://127.77.0.9:8800/mcp", "agent": "mover", "object": "ur3e", "operation": "move_joint", "uses": 1,
+        "lifetime_s": 600, "reason": "",
+    }  # fmt: skip
+
+
+def test_one_of_two_is_status_4(run, who, double):
+    double.answers = {"approval": ASKED, "approve": {"ask_id": ID, "state": "open"}}
+    assert run("approvals", "approve", ID, *who, "--yes").status == 4
+    told = run("approvals", "approve", ID, *who, "--yes", "--json")
+    assert (told.status, told.json["state"]) == (4, "open")
+
+
+@pytest.mark.parametrize(
+    "options", [("--uses", 0), ("--uses", 101), ("--minutes", 61), ("--seconds", 3601), ("--uses", "nan")]
+)
+def test_bounds_of_options(run, who, double, options):
+    assert run("approvals", "approve", ID, *who, "--yes", *options).status == 2
+    assert double.asked == []
+
+
+def test_an_hour_is_the_longest(run, who, double):
+    told = run("approvals", "approve", ID, *who, "--yes", "--minutes", 60, "--seconds", 1, "--json")
+    assert (told.status, told.json["code"], double.asked) == (2, "TOO_LONG", [])
+
+
+def test_a_key_of_ones_own(run, double, tmp_path):
+    key = new_key(tmp_path / "dave.key", b"a passphrase for tests")
+    double.answers = {"approvals": [SHOWN | {"votes": 0, "state": "open"}]}
+    issuer = "http://127.0.0.1:8700/ztpm"
+    told = run("approvals", "list", "--as", "dave", "--issuer", issuer, "--key", tmp_path / "dave.key")
+    assert (told.status, double.id, double.issuer) == (0, "dave", issuer)
+    assert keys.public_raw(double.key) == keys.public_raw(key)
+    assert ID in told.out and "2.345" in told.out

@@ -1,0 +1,170 @@
+"""`ztpm revoke`, `ztpm agent`, `ztpm mcp pin`: each end of a command has its status and its code."""
+
+import hashlib
+
+import pytest
+from ztpm.base.layout import read_key
+
+from capabilities.keys import keys
+from ztpm_idp.client import ClientError
+
+ROW = {
+    "id": "mover", "status": "active", "sponsor": "alice", "role": "mover", "model": "none", "software_digest": "00" * 32,
+    "key": "k" * 43, "trust_permille": 900,
+}  # fmt: skip
+
+
+@pytest.fixture
+def who(cell):
+    return ("--data", cell.root, "--as", "alice")
+
+
+@pytest.fixture
+def software(tmp_path):
+    path = tmp_path / "agent.py"
+    path.write_text("print('moves')\n")
+    return path
+
+
+COMMANDS = {
+    "revoke": (["revoke", "agent", "mover", "--reason", "gone"], "revoke", 7),
+    "suspend": (["agent", "suspend", "mover", "--reason", "gone"], "suspend_agent", 7),
+    "list": (["agent", "list"], "agents", [ROW]),
+    "restore": (["agent", "restore", "mover", "--reason", "looked into"], "restore_agent", None),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_done_refused_and_unreachable(run, who, double, command):
+    arguments, method, answer = COMMANDS[command]
+    assert run(*arguments, "--help").status == 0
+    double.answers = {method: answer}
+    assert run(*arguments, *who).status == 0
+    assert run(*arguments, *who, "--json").json["ok"] is True
+    for code, http, status in (("NOT_PERMITTED", 403, 3), ("UNREACHABLE", 0, 1)):
+        double.answers = {method: ClientError(code, http)}
+        told = run(*arguments, *who, "--json")
+        assert (told.status, told.json["code"]) == (status, code)
+    told = run(*arguments, "--data", who[1], "--as", "nobody", "--json")
+    assert (told.status, told.json["code"]) == (2, "OPERATOR_UNKNOWN")
+
+
+@pytest.mark.parametrize("kind", ["token", "hop", "agent", "key", "sponsor", "audience"])
+def test_every_kind_is_revoked(run, who, double, kind):
+    double.answers = {"revoke": 3}
+    told = run("revoke", kind, "some-id", "--reason", "why", *who, "--json")
+    assert told.json == {"ok": True, "kind": kind, "id": "some-id", "epoch": 3}
+    assert double.asked == [("revoke", (kind, "some-id", "why"), {})]
+
+
+def test_what_cannot_be_revoked_is_usage(run, who, double):
+    assert run("revoke", "world", "x", "--reason", "y", *who).status == 2
+    assert run("revoke", "agent", "x", *who).status == 2  # no reason
+    assert double.asked == []
+
+
+def test_register_makes_one_key_and_keeps_it_over_a_refusal(run, cell, who, double, software):
+    arguments = ("agent", "register", "planner", "--software", software, "--role", "planner", *who, "--json")
+    double.answers = {"register_agent": ClientError("SPONSOR_INACTIVE", 409)}
+    told = run(*arguments)
+    assert (told.status, told.json["code"]) == (3, "SPONSOR_INACTIVE")
+    key = read_key(cell.agent_key("planner"), b"a passphrase for tests")
+    double.answers = {"register_agent": None}
+    told = run(*arguments)
+    assert (told.status, told.json["status"]) == (0, "registered")
+    ((_, positional, options),) = double.asked[1:]
+    assert positional == ("planner", keys.public_raw(key))
+    assert options == {
+        "software_digest": hashlib.sha256(software.read_bytes()).hexdigest(), "model": "none", "role": "planner", "sponsor": None,
+    }  # fmt: skip
+
+
+def test_names_of_agents_are_no_paths(run, who, double, software):
+    for arguments in (
+        ("agent", "register", "../operators/bob", "--software", software, "--role", "x", *who),
+        ("agent", "attest", "../operators/bob", "--software", software, "--data", who[1]),
+        ("agent", "suspend", "../operators/bob", "--reason", "x", *who),
+    ):
+        told = run(*arguments, "--json")
+        assert (told.status, told.json["code"]) == (2, "NAME_MALFORMED")
+
+
+def test_attest_needs_a_key_and_says_who_does_not_answer(run, cell, who, double, software):
+    told = run("agent", "attest", "stranger", "--software", software, "--data", cell.root, "--json")
+    assert (told.status, told.json["code"]) == (2, "AGENT_UNKNOWN")
+    double.answers = {"register_agent": None}
+    assert run("agent", "register", "painter", "--software", software, "--role", "painter", *who).status == 0
+    told = run("agent", "attest", "painter", "--software", software, "--data", cell.root, "--json")
+    assert (told.status, told.json["code"]) == (1, "UNREACHABLE")  # for real: nobody listens on the cell's address
+    assert run("agent", "attest", "painter", "--software", software.parent / "missing", "--data", cell.root).status == 2
+
+
+def test_pin_says_that_the_registry_does_not_answer(run, cell, double):
+    assert run("mcp", "pin", "--help").status == 0
+    told = run("mcp", "pin", "--data", cell.root, "--as", "carol", "--json")
+    assert (told.status, told.json["code"]) == (1, "REGISTRY_UNAVAILABLE")
+    assert double.asked == []
+
+
+@pytest.fixture
+def changed(cell, monkeypatch):
+    """The registry knows an earlier definition of one tool, and nothing of another."""
+    import ztpm.cell.enrolment
+    from capabilities.statements.registry import RegistrySnapshot, ToolEntry
+    from capabilities.values.scope import Tier
+    from pep.mcp.arm_server import tool_definitions
+
+    served = tool_definitions()
+    entries = [ToolEntry(t.name, t.definition_digest, t.operation, Tier(t.base_tier)) for t in served]
+    entries[0] = ToolEntry(served[0].name, "00" * 32, served[0].operation, Tier(served[0].base_tier))
+    del entries[1]
+    snapshot = RegistrySnapshot(
+        "http://127.77.0.9:8700/ztpm", 1, "http://127.77.0.9:8800/mcp", 0, tuple(entries), (), (), (), ()
+    )
+    monkeypatch.setattr(ztpm.cell.enrolment, "registered", lambda issuer, audience, trust: snapshot)
+    return [served[0].name, served[1].name]
+
+
+def test_pin_registers_what_changed_and_only_after_a_yes(run, cell, double, changed):
+    who = ("--data", cell.root, "--as", "carol")
+    told = run("mcp", "pin", *who, answer="n\n")
+    assert (told.status, double.asked) == (1, [])
+    assert all(name in told.out for name in changed)
+    told = run("mcp", "pin", *who, "--json")
+    assert (told.status, told.json["code"], double.asked) == (2, "NOT_CONFIRMED", [])
+    double.answers = {"register_tool": None}
+    told = run("mcp", "pin", *who, "--yes", "--json")
+    assert (told.status, sorted(told.json["pinned"])) == (0, sorted(changed))
+    assert sorted(options["name"] for _, _, options in double.asked) == sorted(changed)
+
+
+def test_restoring_says_whether_to_learn_anew(run, who, double):
+    double.answers = {"restore_agent": None}
+    assert run("agent", "restore", "mover", "--reason", "why", *who, "--json").json["status"] == "restored"
+    assert run("agent", "restore", "mover", "--reason", "why", "--relearn", *who).status == 0
+    assert run("agent", "restore", "mover", *who).status == 2  # no reason
+    assert double.asked == [
+        ("restore_agent", ("mover", "why"), {"relearn": False}),
+        ("restore_agent", ("mover", "why"), {"relearn": True}),
+    ]
+
+
+CONDUCT = {"deviations": [], "deviated_at": None, "contracted": False, "samples": 12, "restored_at": None}
+ODD = [{"feature": "refusals", "since": 1, "score_milli": 1_200}]
+
+
+@pytest.mark.parametrize(
+    ("known", "shown"),
+    [
+        ({}, ("90.0 %", "nothing reported")),
+        ({"trust_by": {"planner": 640}, "conduct": CONDUCT}, ("64.0 % by planner", "12 acts")),
+        ({"trust_by": {}, "conduct": CONDUCT | {"deviations": ODD}}, ("deviates", "refusals")),
+        ({"trust_by": {}, "conduct": CONDUCT | {"deviations": ODD, "contracted": True}}, ("contracted", "refusals")),
+        ({"trust_by": 7, "conduct": "\x1b[31m"}, ("90.0 %", "nothing reported")),
+    ],
+)
+def test_the_list_shows_trust_and_behaviour(run, who, double, known, shown):
+    double.answers = {"agents": [ROW | known]}
+    assert run("agent", "list", *who, "--json").json["agents"] == [ROW | known]
+    out = " ".join(run("agent", "list", *who).out.split())
+    assert all(word in out for word in shown), out

@@ -1,0 +1,217 @@
+"""The page of an ask: everything an approval binds, from the very text it binds, readable without script, colour or trust in names."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from decimal import Decimal
+from html.parser import HTMLParser
+
+import pytest
+from capabilities.values.scope import Tier
+from capabilities.values.units import INT_LIMIT, Quantity, Unit
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+from policies.words.reason_table import REASONS, Reason
+from tests.ztpm_idp.asks import AGENT, PEP, SENSOR, Cell
+from tests.ztpm_idp.world import AUDIENCE, ISSUER
+from ztpm_idp.domain.asks import Answer, Asked, AskRecord, AskState, VoteRecord
+
+from capabilities.statements import ask, vote
+from ztpm_idp.provider import ask_page
+
+VOID = {"meta", "br"}
+TAGS = {"html", "head", "title", "style", "body", "main", "h1", "h2", "p", "strong", "code", "span", "table", "caption", "thead", "tbody", "tr", "th", "td", "pre"} | VOID  # fmt: skip
+ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "scope", "colspan"}
+
+
+class Reader(HTMLParser):
+    """What a reader sees of a page, which must be well formed and use nothing but the plain tags and attributes."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.seen, self.meta = [], [], []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        assert tag in TAGS and {name for name, _ in attrs} <= ATTRIBUTES, (tag, attrs)
+        if tag == "meta":
+            self.meta.append(dict(attrs))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in {"style"}:
+            self.seen.append(data)
+
+    @property
+    def text(self):
+        return re.sub(r"\s+", " ", " ".join(self.seen))
+
+
+@pytest.fixture
+def cell(world):
+    return Cell(world)
+
+
+def fetched(cell, ask_id):
+    with cell.world.anonymous() as http:
+        response = http.get(f"{ISSUER}/approvals/{ask_id}/page")
+    assert response.status_code == 200
+    return response
+
+
+def test_everything_that_an_approval_binds_is_on_the_page(cell):
+    stated = cell.ask(reasons=("TIER_NEEDS_APPROVAL", "NOBODY_KNOWS_THIS"))
+    text = ask.sign(stated, cell.world.private[PEP])
+    assert cell.post(PEP, "/approvals", {"ask": text}).status_code == 201
+    seen = Reader(fetched(cell, stated.ask_id).text).text
+    for value in (
+        stated.ask_id, stated.nonce, stated.pep, stated.audience, stated.issuer, stated.sponsor, stated.token_id, stated.agent,
+        stated.agent_key, stated.object, stated.operation, stated.request_digest, stated.model_digest, stated.policy_digest,
+        stated.scene_digest, "2.640", "2640 thousandths", "at most 2.690", "3 (high consequence)", "person-ssm", "person-7", "forearm", SENSOR,
+        "412.000 mm", "412000 um", "250.000 mm/s", "250000 um_s", "38 ms", "0.038 s", "TIER_NEEDS_APPROVAL",
+        REASONS[Reason.TIER_NEEDS_APPROVAL].text, "NOBODY_KNOWS_THIS", vote.digest_of(text), "1 person must approve", "10 min 0 s left",
+        "2027-01-15 08:00:00 UTC", "2027-01-15 08:10:00 UTC", "2 mrad", "nobody has answered", f"ztpm approvals approve {stated.ask_id}",
+    ):  # fmt: skip
+        assert value in seen, value
+    for quantity in stated.values:
+        assert f"{quantity.name}" in seen and f"{quantity.value} {quantity.unit}" in seen
+    for angle in stated.start_urad:
+        assert f"{angle} urad" in seen
+    assert "≈ -90.00°" in seen and "≈ 30.00°/s" in seen and "≈ 80.21°/s²" in seen
+    assert "-0.00" not in seen
+    assert "--sees-clear" not in seen
+
+
+def test_the_page_follows_the_ask(cell):
+    opening_id = cell.world.people["alice"].open_tier_4(
+        audience=AUDIENCE, agent=AGENT, object="ur3e", operation="move_joint"
+    )
+    ask_id, _ = cell.taken(tier=Tier(4), approvers=2, opening_id=opening_id)
+    look = lambda: Reader(fetched(cell, ask_id).text)
+    first = look()
+    assert "State: open" in first.text and "2 different people must approve" in first.text and opening_id in first.text
+    assert "4 (safety critical)" in first.text
+    assert {"http-equiv": "refresh", "content": "10"} in first.meta
+    cell.world.people["alice"].approve(ask_id)
+    cell.world.clock.at_s += 1
+    second = look().text
+    assert "alice approved" in second and "9 min 59 s left" in second and "State: open" in second
+    cell.world.people["carol"].approve(ask_id)
+    third = look()
+    assert "State: granted" in third.text and "left" not in third.text
+    assert not any("http-equiv" in meta for meta in third.meta), "what is answered is not loaded again and again"
+    cell.world.people["carol"].withdraw(ask_id)
+    assert "State: withdrawn" in look().text and "carol withdrew" in look().text
+    ask_id, _ = cell.taken()
+    cell.world.clock.at_s += 600
+    assert "State: over" in look().text
+
+
+@pytest.mark.parametrize("perception", ["stale", "missing"])
+def test_what_was_not_seen_is_said_first(cell, perception):
+    ask_id, _ = cell.taken(perception=perception, perception_age_ms=None)
+    seen = Reader(fetched(cell, ask_id).text).text
+    assert seen.index("Approve only if you yourself see the cell clear") < seen.index("What would happen")
+    assert f"approve {ask_id} --sees-clear" in seen
+
+
+def test_what_no_sensor_speaks_of_is_not_put_in_a_sensors_mouth(cell):
+    own = ask.Contributor("joint", "wrist_3", "joint_speed", 1_200, 0, 90_000)
+    ask_id, _ = cell.taken(contributors=(own,))
+    seen = Reader(fetched(cell, ask_id).text).text
+    assert "joint_speed no sensor wrist_3" in seen and SENSOR not in seen
+
+
+def test_an_ask_without_parameters_start_or_contributors(cell):
+    ask_id, _ = cell.taken(values=(), start_urad=(), contributors=(), perception_age_ms=None)
+    seen = Reader(fetched(cell, ask_id).text).text
+    assert "no parameters" in seen and "nothing is named" in seen and "mrad" not in seen
+
+
+def test_nothing_foreign_and_no_script_can_be_on_the_page(cell):
+    ask_id, _ = cell.taken()
+    response = fetched(cell, ask_id)
+    (style,) = re.findall(r"<style>(.*?)</style>", response.text, re.S)
+    policy = dict(part.split(" ", 1) for part in response.headers["content-security-policy"].split("; "))
+    assert policy == {
+        "default-src": "'none'",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+        "frame-ancestors": "'none'",
+        "style-src": f"'sha256-{base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()}'",
+    }
+    assert response.headers["content-type"] == "text/html; charset=utf-8"
+    assert response.headers["cache-control"] == "no-store"
+    assert response.headers["referrer-policy"] == "no-referrer"
+    assert response.headers["x-content-type-options"] == "nosniff"
+    assert "url(" not in style and "@import" not in style
+
+
+def test_no_secret_is_on_the_page(cell):
+    """Neither a token nor a signed text: only what the ask says."""
+    lent = cell.world.people["alice"].issue(cell.world.agents[AGENT], cell.world.scope(), purpose="p")
+    ask_id, text = cell.taken(token_id=lent.token_id)
+    cell.world.people["carol"].approve(ask_id)
+    shown = fetched(cell, ask_id).text
+    (cast,) = cell.told(ask_id).votes
+    for secret in (lent.token[:30], lent.token[-30:], text, text.split(".")[1], text.split(".")[2], cast.split(".")[2]):
+        assert secret not in shown
+
+
+HOSTILE = "<script>alert(1)</script>\"'&{{7*7}}{% raw %}\u202e"
+
+
+def hostile():
+    """An ask that no statement can hold: every text in it is an attack."""
+    stated = ask.Ask(**{name: HOSTILE for name in ask.NAMES if name not in NUMBERS} | NUMBERS)
+    record = AskRecord(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE, 1, True, 0, 1)
+    return stated, Asked(record, (VoteRecord(HOSTILE, Answer.APPROVE, 1, False, HOSTILE),))
+
+
+NUMBERS = dict(
+    values=(Quantity(HOSTILE, Unit.GRAM, -INT_LIMIT),),
+    start_urad=(INT_LIMIT,) * 6,
+    tier=Tier(4),
+    index_milli=4_000,
+    reasons=(HOSTILE,),
+    contributors=(ask.Contributor(HOSTILE, HOSTILE, HOSTILE, 0, -INT_LIMIT, INT_LIMIT, HOSTILE),),
+    perception="missing",
+    perception_age_ms=INT_LIMIT,
+    approvers=2,
+    asked_at=0,
+    expires_at=INT_LIMIT,
+)
+
+
+def test_whatever_a_text_holds_it_stays_a_text():
+    stated, asked = hostile()
+    shown = ask_page.render(stated, asked, AskState.OPEN, at_ms=0)
+    assert "<script" not in shown and "{{7*7}}" in shown and "49" not in Reader(shown).text
+    assert HOSTILE in "".join(Reader(shown).seen)
+    for state in AskState:
+        Reader(ask_page.render(replace(stated, expires_at=-INT_LIMIT), asked, state, at_ms=INT_LIMIT))
+
+
+@given(st.sampled_from(list(Unit)), st.integers(-INT_LIMIT, INT_LIMIT))
+def test_the_readable_figure_is_the_integer(unit, value):
+    shown = ask_page.readable(value, unit)
+    assert re.fullmatch(r"(≈ )?-?[0-9]+(\.[0-9]+)?[ °].*|-?[0-9]+", shown), shown
+    if not shown.startswith("≈"):
+        figure = Decimal(shown.split(" ")[0])
+        factor = {"mm": 1_000, "N": 1_000, "k": 1_000, "s": 1_000, "%": 10, "": 1}
+        word = shown.partition(" ")[2]
+        per = factor["mm"] if word.startswith("mm") else factor["k"] if word == "kg" else factor["N"] if word.startswith("N") else factor[word]  # fmt: skip
+        assert figure * per == value
+    else:
+        degrees = Decimal(shown.split(" ")[1].split("°")[0])
+        exact = Decimal(value) * 180 / (Decimal("3.14159265358979323846264338") * 1_000_000)
+        assert abs(degrees - exact) <= Decimal("0.0051") + abs(exact) * Decimal("1e-14")

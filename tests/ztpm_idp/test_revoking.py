@@ -1,0 +1,312 @@
+"""Who may revoke what, and what the signed feed says about it."""
+
+from __future__ import annotations
+
+import asyncio
+
+import pytest
+from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Restriction, Tier
+from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World
+
+from capabilities.keys import keys
+from capabilities.statements import registry, revocation
+from ztpm_idp.client import ClientError
+from ztpm_idp.provider import feed
+from ztpm_idp.store import StoreUnavailableError
+
+NONCE = "n" * 32
+
+
+def index(world, since=0, nonce=NONCE):
+    with world.anonymous() as http:
+        response = http.get(ISSUER + "/revocations", params={"since": str(since), "nonce": nonce})
+    assert response.status_code == 200, response.text
+    return revocation.open(response.text, world.trust.feed, DEFAULT)
+
+
+def forest(world):
+    """alice -> planner -> mover -> helper, and alice -> planner -> second; bob -> other. The ids of it all."""
+    planner, mover, helper = world.agent("planner", role="planner"), world.agent("mover"), world.agent("helper")
+    second, other = world.agent("second"), world.agent("other", sponsor="bob")
+    lent = world.people["alice"].issue(planner, world.scope(), purpose="p")
+    below = planner.delegate(lent.token, mover, SLOWER, purpose="p")
+    lowest = mover.delegate(below.token, helper, Restriction(ceiling=Tier(1)), purpose="p")
+    beside = planner.delegate(lent.token, second, SLOWER, purpose="p")
+    bobs = world.people["bob"].issue(other, world.scope(), purpose="p")
+    world.pep()
+    return {
+        ("token", "alice's"): lent.token_id,
+        ("token", "bob's"): bobs.token_id,
+        ("token", "unknown"): "A" * 22,
+        ("hop", "planner's"): lent.hop_id,
+        ("hop", "mover's"): below.hop_id,
+        ("hop", "helper's"): lowest.hop_id,
+        ("hop", "second's"): beside.hop_id,
+        ("hop", "other's"): bobs.hop_id,
+        ("hop", "unknown"): "a" * 32,
+        ("agent", "mover"): "mover",
+        ("agent", "other"): "other",
+        ("agent", "unknown"): "nobody",
+        ("key", "mover's"): keys.thumbprint(keys.public_raw(world.private["mover"])),
+        ("key", "other's"): keys.thumbprint(keys.public_raw(world.private["other"])),
+        ("key", "bob's"): keys.thumbprint(keys.public_raw(world.private["bob"])),
+        ("key", "the pep's"): keys.thumbprint(keys.public_raw(world.private["cell-1"])),
+        ("key", "unknown"): "A" * 43,
+        ("sponsor", "bob"): "bob",
+        ("sponsor", "alice"): "alice",
+        ("sponsor", "unknown"): "nobody",
+        ("audience", "the cell"): AUDIENCE,
+    }
+
+
+OF_ALICE = {("token", "alice's"), ("hop", "planner's"), ("hop", "mover's"), ("hop", "helper's"), ("hop", "second's")}
+MAY = {
+    "bob": {
+        ("token", "bob's"),
+        ("hop", "other's"),
+        ("agent", "other"),
+        ("key", "other's"),
+        ("key", "bob's"),
+        ("sponsor", "bob"),
+    },
+    "carol": set(),
+    "planner": OF_ALICE,
+    "mover": {("hop", "mover's"), ("hop", "helper's"), ("agent", "mover"), ("key", "mover's")},
+    "helper": {("hop", "helper's")},
+    "second": {("hop", "second's")},
+    "other": {("token", "bob's"), ("hop", "other's"), ("agent", "other"), ("key", "other's")},
+    "cell-1": set(),
+}
+"""Everything that each caller may revoke; whatever is not here is refused. Administrators come in a test of their own."""
+
+
+def test_who_may_revoke_matrix_refusals(world):
+    ids = forest(world)
+    callers = world.people | world.agents | world.peps
+    for who, may in MAY.items():
+        for (kind, name), id_ in ids.items():
+            if (kind, name) in may:
+                continue
+            with pytest.raises(ClientError) as caught:
+                callers[who].revoke(kind, id_, "test")
+            assert (caught.value.code, caught.value.status) == ("NOT_PERMITTED", 403), (who, kind, name)
+    assert index(world).entries == ()
+
+
+@pytest.mark.parametrize("who", ["bob", "planner", "mover", "other"])
+def test_who_may_revoke_matrix_permissions(world, who):
+    ids = forest(world)
+    callers = world.people | world.agents
+    # What ends the caller itself comes last; each is its own revocation with the next epoch.
+    last = {("agent", who), ("key", f"{who}'s"), ("sponsor", who)}
+    order = sorted(MAY[who], key=lambda row: (row in last, row))
+    done = []
+    for kind, name in order:
+        try:
+            epoch = callers[who].revoke(kind, ids[kind, name], "test")
+        except ClientError as error:
+            assert error.code == "CALLER_INACTIVE"
+            assert {(k, n) for k, n in order if (k, n) not in done} <= last
+            break
+        done.append((kind, name))
+        assert epoch == len(done)
+    assert {(e.kind, e.id) for e in index(world).entries} == {(kind, ids[kind, name]) for kind, name in done}
+    assert set(order) - last <= set(done)
+
+
+def test_an_administrator_may_revoke_anything_that_can_be(world):
+    ids = forest(world)
+    done = 0
+    for (kind, name), id_ in ids.items():
+        if kind in {"agent", "sponsor"} and name == "unknown":
+            with pytest.raises(ClientError) as caught:
+                world.people["dan"].revoke(kind, id_, "test")
+            assert caught.value.code == "NOT_FOUND"
+            continue
+        # A person takes along those of its agents that are not revoked yet.
+        done += 1 + {("sponsor", "bob"): 0, ("sponsor", "alice"): 3}.get((kind, name), 0)
+        assert world.people["dan"].revoke(kind, id_, "test") == done
+    assert len(index(world).entries) == done
+
+
+@pytest.mark.parametrize(
+    ("kind", "id_"),
+    [
+        ("token", "short"),
+        ("hop", "A" * 32),
+        ("hop", "a" * 31),
+        ("key", "A" * 42),
+        ("agent", "Mover"),
+        ("agent", "mover\n"),
+        ("audience", "x"),
+        ("robot", "x"),
+    ],
+)
+def test_an_id_that_could_match_nothing_is_refused(world, kind, id_):
+    with pytest.raises(ClientError) as caught:
+        world.people["dan"].revoke(kind, id_, "test")
+    assert caught.value.code == "BODY_MALFORMED"
+
+
+def test_revoking_again_changes_nothing(world):
+    forest(world)
+    alice = world.people["alice"]
+    first = alice.revoke("agent", "mover", "one")
+    assert alice.suspend_agent("mover", "two") == first
+    assert [(e.epoch, e.kind, e.id) for e in index(world).entries] == [(1, "agent", "mover")]
+
+
+def test_epochs_grow_by_one_and_since_gives_the_rest(world):
+    ids = forest(world)
+    wanted = [("hop", "helper's"), ("hop", "mover's"), ("agent", "other"), ("audience", "the cell")]
+    epochs = [world.people["alice"].revoke(kind, ids[kind, name], "r") for kind, name in wanted]
+    assert epochs == [1, 2, 3, 4]
+    for since in range(5):
+        found = index(world, since)
+        assert found.since == since
+        assert [e.epoch for e in found.entries] == [e for e in epochs if e > since]
+        assert found.epoch == 4
+    with world.anonymous() as http:
+        ahead = http.get(ISSUER + "/revocations", params={"since": "5", "nonce": NONCE})
+        assert (ahead.status_code, ahead.json()["code"]) == (409, "EPOCH_AHEAD")
+
+
+def test_the_nonce_is_echoed_and_the_time_taken_before(world):
+    one, two = index(world, nonce="a" * 16), index(world, nonce="b" * 64)
+    assert (one.nonce, two.nonce) == ("a" * 16, "b" * 64)
+    assert one.as_of_ms == int(world.clock() * 1000)
+    assert one.issuer == ISSUER
+
+
+def test_as_of_is_taken_before_the_snapshot(world):
+    """A revocation that commits while the answer is being made may be in it; the time stated must not be later than it."""
+    provider, beat = world.provider, feed.Heartbeat(world.provider)
+    inner = beat.beat
+
+    async def late():
+        world.clock.at_s += 100
+        await inner()
+
+    beat.beat = late
+    before = int(world.clock() * 1000)
+    text = world.on_loop(feed.revocation_index(provider, beat, since=0, nonce=NONCE))
+    assert revocation.open(text, world.trust.feed, DEFAULT).as_of_ms == before
+
+
+def test_an_index_that_cannot_hold_everything_says_so(world, monkeypatch):
+    for number in range(5):
+        world.people["dan"].revoke("hop", f"{number:032x}", "r")
+    monkeypatch.setattr(feed, "INDEX_BYTES", 3 * (60 + 32))
+    part = index(world)
+    assert [e.epoch for e in part.entries] == [1, 2, 3]
+    assert (part.last, part.epoch) == (3, 5)
+    rest = index(world, since=3)
+    assert ([e.epoch for e in rest.entries], rest.last, rest.epoch) == ([4, 5], 5, 5)
+
+
+def test_the_largest_index_is_still_a_statement():
+    entries = tuple(
+        revocation.RevocationEntry(2**53 - feed.INDEX_ENTRIES + n - 1, "audience", "h" * 256)
+        for n in range(feed.INDEX_ENTRIES)
+    )
+    kept = feed._that_fit([(e.epoch, e.kind, e.id) for e in entries])
+    key = keys.generate()
+    whole = revocation.RevocationIndex(ISSUER, 2**53 - 1, 0, 2**53 - 1, "n" * 64, 2**53 - 1, kept)
+    assert len(kept) > 400
+    assert revocation.open(revocation.sign(whole, key), {keys.public_raw(key)}, DEFAULT) == whole
+
+
+def test_a_store_that_cannot_commit_sends_no_heartbeat(world, monkeypatch):
+    async def broken(self):
+        raise StoreUnavailableError
+
+    monkeypatch.setattr(type(world.provider.store), "beat", broken)
+    with world.anonymous() as http:
+        for path in ("/readyz", f"/revocations?since=0&nonce={NONCE}"):
+            response = http.get(ISSUER + path)
+            assert (response.status_code, response.json()["code"]) == (503, "STORE_UNAVAILABLE")
+    monkeypatch.undo()
+    assert index(world).nonce == NONCE
+
+
+def test_one_commit_serves_those_who_waited_and_nobody_later(world):
+    class Counting:
+        beats = 0
+
+        async def beat(self):
+            self.beats += 1
+            await asyncio.sleep(0)
+
+    class Providing:
+        store = Counting()
+
+    async def go():
+        beat = feed.Heartbeat(Providing())
+        await asyncio.gather(*(beat.beat() for _ in range(20)))
+        crowd = Providing.store.beats
+        await beat.beat()
+        return crowd, Providing.store.beats
+
+    crowd, after = world.on_loop(go())
+    assert crowd <= 3
+    assert after == crowd + 1
+
+
+def test_the_registry_snapshot(world):
+    alice = world.people["alice"]
+    world.agent("mover")
+    camera = keys.public_raw(keys.generate())
+    with world.anonymous() as http:
+        fetch = lambda audience=AUDIENCE: registry.open(
+            http.get(ISSUER + "/registry", params={"audience": audience}).text, world.trust.registry, DEFAULT
+        )
+        versions = [fetch().version, index(world).registry_version]
+        alice.register_sensor("camera", camera, calibration="1" * 64, transit_ms=20, audience=AUDIENCE)
+        alice.register_tool(
+            audience=AUDIENCE, name="move", definition_digest="2" * 64, operation="move_joint", base_tier=1
+        )
+        alice.set_trust("mover", 650)
+        found = fetch()
+        assert found.version > versions[0] == versions[1]
+        assert index(world).registry_version == found.version
+        assert [(t.name, t.definition_digest, t.operation, t.base_tier) for t in found.tools] == [
+            ("move", "2" * 64, "move_joint", 1)
+        ]
+        assert [(s.id, s.key, s.calibration, s.transit_ms) for s in found.sensors] == [("camera", camera, "1" * 64, 20)]
+        assert found.trust_permille("mover") == 650
+        assert (fetch("http://127.0.0.1:9/mcp").tools, fetch("http://127.0.0.1:9/mcp").sensors) == ((), ())
+        alice.register_tool(
+            audience=AUDIENCE, name="move", definition_digest="3" * 64, operation="move_joint", base_tier=2
+        )
+        world.people["dan"].revoke("key", keys.thumbprint(camera), "stolen")
+        newer = fetch()
+        assert newer.version > found.version
+        assert [t.definition_digest for t in newer.tools] == ["3" * 64]
+        assert newer.sensors == ()
+
+
+def test_trust_is_the_sponsors_to_state(world):
+    world.agent("mover")
+    for who in ("bob", "carol"):
+        with pytest.raises(ClientError) as caught:
+            world.people[who].set_trust("mover", 1000)
+        assert caught.value.code == "NOT_PERMITTED"
+    world.people["dan"].set_trust("mover", 100)
+    with pytest.raises(ClientError) as caught:
+        world.people["dan"].set_trust("nobody", 100)
+    assert caught.value.code == "NOT_FOUND"
+
+
+def test_revoked_things_survive_a_restart(tmp_path):
+    with World(tmp_path) as world:
+        ids = forest(world)
+        world.people["alice"].revoke("hop", ids["hop", "mover's"], "r")
+        world.stop()
+        world.start()
+        assert [(e.kind, e.id) for e in index_of(world)] == [("hop", ids["hop", "mover's"])]
+
+
+def index_of(world):
+    text = world.on_loop(feed.revocation_index(world.provider, world.app.state.heartbeat, since=0, nonce=NONCE))
+    return revocation.open(text, world.trust.feed, DEFAULT).entries

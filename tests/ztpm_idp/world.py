@@ -1,0 +1,200 @@
+"""An identity provider in this process, with clocks and stores that a test controls, and the people and agents around it."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import threading
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import httpx2
+from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from capabilities.values.units import Parameter, Unit
+from ztpm_idp.bootstrap import FirstPerson, initialise
+
+from capabilities.keys import keys
+from capabilities.statements import workload
+from ztpm_idp import IdpKeys, Settings, create_app
+from ztpm_idp.client import Agent, Operator
+
+START_S = 1_800_000_000.0
+ISSUER = "http://127.0.0.1:8700/ztpm"
+AUDIENCE = "http://127.0.0.1:8800/mcp"
+MEASUREMENT = bytes(range(32))
+SPEED = Parameter("speed", Unit.MICRORADIAN_PER_SECOND)
+MOVE_TO = Parameter("q0", Unit.MICRORADIAN)
+
+
+@dataclass
+class FakeClock:
+    """Wall time that moves when told to."""
+
+    at_s: float = START_S
+
+    def __call__(self) -> float:
+        return self.at_s
+
+
+class Bridge(httpx2.BaseTransport):
+    """A synchronous transport to an ASGI application that lives on another thread's loop."""
+
+    def __init__(self, app, loop):
+        self.inner = httpx2.ASGITransport(app=app)
+        self.loop = loop
+
+    def handle_request(self, request):
+        async def go():
+            response = await self.inner.handle_async_request(request)
+            return response.status_code, response.headers, await response.aread()
+
+        status, headers, content = asyncio.run_coroutine_threadsafe(go(), self.loop).result(60)
+        return httpx2.Response(status, headers=headers, content=content)
+
+
+def new_keys() -> IdpKeys:
+    return IdpKeys(*(keys.generate() for _ in range(5)))
+
+
+def settings_for(folder: Path, **changes) -> Settings:
+    stated = {
+        "issuer": ISSUER,
+        "host": "127.0.0.1",
+        "port": 8700,
+        "database_url": f"sqlite+aiosqlite:///{folder}/idp.sqlite",
+        "root_key_id": 1,
+    }
+    return Settings(**(stated | changes))
+
+
+TRUST_DOMAIN = "cell.example"
+
+
+@dataclass
+class World:
+    """alice is sponsor, approver and administrator; bob only a sponsor; carol only an approver; dan only an administrator."""
+
+    folder: Path
+    clock: FakeClock = field(default_factory=FakeClock)
+    idp_keys: IdpKeys = field(default_factory=new_keys)
+    settings_changes: dict = field(default_factory=dict)
+    platform_key: object = field(default_factory=keys.generate)
+    platform: workload.Platform | None = None
+    policies: object | None = None
+    people: dict[str, Operator] = field(default_factory=dict)
+    agents: dict[str, Agent] = field(default_factory=dict)
+    peps: dict[str, Operator] = field(default_factory=dict)
+    private: dict[str, object] = field(default_factory=dict)
+
+    ROLES = {"alice": ("sponsor", "approver", "admin"), "bob": ("sponsor",), "carol": ("approver",), "dan": ("admin",)}
+
+    def __enter__(self):
+        self.loop = asyncio.new_event_loop()
+        self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
+        self.thread.start()
+        self.settings = settings_for(self.folder, **self.settings_changes)
+        self.private |= {name: keys.generate() for name in self.ROLES}
+        self.platform = workload.Platform(
+            TRUST_DOMAIN, workload.key_set(workload.jwks(keys.public_raw(self.platform_key)))
+        )
+        first = [FirstPerson(n, n.title(), keys.public_raw(self.private[n]), roles) for n, roles in self.ROLES.items()]
+        self.on_loop(initialise(self.settings.database_url, people=first, now=self.clock))
+        self.start()
+        self.people = {name: self.caller(Operator, name) for name in self.ROLES}
+        self.trust = self.idp_keys.trust(issuer=ISSUER, root_key_id=1)
+        return self
+
+    def __exit__(self, *_):
+        self.stop()
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self.thread.join(10)
+        self.loop.close()
+
+    def start(self):
+        self.app = create_app(
+            self.settings, self.idp_keys, platform=self.platform, policies=self.policies, now=self.clock
+        )
+        self.life = self.app.router.lifespan_context(self.app)
+        self.on_loop(self.life.__aenter__())
+        self.transport = Bridge(self.app, self.loop)
+
+    def stop(self):
+        self.on_loop(self.life.__aexit__(None, None, None))
+
+    def on_loop(self, coroutine):
+        async def go():
+            return await coroutine
+
+        return asyncio.run_coroutine_threadsafe(go(), self.loop).result(60)
+
+    @property
+    def provider(self):
+        return self.app.state.provider
+
+    def caller(self, kind, name, *more):
+        return kind(name, self.private[name], ISSUER, *more, transport=self.transport, now=self.clock)
+
+    def anonymous(self) -> httpx2.Client:
+        return httpx2.Client(transport=self.transport, base_url=ISSUER)
+
+    def workload_token(self, name, *, signer=None, **changes) -> str:
+        """What the platform says of an agent's workload now, or something else that a test wants said."""
+        at = int(self.clock())
+        stated = dict(
+            id=f"spiffe://{TRUST_DOMAIN}/{name}",
+            audience=ISSUER,
+            key_thumbprint=keys.thumbprint(keys.public_raw(self.private[name])),
+            measurement=MEASUREMENT,
+            issued_at=at,
+            expires_at=at + 300,
+        )
+        return workload.sign(workload.Workload(**(stated | changes)), signer or self.platform_key)
+
+    def agent(
+        self, name, *, sponsor="alice", role="actuator", attested=True, measurement=MEASUREMENT, vouched=False
+    ) -> Agent:
+        self.private[name] = keys.generate()
+        self.people[sponsor].register_agent(
+            name, keys.public_raw(self.private[name]), software_digest=MEASUREMENT.hex(), model="scripted", role=role,
+            workload=f"spiffe://{TRUST_DOMAIN}/{name}" if vouched else "",
+        )  # fmt: skip
+        self.agents[name] = self.caller(Agent, name, measurement)
+        if vouched:
+            self.agents[name]._workload = lambda: self.workload_token(name)
+        if attested:
+            self.agents[name].attest()
+        return self.agents[name]
+
+    def pep(self, name="cell-1") -> Operator:
+        self.private[name] = keys.generate()
+        self.people["alice"].register_pep(name, keys.public_raw(self.private[name]), [AUDIENCE])
+        self.peps[name] = self.caller(Operator, name)
+        return self.peps[name]
+
+    def scope(self, **changes) -> Scope:
+        now = int(self.clock())
+        stated = dict(
+            grants=(
+                Grant(
+                    "ur3e",
+                    "move_joint",
+                    (Limit(MOVE_TO, Range(-3_000_000, 3_000_000)), Limit(SPEED, Range(0, 1_000_000))),
+                ),
+                Grant("ur3e", "stop"),
+            ),
+            ceiling=Tier(3),
+            audiences=frozenset({AUDIENCE}),
+            delegates=frozenset({"mover", "helper", "role:actuator"}),
+            depth=3,
+            not_before=now - 5,
+            not_after=now + 600,
+        )
+        return Scope(**(stated | changes))
+
+
+SLOWER = Restriction(grants=(Grant("ur3e", "move_joint", (Limit(SPEED, Range(0, 500_000)),)), Grant("ur3e", "stop")))
+LOWER = Restriction(ceiling=Tier(2))
+
+
+def new_jti() -> str:
+    return secrets.token_urlsafe(18)
