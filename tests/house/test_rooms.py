@@ -11,6 +11,10 @@ TOP = Path(__file__).parents[2]
 PACKAGES = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
 FILES = 25
 """Python files in one folder; a reader takes in no more."""
+OF_THE_WHOLE = ("e2e", "house", "model", "mutation", "properties", "vectors")
+"""Folders of tests that are about no single package."""
+CAMPAIGNS = {"pep/pit/campaign", "pep/rtde/campaign"}
+"""Beside the tests that they vary: what a campaign draws, and a slice of it for the suite."""
 RECORDED = {"MoveJ", "MoveL", "ServoJ", "SpeedJ", "SpeedL"}
 """Names of two classes of `pep`: the published schema of motions has the one, records of refused commands the other."""
 
@@ -61,14 +65,32 @@ def test_a_circle_is_found() -> None:
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a"}}) == ["b", "c"]
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_folder_holds_what_a_reader_takes_in(package: str) -> None:
+def folders(tree: Path) -> set[Path]:
+    """The tree itself and all folders below it that modules stand in, at whatever depth."""
+    return {folder for path in tree.rglob("*.py") for folder in path.parents if folder.is_relative_to(tree)}
+
+
+@pytest.mark.parametrize("tree", [*PACKAGES, "tests"])
+def test_a_folder_holds_what_a_reader_takes_in(tree: str) -> None:
     crowded = {
         str(folder.relative_to(TOP)): count
-        for folder in [TOP / package, *(p for p in (TOP / package).rglob("*") if p.is_dir())]
+        for folder in folders(TOP / tree)
         if (count := len(list(folder.glob("*.py")))) > FILES
     }
     assert crowded == {}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_tests_stand_in_the_rooms_of_what_they_test(package: str) -> None:
+    rooms = {str(folder.relative_to(TOP)) for folder in folders(TOP / package)}
+    mirrored = {str(folder.relative_to(TOP / "tests")) for folder in folders(TOP / "tests" / package)}
+    assert mirrored - rooms - CAMPAIGNS == set()
+    assert package in mirrored
+
+
+def test_every_folder_of_tests_is_a_packages_or_one_that_is_told() -> None:
+    named = {path.name for path in folders(TOP / "tests") if path.parent == TOP / "tests"}
+    assert named == {*PACKAGES, *OF_THE_WHOLE}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
