@@ -119,7 +119,7 @@ def test_coal_keeps_the_nearest_of_one_result():
 
         import pep.pit
 
-        for source in File(pep.pit.__file__).parent.glob("*.py"):
+        for source in File(pep.pit.__file__).parent.rglob("*.py"):
             text = source.read_text()
             assert "BroadPhase" not in text
             assert "DistanceResult(" not in text
