@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -36,9 +37,15 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
-    """The kernel is compiled once, before several workers would each compile it beside tests in which time passes."""
+    """The kernel is compiled once, before several workers would each compile it beside tests in which time passes.
+
+    A worker has a session of its own: the system gives each session an equal share of the processor, and regards the
+    scheduling of a thread only within its session.
+    """
     if config.getoption("campaign"):
         settings.load_profile("campaign")
+    if hasattr(config, "workerinput"):
+        os.setsid()
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
         compile_it = "from pep.pit.assessment.readiness import compile_all; compile_all()"
         subprocess.run([sys.executable, "-c", compile_it], cwd=config.rootpath, check=True, timeout=COMPILE_S)
@@ -79,9 +86,10 @@ def draws_more(item):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Tests in which real time passes run one after the other, on one worker, with `--dist loadgroup`.
+    """Tests in which real time passes run on two workers, with `--dist loadgroup`; a third has the rest.
 
-    Beside each other they are late: three at once on two processors changed what steps of the demo saw.
+    Tests of whole cells compute, tests of single lines mostly wait, so one of each kind fits on two processors. Three at
+    once changed what steps of the demo saw.
 
     One that fails is begun once more, and the summary counts it: a shared machine may stand still for longer than an
     arm's watch allows. What fails by itself fails twice; how often deadlines are missed is for campaigns to say.
@@ -95,8 +103,20 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=later)
     for item in items:
         if in_real_time(item):
-            item.add_marker(pytest.mark.xdist_group("e2e"))
+            whole = item.path.is_relative_to(config.rootpath / "tests/e2e")
+            item.add_marker(pytest.mark.xdist_group("cells" if whole else "lines"))
             item.add_marker(pytest.mark.flaky(reruns=1))
+
+
+SHARE = Path("/proc/self/autogroup")
+"""Takes the niceness of this session among others, where the system shares the processor among sessions."""
+
+
+def share(niceness):
+    """Sets the share of the processor that this worker's session has, where that can be set."""
+    if "PYTEST_XDIST_WORKER" in os.environ and SHARE.exists():
+        with suppress(OSError):
+            SHARE.write_text(str(niceness))
 
 
 @pytest.fixture(autouse=True)
@@ -112,6 +132,7 @@ def polite(request):
         return
     if not in_real_time(request.node):
         os.sched_setscheduler(0, os.SCHED_IDLE if os.geteuid() == 0 else os.SCHED_BATCH, os.sched_param(0))
+    share(0 if in_real_time(request.node) else 19)
     try:
         yield
     finally:

@@ -98,15 +98,15 @@ def test_top_level_names_belong_to_us() -> None:
 
 
 @pytest.mark.e2e
-def test_tests_in_which_real_time_passes_follow_each_other(request: pytest.FixtureRequest) -> None:
-    """`--dist loadgroup` does keep them to one worker: beside each other they fail at random."""
+def test_tests_in_which_real_time_passes_are_in_two_groups(request: pytest.FixtureRequest) -> None:
+    """`--dist loadgroup` keeps each group to one worker: three beside each other fail at random."""
     timed = [
         item
         for item in request.session.items
         if any(item.get_closest_marker(name) is not None for name in ("e2e", "real_time"))
     ]
     groups = {item.get_closest_marker("xdist_group").args[0] for item in timed}
-    assert groups == {"e2e"}
+    assert groups <= {"cells", "lines"}
     if request.config.getoption("loadgroup", default=False):
         assert all(item.nodeid.rpartition("@")[2] in groups for item in timed)
 
