@@ -141,8 +141,10 @@ def robot_of(text: str) -> CheckerRobot:
         ranges=tuple((j.lowest, j.highest) for j in joints),
         speed_limits=tuple(j.speed_limit for j in joints),
         acceleration_limit=decimal(
-            top["acceleration_limit_rad_s2"], "model.acceleration_limit_rad_s2", low=1e-6
-        ),  # > 0
+            top["acceleration_limit_rad_s2"],
+            "model.acceleration_limit_rad_s2",
+            low=1e-6,  # ours: above 0
+        ),
         payload_limit_kg=limit,
         link_mass_kg=sum(j.mass for j in joints),
         tool_mass_kg=tool_mass,
