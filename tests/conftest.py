@@ -88,7 +88,7 @@ def draws_more(item):
 def pytest_collection_modifyitems(config, items):
     """Tests in which real time passes run on two workers, with `--dist loadgroup`; a third has the rest.
 
-    Tests of whole cells compute, tests of single lines mostly wait, so one of each kind fits on two processors. Three at
+    Those of enforcement points mostly wait, the others start whole cells: together they fit on two processors. Three at
     once changed what steps of the demo saw.
 
     One that fails is begun once more, and the summary counts it: a shared machine may stand still for longer than an
@@ -103,8 +103,8 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=later)
     for item in items:
         if in_real_time(item):
-            whole = item.path.is_relative_to(config.rootpath / "tests/e2e")
-            item.add_marker(pytest.mark.xdist_group("cells" if whole else "lines"))
+            of_a_point = item.path.is_relative_to(config.rootpath / "tests/pep")
+            item.add_marker(pytest.mark.xdist_group("points" if of_a_point else "cells"))
             item.add_marker(pytest.mark.flaky(reruns=1))
 
 
