@@ -1,4 +1,4 @@
-"""What authority is: scopes that only shrink, tokens that carry them, proofs of possession, signed statements.
+"""Authority as values: scopes that only shrink, tokens that carry them, proofs of possession, signed statements.
 
 A person lends a scope to an agent (`mint`), an agent lends part of it on (`delegate`), a server finds out what it holds
 (`verify`), and the agent shows that the token is its own (`prove`, `check_proof`). Nothing here reads a clock, a file

@@ -27,7 +27,7 @@ EDDSA: Final = "EdDSA"
 ES256: Final = "ES256"
 _ALGORITHMS: Final = frozenset({EDDSA, ES256})
 _ALSO_NAMED: Final = {EDDSA: frozenset({EDDSA, "Ed25519"}), ES256: frozenset({ES256})}
-"""What `alg` of a JWK may say of a key (RFC 9864 names Ed25519 beside EdDSA)."""
+"""Names that `alg` of a JWK may give a key's algorithm (RFC 9864 names Ed25519 beside EdDSA)."""
 _JWK_REQUIRED: Final = {"OKP": frozenset({"kty", "crv", "x"}), "EC": frozenset({"kty", "crv", "x", "y"})}
 _JWK_OPTIONAL: Final = frozenset({"use", "key_ops", "alg", "kid"})
 

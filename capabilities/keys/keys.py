@@ -48,7 +48,10 @@ _SMALL_ORDER_Y: Final = frozenset(
 _SPELLINGS_REFUSED: Final = frozenset(
     (y | sign << 255).to_bytes(KEY_BYTES, "little") for y in (*_SMALL_ORDER_Y, *range(_P, 2**255)) for sign in (0, 1)
 )
-"""Of a point of small order, or of a y that is not below the field: there are so few of them that they are listed."""
+"""Refused encodings of Ed25519 points: those of small order, and those whose y is not below the field.
+
+There are so few of them that they are listed.
+"""
 
 
 _URL_SAFE: Final = bytes.maketrans(b"+/", b"-_")
@@ -58,7 +61,10 @@ _PADDING: Final = (b"", b"===", b"==", b"=")
 
 
 class Algorithm(StrEnum):
-    """What a key signs with; the value is the curve's name in a JWK (RFC 7518 section 6.2.1.1, RFC 8037 section 2)."""
+    """Algorithm of a key; the value is the curve's name in a JWK.
+
+    RFC 7518 section 6.2.1.1, RFC 8037 section 2.
+    """
 
     ED25519 = "Ed25519"
     P256 = "P-256"
@@ -97,7 +103,7 @@ def public_raw(key: PrivateKey | PublicKey) -> bytes:
 
 
 def algorithm_of(raw: bytes) -> Algorithm:
-    """What a raw key signs with: its length says so.
+    """Algorithm of a raw public key, told by its length.
 
     Raises:
         BadKeyError: `KEY_MALFORMED` for another type or length.

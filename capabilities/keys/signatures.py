@@ -31,7 +31,7 @@ _DETERMINISTIC: Final = ec.ECDSA(hashes.SHA256(), deterministic_signing=True)
 
 
 class Checked(Enum):
-    """What `verify` answers; true exactly when the signature holds."""
+    """Answer of `verify`; true exactly when the signature holds."""
 
     HOLDS = "holds"
     DOES_NOT_HOLD = "does not hold"
@@ -54,7 +54,7 @@ def sign(key: keys.PrivateKey, message: bytes) -> bytes:
 
 
 def verify(key: bytes, message: bytes, signature: bytes) -> Checked:
-    """Whether `signature`, in its one spelling, is by the raw public key `key` over `message`.
+    """Checks that `signature`, in its one spelling, is by the raw public key `key` over `message`.
 
     Raises:
         BadKeyError: `KEY_MALFORMED` for a key that nothing may be verified with.

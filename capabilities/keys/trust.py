@@ -25,9 +25,9 @@ _ROOT_IDS: Final = 2**32
 
 @dataclass(frozen=True, slots=True)
 class TrustBundle:
-    """The public keys that a verifier trusts, by what each may sign. Raw keys; no key has two roles.
+    """Public keys that a verifier trusts, by role. Raw keys; no key has two roles.
 
-    `roots` to `ledger` hold every key of the bundle, whatever its window; `root`, `signers` and
+    `roots` to `ledger` hold every key of the bundle, inside its window or not; `root`, `signers` and
     `refusal` ask for the moment.
 
     Attributes:
@@ -89,7 +89,7 @@ class TrustBundle:
         )
 
     def of_role(self, role: Role) -> frozenset[bytes]:
-        """The keys of a role, whatever their windows."""
+        """Keys of a role, inside their windows or not."""
         match role:
             case Role.ROOT:
                 return frozenset(self.roots.values())
@@ -107,7 +107,7 @@ class TrustBundle:
     # --- at a moment [TRB-2], [TRB-3] --------------------------------------------------------------------------------
 
     def standing(self, raw: bytes, *, signed_at: float, at: float) -> Standing:
-        """How a key stands at `at`, for what it says to have signed at `signed_at`; seconds since the epoch."""
+        """Standing of a key at `at`, for a text that claims `signed_at`; both in seconds since the epoch."""
         window = self.windows.get(raw)
         if window is None:
             return Standing.UNKNOWN
@@ -257,5 +257,5 @@ class _Members(Form, frozen=True):
 
 
 def _clause(standing: Standing) -> str:
-    """What says that a key which stands so is not trusted."""
+    """Clause that refuses a key of this standing."""
     return "TRB-3" if standing is Standing.TAINTED else "TRB-2"

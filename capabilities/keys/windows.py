@@ -17,7 +17,10 @@ KEYS_OF_A_ROLE: Final = 16
 
 
 class Role(StrEnum):
-    """What a key of the identity provider may sign; the value is the member of the bundle. A key has one, for ever."""
+    """Role of an identity provider's key: the statements that it may sign.
+
+    The value is the member of the bundle. A key keeps its one role for ever.
+    """
 
     ROOT = "roots"
     ATTESTER = "attesters"
@@ -48,7 +51,7 @@ class Window:
 
 
 class Standing(Enum):
-    """How a key stands at one moment, for what it signed at another."""
+    """Standing of a key at one moment, for a text signed at another."""
 
     TRUSTED = "trusted"
     UNKNOWN = "no key of this bundle"

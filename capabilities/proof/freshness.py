@@ -1,9 +1,9 @@
-"""When a proof counts: its age, the verifier's own start, and how long its id must be kept. Arithmetic only.
+"""Freshness of a proof: its age, the verifier's own start, and how long its id must be kept. Arithmetic only.
 
-Clauses [PRF-6] to [PRF-9] in docs/spec.md. What it all rests on is [PRF-9]: the wall time that a verifier judges by is
-never by more than the skew behind the highest one that it judged by before, carried on by a monotonic clock, over
-restarts too. (`pep.base.clock` holds the time so.) Then no proof is accepted twice, whoever sets a clock or restarts a
-verifier; a property test plays that out.
+Clauses [PRF-6] to [PRF-9] in docs/spec.md. All of it rests on [PRF-9]: the wall time that a verifier judges by never
+falls more than the skew behind the highest one that it judged by before. A monotonic clock carries that time on, over
+restarts too (`pep.base.clock` holds it so). Then no proof is accepted twice, even when a clock is set back or a
+verifier is restarted; a property test plays that out.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Memory(Enum):
-    """What a verifier that starts knows of the proofs that an earlier process accepted."""
+    """Knowledge that a starting verifier has of the proofs that an earlier process accepted."""
 
     KEPT = "kept"
     """Every proof that had an effect in the last `retention_ms`, whichever process took it, from a durable record."""
@@ -64,7 +64,7 @@ def before_start(iat: int, *, earliest_s: float) -> Fault | None:
 
 
 def retention_ms(caps: Caps) -> int:
-    """How long the id of an accepted proof is kept, on a monotonic clock from its acceptance ([PRF-7]), in ms.
+    """Milliseconds for which the id of an accepted proof is kept, on a monotonic clock from its acceptance ([PRF-7]).
 
     The proof may come from the future by the skew, lives for the greatest age after that, and the time may then be set
     back by the skew. One second more covers whole milliseconds and a clock that runs slow by 2 %.

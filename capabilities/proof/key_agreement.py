@@ -1,4 +1,4 @@
-"""The secret of a session: X25519 (RFC 7748) between two keys of one use, and what HKDF-SHA256 (RFC 5869) makes of it.
+"""Keys of a session: an X25519 secret (RFC 7748) of two one-use keys, expanded by HKDF-SHA256 (RFC 5869).
 
 Clauses [SES-3] and [SES-5] in docs/spec.md. The keys depend on every value of the transcript, so two ends that differ
 in one of them (token, audience, a nonce, a key) share no key at all, and the first frame tells.
@@ -45,8 +45,8 @@ def agree(private: bytes, public: bytes) -> bytes:
 
     Raises:
         BadKeyError: `KEY_MALFORMED` for a public key of another length, with a u coordinate of the field's size or more
-            (RFC 7748 section 5 would reduce it: a second spelling), or of low order (the secret would be all zeros,
-            whatever the private key; section 6.1).
+            (RFC 7748 section 5 would reduce it: a second spelling), or of low order (the secret would be all zeros
+            for every private key; section 6.1).
     """
     if len(public) != KEY_BYTES or int.from_bytes(public, "little") >= _P:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not a canonical X25519 key")

@@ -28,13 +28,13 @@ _CLAUSE: Final = "PRF-10"
 
 @dataclass(frozen=True, slots=True)
 class UnverifiedRequest:
-    """What a request carries, unverified; `check_proof` takes it.
+    """Parts of a request, unverified; input of `check_proof`.
 
     Attributes:
         token: text of the token, or None.
         proof: text of the proof, or None.
-        method: what stands for the HTTP method.
-        body: what stands for the body; empty where there are no credentials.
+        method: the name that stands for the HTTP method.
+        body: the bytes that stand for the body; empty where there are no credentials.
         params: as they came, without the credentials: no other server may ever see them.
     """
 
@@ -46,7 +46,7 @@ class UnverifiedRequest:
 
 
 def method(rpc_method: str) -> str:
-    """What stands for the HTTP method in a proof of a request of this JSON-RPC method."""
+    """Name that stands for the HTTP method in a proof of a request of this JSON-RPC method."""
     return f"mcp:{rpc_method}"
 
 
@@ -60,7 +60,7 @@ def attach(
     at: int,
     jti: str,
 ) -> dict[str, object]:
-    """The params with token and a new proof by `key`; whatever changes in them later voids it.
+    """Params with token and a new proof by `key`; any later change in them voids the proof.
 
     Args:
         params: of the request, complete: progress token, protocol version and all. Credentials in them are replaced.

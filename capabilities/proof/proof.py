@@ -1,9 +1,9 @@
 """Proof of possession: a signature by a key over one request (RFC 9449 DPoP, and the digest of the body).
 
-Clauses [PRF-1] to [PRF-6] in docs/spec.md. Whether a proof was seen before is the verifier's memory, not this module's.
+Clauses [PRF-1] to [PRF-6] in docs/spec.md. The memory of proofs seen before is the verifier's, not this module's.
 
 A proof is read in one of two ways, with one result. All of an honest proof but its id, time and signature is known
-beforehand, so the exact way only compares bytes. Whatever is spelled in another way is read strictly, step by step.
+beforehand, so the exact way only compares bytes. Any other spelling is read strictly, step by step.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ TYPE: Final = "dpop+jwt"
 _JTI: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
 _CLAIMS: Final = frozenset({"jti", "htm", "htu", "iat", "bdg"})
 _TAIL: Final = re.compile(rb'"iat":(0|[1-9][0-9]{0,14}),"jti":"([A-Za-z0-9_-]{16,64})"\}')
-"""How the canonical claims of a proof end: `iat` below 10^15, so inside the integers of JSON, and `jti`."""
+"""End of the canonical claims of a proof: `iat` below 10^15, so inside the integers of JSON, and `jti`."""
 _COMPACT: Final = msgspec.json.Encoder(order="sorted")
 """Writes texts of ASCII as RFC 8785 does."""
 _KEYS_AT_ONCE: Final = 4_096
@@ -147,7 +147,7 @@ def _exact(proof: str, key: bytes, wanted: Mapping[str, str]) -> Proof | Fault |
 
 @functools.lru_cache(maxsize=_KEYS_AT_ONCE)
 def _canonical_header(key: bytes) -> str:
-    """The first part of every proof by `key` in its canonical spelling, and the dot; empty for what is no key."""
+    """Header of a proof by `key` in canonical base64url with its dot; empty for bytes that are no key."""
     try:
         header = f'{{"alg":"{jws.algorithm_name(key)}","jwk":{keys.minimal_jwk(key)},"typ":"{TYPE}"}}'
     except BadKeyError:

@@ -1,7 +1,7 @@
 """An open session: messages in, frames out, and back. One MAC key for each direction, a counter in every MAC.
 
 Clauses [SES-6] to [SES-9] in docs/spec.md. A frame says: the other end sent this message, as its n-th. It does not say
-when: whoever holds frames back delays them unseen, so a receiver that must not act late asks for a heartbeat. Nothing
+when: frames can be held back unseen, so a receiver that must not act late asks for a heartbeat. Nothing
 is encrypted.
 """
 
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 LAST_COUNTER: Final = 2**64 - 1
 MOST_MISSING: Final = 1_024
-"""Frames that a carriage which loses some may lose in a row: two seconds of a stream at 500 Hz. More is an outage."""
+"""Longest gap in frames that a carriage with losses may have: two seconds of a stream at 500 Hz.
+
+A longer gap is an outage.
+"""
 _LABEL: Final = PROFILE.encode() + b" frame"
 _HEAD: Final = struct.Struct(">BQ")
 """Kind and counter, as the frame has them."""
@@ -59,8 +62,9 @@ class End:
 class Session:
     """One end of an open session. `seal` and `open` may be called at once from several threads.
 
-    A frame that is refused changes nothing. What ends a session for good is a frame of its end, sealed or opened, and a
-    time outside its own.
+    A refused frame changes nothing. A session ends for good with an end frame, sealed or opened, or at a time outside
+    its window.
+
 
     Args:
         sending: key of the direction away from this end, 32 bytes.
@@ -68,7 +72,7 @@ class Session:
         at: when it opened, seconds since the epoch.
         not_after: when it ends, seconds since the epoch, excluded.
         most_missing: how many frames in a row may be missing: 0 on a carriage that neither loses nor reorders (a pipe,
-            TCP, HTTP), where a gap means that somebody took frames out; else at most `MOST_MISSING`.
+            TCP, HTTP), where a gap means that frames were taken out; else at most `MOST_MISSING`.
         caps: largest message, and skew.
 
     Raises:
@@ -106,7 +110,10 @@ class Session:
 
     @property
     def over(self) -> bool:
-        """Whether it was ended by either end, or found outside its time. It may have run out since."""
+        """True once either end has ended the session, or a call found it outside its time.
+
+        A session whose time has passed since the last call still answers False.
+        """
         return self._over
 
     def seal(self, message: bytes, *, at: float) -> bytes | Fault:
@@ -126,7 +133,7 @@ class Session:
         return self._seal(_END, b"", at)
 
     def open(self, frame: bytes, *, at: float) -> SessionMessage | End | Fault:
-        """What the other end sent.
+        """Message or end that the other end sent, or the first fault of the frame.
 
         Args:
             frame: as it came, delimited by its carriage.
@@ -186,7 +193,10 @@ class Session:
 
 
 def _keyed(key: bytes) -> HMAC:
-    """What every MAC of one direction begins with: a frame is MACed by a copy, in a third of the time."""
+    """MAC state that every frame of one direction starts from.
+
+    A frame is MACed by a copy of it, in a third of the time.
+    """
     begun = HMAC(key, SHA256())
     begun.update(_LABEL)
     return begun

@@ -4,18 +4,19 @@
     verifier: answer(...)            after steps 1 to 9 for the token; gives its half of the session and a text
     holder: conclude(pending, text)  gives the other half
 
-Clauses [SES-1] to [SES-5] in docs/spec.md. Who may be in the middle, and what that gets them:
+Clauses [SES-1] to [SES-5] in docs/spec.md. Positions in the middle of the connection, and what each is worth:
 
-* To open a session as the holder takes the leaf key: the opening is the body of an ordinary proof, which names the
+* Opening a session as the holder takes the leaf key: the opening is the body of an ordinary proof, which names the
   token, the verifier's address and, in the body, the holder's X25519 key of one use. Nobody can put another key there.
-* Frames to the verifier can be made only by who knows that one-use key. So whoever sits between can hold frames back,
-  cut them off or open nothing at all, but never have the verifier take a frame that the holder did not seal.
-* To answer as the verifier takes its static key, when the holder was told that key beforehand (in `begin`). Without
-  one, whoever sits on the way can answer in the verifier's stead with a key of their own: then the holder talks to
-  them, sees what they want it to see, and its frames reach no verifier. The robot is safe, the holder is deceived. That
-  will do only where the way itself is authenticated (TLS, a pipe to a child, loopback with the peer's user checked).
-  The holder says in its opening which key it expects, so that nobody can argue a verifier out of signing.
-* Who steals a static key later opens no past session: the keys of one use are gone.
+* Making frames to the verifier takes that one-use key. So a relay in the middle can hold frames back, cut them off or
+  open nothing at all, but it never has the verifier take a frame that the holder did not seal.
+* Answering as the verifier takes the verifier's static key, when the holder was told that key beforehand (in `begin`).
+  Without one, an attacker on the way can answer in the verifier's stead with a key of its own: then the holder sees
+  what the attacker wants it to see, and its frames reach no verifier. The robot is safe, the holder is deceived. So a
+  session without a static key is fit only where the way itself is authenticated (TLS, a pipe to a child, loopback with
+  the peer's user checked). The opening says which key the holder expects, so that nobody can argue a verifier out of
+  signing.
+* A static key that is stolen later opens no past session: the keys of one use are gone.
 """
 
 from __future__ import annotations
@@ -46,7 +47,9 @@ _MOST_BYTES: Final = 2_048
 
 @dataclass(frozen=True, slots=True)
 class PendingSession:
-    """A session that the holder has begun and no verifier has answered. It holds a secret: use it once, then forget it.
+    """Session that the holder has begun and no verifier has answered.
+
+    It holds a secret: use it once, then forget it.
 
     Attributes:
         body: the opening, the exact body of the request that carries it.
@@ -144,7 +147,7 @@ def answer(
     most_missing: int,
     caps: Caps,
 ) -> AnsweredSession | Fault:
-    """The verifier's end of the session that this opening asks for, and the text for the holder; or the first fault.
+    """Verifier's end of the session that this opening asks for, and the text for the holder; or the first fault.
 
     The token was verified (steps 1 to 9) for `audience`, and its leaf's key is `holder_key`. As long as the session is
     open, the caller asks steps 7 to 9 again as for any request, and closes it when they no longer hold.

@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
 
 BUNDLE_LIFETIME_S: Final = 366 * 86_400
-"""How long a published bundle holds: a year, like the signed description of a cell."""
+"""Lifetime of a published bundle: a year, like the signed description of a cell."""
 
 
 class KeyState(StrEnum):
-    """Where a key is in its life."""
+    """State of a key in its life."""
 
     PREPARED = "prepared"
     ACTIVE = "active"
@@ -39,7 +39,7 @@ class KeyState(StrEnum):
 
 
 class RotationFault(StrEnum):
-    """Why a step is refused."""
+    """Reason for which a step is refused."""
 
     KEY_UNKNOWN = "KEY_UNKNOWN"
     KEY_IN_USE = "KEY_IN_USE"
@@ -102,7 +102,7 @@ class KeyRecord:
 
     @property
     def state(self) -> KeyState:
-        """Where it is: the last step that was taken."""
+        """State of the key, set by the last step that was taken."""
         steps = (
             (self.revoked_at, KeyState.REVOKED),
             (self.tainted_at, KeyState.TAINTED),
@@ -123,7 +123,9 @@ ID_STEM: Final = {
 
 @dataclass(frozen=True, slots=True)
 class KeyRing:
-    """Every key that an identity provider has or had. No key is ever forgotten, so none comes back in another role.
+    """Every key that an identity provider has or had.
+
+    No key is ever forgotten, so none comes back in another role.
 
     Attributes:
         issuer: canonical URL of the identity provider.
@@ -167,7 +169,7 @@ class KeyRing:
         return frozenset(record.key for record in self.records)
 
     def bundle(self, caps: Caps, *, lifetime_s: int = BUNDLE_LIFETIME_S) -> TrustBundle:
-        """What verifiers are to trust.
+        """Trust bundle that verifiers are to use.
 
         A retired key is trusted for as long as the longest token lives, and a skew of clocks more. No key is trusted
         for longer than the bundle, which a `renew` makes anew.

@@ -1,4 +1,6 @@
-"""When a trust bundle may take the place of another. Clauses [TRB-4] and [TRB-5] in docs/spec.md.
+"""Succession of trust bundles: the rules by which one may take the place of another.
+
+Clauses [TRB-4] and [TRB-5] in docs/spec.md.
 
 As a root of TUF follows a root (The Update Framework, section 5.3), in small: a newer bundle is signed by a registry
 key that both the older and the newer one trust, so nobody is led over a gap; versions only grow; and what was issued
@@ -36,11 +38,11 @@ class NewestBundle:
 
 
 def check_bundle(bundle: TrustBundle, seen: NewestBundle | None, *, at: float, caps: Caps) -> NewestBundle | Fault:
-    """What is to be remembered from now on, when the bundle may be acted on now; or the first fault ([TRB-4]).
+    """Mark of the bundle, to be remembered, when the bundle may be acted on now; or the first fault ([TRB-4]).
 
     Args:
         bundle: out of band, over an authenticated channel, or from `succeed`.
-        seen: what was remembered; None only where nothing ever was.
+        seen: the mark that was remembered; None only where nothing ever was.
         at: seconds since the epoch.
         caps: the bounds.
     """

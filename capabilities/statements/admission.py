@@ -1,4 +1,4 @@
-"""A receipt: what a PEP admitted for one holder, by its digest, with what it knew of where the value comes from.
+"""Receipt of an admission: the digest of a value that a PEP admitted for one holder, with the value's origin.
 
 It vouches for exactly that value, and allows nothing. Clause [STM-10] in docs/spec.md.
 """
@@ -36,14 +36,14 @@ Integrity = Annotated[str, words(*INTEGRITIES)]
 
 
 class Receipt(Form, frozen=True):
-    """What one PEP admitted.
+    """Receipt of one PEP for one admitted value.
 
     Attributes:
         audience: canonical URL of the PEP that admitted it.
         agent, hop_id: the holder for whom it was admitted.
         value: SHA-256 (hex) of the value's canonical JSON.
         sources: kinds of all that the value derives from, each once, sorted; at least one.
-        signers: ids of everybody who signed any of that, each once, sorted; `OTHERS` for those that are not named.
+        signers: ids of all who signed any of that, each once, sorted; `OTHERS` for those that are not named.
         integrity: of the least of it, one of `INTEGRITIES`.
         age_ms: of the oldest part, when it was admitted.
         tainted: instructions or hidden characters were found in some of it.

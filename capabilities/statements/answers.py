@@ -1,4 +1,4 @@
-"""How the asks of one PEP stand, as the identity provider sees it, with the votes and openings as people signed them.
+"""Standing of the asks of one PEP, with votes and openings as people signed them.
 
 The provider carries votes and cannot make one: the PEP verifies each with its approver's registered key.
 """
@@ -26,7 +26,7 @@ OPENINGS: Final = 64
 
 
 class AnsweredAsk(Form, frozen=True):
-    """How one ask stands: its state as the identity provider sees it, and the votes as they were signed."""
+    """Standing of one ask: its state as the identity provider sees it, and the votes as they were signed."""
 
     ask_id: Id
     state: Annotated[str, words(*STATES)]
@@ -34,7 +34,7 @@ class AnsweredAsk(Form, frozen=True):
 
 
 class Answers(Form, frozen=True):
-    """How all asks and openings of one audience stand.
+    """Standing of all asks and openings of one audience.
 
     Attributes:
         issuer, audience: of the provider, and for whom.
@@ -53,12 +53,12 @@ class Answers(Form, frozen=True):
 
 
 def sign(answers: Answers, key: PrivateKey) -> str:
-    """How things stand, signed by the identity provider's registry key."""
+    """Answers signed by the identity provider's registry key."""
     return statement_form.sign(KIND, plain(answers), key)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Answers:  # noqa: A001 - read as answers.open
-    """How things stand, signed by one of these keys; the votes and openings in it are still to be verified.
+    """Answers signed by one of these keys; the votes and openings in them are still to be verified.
 
     Raises:
         StatementError: as `sealed.open`.

@@ -1,4 +1,4 @@
-"""What a PEP asks people: all that an approval would bind, and all that is shown to them."""
+"""Ask of a PEP to people: all that an approval would bind, and all that people are shown."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ REASONS: Final = 16
 """Most parameters, contributors and reasons of one ask."""
 JOINTS: Final = 6
 APPROVERS_OF_TIER: Final = {Tier.SAFETY_CRITICAL: 2}
-"""How many different people a tier wants; every other one, where somebody is asked at all, wants one."""
+"""Number of different people that a tier needs; every other tier that asks people needs one."""
 
 
 class _Value(Form, frozen=True):
@@ -75,7 +75,7 @@ class Contributor(Form, frozen=True):
 
 
 class Ask(Form, frozen=True):
-    """What a PEP asks people, and all that they are shown.
+    """Ask of a PEP to people, with all that they are shown.
 
     Attributes:
         ask_id: 32 hex digits, made by the PEP.

@@ -8,7 +8,10 @@ from capabilities.statements.claims import malformed
 from capabilities.values import form, strict_json
 
 BODY_BYTES: Final = 65_536
-"""Longest body in canonical JSON: in base64 and with the rest it stays below the size of a statement (256 KiB)."""
+"""Longest body of an intent or message in canonical JSON.
+
+In base64 and with the other members it stays below the size of a statement (256 KiB).
+"""
 
 
 def stated(body: bytes) -> dict[str, object]:

@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 KIND: Final = "cell"
 OBJECTS: Final = 64
 ZONES: Final = 64
-"""Most surveyed objects and zones: with the objects of one full frame they are as many as physics takes on (256)."""
+"""Most surveyed objects and zones.
+
+With the objects of one full frame they are as many as physics takes on (256).
+"""
 CONTACTS: Final = 64
 OUTPUTS: Final = 18
 """Standard (8), configurable (8) and tool (2) digital outputs of a UR e-Series controller."""
@@ -39,7 +42,7 @@ TOUCHING: Final = frozenset({"tool", "payload"})
 
 
 class Surveyed(Form, frozen=True):
-    """An object that stands there whatever a sensor says: "fragile" or "rigid"."""
+    """Fixed object that a surveyor placed, independent of every sensor: "fragile" or "rigid"."""
 
     name: Name
     kind: Annotated[str, words(*observation.OBJECT_KINDS)]

@@ -26,7 +26,7 @@ PERMILLE: Final = 1_000
 
 
 class EdgeEntry(Form, frozen=True):
-    """How far one party is trusted that another lent authority to.
+    """Trust in one edge: a party to which another lent authority.
 
     Attributes:
         version: at which this was said.
@@ -49,7 +49,7 @@ class DeviationEntry(Form, frozen=True):
 
 
 class AgentEntry(Form, frozen=True):
-    """How an agent behaves.
+    """Behaviour of one agent.
 
     Attributes:
         version: at which this was said.
@@ -72,7 +72,7 @@ class AgentEntry(Form, frozen=True):
 
 
 class Conduct(Form, frozen=True):
-    """What a feed answers.
+    """Answer of a feed about trust and behaviour.
 
     Attributes:
         issuer: canonical URL of the identity provider.

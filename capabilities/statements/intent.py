@@ -1,4 +1,4 @@
-"""What a person wants done, signed with that person's own key, and named by the delegation that is to do it.
+"""Intent: a person's wish, signed with that person's own key, and named by the delegation that serves it.
 
 An intent allows nothing: the token does. The token's first purpose says `intent:` and the SHA-256 of the intent's text,
 so the sponsor, who signs the request for the token, lends for exactly this intent. Clause [STM-9] in docs/spec.md.
@@ -30,7 +30,7 @@ _PURPOSE: Final = re.compile(r"intent:([0-9a-f]{64})(?: .*)?", re.DOTALL)
 
 
 class Intent(Form, frozen=True):
-    """What a person wants done.
+    """Wish of a person, in an object of a named form.
 
     Attributes:
         subject: the person's id.

@@ -24,9 +24,15 @@ KIND: Final = "manifest"
 ENTRIES: Final = 768
 """Most entries of a manifest; with ids and sources of 63 bytes all of them together still fit a statement."""
 CONTENTS: Final = frozenset({"document", "scenario"})
-"""What a collection holds: documents that are read, or descriptions of scenarios. One is never taken for the other."""
+"""Kinds of content of a collection: documents that are read, or descriptions of scenarios.
+
+One is never taken for the other.
+"""
 LIFETIME_S: Final = 366 * 86_400
-"""Longest life of a manifest: a year, as of a cell file. A policy bounds the age of those in use (`manifest_age_s`)."""
+"""Longest life of a manifest: a year, as of a cell file.
+
+A policy bounds the age of those in use (`manifest_age_s`).
+"""
 
 
 class ManifestEntry(Form, frozen=True):
@@ -66,7 +72,7 @@ class Manifest(Form, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class ExpectedManifest:
-    """Where a manifest is expected.
+    """Place where a manifest is expected.
 
     Attributes:
         collection, content: what it is to be a manifest of.

@@ -27,7 +27,7 @@ LIFETIME_S: Final = 3_600
 
 
 class Message(Form, frozen=True):
-    """What one agent says to another.
+    """Message of one agent to another.
 
     Attributes:
         sender, addressee: agent ids, two different ones.
@@ -55,7 +55,7 @@ class Message(Form, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class ExpectedMessage:
-    """Where the addressee expects the next message of a sender.
+    """Place where the addressee expects the next message of a sender.
 
     Attributes:
         sender, addressee, token_id, hop_id, conversation: as in `Message`; the hop is the sender's in a chain that was
@@ -81,7 +81,7 @@ def sign(message: Message, key: PrivateKey) -> str:
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A001 - read as message.open
-    """The message, signed by one of these keys: those of the agent that it is expected from, and of nobody else.
+    """Message signed by one of these keys: those of the expected sender, and no others.
 
     Raises:
         StatementError: as `sealed.open`; also for a message to oneself, a body that is too long,

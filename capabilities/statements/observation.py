@@ -24,7 +24,7 @@ REACH_UM: Final = 100_000_000
 PPM: Final = 1_000_000
 """One, in the millionths of a quaternion's components."""
 _UNIT_SLACK: Final = 2_000
-"""How far the norm of a quaternion of four rounded millionths may be from one, in millionths."""
+"""Greatest distance from one of the norm of a quaternion of four rounded millionths, in millionths."""
 PEOPLE: Final = 32
 OBJECTS: Final = 128
 REGIONS_OF_A_PERSON: Final = 64
@@ -176,7 +176,7 @@ def shape(value: object) -> Shape:
 
 
 def check(shape: Shape) -> None:
-    """Pass for a shape that is one: a box that is turned by a unit quaternion, vertices that span a volume, each once.
+    """Checks that a shape is well formed: a unit quaternion turns a box, vertices are distinct and span a volume.
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` otherwise.
@@ -196,7 +196,7 @@ def check(shape: Shape) -> None:
 
 
 def _span(points: tuple[Point, ...]) -> bool:
-    """Whether some four of these points are corners of a body; exact, since they are whole numbers."""
+    """True where some four of these points are corners of a body; exact, since they are whole numbers."""
     (ox, oy, oz), (bx, by, bz) = points[0], points[1]
     ux, uy, uz = bx - ox, by - oy, bz - oz
     away = [(x - ox, y - oy, z - oz) for x, y, z in points]

@@ -22,8 +22,10 @@ SENSORS: Final = 64
 AGENTS: Final = 1_024
 APPROVERS: Final = 64
 PEPS: Final = 16
-"""Most tools, sensors, agents, approvers and enforcement points of one snapshot; with names of 63 bytes, the longest
-that the identity provider registers, all of them together still fit a statement."""
+"""Most tools, sensors, agents, approvers and enforcement points of one snapshot.
+
+With names of 63 bytes, the longest that the identity provider registers, all of them together still fit a statement.
+"""
 TRANSIT_MS: Final = 10_000
 """Longest declared transit of a frame."""
 
@@ -54,14 +56,14 @@ class TrustEntry(Form, frozen=True):
 
 
 class PartyEntry(Form, frozen=True):
-    """Somebody who signs: a person who may answer asks, an enforcement point. The id and raw public key."""
+    """Party that signs, by id and raw public key: a person who may answer asks, or an enforcement point."""
 
     id: Name
     key: PublicKey
 
 
 class RegistrySnapshot(Form, frozen=True):
-    """What the enforcement points of an audience are to know, and their callers of them.
+    """Registry as the enforcement points of one audience, and their callers, are to know it.
 
     Attributes:
         issuer: canonical URL of the identity provider.

@@ -1,4 +1,4 @@
-"""What a tool answered: the enforcement point's word that this result came of this very call, from this very tool.
+"""Response of a tool: the enforcement point's word that a result came of this very call to this very tool.
 
 It vouches for where a result comes from, never for what the result says. Clause [STM-11] in docs/spec.md.
 """
@@ -87,7 +87,7 @@ def refusal(response: Response, call: Call, *, at: float, caps: Caps) -> Fault |
 
     Args:
         response: opened with the key of the enforcement point of `call.audience`.
-        call: as whoever asks recorded it when it was made.
+        call: as the caller recorded it when it was made.
         at: seconds since the epoch.
         caps: the bounds.
     """

@@ -26,7 +26,10 @@ NEVER_MS: Final = 2**53 - 1
 
 
 class Revoked(StrEnum):
-    """What can be revoked. Revoking a hop kills everything below it; a sponsor, every tree of that person."""
+    """Kind of thing that can be revoked.
+
+    Revoking a hop kills everything below it; revoking a sponsor, every tree of that person.
+    """
 
     TOKEN = "token"  # noqa: S105 - a word, not a secret
     HOP = "hop"
@@ -45,7 +48,7 @@ class RevocationEntry(Form, frozen=True):
 
 
 class RevocationIndex(Form, frozen=True):
-    """What a feed answers.
+    """Answer of a feed about revocations.
 
     Attributes:
         issuer: canonical URL of the identity provider.
@@ -92,7 +95,7 @@ class RevocationView:
         return cls(epoch=0, age_ms=NEVER_MS, revoked=frozenset())
 
     def spares(self, names: frozenset[tuple[str, str]], *, audience: str) -> bool:
-        """Whether nothing is revoked of what `named` has found in a chain, and the audience neither."""
+        """True where nothing is revoked of the names that `named` found in a chain, nor the audience."""
         return self.revoked.isdisjoint(names) and (_AUDIENCE, audience) not in self.revoked
 
     def why(self, chain: Chain, *, audience: str | None = None) -> tuple[str, str] | None:

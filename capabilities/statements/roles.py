@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class Signer(StrEnum):
-    """Who has a key that signs.
+    """Role of a key that signs.
 
     The first five are the roles of the trust bundle; root and attester sign tokens and no statement. The others are
     registered with the identity provider, but for the surveyor and the curators, whose keys the configuration of an

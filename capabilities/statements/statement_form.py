@@ -1,4 +1,6 @@
-"""One form for every signed statement: a compact JWS over RFC 8785 bytes; its type names the kind, `kid` the key.
+"""One form for every signed statement: a compact JWS over RFC 8785 bytes.
+
+Its type names the kind of statement, and `kid` the key.
 
 Clauses [STM-1] to [STM-5] in docs/spec.md. A statement has one spelling: the same claims and key give the same text,
 and any other text is refused.

@@ -1,4 +1,4 @@
-"""A ticket: a tool server's word that this very request came to it just now, for one gateway of a robot.
+"""Ticket: a tool server's word that this very request came to it just now, for one gateway of a robot.
 
 It lends nothing: the gateway verifies the caller's token and proof itself. It says which enrolled enforcement point
 passed the request on, and binds every byte of it that counts. Clauses [TKT-1] to [TKT-7] in docs/spec.md.
@@ -28,16 +28,22 @@ KIND: Final = "ticket"
 BYTES: Final = 2_048
 """Longest text: one with the longest id and URLs (256 bytes each) has 1,662."""
 AGE_MS: Final = 500
-"""Oldest accepted ticket. It is issued when everything else about the request is done; what is left is one connection
-on the cell's own network, and the reading of at most 32 KiB."""
+"""Oldest accepted ticket.
+
+It is issued when everything else about the request is done. After that comes one connection on the cell's own network,
+and the reading of at most 32 KiB.
+"""
 AHEAD_MS: Final = 100
-"""How far a ticket may come from the future, and no more: the skew that other statements have (5 s) would let one live
-ten times as long as it may. Machines of one cell keep time to milliseconds; where they do not, calls are refused."""
+"""Longest time by which a ticket may come from the future.
+
+The skew that other statements have (5 s) would let a ticket live ten times as long as it may. Machines of one cell keep
+time to milliseconds; where they do not, calls are refused.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class RequestDigests:
-    """What a request carries that counts, each as its SHA-256 (hex).
+    """Digests of the three parts of a request, each a SHA-256 (hex).
 
     Attributes:
         token: the token's text as it was presented; of no byte when there was none.
@@ -51,7 +57,7 @@ class RequestDigests:
 
     @classmethod
     def of(cls, *, token: str | None, proof: str | None, body: bytes) -> RequestDigests:
-        """What this request carries; None for what it does not have."""
+        """Digests of this request; None stands for a part that it does not have."""
         # Nothing but ASCII is a token or a proof; whatever else came as one gets a digest of its own, and no exception.
         texts = ((text or "").encode("utf-8", "surrogatepass") for text in (token, proof))
         return cls(*(hashlib.sha256(raw).hexdigest() for raw in (*texts, body)))
@@ -59,7 +65,7 @@ class RequestDigests:
 
 @dataclass(frozen=True, slots=True)
 class Ticket:
-    """What a tool server says of one request.
+    """Word of a tool server about one request.
 
     Attributes:
         id: 32 random hex digits; the ticket is good once.
@@ -178,7 +184,9 @@ def verify(
 
 
 def retention_ms(caps: Caps) -> int:
-    """How long the id of an accepted ticket is kept, on a monotonic clock from its acceptance ([TKT-7]), in ms.
+    """Milliseconds for which the id of an accepted ticket is kept, from its acceptance on ([TKT-7]).
+
+    They run on a monotonic clock.
 
     The ticket may come from the future and lives for the greatest age after that, and the time may then be set back by
     the skew ([PRF-9]). One second more covers whole milliseconds and a clock that runs slow.

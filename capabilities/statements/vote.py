@@ -1,4 +1,4 @@
-"""A person's answer to an ask: it binds the SHA-256 of the ask's text, and so every word that was shown."""
+"""Vote of a person on an ask: it binds the SHA-256 of the ask's text, and so every word shown."""
 
 from __future__ import annotations
 

@@ -93,13 +93,13 @@ class Platform:
         return frozenset(key.raw for key in self.keys.values())
 
     def holds(self, workload: str) -> bool:
-        """Whether a workload id is one of this trust domain."""
+        """True where a workload id belongs to this trust domain."""
         return workload.startswith(f"spiffe://{self.trust_domain}/")
 
 
 @dataclass(frozen=True, slots=True)
 class Workload:
-    """What the platform says.
+    """Workload as its platform states it.
 
     Attributes:
         id: `spiffe://trust-domain/path`.
@@ -197,11 +197,11 @@ def sign(workload: Workload, key: keys.PrivateKey) -> str:
 
 
 def open(token: str, platform: Platform, *, audience: str, at: float, caps: Caps) -> Workload:  # noqa: A001 - read as workload.open
-    """What the platform says, of one of its own workloads, to this audience, now.
+    """Statement of the platform about one of its own workloads, to this audience, now.
 
     Args:
         token: compact JWS.
-        platform: whose word counts.
+        platform: the platform that is trusted.
         audience: the only one that the token may name.
         at: seconds since the epoch.
         caps: the bounds.

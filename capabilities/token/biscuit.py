@@ -1,4 +1,4 @@
-"""The one door to the Biscuit library: bytes and values go in and come out, and nothing of the library gets past.
+"""The one door to the Biscuit library: bytes and values go in and come out, objects of the library stay.
 
 Datalog is written here alone. Its text is made of fixed words and counters; every value of a token, a request or a
 caller is bound as a parameter, never formatted in. The library's panics derive from `BaseException`; they are turned
@@ -33,7 +33,10 @@ _library: Any = biscuit_auth
 """The library without its type stubs, which lack half of what it has (limits, algorithms)."""
 _PANIC: Final = "PanicException"
 _LIMITS_WORD: Final = "execution limits"
-"""Part of the library's text when a Datalog limit was reached; it has no code for that. A test watches the wording."""
+"""Part of the library's text when a Datalog limit was reached; the library has no code for that.
+
+A test watches the wording.
+"""
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -63,7 +66,7 @@ def _contained(code: FaultCode) -> Callable[[Callable[_P, _T]], Callable[_P, _T]
 
 
 class Answer(Enum):
-    """What Biscuit's own authorizer says to a request."""
+    """Answer of Biscuit's own authorizer to a request."""
 
     ALLOWED = "allowed"
     REFUSED = "refused"
@@ -104,7 +107,7 @@ class OpenedToken:
 
     @_contained(FaultCode.ENGINES_DISAGREE)
     def decide(self, probe: Probe, caps: Caps) -> Answer:
-        """What Biscuit's authorizer answers to one request, with nothing but that request as its own facts.
+        """Answer of Biscuit's authorizer to one request, with nothing but that request as its own facts.
 
         Raises:
             TokenError: `LIMIT_EXCEEDED` for a Datalog limit, `ENGINES_DISAGREE` for an answer that is neither yes nor

@@ -51,7 +51,10 @@ class AuthorityBlock(msgspec.Struct, frozen=True):
 
 
 class HopBlock(msgspec.Struct, frozen=True):
-    """A further block: a new holder and what is taken away. The holder's delegator is the agent of the hop before."""
+    """Further block of a token: a new holder, and the restriction of its scope.
+
+    The holder's delegator is the agent of the hop before.
+    """
 
     index: int
     hop: HopGrant
@@ -129,7 +132,7 @@ def _stated(block: AuthorityBlock | HopBlock) -> Restriction:
 
 
 def checks(block: AuthorityBlock | HopBlock, parent: Scope | None) -> Checks:
-    """What the block's Datalog demands: the bounds that it states, over the signatures of `parent` (None at hop 0)."""
+    """Demands of the block's Datalog: its stated bounds, over the signatures of `parent` (None at hop 0)."""
     stated = _stated(block)
     alternatives = None
     if stated.grants is not None:
@@ -190,7 +193,7 @@ def authority_of(said: FactContent[AuthorityStatement], demanded: Checks, caps: 
 def hop_of(
     said: FactContent[HopStatement], demanded: Checks, *, index: int, delegator: str, parent: Scope, caps: Caps
 ) -> HopBlock:
-    """The hop block that says and demands this, at this index below a hop of agent `delegator` with the scope `parent`.
+    """Hop block of this statement and these demands, at this index, below a hop of `delegator` with scope `parent`.
 
     Raises:
         TokenError: `NOT_NARROWER` when it keeps an operation, or a number of parameters, that the parent does not have;
@@ -332,7 +335,10 @@ def _well_formed_first(block: AuthorityBlock, caps: Caps) -> None:
 
 
 def _well_formed_hop(hop: HopGrant, caps: Caps) -> None:
-    """Of a hop that was read: its id was written from bytes here, and its delegator is a name that was read before."""
+    """Checks the texts, key, digests and time of a hop that was read.
+
+    Its id was written from bytes here, and its delegator is a name that was read before.
+    """
     text.agent_id(hop.agent, most_bytes=caps.text_bytes)
     if hop.role:
         text.name(hop.role, most_bytes=caps.text_bytes - len(text.ROLE_PREFIX))

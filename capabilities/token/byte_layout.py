@@ -1,10 +1,9 @@
-"""What tokens of this profile look like when nothing is spelled in another way: read off the bytes, without a parser.
+"""Byte layout of tokens of this profile in their one encoding: read off the bytes, without a parser.
 
-The exact way of `capabilities.token.wire` and of `capabilities.token.checks`. It knows the Protocol Buffers of a token
-in their one
-encoding alone: fields in the order of their numbers, each length and number in its shortest form, keys of Ed25519.
-Whatever is anything else is no answer here, never an error: then the message is read in full, and that says what is
-wrong, if anything is. Tests hold the two together: where there is an answer here, the full reader has the same.
+It is the exact way of `capabilities.token.wire` and of `capabilities.token.checks`. It knows the Protocol Buffers of a
+token in one encoding alone: fields in the order of their numbers, each length and number in its shortest form, keys of
+Ed25519. Any other encoding gets no answer here, never an error: the message is then read in full, and the full reader
+says what is wrong, if anything is. Tests hold the two together: every answer given here is that of the full reader.
 """
 
 from __future__ import annotations
@@ -33,14 +32,14 @@ class SignedBlock(msgspec.Struct, frozen=True):
 
 
 class Structure(msgspec.Struct, frozen=True):
-    """What a token consists of: the root key id that it claims and its blocks in order, the authority block first."""
+    """Structure of a token: the root key id that it claims and its blocks, the authority block first."""
 
     root_key_id: int | None
     blocks: tuple[SignedBlock, ...]
 
 
 class Contents(msgspec.Struct, frozen=True):
-    """What the payload of a block holds, and nothing else.
+    """Content of a block's payload: one fact and checks, and nothing else.
 
     Attributes:
         symbols: its own texts, in order.
@@ -64,12 +63,12 @@ _QUERIES, _EXPRESSION, _OP, _VALUE, _INTEGER, _BINARY = 0x0A, 0x1A, 0x0A, 0x0A, 
 _QUERY: Final = 27
 """Number of the text `query`, which heads every check."""
 _STARTS: Final = {5 + n: bytes((_OP, 3 + n, _VALUE, 1 + n, _INTEGER)) for n in range(1, 10)}
-"""How an operation starts that is an integer of 1 to 9 bytes, so not below zero; by its length."""
+"""First bytes of an operation on an integer of 1 to 9 bytes, so not below zero; by its length."""
 _KEY: Final = b"\x12\x24\x08\x00\x12\x20"
 """Starts field 2, a public key: algorithm 0, which is Ed25519, and 32 bytes."""
 _AFTER_AUTHORITY: Final = Struct(">6s32x2s64x")
 _AUTHORITY_SAYS: Final[tuple[bytes, ...]] = (_KEY, b"\x1a\x40")
-"""What follows the payload of an authority block: the next key and the signature."""
+"""Bytes after the payload of an authority block: the next key and the signature."""
 _AFTER_HOP: Final = Struct(">6s32x2s64x4s64x6s32x2s")
 _HOP_SAYS: Final[tuple[bytes, ...]] = (*_AUTHORITY_SAYS, b"\x22\x68\x0a\x40", _KEY, b"\x28\x01")
 """Of a hop's block: besides, the external signature with its key, and signature version 1."""
@@ -78,7 +77,7 @@ _LAST_SAYS: Final = (b"\x22\x22\x0a\x20",)
 """The proof with the next secret, which ends a token."""
 _TERMS: Final = Struct(">B2s3sB4s16s4s32s4s32s4s32s")
 _TERMS_SAY: Final = (0x08, b"\x12\x02\x10", b"\x12\x12\x2a\x10", *[b"\x12\x22\x2a\x20"] * 3)
-"""How the predicate of a fact starts: its name, the index, hop id, key, measurement and request digest."""
+"""First bytes of the terms of a fact: its name, the index, hop id, key, measurement and request digest."""
 
 
 def structure(token: bytes) -> Structure | None:
@@ -106,11 +105,11 @@ def _structure(token: bytes) -> Structure | None:
 
 
 def contents(payload: bytes, opened: Callable[[bytes], tuple[tuple[str, ...], int]], version: int) -> Contents | None:
-    """What a block of this version holds, when it is one fact of the profile and checks; None for anything else.
+    """Content of a block of this version, when it is one fact of the profile and checks; else None.
 
     Args:
         payload: of the block.
-        opened: what the bytes before the fact say; raises `ValueError` when they are not just that.
+        opened: reader of the bytes before the fact; raises `ValueError` when they hold anything more.
         version: of Datalog.
     """
     try:
@@ -156,7 +155,7 @@ def _contents(payload: bytes, opened: Callable[[bytes], tuple[tuple[str, ...], i
 
 
 class Demands(msgspec.Struct, frozen=True):
-    """How a check over the context is spelled in a block with certain texts.
+    """Encoding of a check over the context, in a block with certain texts.
 
     Attributes:
         head: the query up to its first expression.
@@ -187,7 +186,7 @@ def demands(predicate: int, variables: tuple[int, ...], stated: tuple[tuple[int,
 
 
 def context(encoded: bytes, spelling: Demands) -> list[int | None] | None:
-    """The constants of a check that has this spelling, each in its place, at least one of them; None for any other."""
+    """Constants of a check in this spelling, each in its place, at least one; None for any other spelling."""
     try:
         end, at = _span(encoded, 0)
         if encoded[0] != _QUERIES or end != len(encoded) or not encoded.startswith(spelling.head, at):
@@ -243,7 +242,9 @@ def _varint(value: int) -> bytes:
 
 
 def _span(raw: bytes, at: int) -> tuple[int, int]:
-    """Where the field of bytes at `at` ends, and where its value starts. Its length is in the shortest form.
+    """End of the field of bytes at `at`, and start of its value.
+
+    Its length is in the shortest form.
 
     Raises:
         IndexError: when its length is cut off, or takes another form or more than two bytes.

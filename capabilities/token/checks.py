@@ -1,4 +1,4 @@
-"""What a block demands of a request, as values, and as the encoded checks that Biscuit's own authorizer evaluates.
+"""Checks of a block: its demands on a request as values, and as encoded for Biscuit's own authorizer.
 
 A scope's grants, ceiling and window are stated in a block once: in its checks. The Biscuit library writes them
 (capabilities.token.biscuit) and evaluates them; here they are read back, strictly: each check is one of the two forms
@@ -44,7 +44,7 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True)
 class Checks:
-    """What a block demands of a request: one of the alternatives, a time and a base tier. None demands nothing."""
+    """Demands of a block on a request: one of the alternatives, a time and a base tier; None demands nothing."""
 
     alternatives: tuple[Alternative, ...] | None
     not_before: int | None
@@ -94,7 +94,7 @@ def read(symbols: tuple[str, ...], encoded: Sequence[bytes]) -> Checks:
 
 @functools.lru_cache(maxsize=REMEMBERED)
 def _spelling(symbols: tuple[str, ...]) -> byte_layout.Demands | None:
-    """How a check over the context is spelled in a block with these texts, each of which is new; None for no way.
+    """Encoding of a check over the context in a block with these new texts; None where there is none.
 
     Raises:
         TokenError: `CHAIN_BROKEN` for a text that is there twice.
@@ -194,7 +194,7 @@ def _taken_out(expression: Any) -> int:
 
 @functools.lru_cache(maxsize=REMEMBERED)
 def _stated(symbols: tuple[str, ...], encoded: bytes) -> tuple[int, ...]:
-    """Which of the three demands a check over the context makes, in order.
+    """Demands of the context that a check makes, as places among the three, in order.
 
     Remembered for a check whose numbers are taken out: another window comes with every token.
     """

@@ -1,4 +1,4 @@
-"""What the one fact of a block says: its index, keys and digests as byte strings, and one canonical JSON object."""
+"""Fact of a block: its index, keys and digests as byte strings, and one canonical JSON object."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ _S = TypeVar("_S", AuthorityStatement, HopStatement)
 
 
 class FactContent(msgspec.Struct, Generic[_S], frozen=True):
-    """What the fact of a block says: its index, its byte strings in order, its JSON object."""
+    """Content of a block's fact: its index, its byte strings in order, its JSON object."""
 
     index: int
     raw: tuple[bytes, ...]
@@ -94,7 +94,7 @@ def written(index: int, raw: tuple[bytes, ...], statement: AuthorityStatement | 
 
 
 def authority_said(contents: Contents) -> FactContent[AuthorityStatement]:
-    """What the fact of an authority block says.
+    """Content of the fact of an authority block.
 
     Raises:
         TokenError: `WRONG_PROFILE` when the block is of another profile, `CHAIN_BROKEN` when its
@@ -126,7 +126,9 @@ def parameters_written(parameters: tuple[tuple[str, ...], ...]) -> msgspec.Raw:
 
 
 def parameters_of(spelled: bytes) -> tuple[tuple[str, ...], ...]:
-    """What member `parameters` says, apart from the statement: those who lend the same operations say the same.
+    """Value of member `parameters`, read apart from the rest of the statement.
+
+    Tokens that lend the same operations have the same value.
 
     Raises:
         ValueError: when it is not the canonical JSON of a list of lists of texts.
@@ -141,7 +143,7 @@ def parameters_of(spelled: bytes) -> tuple[tuple[str, ...], ...]:
 
 
 def hop_said(contents: Contents) -> FactContent[HopStatement]:
-    """What the fact of a hop block says.
+    """Content of the fact of a hop block.
 
     Raises:
         TokenError: as `authority_said`.

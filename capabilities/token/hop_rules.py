@@ -1,4 +1,7 @@
-"""What makes a hop a valid child of the hop before it. Issuing and verifying ask the very same functions."""
+"""Rules that make a hop a valid child of the hop before it.
+
+Issuing and verifying ask the very same functions.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A request against the compiled scope of a verified chain: who drew the line, and does Biscuit draw the same one."""
+"""Check of a request against the compiled scope of a verified chain, and against Biscuit's own answer.
+
+A refusal names the hop that set the bound.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ def refusal(
     values: tuple[Quantity, ...],
     base_tier: Tier,
 ) -> Refusal | None:
-    """What the compiled scope says against a request, or None.
+    """Refusal of a request by the compiled scope, or None.
 
     Closed world: exactly the parameters of the grant, in its order, with its units, each an integer inside its bound.
     """
@@ -102,7 +105,7 @@ def tightest(
 
 
 def _side(bound: Bound, held: Bound, value: int | None) -> object:
-    """What of `bound` stands against `value`: one end of a range, or the whole bound."""
+    """Part of `bound` that stands against `value`: one end of a range, or the whole bound."""
     match bound, held:
         case Range(low, high), Range() if value is not None and not algebra.permits(held, value):
             return low if value < held.low else high

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 
 class StaticVerification(msgspec.Struct, frozen=True, kw_only=True):
-    """What steps 1 to 6 found.
+    """Result of steps 1 to 6.
 
     Attributes:
         chain: with no view of revocation yet.
         opened: the token.
-        form: all that step 12 could find out about: what the blocks check, the numbers left out; in one text.
-        lifetimes: what [TOK-7] says about them, whenever it is asked.
-        attested_at: the latest instant at which anybody behind the chain was authenticated or attested.
+        form: all that step 12 could find out about: the checks of the blocks, the numbers left out; in one text.
+        lifetimes: the fault that [TOK-7] finds in them at any time, or None.
+        attested_at: the latest instant at which a party of the chain was authenticated or attested.
         attesters: for each hop after the first, the key that attested it, and when.
         trusted: from when, and up to and without which time, all who signed are trusted.
         names: every (kind, id) whose revocation kills the chain, audiences apart.
@@ -54,7 +54,7 @@ class StaticVerification(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read(token: bytes, trust: TrustBundle, caps: Caps, *, digest: bytes) -> StaticVerification | Fault:
-    """What steps 1 to 6 find in a token, or the first fault.
+    """Result of steps 1 to 6 for a token, or the first fault.
 
     Args:
         token: its bytes.

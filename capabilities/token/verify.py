@@ -132,7 +132,7 @@ class Verifier:
         return refused or Fault(FaultCode.UNKNOWN_ROOT_KEY, "TRB-2")
 
     def audiences(self, token: bytes, *, view: RevocationView) -> frozenset[str] | Fault:
-        """The servers that a token is for, when it passes steps 1 to 6: for who issues and serves no audience itself.
+        """Audiences of a token that passes steps 1 to 6, for an issuer that serves no audience itself.
 
         Grants nothing; `verify` with the same view reads the token no second time.
         """
@@ -140,7 +140,7 @@ class Verifier:
         return read if isinstance(read, Fault) else read.chain.scope.audiences
 
     def _known(self, token: bytes, view: RevocationView) -> StaticVerification | Fault:
-        """What steps 1 to 6 say of a token, remembered when they pass."""
+        """Result of steps 1 to 6 for a token, remembered when they pass."""
         digest = hashlib.sha256(token).digest()
         key = digest, view.epoch, self._trust.version
         read = self._read.get(key)

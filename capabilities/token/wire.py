@@ -124,7 +124,7 @@ def read(token: bytes) -> Structure:
 
 
 def _read(token: bytes) -> Structure:
-    """`read`, whatever the spelling."""
+    """Structure of a token in any spelling, read with the full parser."""
     try:
         message = MESSAGES["Biscuit"].FromString(token)
     except DecodeError:
@@ -145,9 +145,9 @@ def _signed(block: Any) -> SignedBlock:
 
 
 def contents(payload: bytes, *, version: int) -> Contents:
-    """What a block of this version of Datalog holds, when that is one fact and checks, in the one encoding.
+    """Content of a block of this version of Datalog: one fact and checks, in the one encoding.
 
-    Fields stand in the order of their numbers: what comes before the fact and is alike in many tokens is read apart.
+    Fields stand in the order of their numbers: the part before the fact, which is alike in many tokens, is read apart.
 
     Raises:
         TokenError: `WRONG_PROFILE` when it is of another version, or holds a rule, a scope, a key, a context or
@@ -157,7 +157,7 @@ def contents(payload: bytes, *, version: int) -> Contents:
 
 
 def _contents(payload: bytes, version: int) -> Contents:
-    """`contents`, whatever the spelling."""
+    """Content of a block in any spelling, read with the full parser."""
     try:
         body, opening = _parted(payload)
         symbols, stated = _opened(opening)

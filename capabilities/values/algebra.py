@@ -47,7 +47,7 @@ COUNTED: Final = ("grants", "limits", "ceiling", "audiences", "delegates")
 
 @dataclass(frozen=True, slots=True)
 class Narrowing:
-    """How a child scope compares with its parent.
+    """Comparison of a child scope with its parent.
 
     Attributes:
         widenings: every place where the child has more. Empty when the child narrows the parent.
@@ -166,7 +166,10 @@ def _signature(child: Grant, parent: Grant) -> Widening:
 
 
 def _window(child: Scope, parent: Scope) -> Widening:
-    """The nearest window is what both have in common, or else the one second of the parent's nearest to the child's."""
+    """Widening of the time window, with the nearest window that the parent allows.
+
+    That is the part that both windows have in common, or else the one second of the parent's nearest to the child's.
+    """
     start, end = max(child.not_before, parent.not_before), min(child.not_after, parent.not_after)
     if start >= end:
         start = min(max(child.not_before, parent.not_before), parent.not_after - 1)
@@ -184,7 +187,7 @@ def _window(child: Scope, parent: Scope) -> Widening:
 
 
 def meet(a: Scope, b: Scope) -> Scope | None:
-    """The greatest scope below both, or None when no scope is: no grant, no audience or no time would be left.
+    """Greatest scope below both, or None where no grant, no audience or no time would be left.
 
     A grant is in it when both have it with the same parameters, units and order, and some value is left of each
     parameter. Commutative, associative, idempotent; with None as the least element it is total.
@@ -228,7 +231,7 @@ def _meet_grants(a: Grant, b: Grant) -> Grant | None:
 
 
 def lay_over(parent: Grants, restriction: Grants) -> tuple[Grants, Narrowing]:
-    """The grants that a restriction keeps, with what it leaves out of them as the parent has it; and how they compare.
+    """Grants that a restriction keeps, completed from the parent, and their comparison with it.
 
     Costly beside the rest of `hop`, and the same for every token that lends the same.
     """
@@ -304,7 +307,7 @@ def hop(parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over) -> 
 
 
 def apply(parent: Scope, restriction: Restriction) -> Scope:
-    """What is left of a restriction under its parent: the meet of what it states with the parent, one hop less deep.
+    """Meet of a restriction with its parent scope, one hop less deep.
 
     It need not be strictly below the parent.
 

@@ -42,7 +42,7 @@ def permits(bound: Bound, value: int) -> bool:
 
 
 def size(bound: Bound) -> int:
-    """How many integers are inside."""
+    """Number of integers inside."""
     match bound:
         case Range(low, high):
             return max(0, high - low + 1)
@@ -118,7 +118,7 @@ def nearest(bound: Bound, value: int) -> int | None:
 
 
 def nearest_bound(parent: Bound, wanted: Bound) -> Bound | None:
-    """What of `parent` is nearest to `wanted`: their meet, or else the one integer with the least distance to `wanted`.
+    """Part of `parent` nearest to `wanted`: their meet, or else the one integer at the least distance.
 
     Of two equally near the lower. None when either bound is empty.
     """

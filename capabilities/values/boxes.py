@@ -1,4 +1,4 @@
-"""Vector parameters: a pose or a set of joints is one limit for each axis, and together the limits are a box.
+"""Vector parameters: a pose or a set of joints has one limit for each axis, which together are a box.
 
 An axis is a parameter like any other. The box is in the names alone: `q0`, `q1` .. `q5`, adjacent, of one unit.
 """
@@ -57,7 +57,10 @@ def box(name: str, unit: Unit, lows: Sequence[int], highs: Sequence[int]) -> tup
 
 
 def boxes_of(grant: Grant) -> tuple[VectorParameter, ...]:
-    """The vector parameters in a grant: each run of adjacent limits named 0, 1 .. in one unit, of two axes or more."""
+    """Vector parameters in a grant: each run of adjacent limits of one name, numbered from 0, in one unit.
+
+    A run has two axes or more.
+    """
     found: list[VectorParameter] = []
     run: VectorParameter | None = None
     for limit in grant.limits:

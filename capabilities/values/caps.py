@@ -42,15 +42,20 @@ class Caps:
     key_evidence_ceiling: int = 3
     """Highest tier under an attestation of kind `key`."""
     jwt_evidence_lifetime_s: int = 3_600
-    """Longest lifetime of a hop whose attestation is of kind `jwt`: SPIRE's default for an X.509-SVID, 1 h, which is
-    how long a platform lets a workload's identity stand unrenewed. Not longer than kind `key`: a measurement is of one
-    moment, whoever took it."""
+    """Longest lifetime of a hop whose attestation is of kind `jwt`.
+
+    SPIRE's default for an X.509-SVID, 1 h, which is how long a platform lets a workload's identity stand unrenewed.
+    Not longer than kind `key`: a measurement is of one moment, however it was taken.
+    """
     jwt_evidence_ceiling: int = 4
     """Highest tier under an attestation of kind `jwt`: the highest there is."""
     workload_token_lifetime_s: int = 300
     """Longest life of a platform's token, issue to expiry: SPIRE's default for a JWT-SVID, 5 min."""
     workload_token_bytes: int = 2_048
-    """Bytes of a platform's token: one with the longest ids has about 1.4 KiB; the evidence around it fits 4 KiB."""
+    """Most bytes of a platform's token.
+
+    One with the longest ids has about 1.4 KiB; the evidence around it fits 4 KiB.
+    """
     nonce_age_s: int = 60
     """Oldest accepted attestation nonce."""
     datalog_ms: int = 1_000

@@ -13,7 +13,10 @@ from capabilities.values.units import Unit  # noqa: TC001 - a dataclass field: i
 
 
 class EvidenceKind(StrEnum):
-    """How a delegate was attested. The kind bounds lifetime and ceiling (capabilities.values.caps)."""
+    """Kind of evidence that attested a delegate.
+
+    It bounds lifetime and ceiling (capabilities.values.caps).
+    """
 
     KEY = "key"
     """The agent's own key signed its own measurement. Proves the key, not the software."""
@@ -55,7 +58,10 @@ class Attestation:
 
 @dataclass(frozen=True, slots=True)
 class HopGrant:
-    """What the identity provider states about a new holder, as its block carries it. Fields as in `Hop`."""
+    """Statement of the identity provider about a new holder, as its block carries it.
+
+    Fields as in `Hop`.
+    """
 
     hop_id: str
     agent: str
@@ -139,7 +145,7 @@ make_chain: Final = maker(Chain)
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a request is outside what a chain (or a robot) allows, and who drew the line.
+    """Refusal of a request outside a chain or a robot's own limits, with the hop that set the bound.
 
     Attributes:
         code: `NOT_GRANTED`, `PARAMETERS_WRONG`, `LIMIT_EXCEEDED_BY_REQUEST`, `ABOVE_CEILING` or an engine's fault.

@@ -1,4 +1,4 @@
-"""What can be wrong with a token, a proof, a statement or a quantity: one small tree, each with a reason code.
+"""Faults of a token, a proof, a statement or a quantity: one small tree, each with a reason code.
 
 The code is stable and safe for strangers. The detail is for the record and for the token's own holder; it never holds a
 token, a key or text from one.
@@ -92,7 +92,7 @@ class BadKeyError(CapabilityError):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Why a token or proof is refused: the negative half of `Chain | Fault`.
+    """Fault for which a token or proof is refused: the negative half of `Chain | Fault`.
 
     Attributes:
         code: the reason.

@@ -1,6 +1,6 @@
-"""Why a hop is refused as not narrower, for machines and in one sentence, and the nearest hop that is accepted.
+"""Explanation of a hop that is not narrower, for machines and in one sentence, and the nearest accepted hop.
 
-Who is told this holds the parent's scope: nothing here says more than the holder's own token does.
+The reader of an explanation holds the parent's scope: nothing here says more than the holder's own token does.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ NAMED: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Why a restriction is refused under its parent.
+    """Explanation of a restriction that is refused under its parent.
 
     Attributes:
         widenings: every place where it asks for more, with the nearest that is permitted. Empty when it asks for
@@ -48,7 +48,7 @@ class Explanation:
 
 
 def explain(parent: Scope, restriction: Restriction) -> Explanation | None:
-    """Why a hop with this restriction would be refused as not narrower; None when it would not."""
+    """Explanation of a hop that would be refused as not narrower; None when it would be accepted."""
     found = algebra.hop(parent, restriction)
     if isinstance(found, Scope):
         return None
@@ -135,7 +135,7 @@ def _place(place: Widening, axis: tuple[str, int] | None) -> dict[str, object]:
 
 
 def _axes(parent: Scope, widenings: tuple[Widening, ...]) -> dict[str, tuple[str, int]]:
-    """Which places are an axis of a vector parameter."""
+    """Places of widenings that are an axis of a vector parameter."""
     wider = {place.what for place in widenings if place.dimension == "limits"}
     found: dict[str, tuple[str, int]] = {}
     for grant in parent.grants:

@@ -25,11 +25,14 @@ _CAUSES: Final = {
     "Object contains": "an unknown member",
     "Expected `str` matching": "a wrong form",
 }
-"""Our words for those of its causes that repeat a text of the value, or a whole pattern; by how they begin."""
+"""Our words for those causes of msgspec that repeat a text of the value or a pattern, by their beginnings."""
 
 
 class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The base of every form: exactly its members, each of its type. A member that has its default is left out."""
+    """Base of every form: exactly its members, each of its type.
+
+    A member that has its default is left out.
+    """
 
 
 class FormError(ValueError):

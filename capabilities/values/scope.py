@@ -1,4 +1,4 @@
-"""What a token allows, as values. Their order and their meet are in `capabilities.values.algebra`.
+"""Scope of a token as a value; the order and the meet are in `capabilities.values.algebra`.
 
 A scope has seven dimensions: grants, limits per parameter, tier ceiling, audience, delegates, depth and time window.
 All numbers are integers (capabilities.values.units). One meaning has one value: docs/spec.md 1.2 says which.
@@ -14,7 +14,7 @@ from capabilities.values.fast_dataclass import maker
 from capabilities.values.units import Parameter, Unit  # noqa: TC001 - dataclass fields: their annotations must resolve
 
 _set: Final = object.__setattr__
-"""What a frozen value is completed with, once."""
+"""Setter that completes a frozen value, once."""
 
 
 class Tier(IntEnum):
@@ -114,7 +114,10 @@ class Scope:
     _by_pair: dict[tuple[str, str], Grant] | None = field(default=None, init=False, repr=False, compare=False)
 
     def find(self, object: str, operation: str) -> Grant | None:  # noqa: A002 - the word of the profile
-        """The grant of a pair, or None. The table of the pairs is made once, when it is first asked for."""
+        """Grant of a pair, or None.
+
+        The table of the pairs is made once, when it is first asked for.
+        """
         known = self._by_pair
         if known is None:
             # Set in one call, so that no other thread sees half of it.
@@ -125,7 +128,7 @@ class Scope:
 
 @dataclass(frozen=True, slots=True)
 class Restriction:
-    """What one hop takes away. None keeps the parent's dimension as it is.
+    """Restriction by one hop; None keeps the parent's dimension as it is.
 
     Attributes:
         grants: exactly the grants that stay; each names a pair of the parent and only those limits that it tightens.

@@ -26,7 +26,7 @@ _STRUCTURE: Final = re.compile(rb'["\\\[\]{}]')
 
 
 class JsonDefect(StrEnum):
-    """What is wrong with a text."""
+    """Defect of a JSON text."""
 
     TOO_LARGE = "TOO_LARGE"
     MALFORMED = "MALFORMED"

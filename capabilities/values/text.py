@@ -84,7 +84,7 @@ def delegate(value: object, *, most_bytes: int) -> str:
 
 
 def is_trust_domain(value: object) -> bool:
-    """Whether the value is the name of a SPIFFE trust domain."""
+    """True where the value is the name of a SPIFFE trust domain."""
     return isinstance(value, str) and _TRUST_DOMAIN.fullmatch(value) is not None
 
 

@@ -37,7 +37,7 @@ class Unit(StrEnum):
 
     @property
     def per_si(self) -> int:
-        """How many of this unit make one of the SI unit (rad, m, N, N·m, kg, s, or 1)."""
+        """Number of this unit that makes one of the SI unit (rad, m, N, N·m, kg, s, or 1)."""
         return _PER_SI[self]
 
 
@@ -105,7 +105,10 @@ def parse(value: object, unit: Unit) -> int:
 
 
 def nearest(value: float, unit: Unit) -> float:
-    """The SI float on the grid of `unit` that is nearest to `value`; what is not finite, or too large for it, stays."""
+    """SI float on the grid of `unit` that is nearest to `value`.
+
+    A value that is not finite, or too large for the grid, stays as it is.
+    """
     scaled = value * unit.per_si
     return si(round(scaled), unit) if math.isfinite(scaled) else value
 

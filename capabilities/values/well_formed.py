@@ -1,4 +1,4 @@
-"""What every scope and restriction must be, whatever it says: docs/spec.md 1.1 and 1.2."""
+"""Rules that every scope and restriction keeps, independent of its content: docs/spec.md 1.1 and 1.2."""
 
 from __future__ import annotations
 
