@@ -1,4 +1,4 @@
-"""What is decided: 25 primitives, 7-tuple policies, tiers, trust, and the one pure function `decide`."""
+"""Decisions: 25 primitives, 7-tuple policies, tiers, trust, and the one pure function `decide`."""
 
 from policies.conduct.trust import chain_trust, edge_trust
 from policies.decision.load import SHIPPED, load, load_shipped

@@ -1,9 +1,8 @@
-"""What an agent's acts look like: twelve yes-or-no questions to each, and the reference that they are asked against.
+"""Baseline of an agent's acts: twelve yes-or-no questions about each, and the reference that they are asked against.
 
-A question is asked of one act at a time and its share of yes is known from the baseline, so that one kind of detector
-(policies.conduct.cusum) with one stated false-alarm rate serves all of them. The reference is fixed once and never
-follows the
-agent: a drift so slow that it would be learned as usual leaves a fixed reference all the same.
+A question is asked of one act at a time, and its share of yes is known from the baseline. So one kind of detector
+(policies.conduct.cusum) with one stated false-alarm rate serves all questions. The reference is fixed once and never
+follows the agent: a drift so slow that a moving reference would learn it as usual still leaves a fixed one.
 """
 
 from __future__ import annotations
@@ -111,7 +110,7 @@ class Act:
 
     @classmethod
     def from_json(cls, body: object) -> Act:
-        """What `to_json` wrote.
+        """Act that `to_json` wrote.
 
         Raises:
             ReportError: it is not that.
@@ -130,7 +129,7 @@ class Act:
 
 
 def act_of(report: Report, parameters: Parameters, *, span_s: int | None) -> Act:
-    """What the questions are about, of one report."""
+    """Act that one report tells of, as the questions see it."""
     tier, near = report.tier, report.near_permille
     charged = charge(report).milli
     permitted = False if report.effect == "PERMIT" else None  # what nobody is charged for says nothing of the agent
@@ -151,14 +150,14 @@ Range = tuple[int, int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What acts are compared with.
+    """Reference that acts are compared with.
 
     Attributes:
         known: operations that were seen more than once.
         usual: the more used half of the acts.
         top: the three that are used most, in order; "" where there is none.
         ranges: by operation and parameter.
-        quick_s: a block that took less is quick; None when no block was timed.
+        quick_s: a block that took less time is quick; None when no block was timed.
         high: a level above it is high; None when none was known.
     """
 
@@ -206,7 +205,7 @@ class Reference:
 
     @classmethod
     def from_json(cls, body: object) -> Reference:
-        """What `to_json` wrote.
+        """Reference that `to_json` wrote.
 
         Raises:
             ReportError: it is not that.
@@ -279,7 +278,7 @@ def reference(acts: Sequence[Act]) -> Reference:
 
 
 def widest(one: Reference, other: Reference) -> Reference:
-    """What is usual for either."""
+    """Reference in which everything counts as usual that is usual for either."""
     ranges: dict[str, dict[str, Range]] = {}
     for operation in sorted(one.ranges.keys() | other.ranges.keys())[: 2 * OPERATIONS_MAX]:
         here, there = one.ranges.get(operation, {}), other.ranges.get(operation, {})

@@ -1,18 +1,17 @@
-"""How agents behave, against how they used to: baselines, change detectors, and what a deviation does (ABG-1 to 4).
+"""Behaviour of agents compared with their own past: baselines, change detectors, and deviations (ABG-1 to 4).
 
-Pure reducers over the reports of enforcement points; `reading` is what the primitives judge.
+Pure reducers over the reports of enforcement points; `reading` is the value that the primitives judge.
 
-**Learning.** The first half of an agent's first acts fixes what its acts are compared with (policies.conduct.baseline),
-the second half how often each question is answered yes; reckoned with is the upper 97.5 % bound of that share, so that
-a short look errs towards silence. Until then the agent is compared with what its role does, once an agent of the role
-has
-learned, and with the most that any baseline may hold usual: nobody can learn to ask for what was not lent.
-After that the baseline stands still until a person lets it be learned anew.
+**Learning.** The first half of an agent's first acts fixes the reference that later acts are compared with
+(policies.conduct.baseline). The second half counts how often each question is answered yes. The detectors use the upper
+97.5 % bound of that share, so that a short sample errs towards silence. Until then the agent is compared with the other
+agents of its role, once one of them has learned, and with the most that any baseline may hold usual: no agent can learn
+to ask for more than it was lent. After that the baseline stands still until a person lets it be learned anew.
 
-**What an alarm does.** It is a deviation, until a person restores the agent. Probing (refusals) and work at the limits
-contract at once, since the next act may be the one that crosses. New tools, other parameters, another rate, a climb:
-new work looks like that too, so the first alarm defers and asks for re-attestation (the primitives do that with the
-reading), and a second one of any feature within `behaviour_repeat_count` acts contracts.
+**Alarms.** An alarm is a deviation, until a person restores the agent. Probing (refusals) and work at the limits
+contract at once, since the next act may be the one that crosses a limit. New tools, other parameters, another rate and
+a climb may also be new work. So their first alarm defers and asks for re-attestation (the primitives do that with the
+reading), and a second alarm of any feature within `behaviour_repeat_count` acts contracts.
 """
 
 from __future__ import annotations
@@ -36,9 +35,9 @@ if TYPE_CHECKING:
     from policies.words.parameters import Parameters
 
 AT_ONCE: Final = frozenset({Feature.REFUSALS, Feature.NEAR_BOUNDARY})
-"""What contracts at the first alarm."""
+"""Features that contract the scope at their first alarm."""
 STOP: Final = "stop"
-"""The operation that counts for nothing here: whoever stops often shall never be held back from it."""
+"""Operation that counts for nothing here: an agent that stops often shall never be held back from stopping."""
 
 
 class RestoreError(Exception):
@@ -47,7 +46,7 @@ class RestoreError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class BehaviourState:
-    """What is known of every agent's conduct. Plain JSON and back, exactly.
+    """Behaviour of every agent, as known from reports. Plain JSON and back, exactly.
 
     One state may hold all agents, or those of one role; an agent with a state of its own is compared with no role.
 
@@ -66,7 +65,7 @@ class BehaviourState:
 
     @classmethod
     def from_json(cls, body: object) -> BehaviourState:
-        """What `to_json` wrote, exactly.
+        """State that `to_json` wrote, exactly.
 
         Raises:
             ReportError: it is not that.
@@ -116,7 +115,9 @@ def observe(
 
 
 def reading(state: BehaviourState, agent: str, at: int, age_ms: int, parameters: Parameters) -> BehaviourReading:
-    """What the primitives judge. An agent of which nothing is known is being learned: no samples, no deviation.
+    """Behaviour reading that the primitives judge.
+
+    An agent of which nothing is known is still being learned: no samples, no deviation.
 
     Args:
         state: reports up to `at`.
@@ -143,8 +144,8 @@ def restore(state: BehaviourState, agent: str, *, by: str, at: int) -> Behaviour
     Args:
         state: before.
         agent: to be restored.
-        by: the person. The caller has verified that it is a registered, active person; whoever is known here as an
-            agent or as a reporter is refused in any case.
+        by: the person. The caller has verified that it is a registered, active person; a name known here as that
+            of an agent or a reporter is refused in any case.
         at: seconds since the epoch.
 
     Raises:
@@ -200,7 +201,7 @@ def _deviated(career: AgentHistory, alarm: Alarm, at: int, parameters: Parameter
 
 
 def _usual(state: BehaviourState, agent: str, career: AgentHistory) -> Baseline | None:
-    """What is usual for the other agents of the role, the widest of all that learned and do not deviate."""
+    """Baseline of the other agents of the role, the widest of all that learned and do not deviate."""
     if career.baseline is not None or not career.role:
         return None
     learned = [

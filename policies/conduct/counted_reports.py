@@ -1,4 +1,4 @@
-"""Which reports were counted: each at most once, whatever is retransmitted, in bounded memory."""
+"""Reports that were counted: each at most once, however often it is sent, in bounded memory."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class CountedReports:
 
     @classmethod
     def from_json(cls, body: object) -> CountedReports:
-        """What `to_json` wrote.
+        """Counted reports that `to_json` wrote.
 
         Raises:
             ReportError: it is not that.

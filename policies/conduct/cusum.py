@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 
 class Slope(NamedTuple):
-    """How a detector walks: `up` for a hit, `down` for a miss, and the limit for each of `RUNS`."""
+    """Steps of a detector: `up` for a hit, `down` for a miss, and the limit for each of `RUNS`."""
 
     up: int
     down: int
@@ -62,7 +62,7 @@ TABLE: Final = {
 
 SHARES: Final = tuple(TABLE)
 DOUBT_PERMILLE: Final = 25
-"""How probable it is, at most, that the true share is above the one that is reckoned with: a bound of 97.5 %."""
+"""Greatest probability that the true share is above the assumed one: a bound of 97.5 %."""
 
 
 class Watched(NamedTuple):
@@ -89,13 +89,13 @@ def watched(share_permille: int, run: int) -> Watched:
 
 
 def rounded_up(share_permille: int) -> int | None:
-    """The least share of the table that is not below, or None when there is none: nothing can be told of it then."""
+    """Least share of the table that is not below, or None when there is none: nothing can be detected then."""
     place = bisect_left(SHARES, share_permille)
     return SHARES[place] if place < len(SHARES) else None
 
 
 def share_above(hits: int, trials: int) -> int | None:
-    """The least share of the table that the true one is not above, at 97.5 %, or None when there is none.
+    """Least share of the table that is an upper bound of the true one at 97.5 %, or None.
 
     The upper bound of Clopper and Pearson 1934, in exact integers: so many hits or fewer come with a probability of at
     most `DOUBT_PERMILLE` from the share that is returned.

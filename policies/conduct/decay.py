@@ -39,7 +39,7 @@ def ticks_between(since: int, until: int, *, half_life_s: int) -> int:
 
 
 def decayed(amount: int, ticks: int) -> int:
-    """What is left of `amount` after as many ticks, rounded down; never more than after fewer."""
+    """Rest of `amount` after as many ticks, rounded down; never more than after fewer."""
     halves, rest = divmod(ticks, TICKS)
     factor = _COARSE[rest >> 6] * _FINE[rest & 63] >> _BITS
     return amount * factor >> (_BITS + halves)

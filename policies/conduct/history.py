@@ -28,9 +28,9 @@ _CEILED: Final = {
 _FROM_BIRTH: Final = frozenset({Watch.PROBED, Watch.NEAR})
 """Whose ceiling stands in while nothing is learned. An honest beginner gets numbers wrong: slips say little."""
 _PARTS: Final = {watch: sum(FEATURES[other] is FEATURES[watch] for other in Watch) for watch in Watch}
-"""How many questions share the false alarms of a feature."""
+"""Number of questions that share the false alarms of a feature."""
 _EACH: Final = {watch: BLOCK if watch is Watch.QUICK else 1 for watch in Watch}
-"""How many acts make one trial."""
+"""Number of acts that make one trial."""
 
 
 class Alarm(NamedTuple):
@@ -51,10 +51,10 @@ class NotedDeviation(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What is usual, and how often each question is answered yes.
+    """Baseline of an agent: its usual acts, and the share of yes for each question.
 
     Attributes:
-        reference: what acts are compared with.
+        reference: acts are compared with it.
         shares: by `Watch`, in permille, of `policies.conduct.cusum.SHARES`; 0 where nothing can be told.
         peaks: by `Watch`, the highest level of its detector over the acts that taught the share. Work comes in phases,
             and hits that follow each other reach higher than independent ones: the limit stays clear of it.
@@ -65,7 +65,7 @@ class Baseline:
     peaks: tuple[int, ...]
 
     def joined(self, other: Baseline) -> Baseline:
-        """What is usual for either."""
+        """Baseline in which everything counts as usual that is usual for either."""
         shares = tuple(max(pair) if all(pair) else 0 for pair in zip(self.shares, other.shares, strict=True))
         peaks = tuple(map(max, self.peaks, other.peaks))
         return Baseline(widest(self.reference, other.reference), shares, peaks)
@@ -76,7 +76,7 @@ class Baseline:
 
     @classmethod
     def from_json(cls, body: object) -> Baseline:
-        """What `to_json` wrote.
+        """Baseline that `to_json` wrote.
 
         Raises:
             ReportError: it is not that.
@@ -222,7 +222,7 @@ class AgentHistory:
 
     @classmethod
     def from_json(cls, body: object) -> AgentHistory:
-        """What `to_json` wrote.
+        """History that `to_json` wrote.
 
         Raises:
             ReportError: it is not that.

@@ -1,4 +1,4 @@
-"""From what an enforcement point wrote down to a `Report`: its record of a decision, and the one of what came of it.
+"""Reports made from an enforcement point's journal: from the record of a decision and that of its outcome.
 
 The one home of that step, for the identity provider that is shipped the records and for the enforcement point that
 keeps them. Total: a record that says anything but what it has to makes no report.
@@ -42,7 +42,7 @@ class RecordedDecision:
 
 
 def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> RecordedDecision | None:
-    """What a record of a decision says; None when it is none, or nobody was proven to have asked.
+    """Decision that a record states; None for another record, or where no agent was proven to have asked.
 
     Args:
         body: of the record.
@@ -80,7 +80,7 @@ def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> RecordedDe
 
 
 def concluded(open_: Report, body: Mapping[str, Any], *, at_ms: int) -> Report | None:
-    """The report of a request whose PERMIT is on record and whose outcome this is; None while it is not concluded.
+    """Report of a request whose PERMIT is on record, with this outcome; None while it is not concluded.
 
     A verdict that was not acted on in time concludes nothing: the request is decided afresh, or comes again.
 

@@ -1,4 +1,4 @@
-"""What one enforcement point says about one concluded request: the only thing that trust and behaviour are made of.
+"""Report of one enforcement point about one concluded request; trust and behaviour are made of nothing else.
 
 The shell around it checks the signature and that `reporter` is the enforcement point whose key signed. A `Report` that
 exists is in bounds, so the reducers (policies.conduct.trust, policies.conduct.behaviour) take any of them, in any
@@ -6,7 +6,7 @@ order, any number of times.
 
 **Whom a report is about.** `agent` is who *acted*: the holder whose proof of possession was verified (e4, e5), the
 sender of a message (e2), the holder that asked for a delegation and was refused (the identity provider is a reporter
-too). Where nobody was proven to have acted, there is no report.
+too). Where no agent was proven to have acted, there is no report.
 """
 
 from __future__ import annotations
@@ -144,19 +144,19 @@ class Report:
 
 
 def is_text(value: object) -> bool:
-    """Whether it is a name: 1 to `TEXT_MAX` characters that UTF-8 can write."""
+    """True where the value is a name: 1 to `TEXT_MAX` characters that UTF-8 can write."""
     if type(value) is not str or not 1 <= len(value) <= TEXT_MAX:
         return False
     return value.isascii() or not any("\ud800" <= letter <= "\udfff" for letter in value)
 
 
 def is_count(value: object, high: int) -> bool:
-    """Whether it is an integer (no bool) from 0 to `high`."""
+    """True where the value is an integer (no bool) from 0 to `high`."""
     return type(value) is int and 0 <= value <= high
 
 
 def is_whole(value: object) -> bool:
-    """Whether it is an integer (no bool) that every JSON reader keeps."""
+    """True where the value is an integer (no bool) that every JSON reader keeps."""
     return type(value) is int and -EXACT <= value <= EXACT
 
 

@@ -1,8 +1,9 @@
-"""Trust belongs to one edge, is capped by the policy's prior, and a chain is as trusted as its weakest edge.
+"""Trust of one edge, capped by the policy's prior; a chain has the trust of its weakest edge.
 
-What is known can only lower trust: what is not stated is the prior, what is stated above it is the prior, and nothing
-flows along the chain (CATP-1). So no statement or report, true or forged, makes an agent more trusted than one that
-nobody knows. What an edge loses by its agent's acts (CATP-3) comes back with time, up to the prior and never above it.
+Knowledge can only lower trust: an edge without a statement has the prior, an edge stated above it has the prior, and
+nothing flows along the chain (CATP-1). So no statement or report, true or forged, makes an agent more trusted than an
+unknown one. Trust that an edge loses by its agent's acts (CATP-3) comes back with time, up to the prior and never
+above it.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ EDGES_MAX: Final = 4_096
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """What one reporter says of one edge.
+    """Account of one edge as one reporter states it.
 
     Attributes:
         at: up to when it is decayed, seconds since the epoch.
@@ -46,7 +47,7 @@ class Account:
 
 @dataclass(frozen=True, slots=True)
 class TrustState:
-    """What was reported, as far as it still counts.
+    """Trust state: the reports, as far as they still count.
 
     All that bears on an edge is in the reports about its delegate. So one state may hold all agents, or each agent may
     have one of its own: the scores are the same.
@@ -72,7 +73,7 @@ class TrustState:
 
     @classmethod
     def from_json(cls, body: object) -> TrustState:
-        """What `to_json` wrote, exactly.
+        """State that `to_json` wrote, exactly.
 
         Raises:
             ReportError: it is not that.
@@ -165,7 +166,7 @@ def score(state: TrustState, edge: Edge, at: int, stated_permille: int | None, p
 
 
 def scores(state: TrustState, at: int, parameters: Parameters) -> dict[Edge, int]:
-    """The score of every edge that is below the prior, for a signed snapshot: what is not in it is the prior."""
+    """Scores of the edges below the prior, for a signed snapshot; an edge outside it has the prior."""
     found = {edge: score(state, edge, at, None, parameters) for edge in sorted(state.accounts)}
     return {edge: permille for edge, permille in found.items() if permille < parameters.trust_prior_permille}
 
@@ -194,7 +195,9 @@ def chain_trust(
     state: TrustState = NOTHING_REPORTED,
     at: int = 0,
 ) -> TrustReading:
-    """The reading for a chain: one edge for each hop, and the weakest of them. Every argument can only lower it.
+    """Trust reading of a chain: one edge for each hop, and the weakest of them.
+
+    Every argument can only lower it.
 
     Args:
         stated_permille: one entry for each hop, the authority block's agent first; a chain without edges has no trust

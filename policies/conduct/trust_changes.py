@@ -1,12 +1,12 @@
-"""What an act counts for or against the edge into its agent: one row for each reason, with the sentence that says why.
+"""Changes of trust by an act: one row for each reason, with the sentence that says why.
 
-**Who is charged.** The edge into the agent that acted, and no other. Delegators are not: trust does not flow along the
-chain, so neither does blame (CATP-1); a delegate could otherwise pull down whom it works for; what a delegator lends is
-bounded by its own scope; and the chain is as weak as its weakest edge in any case.
+**The edge that is charged.** It is the edge into the agent that acted, and no other. Delegators are not charged: trust
+does not flow along the chain, so neither does blame (CATP-1). Otherwise a delegate could pull down the agent that it
+works for. A delegator lends no more than its own scope, and the chain is as weak as its weakest edge in any case.
 
-**What nobody is charged for.** What a stranger can bring about by using somebody's name (a bad signature, another
-key's proof, a late copy); what the world or the house brings about (a person walked in, the feed was down); and what
-follows from low trust itself, which would otherwise feed on itself.
+**Acts that nobody is charged for.** A stranger can bring some refusals about by using another agent's name (a bad
+signature, another key's proof, a late copy). The world or the house brings others about (a person walked in, the feed
+was down). Some follow from low trust itself, which would otherwise feed on itself.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ UNIT: Final = 1_000
 
 @dataclass(frozen=True, slots=True)
 class TrustChange:
-    """How much one refusal counts against the edge, in thousandths, and why so much."""
+    """Charge of one refusal against the edge, in thousandths, and its reason."""
 
     milli: int
     because: str
@@ -172,18 +172,23 @@ CHARGES: Final[Mapping[str, TrustChange]] = MappingProxyType(
 """For each reason, what a refusal for it counts against the edge."""
 
 CREDITS_MILLI: Final = (0, 500, 1_000, 1_000, 1_000)
-"""What an act that was done counts for the edge, by tier: looking costs nothing, so it earns nothing (nobody can buy
-back an attack with a thousand reads)."""
+"""Credit of a done act for the edge, by tier.
+
+Looking costs nothing, so it earns nothing: nobody can buy back an attack with a thousand reads.
+"""
 
 
 def charge(report: Report) -> TrustChange:
-    """What the report counts against the edge. Only refusals count, and permits that did not come to be done."""
+    """Charge of a report against the edge.
+
+    Only refusals count, and permits that were not carried out.
+    """
     if report.effect == "DENY":
         return CHARGES.get(report.reason, _UNLISTED)
     return CHARGES.get(report.reason, _HOUSE) if report.outcome in {"failed", "refused"} else _HOUSE
 
 
 def credit_milli(report: Report) -> int:
-    """What the report counts for the edge, in thousandths."""
+    """Credit of a report for the edge, in thousandths."""
     tier = report.tier
     return CREDITS_MILLI[tier] if report.outcome == "done" and tier is not None else 0

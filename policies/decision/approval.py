@@ -1,4 +1,6 @@
-"""Whether what people said counts for this case, as it is now. Pure; everything is assessed afresh at use.
+"""Standing of an approval for a case as it is now.
+
+Pure; everything is assessed afresh at use.
 
 An approval resolves the deferral reasons that it lists, and lifts no denial. The one denial that people can lift, tier
 4, is a deferral only while a person's prior leave (an opening) is in force, and then wants two people.
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
     from policies.words.parameters import Parameters
 
 APPROVERS_OF_TIER: Final = {Tier.SAFETY_CRITICAL: 2}
-"""How many different people a tier wants; any other one wants one (DESIGN section 6)."""
+"""Number of different people that a tier needs; any other tier needs one (DESIGN section 6)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,7 @@ Standing = Waiting | Counts | AskAgain | Refused
 
 
 def standing(case: Case, deferred: Iterable[Finding], policies: PolicySet) -> Standing:
-    """What the approval in the evidence means for this case.
+    """Standing of the approval in the evidence for this case.
 
     Args:
         case: as it is now.

@@ -58,7 +58,7 @@ class Not:
 
 @dataclass(frozen=True, slots=True)
 class Always:
-    """Holds for every case: the predicate of a policy that forbids, or asks, whatever the evidence."""
+    """Predicate that holds for every case, for a policy that forbids or asks on any evidence."""
 
 
 Predicate = Check | AllOf | AnyOf | Not | Always
@@ -152,7 +152,7 @@ def conjuncts(predicate: Predicate) -> Iterator[Primitive]:
 
 @dataclass(frozen=True, slots=True)
 class PolicyAnswer:
-    """What one policy says: an effect and its findings, None for no opinion; `grants` where it may permit."""
+    """Answer of one policy: an effect and its findings, None for no opinion; `grants` where it may permit."""
 
     effect: Effect | None
     findings: tuple[Finding, ...] = ()
@@ -164,7 +164,7 @@ PERMITS: Final = PolicyAnswer(Effect.PERMIT, grants=True)
 
 
 def deny_overrides(answers: Iterable[PolicyAnswer]) -> tuple[Effect, tuple[Finding, ...]]:
-    """The effect of all answers, and the findings with the leading one first, whatever the order of answers.
+    """Effect of all answers, and the findings with the leading one first, in any order of the answers.
 
     DENY over DEFER over PERMIT. Where no policy that may permit concerns the request, the effect is DENY with
     `NO_POLICY`.
@@ -199,7 +199,10 @@ def _ranked(findings: list[Finding]) -> tuple[Finding, ...]:
 
 
 def _fuller(one: Finding, other: Finding) -> Finding:
-    """Which of two says more; between two that say as much, the same one whatever their order."""
+    """Finding of the two that says more.
+
+    Between two that say as much it is the same one in either order.
+    """
     if one is other:
         return one
     return max(one, other, key=lambda finding: (len(finding.detail), canonical.text(finding.detail)))

@@ -1,4 +1,4 @@
-"""Strict TOML to a policy set: what is not known, not complete or not in range is refused, with a code and the place.
+"""Loader from strict TOML to a policy set: an unknown, missing or bad member is refused with code and place.
 
 A set that loads can decide. Nothing is filled in silently but the parameters' defaults, and those are printed by `ztpm
 policy check`.

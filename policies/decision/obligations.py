@@ -1,6 +1,6 @@
-"""What must be done: with a PERMIT, for it to count, and because of what a DENY found.
+"""Obligations: acts that make a PERMIT count, and acts that follow a DENY.
 
-A policy asks for what it knows beforehand; what only a decision can know is made here.
+A policy asks for those that it knows beforehand; those that only a decision can know are made here.
 """
 
 from __future__ import annotations
@@ -80,11 +80,11 @@ AFTER: Final[Mapping[Reason, Obligation]] = MappingProxyType(
         ),
     }
 )
-"""What a DENY for a reason obliges to, beside its record; nothing where the record is enough."""
+"""Obligation that follows a DENY for a reason, beside its record; none where the record is enough."""
 
 
 def of_permit(plan: Plan, case: Case, approval: ApprovalUse | None) -> tuple[Obligation, ...]:
-    """What must be done for a PERMIT to count: what its policies ask for, its approval used, its speed kept."""
+    """Obligations of a PERMIT: those of its policies, the use of its approval, the clamp of its speed."""
     owed = list(plan.obligations)
     if approval is not None:
         owed.append(CONSUME)
@@ -97,7 +97,7 @@ def of_permit(plan: Plan, case: Case, approval: ApprovalUse | None) -> tuple[Obl
 def of_refusal(
     effect: Effect, plan: Plan, answers: Iterable[PolicyAnswer], findings: Iterable[Finding]
 ) -> tuple[Obligation, ...]:
-    """What must be done besides not doing it: what the policies that brought it about ask for, and what was found."""
+    """Obligations of a DENY or DEFER: those of the policies that brought it about, and those of the findings."""
     owed = {RECORD}
     for policy, answer in zip(plan.policies, answers, strict=True):
         if policy.effect is effect is answer.effect:

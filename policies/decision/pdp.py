@@ -74,7 +74,7 @@ def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decisio
 def _asked(
     case: Case, deferred: tuple[Finding, ...], policies: PolicySet
 ) -> tuple[Effect, tuple[Finding, ...], ApprovalUse | None]:
-    """What people's answer makes of a DEFER: a PERMIT where it counts, else a deferral or denial that says why not."""
+    """Effect of a DEFER after people's answer: PERMIT where it counts, else a deferral or denial with the reason."""
     if case.tier is Tier.SAFETY_CRITICAL and prior_leave(case.evidence) is None:
         return Effect.DENY, (found(PhysicalImpactGate.id, Reason.TIER_SAFETY_CRITICAL), *deferred), None
     answer = standing(case, deferred, policies)
@@ -92,7 +92,7 @@ def _asked(
 
 
 def _answer(policy: Policy, case: Case) -> PolicyAnswer:
-    """What one policy that concerns the operation says. An error in it denies."""
+    """Answer of one policy that concerns the operation. An error in it denies."""
     try:
         concern = policy.subject.concern(case.evidence)
         if concern is Concern.NO:
@@ -129,7 +129,7 @@ def _permit(policy: Policy, verdict: Verdict, case: Case) -> PolicyAnswer:
 
 
 def _bounded(policy: Policy, bound: Tier, case: Case) -> PolicyAnswer:
-    """What the PITBound makes of a PERMIT: without a tier nothing, and from `bound` on a question or a denial."""
+    """PERMIT as the PITBound leaves it: DENY without a tier, DEFER or DENY from `bound` on."""
     gate, tier = PhysicalImpactGate.id, case.tier
     if tier is None:
         return PolicyAnswer(Effect.DENY, (found(gate, Reason.EVIDENCE_MISSING, evidence="impact"),), grants=True)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class Concern(Enum):
-    """Whether a policy's subject is the caller."""
+    """Relation of a policy's subject or object to a request."""
 
     YES = "yes"
     NO = "no"
@@ -44,13 +44,13 @@ class Concern(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """Who: holders by agent id and sponsors by subject; None means any."""
+    """Subject of a policy: holders by agent id and sponsors by subject; None means any."""
 
     agents: frozenset[str] | None = None
     sponsors: frozenset[str] | None = None
 
     def concern(self, evidence: Evidence) -> Concern:
-        """Whether the verified holder and sponsor are meant."""
+        """Checks that the policy is for the verified holder and sponsor."""
         if self.agents is None and self.sponsors is None:
             return Concern.YES
         chain = evidence.chain
@@ -63,14 +63,14 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class Object:
-    """What is done to what: object ids and operations (None means any), less the operations in `without`."""
+    """Object of a policy: object ids and operations (None means any), less the operations in `without`."""
 
     ids: frozenset[str] | None = None
     operations: frozenset[str] | None = None
     without: frozenset[str] = frozenset()
 
     def concern(self, request: Request) -> Concern:
-        """Whether the request's object and operation are meant."""
+        """Checks that the policy is for the request's object and operation."""
         object_meant = self.ids is None or request.object in self.ids
         operation_meant = self.operations is None or request.operation in self.operations
         meant = object_meant and operation_meant and request.operation not in self.without
@@ -126,12 +126,12 @@ class Policy:
             raise PolicyError(PolicyFault.BOUND_WITHOUT_GATE, "pit_bound")
 
     def concerns(self, request: Request) -> Concern:
-        """Whether point, object and operation of the request are meant, whoever asks."""
+        """Checks that the policy is for the point, object and operation of the request, for any caller."""
         return self.object.concern(request) if self.points & request.points else Concern.NO
 
 
 def _holds_always(predicate: Predicate) -> bool:
-    """Whether an `Always` stands anywhere inside."""
+    """True where an `Always` stands anywhere inside."""
     match predicate:
         case Always():
             return True
@@ -143,7 +143,7 @@ def _holds_always(predicate: Predicate) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """What a gate must collect before it asks for a decision.
+    """Evidence that a gate must collect before it asks for a decision, and the decision's life.
 
     Attributes:
         physical: whether the physical impact must be computed.
@@ -158,12 +158,12 @@ class Requirement:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a set makes of one operation, whoever asks.
+    """Policies, evidence and obligations for one operation, for any caller.
 
     Attributes:
         policies: those that concern it.
-        needs: what must be collected for it.
-        obligations: what must be done for a PERMIT to count.
+        needs: the evidence to collect for it.
+        obligations: the obligations of a PERMIT.
     """
 
     policies: tuple[Policy, ...]
@@ -203,7 +203,10 @@ class PolicySet:
         object.__setattr__(self, "digest", canonical.digest("policy-set", content))
 
     def plan(self, request: Request) -> Plan:
-        """What concerns the request. Points, object and operation fix it, so it is worked out once and remembered."""
+        """Plan for a request.
+
+        Points, object and operation fix it, so it is made once and remembered.
+        """
         about = request.points, request.object, request.operation
         plan = self._plans.get(about)
         if plan is None:
@@ -229,5 +232,5 @@ class PolicySet:
 
 
 def requirement(request: Request, policies: PolicySet) -> Requirement:
-    """What the set wants to know about an operation, whoever asks."""
+    """Evidence that the set needs for an operation, for any caller."""
     return policies.plan(request).needs

@@ -1,4 +1,4 @@
-"""A decision's request and evidence as plain JSON, and back: what a record holds so that it can be decided again.
+"""Recorded case: a decision's request and evidence as plain JSON, to be decided again.
 
 Of a verified chain everything is written that a decision looks at, and of each hop's grants only the one that the
 request asks for: the token itself, and the rest of what it grants, are named by its digest. Reading is strict, and is
@@ -35,7 +35,7 @@ FORM: Final = "ztpm/case/1"
 
 @dataclass(frozen=True, slots=True)
 class RecordedCase:
-    """A request and the evidence on which it was decided, as somebody wrote them down."""
+    """Request and the evidence on which it was decided, as a record states them."""
 
     request: Request
     evidence: Evidence

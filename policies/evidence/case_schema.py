@@ -97,7 +97,7 @@ def schema() -> dict[str, object]:
 
 
 def _schema(hint: Any, defined: dict[str, object]) -> dict[str, object]:
-    """What may stand where this annotation does; dataclasses and enums are defined once."""
+    """JSON schema of the values that an annotation allows; dataclasses and enums are defined once."""
     if hint in _LEAVES:
         return _LEAVES[hint]
     origin, arguments = get_origin(hint), get_args(hint)

@@ -1,4 +1,4 @@
-"""What was done before, as readings: the sequence that a command stands in, and the conduct of an agent over time.
+"""Readings of past acts: the sequence that a command stands in, and the conduct of an agent over time.
 
 Primitives judge them (TEA-6, ABG-1 to ABG-4).
 """
@@ -37,20 +37,20 @@ class SequenceReading:
 
 
 class Feature(StrEnum):
-    """What of an agent's conduct is compared with its baseline."""
+    """Feature of an agent's conduct that is compared with its baseline."""
 
     TOOLS = "tools"
-    """Which operations it uses, and how often."""
+    """Operations that it uses, and how often."""
     PARAMETERS = "parameters"
-    """Where its parameters lie, by quantiles."""
+    """Place of its parameters in their ranges, by quantiles."""
     RATE = "rate"
-    """How many acts in a time."""
+    """Number of acts in a time."""
     REFUSALS = "refusals"
     """Share of its requests that are denied."""
     NEAR_BOUNDARY = "near boundary"
     """Share of its acts close to a limit."""
     ESCALATION = "escalation"
-    """How its tier and its distance to limits change over time."""
+    """Change of its tier and of its distance to limits over time."""
 
 
 DRIFT = frozenset({Feature.NEAR_BOUNDARY, Feature.ESCALATION})

@@ -1,4 +1,4 @@
-"""What is said to an agent, as readings: instructions (e1), messages (e2), and what would enter a context (e3).
+"""Readings of texts to an agent: instructions (e1), messages (e2), and items for a context (e3).
 
 A reading states what admission found: who signed, what was compared with what. Primitives judge it (CII-1, CII-2,
 CII-3, CII-5, CII-6) and compute nothing again.
@@ -36,7 +36,7 @@ class InstructionReading:
 
 
 class ItemKind(StrEnum):
-    """What would enter a context."""
+    """Kind of item that would enter a context."""
 
     INSTRUCTION = "instruction"
     MESSAGE = "message"
@@ -95,7 +95,7 @@ class ArgumentReading:
 
 @dataclass(frozen=True, slots=True)
 class ContextReading:
-    """What would enter a context (e3), and what the arguments of a call derive from (e4).
+    """Items that would enter a context (e3), and the origins of the arguments of a call (e4).
 
     Attributes:
         items: in order; empty for a tool call.
@@ -114,7 +114,7 @@ class MessageReading:
         fault: why it is not believed (signature, form), a code; "" when it is.
         sender, addressee: as it states them.
         by_holder: it is signed with the key of the hop that it is said under, in a chain that was verified.
-        addressed: the addressee is whoever received it.
+        addressed: the addressee is the agent that received it.
         in_schema: its body is of the schema that it names, and that schema is known.
         in_sequence: its number follows the last one of its conversation.
         in_delegation: what it asks for is granted by the hop that it is said under.

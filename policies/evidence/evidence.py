@@ -1,4 +1,4 @@
-"""What the PDP may know: one frozen set of readings, each with its age, or `NOT_COLLECTED`.
+"""Evidence of a decision: one frozen set of readings, each with its age, or `NOT_COLLECTED`.
 
 Readings are made by the PEP at one instant. Cheap ones come first; once one is a fault, what would have come after is
 marked `NOT_COLLECTED`, and a primitive that needs it does not hold.
@@ -92,8 +92,8 @@ class ImpactReading:
     Attributes:
         tier: ceil of the certified index.
         index_milli: the index in thousandths, 0 to 4000.
-        violations: named violations ("person", "joint_limit", "workspace", "zone", "self"); any one denies whatever is
-            authorised.
+        violations: named violations ("person", "joint_limit", "workspace", "zone", "self"); any one denies, and no
+            authority lifts that.
         contributions: ranked, highest index first.
         lower_tier_speed: highest value of the speed parameter (its own unit) at which the tier falls below `tier`, or
             None when none does.
@@ -123,7 +123,9 @@ class ImpactReading:
 
 @dataclass(frozen=True, slots=True)
 class ImpactFault:
-    """Physics that could not be computed or must not be believed. A fault is no tier, and no approval overrides it.
+    """Fault of physics: the impact could not be computed, or must not be believed.
+
+    A fault is no tier, and no approval overrides it.
 
     Attributes:
         reason: a `policies.words.reason_table.Reason` code, e.g. "PERCEPTION_INVALID", "PHYSICS_FAULT",
@@ -155,14 +157,14 @@ class SensorReading:
 
 @dataclass(frozen=True, slots=True)
 class PerceptionReading:
-    """Where the view of the world comes from: every sensor that the cell names, in the order of their ids."""
+    """Origin of the view of the world: every sensor that the cell names, in the order of their ids."""
 
     sensors: tuple[SensorReading, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class RobotReading:
-    """What the robot says about its own readiness, and what the PEP knows about its hold on it.
+    """State of the robot as it reports it, and the PEP's knowledge of its hold on it.
 
     Attributes:
         robot_mode, safety_mode: as the controller numbers them (7 is running; 1 normal, 2 reduced).
@@ -184,7 +186,7 @@ class RobotReading:
 
 @dataclass(frozen=True, slots=True)
 class ApprovalReading:
-    """What people have said to an earlier deferral of this very request by this very agent.
+    """Answer of people to an earlier deferral of this very request by this very agent.
 
     Every vote in it was verified with its approver's registered key over the ask that it binds.
 
@@ -303,7 +305,10 @@ class Evidence:
 
 
 def prior_leave(evidence: Evidence) -> OpeningReading | None:
-    """The opening that is in force for the request, or None. It permits nothing: tier 4 may be asked for at all."""
+    """Opening that is in force for the request, or None.
+
+    It permits nothing: it only lets tier 4 be asked for.
+    """
     opening = evidence.opening
     if not isinstance(opening, OpeningReading):
         return None

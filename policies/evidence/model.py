@@ -1,4 +1,4 @@
-"""What is decided, about what, and the answer: frozen values that every enforcement point shares.
+"""Model of a decision: request, evidence, answer, as frozen values that every enforcement point shares.
 
 The flow is one way: a Request and its Evidence go in, a Decision comes out (policies.decision.pdp). Nothing here reads
 a clock, a file or a socket.
@@ -53,7 +53,7 @@ class Effect(StrEnum):
 
 
 SEVERITY: Final[Mapping[Effect, int]] = MappingProxyType({Effect.PERMIT: 0, Effect.DEFER: 1, Effect.DENY: 2})
-"""How strict each effect is beside the others."""
+"""Rank of each effect by strictness."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ class Request:
 
 
 class ObligationKind(StrEnum):
-    """What must be done for a PERMIT to count, or because of a DENY.
+    """Kind of obligation: an act that makes a PERMIT count, or that follows a DENY.
 
     A policy may ask for any of them but `CONSUME` and `CLAMP`, which only a decision can know.
     """
@@ -108,15 +108,21 @@ class ObligationKind(StrEnum):
     CONSUME = "consume approval"
     """Take the use of the approval that the decision names, durably, before the effect."""
     CLAMP = "clamp"
-    """Let nothing through in which the parameter is higher than what was decided. Never silent: whoever lowers a
-    parameter has the lower request decided and tells the caller; a PERMIT says what it holds for."""
+    """Let no value of the parameter through above the decided one.
+
+    Never silent: a PEP that lowers a parameter has the lower request decided and tells the caller; a PERMIT names the
+    value that it holds for.
+    """
     NOTIFY = "notify"
     """Tell a person who answers for the cell."""
     REATTEST = "re-attest"
     """Have the holder attested again before its next act."""
     LOWER_TRUST = "lower trust"
-    """Report the attempt, so that trust is lowered: in the holder where chain and proof were verified, else in whoever
-    sent the request, and never in an agent that only an unverified token names."""
+    """Report the attempt, so that trust is lowered.
+
+    Where chain and proof were verified, it is trust in the holder; else in the sender of the request. It is never
+    trust in an agent that only an unverified token names.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +155,7 @@ class ApprovalUse:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one primitive says against a request.
+    """Finding of one primitive against a request.
 
     Attributes:
         primitive: id, e.g. "TEA-2".
@@ -198,5 +204,8 @@ class Decision:
 
     @property
     def evidence_digest(self) -> str:
-        """SHA-256 (hex) of the evidence, or "". Worked out when it is asked for, which is when a record is made."""
+        """SHA-256 (hex) of the evidence, or "".
+
+        It is computed when it is asked for, which is when a record is made.
+        """
         return "" if self.evidence is None else self.evidence.digest

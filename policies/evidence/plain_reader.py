@@ -1,7 +1,7 @@
-"""Plain values back to what they were, by annotation: the strict inverse of `policies.words.canonical.plain`.
+"""Reader of plain values by annotation: the strict inverse of `policies.words.canonical.plain`.
 
-A dataclass is an object with its type's name and its fields; a field with a default may be absent. Whatever no
-annotation admits is refused with its place.
+A dataclass is an object with its type's name and its fields; a field with a default may be absent. Any value that its
+annotation does not admit is refused with its place.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _MODULES: Final = (
     content_readings,
 )
 _NAMES: Final = {name: value for module in _MODULES for name, value in vars(module).items() if isinstance(value, type)}
-"""What the annotations of readings name: some of it is imported there for the type checker alone."""
+"""Types that the annotations of readings name; some are imported there for the type checker alone."""
 
 
 def members(kind: type[Any]) -> dict[str, tuple[Any, bool]]:
@@ -48,7 +48,10 @@ def _defaults(member: Field[Any]) -> bool:
 
 @cache
 def reader_of(hint: Any) -> Callable[[object, str], Any]:
-    """How a plain value is read where this annotation stands: a function of it and its place. Made once for each."""
+    """Reader of a plain value for this annotation: a function of the value and its place.
+
+    It is made once for each annotation.
+    """
     if hint in _LEAVES:
         return _LEAVES[hint]
     if hint is type(None):

@@ -1,7 +1,7 @@
-"""Whether a request and its evidence are of the shape that they declare: exact types, finite numbers, all the way down.
+"""Shape of a request and its evidence: exact types and finite numbers, all the way down.
 
 Python compares -0.0, True and 5e-324 with integers without a word. So nothing is judged before every value that a
-primitive could look at is of exactly the type that its field declares; what is not is named by its place.
+primitive could look at is of exactly the type that its field declares. A value that is not is named by its place.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ NAMES: Final[dict[str, Any]] = {
     **{kind.__name__: kind for kind in (OneOf, Point, Quantity, Range, Scope, Tier, Unit)},
     "Bound": Range | OneOf,
 }
-"""What the annotations of readings mean; most of their imports are for the type checker alone."""
+"""Types that the annotations of readings name; most of their imports are for the type checker alone."""
 
 WORDS: Final = frozenset({str, Reason, FaultCode})
-"""What may stand where a text is declared: a text, or a word of a closed list that is one."""
+"""Types that may stand where a text is declared: a text, or a word of a closed list."""
 
 UNSEEN: Final = frozenset({(Scope, "grants")})
 """Fields that no primitive looks into: verification compiled them into what it says of the request."""
@@ -98,7 +98,10 @@ def _alternatives(hint: Any) -> tuple[Any, ...]:
 
 
 def _types(hint: Any) -> frozenset[type]:
-    """The exact types that a value of this annotation may have. A text may also be a word of a closed list."""
+    """Exact types that a value of this annotation may have.
+
+    A text may also be a word of a closed list.
+    """
     found: set[type] = set()
     for each in _alternatives(hint):
         plain = get_origin(each) or each

@@ -27,7 +27,7 @@ UNSEEN_FLOOR: Final = Tier.HIGH_CONSEQUENCE
 
 
 class TierRule(StrEnum):
-    """What a tier asks for."""
+    """Rule of a tier."""
 
     AUDIT = "PERMIT, audit"
     TRUST = "PERMIT when trust is at least theta, else DEFER"
@@ -56,7 +56,7 @@ def base_tier(evidence: Evidence) -> Tier | None:
 
 
 def runtime_tier(evidence: Evidence, *, physical: bool) -> Tier | None:
-    """The tier of the request: the base tier, and for a physical act the maximum of that and the computed one.
+    """Runtime tier of the request: the base tier, or for a physical act its maximum with the computed one.
 
     Args:
         evidence: where `tool` and `impact` are read.

@@ -1,7 +1,7 @@
-"""What loads but is probably not meant: pure, from a policy set to warnings, each with its code and its place.
+"""Warnings about a set that loads but is probably not meant so: pure, each with its code and its place.
 
-A warning never says that a set is unsafe, and no warning never says that it is safe: `ztpm policy prove` answers what
-follows from a set. These are what an author would like to be told before that.
+A warning never says that a set is unsafe, and no warning never says that it is safe: `ztpm policy prove` says which
+claims follow from a set. Warnings are for its author, before that.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class AdviceCode(StrEnum):
-    """What a warning is about."""
+    """Subject of a warning."""
 
     CONCERNS_NOTHING = "CONCERNS_NOTHING"
     """Every operation that the policy names is excepted again, so it never speaks."""
@@ -35,13 +35,13 @@ class AdviceCode(StrEnum):
     MOTION_UNGATED = "MOTION_UNGATED"
     """The set permits an operation that moves something, and no policy makes that depend on its physical impact."""
     NEVER_PERMITTED = "NEVER_PERMITTED"
-    """No policy permits an operation of the cell: whoever asks is denied with NO_POLICY."""
+    """No policy permits an operation of the cell: any request for it is denied with NO_POLICY."""
     OPERATION_UNKNOWN = "OPERATION_UNKNOWN"
     """The set names an operation that the cell does not have."""
     OBJECT_UNKNOWN = "OBJECT_UNKNOWN"
     """The set names an object that the cell does not have."""
     TRUST_OUT_OF_REACH = "TRUST_OUT_OF_REACH"
-    """The set wants more trust than it ever gives, so a person is asked about every act from tier 2 on."""
+    """The set wants more trust than it ever gives: people are asked about every act from tier 2 on."""
     PARAMETER_UNUSED = "PARAMETER_UNUSED"
     """The set states a parameter, and no primitive of the set takes its value."""
     PRIMITIVE_NOT_ASKED = "PRIMITIVE_NOT_ASKED"
@@ -65,12 +65,12 @@ class Advice:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """One operation that a cell has.
+    """Operation that a cell has.
 
     Attributes:
-        object: what it acts on; "" for whatever a token names.
+        object: id of its object; "" for any that a token names.
         operation: its name.
-        points: where it is asked for.
+        points: the enforcement points at which it is asked for.
         moves: it moves or switches something.
     """
 
@@ -81,7 +81,7 @@ class Known:
 
 
 def advise(policies: PolicySet, *, stated: Collection[str], known: Collection[Known]) -> tuple[Advice, ...]:
-    """Every warning about the set, in the order of its policies, then of what the set as a whole leaves out.
+    """Warnings about the set, in the order of its policies, then about the set as a whole.
 
     Args:
         policies: the set.
@@ -118,7 +118,7 @@ def _same(one: Policy, other: Policy) -> bool:
 
 
 def _covers(one: Policy, other: Policy) -> bool:
-    """Whether `one` concerns every request and caller that `other` concerns."""
+    """True where `one` concerns every request and caller that `other` concerns."""
     return (
         other.points <= one.points
         and _covers_subject(one.subject, other.subject)
@@ -157,7 +157,7 @@ def _names(policies: PolicySet, known: Collection[Known]) -> Iterator[Advice]:
 
 
 def _operations(policies: PolicySet, known: Collection[Known]) -> Iterator[Advice]:
-    """What the set says, or does not say, about each operation of the cell."""
+    """Warnings about each operation of the cell that the set never permits, or permits without asking physics."""
     for each in sorted(known, key=lambda k: (k.object, k.operation)):
         concerned = [p for p in policies.policies if _meant(p, each)]
         permits = [p for p in concerned if p.effect is Effect.PERMIT]
@@ -181,7 +181,7 @@ def _meant(policy: Policy, known: Known) -> bool:
 
 
 def _trust(policies: PolicySet) -> Iterator[Advice]:
-    """Policies whose least trust is above the most that anybody is given."""
+    """Warnings about policies whose least trust is above the most that any edge has."""
     prior = policies.parameters.trust_prior_permille
     for policy in policies.policies:
         for primitive, _ in checks(policy.predicate):

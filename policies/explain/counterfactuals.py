@@ -1,4 +1,4 @@
-"""Cases that are not so: the same request or evidence with one thing changed, for who asks what would be decided then.
+"""Suppositions: the same request or evidence with one thing changed, to learn the decision in that case.
 
 None of them is ever evidence of anything. They are made of readings that were verified, and are themselves not.
 """
@@ -48,7 +48,7 @@ def attested(chain: Chain, at: int) -> Chain:
 
 
 def refused(request: Request, evidence: Evidence) -> Refusal | None:
-    """What the chain's scope says to a request; nothing where it cannot be asked."""
+    """Refusal of a request by the chain's scope; None also where the scope cannot be asked."""
     chain, tool = evidence.chain, evidence.tool
     if not isinstance(chain, Chain) or not isinstance(tool, ToolReading) or tool.base_tier is None:
         return None
@@ -83,7 +83,7 @@ def ready(robot: RobotReading) -> RobotReading | None:
 
 
 _HOUR_S: Final = 3_600
-"""How long a supposed approval lasts: longer than the moment at which it is supposed."""
+"""Life of a supposed approval in seconds: longer than the moment at which it is supposed."""
 
 
 def approved(request: Request, evidence: Evidence, policies: PolicySet, people: int) -> Evidence:

@@ -1,7 +1,7 @@
-"""In what two policy sets differ: in their parts, and in what they decide. Pure.
+"""Differences between two policy sets: in their parts, and in their decisions. Pure.
 
 Parts are compared by meaning: the order of policies and the spelling of a text make no difference. Decisions are
-compared over cases that somebody brings: no difference among them proves nothing about the others.
+compared over given cases: no difference among them proves nothing about other cases.
 """
 
 from __future__ import annotations
@@ -32,12 +32,14 @@ JUDGING: Final = (
     )
     - GATE_PARAMETERS
 )
-"""Parameters that matter when evidence is judged, and then alone. Any other one makes other evidence, or acts when a
-decision is enforced."""
+"""Parameters that matter when evidence is judged, and then alone.
+
+Any other parameter changes the evidence, or acts when a decision is enforced.
+"""
 
 
 class Change(StrEnum):
-    """What became of a policy."""
+    """Change of a policy."""
 
     ADDED = "added"
     REMOVED = "removed"
@@ -76,7 +78,7 @@ class SetChange:
 
     @property
     def same(self) -> bool:
-        """Whether nothing that decides differs; name and version may."""
+        """True where nothing that decides differs; name and version may."""
         return not self.parameters and not self.policies
 
 
@@ -146,7 +148,7 @@ def _names(names: frozenset[str] | None) -> str:
 
 
 class Direction(StrEnum):
-    """What the new set is, on the cases that were compared."""
+    """Direction of the new set beside the old one, on the compared cases."""
 
     SAME = "same"
     STRICTER = "stricter"
@@ -159,7 +161,7 @@ class Direction(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ComparedDecision:
-    """What is compared of a decision."""
+    """Part of a decision that is compared."""
 
     effect: Effect
     reason: str
@@ -177,8 +179,8 @@ class ComparedCase:
     Attributes:
         name: by which people find it again.
         recorded: the request and its evidence.
-        was: what was decided of it, or None: whatever the old set says.
-        under: digest of the set that decided it then, or "" when nobody knows.
+        was: the earlier decision, or None: the one of the old set.
+        under: digest of the set that decided it then, or "" when unknown.
     """
 
     name: str
@@ -200,7 +202,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """How two sets, or a record and a set, decide the same cases.
+    """Comparison of two sets, or of a record and a set, over the same cases.
 
     Attributes:
         cases: how many there were.
@@ -214,7 +216,7 @@ class Comparison:
 
     @property
     def direction(self) -> Direction:
-        """What the new set is, on these cases."""
+        """Direction of the new set on these cases."""
         steps = [SEVERITY[m.now.effect] - SEVERITY[m.was.effect] for m in self.moved]
         up, down = any(step > 0 for step in steps), any(step < 0 for step in steps)
         if up and down:
@@ -228,7 +230,7 @@ EXAMPLES: Final = 3
 
 
 def of_decisions(cases: Iterable[ComparedCase], old: PolicySet | None, new: PolicySet) -> Comparison:
-    """How `new` decides what was decided before.
+    """Comparison of the decisions of `new` with earlier ones.
 
     An approval that counted for the set of then counts as if people had given it under the new one: it names the digest
     of the set under which it was asked for, and a change of sets would otherwise void all of them alike.

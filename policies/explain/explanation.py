@@ -1,4 +1,4 @@
-"""Why a decision is what it is: every policy, every primitive, and how their answers combine. Pure.
+"""Explanation of a decision: every policy, every primitive, and the combination of their answers. Pure.
 
 It asks the same functions as `policies.decision.pdp.decide` and decides nothing itself: the decision of an explanation
 is that of `decide`.
@@ -56,15 +56,15 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class PolicyExplanation:
-    """What one policy says.
+    """Explanation of one policy's answer.
 
     Attributes:
-        policy: which.
+        policy: the explained one.
         concern: whether it concerns the request: every part of it is meant.
-        parts: why.
+        parts: the verdict on each of these parts.
         predicate: its verdict, part for part; None where nothing was asked.
-        effect: what the policy makes of that; None for no opinion.
-        findings: what it says so for.
+        effect: the answer of the policy; None for no opinion.
+        findings: the reasons of that answer.
     """
 
     policy: Policy
@@ -99,12 +99,12 @@ class Explanation:
 
     @property
     def remedy(self) -> str:
-        """What the holder can do about the leading reason."""
+        """Remedy of the leading reason, for the holder."""
         return REASONS[self.decision.reason].remedy
 
 
 def explain(request: Request, evidence: Evidence, policies: PolicySet) -> Explanation:
-    """Why `policies` answer `request` on `evidence` as they do.
+    """Explanation of the answer of `policies` to `request` on `evidence`.
 
     Total, as `decide` is: where the evidence is so broken that nothing was asked, the policies say nothing.
     """

@@ -1,8 +1,8 @@
-"""What would change an answer: for a DENY or DEFER the changes that would lift it, and what nothing would change.
+"""Remedies: for a DENY or DEFER the changes that would lift it, and the reasons that no change lifts.
 
-A suggestion that can be checked is checked: the changed case is decided by the same `decide`, and the suggestion says
-what came of it. Nothing here permits anything: a changed case is a supposition (policies.explain.counterfactuals), and
-whoever makes the change asks again.
+A suggestion that can be checked is checked: the changed case is decided by the same `decide`, and the suggestion states
+the result. Nothing here permits anything: a changed case is a supposition (policies.explain.counterfactuals), and the
+caller asks again after the change.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Means(StrEnum):
-    """What is changed, which says by whom."""
+    """Kind of change, and with it the party that makes it."""
 
     PARAMETER = "parameter"
     """The caller asks for another value."""
@@ -60,14 +60,14 @@ class Means(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Remedy:
-    """One suggestion.
+    """Suggested change.
 
     Attributes:
-        means: what is changed.
+        means: the kind of change.
         lifts: the reasons that it is for.
         detail: the change in numbers and names, as plain JSON.
-        effect: of the changed case; None where that is not known before somebody asks again.
-        remains: what would still speak against it.
+        effect: of the changed case; None where that is not known before the next request.
+        remains: the reasons that would still stand.
     """
 
     means: Means
@@ -90,10 +90,10 @@ class _Change:
 
 
 def remedies(request: Request, evidence: Evidence, policies: PolicySet, decision: Decision) -> tuple[Remedy, ...]:
-    """What would change the answer, in the order of its findings; nothing for a PERMIT.
+    """Changes that would lift the answer, in the order of its findings; none for a PERMIT.
 
     Args:
-        request: what would be done.
+        request: the one that was decided.
         evidence: all readings.
         policies: the set.
         decision: what the set decided on that.
@@ -194,7 +194,7 @@ _LENT_ANEW: Final = frozenset(
         Reason.DELEGATE_NOT_ALLOWED,
     }
 )
-"""What another token would have to be like is known; the token that would be lent is not."""
+"""Reasons that a new token can lift, though the token to be lent is not known here."""
 
 
 def _changes(finding: Finding, request: Request, evidence: Evidence, policies: PolicySet) -> Iterator[_Change]:

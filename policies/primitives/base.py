@@ -1,7 +1,7 @@
-"""What a primitive is: it looks at one case and says `Holds`, `Fails` or `Defers`.
+"""Primitive: a check that looks at one case and answers `Holds`, `Fails` or `Defers`.
 
-`Fails` says no, whether the evidence speaks against the request or is not there; `Defers` says that a person may
-answer. A primitive judges what the evidence states and computes nothing again: signatures, narrowing and physics were
+`Fails` says no, both where the evidence speaks against the request and where it is absent; `Defers` says that a person
+may answer. A primitive judges the evidence as stated and computes nothing again: signatures, narrowing and physics were
 settled when it was collected.
 """
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What a primitive looks at.
+    """Case that a primitive judges.
 
     Attributes:
-        request: what would be done.
+        request: the request to be decided.
         evidence: all readings, taken at one instant.
         physical: whether the operation has a physical dependency in this policy set.
         tier: the runtime tier, or None when it is not known (policies.evidence.tiers).
@@ -41,14 +41,14 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """What must hold, holds. `because` is filled where a `not` turned findings round."""
+    """The condition holds; `because` is filled where a `not` turned findings round."""
 
     because: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Fails:
-    """What must hold does not, or is not known to."""
+    """The condition does not hold, or is not known to."""
 
     findings: tuple[Finding, ...] = ()
 
@@ -99,10 +99,10 @@ def fault_owners(fault: Fault) -> tuple[str, ...]:
 
 
 def chain_fault(primitive: str, fault: Fault) -> Fails:
-    """A refusal for a chain or proof that verification refused.
+    """Refusal for a chain or proof that verification refused.
 
-    The finding is the asking primitive's own where the fault is its own, else the leading owner's: whoever asks, the
-    reason stays the fault's. The fault's detail stays out of it, since nobody is proven to be the holder yet.
+    The finding is the asking primitive's own where the fault is its own, else the leading owner's: the reason is the
+    fault's for every primitive. The fault's detail stays out of it, since no caller is proven to be the holder yet.
     """
     owners = fault_owners(fault)
     owner = primitive if primitive in owners or not owners else owners[0]

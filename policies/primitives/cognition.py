@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from policies.primitives.base import Case, Verdict
 
 BELIEVED: Final = frozenset({FRESH, "stale", "missing"})
-"""States of a sensor of which nothing false was heard. Any other word is a view that must not be believed."""
+"""States of a sensor from which nothing false was heard.
+
+Any other word is a view that must not be believed.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +57,7 @@ class OperatorInput:
 
 
 def entering(primitive: str, case: Case) -> tuple[ItemReading, ...] | Fails:
-    """What would enter a context, one item at least, or the refusal that stands for it."""
+    """Items that would enter a context, one at least, or the refusal in their place."""
     match case.evidence.context:
         case NotCollected() | ContextReading(items=()):
             return missing(primitive, "context")
@@ -93,7 +96,7 @@ class InstructionIsolation:
 
 
 LISTED: Final = frozenset({ItemKind.DOCUMENT, ItemKind.SCENARIO})
-"""What comes out of curated collections."""
+"""Kinds of item that come out of curated collections."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +130,7 @@ class RetrievalIntegrity:
 
 @dataclass(frozen=True, slots=True)
 class SensorProvenance:
-    """CII-4: what is known of the world comes from the cell's own sensors, and none says what must not be believed.
+    """CII-4: knowledge of the world comes from the cell's own sensors, and no sensor's word must be disbelieved.
 
     A sensor that is silent or late is no fault: TEA-4 asks a person then.
     """

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 def known_behaviour(primitive: str, case: Case, *, age_ms: int) -> BehaviourReading | Fails:
-    """The reading of the holder's behaviour, or the refusal that stands for it.
+    """Reading of the holder's behaviour, or the refusal in its place.
 
-    Word of somebody else is no word of the holder. Old word refuses physical acts alone.
+    A reading of another agent is none of the holder's. An old one refuses physical acts alone.
     """
     chain = verified_chain(primitive, case)
     if not isinstance(chain, Chain):

@@ -123,7 +123,7 @@ class HumanRoot:
 
 @dataclass(frozen=True, slots=True)
 class LinkValidity:
-    """AID-3: every link is signed by a trusted attester, in its window and unrevoked, on a view fresh for the act."""
+    """AID-3: a trusted attester signed every link, in its window and unrevoked, on a fresh revocation view."""
 
     lease_motion_ms: int
     lease_other_ms: int

@@ -30,9 +30,9 @@ class NonTransitiveTrust:
     id: ClassVar[str] = "CATP-1"
 
     def judge(self, case: Case) -> Verdict:
-        """Holds when trust was read for exactly the edges of this chain, and the chain has no more than any of them.
+        """Holds when trust was read for exactly the edges of this chain, and the chain has no more than any.
 
-        An edge above the prior is no reading that can be believed: nothing makes anybody more trusted than a stranger.
+        An edge above the prior is no reading that can be believed: nothing makes an agent more trusted than a stranger.
         """
         chain = verified_chain(self.id, case)
         if not isinstance(chain, Chain):
@@ -78,7 +78,7 @@ class DynamicTrust:
     id: ClassVar[str] = "CATP-3"
 
     def judge(self, case: Case) -> Verdict:
-        """Holds at theta and above, or while the tier is known to ask for no trust; otherwise a person may answer."""
+        """Holds at theta and above, or while the tier is known to need no trust; else defers."""
         trust = case.evidence.trust
         match trust:
             case NotCollected():

@@ -30,7 +30,7 @@ class SequenceCoherence:
     id: ClassVar[str] = "TEA-6"
 
     def judge(self, case: Case) -> Verdict:
-        """Holds when the arm is free and where it is thought to be, and the whole is of at most tier 2.
+        """Holds when the arm is free and at its expected place, and the whole has at most tier 2.
 
         A whole above the ceiling fails. Tier 3 asks a person, and so does tier 4 under a person's prior leave; without
         that it fails. As TEA-4 does for the command alone, so that a higher tier never gets a milder answer.

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def refusal_detail(refusal: Refusal) -> dict[str, object]:
-    """What the holder may know of a refusal: parameter, value, unit, limit, who set it, what would be permitted."""
+    """Details of a refusal for the holder: parameter, value, unit, limit, its hop, nearest permitted value."""
     return {
         "parameter": refusal.parameter,
         "value": refusal.value,
@@ -48,7 +48,7 @@ def refusal_detail(refusal: Refusal) -> dict[str, object]:
 
 
 def scope_answer(primitive: str, case: Case) -> Refusal | Fails | None:
-    """What the scope says against the request: a refusal that belongs to `primitive`, nothing, or another's finding.
+    """Refusal by the scope that belongs to `primitive`, None, or the finding of another primitive.
 
     A refusal of another primitive leaves this one undecided, so it fails too, with the owner's reason. The exception is
     a limit: who finds a value out of bounds has found the grant first, so TEA-1 holds then.
@@ -173,11 +173,14 @@ IMPACT_FAULTS: Final = frozenset(
         Reason.BUSY,
     }
 )
-"""What physics may say of itself. Any other word, above all a mild one, is itself a fault of physics."""
+"""Faults that physics may state.
+
+Any other word, above all a mild one, is itself a fault of physics.
+"""
 
 
 def impact_detail(case: Case, chain: Chain, tier: Tier) -> dict[str, object]:
-    """What a decision for physics says: tier, index, ceiling, what contributes, and what would be allowed."""
+    """Details of a decision on physics: tier, index, ceiling, contributions, and the greatest permitted value."""
     detail: dict[str, object] = {"tier": int(tier), "ceiling": int(chain.scope.ceiling)}
     impact = case.evidence.impact
     if isinstance(impact, ImpactReading):
@@ -205,7 +208,7 @@ def impact_detail(case: Case, chain: Chain, tier: Tier) -> dict[str, object]:
 
 
 def ceiling_set_by(chain: Chain) -> dict[str, object]:
-    """Who drew the line of the effective ceiling, as plain JSON."""
+    """Hop that set the effective ceiling, as plain JSON."""
     hop = set_ceiling(chain)
     return {"hop": hop.index, "hop_id": hop.hop_id, "agent": hop.agent, "sponsor": chain.sponsor.subject}
 
@@ -217,12 +220,12 @@ class PhysicalImpactGate:
     id: ClassVar[str] = "TEA-4"
 
     def judge(self, case: Case) -> Verdict:
-        """Holds up to tier 2 (CATP-3 asks for trust there), defers at tier 3, fails at tier 4 without prior leave.
+        """Holds up to tier 2 (CATP-3 asks for trust there), defers at tier 3, fails at tier 4.
 
-        With a person's prior leave in force, tier 4 defers.
+        With a person's prior leave in force, tier 4 defers instead.
 
-        Before that: what cannot be believed is a fault and no tier, a violation is refused whatever is authorised,
-        and a tier above the ceiling is refused whatever else holds and asks nobody.
+        Before that: a reading that cannot be believed is a fault and no tier; a violation is refused, and no authority
+        lifts it; and a tier above the ceiling is always refused and asks nobody.
         """
         chain = verified_chain(self.id, case)
         if not isinstance(chain, Chain):
@@ -299,9 +302,10 @@ class StatePreconditions:
     id: ClassVar[str] = "TEA-5"
 
     def judge(self, case: Case) -> Verdict:
-        """Holds when all of it is known to hold. No person is asked: the state of a robot cannot be approved.
+        """Holds when every part is known to hold.
 
-        Every part that does not hold has its finding, what is unknown included.
+        No person is asked: the state of a robot cannot be approved. Every part that does not hold has its finding, an
+        unknown one included.
         """
         match case.evidence.robot:
             case NotCollected():

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What is asked about: a set, the operations that are called harmless, and the names that matter to both."""
+    """Question to the prover: a set, the operations that are called harmless, and the names that matter to both."""
 
     policies: PolicySet
     harmless: frozenset[str]
@@ -36,13 +36,13 @@ class Question:
     logic: Logic
 
     def acts(self, facts: Facts) -> Truth:
-        """Whether the request is a physical act."""
+        """True where the request is a physical act."""
         harmless = (facts.operation == self.names.place("operation", name) for name in sorted(self.harmless))
         moving = (facts.stands_for(point) for point in sorted(shown.MOVING))
         return self.logic.every(self.logic.no(self.logic.some(*harmless)), self.logic.some(*moving))
 
     def permits(self, outcome: Outcome) -> Truth:
-        """Whether a physical act is permitted."""
+        """True where a physical act is permitted."""
         return self.logic.every(outcome.permit, self.acts(outcome.at.facts))
 
 

@@ -202,7 +202,10 @@ def _opening(facts: Facts, limits: Parameters) -> OpeningReading | None:
 
 
 def _with_ordinary_conduct(evidence: Evidence, agent: str) -> Evidence:
-    """What unknown primitives look at, as it is where nothing is wrong: no fact says anything about it."""
+    """Evidence with readings for the unknown primitives as they are where nothing is wrong.
+
+    No fact says anything about these readings.
+    """
     return replace(
         evidence,
         instruction=InstructionReading("", "sponsor", AT, well_formed=True, intent_digest=DIGEST, bound_digest=DIGEST),

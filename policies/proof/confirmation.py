@@ -1,4 +1,4 @@
-"""Whether real decisions break a claim, judged on the requests, the evidence and the answers of `decide` alone.
+"""Confirmation that real decisions break a claim, from requests, evidence and answers of `decide` alone.
 
 Nothing here knows facts or formulas: it is the other half of `policies.proof.claims`, in the words of the readings.
 """
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from policies.words.parameters import Parameters
 
 MOVING: Final = frozenset({Point.TOOL, Point.ACTUATION})
-"""Where an operation is called or carried out; at the other points something is said or read."""
+"""Points at which an operation is called or carried out; at the others something is said or read."""
 PEOPLE_AT_TIER_4: Final = 2
-"""Whatever the code that is judged may say (DESIGN section 6)."""
+"""Number of people at tier 4 (DESIGN section 6), stated apart from the code that is judged."""
 CONSUME: Final = Obligation(ObligationKind.CONSUME)
 
 
@@ -44,12 +44,12 @@ class DecidedCase:
 
     @property
     def permitted(self) -> bool:
-        """Whether the answer is PERMIT."""
+        """True where the answer is PERMIT."""
         return self.decision.effect is Effect.PERMIT
 
 
 def human_root(parameters: Parameters) -> HumanRoot:
-    """AID-2 with a set's own numbers; a higher tier never allows an older authentication, whatever they say."""
+    """AID-2 with a set's own numbers, lowered so that no higher tier allows an older authentication."""
     values = {f.name: getattr(parameters, f.name) for f in fields(HumanRoot)}
     bound_s = values["sponsor_age_tier_1_s"]
     for tier in range(1, 5):
@@ -110,7 +110,7 @@ def above_ceiling(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> 
 
 
 def milder_for_a_denial(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
-    """What was not permitted is permitted once a DENY policy is added."""
+    """True where a denied or deferred request is permitted once a DENY policy is added."""
     del harmless
     before, after = all_told
     added = set(after.policies.policies) - set(before.policies.policies)

@@ -1,8 +1,8 @@
-"""What a decision depends on: every request with its evidence, reduced to some fifty facts.
+"""Facts that a decision depends on: every request with its evidence, reduced to some fifty of them.
 
 A fact is a truth or a number. Two cases with the same facts get the same effect from a policy set whose primitives are
-all known here (policies.proof.verdicts); what an unknown primitive says is a fact of its own. So a formula over facts
-speaks about every request and evidence, and not only about those that somebody thought of. The facts of a real case
+all known here (policies.proof.verdicts); the verdict of an unknown primitive is a fact of its own. So a formula over
+facts speaks about every request and evidence, and not only about those that a test names. The facts of a real case
 are read off by `policies.proof.case_facts`, and `policies.proof.concrete_cases` makes a real case of facts.
 
 Names count only by whether the set mentions them, so each is a number: its place in `Names`, or the place after the
@@ -33,7 +33,7 @@ USED: Final = 3
 GRANTED: Final = 4
 ANOTHER_STATE: Final = 5
 STATES: Final = ("none", "open", "denied", "used", "granted", "withdrawn")
-"""What people said, by the numbers above; the last stands for every other word."""
+"""Answers of people, by the numbers above; the last stands for every other word."""
 
 
 def _truth(says: str, *, ordinary: bool = True) -> Any:
@@ -117,17 +117,17 @@ class Facts:
     opening_recent: Truth = _truth("the newest word about the leave is recent")
 
     unknown: Mapping[Primitive, PrimitiveVerdict] = field(default_factory=dict)
-    """What each primitive says that is not modelled here."""
+    """Verdict of each primitive that is not modelled here."""
 
     def stands_for(self, point: Point) -> Truth:
-        """Whether the request stands for the enforcement point."""
+        """True where the request stands for the enforcement point."""
         truth: Truth = getattr(self, str(point))
         return truth
 
 
 @dataclass(frozen=True, slots=True)
 class PrimitiveVerdict:
-    """What a primitive or a predicate says; neither `holds` nor `fails` is a deferral.
+    """Verdict of a primitive or a predicate; neither `holds` nor `fails` is a deferral.
 
     Attributes:
         holds, fails: never both.
@@ -166,12 +166,12 @@ class Names:
         return names
 
     def place(self, kind: str, name: str) -> int:
-        """Where a name stands; every name that is not mentioned stands last."""
+        """Place of a name; every name that is not mentioned stands last."""
         names = self.of(kind)
         return names.index(name) if name in names[:-1] else len(names) - 1
 
     def places(self, kind: str, members: frozenset[str]) -> tuple[int, ...]:
-        """Where the members stand."""
+        """Places of the members."""
         return tuple(self.place(kind, member) for member in sorted(members))
 
 

@@ -1,4 +1,7 @@
-"""What is true of the facts of every case. What is not stated here is left open, which never proves too much."""
+"""Laws that hold for the facts of every case.
+
+A law that is not stated here is left open, which never proves too much.
+"""
 
 from __future__ import annotations
 

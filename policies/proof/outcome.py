@@ -1,4 +1,4 @@
-"""What a set makes of facts: the twin of `policies.decide`, down to the use of an approval."""
+"""Outcome of a set on facts: the twin of `policies.decide`, down to the use of an approval."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What is decided.
+    """Outcome of a decision on facts.
 
     Attributes:
         permit, defer, deny: exactly one is true.
@@ -36,7 +36,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class PolicyOutcome:
-    """What one policy says; neither `denies` nor `defers` is a PERMIT or silence.
+    """Answer of one policy on facts; neither `denies` nor `defers` is a PERMIT or silence.
 
     Attributes:
         denies, defers: never both.
@@ -62,7 +62,7 @@ class Added:
 
 
 def outcome(policies: PolicySet, facts: Facts, names: Names, logic: Logic, added: Added | None = None) -> Outcome:
-    """What `policies`, and the policy that is added to them, decide on `facts`."""
+    """Outcome of `policies`, and of the policy that is added to them, on `facts`."""
     concerned = [(policy, concerns(policy, facts, names, logic)) for policy in policies.policies]
     bound = logic.some(*(concern for policy, concern in concerned if policy.pit_bound is not None))
     anybody = logic.some(*(concern for _, concern in concerned), added.concerns if added else False)
@@ -86,7 +86,7 @@ def outcome(policies: PolicySet, facts: Facts, names: Names, logic: Logic, added
 
 
 def concerns(policy: Policy, facts: Facts, names: Names, logic: Logic) -> Truth:
-    """Whether point, object and operation are meant, whoever asks: the twin of `Policy.concerns`."""
+    """True where point, object and operation are meant, for any caller: the twin of `Policy.concerns`."""
     thing = policy.object
     return logic.every(
         logic.some(*(facts.stands_for(point) for point in sorted(policy.points))),
@@ -97,7 +97,7 @@ def concerns(policy: Policy, facts: Facts, names: Names, logic: Logic) -> Truth:
 
 
 def _named(kind: str, members: frozenset[str] | None, facts: Facts, names: Names, logic: Logic) -> Truth:
-    """Whether the case's name of this kind is a member; None means any."""
+    """True where the case's name of this kind is a member; None means any."""
     if members is None:
         return True
     name: Number = getattr(facts, kind)
@@ -109,7 +109,7 @@ def _only_when(concern: Truth, said: PolicyOutcome, logic: Logic) -> PolicyOutco
 
 
 def _said(policy: Policy, at: Situation, names: Names) -> PolicyOutcome:
-    """What one policy says of a request that it concerns."""
+    """Answer of one policy to a request that it concerns."""
     facts, logic = at.facts, at.logic
     everybody = policy.subject.agents is None and policy.subject.sponsors is None
     meant = logic.every(

@@ -1,7 +1,7 @@
-"""The claims about one set, each proven for every request and all evidence, or broken by a case that `decide` confirms.
+"""Prover of the claims about one set: each holds for all requests and evidence, or a confirmed case breaks it.
 
-No counterexample is told before the real `decide` has answered it and the answers break the claim in the words of the
-readings (policies.proof.confirmation). One that does not is a fault of the prover, and is told as that.
+A counterexample is reported only after the real `decide` has answered it and the answers break the claim in the words
+of the readings (policies.proof.confirmation). One that does not is reported as a fault of the prover.
 """
 
 from __future__ import annotations
@@ -36,11 +36,14 @@ if TYPE_CHECKING:
 HARMLESS: Final = frozenset({"read_state", "stop"})
 """The operations that move nothing in a cell of ours; every other one is taken to move something."""
 ROUNDS: Final = 16
-"""How often a case is looked for anew, because an unknown primitive says in reality what the solver did not assume."""
+"""Most searches for one case.
+
+A case is looked for anew when an unknown primitive's real verdict is not the one that the solver assumed.
+"""
 
 
 class Standing(StrEnum):
-    """How a claim stands."""
+    """Standing of a claim."""
 
     PROVEN = "proven"
     BROKEN = "counterexample"
@@ -67,10 +70,10 @@ class CounterexampleCase:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """How one claim stands.
+    """Standing of one claim about a set.
 
     Attributes:
-        claim: which.
+        claim: the judged one.
         standing: see there.
         seconds: that it took.
         counterexample: the real cases that break the claim, or of a fault those that should have; else none.
@@ -89,11 +92,11 @@ class Result:
 def prove(
     policies: PolicySet, *, harmless: frozenset[str] = HARMLESS, clock: Callable[[], float]
 ) -> tuple[Result, ...]:
-    """How each claim stands for `policies`.
+    """Standing of each claim for `policies`.
 
     Args:
         policies: the set.
-        harmless: operations that move nothing, whatever the set says of them.
+        harmless: operations that move nothing, in any set.
         clock: seconds, for the times that are told.
     """
     if importlib.util.find_spec("z3") is None:
@@ -102,7 +105,7 @@ def prove(
 
 
 def prove_one(claim: Claim, policies: PolicySet, *, harmless: frozenset[str], clock: Callable[[], float]) -> Result:
-    """How one claim stands. Needs z3."""
+    """Standing of one claim. Needs z3."""
     from policies.proof import search, symbols
 
     began = clock()
@@ -198,7 +201,7 @@ def _denials(policies: PolicySet) -> Iterator[Policy]:
 
 
 def _says_otherwise(facts: Facts, told: DecidedCase) -> dict[Primitive, PrimitiveVerdict]:
-    """What unknown primitives say of the real case, where the solver assumed something else."""
+    """Verdicts of unknown primitives on the real case, where the solver assumed another one."""
     needs = requirement(told.request, told.policies)
     case = Case(told.request, told.evidence, needs.physical, runtime_tier(told.evidence, physical=needs.physical))
     real = {primitive: what_it_says(primitive, case) for primitive in facts.unknown}
@@ -206,7 +209,10 @@ def _says_otherwise(facts: Facts, told: DecidedCase) -> dict[Primitive, Primitiv
 
 
 def _departures(found: Found, all_told: tuple[DecidedCase, ...]) -> Iterator[CounterexampleCase]:
-    """Each case with the facts that are not ordinary, or not as in the case before; names are in the request."""
+    """Each case with its extraordinary facts, or those that differ from the case before.
+
+    Names are in the request.
+    """
     before: Facts | None = None
     for facts, told in zip(found.facts, all_told, strict=True):
         strange: list[tuple[str, object]] = []

@@ -34,14 +34,17 @@ RAISED: Final = ("base_tier", "impact_tier", "approval_lists_all")
 
 _REQUEST: Final = tuple(row for row in FACTS if row.name in NAMES_OF or row.name in tuple(Point))
 ORDER: Final = (*_REQUEST, *(row for row in reversed(FACTS) if row not in _REQUEST))
-"""In which facts are made ordinary: the chain comes last, so that where several things could be strange, it is that."""
+"""Order in which facts are made ordinary.
+
+The chain comes last, so that where several facts could be strange, it is one of the chain.
+"""
 
 
 JUDGED: Final = (
     "operation", "chain_verified", "base_known", "base_tier", "impact_read", "impact_tier", "seen_fresh",
     "trust_known", "opening_in_force",
 )  # fmt: skip
-"""The facts that change what an unknown primitive says, as far as anybody knows."""
+"""Facts that change the verdict of an unknown primitive, as far as is known."""
 
 
 class UndecidedError(Exception):
@@ -71,7 +74,7 @@ def any_cases(claim: Claim, question: Question) -> tuple[Cases, list[Truth]]:
 
 
 def _no_softer(lower: Facts, higher: Facts) -> Iterator[Truth]:
-    """The higher case has no lower part of a tier; and an unknown primitive is taken not to soften with the tier."""
+    """Terms by which the higher case has no lower part of a tier, and no unknown primitive softens."""
     yield lower.base_tier <= higher.base_tier
     yield lower.impact_tier <= higher.impact_tier
     for primitive, before in lower.unknown.items():
@@ -82,7 +85,7 @@ def _no_softer(lower: Facts, higher: Facts) -> Iterator[Truth]:
 
 
 def outcomes(question: Question, cases: Cases) -> list[Outcome]:
-    """What is decided in each case."""
+    """Outcome of each case."""
     last = len(cases.facts) - 1
     return [
         outcome(question.policies, facts, question.names, question.logic, cases.added if i == last else None)

@@ -1,7 +1,7 @@
-"""What each known primitive says of facts, and what predicates make of it: the twin of `judge` and `evaluate`.
+"""Verdicts of known primitives on facts, and of predicates made of them: the twin of `judge` and `evaluate`.
 
-A primitive whose class has no row here is unknown: what it says is a fact, so it may say anything. That proves less
-and never too much.
+A primitive whose class has no row here is unknown: its verdict is a fact, so it may be any. That proves less and never
+too much.
 """
 
 from __future__ import annotations
@@ -48,7 +48,10 @@ def situation(facts: Facts, physical: Truth, logic: Logic) -> Situation:
 
 
 def world_tier(facts: Facts, logic: Logic) -> Number:
-    """The tier that the world gives an act, whatever a set makes of it. It means nothing while a part is not known."""
+    """Tier of an act by the world alone, independent of a set.
+
+    It means nothing while a part is not known.
+    """
     floor = logic.choose(facts.seen_fresh, int(Tier.NO_EFFECT), int(UNSEEN_FLOOR))
     return highest(logic, facts.base_tier, facts.impact_tier, floor)
 
@@ -176,7 +179,7 @@ MAY_DEFER: Final[Mapping[type, Callable[[Any, Situation], PrimitiveVerdict]]] = 
 
 
 def is_known(primitive: Primitive) -> bool:
-    """Whether what the primitive says follows from the facts."""
+    """True where the verdict of the primitive follows from the facts."""
     return type(primitive) in HOLDS or type(primitive) in MAY_DEFER
 
 

@@ -1,6 +1,6 @@
-"""One canonical text for any frozen value, and its digest: the same in every process, on every hash seed.
+"""Canonical text of any frozen value, and its digest: the same in every process, on every hash seed.
 
-Total: whatever is given has a text, so that a strange reading is recorded and denied and never stops the recorder.
+Total: every value has a text, so that a strange reading is recorded and denied and never stops the recorder.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def plain(value: object) -> object:
 
 @cache
 def _writer(kind: type) -> Callable[[Any], object]:
-    """How values of exactly this type are written: asked once for each type, not for each value."""
+    """Writer for values of exactly this type; looked up once for each type, not for each value."""
     if is_dataclass(kind) and fields(kind):
         return _record(kind)
     for base, write in _WRITERS:

@@ -1,4 +1,7 @@
-"""What can be wrong with a policy or a policy set. Each fault is found when the set is made, never when it decides."""
+"""Faults of a policy or a policy set.
+
+Each is found when the set is made, never when it decides.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ class PolicyFault(StrEnum):
     WRONG_POINT = "WRONG_POINT"
     """The policy names a primitive at an enforcement point where that primitive has no evidence."""
     LOOSENS = "LOOSENS"
-    """A check that fails would make the answer milder: `not` in a PERMIT, or a bare primitive in a DENY or DEFER."""
+    """A failing check would make the answer milder: `not` in a PERMIT, a bare primitive in a DENY or DEFER."""
     NO_RECORD = "NO_RECORD"
     """A PERMIT without the obligation to record."""
     BOUND_WITHOUT_GATE = "BOUND_WITHOUT_GATE"

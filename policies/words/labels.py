@@ -1,8 +1,8 @@
-"""Where a value comes from and who vouches for it: a label, and the rules by which labels spread.
+"""Labels: the origin of a value and its voucher, and the rules by which labels spread.
 
-As in FIDES and CaMeL, the label on an argument is the control; what a text says about itself is nothing. Labels only
-get worse: what is made of several values has the least integrity of them, the greatest age, and their taint. Nothing
-here raises one; a new signature over the value itself is a new value.
+As in FIDES and CaMeL, the label on an argument is the control; a text's claims about itself count for nothing. Labels
+only get worse: a value made of several has the least integrity of them, the greatest age, and their taint. Nothing here
+raises one; a new signature over the value itself is a new value.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Source(StrEnum):
-    """What kind of thing a value came from."""
+    """Kind of source that a value came from."""
 
     OPERATOR = "operator"
     SENSOR = "sensor"
@@ -29,7 +29,7 @@ class Source(StrEnum):
 
 
 class Integrity(IntEnum):
-    """Who vouches for a value, in order: each kind is believed for at least as much as the one before."""
+    """Voucher for a value, in order: each kind is believed for at least as much as the one before."""
 
     NONE = 0
     """Nobody."""
@@ -47,11 +47,11 @@ class Integrity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """What is known of one value.
+    """Label of one value.
 
     Attributes:
         sources: kinds of everything that it derives from, at least one.
-        signers: ids of everybody who signed any of that; empty when nobody did.
+        signers: ids of all who signed any of that; empty when nobody did.
         integrity: the least of it.
         age_ms: of the oldest part, at least 0.
         tainted: some part of it is text in which instructions or hidden characters were found.
@@ -71,7 +71,7 @@ NOBODY: Final = Label(frozenset({Source.TEXT}), frozenset(), Integrity.NONE, 0)
 def joined(labels: Iterable[Label]) -> Label:
     """The label of what derives from all of these; of nothing at all it is `NOBODY`.
 
-    A model's output derives from everything in its context, whatever it says it used.
+    A model's output derives from everything in its context, even from parts that it claims not to have used.
     """
     parts = tuple(labels)
     if not parts:

@@ -374,4 +374,4 @@ PARAMETERS: Final = _rows()
 """Every parameter by name."""
 
 GATE_PARAMETERS: Final = frozenset({"lease_motion_ms", "lease_other_ms"})
-"""Parameters that a primitive takes and that an enforcement point uses besides, whoever is asked."""
+"""Parameters that a primitive takes and an enforcement point uses besides, for every caller."""

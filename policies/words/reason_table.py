@@ -1,4 +1,4 @@
-"""What may be said about each reason, to strangers too, and which of several leads a decision."""
+"""Texts about each reason, safe for strangers too, and the order in which reasons lead a decision."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ __all__ = ["PRECEDENCE", "REASONS", "Reason", "ReasonRow", "reasons_of"]
 
 @dataclass(frozen=True, slots=True)
 class ReasonRow:
-    """What may be said about one reason.
+    """Texts and owners of one reason.
 
     Attributes:
         text: one fixed sentence, safe for strangers: no name, number or limit of this request.
-        remedy: what the holder can do about it.
+        remedy: an act of the holder that may help.
         owners: ids of the primitives that find it, the one that leads first; empty for what no primitive finds.
     """
 
@@ -411,7 +411,10 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.NO_POLICY,
     Reason.EVIDENCE_MISSING,
 )
-"""Which finding leads a decision when there are several: a total order, so that no order of policies matters."""
+"""Order of findings, by which one leads a decision when there are several.
+
+It is total, so no order of policies matters.
+"""
 
 
 def reasons_of(primitive: str) -> tuple[Reason, ...]:
